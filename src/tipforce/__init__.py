@@ -1,0 +1,18 @@
+"""tipforce reads the force at a catheter's tip from pictures of the catheter. Research use only."""
+
+from .errors import TipforceError
+from .types import Catheter, Context, ForceEstimate, Frame, Observation, Status, Wrench
+
+__all__ = [
+    "Catheter",
+    "Context",
+    "ForceEstimate",
+    "Frame",
+    "Observation",
+    "Status",
+    "TipforceError",
+    "Wrench",
+    "__version__",
+]
+
+__version__ = "0.1.0"

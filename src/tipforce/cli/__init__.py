@@ -1,0 +1,45 @@
+"""The command line: one verb a file. Verbs call the rooms and hold no logic; rooms are imported when a verb runs."""
+
+import importlib
+import sys
+
+import typer
+
+from ..errors import TipforceError
+from ._common import console
+
+__all__ = ["VERBS", "app", "main"]
+
+VERBS: dict[str, str] = {}
+"""Verb -> module of this package that holds its ``command`` function, in the order of a working day."""
+
+app = typer.Typer(
+    name="tipforce",
+    help="Reads the contact force at the tip of a steerable catheter from pictures of it. Research use only.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@app.callback()
+def _root() -> None:  # pyright: ignore[reportUnusedFunction]
+    pass
+
+
+for _verb, _module in VERBS.items():
+    app.command(_verb)(importlib.import_module(f".{_module}", __name__).command)
+
+
+def main() -> None:
+    """Run the command line; a mistake in the input is one sentence and exit code 2."""
+    try:
+        app()
+    except TipforceError as error:
+        console.print(f"tipforce: {error}", style="red", soft_wrap=True)
+        sys.exit(2)
+    except OSError as error:
+        where = f" {error.filename}:" if error.filename else ""
+        console.print(f"tipforce:{where} {error.strerror or error}", style="red", soft_wrap=True)
+        sys.exit(2)

@@ -1,0 +1,89 @@
+"""The labelled samples of one or many sessions, whatever they are stored in."""
+
+import hashlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ..types import BoolArray, Context, FloatArray, IntArray, Observation
+
+__all__ = ["Dataset", "RowStore"]
+
+T = TypeVar("T")
+
+
+class RowStore(Protocol):
+    """Where observations come from: image files, a recording, a table of coefficients."""
+
+    def read(self, rows: IntArray) -> Iterator[Observation]:
+        """The observations of ``rows`` (m,), in the order given."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """Samples in the order of their sessions and stamps.
+
+    ``session`` (n,) names, ``stamp_ns`` (n,), ``actuation``: name -> (n,); ``force_n`` (n, 3): what the tissue does to
+    the tip, base frame, NaN where ``known`` (3,) is False; ``names`` (n,): what a person calls each sample (its file).
+    ``contexts``: session -> public facts; ``rows`` (n,): the samples' places in ``store``.
+    """
+
+    store: RowStore
+    session: npt.NDArray[np.str_]
+    stamp_ns: IntArray
+    actuation: Mapping[str, FloatArray]
+    force_n: FloatArray
+    known: BoolArray
+    names: npt.NDArray[np.str_]
+    contexts: Mapping[str, Context]
+    rows: IntArray
+    title: str = ""
+    _memo: dict[tuple[str, int], object] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def sessions(self) -> tuple[str, ...]:
+        """Names of the sessions, in order of appearance."""
+        return tuple(dict.fromkeys(self.session.tolist()))
+
+    @property
+    def magnitude_n(self) -> FloatArray:
+        """(n,): magnitude of the known components."""
+        return np.sqrt(np.sum(self.force_n[:, self.known] ** 2, axis=1))
+
+    def subset(self, index: IntArray | BoolArray) -> "Dataset":
+        """The samples at ``index`` (positions or a mask), sharing the store and everything derived so far."""
+        return replace(
+            self,
+            session=self.session[index],
+            stamp_ns=self.stamp_ns[index],
+            actuation={name: values[index] for name, values in self.actuation.items()},
+            force_n=self.force_n[index],
+            names=self.names[index],
+            rows=self.rows[index],
+        )
+
+    def observations(self) -> Iterator[Observation]:
+        """The observations, one a sample, read as they are asked for."""
+        return self.store.read(self.rows)
+
+    def derive(self, key: str, see: Callable[[Observation], T]) -> list[T]:
+        """``see`` of every observation; what was derived under ``key`` before is not derived again."""
+        missing = np.array([row for row in self.rows.tolist() if (key, row) not in self._memo], dtype=np.int64)
+        for row, observation in zip(missing.tolist(), self.store.read(missing), strict=True):
+            self._memo[key, row] = see(observation)
+        return [self._memo[key, row] for row in self.rows.tolist()]  # type: ignore[misc]
+
+    def fingerprint(self) -> str:
+        """SHA-256 of the labels, stamps and actuation: two datasets with the same samples have the same."""
+        digest = hashlib.sha256()
+        for array in (self.stamp_ns, self.force_n, *(self.actuation[name] for name in sorted(self.actuation))):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        digest.update("\n".join(self.session.tolist()).encode())
+        return digest.hexdigest()

@@ -1,0 +1,65 @@
+"""Everything tipforce raises on purpose, in one tree.
+
+::
+
+    TipforceError                what was wrong, where, what was expected, what to do next: one sentence
+    ├── InputError               a file or value given by the user cannot be used
+    │   ├── FileFormatError      a file is missing, empty, truncated or not what its name says
+    │   ├── TableError           a table lacks a column, or a cell is no number
+    │   ├── TimeError            stamps are unsorted, repeated, or do not overlap
+    │   └── ModelError           a model folder is incomplete, altered, or newer than this program
+    ├── NotFittedError           an estimator was used before ``fit`` or ``load``
+    └── MissingExtraError        an optional package is needed; the message holds the install line
+
+The command line prints the message and ends with exit code 2; anything else that is raised is a bug.
+"""
+
+__all__ = [
+    "FileFormatError",
+    "InputError",
+    "MissingExtraError",
+    "ModelError",
+    "NotFittedError",
+    "TableError",
+    "TimeError",
+    "TipforceError",
+]
+
+
+class TipforceError(Exception):
+    """Base of all errors that a user can mend."""
+
+
+class InputError(TipforceError):
+    """A file or a value given by the user cannot be used."""
+
+
+class FileFormatError(InputError):
+    """A file is missing, empty, truncated, or not what its name says."""
+
+
+class TableError(InputError):
+    """A table lacks a column, or a cell holds no number."""
+
+
+class TimeError(InputError):
+    """Time stamps are unsorted, repeated, or two streams do not overlap."""
+
+
+class ModelError(InputError):
+    """A model folder is incomplete, altered, or newer than this program."""
+
+
+class NotFittedError(TipforceError):
+    """An estimator was used before it was fitted or loaded."""
+
+
+class MissingExtraError(TipforceError):
+    """An optional package is missing.
+
+    >>> str(MissingExtraError("onnxruntime", extra="onnx"))
+    "onnxruntime is not installed; install it with: pip install 'tipforce[onnx]'"
+    """
+
+    def __init__(self, package: str, *, extra: str) -> None:
+        super().__init__(f"{package} is not installed; install it with: pip install 'tipforce[{extra}]'")

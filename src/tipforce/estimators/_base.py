@@ -1,0 +1,73 @@
+"""The face that all methods share."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Protocol, Self
+
+import numpy.typing as npt
+from pydantic import BaseModel
+
+from ..dataset import Dataset
+from ..types import Context, ForceEstimate, Observation
+
+__all__ = ["Estimator", "Progress", "Stream"]
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share of it that is done (0..1)."""
+
+
+class Stream(Protocol):
+    """One session being estimated, frame after frame; may remember."""
+
+    def update(self, observation: Observation) -> ForceEstimate:
+        """The force at this observation, from it and those before it; never raises for what a picture shows."""
+        ...
+
+
+class Estimator(ABC):
+    """A method: settings in, ``fit`` on a dataset, then one ``Stream`` a session. No logic in ``__init__``.
+
+    Fitted attributes end in ``_``. ``state`` / ``from_state`` are all that the model store needs.
+    """
+
+    name: ClassVar[str]
+    """What the command line calls this method."""
+
+    settings: BaseModel
+
+    @abstractmethod
+    def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
+        """Learn from ``dataset``; raises InputError where it is too small or lacks what the method needs."""
+
+    @abstractmethod
+    def start(self, context: Context) -> Stream:
+        """A fresh stream for one session; raises NotFittedError before ``fit``."""
+
+    @abstractmethod
+    def unfitted(self) -> Self:
+        """The same recipe without what was learnt: what a split trains anew."""
+
+    @abstractmethod
+    def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+        """What was learnt, as JSON values and arrays."""
+
+    @classmethod
+    @abstractmethod
+    def from_state(
+        cls, settings: Mapping[str, Any], values: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]
+    ) -> Self:
+        """The inverse of `state`."""
+
+    def predict(self, dataset: Dataset) -> list[ForceEstimate]:
+        """One stream a session over all samples, in the dataset's order."""
+        estimates: list[ForceEstimate] = []
+        stream, session = None, None
+        for name, observation in zip(dataset.session.tolist(), dataset.observations(), strict=True):
+            if stream is None or name != session:
+                stream, session = self.start(dataset.contexts[name]), name
+            estimates.append(stream.update(observation))
+        return estimates
+
+    def describe(self) -> dict[str, Any]:
+        """Facts of the fitted model that a model card shows (chosen constants, number of samples, interval basis)."""
+        return {}

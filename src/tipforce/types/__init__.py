@@ -1,0 +1,39 @@
+"""The few things that travel between the rooms. SI units; stamps are integer nanoseconds at mid-exposure.
+
+Image coordinates: u right, v down, pixel centres at integers. Base frame: origin at the base, x along the base tangent
+toward the tip, y 90 degrees counter-clockwise from x as seen in the displayed picture, z toward the camera.
+Force = what the tissue does to the tip, in the base frame.
+"""
+
+from ._arrays import BoolArray, FloatArray, Image, IntArray, frozen
+from ._device import Catheter, Context
+from ._estimate import ForceEstimate, Status
+from ._seams import Clock, SimulatedClock, Source, SystemClock
+from ._shape import BasePose, CentrelineM, CentrelinePx
+from ._streams import Actuation, Event, Frame, Observation, ShapeFeatures, View, Wrench
+
+__all__ = [
+    "Actuation",
+    "BasePose",
+    "BoolArray",
+    "Catheter",
+    "CentrelineM",
+    "CentrelinePx",
+    "Clock",
+    "Context",
+    "Event",
+    "FloatArray",
+    "ForceEstimate",
+    "Frame",
+    "Image",
+    "IntArray",
+    "Observation",
+    "ShapeFeatures",
+    "SimulatedClock",
+    "Source",
+    "Status",
+    "SystemClock",
+    "View",
+    "Wrench",
+    "frozen",
+]

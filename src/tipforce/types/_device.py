@@ -1,0 +1,30 @@
+"""What is publicly known of a catheter and of a session: the sheet of paper beside the bench."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+__all__ = ["Catheter", "Context"]
+
+
+@dataclass(frozen=True, slots=True)
+class Catheter:
+    """Nominal values of one catheter; None where nobody measured it."""
+
+    name: str = "unnamed"
+    diameter_m: float | None = None
+    flexible_length_m: float | None = None
+    rigid_length_m: float | None = None
+    bending_stiffness_nm2: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What an estimator may know of a session beside its observations.
+
+    ``metres_per_px``: scale of the picture; ``notes``: other public metadata of the recording, as text.
+    """
+
+    session: str = ""
+    catheter: Catheter = Catheter()
+    metres_per_px: float | None = None
+    notes: Mapping[str, str] = field(default_factory=dict)

@@ -1,0 +1,86 @@
+"""What an estimator answers: a force with its doubt, or a plain "not valid" with the reason."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from ._arrays import BoolArray, FloatArray, frozen
+
+__all__ = ["ForceEstimate", "Status"]
+
+
+class Status(StrEnum):
+    """Whether there is a value, and if not, why not."""
+
+    VALID = "valid"
+    NO_CATHETER = "no_catheter"
+    """Nothing in the picture looks like the catheter."""
+    CUT_OFF = "cut_off"
+    """The catheter was found, but leaves the picture or is lost before its tip."""
+    NOT_A_FUNCTION = "not_a_function"
+    """The shape bends past 90 degrees: no polynomial y(x) describes it."""
+    MISSING_INPUT = "missing_input"
+    """An actuation value that the method was trained with is absent."""
+    OUT_OF_DOMAIN = "out_of_domain"
+    UNOBSERVABLE = "unobservable"
+    FOLD = "fold"
+    STALE = "stale"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForceEstimate:
+    """Force of the tissue on the tip, base frame, newtons, at one instant.
+
+    ``force_n`` (3,), ``known`` (3,) bool: a planar method leaves z unknown, a method that yields the magnitude alone
+    leaves all three unknown; unknown components are NaN. ``covariance_n2`` (3, 3), NaN where unknown.
+    ``interval_n`` (3, 2) and ``magnitude_interval_n`` (2,): 90 % intervals. An invalid estimate carries NaN
+    everywhere, never an old number.
+    """
+
+    stamp_ns: int
+    force_n: FloatArray
+    known: BoolArray
+    covariance_n2: FloatArray
+    interval_n: FloatArray
+    magnitude_n: float
+    magnitude_interval_n: FloatArray
+    status: Status = Status.VALID
+    detail: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "force_n", frozen("force_n", self.force_n, (3,)))
+        object.__setattr__(self, "known", frozen("known", self.known, (3,), np.bool_))
+        object.__setattr__(self, "covariance_n2", frozen("covariance_n2", self.covariance_n2, (3, 3)))
+        object.__setattr__(self, "interval_n", frozen("interval_n", self.interval_n, (3, 2)))
+        object.__setattr__(
+            self, "magnitude_interval_n", frozen("magnitude_interval_n", self.magnitude_interval_n, (2,))
+        )
+        if self.valid == math.isnan(self.magnitude_n):
+            raise ValueError(f"a {self.status} estimate must not have the magnitude {self.magnitude_n}")
+
+    @property
+    def valid(self) -> bool:
+        """True where the numbers may be used."""
+        return self.status is Status.VALID
+
+    @classmethod
+    def invalid(cls, stamp_ns: int, status: Status, detail: str) -> "ForceEstimate":
+        """An estimate that says why there is none.
+
+        >>> ForceEstimate.invalid(0, Status.NO_CATHETER, "nothing dark at the left border").valid
+        False
+        """
+        nan = math.nan
+        return cls(
+            stamp_ns=stamp_ns,
+            force_n=np.full(3, nan),
+            known=np.zeros(3, dtype=np.bool_),
+            covariance_n2=np.full((3, 3), nan),
+            interval_n=np.full((3, 2), nan),
+            magnitude_n=nan,
+            magnitude_interval_n=np.full(2, nan),
+            status=status,
+            detail=detail,
+        )

@@ -1,0 +1,65 @@
+"""Shapes of the catheter: pixel curves and metre curves are different types."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ._arrays import FloatArray, frozen
+
+__all__ = ["BasePose", "CentrelineM", "CentrelinePx"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BasePose:
+    """Where the base frame lies in the picture: thesis fig. 18, O and L.
+
+    ``origin_px`` (2,): u (right), v (down). ``angle_rad``: direction of the base tangent as seen in the displayed
+    picture, counter-clockwise from "right".
+
+    >>> up = BasePose(np.array([100.0, 400.0]), math.pi / 2)
+    >>> np.round(up.to_base(np.array([[100.0, 300.0], [90.0, 400.0]])), 6) + 0.0
+    array([[100.,   0.],
+           [  0.,  10.]])
+    """
+
+    origin_px: FloatArray
+    angle_rad: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "origin_px", frozen("origin_px", self.origin_px, (2,)))
+
+    @property
+    def axes_px(self) -> FloatArray:
+        """(2, 2): rows are the base frame's x and y axes in image coordinates (u, v)."""
+        c, s = math.cos(self.angle_rad), math.sin(self.angle_rad)
+        return np.array([[c, -s], [-s, -c]])
+
+    def to_base(self, points_px: FloatArray) -> FloatArray:
+        """(n, 2) image points -> (n, 2) base frame, still in pixels (thesis eq. 1)."""
+        return (points_px - self.origin_px) @ self.axes_px.T
+
+    def to_image(self, points_base: FloatArray) -> FloatArray:
+        """(n, 2) base-frame points in pixels -> (n, 2) image points: the inverse of `to_base`."""
+        return points_base @ self.axes_px + self.origin_px
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CentrelinePx:
+    """``points`` (n, 2): u, v in pixels, base to tip, uniform in arc length; pixel centres at integers."""
+
+    points: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", frozen("points", self.points, (None, 2)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CentrelineM:
+    """``points`` (n, 2) or (n, 3): metres in the base frame, base to tip, uniform in arc length."""
+
+    points: FloatArray
+
+    def __post_init__(self) -> None:
+        width = 3 if np.ndim(self.points) == 2 and np.shape(self.points)[1] == 3 else 2
+        object.__setattr__(self, "points", frozen("points", self.points, (None, width)))

@@ -1,0 +1,82 @@
+"""What a bench delivers, event by event, and what an estimator may see of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from ._arrays import FloatArray, Image, frozen
+
+__all__ = ["Actuation", "Event", "Frame", "Observation", "ShapeFeatures", "View", "Wrench"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One picture of one camera.
+
+    ``image``: (h, w) grey or (h, w, 3) RGB, uint8. ``stamp_ns``: mid-exposure, on the recording's clock.
+    """
+
+    stamp_ns: int
+    image: Image
+    view: str = "camera"
+
+    def __post_init__(self) -> None:
+        if self.image.dtype != np.uint8 or not (self.image.ndim == 2 or self.image.shape[2:] == (3,)):
+            raise ValueError(f"image: expected uint8 (h, w) or (h, w, 3), got {self.image.dtype} {self.image.shape}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wrench:
+    """One reading of a force sensor: ``force_n`` (3,) and ``torque_nm`` (3,), in the frame that ``frame`` names."""
+
+    stamp_ns: int
+    force_n: FloatArray
+    torque_nm: FloatArray
+    frame: str = "base"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "force_n", frozen("force_n", self.force_n, (3,)))
+        object.__setattr__(self, "torque_nm", frozen("torque_nm", self.torque_nm, (3,)))
+
+
+@dataclass(frozen=True, slots=True)
+class Actuation:
+    """Readings of the catheter's drives at one instant; every name ends in its unit, as in ``knob_deg``."""
+
+    stamp_ns: int
+    values: Mapping[str, float]
+
+
+Event = Frame | Wrench | Actuation
+"""What a `Source` yields, in the order of their stamps stream by stream."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapeFeatures:
+    """A view that was reduced to shape numbers elsewhere: ``values`` (k,) and the name of each.
+
+    Stands where an image would, for data that come as ready-made coefficients (thesis eq. 2).
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", frozen("values", self.values, (len(self.names),)))
+
+
+View = Image | ShapeFeatures
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """All that an estimator sees of one instant; nothing of the truth is in it.
+
+    ``views``: name -> image (h, w[, 3]) uint8 or `ShapeFeatures`; ``actuation``: ``NAME_UNIT`` -> value.
+    """
+
+    stamp_ns: int
+    views: Mapping[str, View]
+    actuation: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))

@@ -1,0 +1,29 @@
+"""What was seen in one picture."""
+
+import math
+from dataclasses import dataclass
+
+from ..types import BasePose, CentrelinePx, Status
+
+__all__ = ["Sighting"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """The catheter's shape in one picture, or the reason why it was not found.
+
+    ``centreline`` and ``base`` are None unless ``status`` is valid; ``diameter_px`` is then the shaft's median
+    diameter. ``confidence`` in 0..1: share of the shaft's length where both flanks were seen.
+    """
+
+    status: Status
+    detail: str = ""
+    centreline: CentrelinePx | None = None
+    base: BasePose | None = None
+    diameter_px: float = math.nan
+    confidence: float = 0.0
+
+    @property
+    def found(self) -> bool:
+        """True where there is a centreline."""
+        return self.status is Status.VALID
