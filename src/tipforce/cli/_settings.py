@@ -1,0 +1,49 @@
+"""``--set key=value``: every setting of a method or preset from the command line, checked by its pydantic model."""
+
+import json
+from typing import Annotated, Any, TypeVar
+
+import typer
+from pydantic import BaseModel, ValidationError
+
+from ..errors import InputError
+
+__all__ = ["SetOption", "settings_from"]
+
+M = TypeVar("M", bound=BaseModel)
+
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="A setting, e.g. vision.base_side=left; may be repeated."),
+]
+
+
+def settings_from(model: type[M], pairs: list[str] | None) -> M:
+    """A ``model`` with ``pairs`` ("a.b=value"; values are JSON, else text) over its defaults.
+
+    Raises InputError that names the key, what was got and which keys there are.
+    """
+    values: dict[str, Any] = {}
+    for pair in pairs or []:
+        key, equals, text = pair.partition("=")
+        if not equals:
+            raise InputError(
+                f"--set {pair}: expected KEY=VALUE, for example --set {next(iter(model.model_fields))}=..."
+            )
+        place = values
+        *parents, leaf = key.split(".")
+        for parent in parents:
+            place = place.setdefault(parent, {})
+        try:
+            place[leaf] = json.loads(text)
+        except json.JSONDecodeError:
+            place[leaf] = text
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        if first["type"] == "extra_forbidden":
+            known = ", ".join(model.model_fields)
+            raise InputError(f"--set {key}: there is no such setting; there are {known}") from None
+        raise InputError(f"--set {key}={first['input']}: {first['msg']}") from None
