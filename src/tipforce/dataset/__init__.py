@@ -1,5 +1,36 @@
 """Labelled samples, sessions and splits."""
 
 from ._dataset import Dataset, RowStore
+from ._draw import draw
+from ._open import open_dataset
+from ._splits import (
+    LEAVE_ONE_OUT_SESSIONS,
+    Protocol,
+    Split,
+    blocked_folds,
+    blocked_split,
+    random_folds,
+    random_split,
+    session_folds,
+    session_split,
+    splits,
+)
+from ._write import write_dataset
 
-__all__ = ["Dataset", "RowStore"]
+__all__ = [
+    "LEAVE_ONE_OUT_SESSIONS",
+    "Dataset",
+    "Protocol",
+    "RowStore",
+    "Split",
+    "blocked_folds",
+    "blocked_split",
+    "draw",
+    "open_dataset",
+    "random_folds",
+    "random_split",
+    "session_folds",
+    "session_split",
+    "splits",
+    "write_dataset",
+]

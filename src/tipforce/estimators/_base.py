@@ -33,6 +33,9 @@ class Estimator(ABC):
     name: ClassVar[str]
     """What the command line calls this method."""
 
+    settings_type: ClassVar[type[BaseModel]]
+    """The model of this method's settings."""
+
     settings: BaseModel
 
     @abstractmethod

@@ -1,0 +1,182 @@
+"""Ways to hold samples out: rows at random (the thesis's), blocks of time, whole sessions (the one that counts)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..errors import InputError
+from ..types import IntArray
+from ._dataset import Dataset
+
+__all__ = [
+    "LEAVE_ONE_OUT_SESSIONS",
+    "Protocol",
+    "Split",
+    "blocked_folds",
+    "blocked_split",
+    "random_folds",
+    "random_split",
+    "session_folds",
+    "session_split",
+    "splits",
+]
+
+Protocol = Literal["random", "blocked", "session"]
+
+LEAVE_ONE_OUT_SESSIONS = 10
+"""Up to so many sessions each is held out alone; more are held out in so many groups."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Split:
+    """One way to part a dataset: ``train`` and ``test`` are ascending positions; rows in a gap are in neither."""
+
+    name: str
+    train: IntArray
+    test: IntArray
+
+
+def random_split(dataset: Dataset, test_share: float = 0.25, seed: int = 0) -> Split:
+    """Rows drawn at random, ``test_share`` of them to test: the thesis's 75/25.
+
+    Neighbouring frames of one recording end on both sides, so the figures flatter. Raises InputError where a side
+    would be empty.
+    """
+    _check_share(test_share)
+    count = len(dataset)
+    held = round(count * test_share)
+    if held < 1 or held >= count:
+        raise InputError(f"{dataset.title}: {count} samples cannot be split with {test_share:g} of them held out")
+    order = np.random.default_rng(seed).permutation(count)
+    return Split("random", np.sort(order[held:]), np.sort(order[:held]))
+
+
+def random_folds(dataset: Dataset, k: int = 4, seed: int = 0) -> list[Split]:
+    """Every row held out once, in ``k`` shuffled folds. Raises InputError for fewer rows than folds."""
+    _check_folds(k)
+    if len(dataset) < k:
+        raise InputError(f"{dataset.title}: {len(dataset)} samples are too few for {k} folds")
+    order = np.random.default_rng(seed).permutation(len(dataset))
+    return _folds("random", len(dataset), [np.sort(part) for part in np.array_split(order, k)])
+
+
+def blocked_folds(dataset: Dataset, k: int = 4, gap_s: float = 1.0) -> list[Split]:
+    """Every session cut into ``k`` stretches of equal count; fold i holds out the i-th of each.
+
+    Training rows nearer than ``gap_s`` in time to a held-out stretch of their own session are left out. Raises
+    InputError where a session has fewer rows than ``k`` or the gap swallows all of the training part.
+    """
+    _check_folds(k)
+    cuts = [(rows, np.array_split(rows, k)) for rows in _rows_by_session(dataset)]
+    for rows, _ in cuts:
+        if len(rows) < k:
+            name = dataset.session[rows[0]]
+            raise InputError(f"{dataset.title}: session {name} has {len(rows)} samples, too few for {k} blocks")
+    return [_blocked(dataset, f"block {i + 1}", [(rows, parts[i]) for rows, parts in cuts], gap_s) for i in range(k)]
+
+
+def blocked_split(dataset: Dataset, test_share: float = 0.25, gap_s: float = 1.0, seed: int = 0) -> Split:
+    """One contiguous stretch of ``test_share`` of each session held out, its place drawn with ``seed``.
+
+    Gap and errors as in `blocked_folds`.
+    """
+    _check_share(test_share)
+    draw = np.random.default_rng(seed)
+    held: list[tuple[IntArray, IntArray]] = []
+    for rows in _rows_by_session(dataset):
+        count = max(1, round(len(rows) * test_share))
+        if count >= len(rows):
+            name = dataset.session[rows[0]]
+            raise InputError(f"{dataset.title}: session {name} has {len(rows)} samples, too few to hold a block out")
+        start = int(draw.integers(0, len(rows) - count + 1))
+        held.append((rows, rows[start : start + count]))
+    return _blocked(dataset, "block", held, gap_s)
+
+
+def session_split(dataset: Dataset, test_share: float = 0.25, seed: int = 0) -> Split:
+    """Whole sessions drawn at random, about ``test_share`` of them (at least one). Raises InputError below two."""
+    _check_share(test_share)
+    names = _sessions(dataset)
+    count = min(len(names) - 1, max(1, round(len(names) * test_share)))
+    drawn = np.random.default_rng(seed).permutation(len(names))[:count]
+    held = np.isin(dataset.session, [names[i] for i in drawn])
+    return Split(f"{count} of {len(names)} sessions", np.flatnonzero(~held), np.flatnonzero(held))
+
+
+def session_folds(dataset: Dataset, k: int | None = None, seed: int = 0) -> list[Split]:
+    """Every session held out once: alone up to `LEAVE_ONE_OUT_SESSIONS` of them, else in groups drawn with ``seed``.
+
+    ``k``: number of folds instead. Raises InputError below two sessions.
+    """
+    names = _sessions(dataset)
+    count = min(len(names), LEAVE_ONE_OUT_SESSIONS) if k is None else k
+    _check_folds(count)
+    if count > len(names):
+        raise InputError(f"{dataset.title}: {len(names)} sessions are too few for {count} folds")
+    if count == len(names):
+        groups: list[Sequence[str]] = [[name] for name in names]
+    else:
+        order = np.random.default_rng(seed).permutation(len(names))
+        groups = [[names[i] for i in sorted(part)] for part in np.array_split(order, count)]
+    folds: list[Split] = []
+    for group in groups:
+        held = np.isin(dataset.session, list(group))
+        folds.append(Split("without " + ", ".join(group), np.flatnonzero(~held), np.flatnonzero(held)))
+    return folds
+
+
+def splits(
+    protocol: Protocol, dataset: Dataset, *, folds: int | None = None, test_share: float = 0.25, seed: int = 0
+) -> list[Split]:
+    """The splits of one protocol: a single one for "random" and "blocked" without ``folds``, else a cross-validation.
+
+    "session" holds every session out once whatever ``folds`` is; ``folds`` only groups them.
+    """
+    if protocol == "session":
+        return session_folds(dataset, folds, seed)
+    if protocol == "random":
+        return [random_split(dataset, test_share, seed)] if folds is None else random_folds(dataset, folds, seed)
+    return [blocked_split(dataset, test_share, seed=seed)] if folds is None else blocked_folds(dataset, folds)
+
+
+def _folds(name: str, count: int, held: list[IntArray]) -> list[Split]:
+    rest = [np.setdiff1d(np.arange(count), test, assume_unique=True) for test in held]
+    return [Split(f"{name} {i + 1}", train, test) for i, (train, test) in enumerate(zip(rest, held, strict=True))]
+
+
+def _blocked(dataset: Dataset, name: str, held: list[tuple[IntArray, IntArray]], gap_s: float) -> Split:
+    train: list[IntArray] = []
+    for rows, test in held:
+        stamps = dataset.stamp_ns[rows]
+        first, last = dataset.stamp_ns[test[0]], dataset.stamp_ns[test[-1]]
+        away = np.maximum(first - stamps, stamps - last)
+        train.append(rows[(away > gap_s * 1e9) & ~np.isin(rows, test)])
+    kept = np.concatenate(train)
+    if not len(kept):
+        raise InputError(f"{dataset.title}: with a gap of {gap_s:g} s around the held-out blocks no sample is left")
+    return Split(name, np.sort(kept), np.sort(np.concatenate([test for _, test in held])))
+
+
+def _rows_by_session(dataset: Dataset) -> list[IntArray]:
+    """Rows of each session in the order of time."""
+    rows = [np.flatnonzero(dataset.session == name) for name in dataset.sessions]
+    return [part[np.argsort(dataset.stamp_ns[part], kind="stable")] for part in rows]
+
+
+def _sessions(dataset: Dataset) -> tuple[str, ...]:
+    names = dataset.sessions
+    if len(names) < 2:
+        raise InputError(f"{dataset.title}: holding sessions out needs at least two sessions, got {len(names)}")
+    return names
+
+
+def _check_share(test_share: float) -> None:
+    if not 0 < test_share < 1:
+        raise InputError(f"the share held out must lie between 0 and 1, got {test_share:g}")
+
+
+def _check_folds(k: int) -> None:
+    if k < 2:
+        raise InputError(f"cross-validation needs at least 2 folds, got {k}")
