@@ -1,0 +1,36 @@
+# Every target sets up what it needs; nothing but Python 3.11+ and make is needed first.
+PYTHON ?= python3
+BIN := .venv/bin
+STAMP := .venv/.ready
+DEMO ?= demo
+
+.PHONY: help setup demo test check docs bench prove clean
+
+help:            ## what there is
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+setup: $(STAMP)  ## make .venv with pinned versions
+
+$(STAMP): pyproject.toml constraints.txt scripts/setup.sh
+	@PYTHON="$(PYTHON)" sh scripts/setup.sh
+
+demo: $(STAMP)   ## a bench in software, from recording to report, in minutes
+	$(BIN)/tipforce demo -o $(DEMO)
+
+test: $(STAMP)   ## the tests
+	$(BIN)/python -m pytest -q -n auto -m "not slow"
+
+check: $(STAMP)  ## lint, format, types, import edges, docs
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+	$(BIN)/python -m pytest -q tests/house
+
+bench: $(STAMP)  ## speed against the naive way and the physical limit, in one run
+	$(BIN)/python -m bench
+
+prove: $(STAMP)  ## the slow proofs
+	$(BIN)/python -m pytest -q -n auto -m slow
+
+clean:           ## remove .venv and what the demo wrote
+	rm -rf .venv $(DEMO) build dist

@@ -1,0 +1,55 @@
+"""What is written down is true: verbs, links, and nothing that belongs to one machine."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from tipforce.cli import VERBS, app
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_verb_has_help_with_an_example_and_stands_in_the_readme(verb: str) -> None:
+    result = CliRunner().invoke(app, [verb, "--help"], env={"COLUMNS": "200", "TERM": "dumb"})
+    assert result.exit_code == 0
+    assert f"tipforce {verb}" in result.output.split("Example", 1)[-1], "the help of each verb shows an example"
+    assert f"tipforce {verb}" in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def documents() -> list[Path]:
+    return [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+@pytest.mark.parametrize("document", documents(), ids=lambda path: path.name)
+def test_links_lead_somewhere(document: Path) -> None:
+    links = re.findall(r"\]\(([^)#\s]+)[^)]*\)|src=\"([^\"]+)\"", document.read_text(encoding="utf-8"))
+    targets = [a or b for a, b in links]
+    broken = [t for t in targets if not t.startswith(("http", "mailto")) and not (document.parent / t).exists()]
+    assert not broken
+
+
+def test_commands_named_in_the_docs_exist() -> None:
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.M))
+    for document in documents():
+        text = document.read_text(encoding="utf-8")
+        code = "\n".join(re.findall(r"```[a-z]*\n(.*?)```", text, flags=re.S) + re.findall(r"`([^`\n]+)`", text))
+        verbs = set(re.findall(r"(?:^|[\s/])tipforce ([a-z]+)", code))
+        assert verbs <= set(VERBS), f"{document.name} names verbs that do not exist"
+        made = set(re.findall(r"(?:^|\n)make ([a-z]+)", code))
+        assert made <= targets, f"{document.name} names make targets that do not exist"
+
+
+def test_nothing_belongs_to_one_machine() -> None:
+    tracked = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if tracked.returncode:
+        pytest.skip("not a git checkout")
+    forbidden = re.compile(r"/(?:work|root|home)/[a-z]|pypi\.org|files\.pythonhosted|registry\.npmjs|deb\.debian\.org")
+    for name in filter(None, tracked.stdout.split("\0")):
+        path = ROOT / name
+        if path == Path(__file__) or not path.is_file() or path.suffix in {".png", ".mp4", ".npz", ".onnx"}:
+            continue
+        assert not forbidden.search(path.read_text(encoding="utf-8", errors="replace")), name

@@ -1,0 +1,115 @@
+"""The rooms import in one direction only; public names are exactly ``__all__``; the core stays light."""
+
+import ast
+import importlib
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import tipforce
+
+SOURCE = Path(tipforce.__file__).parent
+
+BASE = {"types", "errors", "units"}
+ALLOWED: dict[str, set[str]] = {
+    "types": set(),
+    "errors": set(),
+    "units": set(),
+    "geometry": BASE,
+    "mechanics": BASE | {"geometry"},
+    "twin": BASE | {"geometry", "mechanics"},
+    "vision": BASE | {"geometry"},
+    "recording": BASE | {"geometry", "vision"},
+    "dataset": BASE | {"geometry", "vision", "recording"},
+    "estimators": BASE | {"geometry", "vision", "recording", "dataset", "mechanics"},
+    "evaluation": BASE | {"geometry", "vision", "recording", "dataset", "mechanics", "estimators"},
+}
+"""docs/design.md draws this; what is not listed may not be imported."""
+
+
+def rooms() -> list[str]:
+    return sorted(
+        path.stem for path in SOURCE.iterdir() if not path.name.startswith("_") and path.suffix in ("", ".py")
+    )
+
+
+def imported_rooms(path: Path) -> set[str]:
+    """Rooms that ``path`` imports, relative or absolute, at any depth of its code."""
+    package = ("tipforce", *path.relative_to(SOURCE).with_suffix("").parts)[:-1]
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            start = package[: len(package) - node.level + 1] if node.level else ()
+            stem = ".".join((*start, *((node.module or "").split(".") if node.module else ())))
+            names = [stem, *(f"{stem}.{alias.name}" for alias in node.names)]
+        else:
+            continue
+        for name in names:
+            parts = name.split(".")
+            if parts[0] == "tipforce" and len(parts) > 1:
+                found.add(parts[1])
+    return found & set(rooms())
+
+
+@pytest.mark.parametrize("room", [room for room in rooms() if room != "cli"])
+def test_a_room_imports_only_rooms_to_its_left(room: str) -> None:
+    assert room in ALLOWED, f"{room} is new: give it a place in ALLOWED and in docs/design.md"
+    paths = sorted((SOURCE / room).rglob("*.py")) or [SOURCE / f"{room}.py"]
+    crossings = {str(p.relative_to(SOURCE)): imported_rooms(p) - ALLOWED[room] - {room} for p in paths}
+    assert not {path: walls for path, walls in crossings.items() if walls}
+
+
+def test_the_wall_test_sees_a_crossing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "tipforce" / "vision" / "deep" / "_bad.py"
+    path.parent.mkdir(parents=True)
+    path.write_text("def f():\n    from ...estimators import Svr\n    import tipforce.dataset\n")
+    (tmp_path / "tipforce" / "estimators").mkdir()
+    (tmp_path / "tipforce" / "dataset").mkdir()
+    monkeypatch.setattr(sys.modules[__name__], "SOURCE", tmp_path / "tipforce")
+    assert imported_rooms(path) == {"estimators", "dataset"}
+
+
+def public_packages() -> list[str]:
+    return [
+        "tipforce",
+        *(m.name for m in pkgutil.iter_modules(tipforce.__path__, "tipforce.") if m.name != "tipforce.cli"),
+    ]
+
+
+@pytest.mark.parametrize("name", public_packages())
+def test_public_names_are_exactly_dunder_all(name: str) -> None:
+    module = importlib.import_module(name)
+    exported = module.__all__
+    assert len(exported) == len(set(exported))
+    missing = [item for item in exported if not hasattr(module, item)]
+    assert not missing
+    if module.__file__ and Path(module.__file__).name == "__init__.py":
+        children = {m.name for m in pkgutil.iter_modules(module.__path__)}
+        tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
+        taken = {
+            alias.asname or alias.name
+            for node in tree.body
+            if isinstance(node, ast.ImportFrom) and node.level
+            for alias in node.names
+        }
+        assert {t for t in taken if not t.startswith("_")} - children == set(exported) - {"__version__"} - children
+
+
+@pytest.mark.parametrize("module", ["tipforce", "tipforce.cli"])
+def test_import_is_light(module: str) -> None:
+    heavy = ("torch", "onnxruntime", "matplotlib", "sklearn", "av", "starlette", "numba")
+    code = f"import sys, {module}; print([m for m in {heavy!r} if m in sys.modules])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.strip() == "[]"
+
+
+def test_files_stay_small() -> None:
+    sizes = {str(p.relative_to(SOURCE)): len(p.read_text(encoding="utf-8").splitlines()) for p in SOURCE.rglob("*.py")}
+    assert not {path: lines for path, lines in sizes.items() if lines > 500}
+    small = sum(lines <= 200 for lines in sizes.values())
+    assert small >= 0.75 * len(sizes), "most files stay under 200 lines"
