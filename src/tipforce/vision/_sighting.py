@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ..types import BasePose, CentrelinePx, Status
+from ..types import BasePose, CentrelinePx, FloatArray, Status
 
 __all__ = ["Sighting"]
 
@@ -13,7 +13,9 @@ class Sighting:
     """The catheter's shape in one picture, or the reason why it was not found.
 
     ``centreline`` and ``base`` are None unless ``status`` is valid; ``diameter_px`` is then the shaft's median
-    diameter. ``confidence`` in 0..1: share of the shaft's length where both flanks were seen.
+    diameter. ``confidence`` in 0..1: share of the shaft's length where both flanks were seen. ``fitted_px`` (k, 2):
+    the image points a polynomial is fitted to where these are not the centreline: the single-pixel line of thesis
+    algorithm 1, one point a column.
     """
 
     status: Status
@@ -22,6 +24,7 @@ class Sighting:
     base: BasePose | None = None
     diameter_px: float = math.nan
     confidence: float = 0.0
+    fitted_px: FloatArray | None = None
 
     @property
     def found(self) -> bool:
