@@ -71,6 +71,11 @@ class Estimator(ABC):
             estimates.append(stream.update(observation))
         return estimates
 
+    @property
+    def remembers(self) -> bool:
+        """True where an estimate depends on earlier frames of the session too: evaluation then runs all of them."""
+        return False
+
     def describe(self) -> dict[str, Any]:
         """Facts of the fitted model that a model card shows (chosen constants, number of samples, interval basis)."""
         return {}
