@@ -1,6 +1,17 @@
 """Seeing the catheter: frame -> mask -> ordered centreline -> base frame -> coefficients."""
 
+from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._settings import BaseSide, Polarity, VisionSettings
 from ._sighting import Sighting
 
-__all__ = ["BaseSide", "Polarity", "Sighting", "VisionSettings"]
+__all__ = [
+    "BaseSide",
+    "NoFeatures",
+    "Polarity",
+    "ShapeFeatureSettings",
+    "Sighting",
+    "VisionSettings",
+    "feature_names",
+    "fitted_curve",
+    "shape_features",
+]

@@ -1,0 +1,143 @@
+"""Shape features: what a force is learnt from. Thesis eq. (2), and a set that exists for every shape."""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from numba import njit
+from pydantic import BaseModel, ConfigDict, Field
+
+from ..geometry import angle_matrix, curve_from_angle, fit_polynomial, turning_angles
+from ..types import BasePose, CentrelinePx, FloatArray, Status
+from ._sighting import Sighting
+
+__all__ = ["NoFeatures", "ShapeFeatureSettings", "feature_names", "fitted_curve", "shape_features"]
+
+
+class ShapeFeatureSettings(BaseModel):
+    """Which numbers stand for a shape."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    kind: Literal["polynomial", "legendre"] = "polynomial"
+    """`polynomial`: y(x) in pixels of the base frame, thesis eq. (2). `legendre`: tangent angle over arc length in rad,
+    which exists for every shape."""
+    degree: Annotated[int, Field(ge=1, le=8)] = 4
+    """Degree of the polynomial or of the series."""
+    constant: bool = True
+    """`polynomial`: with the constant A5, else the curve starts at the base's origin. `legendre`: with the mean angle,
+    else the features do not change when the picture turns."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoFeatures:
+    """Why a shape has no features of the kind asked for."""
+
+    status: Status
+    detail: str
+
+
+def feature_names(settings: ShapeFeatureSettings) -> tuple[str, ...]:
+    """The name of each feature, as in thesis eq. (2) and as "L0", "L1", ... for the angle series.
+
+    >>> feature_names(ShapeFeatureSettings())
+    ('A1', 'A2', 'A3', 'A4', 'A5')
+    >>> feature_names(ShapeFeatureSettings(kind="legendre", degree=2, constant=False))
+    ('L1', 'L2')
+    """
+    if settings.kind == "polynomial":
+        return tuple(f"A{k + 1}" for k in range(settings.degree + settings.constant))
+    return tuple(f"L{k}" for k in range(0 if settings.constant else 1, settings.degree + 1))
+
+
+def shape_features(sighting: Sighting, settings: ShapeFeatureSettings) -> FloatArray | NoFeatures:
+    """The features of what was seen, (k,) as named by `feature_names`; `NoFeatures` where there are none.
+
+    A polynomial is refused with ``not_a_function`` where the shape bends past 90 degrees: several y belong to one x.
+    """
+    centreline, base = sighting.centreline, sighting.base
+    if centreline is None or base is None:
+        return NoFeatures(sighting.status, sighting.detail)
+    if settings.kind == "legendre":
+        return _legendre(centreline, base, settings)
+    cos, sin = math.cos(base.angle_rad), math.sin(base.angle_rad)
+    if sighting.fitted_px is None:
+        values, bend = _polynomial(
+            centreline.points, base.origin_px, cos, sin, settings.degree, settings.constant, True, 0.0
+        )
+    else:
+        # One point a column: at the slanted end of a shaft the columns' means may step back by half its diameter.
+        values, bend = _polynomial(
+            sighting.fitted_px, base.origin_px, cos, sin, settings.degree, settings.constant, False,
+            0.5 * sighting.diameter_px,
+        )  # fmt: skip
+    if bend >= 0.0:
+        share = round(100.0 * bend)
+        return NoFeatures(
+            Status.NOT_A_FUNCTION,
+            f"the shape bends past 90 degrees at {share} % of its length: no polynomial y(x) describes it "
+            "(the legendre features do)",
+        )
+    return values
+
+
+@njit(cache=True, nogil=True)
+def _polynomial(
+    points: FloatArray,
+    origin: FloatArray,
+    cos: float,
+    sin: float,
+    degree: int,
+    constant: bool,
+    whole: bool,
+    tolerance: float,
+) -> tuple[FloatArray, float]:
+    """Coefficients, highest power first, and the share of the points after which x' goes back (-1: it never does)."""
+    n = points.shape[0]
+    x, y = np.empty(n), np.empty(n)
+    reach = -np.inf
+    for i in range(n):
+        u, v = points[i, 0] - origin[0], points[i, 1] - origin[1]
+        x[i] = cos * u - sin * v
+        y[i] = -sin * u - cos * v
+        if x[i] < reach - tolerance or (whole and x[i] == reach):
+            return x[:0], i / n
+        reach = max(reach, x[i])
+    fitted = fit_polynomial(x, y, degree, constant)
+    return (fitted if constant else fitted[:-1].copy()), -1.0
+
+
+def _legendre(centreline: CentrelinePx, base: BasePose, settings: ShapeFeatureSettings) -> FloatArray:
+    points = centreline.points
+    # In the picture v runs down: the angle against the base tangent (cos, -sin), counted the other way round.
+    angles = turning_angles(points, math.cos(base.angle_rad), -math.sin(base.angle_rad))
+    values = -(angle_matrix(len(points), settings.degree) @ angles)
+    return values if settings.constant else values[1:]
+
+
+def fitted_curve(
+    sighting: Sighting, settings: ShapeFeatureSettings, values: FloatArray, points: int = 64
+) -> FloatArray:
+    """(points, 2) image points of the curve that the features ``values`` stand for, to lay over the picture.
+
+    Raises ValueError for a sighting without a centreline.
+    """
+    if sighting.centreline is None or sighting.base is None:
+        raise ValueError(f"no centreline to lay a curve on: {sighting.status}")
+    local = sighting.base.to_base(sighting.centreline.points)
+    if settings.kind == "polynomial":
+        x = np.linspace(local[0, 0], local[:, 0].max(), points)
+        y = np.polyval(values if settings.constant else np.append(values, 0.0), x)
+        return sighting.base.to_image(np.column_stack([x, y]))
+    series = values if settings.constant else np.append(_mean_angle(local), values)
+    length = float(np.sum(np.hypot(*np.diff(local, axis=0).T)))
+    curve = curve_from_angle(series, length, points)
+    # The series knows no place: laid so that the two curves have the same centre.
+    spread = np.linspace(0, points - 1, len(local))
+    same = np.column_stack([np.interp(spread, np.arange(points), curve[:, k]) for k in range(2)])
+    return sighting.base.to_image(curve + (local - same).mean(axis=0))
+
+
+def _mean_angle(local: FloatArray) -> float:
+    return float(np.mean(turning_angles(np.ascontiguousarray(local), 1.0, 0.0)))
