@@ -1,1 +1,41 @@
-"""."""
+"""Runs as files: the recording file (.mcap), videos and image folders, importers, time alignment."""
+
+from ._facts import ClockOffset, Reads, SensorPose, Tare
+from ._import import ForceColumns, ImportReport, import_run
+from ._labels import Labels, labels
+from ._observations import observations
+from ._reader import RecordingInfo, RecordingReader, StreamInfo
+from ._sources import open_source
+from ._summary import RecordingSummary, plot_summary, summarise
+from ._tare import find_tare, stated_tare
+from ._timing import estimate_offset, shape_coordinates
+from ._video import VideoWriter, write_video
+from ._writer import RecordingWriter, write_force_csv
+
+__all__ = [
+    "ClockOffset",
+    "ForceColumns",
+    "ImportReport",
+    "Labels",
+    "Reads",
+    "RecordingInfo",
+    "RecordingReader",
+    "RecordingSummary",
+    "RecordingWriter",
+    "SensorPose",
+    "StreamInfo",
+    "Tare",
+    "VideoWriter",
+    "estimate_offset",
+    "find_tare",
+    "import_run",
+    "labels",
+    "observations",
+    "open_source",
+    "plot_summary",
+    "shape_coordinates",
+    "stated_tare",
+    "summarise",
+    "write_force_csv",
+    "write_video",
+]

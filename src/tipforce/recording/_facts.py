@@ -1,0 +1,183 @@
+"""What a recording knows of itself beside its streams: clock offset, tare, sensor pose, catheter, scale.
+
+Each fact is one metadata record of the file, all of whose values are text.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ..types import Catheter, Context, FloatArray, frozen
+
+__all__ = ["ClockOffset", "Reads", "SensorPose", "Tare", "context_from", "context_records"]
+
+Reads = Literal["tip-on-tissue", "tissue-on-tip"]
+"""Which of the two opposite forces at the contact a sensor shows."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockOffset:
+    """How far the force log's clock lies from the camera's: camera time = force stamp + ``offset_ns``.
+
+    ``how``: "estimated" from deflection against force, "stated" by a person, "none" where the clocks are taken as one,
+    "refused" where it could not be told (``offset_ns`` is then 0, ``detail`` the reason). ``stderr_ms``: one standard
+    error (block bootstrap), NaN unless estimated. ``explained``: share of the force's variance that the deflection
+    explains at this offset, NaN unless tried.
+    """
+
+    offset_ns: int = 0
+    how: Literal["estimated", "stated", "none", "refused"] = "none"
+    stderr_ms: float = math.nan
+    explained: float = math.nan
+    detail: str = ""
+
+    @property
+    def offset_ms(self) -> float:
+        """Milliseconds to add to a force stamp."""
+        return self.offset_ns * 1e-6
+
+    def record(self) -> dict[str, str]:
+        """As a metadata record."""
+        return {
+            "offset_ns": str(self.offset_ns),
+            "how": self.how,
+            "stderr_ms": repr(self.stderr_ms),
+            "explained": repr(self.explained),
+            "detail": self.detail,
+            "meaning": "camera time = force stamp + offset_ns",
+        }
+
+    @classmethod
+    def of(cls, record: Mapping[str, str]) -> "ClockOffset":
+        """The inverse of `record`."""
+        how = record.get("how", "none")
+        return cls(
+            offset_ns=int(record.get("offset_ns", "0")),
+            how=how if how in ("estimated", "stated", "refused") else "none",
+            stderr_ms=float(record.get("stderr_ms", "nan")),
+            explained=float(record.get("explained", "nan")),
+            detail=record.get("detail", ""),
+        )
+
+
+def _zeros() -> FloatArray:
+    return np.zeros(3)
+
+
+def _nans() -> FloatArray:
+    return np.full(3, math.nan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tare:
+    """What the sensor shows without contact, to be subtracted from every reading.
+
+    ``force_n`` (3,): in the frame of the readings, 0 where the sensor has no such axis; ``stderr_n`` (3,), NaN where
+    unknown. ``stretches_s``: (start, end) in seconds of the force log's clock since its first row. ``how``: "stated",
+    "detected", "none" (nothing is subtracted).
+    """
+
+    force_n: FloatArray = field(default_factory=_zeros)
+    stderr_n: FloatArray = field(default_factory=_nans)
+    stretches_s: tuple[tuple[float, float], ...] = ()
+    how: Literal["stated", "detected", "none"] = "none"
+    detail: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "force_n", frozen("force_n", self.force_n, (3,)))
+        object.__setattr__(self, "stderr_n", frozen("stderr_n", self.stderr_n, (3,)))
+
+    def record(self) -> dict[str, str]:
+        """As a metadata record."""
+        return {
+            "force_n": json.dumps(self.force_n.tolist()),
+            "stderr_n": json.dumps(self.stderr_n.tolist()),
+            "stretches_s": json.dumps(self.stretches_s),
+            "how": self.how,
+            "detail": self.detail,
+            "meaning": "subtract force_n from every reading, before any rotation",
+        }
+
+    @classmethod
+    def of(cls, record: Mapping[str, str]) -> "Tare":
+        """The inverse of `record`."""
+        how = record.get("how", "none")
+        return cls(
+            force_n=np.array(json.loads(record.get("force_n", "[0, 0, 0]"))),
+            stderr_n=np.array(json.loads(record.get("stderr_n", "[NaN, NaN, NaN]"))),
+            stretches_s=tuple((float(a), float(b)) for a, b in json.loads(record.get("stretches_s", "[]"))),
+            how=how if how in ("stated", "detected") else "none",
+            detail=record.get("detail", ""),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SensorPose:
+    """How a force sensor lies in the picture and what it reads.
+
+    ``angle_deg``: the sensor's x axis, counter-clockwise from the base x axis as seen in the displayed picture; its z
+    axis points to the camera. ``reads``: a sensor under the tissue reads tip-on-tissue, the opposite of our convention.
+
+    >>> pose = SensorPose(angle_deg=90.0, reads="tip-on-tissue")
+    >>> np.round(pose.matrix @ [1.0, 0.0, 0.0], 6) + 0.0
+    array([ 0., -1.,  0.])
+    """
+
+    angle_deg: float = 0.0
+    reads: Reads = "tip-on-tissue"
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(3, 3): force of the tissue on the tip in the base frame = matrix @ (reading - tare)."""
+        angle = math.radians(self.angle_deg)
+        c, s = math.cos(angle), math.sin(angle)
+        sign = -1.0 if self.reads == "tip-on-tissue" else 1.0
+        return sign * np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    def record(self) -> dict[str, str]:
+        """As a metadata record."""
+        return {
+            "angle_deg": repr(self.angle_deg),
+            "reads": self.reads,
+            "meaning": "sensor x axis counter-clockwise from the base x axis as displayed; z toward the camera",
+        }
+
+    @classmethod
+    def of(cls, record: Mapping[str, str]) -> "SensorPose":
+        """The inverse of `record`."""
+        reads: Reads = "tissue-on-tip" if record.get("reads") == "tissue-on-tip" else "tip-on-tissue"
+        return cls(angle_deg=float(record.get("angle_deg", "0")), reads=reads)
+
+
+_CATHETER = ("diameter_m", "flexible_length_m", "rigid_length_m", "bending_stiffness_nm2")
+
+
+def context_records(context: Context) -> dict[str, dict[str, str]]:
+    """Metadata records, by name, that hold ``context``."""
+    catheter = {"name": context.catheter.name}
+    for key in _CATHETER:
+        value: float | None = getattr(context.catheter, key)
+        if value is not None:
+            catheter[key] = repr(value)
+    session = {"session": context.session}
+    if context.metres_per_px is not None:
+        session["metres_per_px"] = repr(context.metres_per_px)
+    return {"tipforce.session": session, "tipforce.catheter": catheter, "tipforce.notes": dict(context.notes)}
+
+
+def context_from(records: Mapping[str, Mapping[str, str]]) -> Context:
+    """The inverse of `context_records`; what is absent stays unknown."""
+    catheter, session = records.get("tipforce.catheter", {}), records.get("tipforce.session", {})
+    scale = session.get("metres_per_px")
+    return Context(
+        session=session.get("session", ""),
+        catheter=Catheter(
+            catheter.get("name", "unnamed"), **{key: float(catheter[key]) for key in _CATHETER if key in catheter}
+        ),
+        metres_per_px=None if scale is None else float(scale),
+        notes=dict(records.get("tipforce.notes", {})),
+    )
