@@ -1,0 +1,112 @@
+"""The predictor that looks at nothing: the yardstick beside every method."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict
+
+from ..dataset import Dataset
+from ..errors import InputError, NotFittedError
+from ..estimators import Estimator, Progress, Stream
+from ..types import Context, ForceEstimate, Observation
+
+__all__ = ["Constant"]
+
+
+class _NoSettings(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+@dataclass(frozen=True, slots=True)
+class _Same:
+    answer: ForceEstimate
+
+    def update(self, observation: Observation) -> ForceEstimate:
+        return replace(self.answer, stamp_ns=observation.stamp_ns)
+
+
+class Constant(Estimator):
+    """Answers the mean of its training samples, per component and for the magnitude; 5-95 % quantiles as interval.
+
+    A method whose error is not clearly below this one's has read nothing from the picture.
+    """
+
+    name: ClassVar[str] = "constant"
+    settings_type: ClassVar[type[BaseModel]] = _NoSettings
+
+    def __init__(self, settings: BaseModel | None = None) -> None:
+        self.settings = settings or _NoSettings()
+        self.answer_: ForceEstimate | None = None
+
+    def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
+        """Take the means of ``dataset``'s labels."""
+        if not len(dataset):
+            raise InputError("the constant predictor got no samples to take the mean of; give it at least one")
+        known = np.asarray(dataset.known)
+        force, magnitude = dataset.force_n, dataset.magnitude_n
+        square = np.outer(known, known)
+        covariance = np.where(square, np.cov(np.nan_to_num(force), rowvar=False, bias=True), math.nan)
+        band = np.quantile(np.nan_to_num(force), (0.05, 0.95), axis=0).T
+        self.answer_ = ForceEstimate(
+            stamp_ns=0,
+            force_n=np.where(known, np.mean(force, axis=0), math.nan),
+            known=known,
+            covariance_n2=covariance,
+            interval_n=np.where(known[:, None], band, math.nan),
+            magnitude_n=float(magnitude.mean()),
+            magnitude_interval_n=np.quantile(magnitude, (0.05, 0.95)),
+        )
+        if progress is not None:
+            progress("mean of the labels", 1.0)
+        return self
+
+    def start(self, context: Context) -> Stream:  # noqa: ARG002 - the same answer in every session
+        """A stream that answers the same every time."""
+        if self.answer_ is None:
+            raise NotFittedError("the constant predictor has no mean yet; call fit first")
+        return _Same(self.answer_)
+
+    def predict(self, dataset: Dataset) -> list[ForceEstimate]:
+        """The same answer a sample, without reading a picture."""
+        if self.answer_ is None:
+            raise NotFittedError("the constant predictor has no mean yet; call fit first")
+        return [replace(self.answer_, stamp_ns=stamp) for stamp in dataset.stamp_ns.tolist()]
+
+    def unfitted(self) -> Self:
+        """Another one without its mean."""
+        return type(self)()
+
+    def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+        """The means and quantiles."""
+        if self.answer_ is None:
+            raise NotFittedError("the constant predictor has no mean yet; call fit first")
+        a = self.answer_
+        arrays: dict[str, npt.NDArray[Any]] = {
+            "force_n": a.force_n,
+            "known": a.known,
+            "covariance_n2": a.covariance_n2,
+            "interval_n": a.interval_n,
+            "magnitude_interval_n": a.magnitude_interval_n,
+        }
+        return {"magnitude_n": a.magnitude_n}, arrays
+
+    @classmethod
+    def from_state(
+        cls, settings: Mapping[str, Any], values: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]
+    ) -> Self:
+        """The inverse of `state`."""
+        made = cls(_NoSettings.model_validate(dict(settings)))
+        made.answer_ = ForceEstimate(
+            stamp_ns=0,
+            magnitude_n=float(values["magnitude_n"]),
+            force_n=arrays["force_n"],
+            known=arrays["known"],
+            covariance_n2=arrays["covariance_n2"],
+            interval_n=arrays["interval_n"],
+            magnitude_interval_n=arrays["magnitude_interval_n"],
+        )
+        return made

@@ -1,0 +1,238 @@
+"""Judging methods on data: every protocol, every method, the constant predictor beside them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..dataset import Dataset, Protocol, Split, draw, splits
+from ..errors import InputError
+from ..estimators import Estimator, Progress
+from ..types import BoolArray, FloatArray
+from ._constant import Constant
+from ._metrics import score
+from ._outcome import CONTACT_N, Outcome, against, gather
+from ._protocols import Trained, answers, run_splits
+from ._timing import time_per_frame
+
+__all__ = ["AS_SAVED", "PROTOCOLS", "Candidate", "Evaluation", "Row", "evaluate"]
+
+PROTOCOLS: tuple[Protocol, ...] = ("random", "blocked", "session")
+"""The thesis's split, contiguous blocks with a gap, and whole sessions held out: the one that counts."""
+
+AS_SAVED = "as saved"
+"""Stands in place of a protocol where a saved model is scored without training it anew."""
+
+CONSTANT = Constant.name
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A method to be judged: ``recipe`` is trained anew on every split.
+
+    ``saved``: a fitted model, scored as it is on the sessions that are not in ``trained_sessions``;
+    ``trained_fingerprint``: of the data it was trained on.
+    """
+
+    label: str
+    recipe: Estimator
+    saved: Estimator | None = None
+    trained_sessions: frozenset[str] = frozenset()
+    trained_fingerprint: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One line of the table: a method under a protocol, against the sensor and, where it is known, the truth."""
+
+    outcome: Outcome
+    figures: dict[str, Any]
+    truth_figures: dict[str, Any] | None = None
+    fits: tuple[Trained, ...] = ()
+
+    @property
+    def method(self) -> str:
+        """The candidate's label."""
+        return self.outcome.method
+
+    @property
+    def protocol(self) -> str:
+        """One of `PROTOCOLS`, or `AS_SAVED`."""
+        return self.outcome.protocol
+
+    @property
+    def mae_n(self) -> float:
+        """Mean absolute error of the magnitude against the sensor, in newtons."""
+        return float(self.figures["quantities"]["magnitude"]["mae_n"])
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Everything a report is made of.
+
+    ``rows``: by protocol, within it the candidates in their order and the constant predictor last. ``fitted``: method
+    -> its answers on the part it was trained on (thesis fig. 24). ``timing``: method -> microseconds a frame.
+    ``notes``: what could not be done, and why. ``truth_n`` (n, 3) or None.
+    """
+
+    dataset: Dataset
+    everything: Dataset
+    candidates: tuple[Candidate, ...]
+    rows: tuple[Row, ...]
+    fitted: dict[str, Outcome]
+    timing: dict[str, dict[str, Any]]
+    notes: tuple[str, ...]
+    seed: int
+    samples: int | None
+    folds: int | None
+    truth_n: FloatArray | None = field(default=None, repr=False)
+
+    def row(self, method: str, protocol: str) -> Row | None:
+        """The line of one method under one protocol, None where there is none."""
+        return next((row for row in self.rows if (row.method, row.protocol) == (method, protocol)), None)
+
+    @property
+    def protocols(self) -> tuple[str, ...]:
+        """Those that were run, in order."""
+        return tuple(dict.fromkeys(row.protocol for row in self.rows))
+
+    @property
+    def honest(self) -> str:
+        """The strictest protocol that was run: session before blocked before random."""
+        return max((p for p in self.protocols if p in PROTOCOLS), key=PROTOCOLS.index)
+
+
+def evaluate(
+    dataset: Dataset,
+    candidates: Sequence[Candidate],
+    *,
+    protocols: Sequence[Protocol] | None = None,
+    samples: int | None = None,
+    folds: int | None = None,
+    seed: int = 0,
+    truth_n: FloatArray | None = None,
+    progress: Progress | None = None,
+) -> Evaluation:
+    """Train and score every candidate under every one of ``protocols`` (None: all that the data allow).
+
+    ``samples``: as many are drawn with ``seed`` first (the thesis has 220). ``truth_n`` (len(dataset), 3): the twin's
+    truth in the base frame; scores against it stand beside those against the sensor. Raises InputError where a
+    protocol that was asked for cannot be run on these data, and what the methods' ``fit`` raises.
+    """
+    if not candidates:
+        raise InputError("there is no method to evaluate; name one, for example: tipforce evaluate svr --data runs/")
+    labels = [candidate.label for candidate in candidates]
+    if len(set(labels)) < len(labels) or CONSTANT in labels:
+        raise InputError(
+            f"the methods' names must differ from each other and from {CONSTANT!r}, got {', '.join(labels)}"
+        )
+    if truth_n is not None and truth_n.shape != dataset.force_n.shape:
+        raise ValueError(f"truth_n: expected shape {dataset.force_n.shape}, got {truth_n.shape}")
+    everything = dataset
+    if samples is not None:
+        dataset = draw(everything, samples, seed)
+        if truth_n is not None:
+            place = {row: position for position, row in enumerate(everything.rows.tolist())}
+            truth_n = truth_n[[place[row] for row in dataset.rows.tolist()]]
+    contact = _in_contact(dataset, truth_n)
+    notes: list[str] = []
+    plans: dict[Protocol, list[Split]] = {}
+    for protocol in protocols or PROTOCOLS:
+        try:
+            plans[protocol] = splits(protocol, dataset, folds=folds, seed=seed)
+        except InputError as error:
+            if protocols is not None:
+                raise
+            notes.append(f"Protocol {protocol} was left out: {error}.")
+    if not plans:
+        raise InputError(f"{dataset.title}: no protocol can be run on these data. " + " ".join(notes))
+
+    steps = _Steps(progress, sum(len(plan) for plan in plans.values()) * len(candidates))
+    rows: list[Row] = []
+    for protocol, plan in plans.items():
+        constant, fits = run_splits(Constant(), CONSTANT, protocol, plan, dataset, everything, contact)
+        for candidate in candidates:
+            outcome, trained = run_splits(
+                candidate.recipe, candidate.label, protocol, plan, dataset, everything, contact, steps.part(len(plan))
+            )
+            rows.append(_row(outcome, constant, truth_n, trained))
+        rows.append(_row(constant, constant, truth_n, fits))
+    for candidate in candidates:
+        row = _as_saved(candidate, dataset, everything, contact, truth_n, notes)
+        if row is not None:
+            rows.append(row)
+
+    fitted: dict[str, Outcome] = {}
+    timing: dict[str, dict[str, Any]] = {}
+    for candidate in candidates:
+        first = next(row for row in rows if row.method == candidate.label).fits[0]
+        index = first.split.train
+        found = answers(first.estimator, dataset, index, everything)
+        fitted[candidate.label] = gather(
+            candidate.label, first.protocol, first.split.name, dataset, index, found, contact
+        )
+        timing[candidate.label] = time_per_frame(first.estimator, everything)
+    return Evaluation(
+        dataset, everything, tuple(candidates), tuple(rows), fitted, timing, tuple(notes), seed, samples, folds, truth_n
+    )
+
+
+class _Steps:
+    """One bar over all fits."""
+
+    def __init__(self, progress: Progress | None, total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
+
+    def part(self, splits: int) -> Progress:
+        """The report of one method under one protocol, ``splits`` of the total."""
+        before = self._done
+        self._done += splits
+
+        def report(what: str, share: float) -> None:
+            if self._progress is not None:
+                self._progress(what, (before + share * splits) / self._total)
+
+        return report
+
+
+def _in_contact(dataset: Dataset, truth_n: FloatArray | None) -> BoolArray:
+    """(n,): by the truth where it is known, else by the sensor."""
+    if truth_n is None:
+        return dataset.magnitude_n > CONTACT_N
+    magnitude = np.sqrt(np.sum(truth_n[:, dataset.known] ** 2, axis=1))
+    return np.where(np.isfinite(magnitude), magnitude, dataset.magnitude_n) > CONTACT_N
+
+
+def _row(outcome: Outcome, constant: Outcome | None, truth_n: FloatArray | None, fits: Sequence[Trained] = ()) -> Row:
+    fallback = None if constant is None else constant.magnitude_n
+    true_figures = None if truth_n is None else score(against(outcome, truth_n))
+    return Row(outcome, score(outcome, fallback), true_figures, tuple(fits))
+
+
+def _as_saved(
+    candidate: Candidate,
+    dataset: Dataset,
+    everything: Dataset,
+    contact: BoolArray,
+    truth_n: FloatArray | None,
+    notes: list[str],
+) -> Row | None:
+    """The saved model on the sessions it was not trained on; adds to ``notes`` why some or all were left out."""
+    if candidate.saved is None:
+        return None
+    seen = [name for name in dataset.sessions if name in candidate.trained_sessions]
+    if candidate.trained_fingerprint == everything.fingerprint() or len(seen) == len(dataset.sessions):
+        notes.append(
+            f"{candidate.label} is not scored as saved: it was trained on all sessions of these data; "
+            "its recipe, trained anew on every split, is."
+        )
+        return None
+    if seen:
+        notes.append(
+            f"{candidate.label} as saved is scored without {len(seen)} of {len(dataset.sessions)} sessions, because it "
+            f"was trained on sessions of these names: {', '.join(seen[:5])}{', ...' if len(seen) > 5 else ''}."
+        )
+    index = np.flatnonzero(~np.isin(dataset.session, seen))
+    found = answers(candidate.saved, dataset, index, everything)
+    return _row(gather(candidate.label, AS_SAVED, AS_SAVED, dataset, index, found, contact), None, truth_n)

@@ -1,0 +1,70 @@
+"""Train on one part, score on the rest: one method under one protocol."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..dataset import Dataset, Split
+from ..estimators import Estimator, Progress
+from ..types import BoolArray, ForceEstimate, IntArray
+from ._outcome import Outcome, gather, join
+
+__all__ = ["Trained", "answers", "run_splits"]
+
+
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """What one fit was: the split, the seconds it took, the method's own facts, the fitted method itself."""
+
+    protocol: str
+    split: Split
+    seconds: float
+    facts: dict[str, Any]
+    estimator: Estimator
+
+
+def answers(estimator: Estimator, dataset: Dataset, index: IntArray, everything: Dataset) -> list[ForceEstimate]:
+    """The estimates of the samples of ``dataset`` at ``index``.
+
+    A method that remembers earlier frames runs over ALL frames of the sessions concerned, which ``everything`` holds
+    (``dataset`` may be a part drawn from it); only the samples asked for are returned.
+    """
+    if not estimator.remembers:
+        return estimator.predict(dataset.subset(index))
+    wanted = dataset.rows[index]
+    run = np.flatnonzero(np.isin(everything.session, np.unique(dataset.session[index])))
+    by_row = dict(zip(everything.rows[run].tolist(), estimator.predict(everything.subset(run)), strict=True))
+    return [by_row[row] for row in wanted.tolist()]
+
+
+def run_splits(
+    recipe: Estimator,
+    label: str,
+    protocol: str,
+    splits: Sequence[Split],
+    dataset: Dataset,
+    everything: Dataset,
+    contact: BoolArray,
+    progress: Progress | None = None,
+) -> tuple[Outcome, list[Trained]]:
+    """``recipe`` trained anew on each split's training part and scored on its test part, all splits as one outcome."""
+    parts: list[Outcome] = []
+    fits: list[Trained] = []
+    for number, split in enumerate(splits):
+        what = f"{label}, {protocol} {number + 1}/{len(splits)}"
+
+        def report(_: str, share: float, *, what: str = what, number: int = number) -> None:
+            if progress is not None:
+                progress(what, (number + share) / len(splits))
+
+        report("", 0.0)
+        start = time.perf_counter()
+        fitted = recipe.unfitted().fit(dataset.subset(split.train), report)
+        fits.append(Trained(protocol, split, time.perf_counter() - start, fitted.describe(), fitted))
+        found = answers(fitted, dataset, split.test, everything)
+        parts.append(gather(label, protocol, split.name, dataset, split.test, found, contact))
+        report("", 1.0)
+    return join(parts), fits

@@ -1,0 +1,145 @@
+import numpy as np
+import pytest
+
+from tipforce.errors import InputError
+from tipforce.evaluation import AS_SAVED, Candidate, Constant, evaluate
+
+
+def magnitude(row):
+    return row.figures["quantities"]["magnitude"]
+
+
+def test_training_and_test_samples_never_meet(make_bench, make_ridge):
+    data = make_bench(sessions=5)
+    result = evaluate(data, [Candidate("ridge", make_ridge())])
+    assert result.protocols == ("random", "blocked", "session")
+    for row in result.rows:
+        for fit in row.fits:
+            assert not set(fit.split.train.tolist()) & set(fit.split.test.tolist())
+            if row.method == "ridge":
+                assert fit.estimator.trained_rows_.tolist() == fit.split.train.tolist()
+
+
+def test_no_session_lies_on_both_sides_of_the_session_protocol(make_bench, make_ridge):
+    data = make_bench(sessions=5)
+    result = evaluate(data, [Candidate("ridge", make_ridge())], protocols=["session"])
+    row = result.row("ridge", "session")
+    assert sorted(row.outcome.index.tolist()) == list(range(len(data)))
+    for fit in row.fits:
+        assert not set(data.session[fit.split.train]) & set(data.session[fit.split.test])
+
+
+def test_the_random_protocol_is_the_thesis_split(make_bench, make_ridge):
+    data = make_bench(sessions=8, frames=60)
+    result = evaluate(data, [Candidate("ridge", make_ridge())], protocols=["random"], samples=220)
+    (fit,) = result.row("ridge", "random").fits
+    assert (len(fit.split.train), len(fit.split.test)) == (165, 55)
+
+
+def test_a_better_method_beats_the_constant_that_stands_beside_it(make_bench, make_ridge):
+    result = evaluate(make_bench(), [Candidate("ridge", make_ridge())])
+    for protocol in result.protocols:
+        assert result.rows[-1].method == "constant"
+        assert result.row("ridge", protocol).mae_n < 0.5 * result.row("constant", protocol).mae_n
+
+
+def test_the_constant_answers_the_mean_of_its_training_part(make_bench, make_ridge):
+    data = make_bench()
+    result = evaluate(data, [Candidate("ridge", make_ridge())], protocols=["random"])
+    row = result.row("constant", "random")
+    train = row.fits[0].split.train
+    assert row.outcome.magnitude_n == pytest.approx(data.magnitude_n[train].mean())
+    assert row.outcome.force_n[:, 0] == pytest.approx(data.force_n[train, 0].mean())
+    assert np.isnan(row.outcome.force_n[:, 2]).all()
+
+
+def test_the_constant_survives_being_stored(make_bench):
+    data = make_bench()
+    fitted = Constant().fit(data)
+    again = Constant.from_state({}, *fitted.state())
+    assert again.predict(data)[3].magnitude_n == fitted.predict(data)[3].magnitude_n
+    stream = again.start(data.contexts["s0"])
+    assert stream.update(next(data.observations())).force_n[0] == fitted.predict(data)[0].force_n[0]
+
+
+def test_held_out_sessions_are_harder_than_random_frames_when_sessions_differ(make_bench, make_ridge):
+    data = make_bench(sessions=6, shift_n=0.05)
+    result = evaluate(data, [Candidate("ridge", make_ridge())])
+    assert result.row("ridge", "session").mae_n > result.row("ridge", "random").mae_n
+
+
+def test_a_method_with_memory_sees_all_frames_of_a_session(make_bench, make_ridge):
+    data = make_bench(sessions=2, frames=30)
+    result = evaluate(data, [Candidate("ridge", make_ridge(remembers=True))], protocols=["random"], samples=20)
+    outcome = result.row("ridge", "random").outcome
+    drawn = result.dataset
+    for place, index in enumerate(outcome.index.tolist()):
+        frame_of_session = drawn.rows[index] % 30
+        assert outcome.detail[place] == f"frame {frame_of_session + 1} of its stream"
+
+
+def test_a_saved_model_is_scored_on_sessions_it_never_saw(make_bench, make_ridge):
+    data = make_bench(sessions=4)
+    saved = make_ridge().fit(data.subset(data.session != "s3"))
+    candidate = Candidate("ridge", saved.unfitted(), saved, frozenset({"s0", "s1", "s2"}))
+    result = evaluate(data, [candidate])
+    row = result.row("ridge", AS_SAVED)
+    assert set(row.outcome.session.tolist()) == {"s3"}
+    assert any("without 3 of 4 sessions" in note for note in result.notes)
+
+
+def test_a_saved_model_is_not_scored_on_what_it_was_trained_on(make_bench, make_ridge):
+    data = make_bench(sessions=4)
+    saved = make_ridge().fit(data)
+    for candidate in (
+        Candidate("ridge", saved.unfitted(), saved, frozenset(data.sessions)),
+        Candidate("ridge", saved.unfitted(), saved, trained_fingerprint=data.fingerprint()),
+    ):
+        result = evaluate(data, [candidate], protocols=["random"])
+        assert result.row("ridge", AS_SAVED) is None
+        assert any("trained on all sessions" in note for note in result.notes)
+
+
+def test_one_session_cannot_be_held_out(make_bench, make_ridge):
+    with pytest.raises(InputError, match="needs at least two sessions, got 1"):
+        evaluate(make_bench(sessions=1), [Candidate("ridge", make_ridge())], protocols=["session"])
+
+
+def test_one_session_still_gets_the_other_protocols_and_a_note(make_bench, make_ridge):
+    result = evaluate(make_bench(sessions=1), [Candidate("ridge", make_ridge())])
+    assert result.protocols == ("random", "blocked")
+    assert any("session was left out" in note for note in result.notes)
+
+
+def test_two_methods_of_one_name_are_refused(make_bench, make_ridge):
+    twice = [Candidate("ridge", make_ridge()), Candidate("ridge", make_ridge())]
+    with pytest.raises(InputError, match="must differ"):
+        evaluate(make_bench(), twice)
+
+
+def test_the_same_seed_gives_the_same_figures(make_bench, make_ridge):
+    first, second = (evaluate(make_bench(), [Candidate("ridge", make_ridge())], samples=60, seed=4) for _ in range(2))
+    assert [magnitude(row) for row in first.rows] == [magnitude(row) for row in second.rows]
+
+
+def test_truth_is_scored_beside_the_sensor(make_bench, make_ridge):
+    data = make_bench()
+    truth = np.nan_to_num(data.force_n)
+    truth[:, 0] -= 0.05
+    result = evaluate(data, [Candidate("ridge", make_ridge())], protocols=["random"], samples=100, truth_n=truth)
+    row = result.row("ridge", "random")
+    assert row.truth_figures["quantities"]["x"]["bias_n"] == pytest.approx(
+        row.figures["quantities"]["x"]["bias_n"] + 0.05
+    )
+
+
+def test_progress_only_moves_forward(make_bench, make_ridge):
+    seen = []
+    evaluate(make_bench(), [Candidate("ridge", make_ridge())], progress=lambda what, share: seen.append(share))
+    assert seen == sorted(seen)
+    assert seen[-1] == pytest.approx(1.0)
+
+
+def test_time_per_frame_is_reported(make_bench, make_ridge):
+    timing = evaluate(make_bench(), [Candidate("ridge", make_ridge())], protocols=["random"]).timing["ridge"]
+    assert 0 < timing["min_us"] <= timing["p50_us"] <= timing["p99_us"]
