@@ -1,0 +1,264 @@
+"""Thesis algorithm 1 to the letter: threshold, base points, line, base frame, single-pixel line, polynomial."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ..geometry import fit_polynomial
+from ..types import BasePose, BoolArray, CentrelinePx, FloatArray, Image, IntArray, Status
+from ._settings import VisionSettings
+from ._sighting import Sighting
+
+__all__ = ["ClassicChain", "ClassicSteps", "grey_of", "resampled"]
+
+DEGREE = 4
+"""Of the polynomial, thesis eq. (2)."""
+SOLID = 0.6
+"""Base points fill at least this share of the band they lie in; ground that was cut in two by its noise fills half."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClassicSteps:
+    """What thesis algorithm 1 had in hand after each of its lines; None for the lines that were not reached.
+
+    ``grey`` (h, w): line 4. ``threshold`` c and ``binary`` (h, w), True = catheter: line 5. ``base_px`` (m, 2), BS, and
+    ``line_px`` (2, 2), two points of the line L: lines 6 to 9. ``base``: O and [R, T], lines 10 to 12. ``single_px``
+    (k, 2): the single-pixel line, line 13, base side first; ``single_local`` (k, 2): the same in the base frame,
+    line 14. ``coefficients`` (5,): lines 15 and 16. Points are (u, v) of the whole picture.
+    """
+
+    status: Status
+    detail: str
+    grey: Image
+    threshold: int
+    binary: BoolArray
+    diameter_px: float = math.nan
+    coverage: float = 0.0
+    base_px: FloatArray | None = None
+    line_px: FloatArray | None = None
+    base: BasePose | None = None
+    single_px: FloatArray | None = None
+    single_local: FloatArray | None = None
+    coefficients: FloatArray | None = None
+
+
+class _Stop(Exception):
+    """The chain cannot go on: no error, an answer."""
+
+    def __init__(self, status: Status, detail: str) -> None:
+        super().__init__(detail)
+        self.status, self.detail = status, detail
+
+
+class ClassicChain:
+    """The chain of the thesis with one set of settings; `see` gives its result, `steps` everything on the way.
+
+    Where the thesis is silent: without a fixed threshold Otsu's is taken; the single-pixel line is the mean row of each
+    column of catheter pixels; the line L is the least-squares line of row on column. The thesis's picture has the base
+    on the left: for other sides the picture is turned in thought, for a light catheter the threshold is turned round.
+    "auto" means the thesis's left side, and the polarity with the fewer pixels.
+    """
+
+    def __init__(self, settings: VisionSettings) -> None:
+        self.settings = settings
+
+    def see(self, image: Image) -> Sighting:
+        """The catheter in ``image``, (h, w) grey or (h, w, 3) RGB. The centreline runs from O to the last column."""
+        steps = self.steps(image)
+        if steps.status is not Status.VALID or steps.base is None or steps.single_px is None:
+            return Sighting(steps.status, steps.detail)
+        local = steps.base.to_base(steps.single_px)
+        from_base = np.vstack([np.zeros((1, 2)), local[local[:, 0] > 0.0]])
+        centreline = resampled(steps.base.to_image(from_base), self.settings.points)
+        return Sighting(
+            status=Status.VALID,
+            centreline=CentrelinePx(centreline),
+            base=steps.base,
+            diameter_px=steps.diameter_px,
+            confidence=steps.coverage,
+            fitted_px=steps.single_px,
+        )
+
+    def steps(self, image: Image) -> ClassicSteps:
+        """Every intermediate result of thesis algorithm 1 for one picture; what thesis fig. 17 and 18 show."""
+        grey = grey_of(image)
+        threshold, binary = self._threshold(grey)
+        found: dict[str, Any] = {}
+        status, detail = Status.VALID, ""
+        try:
+            self._search(binary, threshold, found)
+        except _Stop as stop:
+            status, detail = stop.status, stop.detail
+        return ClassicSteps(status=status, detail=detail, grey=grey, threshold=threshold, binary=binary, **found)
+
+    def _threshold(self, grey: Image) -> tuple[int, BoolArray]:
+        """Line 5: c, and the mask of the catheter: density less than c."""
+        roi = _box(self.settings.roi, grey)
+        part = grey[roi]
+        c = self.settings.threshold
+        if c is None:
+            c = int(cv2.threshold(part, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[0]) + 1
+        below = part < c
+        polarity = self.settings.polarity
+        dark = polarity == "dark" or (polarity == "auto" and 2 * np.count_nonzero(below) <= below.size)
+        binary = np.zeros(grey.shape, dtype=np.bool_)
+        binary[roi] = below if dark else ~below
+        return c, binary
+
+    def _search(self, binary: BoolArray, threshold: int, found: dict[str, Any]) -> None:
+        settings = self.settings
+        side = "left" if settings.base_side == "auto" else settings.base_side
+        turn = _Turn(side, _box(settings.roi, binary))
+        seen = turn.view(binary)
+        first, last = 0, settings.base_columns
+        where = f"the first {last} {turn.lines} at the {side} border"
+        inside = np.ones(seen.shape, dtype=np.bool_)
+        if settings.base_region is not None:
+            inside = turn.view(_within(settings.base_region, binary))
+            columns = np.flatnonzero(inside.any(axis=0))
+            if not len(columns):
+                raise _Stop(Status.NO_CATHETER, f"the base region {settings.base_region} lies outside the picture")
+            first, last = int(columns[0]), int(columns[-1]) + 1
+            where = f"the base region {settings.base_region}"
+
+        # Lines 6 to 8: BS, the catheter pixels of the first N columns.
+        rows, columns = np.nonzero((seen & inside)[:, first:last])
+        columns = columns + first
+        if len(np.unique(columns)) < 2:
+            raise _Stop(Status.NO_CATHETER, f"no catheter pixels in {where} (threshold {threshold})")
+        found["base_px"] = turn.to_image(columns, rows)
+        # Line 9: L.
+        slope, offset = fit_polynomial(columns.astype(np.float64), rows.astype(np.float64), 1)
+        ends = np.array([first, last - 1.0])
+        found["line_px"] = turn.to_image(ends, slope * ends + offset)
+        away = np.abs(rows - slope * columns - offset)
+        height = len(rows) / len(np.unique(columns))
+        if 0.95 * height < SOLID * (2.0 * float(np.quantile(away, 0.95)) + 1.0):
+            raise _Stop(
+                Status.NO_CATHETER,
+                f"the dark and light pixels in {where} form no shaft: threshold {threshold} does not part them",
+            )
+        # Lines 10 to 12: O, the base frame, [R, T] of thesis eq. (1).
+        centre = turn.to_image(np.array([columns.mean()]), np.array([rows.mean()]))[0]
+        along = turn.to_image(np.array([0.0, 1.0]), np.array([0.0, slope]))
+        du, dv = along[1] - along[0]
+        base = BasePose(centre, math.atan2(-dv, du))
+        found["base"] = base
+
+        # Line 13: one pixel a column.
+        body = seen[:, first:]
+        self._refuse_folds(body, first, turn, height)
+        counts = np.count_nonzero(body, axis=0)
+        filled = np.flatnonzero(counts)
+        means = (np.arange(len(body)) @ body)[filled] / counts[filled]
+        single = turn.to_image(filled + first, means)
+        found["single_px"] = single
+        found["coverage"] = len(filled) / (filled[-1] - filled[0] + 1.0)
+        # A slanted shaft is cut by a column over its diameter divided by the cosine of the slant.
+        slant = np.gradient(means, filled) if len(filled) > 1 else np.zeros(1)
+        diameter = float(np.median(counts[filled] / np.hypot(1.0, slant)))
+        found["diameter_px"] = diameter
+        _refuse_cut(body, diameter, turn)
+        # Line 14.
+        local = base.to_base(single)
+        found["single_local"] = local
+        reach = np.maximum.accumulate(local[:, 0])
+        if np.any(local[:, 0] < reach - 0.5 * diameter):
+            raise _Stop(
+                Status.NOT_A_FUNCTION,
+                "in the base frame the shape bends past 90 degrees: no polynomial y(x) describes it",
+            )
+        if len(np.unique(local[:, 0])) <= DEGREE:
+            raise _Stop(Status.NO_CATHETER, f"only {len(local)} {turn.lines} hold catheter pixels")
+        # Lines 15 and 16.
+        found["coefficients"] = fit_polynomial(
+            np.ascontiguousarray(local[:, 0]), np.ascontiguousarray(local[:, 1]), DEGREE
+        )
+
+    @staticmethod
+    def _refuse_folds(body: BoolArray, first: int, turn: "_Turn", height: float) -> None:
+        """Two runs of catheter pixels one above the other: their mean row lies on neither."""
+        half = max(2, round(0.5 * height))
+        # Opening and closing by half a shaft: specks and highlights are not the second run that is looked for.
+        kernel = np.ones((half, 1), dtype=np.uint8)
+        runs = cv2.morphologyEx(body.view(np.uint8), cv2.MORPH_CLOSE, kernel)
+        runs = cv2.morphologyEx(runs, cv2.MORPH_OPEN, kernel)
+        edges = np.diff(runs, axis=0, prepend=np.uint8(0)) == 1
+        double = np.flatnonzero(np.count_nonzero(edges, axis=0) > 1)
+        if len(double) >= half:
+            raise _Stop(
+                Status.NOT_A_FUNCTION,
+                f"{turn.lines} {double[0] + first} to {double[-1] + first} from the base side hold two separate pieces "
+                "of catheter: the shape bends past 90 degrees, or something else is in the picture",
+            )
+
+
+class _Turn:
+    """Turns a picture in thought so that the base lies on the left, and points back again."""
+
+    def __init__(self, side: str, box: tuple[slice, slice]) -> None:
+        self.upright = side in ("top", "bottom")
+        self.mirrored = side in ("right", "bottom")
+        self.box = box
+        self.lines = "rows" if self.upright else "columns"
+
+    def view(self, picture: BoolArray) -> BoolArray:
+        """``picture`` within the box, base on the left."""
+        part = picture[self.box]
+        part = part.T if self.upright else part
+        return np.ascontiguousarray(part[:, ::-1] if self.mirrored else part)
+
+    def to_image(self, columns: FloatArray | IntArray, rows: FloatArray | IntArray) -> FloatArray:
+        """(n, 2) image points (u, v) of columns and rows of `view`."""
+        v, u = self.box
+        along = np.asarray(columns, dtype=np.float64)
+        across = np.asarray(rows, dtype=np.float64)
+        if self.mirrored:
+            along = ((v.stop - v.start) if self.upright else (u.stop - u.start)) - 1 - along
+        pair = (across, along) if self.upright else (along, across)
+        return np.column_stack([pair[0] + u.start, pair[1] + v.start])
+
+
+def _refuse_cut(body: BoolArray, diameter: float, turn: _Turn) -> None:
+    """A shaft that touches a border other than the base's leaves the picture: its tip is not seen."""
+    names = {"far": body[:, -1], "first": body[0, 1:], "last": body[-1, 1:]}
+    for border, pixels in names.items():
+        if np.count_nonzero(pixels) >= max(2.0, 0.5 * diameter):
+            across = "columns" if turn.upright else "rows"
+            which = "at the border opposite its base" if border == "far" else f"through the {border} of the {across}"
+            raise _Stop(Status.CUT_OFF, f"the catheter leaves what is looked at {which}: its tip is not seen")
+
+
+def grey_of(image: Image) -> Image:
+    """(h, w) of an RGB or grey picture: thesis algorithm 1, line 4."""
+    return (
+        np.ascontiguousarray(image)
+        if image.ndim == 2
+        else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.uint8, copy=False)
+    )
+
+
+def _box(roi: tuple[int, int, int, int] | None, picture: npt.NDArray[Any]) -> tuple[slice, slice]:
+    height, width = picture.shape
+    u0, v0, u1, v1 = roi or (0, 0, width, height)
+    u0, v0 = min(max(0, u0), width - 1), min(max(0, v0), height - 1)
+    return slice(v0, max(v0 + 1, min(height, v1))), slice(u0, max(u0 + 1, min(width, u1)))
+
+
+def _within(box: tuple[int, int, int, int], picture: BoolArray) -> BoolArray:
+    inside = np.zeros(picture.shape, dtype=np.bool_)
+    u0, v0, u1, v1 = box
+    inside[max(0, v0) : max(0, v1), max(0, u0) : max(0, u1)] = True
+    return inside
+
+
+def resampled(points: FloatArray, count: int) -> FloatArray:
+    """(count, 2): ``points`` (n, 2) at equal steps of arc length."""
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    length = np.concatenate([[0.0], np.cumsum(steps)])
+    at = np.linspace(0.0, length[-1], count)
+    return np.column_stack([np.interp(at, length, points[:, k]) for k in range(2)])
