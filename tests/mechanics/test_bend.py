@@ -1,0 +1,170 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tipforce.mechanics import Rod, bend
+
+# Cantilever with a transverse dead load, alpha = P L^2 / EI: deflection / L, shortening / L, tip angle in rad
+# (Bisshopp and Drucker 1945; Mattiasson 1981).
+CANTILEVER = {
+    0.5: (0.16214, 0.01592, 0.24453),
+    1.0: (0.30172, 0.05643, 0.46135),
+    2.0: (0.49346, 0.16064, 0.78175),
+    5.0: (0.71379, 0.38763, 1.21537),
+    10.0: (0.81061, 0.55500, 1.43029),
+}
+
+forces = st.tuples(st.floats(-0.25, 0.25), st.floats(-0.25, 0.25)).map(np.array)
+rods = st.builds(
+    Rod,
+    flexible_length_m=st.floats(0.035, 0.065),
+    bending_stiffness_nm2=st.floats(3e-4, 9e-4),
+    rigid_length_m=st.sampled_from([0.0, 0.008]),
+    precurvature_per_m=st.floats(-20, 20),
+    stiffening_curvature_per_m=st.sampled_from([math.inf, 40.0]),
+)
+
+
+def cantilever(alpha, segments):
+    shape = bend(Rod(1.0, 1.0, segments=segments), np.array([0.0, alpha]))
+    x, y = shape.tip_m
+    return np.array([y, 1 - x, shape.tip_angle_rad])
+
+
+@pytest.mark.parametrize("alpha", CANTILEVER)
+def test_published_cantilever_is_met_by_extrapolation(alpha):
+    coarse, fine = cantilever(alpha, 50), cantilever(alpha, 100)
+    np.testing.assert_allclose((4 * fine - coarse) / 3, CANTILEVER[alpha], atol=1e-5)
+
+
+def test_error_falls_with_the_square_of_the_segment_length():
+    exact = (4 * cantilever(5.0, 400) - cantilever(5.0, 200)) / 3
+    errors = [np.abs(cantilever(5.0, n) - exact).max() for n in (20, 40, 80)]
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
+    assert errors[1] / errors[2] == pytest.approx(4, rel=0.05)
+
+
+def test_small_load_gives_the_linear_beam():
+    rod = Rod(0.048, 4.3e-4, segments=200)
+    shape = bend(rod, np.array([0.0, 1e-5]))
+    assert shape.tip_m[1] == pytest.approx(1e-5 * 0.048**3 / (3 * 4.3e-4), rel=1e-4)
+
+
+@pytest.mark.parametrize("moment", [-0.02, 0.001, 0.03])
+def test_pure_moment_bends_to_a_circle(moment):
+    rod = Rod(0.04, 4.3e-4, precurvature_per_m=5.0)
+    shape = bend(rod, np.zeros(2), moment)
+    curvature = 5.0 + moment / 4.3e-4
+    assert shape.tip_angle_rad == pytest.approx(curvature * 0.04, rel=1e-9)
+    # O(h^2): the polygon around an arc is longer than the arc by (k h)^2 / 24
+    np.testing.assert_allclose(
+        shape.tip_m,
+        np.array([math.sin(curvature * 0.04), 1 - math.cos(curvature * 0.04)]) / curvature,
+        rtol=(curvature * 0.0008) ** 2 / 20 + 1e-9,
+    )
+
+
+def test_moment_over_curvature_follows_the_stiffening():
+    rod = Rod(0.04, 4.3e-4, precurvature_per_m=5.0, stiffening_curvature_per_m=40.0)
+    shape = bend(rod, np.zeros(2), 0.012)
+    curvature = shape.tip_angle_rad / 0.04
+    assert 4.3e-4 * (1 + (curvature / 40) ** 2) * (curvature - 5.0) == pytest.approx(0.012, rel=1e-8)
+
+
+@settings(max_examples=60, deadline=None)
+@given(rods, forces)
+def test_moment_at_the_base_balances_the_tip_load(rod, force):
+    shape = bend(rod, force)
+    assert shape.converged
+    curvature = shape.angles_rad[0] / (rod.flexible_length_m / rod.segments / 2)
+    stiffer = 1 + (curvature / rod.stiffening_curvature_per_m) ** 2
+    moment = rod.bending_stiffness_nm2 * stiffer * (curvature - rod.precurvature_per_m)
+    x, y = shape.tip_m
+    assert moment == pytest.approx(x * force[1] - y * force[0], abs=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(rods, forces)
+def test_energy_falls_with_the_load_by_the_way_of_the_tip(rod, force):
+    # Castigliano's theorem for the energy less the load's work: its slope with the force is minus the tip's place.
+    shape, small = bend(rod, force), 1e-5
+    if not shape.stable or np.linalg.norm(force) > 0.15:
+        return  # near a fold the shape runs away from any finite difference
+    for axis in range(2):
+        step = np.eye(2)[axis] * small
+        slope = (bend(rod, force + step, start=shape).energy_j - bend(rod, force - step, start=shape).energy_j) / (
+            2 * small
+        )
+        assert slope == pytest.approx(-shape.tip_m[axis], abs=2e-7)
+
+
+@settings(max_examples=30, deadline=None)
+@given(rods, forces)
+def test_mirrored_rod_under_mirrored_load_has_the_mirrored_shape(rod, force):
+    mirrored = Rod(
+        rod.flexible_length_m,
+        rod.bending_stiffness_nm2,
+        rod.rigid_length_m,
+        -rod.precurvature_per_m,
+        rod.stiffening_curvature_per_m,
+    )
+    there, here = bend(mirrored, force * [1, -1]), bend(rod, force)
+    np.testing.assert_allclose(there.angles_rad, -here.angles_rad, atol=1e-7)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.3, 3.0), forces)
+def test_shape_depends_on_the_load_over_the_stiffness_alone(scale, force):
+    small = bend(Rod(0.04, 4.3e-4, 0.008, 5.0), force)
+    large = bend(Rod(0.04 * scale, 4.3e-4, 0.008 * scale, 5.0 / scale), force / scale**2)
+    np.testing.assert_allclose(large.angles_rad, small.angles_rad, atol=1e-7)
+
+
+def test_a_rigid_tip_acts_as_a_lever():
+    force = np.array([-0.1, -0.15])
+    whole = bend(Rod(0.04, 4.3e-4, 0.008, 5.0), force)
+    lever = 0.008 * np.array([math.cos(whole.tip_angle_rad), math.sin(whole.tip_angle_rad)])
+    shaft = bend(Rod(0.04, 4.3e-4, 0.0, 5.0), force, lever[0] * force[1] - lever[1] * force[0])
+    np.testing.assert_allclose(shaft.angles_rad, whole.angles_rad, atol=1e-8)
+
+
+@settings(max_examples=30, deadline=None)
+@given(rods, st.floats(0, 2 * math.pi))
+def test_a_warm_start_ends_where_continuation_ends(rod, direction):
+    force = 0.08 * np.array([math.cos(direction), math.sin(direction)])
+    cold = bend(rod, force)
+    warm = bend(rod, force, start=bend(rod, 0.95 * force))
+    np.testing.assert_allclose(warm.angles_rad, cold.angles_rad, atol=1e-7)
+
+
+@pytest.mark.parametrize(("share", "stable"), [(0.98, True), (1.02, False)])
+def test_euler_column_loses_its_stability_at_the_buckling_load(share, stable):
+    critical = math.pi**2 * 4.3e-4 / (4 * 0.065**2)
+    shape = bend(Rod(0.065, 4.3e-4), np.array([-share * critical, 0.0]))
+    assert shape.converged
+    assert shape.stable is stable
+
+
+def test_centreline_is_uniform_and_ends_at_the_tip():
+    rod = Rod(0.0393, 4.3e-4, 0.008, 5.0)
+    shape = bend(rod, np.array([-0.05, -0.1]))
+    line = rod.centreline_m(shape.angles_rad, 97)
+    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    np.testing.assert_allclose(steps, rod.length_m / 96, rtol=2e-4)
+    np.testing.assert_allclose(line[[0, -1]], [[0, 0], shape.tip_m], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"flexible_length_m": 0.0}, {"bending_stiffness_nm2": -1.0}, {"segments": 3}, {"rigid_length_m": -0.1}]
+)
+def test_impossible_rods_are_refused(wrong):
+    with pytest.raises(ValueError, match="a rod needs"):
+        Rod(**{"flexible_length_m": 0.04, "bending_stiffness_nm2": 4e-4, **wrong})
+
+
+def test_precurvature_beyond_the_stiffening_law_is_refused():
+    with pytest.raises(ValueError, match="precurvature_per_m"):
+        Rod(0.04, 4e-4, precurvature_per_m=70.0, stiffening_curvature_per_m=40.0)

@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tipforce.mechanics._newton import Elastic, Load, Springs, _assemble, _newton_step, energy_at, relax
+
+ROD = Elastic(h=0.004, lever=0.007, ei=4.3e-4, k0=5.0, soft=1 / 40**2)
+LOAD = Load(-0.1, 0.05, 1e-3)
+SPRINGS = Springs(dx=0.8, dy=0.6, position=0.030, kn=120.0, kt=80.0, anchor=0.002, radius=0.00116)
+
+
+def dense(theta, load=LOAD, springs=SPRINGS):
+    """Gradient and Hessian as the kernel has them, written out."""
+    n = theta.size
+    work, cosine, sine = np.empty((8, n)), np.empty(n), np.empty(n)
+    _, depth, slide = energy_at(theta, cosine, sine, ROD, load, springs)
+    _assemble(theta, cosine, sine, ROD, load, springs, depth, slide, work)
+    hessian = np.diag(work[1]) + np.diag(work[2][:-1], 1) + np.diag(work[2][:-1], -1)
+    return work, work[0].copy(), hessian + np.outer(work[3], work[3]) + np.outer(work[4], work[4])
+
+
+@pytest.mark.parametrize("kn", [0.0, 120.0])
+def test_gradient_and_hessian_are_the_derivatives_of_the_energy(kn):
+    springs, load = SPRINGS._replace(kn=kn), LOAD
+    theta = np.linspace(0.02, 0.5, 11)
+    cosine, sine = np.empty(11), np.empty(11)
+
+    def energy(angles):
+        return energy_at(angles, cosine, sine, ROD, load, springs)[0]
+
+    _, gradient, hessian = dense(theta, load, springs)
+    for i in range(11):
+        step = np.eye(11)[i] * 1e-5
+        assert (energy(theta + step) - energy(theta - step)) / 2e-5 == pytest.approx(gradient[i], abs=1e-9)
+        slope = (dense(theta + step, load, springs)[1] - dense(theta - step, load, springs)[1]) / 2e-5
+        np.testing.assert_allclose(slope, hessian[i], atol=1e-6)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(-0.2, 1.0))
+def test_bordered_step_solves_the_system_or_knows_that_it_is_not_definite(seed, firmness):
+    rng = np.random.default_rng(seed)
+    work = np.zeros((8, 9))
+    work[:5] = rng.normal(size=(5, 9))
+    work[1] += 2.0 * firmness
+    full = np.diag(work[1]) + np.diag(work[2][:-1], 1) + np.diag(work[2][:-1], -1)
+    full += np.outer(work[3], work[3]) + np.outer(work[4], work[4])
+    lowest = np.linalg.eigvalsh(full)[0]
+    step = np.empty(9)
+    assert _newton_step(work, 0.0, step) == (lowest > 0) or abs(lowest) < 1e-9
+    shift = max(0.0, 0.1 - lowest)
+    assert _newton_step(work, shift, step)
+    np.testing.assert_allclose((full + shift * np.eye(9)) @ step, -work[0], atol=1e-7)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_from_any_start_a_minimum_is_reached(seed):
+    rng = np.random.default_rng(seed)
+    theta = rng.normal(scale=1.0, size=11)
+    load = Load(*rng.uniform(-0.3, 0.3, 2), 0.0)
+    outcome = relax(theta, ROD, load, SPRINGS)
+    assert outcome.converged
+    assert outcome.stable
+    assert np.linalg.eigvalsh(dense(theta, load)[2])[0] > 0
