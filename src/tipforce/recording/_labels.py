@@ -1,7 +1,11 @@
 """The force at each picture's mid-exposure."""
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from ..errors import InputError
 from ..types import BoolArray, FloatArray, IntArray
 from ._reader import RecordingReader
 
@@ -10,7 +14,11 @@ __all__ = ["Labels", "labels"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Labels:
-    """``stamp_ns`` (n,) of the frames; ``force_n`` (n, 3): tissue on tip, base frame, NaN where none; ``known`` (3,)."""
+    """Forces of the tissue on the tip, base frame.
+
+    ``stamp_ns`` (n,): the frames'; ``force_n`` (n, 3): NaN where there is none; ``known`` (3,): the components that
+    the sensor gives at all.
+    """
 
     stamp_ns: IntArray
     force_n: FloatArray
@@ -20,6 +28,55 @@ class Labels:
 def labels(reader: RecordingReader, *, camera: str = "camera", force: str = "force", max_gap_s: float = 0.05) -> Labels:
     """Force at every frame: clock offset applied, tare subtracted, rotated into the base frame, linear in time.
 
-    NaN where the readings around a frame lie more than ``max_gap_s`` apart or on one side only.
+    NaN where the readings around a frame lie more than ``max_gap_s`` apart or on one side only. The force series is
+    read chunk by chunk. Raises InputError where readings are in the sensor's frame and nobody stated its pose.
     """
-    raise NotImplementedError
+    info = reader.info
+    frames = reader.stamps(camera)
+    values = np.full((len(frames), 3), math.nan)
+    last_time, last_value = np.empty(0, np.int64), np.empty((0, 3))
+    for times, wrench, frame in reader.wrench_blocks(force):
+        here = times + info.clock_offset.offset_ns
+        readings = _in_base(wrench[:, :3], frame, reader)
+        here, readings = np.concatenate([last_time, here]), np.concatenate([last_value, readings])
+        if np.any(np.diff(here) < 0):
+            order = np.argsort(here, kind="stable")
+            here, readings = here[order], readings[order]
+        inside = np.flatnonzero((frames >= here[0]) & (frames <= here[-1]))
+        if len(inside):
+            values[inside] = _interpolate(frames[inside], here, readings, round(max_gap_s * 1e9))
+        last_time, last_value = here[-1:], readings[-1:]
+    known = np.zeros(3, np.bool_)
+    if len(last_value):
+        known = np.logical_not(np.isnan(last_value[0]))
+    values[np.isnan(values[:, known]).any(axis=1)] = math.nan
+    return Labels(frames, values, known)
+
+
+def _in_base(force: FloatArray, frame: str, reader: RecordingReader) -> FloatArray:
+    if frame == "base":
+        return force - reader.info.tare.force_n
+    pose = reader.info.sensor
+    if pose is None:
+        raise InputError(
+            f"{reader.path}: forces are in the frame {frame!r}, whose pose the recording does not state; import it "
+            "again with --sensor-angle-deg and --reads"
+        )
+    tared = force - reader.info.tare.force_n
+    unknown = np.isnan(tared)
+    # a planar sensor's unknown axis must not spoil the others: 0 * NaN is NaN
+    turned = np.where(unknown, 0.0, tared) @ pose.matrix.T
+    spoilt = unknown @ (np.abs(pose.matrix.T) > 1e-12)
+    turned[spoilt.astype(np.bool_)] = math.nan
+    return turned
+
+
+def _interpolate(at: IntArray, times: IntArray, values: FloatArray, max_gap_ns: int) -> FloatArray:
+    right = np.clip(np.searchsorted(times, at, side="left"), 1, len(times) - 1) if len(times) > 1 else None
+    if right is None:
+        return np.where((at == times[0])[:, None], values[0], math.nan)
+    left = right - 1
+    gap = times[right] - times[left]
+    share = ((at - times[left]) / np.maximum(gap, 1))[:, None]
+    found = values[left] + share * (values[right] - values[left])
+    return np.where((gap > max_gap_ns)[:, None], math.nan, found)

@@ -1,26 +1,148 @@
 """Video files: true stamps in, H.264 that plays in a browser out."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from ..types import Frame
+import av
+import av.error
+import numpy as np
+from av.container import InputContainer, OutputContainer
 
-__all__ = ["VideoWriter", "write_video"]
+from ..errors import FileFormatError, InputError, TimeError
+from ..types import Frame, Image
+from ._files import part_of
+
+__all__ = ["VideoWriter", "read_video", "video_size", "write_video"]
+
+_TICKS = 90_000
+"""Ticks a second of the files we write: 11 microseconds, the clock of broadcast video."""
+
+
+def _said(error: Exception) -> str:
+    return str(error).split("] ", 1)[-1].split(":")[0].strip()
+
+
+def _open(path: Path) -> InputContainer:
+    if not path.exists():
+        raise FileFormatError(f"{path}: there is no such file")
+    if path.stat().st_size == 0:
+        raise FileFormatError(f"{path}: the file is empty, not a video")
+    try:
+        container = av.open(str(path))
+    except av.error.FFmpegError as error:
+        if path.suffix.lower() in (".mp4", ".mov", ".m4v"):
+            raise FileFormatError(
+                f"{path}: cannot be opened as a video ({_said(error)}): an .mp4 whose recording was cut off has no "
+                "index; record again, or repair it from an intact file of the same camera"
+            ) from None
+        raise FileFormatError(f"{path}: is no video that FFmpeg can read ({_said(error)})") from None
+    if not container.streams.video:
+        container.close()
+        raise FileFormatError(f"{path}: holds no video stream")
+    return container
+
+
+def video_size(path: Path) -> int:
+    """Frames that the file says it holds; 0 where it does not say."""
+    with _open(path) as container:
+        stream = container.streams.video[0]
+        if stream.frames:
+            return stream.frames
+        rate = stream.average_rate
+        seconds = (container.duration or 0) / 1_000_000
+        return round(seconds * float(rate)) if rate else 0
+
+
+def read_video(path: Path, view: str = "camera") -> Iterator[Frame]:
+    """All frames with their own stamps, taken as mid-exposure; grey where the file is, else RGB.
+
+    Raises FileFormatError for what is no video or breaks off, TimeError where stamps are missing, repeated or run
+    backwards.
+    """
+    with _open(path) as container:
+        stream = container.streams.video[0]
+        stream.thread_type = "AUTO"
+        count, last = 0, None
+        try:
+            for picture in container.decode(stream):
+                if picture.pts is None or picture.time_base is None:
+                    raise TimeError(f"{path}: frame {count} has no time stamp; write the video with time stamps")
+                stamp_ns = round(picture.pts * picture.time_base * 1_000_000_000)
+                if last is not None and stamp_ns <= last:
+                    what = "repeats the stamp of" if stamp_ns == last else "is stamped before"
+                    raise TimeError(
+                        f"{path}: frame {count} ({stamp_ns * 1e-9:.6f} s) {what} the frame before it "
+                        f"({last * 1e-9:.6f} s); write the video with rising stamps, or as images with a stamps.csv"
+                    )
+                grey = picture.format.name.startswith("gray")
+                image = picture.to_ndarray(format="gray" if grey else "rgb24")
+                yield Frame(stamp_ns, np.ascontiguousarray(image, dtype=np.uint8), view)
+                count, last = count + 1, stamp_ns
+        except av.error.FFmpegError as error:
+            raise FileFormatError(f"{path}: cannot be read beyond frame {count} ({_said(error)}); {_REMEDY}") from None
+        if count == 0:
+            raise FileFormatError(f"{path}: not one frame can be read; the video is cut off or damaged")
+        if stream.frames and count < 0.98 * stream.frames:
+            raise FileFormatError(f"{path}: is cut off: {count} of {stream.frames} frames can be read; {_REMEDY}")
+
+
+_REMEDY = "to use what is there, cut it out first: ffmpeg -i VIDEO -c copy WHOLE.mp4"
 
 
 class VideoWriter:
-    """An ``.mp4``, H.264 yuv420p, index in front; the name appears when it is closed without an error."""
+    """An ``.mp4``, H.264 yuv420p, index in front; a context manager. The name appears when it closes without an error.
+
+    ``fps``: the nominal rate; every frame is shown at its own stamp minus ``zero_ns`` (None: the first frame's stamp).
+    ``crf``: quality, 0 (lossless) to 51. Sizes that are odd are widened by one pixel. Grey frames stay neutral.
+    """
 
     def __init__(
         self, path: Path | str, fps: float, *, crf: int = 20, zero_ns: int | None = None, overwrite: bool = True
     ) -> None:
-        raise NotImplementedError
+        self.path = Path(path)
+        self._part = part_of(self.path)
+        if not self.path.parent.is_dir():
+            raise FileFormatError(f"{self.path}: the folder {self.path.parent} does not exist; make it first")
+        if self.path.exists() and not overwrite:
+            raise FileFormatError(f"{self.path}: exists already; choose another name or state --overwrite")
+        if not 0.01 <= fps <= 10_000:
+            raise InputError(f"{self.path}: {fps} frames a second is no rate for a video")
+        self._rate = Fraction(fps).limit_denominator(1001)
+        self._crf, self._zero_ns = crf, zero_ns
+        self._container: OutputContainer | None = None
+        self._stream: av.VideoStream | None = None
+        self._last_ticks = -1
+        self._size: tuple[int, int] | None = None
 
     def write(self, frame: Frame) -> None:
-        """One frame, shown at its stamp minus ``zero_ns`` (None: the first frame's stamp)."""
-        raise NotImplementedError
+        """One frame. Raises TimeError where its stamp is not later than the last, InputError where its size changed."""
+        image = _even(frame.image)
+        if self._zero_ns is None:
+            self._zero_ns = frame.stamp_ns
+        ticks = round((frame.stamp_ns - self._zero_ns) * _TICKS / 1_000_000_000)
+        if ticks <= self._last_ticks:
+            raise TimeError(f"{self.path}: the stamp {frame.stamp_ns} ns is not later than the one before it")
+        stream, container = self._opened(image)
+        if self._size != image.shape[:2]:
+            raise InputError(f"{self.path}: a frame of {image.shape[:2]} pixels follows frames of {self._size}")
+        picture = av.VideoFrame.from_ndarray(image, format="gray" if image.ndim == 2 else "rgb24")
+        picture.pts, picture.time_base = ticks, Fraction(1, _TICKS)
+        container.mux(stream.encode(picture))
+        self._last_ticks = ticks
+
+    def _opened(self, image: Image) -> tuple[av.VideoStream, OutputContainer]:
+        if self._container is None or self._stream is None:
+            container = av.open(str(self._part), "w", format="mp4", options={"movflags": "faststart"})
+            options = {"crf": str(self._crf), "preset": "veryfast", "bf": "0"}
+            stream = container.add_stream("libx264", rate=self._rate, options=options)
+            stream.height, stream.width = image.shape[:2]
+            stream.pix_fmt = "yuv420p"
+            stream.time_base = stream.codec_context.time_base = Fraction(1, _TICKS)
+            self._container, self._stream, self._size = container, stream, image.shape[:2]
+        return self._stream, self._container
 
     def __enter__(self) -> Self:
         return self
@@ -28,11 +150,30 @@ class VideoWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        raise NotImplementedError
+        if self._container is None or self._stream is None:
+            if error is None:
+                raise InputError(f"{self.path}: there is not one frame to write")
+            return
+        try:
+            if error is None:
+                self._container.mux(self._stream.encode(None))
+        finally:
+            self._container.close()
+        if error is None:
+            self._part.replace(self.path)
+        else:
+            self._part.unlink(missing_ok=True)
+
+
+def _even(image: Image) -> Image:
+    height, width = image.shape[:2]
+    if height % 2 == 0 and width % 2 == 0:
+        return np.ascontiguousarray(image)
+    return np.pad(image, ((0, height % 2), (0, width % 2), *(((0, 0),) * (image.ndim - 2))), mode="edge")
 
 
 def write_video(path: Path | str, frames: Iterable[Frame], fps: float) -> None:
-    """All ``frames`` as an ``.mp4``."""
+    """All ``frames`` as an ``.mp4``: see `VideoWriter`."""
     with VideoWriter(path, fps) as video:
         for frame in frames:
             video.write(frame)

@@ -1,0 +1,66 @@
+"""Actuation between its readings: one rule for files and live streams."""
+
+import math
+
+import numpy as np
+
+from ..types import Actuation, FloatArray, IntArray
+
+__all__ = ["WAIT_S", "ActuationSeries"]
+
+WAIT_S = 0.5
+"""How much later than a frame a reading may come and still be used to interpolate at the frame."""
+
+
+class ActuationSeries:
+    """Readings of all drives, by name, in the order in which they came."""
+
+    def __init__(self) -> None:
+        self._stamps: dict[str, list[int]] = {}
+        self._values: dict[str, list[float]] = {}
+
+    def add(self, event: Actuation) -> None:
+        """One reading; a stamp that is not later than the one before replaces it."""
+        for name, value in event.values.items():
+            stamps = self._stamps.setdefault(name, [])
+            values = self._values.setdefault(name, [])
+            while stamps and stamps[-1] >= event.stamp_ns:
+                stamps.pop()
+                values.pop()
+            stamps.append(event.stamp_ns)
+            values.append(value)
+
+    def settled_at(self, stamp_ns: int) -> bool:
+        """True where every name has a reading at or after ``stamp_ns``: later ones change nothing."""
+        return all(stamps[-1] >= stamp_ns for stamps in self._stamps.values())
+
+    def forget_before(self, stamp_ns: int) -> None:
+        """Drop what no frame at or after ``stamp_ns`` needs."""
+        for name, stamps in self._stamps.items():
+            keep = 0
+            while keep + 1 < len(stamps) and stamps[keep + 1] <= stamp_ns:
+                keep += 1
+            if keep:
+                del stamps[:keep], self._values[name][:keep]
+
+    def at(self, stamps_ns: IntArray, *, wait_s: float = WAIT_S) -> dict[str, FloatArray]:
+        """Name -> (n,): linear where the next reading comes within ``wait_s`` of the stamp, else the last one holds.
+
+        >>> series = ActuationSeries()
+        >>> for second, knob_deg in ((0, 0.0), (1, 10.0), (9, 90.0)):
+        ...     series.add(Actuation(second * 10**9, {"knob_deg": knob_deg}))
+        >>> series.at(np.array([-1, 0, 600_000_000, 5_000_000_000]))["knob_deg"]
+        array([nan,  0.,  6., 10.])
+        """
+        found: dict[str, FloatArray] = {}
+        for name, known in self._stamps.items():
+            stamps, values = np.array(known, dtype=np.int64), np.array(self._values[name])
+            last = np.searchsorted(stamps, stamps_ns, side="right") - 1
+            after = np.minimum(last + 1, len(stamps) - 1)
+            before = np.maximum(last, 0)
+            step = np.maximum(stamps[after] - stamps[before], 1)
+            near = (after > last) & (stamps[after] - stamps_ns <= wait_s * 1e9)
+            share = np.where(near, (stamps_ns - stamps[before]) / step, 0.0)
+            value = values[before] + share * (values[after] - values[before])
+            found[name] = np.where(last < 0, math.nan, value)
+        return found

@@ -1,0 +1,150 @@
+"""The three ROS 2 messages of a recording, packed and unpacked by hand: CDR, little endian, fixed schemas.
+
+Own packing because it is ten times faster than a general decoder and lets a whole force series be read as one array;
+the tests hold it against the ROS 2 decoder of ``mcap-ros2-support``.
+"""
+
+import struct
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..errors import FileFormatError
+from ..types import FloatArray
+
+__all__ = [
+    "COMPRESSED_IMAGE",
+    "JOINT_STATE",
+    "SCHEMAS",
+    "WRENCH_STAMPED",
+    "pack_image",
+    "pack_joints",
+    "pack_wrench",
+    "unpack_image",
+    "unpack_joints",
+    "unpack_wrench",
+    "wrench_layout",
+]
+
+COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
+WRENCH_STAMPED = "geometry_msgs/msg/WrenchStamped"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+
+_RULE = "\n" + "=" * 80 + "\nMSG: "
+_HEADER = (
+    f"{_RULE}std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id"
+    f"{_RULE}builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+)
+SCHEMAS: dict[str, str] = {
+    COMPRESSED_IMAGE: f"std_msgs/Header header\nstring format\nuint8[] data{_HEADER}",
+    WRENCH_STAMPED: (
+        "std_msgs/Header header\ngeometry_msgs/Wrench wrench"
+        f"{_RULE}geometry_msgs/Wrench\ngeometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque"
+        f"{_RULE}geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z{_HEADER}"
+    ),
+    JOINT_STATE: (
+        f"std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort{_HEADER}"
+    ),
+}
+"""Message definitions as ROS 2 tools expect them in a file ("ros2msg")."""
+
+_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
+_START = 4  # alignment counts from behind the encapsulation
+
+
+def _string(text: str) -> bytes:
+    raw = text.encode() + b"\0"
+    return struct.pack("<I", len(raw)) + raw
+
+
+def _padded(raw: bytes, step: int) -> bytes:
+    return raw + bytes(-(len(raw) - _START) % step)
+
+
+def _header(stamp_ns: int, frame: str) -> bytes:
+    return _LITTLE_ENDIAN + struct.pack("<iI", *divmod(stamp_ns, 1_000_000_000)) + _string(frame)
+
+
+def pack_image(stamp_ns: int, frame: str, encoding: str, data: bytes) -> bytes:
+    """A CompressedImage: ``encoding`` is "jpeg" or "png"."""
+    head = _padded(_header(stamp_ns, frame), 4) + _string(encoding)
+    return b"".join((_padded(head, 4), struct.pack("<I", len(data)), data))
+
+
+def pack_wrench(stamp_ns: int, frame: str, force_n: FloatArray, torque_nm: FloatArray) -> bytes:
+    """A WrenchStamped: force (3,), torque (3,)."""
+    return _padded(_header(stamp_ns, frame), 8) + struct.pack("<6d", *force_n, *torque_nm)
+
+
+def pack_joints(stamp_ns: int, values: Mapping[str, float]) -> bytes:
+    """A JointState: every name ends in its unit and ``position`` holds the value in that unit."""
+    raw = _padded(_header(stamp_ns, ""), 4) + struct.pack("<I", len(values))
+    for name in values:
+        raw = _padded(raw, 4) + _string(name)
+    raw = _padded(raw, 4) + struct.pack("<I", len(values))
+    if values:
+        raw = _padded(raw, 8) + struct.pack(f"<{len(values)}d", *values.values())
+    return raw + struct.pack("<II", 0, 0)
+
+
+class _Cursor:
+    """Walks through one message."""
+
+    def __init__(self, raw: bytes | memoryview) -> None:
+        if bytes(raw[:2]) != _LITTLE_ENDIAN[:2]:
+            raise FileFormatError(f"a message starts with {bytes(raw[:4]).hex()}: only little-endian CDR is read")
+        self.raw, self.at = raw, _START
+
+    def take(self, layout: str, step: int) -> tuple[float, ...]:
+        self.at += -(self.at - _START) % step
+        values = struct.unpack_from("<" + layout, self.raw, self.at)
+        self.at += struct.calcsize("<" + layout)
+        return values
+
+    def count(self) -> int:
+        return int(self.take("I", 4)[0])
+
+    def text(self) -> str:
+        length = self.count()
+        raw = bytes(self.raw[self.at : self.at + max(length - 1, 0)])
+        self.at += length
+        return raw.decode()
+
+    def stamp(self) -> int:
+        sec, nanosec = self.take("iI", 4)
+        return int(sec) * 1_000_000_000 + int(nanosec)
+
+
+def unpack_image(raw: bytes | memoryview) -> tuple[int, str, memoryview]:
+    """Stamp, format and the compressed bytes."""
+    cursor = _Cursor(raw)
+    stamp_ns, _frame, encoding = cursor.stamp(), cursor.text(), cursor.text()
+    length = cursor.count()
+    return stamp_ns, encoding, memoryview(raw)[cursor.at : cursor.at + length]
+
+
+def unpack_wrench(raw: bytes | memoryview) -> tuple[int, str, FloatArray, FloatArray]:
+    """Stamp, frame of reference, force (3,), torque (3,)."""
+    cursor = _Cursor(raw)
+    stamp_ns, frame = cursor.stamp(), cursor.text()
+    values = np.array(cursor.take("6d", 8))
+    return stamp_ns, frame, values[:3], values[3:]
+
+
+def unpack_joints(raw: bytes | memoryview) -> tuple[int, dict[str, float]]:
+    """Stamp, and name -> position."""
+    cursor = _Cursor(raw)
+    stamp_ns = cursor.stamp()
+    cursor.text()
+    names = [cursor.text() for _ in range(cursor.count())]
+    positions = cursor.count()
+    values = cursor.take(f"{positions}d", 8) if positions else ()
+    return stamp_ns, dict(zip(names, values, strict=False))
+
+
+def wrench_layout(raw: bytes | memoryview) -> tuple[str, int]:
+    """Frame of reference of a WrenchStamped, and where its six numbers start."""
+    cursor = _Cursor(raw)
+    cursor.stamp()
+    frame = cursor.text()
+    return frame, cursor.at + -(cursor.at - _START) % 8
