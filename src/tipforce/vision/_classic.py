@@ -18,7 +18,8 @@ __all__ = ["ClassicChain", "ClassicSteps", "grey_of", "resampled"]
 DEGREE = 4
 """Of the polynomial, thesis eq. (2)."""
 SOLID = 0.6
-"""Base points fill at least this share of the band they lie in; ground that was cut in two by its noise fills half."""
+"""Base points fill at least this share of the band they lie in, and the band at most half of the border;
+ground that was cut in two by its own noise fills half of its band."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +138,7 @@ class ClassicChain:
         found["line_px"] = turn.to_image(ends, slope * ends + offset)
         away = np.abs(rows - slope * columns - offset)
         height = len(rows) / len(np.unique(columns))
-        if 0.95 * height < SOLID * (2.0 * float(np.quantile(away, 0.95)) + 1.0):
+        if 0.95 * height < SOLID * (2.0 * float(np.quantile(away, 0.95)) + 1.0) or 2.0 * height > len(seen):
             raise _Stop(
                 Status.NO_CATHETER,
                 f"the dark and light pixels in {where} form no shaft: threshold {threshold} does not part them",

@@ -22,11 +22,12 @@ FORCE: Colour = (0, 225, 255)
 
 def shaft_mask(sighting: Sighting, shape: tuple[int, int]) -> BoolArray:
     """(h, w): the pixels within half a diameter of the centreline; none where nothing was found."""
-    mask = np.zeros(shape, dtype=np.uint8)
-    if sighting.centreline is not None and math.isfinite(sighting.diameter_px):
-        width = max(1, round(sighting.diameter_px))
-        cv2.polylines(mask, [fixed(sighting.centreline.points)], False, 1, width, cv2.LINE_8, SHIFT)
-    return mask.view(np.bool_)
+    ground = np.ones(shape, dtype=np.uint8)
+    if sighting.centreline is None or not math.isfinite(sighting.diameter_px):
+        return np.zeros(shape, dtype=np.bool_)
+    # OpenCV's own thick lines are up to two pixels too wide.
+    cv2.polylines(ground, [fixed(sighting.centreline.points)], False, 0, 1, cv2.LINE_8, SHIFT)
+    return cv2.distanceTransform(ground, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= 0.5 * sighting.diameter_px
 
 
 def draw_sighting(

@@ -1,0 +1,42 @@
+"""Pictures of a tube along a curve whose numbers are known."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from tipforce.geometry import curve_from_angle
+from tipforce.types import BasePose
+
+# The first example of a test may compile the hot loops.
+settings.register_profile("house", deadline=None)
+settings.load_profile("house")
+
+SHAPES = {"bent": [0.4, 0.5, 0.1], "hook": [1.2, 1.7, 0.3], "long": [0.1, 0.1], "straight": [0.0, 0.0]}
+"""Legendre coefficients of the tangent angle: "hook" comes back towards its base, "long" leaves the picture."""
+
+
+def _axis(shape: str) -> np.ndarray:
+    length = 820.0 if shape == "long" else 420.0
+    return BasePose(np.array([-30.0, 340.0]), -0.05).to_image(curve_from_angle(np.array(SHAPES[shape]), length, 200))
+
+
+@pytest.fixture
+def axis_of() -> Callable[[str], np.ndarray]:
+    """Name of a shape -> (200, 2) image points of its axis, from beyond the left border to the tip."""
+    return _axis
+
+
+@pytest.fixture
+def tube() -> Callable[..., np.ndarray]:
+    """Name of a shape -> (480, 640) grey picture of a dark tube, 12 px wide, on light ground."""
+
+    def draw(shape: str, noise: float = 0.0) -> np.ndarray:
+        picture = np.full((480, 640), 220, np.uint8)
+        cv2.polylines(picture, [np.round(_axis(shape) * 16).astype(np.int32)], False, 40, 12, cv2.LINE_AA, 4)
+        rough = picture + np.random.default_rng(0).normal(0, noise, picture.shape)
+        return np.clip(np.rint(rough), 0, 255).astype(np.uint8)
+
+    return draw
