@@ -2,11 +2,42 @@
 
 from pathlib import Path
 
+from ..errors import FileFormatError
 from ._dataset import Dataset
+from ._folder import METADATA, open_folder
+from ._recordings import open_recordings
+from .layouts import LAYOUTS
 
 __all__ = ["open_dataset"]
 
 
 def open_dataset(path: str | Path) -> Dataset:
-    """The samples in ``path``: a dataset folder, recordings, or a published layout."""
-    raise NotImplementedError(path)
+    """The samples in ``path``: a dataset folder, a recording, a folder of recordings, or a published layout.
+
+    Images are read when they are used. Raises FileFormatError for a path that is none of these, TableError and
+    TimeError for a table that cannot be used.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileFormatError(f"{path}: there is no such file or folder")
+    if path.is_file():
+        if path.suffix == ".mcap":
+            return open_recordings([path], path.stem)
+        if path.name == METADATA:
+            return open_folder(path.parent)
+        raise FileFormatError(
+            f"{path}: is no dataset; expected a recording (.mcap) or a folder; make a recording of a video and a force "
+            "log with `tipforce import`"
+        )
+    if (path / METADATA).exists():
+        return open_folder(path)
+    recordings = sorted(path.glob("*.mcap"))
+    if recordings:
+        return open_recordings(recordings, path.resolve().name)
+    for recognises, open_layout in LAYOUTS.values():
+        if recognises(path):
+            return open_layout(path)
+    raise FileFormatError(
+        f"{path}: holds no samples; expected {METADATA} beside images, recordings (.mcap), or a published layout "
+        f"({', '.join(LAYOUTS)})"
+    )

@@ -1,0 +1,100 @@
+"""Where a dataset's observations come from. Nothing is read before it is asked for."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import FileFormatError
+from ..recording import RecordingReader
+from ..types import FloatArray, Image, IntArray, Observation, ShapeFeatures, View
+
+__all__ = ["ImageArray", "ImageFiles", "Recordings", "ShapeTable", "read_image"]
+
+
+def read_image(path: Path) -> Image:
+    """(h, w) grey or (h, w, 3) RGB, 8 bit. Raises FileFormatError."""
+    data = path.read_bytes() if path.is_file() else b""
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR) if data else None
+    if image is None:
+        raise FileFormatError(f"{path}: the image is missing, empty or damaged; expected PNG, JPEG, TIFF or BMP")
+    return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)  # type: ignore[return-value]
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """``stamp_ns`` (n,), ``actuation``: name -> (n,), NaN where a reading is absent."""
+
+    stamp_ns: IntArray
+    actuation: Mapping[str, FloatArray]
+    view: str = field(default="camera", kw_only=True)
+
+    def read(self, rows: IntArray) -> Iterator[Observation]:
+        """The observations of ``rows``, in the order given."""
+        for row in rows.tolist():
+            yield self._observation(row, self._view(row))
+
+    def _observation(self, row: int, view: View) -> Observation:
+        actuation = {name: float(values[row]) for name, values in self.actuation.items() if values[row] == values[row]}
+        return Observation(int(self.stamp_ns[row]), {self.view: view}, actuation)
+
+    def _view(self, row: int) -> View:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class ImageFiles(_Table):
+    """Images in files: ``paths`` (n,)."""
+
+    paths: tuple[Path, ...]
+
+    def _view(self, row: int) -> View:
+        return read_image(self.paths[row])
+
+
+@dataclass(frozen=True, eq=False)
+class ImageArray(_Table):
+    """Images in memory: ``images`` (n, h, w) uint8."""
+
+    images: Image
+
+    def _view(self, row: int) -> View:
+        return self.images[row]
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeTable(_Table):
+    """Ready-made shape numbers: ``values`` (n, k), ``names`` (k,)."""
+
+    names: tuple[str, ...]
+    values: FloatArray
+
+    def _view(self, row: int) -> View:
+        return ShapeFeatures(self.names, self.values[row])
+
+
+@dataclass(frozen=True, eq=False)
+class Recordings(_Table):
+    """Frames in recordings: ``recording`` (n,) index into ``paths``, ``frame`` (n,) index of the picture in it."""
+
+    paths: tuple[Path, ...]
+    recording: npt.NDArray[np.int64]
+    frame: IntArray
+
+    def read(self, rows: IntArray) -> Iterator[Observation]:
+        """The observations of ``rows``, in the order given; one recording is open at a time."""
+        reader, current = None, -1
+        try:
+            for row in rows.tolist():
+                place = int(self.recording[row])
+                if reader is None or place != current:
+                    if reader is not None:
+                        reader.close()
+                    reader, current = RecordingReader(self.paths[place]), place
+                yield self._observation(row, reader.frame_at(int(self.frame[row]), self.view).image)
+        finally:
+            if reader is not None:
+                reader.close()
