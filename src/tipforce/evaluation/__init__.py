@@ -1,9 +1,15 @@
 """Judging methods: metrics, protocols, the constant predictor, figures and the report."""
 
+from ._candidates import candidates_from, truth_at
 from ._constant import Constant
 from ._evaluate import AS_SAVED, PROTOCOLS, Candidate, Evaluation, Row, evaluate
+from ._features import ShowsFeatures
+from ._lines import report_lines
 from ._metrics import FORCE_BINS_N, error_figures, interval_figures, percent_of_true, score
 from ._outcome import CONTACT_N, Outcome
+from ._report import write_report
+from ._sketch import ShowsShape
+from ._summary import summary, verdict
 
 __all__ = [
     "AS_SAVED",
@@ -15,9 +21,17 @@ __all__ = [
     "Evaluation",
     "Outcome",
     "Row",
+    "ShowsFeatures",
+    "ShowsShape",
+    "candidates_from",
     "error_figures",
     "evaluate",
     "interval_figures",
     "percent_of_true",
+    "report_lines",
     "score",
+    "summary",
+    "truth_at",
+    "verdict",
+    "write_report",
 ]

@@ -16,6 +16,9 @@ __all__ = ["FORCE_BINS_N", "error_figures", "interval_figures", "percent_of_true
 FORCE_BINS_N = (0.0, 0.1, 0.3, 0.6, 1.0, math.inf)
 """Edges of the bins of the reference magnitude; the clinic's window of 0.1-0.3 N is the second."""
 
+_BRIEF = {"n", "mae_n", "mae_g", "rmse_n", "max_n", "bias_n", "r2", "mean_percent_of_true", "coverage", "width_n"}
+"""What is told of every session, force bin and contact state."""
+
 _LENGTHS = ("mae", "rmse", "max", "min", "bias")
 
 
@@ -134,7 +137,11 @@ def _brief(outcome: Outcome, chosen: BoolArray) -> dict[str, Any]:
         "samples": len(part),
         "refused_share": float(np.mean(~part.answered)) if len(part) else math.nan,
         "quantities": {
-            name: {**error_figures(reference, estimate), **interval_figures(reference, interval)}
+            name: {
+                key: value
+                for key, value in (error_figures(reference, estimate) | interval_figures(reference, interval)).items()
+                if key in _BRIEF
+            }
             for name, (reference, estimate, interval) in columns.items()
         },
     }

@@ -1,0 +1,79 @@
+"""``tipforce evaluate``: an honest report."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from ._common import JsonOption, progress_bar, say, write_json
+from ._settings import SetOption, settings_from
+
+__all__ = ["command"]
+
+
+def command(
+    models: Annotated[
+        list[str], typer.Argument(metavar="MODEL...", help="Folders of saved models, or names of methods such as svr.")
+    ],
+    data: Annotated[Path, typer.Option("--data", help="Recordings, a dataset folder, or a published layout.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for report.html, metrics.json and figures.")],
+    protocol: Annotated[
+        Literal["random", "blocked", "session", "all"], typer.Option(help="What is held out for testing.")
+    ] = "all",
+    samples: Annotated[
+        int | None, typer.Option(min=1, help="Draw so many samples first (the thesis has 220); default: all.")
+    ] = None,
+    folds: Annotated[int | None, typer.Option(min=2, help="Cross-validate with so many folds.")] = None,
+    seed: Annotated[int, typer.Option(help="Of the drawn samples and splits.")] = 0,
+    truth: Annotated[
+        Path | None, typer.Option(help="Folder that simulate wrote: score against its hidden truth too.")
+    ] = None,
+    settings: SetOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Judge methods on held-out data and write a report.
+
+    A method's recipe is trained anew for every split; a saved model is also scored as it is, on sessions it never saw.
+
+    Example:
+        tipforce evaluate svr --data runs/ -o report/
+
+        tipforce evaluate models/svr models/dcfe --data runs/ --protocol session -o report/ --json -
+    """
+    from ..dataset import open_dataset
+    from ..errors import InputError
+    from ..estimators import ESTIMATORS
+    from ..evaluation import candidates_from, evaluate, report_lines, truth_at, write_report
+    from ..twin import read_truth
+
+    named = [model for model in models if model in ESTIMATORS and not Path(model).is_dir()]
+    if settings and not named:
+        raise InputError("--set changes the settings of a method that is named, such as svr; a saved model has its own")
+    candidates = candidates_from(
+        models, {name: settings_from(ESTIMATORS[name].settings_type, settings) for name in named}
+    )
+    dataset = open_dataset(data)
+    true_n = None
+    if truth is not None:
+        folders = sorted(path.parent for path in truth.rglob("truth.npz")) or [truth]
+        truths = [read_truth(folder) for folder in folders]
+        true_n = truth_at(dataset, {one.session: (one.stamp_ns, one.force_n) for one in truths})
+    with progress_bar() as report:
+        result = evaluate(
+            dataset,
+            candidates,
+            protocols=None if protocol == "all" else [protocol],
+            samples=samples,
+            folds=folds,
+            seed=seed,
+            truth_n=true_n,
+            progress=report,
+        )
+        report("report", 1.0)
+        figures = write_report(result, output, shlex.join(["tipforce", *sys.argv[1:]]))
+    for line in report_lines(figures):
+        say(line)
+    say(f"Report: {output / 'report.html'}")
+    write_json(figures, json_file)

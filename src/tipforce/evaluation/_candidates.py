@@ -1,0 +1,85 @@
+"""From what a person names to what is judged: saved model folders and methods."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from ..dataset import Dataset
+from ..errors import InputError
+from ..estimators import ESTIMATORS, create, load_model, read_manifest
+from ..types import FloatArray, IntArray
+from ._evaluate import Candidate
+
+__all__ = ["candidates_from", "truth_at"]
+
+_NEAR_NS = 5_000_000
+"""A truth belongs to a sample when their stamps differ by no more: a quarter of a frame at 50 Hz."""
+
+
+def candidates_from(models: Sequence[str], settings: Mapping[str, BaseModel] | None = None) -> list[Candidate]:
+    """A candidate for each of ``models``: a folder of a saved model, or the name of a method.
+
+    ``settings``: method -> its settings, default where it is absent; a saved model keeps its own. Raises InputError for what is neither, and
+    ModelError for a folder that is no whole model.
+    """
+    made: list[Candidate] = []
+    for model in models:
+        if Path(model).is_dir():
+            made.append(_saved(model))
+        elif model in ESTIMATORS:
+            made.append(Candidate(model, create(model, (settings or {}).get(model))))
+        else:
+            known = ", ".join(ESTIMATORS)
+            raise InputError(
+                f"{model}: is neither the folder of a saved model nor a method; the methods are {known}, "
+                "and `tipforce train DATA -o FOLDER` saves a model"
+            )
+    taken = [candidate.label for candidate in made]
+    if len(set(taken)) < len(taken):
+        # Two folders of the same name: told apart by their whole path.
+        made = [Candidate(str(Path(model)), *_rest(each)) for model, each in zip(models, made, strict=True)]
+    return made
+
+
+def truth_at(dataset: Dataset, truths: Mapping[str, tuple[IntArray, FloatArray]]) -> FloatArray:
+    """(n, 3): the true force of every sample, NaN where none is known.
+
+    ``truths``: session -> stamps (m,) and forces (m, 3) in the base frame. Raises InputError where no sample has one.
+    """
+    found = np.full((len(dataset), 3), np.nan)
+    for session, (stamps, force) in truths.items():
+        rows = np.flatnonzero(dataset.session == session)
+        if not len(rows) or not len(stamps):
+            continue
+        after = np.clip(np.searchsorted(stamps, dataset.stamp_ns[rows]), 1, max(1, len(stamps) - 1))
+        before = after - 1
+        after = np.minimum(after, len(stamps) - 1)
+        wanted = dataset.stamp_ns[rows]
+        nearest = np.where(np.abs(stamps[before] - wanted) <= np.abs(stamps[after] - wanted), before, after)
+        near = np.abs(stamps[nearest] - wanted) <= _NEAR_NS
+        found[rows[near]] = force[nearest[near]]
+    if np.isnan(found).all():
+        raise InputError(
+            f"no sample of {dataset.title} has a truth: its sessions are {', '.join(dataset.sessions[:5])}, the truth is "
+            f"of {', '.join(list(truths)[:5]) or 'none'}; give --truth the folder that `tipforce simulate` wrote"
+        )
+    return found
+
+
+def _saved(folder: str) -> Candidate:
+    fitted = load_model(folder)
+    training = read_manifest(folder).get("training", {})
+    return Candidate(
+        label=Path(folder).resolve().name,
+        recipe=fitted.unfitted(),
+        saved=fitted,
+        trained_sessions=frozenset(training.get("sessions", ())),
+        trained_fingerprint=str(training.get("fingerprint", "")),
+    )
+
+
+def _rest(candidate: Candidate) -> tuple[Any, ...]:
+    return candidate.recipe, candidate.saved, candidate.trained_sessions, candidate.trained_fingerprint

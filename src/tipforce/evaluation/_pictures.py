@@ -1,0 +1,121 @@
+"""All figures of a report, in the order of its pages, each with a file name and a caption."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..types import FloatArray
+from ._constant import Constant
+from ._evaluate import Evaluation, Row
+from ._figures import figure_23a, figure_23b, figure_24
+from ._figures_beyond import figure_residuals, figure_sessions, figure_splits, figure_trace, typical_session
+from ._style import METHOD_COLOURS, page_svg, standalone_svg, to_svg
+from ._summary import PROTOCOL_TEXT
+
+__all__ = ["Picture", "method_pictures", "overview"]
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """``slug``: the SVG file's name without ending; ``page``: SVG for the inside of the page; ``file``: on its own."""
+
+    slug: str
+    caption: str
+    page: str
+    file: str
+
+
+def _picture(slug: str, caption: str, figure: Figure) -> Picture:
+    svg = to_svg(figure)
+    return Picture(slug, caption, page_svg(svg, caption), standalone_svg(svg))
+
+
+def overview(evaluation: Evaluation) -> Picture:
+    """The splits side by side, all methods and the constant predictor."""
+    labels = [*(candidate.label for candidate in evaluation.candidates), Constant.name]
+    maes = {
+        label: {row.protocol: _mae_and_sessions(row) for row in evaluation.rows if row.method == label}
+        for label in labels
+    }
+    caption = (
+        "Bars: mean absolute error of the magnitude over all test samples. Dots: single sessions. Neighbouring frames "
+        "of one recording leak into a random split; only the sessions never seen show what a new recording will get."
+    )
+    return _picture("splits", caption, figure_splits(maes, evaluation.protocols))
+
+
+def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:
+    """The thesis's figures 23(a), 23(b) and 24, then those beyond it, of one method."""
+    place = [candidate.label for candidate in evaluation.candidates].index(method)
+    colour = METHOD_COLOURS[place % len(METHOD_COLOURS)]
+    rows = {row.protocol: row for row in evaluation.rows if row.method == method}
+    first = rows.get("random") or next(iter(rows.values()))
+    strict = rows[evaluation.honest]
+    constant = evaluation.row(Constant.name, evaluation.honest)
+    assert constant is not None
+    name = _file_name(method)
+    panels = {PROTOCOL_TEXT[row.protocol]: row.outcome for row in (first, strict)}
+    made = [
+        _picture(
+            f"{name}-fig23a",
+            f"Thesis fig. 23(a): over-estimates are positive. Samples of the split “{PROTOCOL_TEXT[first.protocol]}”; "
+            "forces below 10 mN have no percentage.",
+            figure_23a(first.outcome),
+        ),
+        _picture(
+            f"{name}-fig23b",
+            "Thesis fig. 23(b): on the line y = x the estimate equals the sensor's force.",
+            figure_23b(panels),
+        ),
+        _picture(
+            f"{name}-fig24",
+            "Thesis fig. 24: the model on the very samples it was trained on, "
+            f"split “{PROTOCOL_TEXT[evaluation.fitted[method].protocol]}”. A good fit here says nothing of new data.",
+            figure_24(evaluation.fitted[method]),
+        ),
+    ]
+    if not strict.outcome.answered.any():
+        return made
+    session = typical_session(strict.outcome)
+    return [
+        *made,
+        _picture(
+            f"{name}-residuals",
+            "Error over force. The band is the median of the 90 % intervals; a median error that leaves zero is bias.",
+            figure_residuals(strict.outcome),
+        ),
+        _picture(
+            f"{name}-trace",
+            f"Session {session}, the one with the median error of all sessions.",
+            figure_trace(strict.outcome, session, evaluation.truth_n),
+        ),
+        _picture(
+            f"{name}-sessions",
+            "Every session by itself, "
+            + ("when it was held out" if evaluation.honest == "session" else PROTOCOL_TEXT[evaluation.honest])
+            + ". Right: share of its forces inside the 90 % interval.",
+            _sessions(strict, constant, colour),
+        ),
+    ]
+
+
+def _sessions(row: Row, constant: Row, colour: str) -> Figure:
+    own, other = row.figures["by_session"], constant.figures["by_session"]
+
+    def column(groups: dict[str, dict[str, dict[str, dict[str, float]]]], key: str) -> FloatArray:
+        return np.array([groups[name]["quantities"]["magnitude"][key] for name in own], dtype=np.float64)
+
+    title = f"{row.method}: session by session"
+    return figure_sessions(
+        title, list(own), column(own, "mae_n"), column(other, "mae_n"), column(own, "coverage"), colour
+    )
+
+
+def _mae_and_sessions(row: Row) -> FloatArray:
+    sessions = row.figures["by_session"].values()
+    return np.array([row.mae_n, *(part["quantities"]["magnitude"]["mae_n"] for part in sessions)], dtype=np.float64)
+
+
+def _file_name(method: str) -> str:
+    return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in method)

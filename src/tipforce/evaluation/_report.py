@@ -1,0 +1,91 @@
+"""The report folder: ``report.html`` that needs nothing beside it, ``metrics.json``, figures as SVG."""
+
+import json
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from ..errors import InputError
+from ._evaluate import Evaluation
+from ._gallery import worst_frames
+from ._numbers import FILTERS
+from ._pictures import Picture, method_pictures, overview
+from ._summary import summary
+
+__all__ = ["write_report"]
+
+_OURS = {"report.html", "metrics.json", "figures"}
+
+
+def write_report(evaluation: Evaluation, folder: str | Path, command: str = "") -> dict[str, Any]:
+    """Write the report to ``folder``, whole or not at all, and return what its ``metrics.json`` holds.
+
+    ``command``: what was typed to make it. A folder that holds an earlier report is replaced; one that holds anything
+    else raises InputError.
+    """
+    folder = Path(folder)
+    _check(folder)
+    figures = summary(evaluation, command)
+    head = overview(evaluation)
+    labels = [candidate.label for candidate in evaluation.candidates]
+    drawn = {label: method_pictures(evaluation, label) for label in labels}
+    sections = {label: {"pictures": drawn[label], "cards": worst_frames(evaluation, label)} for label in labels}
+    page = _environment().get_template("report.html").render(r=figures, overview=head, sections=sections)
+    pictures = [head, *(picture for made in drawn.values() for picture in made)]
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    try:
+        _fill(fresh, page, figures, pictures)
+        _swap(fresh, folder)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
+    return figures
+
+
+def _check(folder: Path) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file, and the report needs a folder; choose another name with -o")
+    strange = sorted({item.name for item in folder.iterdir()} - _OURS) if folder.is_dir() else []
+    if strange:
+        raise InputError(
+            f"{folder}: holds {strange[0]!r}, which is no part of a report; choose an empty folder with -o"
+        )
+
+
+def _fill(folder: Path, page: str, figures: dict[str, Any], pictures: list[Picture]) -> None:
+    folder.chmod(0o755)
+    (folder / "figures").mkdir()
+    for picture in pictures:
+        (folder / "figures" / f"{picture.slug}.svg").write_text(picture.file, encoding="utf-8")
+    text = json.dumps(figures, indent=2, allow_nan=False, ensure_ascii=False)
+    (folder / "metrics.json").write_text(text + "\n", encoding="utf-8")
+    (folder / "report.html").write_text(page, encoding="utf-8")
+
+
+def _swap(fresh: Path, folder: Path) -> None:
+    """Put ``fresh`` in the place of ``folder``: at no moment is there half a report."""
+    if not folder.exists():
+        fresh.replace(folder)
+        return
+    old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    folder.replace(old)
+    fresh.replace(folder)
+    shutil.rmtree(old)
+
+
+def _environment() -> Environment:
+    """Templates that escape what comes from files, with the page's ways of writing numbers."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(FILTERS)
+    environment.filters["svg"] = Markup
+    return environment

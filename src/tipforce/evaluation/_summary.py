@@ -1,0 +1,141 @@
+"""An evaluation as one nested dict of numbers and text: what ``metrics.json`` holds and the page is filled from."""
+
+import platform
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..units import newtons_to_grams
+from ._constant import Constant
+from ._evaluate import AS_SAVED, Evaluation, Row
+from ._features import five_samples
+from ._figures_beyond import THESIS_MAE_N
+from ._metrics import plain
+
+__all__ = ["PROTOCOL_TEXT", "best_method", "summary", "verdict"]
+
+PROTOCOL_TEXT = {
+    "random": "random frames",
+    "blocked": "blocks of time",
+    "session": "sessions never seen",
+    AS_SAVED: "as saved, new sessions",
+}
+_LIBRARIES = ("numpy", "scipy", "scikit-learn", "opencv-python-headless", "numba", "matplotlib")
+
+
+def best_method(evaluation: Evaluation) -> str:
+    """The candidate with the smallest MAE under the strictest protocol, refused samples filled by the constant."""
+    rows = [row for c in evaluation.candidates if (row := evaluation.row(c.label, evaluation.honest)) is not None]
+    return min(rows, key=lambda row: (not row.outcome.answered.any(), row.figures["mae_filled_n"])).method
+
+
+def verdict(evaluation: Evaluation) -> list[str]:
+    """Sentences: the error where it counts, beside the random split and a constant answer; then the intervals."""
+    method, honest = best_method(evaluation), evaluation.honest
+    row, constant = evaluation.row(method, honest), evaluation.row(Constant.name, honest)
+    assert row is not None
+    assert constant is not None
+    random = evaluation.row(method, "random")
+    where = {"session": "On sessions never seen", "blocked": "On blocks of time held out", "random": "On random frames"}
+    if not np.isfinite(row.mae_n):
+        reasons = ", ".join(f"{reason} {count}" for reason, count in row.figures["refused"].items())
+        return [f"{where[honest]}, {method} answered none of {len(row.outcome)} samples ({reasons})."]
+    parts = [f"{where[honest]}, {method}: MAE {_both(row.mae_n)}"]
+    if honest != "random" and random is not None and np.isfinite(random.mae_n):
+        parts.append(f"random split: {_both(random.mae_n)}")
+    parts.append(f"a constant: {_both(constant.mae_n)}")
+    sentences = ["; ".join(parts) + "."]
+    ratio = row.mae_n / constant.mae_n if constant.mae_n > 0 else float("inf")
+    if ratio >= 0.95:
+        sentences.append("That is no better than always answering the same force: nothing was read from the picture.")
+    else:
+        sentences.append(f"That is {100 * ratio:.0f} % of the constant's error.")
+    coverage = row.figures["quantities"]["magnitude"]["coverage"]
+    if np.isfinite(coverage):
+        refused = row.figures["refused_share"]
+        left_out = f", {100 * refused:.1f} % of the samples were refused" if refused > 0 else ""
+        sentences.append(f"The 90 % intervals hold {100 * coverage:.0f} % of the measured forces{left_out}.")
+    if honest != "session":
+        sentences.append("No session could be held out, so how it does on a new session is not known.")
+    return sentences
+
+
+def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
+    """Everything but the pictures; JSON-ready, no NaN."""
+    data = evaluation.dataset
+    return plain(
+        {
+            "tipforce": __version__,
+            "made_utc": datetime.now(UTC).isoformat(timespec="seconds"),
+            "command": command,
+            "research_use_only": True,
+            "verdict": verdict(evaluation),
+            "best_method": best_method(evaluation),
+            "strictest_protocol": evaluation.honest,
+            "notes": evaluation.notes,
+            "data": {
+                "title": data.title,
+                "samples": len(data),
+                "samples_before_drawing": len(evaluation.everything),
+                "sessions": data.sessions,
+                "known": [axis for axis, known in zip("xyz", data.known.tolist(), strict=True) if known],
+                "force_min_n": data.magnitude_n.min(),
+                "force_max_n": data.magnitude_n.max(),
+                "force_mean_n": data.magnitude_n.mean(),
+                "fingerprint": evaluation.everything.fingerprint(),
+                "truth": evaluation.truth_n is not None,
+            },
+            "seed": evaluation.seed,
+            "samples": evaluation.samples,
+            "folds": evaluation.folds,
+            "rows": [_row(row, evaluation) for row in evaluation.rows],
+            "methods": {
+                candidate.label: {
+                    "method": candidate.recipe.name,
+                    "settings": candidate.recipe.settings.model_dump(mode="json"),
+                    "saved_model": candidate.saved is not None,
+                    "time_per_frame": evaluation.timing[candidate.label],
+                    "samples_table": five_samples(evaluation, candidate.label),
+                }
+                for candidate in evaluation.candidates
+            },
+            "thesis": {"mae_n": THESIS_MAE_N, "force_min_n": 0.160, "force_max_n": 0.275, "force_mean_n": 0.218,
+                       "min_error_n": 0.0016, "max_error_n": 0.059},
+            "versions": {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}},
+            "machine": f"{platform.system()} {platform.machine()}",
+        }
+    )  # fmt: skip
+
+
+def _row(row: Row, evaluation: Evaluation) -> dict[str, Any]:
+    constant = evaluation.row(Constant.name, row.protocol)
+    return {
+        "method": row.method,
+        "protocol": row.protocol,
+        "protocol_text": PROTOCOL_TEXT[row.protocol],
+        "mae_over_constant": row.mae_n / constant.mae_n if constant is not None and constant.mae_n > 0 else None,
+        "splits": _splits(row),
+        "against_sensor": row.figures,
+        "against_truth": row.truth_figures,
+    }
+
+
+def _splits(row: Row) -> Sequence[dict[str, Any]]:
+    return [
+        {
+            "name": fit.split.name,
+            "train": len(fit.split.train),
+            "test": len(fit.split.test),
+            "fit_s": fit.seconds,
+            "facts": fit.facts,
+        }
+        for fit in row.fits
+    ]
+
+
+def _both(newtons: float) -> str:
+    return f"{newtons_to_grams(newtons):.1f} g ({1e3 * newtons:.0f} mN)"
