@@ -1,0 +1,55 @@
+"""``tipforce estimate``: the force on every frame of a video, a folder of images or a recording."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ._common import JsonOption, progress_bar, say, write_json
+from ._facts import actuation_from
+
+__all__ = ["command"]
+
+
+def command(
+    model: Annotated[Path, typer.Argument(help="A model folder, as `tipforce train` writes it.")],
+    frames: Annotated[Path, typer.Argument(metavar="VIDEO|FOLDER|RUN.MCAP", help="The pictures.")],
+    output: Annotated[
+        str, typer.Option("-o", "--output", metavar="FILE", help="The table; - is standard output.")
+    ] = "forces.csv",
+    overlay: Annotated[
+        Path | None, typer.Option(metavar="FILE.mp4", help="Also a video with shape, force and status in it.")
+    ] = None,
+    arrow_n: Annotated[
+        float, typer.Option(min=1e-3, help="Force in N whose arrow is a quarter of the picture long.")
+    ] = 0.3,
+    knob_deg: Annotated[float | None, typer.Option(help="The knob's angle, for files that do not carry it.")] = None,
+    actuation: Annotated[
+        list[str] | None, typer.Option(metavar="NAME_UNIT=VALUE", help="Another drive's constant; may be repeated.")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Estimate the force on every frame: a row per frame with value, 90 % interval, status and reason.
+
+    Cells are empty where a value is unknown; a frame without an answer has a status and a reason, never an old number.
+
+    Example:
+        tipforce estimate models/svr video.mp4 --knob-deg 10 -o forces.csv --overlay out.mp4
+    """
+    from ..estimators import load_model, write_estimates
+    from ..recording import open_source
+
+    estimator = load_model(model)
+    target = sys.stdout if output == "-" else Path(output)
+    with (
+        open_source(frames, actuation=actuation_from(knob_deg, actuation)) as source,
+        progress_bar() as progress,
+    ):
+        report = write_estimates(estimator, source, target, overlay=overlay, full_scale_n=arrow_n, progress=progress)
+    say(report.text())
+    if output != "-":
+        say(f"wrote {output}")
+    if overlay:
+        say(f"wrote {overlay}")
+    write_json(report.figures(), json_file)
