@@ -10,7 +10,9 @@ from ._common import console
 
 __all__ = ["VERBS", "app", "main"]
 
-VERBS: dict[str, str] = {}
+VERBS: dict[str, str] = {
+    "import": "import_",
+}
 """Verb -> module of this package that holds its ``command`` function, in the order of a working day."""
 
 app = typer.Typer(

@@ -3,6 +3,7 @@
 from ._dataset import Dataset, RowStore
 from ._draw import draw
 from ._open import open_dataset
+from ._recordings import open_recordings
 from ._splits import (
     LEAVE_ONE_OUT_SESSIONS,
     Protocol,
@@ -27,6 +28,7 @@ __all__ = [
     "blocked_split",
     "draw",
     "open_dataset",
+    "open_recordings",
     "random_folds",
     "random_split",
     "session_folds",

@@ -1,5 +1,6 @@
 """Runs as files: the recording file (.mcap), videos and image folders, importers, time alignment."""
 
+from ._describe import describe
 from ._facts import ClockOffset, Reads, SensorPose, Tare
 from ._import import ForceColumns, ImportReport, import_run
 from ._labels import Labels, labels
@@ -26,6 +27,7 @@ __all__ = [
     "StreamInfo",
     "Tare",
     "VideoWriter",
+    "describe",
     "estimate_offset",
     "find_tare",
     "import_run",

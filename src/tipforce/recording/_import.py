@@ -3,13 +3,14 @@
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from ..errors import InputError, TimeError
-from ..types import Context, Event, FloatArray, Frame, IntArray
+from ..types import Context, Event, FloatArray, Frame, Image, IntArray
 from ..vision import Sighting, VisionSettings
 from ._facts import ClockOffset, SensorPose, Tare
 from ._files import refuse_existing
@@ -70,7 +71,7 @@ def import_run(
         raise InputError(f"{target}: a recording ends in .mcap; name it {target.with_suffix('.mcap').name}")
     refuse_existing(target, overwrite=overwrite, origin="import")
     log = None if force_log is None else read_force_log(Path(force_log), columns, knob_column)
-    source = FileSource(Path(frames), dict(actuation or {}), context)
+    source = FileSource(Path(frames), dict(actuation or {}), context or Context(target.stem))
     remarks: list[str] = []
     first_ns = next(event.stamp_ns for event in source)
     if log is not None and align_start:
@@ -115,16 +116,13 @@ class _Seen:
         self._sightings: list[Sighting] = []
 
     def __iter__(self) -> Iterator[Event]:
-        from ..vision import Vision, settle
-
-        settings = settle(self._settings, self._source) if self._look else self._settings
-        vision = Vision(settings)
+        see = _eye(self._settings, self._source) if self._look else None
         for event in self._source:
             yield event
             if isinstance(event, Frame):
                 self._stamps.append(event.stamp_ns)
-                if self._look:
-                    self._sightings.append(vision.see(event.image))
+                if see is not None:
+                    self._sightings.append(see(event.image))
                 if self._progress:
                     share = len(self._stamps) / max(self._source.frame_count, len(self._stamps))
                     self._progress("reading frames", min(share, 1.0))
@@ -138,6 +136,14 @@ class _Seen:
     def coordinates(self) -> FloatArray:
         """(n, 3) shape coordinates of the frames so far."""
         return shape_coordinates(self._sightings)
+
+
+def _eye(settings: VisionSettings, source: FileSource) -> Callable[[Image], Sighting]:
+    """What sees the catheter, settled on pictures of the first seconds."""
+    from ..vision import Vision, settle
+
+    first = [event.image for event in islice(source, 50) if isinstance(event, Frame)]
+    return Vision(settle(settings, first[::5])).see
 
 
 def _stamps(log: ForceLog | None, drives: tuple[IntArray, dict[str, FloatArray]] | None) -> list[IntArray]:

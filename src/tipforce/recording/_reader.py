@@ -30,7 +30,7 @@ class StreamInfo:
     """One stream: its ROS topic, what it carries, and how regularly.
 
     ``kind``: "frame", "wrench", "actuation", or "other" (carried by the file, not read by this program).
-    ``rate_hz``: by the median interval; ``dropped``: readings that a regular stream should have had in between.
+    ``dropped``: readings that a regular stream should have had in between; ``rate_hz`` counts them.
     """
 
     name: str
@@ -62,10 +62,11 @@ def stream_info(name: str, topic: str, kind: str, times_ns: IntArray) -> StreamI
         return StreamInfo(name, topic, kind, len(times_ns), 0.0, first, first, 0)
     steps = np.diff(times_ns)
     usual = float(np.median(steps))
-    rate = 1e9 / usual if usual > 0 else 0.0
     # knob readings come when the knob moves: only a regular stream can have lost any
     regular = kind in ("frame", "wrench") and usual > 0
     dropped = int(np.sum(np.maximum(np.rint(steps / usual) - 1, 0))) if regular else 0
+    span = int(times_ns[-1] - times_ns[0])
+    rate = 1e9 * (len(times_ns) - 1 + dropped) / span if span else 0.0
     return StreamInfo(name, topic, kind, len(times_ns), rate, int(times_ns[0]), int(times_ns[-1]), dropped)
 
 

@@ -81,8 +81,8 @@ def _quiet_runs(bins: FloatArray, filled: BoolArray, spread: float) -> list[tupl
         quiet[start : start + _WINDOW_BINS] = 1
     edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet])))
     # the outer bins of a run may already belong to the onset of contact
-    runs = [(int(first) + 1, int(last) - 1) for first, last in zip(edges[::2], edges[1::2], strict=False)]
-    return [(first, last) for first, last in runs if (last - first) * _BIN_S >= _MIN_RUN_S - 2 * _BIN_S]
+    runs = [(int(first) + 2, int(last) - 2) for first, last in zip(edges[::2], edges[1::2], strict=False)]
+    return [(first, last) for first, last in runs if (last - first) * _BIN_S >= _MIN_RUN_S - 4 * _BIN_S]
 
 
 def _levels(bins: FloatArray, runs: list[tuple[int, int]], spread: float) -> list[list[tuple[int, int]]]:

@@ -1,0 +1,88 @@
+"""Facts of a run as they are typed: ``NAME_UNIT=VALUE``, ``START:END``, a catheter's sheet."""
+
+import math
+from typing import Literal
+
+from ..errors import InputError
+from ..types import Catheter
+
+__all__ = ["actuation_from", "catheter_from", "offset_from", "tare_from"]
+
+_LENGTHS = ("diameter_m", "flexible_length_m", "rigid_length_m", "bending_stiffness_nm2")
+
+
+def _number(text: str, option: str, expected: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{option}: expected {expected}, got {text!r}")
+    return value
+
+
+def actuation_from(knob_deg: float | None, pairs: list[str] | None) -> dict[str, float]:
+    """``--knob-deg`` and ``--actuation NAME_UNIT=VALUE`` as name -> value.
+
+    >>> actuation_from(10, ["wire_0_mm=1.5"])
+    {'knob_deg': 10.0, 'wire_0_mm': 1.5}
+    """
+    values = {} if knob_deg is None else {"knob_deg": float(knob_deg)}
+    for pair in pairs or []:
+        name, _, text = pair.partition("=")
+        if not name.rpartition("_")[0] or not text:
+            raise InputError(f"--actuation {pair}: expected NAME_UNIT=VALUE, for example --actuation wire_mm=1.5")
+        if name in values:
+            raise InputError(f"--actuation {pair}: {name} is stated twice")
+        values[name] = _number(text, f"--actuation {pair}", "a number after the =")
+    return values
+
+
+def tare_from(text: str) -> Literal["auto", "none"] | tuple[float, float]:
+    """``auto``, ``none`` or ``START:END`` in seconds.
+
+    >>> tare_from("0:5")
+    (0.0, 5.0)
+    """
+    if text == "auto":
+        return "auto"
+    if text == "none":
+        return "none"
+    start, colon, end = text.partition(":")
+    if not colon:
+        raise InputError(f"--tare {text}: expected START:END in seconds (0:5), auto or none")
+    stretch = tuple(
+        _number(part, f"--tare {text}", "START:END in seconds (0:5), auto or none") for part in (start, end)
+    )
+    if not stretch[1] > stretch[0]:
+        raise InputError(f"--tare {text}: the end does not lie behind the start")
+    return stretch[0], stretch[1]
+
+
+def offset_from(text: str) -> Literal["auto", "none"] | float:
+    """``auto``, ``none`` or milliseconds.
+
+    >>> offset_from("-12.5")
+    -12.5
+    """
+    if text == "auto":
+        return "auto"
+    return "none" if text == "none" else _number(text, f"--offset-ms {text}", "milliseconds, auto or none")
+
+
+def catheter_from(text: str | None) -> Catheter:
+    """A name, and after it what is known: ``decapolar,diameter_m=0.002``.
+
+    >>> catheter_from("decapolar,diameter_m=0.002").diameter_m
+    0.002
+    """
+    if text is None:
+        return Catheter()
+    name, *facts = [part.strip() for part in text.split(",")]
+    values: dict[str, float] = {}
+    for fact in facts:
+        key, _, value = fact.partition("=")
+        if key not in _LENGTHS:
+            raise InputError(f"--catheter {text}: there is no fact {key!r}; there are {', '.join(_LENGTHS)}")
+        values[key] = _number(value, f"--catheter {text}", f"a number for {key}")
+    return Catheter(name or "unnamed", **values)
