@@ -129,12 +129,17 @@ class RidgeStream:
         )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_bench():
     return bench
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
+def ridge_class():
+    return Ridge
+
+
+@pytest.fixture(scope="session")
 def make_ridge():
     def make(**settings) -> Ridge:
         return Ridge(RidgeSettings(**settings))

@@ -22,8 +22,8 @@ _NEAR_NS = 5_000_000
 def candidates_from(models: Sequence[str], settings: Mapping[str, BaseModel] | None = None) -> list[Candidate]:
     """A candidate for each of ``models``: a folder of a saved model, or the name of a method.
 
-    ``settings``: method -> its settings, default where it is absent; a saved model keeps its own. Raises InputError for what is neither, and
-    ModelError for a folder that is no whole model.
+    ``settings``: method -> its settings, default where it is absent; a saved model keeps its own. Raises InputError
+    for what is neither, and ModelError for a folder that is no whole model.
     """
     made: list[Candidate] = []
     for model in models:
@@ -62,9 +62,10 @@ def truth_at(dataset: Dataset, truths: Mapping[str, tuple[IntArray, FloatArray]]
         near = np.abs(stamps[nearest] - wanted) <= _NEAR_NS
         found[rows[near]] = force[nearest[near]]
     if np.isnan(found).all():
+        ours, theirs = ", ".join(dataset.sessions[:5]), ", ".join(list(truths)[:5]) or "none"
         raise InputError(
-            f"no sample of {dataset.title} has a truth: its sessions are {', '.join(dataset.sessions[:5])}, the truth is "
-            f"of {', '.join(list(truths)[:5]) or 'none'}; give --truth the folder that `tipforce simulate` wrote"
+            f"no sample of {dataset.title} has a truth: its sessions are {ours}, the truth is of {theirs}; "
+            "give --truth the folder that `tipforce simulate` wrote for these data"
         )
     return found
 

@@ -1,0 +1,222 @@
+import json
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from tipforce.errors import InputError
+from tipforce.evaluation import Candidate, ShowsShape, evaluate, report_lines, summary, truth_at, verdict, write_report
+from tipforce.evaluation._gallery import worst_frames
+from tipforce.types import BasePose, CentrelinePx, ShapeFeatures, Status
+from tipforce.vision import Sighting
+
+
+@pytest.fixture(scope="module")
+def report(make_bench, make_ridge, tmp_path_factory):
+    """A report of two methods on four sessions, one of which refuses, with truth."""
+    data = make_bench(sessions=4, frames=60)
+    candidates = [Candidate("ridge", make_ridge()), Candidate("<b>careful</b>", make_ridge(refuse_above_deg=30))]
+    truth = np.nan_to_num(data.force_n)
+    result = evaluate(data, candidates, truth_n=truth, seed=3)
+    folder = tmp_path_factory.mktemp("report") / "out"
+    figures = write_report(result, folder, "tipforce evaluate ridge --data <runs> -o out")
+    return result, folder, figures
+
+
+@pytest.fixture
+def few_figures(monkeypatch):
+    """Reports without a method's own figures, for tests of the folder alone."""
+    monkeypatch.setattr("tipforce.evaluation._report.method_pictures", lambda *_: [])
+
+
+def test_the_page_needs_nothing_from_outside(report):
+    page = (report[1] / "report.html").read_text(encoding="utf-8")
+    for attribute in re.findall(r'(?:src|href|xlink:href|action|data)\s*=\s*"([^"]*)"', page):
+        assert attribute.startswith(("data:", "#")), attribute
+    for target in re.findall(r"url\(([^)]*)\)", page):
+        assert target.strip("'\"").startswith(("data:", "#")), target
+    assert "@import" not in page
+    assert "<script" not in page
+    assert "<link" not in page.replace('<link rel="icon" href="data:,">', "")
+
+
+def test_the_page_begins_with_the_verdict_in_grams_and_newtons(report):
+    page = (report[1] / "report.html").read_text(encoding="utf-8")
+    first = re.search(r'<p class="verdict">(.*?)</p>', page, re.S).group(1)
+    assert re.search(r"On sessions never seen, ridge: MAE [\d.]+ g \(\d+ mN\); random split: .* a constant: ", first)
+    assert "Research use only" in page
+
+
+def test_text_from_files_is_escaped(report):
+    page = (report[1] / "report.html").read_text(encoding="utf-8")
+    assert "<b>careful</b>" not in page
+    assert "&lt;b&gt;careful&lt;/b&gt;" in page
+    assert "--data &lt;runs&gt;" in page
+
+
+def test_metrics_are_json_without_nan_and_hold_every_row(report):
+    result, folder, figures = report
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} in metrics.json")
+
+    stored = json.loads((folder / "metrics.json").read_text(encoding="utf-8"), parse_constant=refuse)
+    assert stored == figures
+    assert [(row["method"], row["protocol"]) for row in stored["rows"]] == [(r.method, r.protocol) for r in result.rows]
+    assert stored["rows"][0]["against_sensor"]["quantities"]["magnitude"]["mae_n"] == pytest.approx(
+        result.rows[0].mae_n
+    )
+    assert stored["rows"][0]["against_truth"]["quantities"]["magnitude"]["mae_n"] > 0
+    assert stored["seed"] == 3
+    assert stored["data"]["fingerprint"] == result.everything.fingerprint()
+
+
+def test_every_figure_is_a_drawing_of_its_own_too(report):
+    names = {path.stem for path in (report[1] / "figures").iterdir()}
+    kinds = ("fig23a", "fig23b", "fig24", "residuals", "trace", "sessions")
+    assert names == {"splits", *(f"{m}-{kind}" for m in ("ridge", "-b-careful--b-") for kind in kinds)}
+    for path in (report[1] / "figures").iterdir():
+        root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
+        assert root.tag.endswith("svg")
+        assert len(list(root.iter())) > 50
+
+
+def test_drawings_on_the_page_take_the_ink_of_the_page(report):
+    page = (report[1] / "report.html").read_text(encoding="utf-8")
+    drawings = re.findall(r"<svg .*?</svg>", page, re.S)
+    assert len(drawings) >= 13
+    for drawing in drawings:
+        assert "currentColor" in drawing
+        assert 'aria-label="' in drawing
+
+
+def test_a_report_replaces_an_older_one_whole(make_bench, make_ridge, tmp_path):
+    folder = tmp_path / "report"
+    result = evaluate(make_bench(sessions=2), [Candidate("first", make_ridge())], protocols=["random"])
+    write_report(result, folder)
+    result = evaluate(make_bench(sessions=2), [Candidate("second", make_ridge())], protocols=["random"])
+    write_report(result, folder)
+    assert not list((folder / "figures").glob("first*"))
+    assert list((folder / "figures").glob("second*"))
+    assert [path.name for path in tmp_path.iterdir()] == ["report"]
+
+
+def test_a_folder_with_something_else_in_it_is_left_alone(report, tmp_path):
+    (tmp_path / "thesis.docx").write_text("years of work")
+    with pytest.raises(InputError, match=r"thesis\.docx"):
+        write_report(report[0], tmp_path)
+    assert (tmp_path / "thesis.docx").read_text() == "years of work"
+
+
+def test_a_report_that_fails_leaves_nothing_behind(report, tmp_path, monkeypatch, few_figures):
+    folder = tmp_path / "report"
+    folder.mkdir()
+    (folder / "metrics.json").write_text("the last one")
+    before = (folder / "metrics.json").read_bytes()
+
+    def fail(*_args):
+        raise OSError("disk full")
+
+    monkeypatch.setattr("tipforce.evaluation._report._fill", fail)
+    with pytest.raises(OSError, match="disk full"):
+        write_report(report[0], folder)
+    assert (folder / "metrics.json").read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["report"]
+
+
+def test_a_method_that_reads_nothing_is_called_no_better_than_a_constant(make_bench, make_ridge):
+    data = make_bench()
+    data.actuation["bend_deg"][:] = 1.0
+    lines = verdict(evaluate(data, [Candidate("blind", make_ridge(alpha=1.0))]))
+    assert any("no better than" in line for line in lines)
+
+
+def test_a_method_that_never_answers_still_gets_a_report(make_bench, make_ridge, tmp_path):
+    result = evaluate(make_bench(), [Candidate("mute", make_ridge(refuse_above_deg=-1000))])
+    figures = write_report(result, tmp_path / "report")
+    assert "answered none" in figures["verdict"][0]
+    assert "out of domain" in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    assert report_lines(figures)
+
+
+def test_refusing_the_hard_samples_does_not_win(make_bench, make_ridge):
+    result = evaluate(
+        make_bench(), [Candidate("careful", make_ridge(refuse_above_deg=12)), Candidate("brave", make_ridge())]
+    )
+    assert summary(result)["best_method"] == "brave"
+
+
+def test_without_held_out_sessions_the_verdict_says_so(make_bench, make_ridge):
+    result = evaluate(make_bench(sessions=1), [Candidate("ridge", make_ridge())])
+    lines = verdict(result)
+    assert lines[0].startswith("On blocks of time held out")
+    assert any("No session could be held out" in line for line in lines)
+
+
+def test_the_gallery_draws_the_curve_of_ready_made_coefficients(make_bench, make_ridge, tmp_path, few_figures):
+    draw = np.random.default_rng(1)
+    names = ("A1", "A2", "A3", "A4")
+    views = [ShapeFeatures(names, draw.normal(0, 0.2, 4)) for _ in range(120)]
+    result = evaluate(make_bench(sessions=3, views=views), [Candidate("ridge", make_ridge())])
+    write_report(result, tmp_path / "report")
+    page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    assert page.count('aria-label="shape of ') == 8
+
+
+def test_the_gallery_shows_the_worst_frames_with_what_was_seen(make_bench, ridge_class, tmp_path):
+    class Seeing(ridge_class):
+        def look(self, observation):
+            points = np.column_stack([np.linspace(0, 60, 16), np.full(16, 24.0)])
+            sighting = Sighting(Status.VALID, "", CentrelinePx(points), BasePose(np.array([0.0, 24.0]), 0.0), 6.0, 1.0)
+            return sighting, points + 3.0
+
+    assert isinstance(Seeing(), ShowsShape)
+    views = [np.full((48, 64), 200, np.uint8) for _ in range(120)]
+    result = evaluate(make_bench(sessions=3, views=views), [Candidate("seeing", Seeing())])
+    cards = worst_frames(result, "seeing", worst=5)
+    outcome = result.row("seeing", "session").outcome
+    error = np.abs(outcome.magnitude_n - outcome.reference_magnitude_n)
+    assert [card.name for card in cards] == outcome.names[np.argsort(-error)[:5]].tolist()
+    assert all(card.image_uri.startswith("data:image/jpeg;base64,") for card in cards)
+    bare = worst_frames(
+        evaluate(make_bench(sessions=3, views=views), [Candidate("bare", ridge_class())]), "bare", worst=1
+    )
+    assert bare[0].image_uri != cards[0].image_uri
+
+
+def test_the_table_of_samples_shows_what_the_method_is_fed(make_bench, ridge_class):
+    class Showing(ridge_class):
+        def normalised(self, dataset):
+            bend = dataset.actuation["bend_deg"] / 50
+            return ("bend",), bend[:, None], dataset.magnitude_n / 0.5
+
+    figures = summary(evaluate(make_bench(), [Candidate("ridge", Showing())], protocols=["random"]))
+    table = figures["methods"]["ridge"]["samples_table"]
+    assert table["names"] == ["bend", "force"]
+    forces = [row[-1] for row in table["rows"]]
+    assert len(forces) == 5
+    assert forces == sorted(forces, reverse=True)
+
+
+def test_truth_is_found_by_session_and_stamp(make_bench):
+    data = make_bench(sessions=2, frames=4)
+    stamps = np.array([1_000_000, 100_000_000, 340_000_000])
+    force = np.arange(9.0).reshape(3, 3)
+    found = truth_at(data, {"s1": (stamps, force), "elsewhere": (stamps, force)})
+    assert np.isnan(found[:4]).all()
+    assert found[4].tolist() == [0.0, 1.0, 2.0]
+    assert found[5].tolist() == [3.0, 4.0, 5.0]
+    assert np.isnan(found[6:]).all()
+
+
+def test_truth_of_other_data_is_refused(make_bench):
+    with pytest.raises(InputError, match=r"no sample of bench of numbers has a truth"):
+        truth_at(make_bench(), {"elsewhere": (np.array([0]), np.zeros((1, 3)))})
+
+
+def test_the_lines_for_the_terminal_name_every_row(report):
+    text = "\n".join(report_lines(report[2]))
+    assert text.startswith("On sessions never seen")
+    assert text.count("constant predictor") == 3
+    assert "sessions never seen:" in text
