@@ -4,6 +4,7 @@ from ._classic import ClassicChain, ClassicSteps
 from ._draw import contact_sheet, draw_estimate, draw_sighting, shaft_mask
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._figures import figure_17, figure_18
+from ._inspect import Inspection, Tally, inspect_picture
 from ._settings import BaseSide, Polarity, VisionSettings
 from ._sighting import Sighting
 
@@ -11,10 +12,12 @@ __all__ = [
     "BaseSide",
     "ClassicChain",
     "ClassicSteps",
+    "Inspection",
     "NoFeatures",
     "Polarity",
     "ShapeFeatureSettings",
     "Sighting",
+    "Tally",
     "VisionSettings",
     "contact_sheet",
     "draw_estimate",
@@ -23,6 +26,7 @@ __all__ = [
     "figure_17",
     "figure_18",
     "fitted_curve",
+    "inspect_picture",
     "shaft_mask",
     "shape_features",
 ]

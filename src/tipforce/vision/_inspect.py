@@ -1,0 +1,175 @@
+"""What is seen, for people: one picture in detail, or many at a glance."""
+
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ..types import FloatArray, Image
+from ._classic import ClassicChain
+from ._draw import contact_sheet, draw_sighting
+from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
+from ._settings import VisionSettings
+from ._sighting import Sighting
+
+__all__ = ["Inspection", "Tally", "inspect_picture"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inspection:
+    """One picture: what was seen in it, its features, and the drawing of both."""
+
+    sighting: Sighting
+    features: FloatArray | NoFeatures
+    settings: ShapeFeatureSettings
+    drawing: Image
+
+    def figures(self) -> dict[str, Any]:
+        """All of it as JSON values; None where there is no value."""
+        seen = self.sighting
+        found = seen.centreline is not None and seen.base is not None
+        figures: dict[str, Any] = {"status": seen.status.value, "detail": seen.detail, "base": None, "tip_px": None}
+        if seen.base is not None and seen.centreline is not None:
+            points = seen.centreline.points
+            figures["base"] = {
+                "origin_px": seen.base.origin_px.tolist(),
+                "angle_deg": math.degrees(seen.base.angle_rad),
+            }
+            figures["tip_px"] = points[-1].tolist()
+            figures["tip_in_base_px"] = seen.base.to_base(points[-1:])[0].tolist()
+            figures["length_px"] = float(np.sum(np.hypot(*np.diff(points, axis=0).T)))
+        figures["diameter_px"] = seen.diameter_px if found else None
+        figures["confidence"] = seen.confidence if found else None
+        figures["features"] = None
+        if isinstance(self.features, NoFeatures):
+            figures["features_refused"] = self.features.detail
+        else:
+            names = feature_names(self.settings)
+            figures["features"] = dict(zip(names, self.features.tolist(), strict=True))
+        return figures
+
+    def text(self) -> str:
+        """The same in lines for people."""
+        figures = self.figures()
+        if not self.sighting.found:
+            return f"not found: {figures['status'].replace('_', ' ')}: {figures['detail']}"
+        (u, v), (tip_u, tip_v), (x, y) = figures["base"]["origin_px"], figures["tip_px"], figures["tip_in_base_px"]
+        lines = [
+            f"found      both flanks seen over {100 * figures['confidence']:.0f} % of the length",
+            f"base       u {u:.1f}, v {v:.1f} px, {figures['base']['angle_deg']:+.1f} deg counter-clockwise from right",
+            f"tip        u {tip_u:.1f}, v {tip_v:.1f} px; in the base frame x {x:.1f}, y {y:.1f} px",
+            f"length     {figures['length_px']:.1f} px, diameter {figures['diameter_px']:.2f} px",
+        ]
+        if isinstance(self.features, NoFeatures):
+            return "\n".join([*lines, f"no features: {self.features.detail}"])
+        return "\n".join([*lines, *(f"{name:<10} {value:.6g}" for name, value in figures["features"].items())])
+
+
+def inspect_picture(
+    image: Image,
+    see: Callable[[Image], Sighting],
+    vision: VisionSettings,
+    features: ShapeFeatureSettings | None = None,
+) -> Inspection:
+    """Look at ``image`` with ``see``, fit the features, draw mask, centreline, base frame and fitted curve."""
+    settings = features or ShapeFeatureSettings()
+    sighting = see(image)
+    values = shape_features(sighting, settings)
+    curve = None if isinstance(values, NoFeatures) else fitted_curve(sighting, settings, values)
+    mask = ClassicChain(vision).steps(image).binary if vision.method == "classic" else None
+    return Inspection(sighting, values, settings, draw_sighting(image, sighting, curve_px=curve, mask=mask))
+
+
+@dataclass(slots=True)
+class Tally:
+    """Frames of a video looked at one after the other: how many were found, and an even sample of the drawings.
+
+    ``room``: how many drawings are kept; up to a third of them show frames in which nothing was found.
+    """
+
+    room: int = 12
+    statuses: Counter[str] = field(default_factory=Counter[str])
+    details: Counter[str] = field(default_factory=Counter[str])
+    diameters_px: list[float] = field(default_factory=list[float])
+    _found: "_Sample" = field(init=False)
+    _lost: "_Sample" = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._found, self._lost = _Sample(self.room), _Sample(max(1, self.room // 3))
+
+    @property
+    def looked_at(self) -> int:
+        """Frames so far."""
+        return sum(self.statuses.values())
+
+    @property
+    def share_found(self) -> float:
+        """Of the frames so far, 0..1."""
+        return self.statuses["valid"] / max(1, self.looked_at)
+
+    def add(self, title: str, inspection: Inspection) -> None:
+        """Count one frame; ``title`` stands over its drawing."""
+        sighting = inspection.sighting
+        self.statuses[sighting.status.value] += 1
+        if sighting.found:
+            self.diameters_px.append(sighting.diameter_px)
+        else:
+            self.details[f"{sighting.status.value}: {sighting.detail}"] += 1
+        order = self.looked_at
+        small = _small(inspection.drawing)
+        (self._found if sighting.found else self._lost).add(order, f"{title}  {sighting.status.value}", small)
+
+    def sheet(self, columns: int = 4) -> Image:
+        """The sample of the drawings in order of time. Raises ValueError before the first frame."""
+        lost = self._lost.best(self._lost.room)
+        kept = sorted(lost + self._found.best(self.room - len(lost)), key=lambda entry: entry[0])
+        return contact_sheet([entry[2] for entry in kept], min(columns, len(kept)), [entry[1] for entry in kept])
+
+    def figures(self) -> dict[str, Any]:
+        """Counts as JSON values."""
+        return {
+            "frames": self.looked_at,
+            "share_found": self.share_found,
+            "statuses": dict(self.statuses),
+            "diameter_px": float(np.median(self.diameters_px)) if self.diameters_px else None,
+        }
+
+    def text(self) -> str:
+        """Counts in lines for people."""
+        lines = [f"found in {self.statuses['valid']} of {self.looked_at} frames ({100 * self.share_found:.1f} %)"]
+        if self.diameters_px:
+            low, middle, high = np.percentile(self.diameters_px, [5, 50, 95])
+            lines[0] += f", diameter {middle:.2f} px (5 to 95 %: {low:.2f} to {high:.2f})"
+        return "\n".join(lines + [f"  {count} frames {reason}" for reason, count in self.details.most_common(5)])
+
+
+class _Sample:
+    """An even sample of a stream of unknown length: every k-th entry, k doubled whenever there are twice too many."""
+
+    def __init__(self, room: int) -> None:
+        self.room, self.stride, self.count = room, 1, 0
+        self.entries: list[tuple[int, str, Image]] = []
+
+    def add(self, order: int, title: str, picture: Image) -> None:
+        if self.count % self.stride == 0:
+            self.entries.append((order, title, picture))
+        self.count += 1
+        if len(self.entries) >= 2 * self.room:
+            self.entries = self.entries[::2]
+            self.stride *= 2
+
+    def best(self, count: int) -> list[tuple[int, str, Image]]:
+        """At most ``count`` entries, the first and last among them."""
+        if len(self.entries) <= count:
+            return list(self.entries)
+        places = np.linspace(0, len(self.entries) - 1, count).round().astype(int)
+        return [self.entries[k] for k in places.tolist()]
+
+
+def _small(drawing: Image, width: int = 320) -> Image:
+    height = max(1, round(width * drawing.shape[0] / drawing.shape[1]))
+    return np.asarray(cv2.resize(drawing, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
