@@ -85,7 +85,7 @@ def _intervals(axes: Axes, seconds: FloatArray) -> None:
     _plain(axes)
     if len(seconds) > 1:
         axes.plot(seconds[1:], 1e3 * np.diff(seconds), color=_COLOURS[0], lw=0, marker=".", ms=2, rasterized=True)
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0, 1.25 * 1e3 * float(np.max(np.diff(seconds))))
     axes.set_title("ms between frames", fontsize=9, color=_INK, loc="left")
     axes.set_xlabel("time, s", color=_INK, fontsize=9)
 

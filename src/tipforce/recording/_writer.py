@@ -73,7 +73,8 @@ class RecordingWriter:
         self._clock = clock or SystemClock()
         self._stream: IO[bytes] = self.part.open("ab")
         lock(self._stream, self.part)
-        self._stream.truncate(0)
+        self._stream.truncate(0)  # only now that nobody else is known to write it
+        self._stream.seek(0)
         self._mcap = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.NONE)
         self._mcap.start(profile="ros2", library=LIBRARY)
         self._channels: dict[str, int] = {}
