@@ -71,7 +71,7 @@ def light_on_dark(look: Look) -> Look:
     )
 
 
-@njit(cache=True)
+@njit  # no cache: it would tie this file to the name it was first imported under
 def _field(points, tangents, reach, width, height, distance, along, across):  # noqa: D103
     for k in range(points.shape[0]):
         cx, cy = points[k, 0], points[k, 1]

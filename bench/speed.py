@@ -1,0 +1,241 @@
+"""Frame in memory -> force, against reading the frame once and against the textbook chain; one process, one thread.
+
+Frames come from a pool that is larger than the caches, as a camera's frame would: what is timed starts in main memory.
+The three are timed in turn, block by block, so that whatever else the machine does hits them alike.
+"""
+
+import platform
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numba
+import numpy as np
+import sklearn
+from bench.tubes import Look, Tube, draw, shape
+from sklearn.svm import SVR
+
+import tipforce
+from tipforce.dataset import Dataset
+from tipforce.estimators import Estimator, create
+from tipforce.types import Context, ForceEstimate, Observation, ShapeFeatures
+from tipforce.vision import Sighting, VisionSettings, feature_names, shape_features
+
+POOL_BYTES = 96 * 2**20
+"""Of frames; the last-level caches of today's processors hold less."""
+SHAPES = 24
+SIZES = ((640, 480), (1280, 1024))
+LOOKS = {"clean": Look(noise=0.0, blur=0.7, rings=0, gradient=0.0, turning=1.2), "noisy": Look(turning=1.2)}
+
+
+@numba.njit
+def read_once(words: Any) -> int:
+    """The sum of a frame's 64-bit words, in four streams: touches every byte once and does nothing else."""
+    quarter = words.size // 4
+    a, b, c, d = np.uint64(0), np.uint64(0), np.uint64(0), np.uint64(0)
+    for i in range(quarter):
+        a += words[i]
+        b += words[i + quarter]
+        c += words[i + 2 * quarter]
+        d += words[i + 3 * quarter]
+    return a + b + c + d
+
+
+@dataclass(frozen=True)
+class Case:
+    """One kind of frame: a pool in memory, and what follows a frame from picture to force in each way."""
+
+    name: str
+    size: tuple[int, int]
+    pool: list[np.ndarray]
+    words: list[np.ndarray]
+
+    @property
+    def bytes(self) -> int:
+        return self.pool[0].nbytes
+
+
+def make_case(name: str, size: tuple[int, int], seed: int = 0) -> Case:
+    """A pool of drawn tubes, larger than the caches."""
+    rng = np.random.default_rng(seed)
+    scale = size[0] / 640
+    look = replace(LOOKS[name], size=size, length=(200.0 * scale, 340.0 * scale), diameter=12.0 * scale)
+    drawn: list[Tube] = [draw(rng, look) for _ in range(SHAPES)]
+    count = max(SHAPES, POOL_BYTES // drawn[0].image.nbytes)
+    pool = [drawn[k % SHAPES].image.copy() for k in range(count)]
+    return Case(name, size, pool, [frame.reshape(-1).view(np.uint64) for frame in pool])
+
+
+class Rows:
+    """Samples that are ready-made shape coefficients."""
+
+    def __init__(self, names: tuple[str, ...], values: np.ndarray, knob_deg: np.ndarray) -> None:
+        self.names, self.values, self.knob_deg = names, values, knob_deg
+
+    def read(self, rows: np.ndarray) -> Iterator[Observation]:
+        for row in rows.tolist():
+            view = ShapeFeatures(self.names, self.values[row])
+            yield Observation(row, {"camera": view}, {"knob_deg": float(self.knob_deg[row])})
+
+
+def training_set(size: tuple[int, int], samples: int = 220, seed: int = 1) -> Dataset:
+    """220 random shapes with a force that a spring at the tip would feel: enough to size a model as the thesis's."""
+    rng = np.random.default_rng(seed)
+    settings = create("svr").settings.features  # type: ignore[attr-defined]
+    scale = size[0] / 640
+    values, forces = [], []
+    while len(values) < samples:
+        curve = shape(rng, scale * rng.uniform(200, 340), 1.2)[::20]
+        x, y = curve.T
+        if np.any(np.diff(x) <= 0):
+            continue
+        values.append(np.polyfit(x, y, 4))
+        forces.append(0.15 + 0.1 * np.tanh(y[-1] / (100 * scale)) + rng.normal(0, 0.004))
+    store = Rows(feature_names(settings), np.array(values), np.full(samples, 10.0))
+    force = np.full((samples, 3), np.nan)
+    force[:, 0], force[:, 1] = 0.0, forces
+    sessions = np.array([f"s{k * 4 // samples}" for k in range(samples)])
+    return Dataset(
+        store=store,
+        session=sessions,
+        stamp_ns=np.arange(samples) * 40_000_000,
+        actuation={"knob_deg": store.knob_deg},
+        force_n=force,
+        known=np.array([True, True, False]),
+        names=np.arange(samples).astype(str),
+        contexts={name: Context(session=name) for name in np.unique(sessions).tolist()},
+        rows=np.arange(samples),
+    )
+
+
+class Textbook:
+    """What a careful reader would write from the thesis with the usual libraries."""
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        data = training_set(size)
+        self.top = np.abs(data.store.values).max(axis=0)  # type: ignore[attr-defined]
+        rows = np.column_stack([data.store.values / self.top, np.ones(len(data))])  # type: ignore[attr-defined]
+        self.force_top = float(data.magnitude_n.max())
+        self.model = SVR(kernel="rbf", C=10.0, epsilon=0.01, gamma=1.0).fit(rows, data.magnitude_n / self.force_top)
+
+    def force(self, frame: np.ndarray) -> float:
+        from skimage.morphology import skeletonize
+
+        grey = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
+        binary = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY_INV + cv2.THRESH_OTSU)[1]
+        _, marks, stats, _ = cv2.connectedComponentsWithStats(binary)
+        largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+        v, u = np.nonzero(skeletonize(marks == largest))
+        order = np.argsort(u, kind="stable")
+        u, v = u[order].astype(float), v[order].astype(float)
+        slope = np.polyfit(u[:20], v[:20], 1)[0]
+        cos, sin = 1 / np.hypot(1, slope), slope / np.hypot(1, slope)
+        du, dv = u - u[0], v - v[0]
+        coefficients = np.polyfit(cos * du + sin * dv, sin * du - cos * dv, 4)
+        row = np.append(coefficients / self.top, 1.0)
+        return float(self.model.predict(row[None])[0]) * self.force_top
+
+
+def trained(size: tuple[int, int]) -> Estimator:
+    """The thesis's method with the tracer in front of it."""
+    vision = VisionSettings(method="fine", polarity="dark", base_side="left")
+    return create("svr", {"vision": vision}).fit(training_set(size))
+
+
+def timed(work: Callable[[int], Any], count: int, start: int) -> np.ndarray:
+    """(count,) microseconds of ``work(start)``, ``work(start + 1)``, ..."""
+    times = np.empty(count)
+    clock = time.perf_counter_ns
+    for k in range(count):
+        before = clock()
+        work(start + k)
+        times[k] = clock() - before
+    return times * 1e-3
+
+
+def measure(case: Case, estimator: Estimator, blocks: int, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Microseconds, p50 and p99, of reading, of seeing, of the whole way to the force, and of the textbook chain."""
+    pool, words, n = case.pool, case.words, len(case.pool)
+    stream = estimator.start(Context())
+    textbook = Textbook(case.size)
+    vision: VisionSettings = estimator.settings.vision  # type: ignore[attr-defined]
+    features = estimator.settings.features  # type: ignore[attr-defined]
+    from tipforce.vision import Vision
+
+    eye = Vision(vision)
+    knob = {"knob_deg": 10.0}
+    answers: list[ForceEstimate] = []
+    sightings: list[Sighting] = []
+
+    def whole(k: int) -> None:
+        answers.append(stream.update(Observation(k, {"camera": pool[k % n]}, knob)))
+
+    def see(k: int) -> None:
+        sightings.append(eye.see(pool[k % n]))
+
+    fitted = [s for s in (eye.see(frame) for frame in pool[:SHAPES]) if s.found]
+    ways: dict[str, tuple[Callable[[int], Any], int]] = {
+        "read once, from memory": (lambda k: read_once(words[k % n]), n),
+        "read once, hot in cache": (lambda _: read_once(words[0]), n),
+        "frame -> centreline": (see, 2 * n),
+        "centreline -> features": (lambda k: shape_features(fitted[k % len(fitted)], features), 2 * n),
+        "frame -> force": (whole, 2 * n),
+        "textbook chain": (lambda k: textbook.force(pool[k % n]), max(20, n // 8)),
+    }
+    for work, _ in ways.values():
+        timed(work, 8, 0)
+    answers.clear()
+    sightings.clear()
+    times: dict[str, list[np.ndarray]] = {name: [] for name in ways}
+    for block in range(blocks):
+        progress(f"{case.name} {case.size[0]}x{case.size[1]}, block {block + 1} of {blocks}")
+        for name, (work, count) in ways.items():
+            # Starting half a pool further on each time: nothing that was just touched is touched again.
+            times[name].append(timed(work, count, (block * n) // 2))
+    rows = {
+        name: {
+            "p50_us": float(np.percentile(np.concatenate(t), 50)),
+            "p99_us": float(np.percentile(np.concatenate(t), 99)),
+            "best_block_p50_us": float(min(np.percentile(part, 50) for part in t)),
+            "frames": int(sum(map(len, t))),
+        }
+        for name, t in times.items()
+    }
+    force, read, book = (rows[k]["p50_us"] for k in ("frame -> force", "read once, from memory", "textbook chain"))
+    return {
+        "frames": case.name,
+        "size": case.size,
+        "pool_mib": round(n * case.bytes / 2**20),
+        "times": rows,
+        "force_over_read": force / read,
+        "textbook_over_force": book / force,
+        "found": sum(s.found for s in sightings) / max(1, len(sightings)),
+        "valid": sum(a.valid for a in answers) / max(1, len(answers)),
+    }
+
+
+def machine() -> dict[str, Any]:
+    """What the figures were measured on and with."""
+    from importlib.metadata import version
+
+    cpu = platform.processor() or platform.machine()
+    try:
+        with Path("/proc/cpuinfo").open(encoding="utf-8") as lines:
+            cpu = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), cpu)
+    except OSError:
+        pass  # not Linux: the processor's name as Python knows it
+    return {
+        "cpu": cpu,
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "tipforce": tipforce.__version__,
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+        "opencv": cv2.__version__,
+        "scikit-learn": sklearn.__version__,
+        "scikit-image": version("scikit-image"),
+        "threads": 1,
+    }
