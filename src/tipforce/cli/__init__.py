@@ -11,6 +11,7 @@ from ._common import console
 __all__ = ["VERBS", "app", "main"]
 
 VERBS: dict[str, str] = {
+    "simulate": "simulate",
     "import": "import_",
 }
 """Verb -> module of this package that holds its ``command`` function, in the order of a working day."""
