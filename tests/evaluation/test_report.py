@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tipforce.errors import InputError
-from tipforce.evaluation import Candidate, ShowsShape, evaluate, report_lines, summary, truth_at, verdict, write_report
+from tipforce.estimators import ShowsShape
+from tipforce.evaluation import Candidate, evaluate, report_lines, summary, truth_at, verdict, write_report
 from tipforce.evaluation._gallery import worst_frames
 from tipforce.types import BasePose, CentrelinePx, ShapeFeatures, Status
 from tipforce.vision import Sighting
@@ -176,8 +177,12 @@ def test_the_gallery_shows_the_worst_frames_with_what_was_seen(make_bench, ridge
     result = evaluate(make_bench(sessions=3, views=views), [Candidate("seeing", Seeing())])
     cards = worst_frames(result, "seeing", worst=5)
     outcome = result.row("seeing", "session").outcome
-    error = np.abs(outcome.magnitude_n - outcome.reference_magnitude_n)
-    assert [card.name for card in cards] == outcome.names[np.argsort(-error)[:5]].tolist()
+    error = dict(zip(outcome.names, np.abs(outcome.magnitude_n - outcome.reference_magnitude_n), strict=True))
+    names = [card.name for card in cards]
+    assert names[0] == max(error, key=error.get)
+    assert [error[name] for name in names] == sorted((error[name] for name in names), reverse=True)
+    stamps = [(card.session, outcome.stamp_ns[outcome.names.tolist().index(card.name)]) for card in cards]
+    assert all(abs(s - t) > 1e9 for i, (a, s) in enumerate(stamps) for b, t in stamps[:i] if a == b)
     assert all(card.image_uri.startswith("data:image/jpeg;base64,") for card in cards)
     bare = worst_frames(
         evaluate(make_bench(sessions=3, views=views), [Candidate("bare", ridge_class())]), "bare", worst=1

@@ -8,7 +8,6 @@ from ._lines import report_lines
 from ._metrics import FORCE_BINS_N, error_figures, interval_figures, percent_of_true, score
 from ._outcome import CONTACT_N, Outcome
 from ._report import write_report
-from ._sketch import ShowsShape
 from ._summary import summary, verdict
 
 __all__ = [
@@ -22,7 +21,6 @@ __all__ = [
     "Outcome",
     "Row",
     "ShowsFeatures",
-    "ShowsShape",
     "candidates_from",
     "error_figures",
     "evaluate",

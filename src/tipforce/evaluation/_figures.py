@@ -39,7 +39,7 @@ def figure_23a(outcome: Outcome) -> Figure:
             edge = np.clip(percent[beyond], -limit, limit)
             text = f"{int(beyond.sum())} beyond the scale"
             axes.plot(number[beyond], edge, "D", color=COLOURS["line"], markersize=4, mew=0, label=text)
-            axes.legend(loc="upper right")
+            legend_above(axes)
         axes.set_ylim(-1.08 * limit, 1.08 * limit)
         axes.set_xlabel("test sample")
         axes.set_ylabel("error, % of the true force")

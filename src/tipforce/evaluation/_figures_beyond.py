@@ -34,6 +34,7 @@ def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[st
     The constant predictor (named ``constant``) is drawn in grey.
     """
     methods = list(maes)
+    top = max(float(np.nanmax(values, initial=0.0)) for groups in maes.values() for values in groups.values())
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -55,21 +56,25 @@ def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[st
                 axes.plot(
                     x + spread, sessions, "o", color=COLOURS["reference"], markersize=2.6, alpha=0.55, mew=0,
                 )  # fmt: skip
-                highest = max(values[0], *sessions) if len(sessions) else values[0]
+                tall = values[0] > 0.07 * top
                 axes.annotate(
-                    f"{values[0] * 1e3:.3g}", (x, highest), xytext=(0, 4), textcoords="offset points", ha="center",
-                    fontsize=9, fontweight="bold", color=COLOURS["reference"],
+                    f"{values[0] * 1e3:.3g}", (x, 0 if tall else values[0]), xytext=(0, 4), textcoords="offset points",
+                    ha="center", fontsize=9.5, fontweight="bold",
+                    color=COLOURS["reference"] if not tall else "#000000" if colour in _LIGHT else "#ffffff",
                 )  # fmt: skip
         mark_line(axes, THESIS_MAE_N, "the thesis's 42 mN, on 0.16-0.275 N")
         axes.set_xticks(range(len(protocols)), [_PROTOCOL_NAMES.get(name, name) for name in protocols])
         axes.tick_params(axis="x", length=0)
         axes.grid(visible=False, axis="x")
-        axes.set_ylabel("MAE of the magnitude, N (above the bars: mN)")
+        axes.set_ylabel("MAE of the magnitude, N (in the bars: mN)")
         grams_axis(axes)
         legend_above(axes)
 
     return make_figure(draw, "Mean absolute error: the same methods, split three ways", 6.6, 4.2)
 
+
+_LIGHT = {"#e69f00", "#56b4e9", "#cc79a7"}
+"""Bars that need dark numbers."""
 
 _KIND = {
     "random": "held out at random",

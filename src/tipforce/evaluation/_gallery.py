@@ -19,6 +19,7 @@ from ._style import COLOURS, GREY, make_figure, page_svg, to_svg
 __all__ = ["Card", "worst_frames"]
 
 _WIDTH_PX = 480
+_APART_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,19 +55,26 @@ def worst_frames(evaluation: Evaluation, method: str, worst: int = 8, refused: i
 
 
 def _worst(outcome: Outcome, count: int) -> IntArray:
+    """Places of the largest errors, none within a second of a larger one: neighbours would show the same."""
     error = np.abs(outcome.magnitude_n - outcome.reference_magnitude_n)
-    order = np.argsort(-np.where(np.isfinite(error), error, -1.0), kind="stable")
-    return order[: min(count, int(outcome.answered.sum()))]
+    chosen: list[int] = []
+    for place in np.argsort(-error, kind="stable")[: int(outcome.answered.sum())].tolist():
+        same = [k for k in chosen if outcome.session[k] == outcome.session[place]]
+        if all(abs(int(outcome.stamp_ns[k]) - int(outcome.stamp_ns[place])) > _APART_NS for k in same):
+            chosen.append(place)
+        if len(chosen) == count:
+            break
+    return np.array(chosen, dtype=np.int64)
 
 
 def _card(outcome: Outcome, place: int, observation: Observation, estimator: Estimator, dataset: Dataset) -> Card:
     true, found = float(outcome.reference_magnitude_n[place]), float(outcome.magnitude_n[place])
-    text = f"measured {newtons_to_grams(true):.1f} g ({1e3 * true:.0f} mN), "
     if np.isfinite(found):
-        text += f"estimated {newtons_to_grams(found):.1f} g ({1e3 * found:.0f} mN): {1e3 * (found - true):+.0f} mN"
+        said = f"estimated {_both(found)}: {1e3 * (found - true):+.0f}\u00a0mN".replace(": -", ": \u2212")
     else:
-        text += f"refused: {outcome.status[place].replace('_', ' ')}"
-        text += f", {outcome.detail[place]}" if outcome.detail[place] else ""
+        said = f"refused: {outcome.status[place].replace('_', ' ')}"
+        said += f", {outcome.detail[place]}" if outcome.detail[place] else ""
+    text = f"measured {_both(true)}, {said}"
     svg = uri = ""
     for view in observation.views.values():
         if isinstance(view, ShapeFeatures):
@@ -76,6 +84,10 @@ def _card(outcome: Outcome, place: int, observation: Observation, estimator: Est
             uri = _photo(picture_of(estimator, observation, view))
         break
     return Card(str(outcome.names[place]), str(outcome.session[place]), text, svg, uri)
+
+
+def _both(newtons: float) -> str:
+    return f"{newtons_to_grams(newtons):.1f}\u00a0g ({1e3 * newtons:.0f}\u00a0mN)"
 
 
 def _photo(picture: Image) -> str:

@@ -52,6 +52,15 @@ def _pretty(value: Any) -> str:
     return json.dumps(value, indent=2, ensure_ascii=False)
 
 
+def _facts(value: Any) -> str:
+    """Nested facts on one line, numbers short."""
+    if isinstance(value, dict):
+        return ", ".join(f"{str(key).replace('_', ' ')} {_facts(item)}" for key, item in value.items())
+    if isinstance(value, list):
+        return " ".join(_facts(item) for item in value)
+    return f"{value:.4g}" if isinstance(value, float) else "–" if value is None else str(value)
+
+
 FILTERS: dict[str, Callable[..., str]] = {
     "mn": _mn,
     "grams": _grams,
@@ -61,5 +70,6 @@ FILTERS: dict[str, Callable[..., str]] = {
     "share": _share,
     "fixed": _number,
     "pretty": _pretty,
+    "facts": _facts,
 }
 """Filters of the template: what a value is -> its text."""

@@ -1,23 +1,12 @@
 """How a method saw a sample: its curve over the picture, or the curve that ready-made coefficients stand for."""
 
-from typing import Protocol, runtime_checkable
-
 import numpy as np
 
-from ..estimators import Estimator
+from ..estimators import Estimator, ShowsShape
 from ..types import FloatArray, Image, Observation, ShapeFeatures
-from ..vision import Sighting, draw_sighting
+from ..vision import draw_sighting
 
-__all__ = ["ShowsShape", "curve_of_features", "picture_of"]
-
-
-@runtime_checkable
-class ShowsShape(Protocol):
-    """A method that finds a shape in the picture and can show it: an optional addition to the estimator's face."""
-
-    def look(self, observation: Observation) -> tuple[Sighting, FloatArray | None]:
-        """What was seen, and the fitted curve (n, 2) in image points, None where there is none."""
-        ...
+__all__ = ["curve_of_features", "picture_of"]
 
 
 def picture_of(estimator: Estimator, observation: Observation, image: Image) -> Image:

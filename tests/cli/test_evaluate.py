@@ -1,0 +1,122 @@
+"""The verb evaluate, from a folder of rows to a report."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from tipforce.cli import app
+from tipforce.errors import TipforceError
+
+QUICK = ["--set", "c=[10]", "--set", "epsilon=[0.01]", "--set", "sigma=[1]"]
+
+
+def write_folder(folder, sessions=3, frames=30):
+    """A dataset folder of ready-made coefficients: the force bends the curve, each session a little differently."""
+    draw = np.random.default_rng(0)
+    folder.mkdir()
+    lines = ["session,stamp_ns,shape_A1,shape_A2,shape_A3,shape_A4,knob_deg,fx_n,fy_n"]
+    for session in range(sessions):
+        stiff = draw.uniform(0.95, 1.05)
+        for frame in range(frames):
+            force = 0.2 + 0.1 * np.sin(frame / 3 + session)
+            bend = force / stiff + draw.normal(0, 0.002)
+            cells = [0.1 * bend, 0.2 * bend, 0.4 + 0.5 * bend, 0.02, 10, 0.2 * force, force]
+            lines.append(f"s{session},{frame * 100_000_000}," + ",".join(f"{cell:.6f}" for cell in cells))
+    (folder / "metadata.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def rows(tmp_path):
+    return write_folder(tmp_path / "rows")
+
+
+def run(*words):
+    return CliRunner().invoke(app, ["evaluate", *map(str, words)])
+
+
+def refusal(*words):
+    """The one sentence a user would see."""
+    result = run(*words)
+    assert isinstance(result.exception, TipforceError), result.exception
+    assert "\n" not in str(result.exception)
+    return str(result.exception)
+
+
+def test_a_method_is_judged_and_the_report_written(rows, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["tipforce", "evaluate", "svr", "--data", "rows"])
+    result = run("svr", "--data", rows, "-o", tmp_path / "report", *QUICK, "--json", "-")
+    assert result.exception is None, result.exception
+    figures = json.loads(result.stdout)
+    assert {(row["method"], row["protocol"]) for row in figures["rows"]} == {
+        (method, protocol) for method in ("svr", "constant") for protocol in ("random", "blocked", "session")
+    }
+    svr, constant = (
+        next(r for r in figures["rows"] if (r["method"], r["protocol"]) == (name, "session"))["against_sensor"]
+        for name in ("svr", "constant")
+    )
+    assert svr["quantities"]["magnitude"]["mae_n"] < 0.3 * constant["quantities"]["magnitude"]["mae_n"]
+    assert figures["methods"]["svr"]["settings"]["c"] == [10]
+    assert json.loads((tmp_path / "report" / "metrics.json").read_text(encoding="utf-8")) == figures
+    page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    assert "tipforce evaluate svr --data rows" in page
+    assert "thesis table 3" in page
+    assert page.count('aria-label="shape of') > 0
+
+
+def test_one_protocol_with_drawn_samples(rows, tmp_path):
+    result = run("svr", "--data", rows, "-o", tmp_path / "r", *QUICK, "--protocol", "random", "--samples", 80)
+    assert result.exception is None, result.exception
+    figures = json.loads((tmp_path / "r" / "metrics.json").read_text(encoding="utf-8"))
+    assert {row["protocol"] for row in figures["rows"]} == {"random"}
+    assert figures["rows"][0]["splits"][0]["train"] == 60
+
+
+def test_a_saved_model_is_also_scored_as_saved_on_new_sessions(rows, tmp_path):
+    from tipforce.dataset import open_dataset
+    from tipforce.estimators import create, save_model
+
+    data = open_dataset(rows)
+    seen = data.subset(data.session != "s2")
+    quick = {"c": [10], "epsilon": [0.01], "sigma": [1]}
+    save_model(create("svr", quick).fit(seen), tmp_path / "model", seen)
+    result = run(tmp_path / "model", "--data", rows, "-o", tmp_path / "r", "--protocol", "random")
+    assert result.exception is None, result.exception
+    figures = json.loads((tmp_path / "r" / "metrics.json").read_text(encoding="utf-8"))
+    saved = next(row for row in figures["rows"] if row["protocol"] == "as saved")
+    assert list(saved["against_sensor"]["by_session"]) == ["s2"]
+    assert figures["methods"]["model"]["settings"]["c"] == [10]
+    assert any("s0, s1" in note for note in figures["notes"])
+
+
+def test_one_session_cannot_be_held_out(tmp_path):
+    rows = write_folder(tmp_path / "single", sessions=1)
+    said = refusal("svr", "--data", rows, "-o", tmp_path / "r", *QUICK, "--protocol", "session")
+    assert "single" in said
+    assert "at least two sessions" in said
+    assert not (tmp_path / "r").exists()
+
+
+def test_what_is_no_model_is_said_to_be_none(rows, tmp_path):
+    said = refusal("models/nothing", "--data", rows, "-o", tmp_path / "r")
+    assert "neither the folder of a saved model nor a method" in said
+    assert "svr" in said
+
+
+def test_data_that_are_not_there(tmp_path):
+    assert "nowhere" in refusal("svr", "--data", tmp_path / "nowhere", "-o", tmp_path / "r")
+
+
+def test_settings_need_a_method_that_is_named(rows, tmp_path):
+    (tmp_path / "model").mkdir()
+    said = refusal(tmp_path / "model", "--data", rows, "-o", tmp_path / "r", "--set", "c=[1]")
+    assert said.startswith("--set")
+
+
+def test_truth_of_nothing_is_refused(rows, tmp_path):
+    (tmp_path / "bench").mkdir()
+    said = refusal("svr", "--data", rows, "-o", tmp_path / "r", "--truth", tmp_path / "bench")
+    assert "truth" in said
