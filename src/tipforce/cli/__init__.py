@@ -13,6 +13,9 @@ __all__ = ["VERBS", "app", "main"]
 VERBS: dict[str, str] = {
     "simulate": "simulate",
     "import": "import_",
+    "evaluate": "evaluate",
+    "inspect": "inspect",
+    "estimate": "estimate",
 }
 """Verb -> module of this package that holds its ``command`` function, in the order of a working day."""
 
