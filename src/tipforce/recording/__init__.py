@@ -4,6 +4,7 @@ from ._describe import describe
 from ._facts import ClockOffset, Reads, SensorPose, Tare
 from ._import import ForceColumns, ImportReport, import_run
 from ._labels import Labels, labels
+from ._look import Look, is_picture, look_at, look_through, save_picture
 from ._observations import observations
 from ._reader import RecordingInfo, RecordingReader, StreamInfo
 from ._sources import open_source
@@ -18,6 +19,7 @@ __all__ = [
     "ForceColumns",
     "ImportReport",
     "Labels",
+    "Look",
     "Reads",
     "RecordingInfo",
     "RecordingReader",
@@ -31,10 +33,14 @@ __all__ = [
     "estimate_offset",
     "find_tare",
     "import_run",
+    "is_picture",
     "labels",
+    "look_at",
+    "look_through",
     "observations",
     "open_source",
     "plot_summary",
+    "save_picture",
     "shape_coordinates",
     "stated_tare",
     "summarise",

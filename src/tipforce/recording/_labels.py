@@ -79,4 +79,5 @@ def _interpolate(at: IntArray, times: IntArray, values: FloatArray, max_gap_ns: 
     gap = times[right] - times[left]
     share = ((at - times[left]) / np.maximum(gap, 1))[:, None]
     found = values[left] + share * (values[right] - values[left])
-    return np.where((gap > max_gap_ns)[:, None], math.nan, found)
+    apart = (gap > max_gap_ns) & (at != times[right])
+    return np.where(apart[:, None], math.nan, found)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO
 
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Metadata, Schema
 from mcap.stream_reader import breakup_chunk
@@ -126,18 +127,27 @@ def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:
 
 
 def _chunk(raw: bytes, found: _Findings, whole: bool) -> Iterator[object]:
-    """The records of one chunk; of a chunk that is cut, those before the cut."""
+    """The records of one chunk; of a chunk that is cut, those before the cut; of a damaged one no message."""
     if whole:
         try:
-            yield from breakup_chunk(Chunk.read(ReadDataStream(BytesIO(raw))), validate_crc=True)
+            records = breakup_chunk(Chunk.read(ReadDataStream(BytesIO(raw))), validate_crc=True)
         except Exception:  # a decompressor or parser that met damage; each raises its own kind
             found.damaged_chunks += 1
+            # which message is hurt cannot be told, but what the later ones need may stand here alone
+            yield from (record for record in _inside(raw) if isinstance(record, Schema | Channel))
+            return
+        yield from records
         return
+    yield from _inside(raw)
+
+
+def _inside(raw: bytes) -> Iterator[object]:
+    """Whole records of an uncompressed chunk, one after the other, as far as their lengths make sense."""
     if len(raw) < _CHUNK_HEAD.size:
         return
     name_length = _CHUNK_HEAD.unpack_from(raw)[-1]
     at = _CHUNK_HEAD.size + name_length + 8
-    if name_length:  # compressed: without its end it cannot be opened
+    if name_length:  # compressed: nothing of it can be told without its end
         return
     while at + _HEAD.size <= len(raw):
         opcode, length = _HEAD.unpack_from(raw, at)
@@ -154,4 +164,7 @@ def _parse(opcode: int, raw: bytes) -> object:
     if opcode == Opcode.MESSAGE:
         return Message.read(stream, len(raw))
     kind = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}[Opcode(opcode)]
-    return kind.read(stream)
+    try:
+        return kind.read(stream)
+    except (McapError, ValueError, struct.error):  # its text is hurt
+        return None

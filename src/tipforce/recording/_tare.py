@@ -13,6 +13,7 @@ __all__ = ["find_tare", "stated_tare"]
 _BIN_S = 0.05
 _WINDOW_BINS = 10
 _MIN_RUN_S = 1.0
+_EDGE_BINS = 4
 _QUIET = 0.08
 """Largest scatter of a quiet half second, as a share of the force's range in the whole log."""
 
@@ -80,9 +81,12 @@ def _quiet_runs(bins: FloatArray, filled: BoolArray, spread: float) -> list[tupl
     for start in np.flatnonzero((scatter < _QUIET * spread) & whole).tolist():
         quiet[start : start + _WINDOW_BINS] = 1
     edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet])))
-    # the outer bins of a run may already belong to the onset of contact
-    runs = [(int(first) + 2, int(last) - 2) for first, last in zip(edges[::2], edges[1::2], strict=False)]
-    return [(first, last) for first, last in runs if (last - first) * _BIN_S >= _MIN_RUN_S - 4 * _BIN_S]
+    runs: list[tuple[int, int]] = []
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=False):
+        if (last - first) * _BIN_S >= _MIN_RUN_S:
+            # the outer bins may already belong to the onset of contact, but not at the log's own ends
+            runs.append((first + _EDGE_BINS * (first > 0), last - _EDGE_BINS * (last < len(bins))))
+    return runs
 
 
 def _levels(bins: FloatArray, runs: list[tuple[int, int]], spread: float) -> list[list[tuple[int, int]]]:

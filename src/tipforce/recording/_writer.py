@@ -72,7 +72,11 @@ class RecordingWriter:
         self._lossless, self._quality = lossless, jpeg_quality
         self._clock = clock or SystemClock()
         self._stream: IO[bytes] = self.part.open("ab")
-        lock(self._stream, self.part)
+        try:
+            lock(self._stream, self.part)
+        except FileFormatError:
+            self._stream.close()
+            raise
         self._stream.truncate(0)  # only now that nobody else is known to write it
         self._stream.seek(0)
         self._mcap = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.NONE)
