@@ -42,6 +42,8 @@ class Dataset:
     contexts: Mapping[str, Context]
     rows: IntArray
     title: str = ""
+    whole: "Dataset | None" = field(default=None, repr=False)
+    """The dataset that this is a part of: a method with memory sees the frames before a sample, not their labels."""
     _memo: dict[tuple[str, int], object] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
@@ -67,6 +69,7 @@ class Dataset:
             force_n=self.force_n[index],
             names=self.names[index],
             rows=self.rows[index],
+            whole=self.whole or self,
         )
 
     def observations(self) -> Iterator[Observation]:

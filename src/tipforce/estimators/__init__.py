@@ -1,23 +1,29 @@
 """Methods that turn what is seen into a force: one file a method, all with the same face."""
 
 from ._base import Estimator, Progress, Stream
-from ._create import ESTIMATORS, create
+from ._conformal import COVERAGE
+from ._create import ESTIMATORS, create, method
 from ._onnx import export_onnx
-from ._run import RunReport, write_estimates
-from ._shows import ShowsShape
-from .store import load_model, read_manifest, save_model
+from ._settings import AngleSettings, SvrSettings, WindowSettings
+from .store import FORMAT_VERSION, check_target, load_model, read_manifest, save_model
+from .svr import Svr
 
 __all__ = [
+    "COVERAGE",
     "ESTIMATORS",
+    "FORMAT_VERSION",
+    "AngleSettings",
     "Estimator",
     "Progress",
-    "RunReport",
-    "ShowsShape",
     "Stream",
+    "Svr",
+    "SvrSettings",
+    "WindowSettings",
+    "check_target",
     "create",
     "export_onnx",
     "load_model",
+    "method",
     "read_manifest",
     "save_model",
-    "write_estimates",
 ]

@@ -7,18 +7,25 @@ from pydantic import BaseModel
 
 from ..errors import InputError
 from ._base import Estimator
+from .svr import Svr
 
-__all__ = ["ESTIMATORS", "create"]
+__all__ = ["ESTIMATORS", "create", "method"]
 
-ESTIMATORS: dict[str, type[Estimator]] = {}
+ESTIMATORS: dict[str, type[Estimator]] = {"svr": Svr}
 """What the command line calls each method -> its class."""
+
+
+def method(name: str) -> type[Estimator]:
+    """The class of a method. Raises InputError for a name that is none."""
+    if name not in ESTIMATORS:
+        raise InputError(f"there is no estimator {name!r}; there are {', '.join(ESTIMATORS)}")
+    return ESTIMATORS[name]
 
 
 def create(name: str, settings: BaseModel | Mapping[str, Any] | None = None) -> Estimator:
     """An unfitted estimator; ``settings``: the method's own model (``ESTIMATORS[name].settings_type``) or its values.
 
-    Raises InputError for a name that is no method.
+    Raises InputError for a name that is no method; pydantic's ValidationError for values that the model refuses.
     """
-    if name not in ESTIMATORS:
-        raise InputError(f"there is no estimator {name!r}; there are {', '.join(ESTIMATORS)}")
-    raise NotImplementedError(settings)
+    kind = method(name)
+    return kind(kind.settings_type.model_validate(settings or {}))  # type: ignore[call-arg]

@@ -1,13 +1,33 @@
-"""The model store: a folder with ``model.json``, ``arrays.npz`` and a model card."""
+"""The model store: a folder with ``model.json``, ``arrays.npz`` and a model card, whole or not there at all."""
 
+import hashlib
+import io
+import json
+import platform
+import shutil
+import tempfile
+import zipfile
 from collections.abc import Mapping
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ..dataset import Dataset
-from ._base import Estimator
+import numpy as np
+import numpy.typing as npt
+from pydantic import ValidationError
 
-__all__ = ["load_model", "read_manifest", "save_model"]
+from ..dataset import Dataset
+from ..errors import InputError, ModelError
+from ._base import Estimator
+from ._card import model_card
+from ._create import ESTIMATORS
+
+__all__ = ["FORMAT_VERSION", "check_target", "load_model", "read_manifest", "save_model"]
+
+FORMAT_VERSION = 1
+"""Grows when an older program could not read a newer model."""
+
+MANIFEST, ARRAYS, CARD = "model.json", "arrays.npz", "README.md"
 
 
 def save_model(
@@ -18,15 +38,143 @@ def save_model(
     *,
     overwrite: bool = False,
 ) -> Path:
-    """Write the fitted ``estimator`` as a model folder, whole or not at all."""
-    raise NotImplementedError(estimator, folder, training, metrics, overwrite)
+    """Write the fitted ``estimator`` as a model folder; returns it.
+
+    ``training``: what it was fitted on, for the manifest. ``metrics``: figures to keep with it, JSON values. Written
+    beside ``folder`` and renamed: never half there. Raises InputError where ``folder`` exists (unless ``overwrite``,
+    and then only a model is replaced), NotFittedError, and ModelError where the method refuses to be saved.
+    """
+    folder = Path(folder)
+    check_target(folder, overwrite=overwrite)
+    values, arrays = estimator.state()
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
+    try:
+        with (part / ARRAYS).open("wb") as stream:
+            np.savez(stream, allow_pickle=False, **arrays)
+        manifest = _manifest(estimator, training, metrics, values)
+        (part / CARD).write_text(model_card(manifest), encoding="utf-8")
+        manifest["sha256"] = {name: _sha256((part / name).read_bytes()) for name in (ARRAYS, CARD)}
+        text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
+        (part / MANIFEST).write_text(text + "\n", encoding="utf-8")
+        part.chmod(0o755)
+        _replace(part, folder)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return folder
+
+
+def check_target(folder: str | Path, *, overwrite: bool = False) -> None:
+    """Raises InputError where a model cannot be written to ``folder``: ask before training for minutes."""
+    folder = Path(folder)
+    if not folder.exists():
+        return
+    if not overwrite:
+        raise InputError(f"{folder}: exists already; choose another name or state --overwrite")
+    if not (folder / MANIFEST).is_file() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise InputError(f"{folder}: is no model folder, so --overwrite does not replace it; choose another name")
+
+
+def _replace(part: Path, folder: Path) -> None:
+    """Rename; an older model goes only when the new one stands in its place."""
+    if not folder.exists():
+        part.replace(folder)
+        return
+    old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".old", dir=folder.parent))
+    folder.replace(old / "model")
+    try:
+        part.replace(folder)
+    except OSError:
+        (old / "model").replace(folder)
+        raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _manifest(
+    estimator: Estimator, training: Dataset, metrics: Mapping[str, Any] | None, values: dict[str, Any]
+) -> dict[str, Any]:
+    frames = {context.notes.get("force_frame", "base") for context in training.contexts.values()}
+    return {
+        "format": "tipforce model",
+        "format_version": FORMAT_VERSION,
+        "method": estimator.name,
+        "settings": estimator.settings.model_dump(mode="json"),
+        "units": {"force": "N", "stamp": "ns", "actuation": "as named"},
+        "frame_of_forces": sorted(frames)[0] if len(frames) == 1 else sorted(frames),
+        "state": values,
+        "facts": estimator.describe(),
+        "training": {
+            "title": training.title,
+            "fingerprint": training.fingerprint(),
+            "samples": len(training),
+            "sessions": list(training.sessions),
+            "force_range_n": [float(np.min(training.magnitude_n)), float(np.max(training.magnitude_n))],
+        },
+        "metrics": dict(metrics or {}),
+        "versions": {
+            "tipforce": version("tipforce"),
+            "python": platform.python_version(),
+            "numpy": version("numpy"),
+            "scikit-learn": version("scikit-learn"),
+        },
+        "seed": getattr(estimator.settings, "seed", None),
+    }
 
 
 def load_model(folder: str | Path) -> Estimator:
-    """The estimator in ``folder``; raises ModelError for a missing, altered or newer model."""
-    raise NotImplementedError(folder)
+    """The estimator in ``folder``. Raises ModelError for a missing or altered file, a newer model, another method."""
+    folder = Path(folder)
+    manifest = read_manifest(folder)
+    for name, expected in manifest["sha256"].items():
+        if not (folder / name).is_file():
+            raise ModelError(f"{folder}: the file {name} is missing; train the model again or copy the whole folder")
+        if name != CARD and _sha256((folder / name).read_bytes()) != expected:
+            raise ModelError(
+                f"{folder / name}: was altered after it was saved (its SHA-256 is not the one in {MANIFEST}); train "
+                "the model again or copy the whole folder"
+            )
+    try:
+        arrays = _read_arrays((folder / ARRAYS).read_bytes())
+        return ESTIMATORS[manifest["method"]].from_state(manifest["settings"], manifest["state"], arrays)
+    except (KeyError, TypeError, ValueError, ValidationError, zipfile.BadZipFile) as error:
+        first = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ModelError(
+            f"{folder}: what {MANIFEST} and {ARRAYS} hold does not fit the method {manifest['method']} ({first}); "
+            "train the model again"
+        ) from None
 
 
 def read_manifest(folder: str | Path) -> dict[str, Any]:
-    """What ``model.json`` says; raises ModelError for a missing, unreadable or newer one."""
-    raise NotImplementedError(folder)
+    """What ``model.json`` says; raises ModelError for a missing, unreadable or newer one, or an unknown method."""
+    path = Path(folder) / MANIFEST
+    if not path.is_file():
+        raise ModelError(f"{folder}: is no model folder, there is no {MANIFEST}; make one with `tipforce train`")
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        found = manifest["format_version"]
+        needed = {"method", "settings", "state", "sha256", "training", "facts"} - set(manifest)
+    except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError):
+        raise ModelError(f"{path}: is damaged; train the model again or copy the whole folder") from None
+    if not isinstance(found, int) or found > FORMAT_VERSION:
+        raise ModelError(
+            f"{path}: has the format version {found}, this program reads up to {FORMAT_VERSION}; update it with "
+            "`pip install -U tipforce`"
+        )
+    if needed:
+        raise ModelError(f"{path}: lacks {', '.join(sorted(needed))}; train the model again or copy the whole folder")
+    if manifest["method"] not in ESTIMATORS:
+        raise ModelError(
+            f"{path}: was made by the method {manifest['method']!r}, this program has {', '.join(ESTIMATORS)}; update "
+            "it with `pip install -U tipforce`"
+        )
+    return manifest
+
+
+def _read_arrays(data: bytes) -> dict[str, npt.NDArray[Any]]:
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

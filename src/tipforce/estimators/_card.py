@@ -1,0 +1,103 @@
+"""The model card: what a person wants to know before trusting a model."""
+
+from collections.abc import Mapping
+from typing import Any
+
+__all__ = ["model_card"]
+
+
+def model_card(manifest: Mapping[str, Any]) -> str:
+    """``README.md`` of a model folder, from its manifest."""
+    training, facts = manifest["training"], manifest["facts"]
+    low, high = training["force_range_n"]
+    sessions = training["sessions"]
+    lines = [
+        f"# {manifest['method']}: force at a catheter's tip from pictures",
+        "",
+        (
+            f"Learnt from {training['samples']} samples of **{training['title']}** "
+            f"({_count(len(sessions), 'session')}: {_listed(sessions)}), "
+            f"forces from {low * 1e3:.0f} to {high * 1e3:.0f} mN."
+        ),
+        "",
+        "**Research use only.** Not for diagnosis or treatment.",
+        "",
+        "## Use",
+        "",
+        "```",
+        "tipforce estimate THIS_FOLDER video.mp4 -o forces.csv",
+        "```",
+        "",
+        "## What it sees",
+        "",
+        (
+            f"{_count(len(facts['features']), 'number')} a frame: {', '.join(facts['features'])}. "
+            f"Forces are in newtons, on the axes: {_axes(manifest['frame_of_forces'])}."
+        ),
+    ]
+    if facts.get("samples_without_shape"):
+        lines += ["", f"In {facts['samples_without_shape']} of the samples no shape was found; they were left out."]
+    lines += [
+        "",
+        "## How well",
+        "",
+        "| answers | C | epsilon | sigma | support vectors | error over folds (RMSE) | 90 % interval |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, each in facts["targets"].items():
+        lines.append(
+            f"| {name} | {each['c']:.4g} | {each['epsilon']:g} | {each['sigma']:g} | {each['support_vectors']} "
+            f"| {each['cv_rmse_n'] * 1e3:.1f} mN | {_half(each['interval_half_width_n'])} |"
+        )
+    lines += [
+        "",
+        (
+            f"The interval rests on: **{facts['interval_basis']}**. "
+            "The errors are those on samples left out while the constants were chosen, within the training data."
+        ),
+    ]
+    if manifest["metrics"]:
+        lines += ["", "Measured on samples held out of everything:", ""]
+        lines += [f"- {name}: {_figure(value)}" for name, value in manifest["metrics"].items()]
+    versions = ", ".join(f"{name} {number}" for name, number in manifest["versions"].items())
+    lines += [
+        "",
+        "## Where it does not hold",
+        "",
+        (
+            "Another catheter, another camera view, forces or bends beyond those above: nothing was learnt there. "
+            "A frame in which the shape is not found is answered with its reason, never with an old number."
+        ),
+        "",
+        "## Made with",
+        "",
+        (
+            f"{versions}; seed {manifest['seed']}; training data {training['fingerprint'][:16]}. "
+            "Every setting is in `model.json`."
+        ),
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+def _listed(names: list[str], most: int = 10) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+def _axes(frame: str | list[str]) -> str:
+    if frame == "base":
+        return "x along the catheter's base, y to its left in the picture"
+    return f"{frame} (not this program's base frame)" if isinstance(frame, str) else ", ".join(frame)
+
+
+def _half(value: float | None) -> str:
+    return "unbounded" if value is None else f"± {value * 1e3:.1f} mN"
+
+
+def _figure(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

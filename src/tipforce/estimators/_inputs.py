@@ -1,0 +1,121 @@
+"""From an observation to the numbers a regression works on: shape, then actuation."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry import angle_matrix, turning_angles
+from ..types import FloatArray, Image, Observation, ShapeFeatures, Status
+from ..vision import NoFeatures, ShapeFeatureSettings, feature_names, shape_features
+from ._settings import AngleSettings, SvrSettings
+
+__all__ = ["Inputs", "Refusal", "angles_of_polynomial"]
+
+_CURVE_POINTS = 65
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why an observation yields no numbers."""
+
+    status: Status
+    detail: str
+
+
+class Inputs:
+    """Reads observations; one for each session, because `Vision` keeps its working memory.
+
+    ``actuation``: the names wanted, in order. ``shape``: names that ready-made shape numbers must have, in order; None
+    where it is not settled yet (training).
+    """
+
+    def __init__(self, settings: SvrSettings, actuation: Sequence[str], shape: Sequence[str] | None = None) -> None:
+        self._settings, self._view = settings, settings.vision.view
+        self._actuation = tuple(actuation)
+        self._vision: Any = None
+        self._angles = None
+        if settings.angles is not None:
+            self._angles = ShapeFeatureSettings(kind="legendre", degree=settings.angles.degree)
+        self._wanted = None if shape is None else tuple(shape)
+
+    def names(self, view: Image | ShapeFeatures) -> tuple[str, ...]:
+        """Names of the shape numbers that ``view`` yields, the angle series after the others."""
+        first = view.names if isinstance(view, ShapeFeatures) else feature_names(self._settings.features)
+        extra = () if self._angles is None else tuple(f"angle {name}" for name in feature_names(self._angles))
+        return (*first, *extra)
+
+    def read(self, observation: Observation) -> FloatArray | Refusal:
+        """(k,) shape numbers and actuation, or why there are none."""
+        view = observation.views.get(self._view)
+        if view is None:
+            there = ", ".join(observation.views) or "none"
+            return Refusal(Status.MISSING_INPUT, f"there is no view {self._view!r}; there is {there}")
+        values = self._table(view) if isinstance(view, ShapeFeatures) else self._picture(view)
+        if isinstance(values, Refusal):
+            return values
+        row = np.empty(len(values) + len(self._actuation))
+        row[: len(values)] = values
+        for place, name in enumerate(self._actuation, len(values)):
+            value = observation.actuation.get(name)
+            if value is None or value != value:
+                return Refusal(Status.MISSING_INPUT, f"the value {name} that this model was trained with is absent")
+            row[place] = value
+        return row
+
+    def _picture(self, image: Image) -> FloatArray | Refusal:
+        if self._vision is None:
+            from ..vision import Vision
+
+            self._vision = Vision(self._settings.vision)
+        sighting = self._vision.see(image)
+        if not sighting.found:
+            return Refusal(sighting.status, sighting.detail)
+        values = shape_features(sighting, self._settings.features)
+        if isinstance(values, NoFeatures):
+            return Refusal(values.status, values.detail)
+        if self._angles is not None:
+            more = shape_features(sighting, self._angles)
+            if isinstance(more, NoFeatures):
+                return Refusal(more.status, more.detail)
+            values = np.concatenate([values, more])
+        return values
+
+    def _table(self, view: ShapeFeatures) -> FloatArray | Refusal:
+        if self._wanted is not None and self.names(view) != self._wanted:
+            return Refusal(
+                Status.MISSING_INPUT,
+                f"the shape is given as {', '.join(view.names)}, but this model was trained with "
+                f"{', '.join(self._wanted)}",
+            )
+        if not np.isfinite(view.values).all():
+            return Refusal(Status.NO_CATHETER, "the shape numbers of this sample are not finite")
+        if self._settings.angles is None:
+            return view.values
+        more = angles_of_polynomial(view.values, self._settings.features, self._settings.angles)
+        return np.concatenate([view.values, more])
+
+
+def angles_of_polynomial(coefficients: FloatArray, features: ShapeFeatureSettings, angles: AngleSettings) -> FloatArray:
+    """(degree + 1,) series in rad of the curve y(x) with ``coefficients``, highest power first, as ``features`` says.
+
+    The curve is followed from x = 0 over the arc length that ``angles`` states. Raises InputError where the settings
+    do not describe the coefficients.
+    """
+    wanted = features.degree + features.constant
+    if features.kind != "polynomial" or len(coefficients) != wanted:
+        raise InputError(
+            f"the data have {len(coefficients)} shape numbers, but features.kind={features.kind}, "
+            f"features.degree={features.degree}, features.constant={str(features.constant).lower()} stand for "
+            f"{wanted}: set them to what the numbers are, or leave angles out"
+        )
+    if angles.length is None:
+        raise InputError("an angle series of ready-made polynomials needs the setting angles.length, in their unit")
+    x = np.linspace(0.0, angles.length, 4 * _CURVE_POINTS)
+    y = np.polyval(coefficients if features.constant else np.append(coefficients, 0.0), x)
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    at = np.linspace(0.0, angles.length, _CURVE_POINTS)
+    points = np.column_stack([np.interp(at, arc, x), np.interp(at, arc, y)])
+    return angle_matrix(_CURVE_POINTS, angles.degree) @ turning_angles(points, 1.0, 0.0)

@@ -1,0 +1,162 @@
+"""The fitted machines: training with scikit-learn (libsvm), answering without it."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from sklearn.svm import SVR
+
+from ..types import FloatArray, IntArray
+
+__all__ = ["Constants", "Machines", "evaluate", "fit_machines", "gram", "largest", "squared_distances"]
+
+
+@dataclass(frozen=True, slots=True)
+class Constants:
+    """What is chosen by cross-validation: C and epsilon (thesis eq. 8, 10), sigma (eq. 15)."""
+
+    c: float
+    epsilon: float
+    sigma: float
+
+
+@dataclass(frozen=True, eq=False)
+class Machines:
+    """One support vector machine a target, on raw features (k,) in, newtons (t,) out.
+
+    ``shift``, ``scale`` (k,): scaled feature = (raw - shift) * scale. ``vectors`` (m, k): the support vectors of all
+    targets, target after target, ``ends`` (t,) where each target's stop. ``dual`` (m,), ``intercept``, ``gamma``,
+    ``unit_n`` (t,): newtons of one. ``weights`` (t, k): the linear part of the kernel, already summed up.
+    """
+
+    shift: FloatArray
+    scale: FloatArray
+    vectors: FloatArray
+    dual: FloatArray
+    ends: IntArray
+    intercept: FloatArray
+    gamma: FloatArray
+    unit_n: FloatArray
+    weights: FloatArray
+    parity_n: float = 0.0
+    """Largest deviation from scikit-learn on the training samples, in newtons."""
+
+    def __call__(self, raw: FloatArray) -> FloatArray:
+        """(k,) raw features -> (t,) newtons."""
+        out = np.empty(len(self.ends))
+        evaluate(
+            raw, self.shift, self.scale, self.vectors, self.dual, self.ends, self.intercept, self.gamma, self.unit_n,
+            self.weights, out,
+        )  # fmt: skip
+        return out
+
+    def many(self, raw: FloatArray) -> FloatArray:
+        """(n, k) -> (n, t)."""
+        out = np.empty((len(raw), len(self.ends)))
+        for row in range(len(raw)):
+            out[row] = self(raw[row])
+        return out
+
+    def arrays(self) -> dict[str, Any]:
+        """All arrays by name, for the model store."""
+        names = ("shift", "scale", "vectors", "dual", "ends", "intercept", "gamma", "unit_n", "weights")
+        return {name: getattr(self, name) for name in names}
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def evaluate(
+    raw: FloatArray,
+    shift: FloatArray,
+    scale: FloatArray,
+    vectors: FloatArray,
+    dual: FloatArray,
+    ends: IntArray,
+    intercept: FloatArray,
+    gamma: FloatArray,
+    unit_n: FloatArray,
+    weights: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Thesis eq. (13) with eq. (15) for every target, into ``out`` (t,)."""
+    k = raw.shape[0]
+    x = np.empty(k)
+    for j in range(k):
+        x[j] = (raw[j] - shift[j]) * scale[j]
+    start = 0
+    for t in range(ends.shape[0]):
+        total = intercept[t]
+        for j in range(k):
+            total += weights[t, j] * x[j]
+        for i in range(start, ends[t]):
+            square = 0.0
+            for j in range(k):
+                d = x[j] - vectors[i, j]
+                square += d * d
+            total += dual[i] * math.exp(-gamma[t] * square)
+        start = ends[t]
+        out[t] = total * unit_n[t]
+
+
+def squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(n, k), (m, k) -> (n, m)."""
+    square = np.sum(a * a, axis=1)[:, None] + np.sum(b * b, axis=1)[None] - 2.0 * (a @ b.T)
+    return np.maximum(square, 0.0)
+
+
+def gram(distances: FloatArray, products: FloatArray | None, sigma: float) -> FloatArray:
+    """Kernel matrix: thesis eq. (15) on squared distances, plus the linear part where there is one."""
+    kernel = np.exp(distances * (-1.0 / sigma**2))
+    return kernel if products is None else kernel + products
+
+
+def fit_machines(
+    raw: FloatArray,
+    targets_n: FloatArray,
+    constants: list[Constants],
+    shift: FloatArray,
+    scale: FloatArray,
+    linear: FloatArray,
+) -> Machines:
+    """Train one machine for each column of ``targets_n`` (n, t) on ``raw`` (n, k).
+
+    ``linear`` (k,): weight of each scaled feature's products in the kernel, zeros for the thesis's kernel.
+    """
+    x = np.ascontiguousarray((raw - shift) * scale)
+    unit = largest(targets_n)
+    vectors, dual, intercept, weights, found = [], [], [], [], np.empty_like(targets_n)
+    for t, chosen in enumerate(constants):
+        y = targets_n[:, t] / unit[t]
+        common: dict[str, Any] = {"C": chosen.c, "epsilon": chosen.epsilon, "cache_size": 500}
+        if linear.any():
+            kernel = gram(squared_distances(x, x), (x * linear) @ x.T, chosen.sigma)
+            machine = SVR(kernel="precomputed", **common).fit(kernel, y)
+            found[:, t] = machine.predict(kernel)
+        else:
+            machine = SVR(kernel="rbf", **common, **{"gamma": 1.0 / chosen.sigma**2}).fit(x, y)
+            found[:, t] = machine.predict(x)
+        support = np.asarray(machine.support_)
+        vectors.append(x[support])
+        dual.append(np.asarray(machine.dual_coef_)[0])
+        intercept.append(float(np.asarray(machine.intercept_)[0]))
+        weights.append((dual[-1] @ x[support]) * linear)
+    machines = Machines(
+        shift=shift,
+        scale=scale,
+        vectors=np.ascontiguousarray(np.concatenate(vectors)),
+        dual=np.concatenate(dual),
+        ends=np.cumsum([len(part) for part in dual]),
+        intercept=np.array(intercept),
+        gamma=np.array([1.0 / chosen.sigma**2 for chosen in constants]),
+        unit_n=unit,
+        weights=np.ascontiguousarray(weights),
+    )
+    parity = float(np.max(np.abs(machines.many(raw) - found * unit)))
+    return Machines(**machines.arrays(), parity_n=parity)
+
+
+def largest(values: FloatArray) -> FloatArray:
+    """(n, k) -> (k,): largest absolute value of each column, 1 for a column of zeros (which so stays zero)."""
+    size = np.max(np.abs(values), axis=0)
+    return np.where(size > 0, size, 1.0)

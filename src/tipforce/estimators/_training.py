@@ -1,0 +1,136 @@
+"""From a dataset to the table that a regression learns from."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ..dataset import Dataset
+from ..errors import InputError
+from ..types import BoolArray, FloatArray, IntArray, Observation
+from ._inputs import Inputs, Refusal
+from ._settings import SvrSettings
+from ._window import Window
+
+__all__ = ["Rows", "gather_rows"]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """``features`` (n, k), in windows of ``width``; ``learn_n`` and ``truth_n`` (n, t), ``session`` (n,).
+
+    ``names``: the shape numbers in one width, actuation after them. ``why_not``: the first sample without a shape.
+    """
+
+    features: FloatArray
+    learn_n: FloatArray
+    truth_n: FloatArray
+    session: npt.NDArray[np.str_]
+    names: tuple[str, ...]
+    width: int
+    why_not: str
+
+    def at(self, index: IntArray) -> "Rows":
+        """Only the rows at ``index``."""
+        return replace(
+            self,
+            features=self.features[index],
+            learn_n=self.learn_n[index],
+            truth_n=self.truth_n[index],
+            session=self.session[index],
+        )
+
+
+def gather_rows(
+    settings: SvrSettings, actuation: Sequence[str], dataset: Dataset, report: Callable[[float], None]
+) -> Rows:
+    """Features and labels of the samples of ``dataset`` whose shape is known."""
+    source = dataset.whole or dataset
+    wanted = _needed(settings, dataset, source)
+    frames = source if wanted.all() else source.subset(wanted)
+    names: tuple[str, ...] | None = None
+    inputs = Inputs(settings, actuation)
+    done = 0
+
+    def read(observation: Observation) -> tuple[tuple[str, ...], FloatArray | Refusal]:
+        nonlocal done
+        done += 1
+        report(done / len(frames))
+        view = observation.views.get(settings.vision.view)
+        return (() if view is None else inputs.names(view)), inputs.read(observation)
+
+    recipe = settings.model_dump_json(include={"vision", "features", "angles"}) + repr(tuple(actuation))
+    seen = frames.derive(f"svr inputs {recipe}", read)
+    found: dict[int, FloatArray] = {}
+    why_not = ""
+    window, session = Window(settings.window), None
+    here = set(dataset.rows.tolist())
+    for place, (own, row) in enumerate(seen):
+        if frames.session[place] != session:
+            window, session = Window(settings.window), frames.session[place]
+        number = int(frames.rows[place])
+        if isinstance(row, Refusal):
+            if number in here and not why_not:
+                why_not = f"{frames.names[place]}: {row.detail} ({row.status})"
+            continue
+        if names is not None and own != names:
+            raise InputError(
+                f"{dataset.title}: the samples differ in their shape numbers: {frames.names[place]} has "
+                f"{', '.join(own)}, the first has {', '.join(names)}"
+            )
+        names = own
+        found[number] = window.push(int(frames.stamp_ns[place]), row) if settings.window.used else row
+    kept = np.array([row in found for row in dataset.rows.tolist()], np.bool_)
+    truth = _targets(settings, dataset)
+    learn = _averaged(truth, dataset, settings.label_average_ms) if settings.label_average_ms else truth
+    features = [found[row] for row in dataset.rows[kept].tolist()]
+    width = 0 if names is None else len(names) + len(actuation)
+    return Rows(
+        features=np.array(features).reshape(len(features), -1),
+        learn_n=learn[kept],
+        truth_n=truth[kept],
+        session=dataset.session[kept],
+        names=names or (),
+        width=width,
+        why_not=why_not,
+    )
+
+
+def _needed(settings: SvrSettings, dataset: Dataset, source: Dataset) -> BoolArray:
+    """(len(source),): the samples of ``dataset`` and the frames before them that the window reaches."""
+    own = np.isin(source.rows, dataset.rows)
+    if not settings.window.used:
+        return own
+    needed = own.copy()
+    reach = settings.window.reach_ns + round(settings.window.gap_ms * 1e6)
+    for name in dataset.sessions:
+        rows = np.flatnonzero(source.session == name)
+        stamps, mine = source.stamp_ns[rows], source.stamp_ns[rows[own[rows]]]
+        following = np.searchsorted(mine, stamps)
+        near = following < len(mine)
+        near[near] &= mine[following[near]] - stamps[near] <= reach
+        needed[rows[near]] = True
+    return needed
+
+
+def _targets(settings: SvrSettings, dataset: Dataset) -> FloatArray:
+    """(n, t) newtons: the known components, or the magnitude."""
+    force = dataset.force_n[:, dataset.known] if settings.force == "components" else dataset.magnitude_n[:, None]
+    if not np.isfinite(force).all():
+        raise InputError(f"{dataset.title}: some samples have no force; leave them out")
+    return np.ascontiguousarray(force)
+
+
+def _averaged(values: FloatArray, dataset: Dataset, width_ms: float) -> FloatArray:
+    """Mean of the labels of ``dataset`` itself within half of ``width_ms`` before and after each sample."""
+    half = round(width_ms * 0.5e6)
+    out = np.empty_like(values)
+    for name in dataset.sessions:
+        rows: IntArray = np.flatnonzero(dataset.session == name)
+        stamps = dataset.stamp_ns[rows]
+        total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[rows], axis=0)])
+        first = np.searchsorted(stamps, stamps - half, side="left")
+        last = np.searchsorted(stamps, stamps + half, side="right")
+        out[rows] = (total[last] - total[first]) / (last - first)[:, None]
+    return out

@@ -1,0 +1,146 @@
+"""Choosing C, epsilon and sigma on the training part alone, and the residuals that the interval rests on."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.svm import SVR
+
+from ..types import FloatArray, IntArray
+from ._machine import Constants, gram, largest, squared_distances
+from ._settings import SvrSettings
+
+__all__ = ["MIN_SESSIONS", "Fold", "Scaling", "choose", "make_folds", "residuals", "scaling_of"]
+
+MIN_SESSIONS = 3
+"""From so many sessions on, whole sessions are held out instead of shuffled samples."""
+
+MAX_GROUPS = 10
+
+Scaling = tuple[FloatArray, FloatArray]
+Fold = tuple[IntArray, IntArray]
+Report = Callable[[str, float], None]
+
+
+def scaling_of(raw: FloatArray, how: str) -> Scaling:
+    """Shift and scale (k,) so that scaled = (raw - shift) * scale; a constant zero stays zero.
+
+    >>> shift, scale = scaling_of(np.array([[0.0, -4.0], [0.0, 2.0]]), "max")
+    >>> shift.tolist(), scale.tolist()
+    ([0.0, 0.0], [1.0, 0.25])
+    """
+    if how == "max":
+        return np.zeros(raw.shape[1]), 1.0 / largest(raw)
+    spread = np.std(raw, axis=0)
+    # what never changed in training says nothing: 0 keeps it from deciding anything later
+    usable = spread > 1e-9 * largest(raw)
+    return np.mean(raw, axis=0), np.where(usable, 1.0 / np.where(usable, spread, 1.0), 0.0)
+
+
+def make_folds(session: npt.NDArray[np.str_], folds: int, seed: int) -> tuple[list[Fold], bool]:
+    """(train, test) positions for each fold, and whether whole sessions are held out.
+
+    Sessions are held out from `MIN_SESSIONS` on, each alone up to ten and else in ten groups; below, samples are
+    shuffled into ``folds``.
+    """
+    draw = np.random.default_rng(seed)
+    names = list(dict.fromkeys(session.tolist()))
+    if len(names) >= MIN_SESSIONS:
+        order = draw.permutation(len(names)) if len(names) > MAX_GROUPS else np.arange(len(names))
+        parts = np.array_split(order, min(len(names), MAX_GROUPS))
+        held = [np.isin(session, [names[i] for i in part]) for part in parts]
+        return [(np.flatnonzero(~test), np.flatnonzero(test)) for test in held], True
+    order = draw.permutation(len(session))
+    tests = [np.sort(part) for part in np.array_split(order, folds)]
+    everything = np.arange(len(session))
+    return [(np.setdiff1d(everything, test, assume_unique=True), test) for test in tests], False
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One fold with everything that no constant changes: distances, products, labels in shares of the largest."""
+
+    train: IntArray
+    test: IntArray
+    near: FloatArray
+    far: FloatArray
+    near_products: FloatArray | None
+    far_products: FloatArray | None
+
+
+class _Search:
+    def __init__(self, raw: FloatArray, folds: Sequence[Fold], settings: SvrSettings, linear: FloatArray) -> None:
+        self.parts: list[_Part] = []
+        for train, test in folds:
+            shift, scale = scaling_of(raw[train], settings.scaling)
+            a, b = (raw[train] - shift) * scale, (raw[test] - shift) * scale
+            products = ((a * linear) @ a.T, (b * linear) @ a.T) if linear.any() else (None, None)
+            self.parts.append(_Part(train, test, squared_distances(a, a), squared_distances(b, a), *products))
+        self.count = len(raw)
+
+    def predictions(self, learn_n: FloatArray, constants: Constants) -> FloatArray:
+        """(n,) newtons, each sample by a machine that did not see its fold; NaN where a fold never tests."""
+        out = np.full(self.count, np.nan)
+        for part in self.parts:
+            unit = float(largest(learn_n[part.train][:, None])[0])
+            machine: Any = SVR(kernel="precomputed", C=constants.c, epsilon=constants.epsilon, cache_size=500)
+            machine.fit(gram(part.near, part.near_products, constants.sigma), learn_n[part.train] / unit)
+            out[part.test] = machine.predict(gram(part.far, part.far_products, constants.sigma)) * unit
+        return out
+
+
+def choose(
+    raw: FloatArray,
+    learn_n: FloatArray,
+    truth_n: FloatArray,
+    folds: Sequence[Fold],
+    settings: SvrSettings,
+    linear: FloatArray,
+    report: Report,
+) -> tuple[list[Constants], FloatArray]:
+    """The constants of each target with the least mean squared error over the folds, and that error's root (t,).
+
+    ``raw`` (n, k), ``learn_n`` and ``truth_n`` (n, t). C and sigma are chosen together at a middle epsilon, then
+    epsilon at those. Ties go to the smaller C and the larger sigma: the flatter function.
+    """
+    search = _Search(raw, folds, settings, linear)
+    middle = settings.epsilon[len(settings.epsilon) // 2]
+    pairs = [Constants(c, middle, s) for c, s in product(sorted(settings.c), sorted(settings.sigma, reverse=True))]
+    steps = (len(pairs) + len(settings.epsilon) - 1) * learn_n.shape[1]
+    done, chosen, errors = 0, list[Constants](), list[float]()
+    for t in range(learn_n.shape[1]):
+        best, least = pairs[0], np.inf
+        for stage in (0, 1):
+            candidates = (
+                pairs
+                if stage == 0
+                else [Constants(best.c, epsilon, best.sigma) for epsilon in settings.epsilon if epsilon != middle]
+            )
+            for constants in candidates:
+                found = search.predictions(learn_n[:, t], constants)
+                error = float(np.sqrt(np.nanmean((found - truth_n[:, t]) ** 2)))
+                if error < least * (1 - 1e-6):
+                    best, least = constants, error
+                done += 1
+                report("choosing C, epsilon and sigma", done / steps)
+        chosen.append(best)
+        errors.append(least)
+    return chosen, np.array(errors)
+
+
+def residuals(
+    raw: FloatArray,
+    learn_n: FloatArray,
+    truth_n: FloatArray,
+    folds: Sequence[Fold],
+    constants: Sequence[Constants],
+    settings: SvrSettings,
+    linear: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Held-out predictions (n, t) with the chosen constants, and predictions - truth (n, t), newtons."""
+    search = _Search(raw, folds, settings, linear)
+    found = np.column_stack([search.predictions(learn_n[:, t], each) for t, each in enumerate(constants)])
+    return found, found - truth_n

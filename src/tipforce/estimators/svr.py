@@ -1,0 +1,306 @@
+"""Method 1: support vector regression from the shape of the centreline and the knob (thesis ch. 3).
+
+Five polynomial coefficients (eq. 2) and the actuation, each divided by its largest absolute value on the training part;
+kernel eq. (15), epsilon-insensitive loss eq. (8); C, epsilon and sigma by cross-validation on the training part. What
+goes beyond the thesis is an option of `SvrSettings` and off by default.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from ..dataset import Dataset
+from ..errors import InputError, ModelError, NotFittedError
+from ..types import BoolArray, Context, FloatArray, ForceEstimate, Observation
+from ._answers import Answers, Interval
+from ._base import Estimator, Progress
+from ._conformal import basis_of, half_width
+from ._inputs import Inputs, Refusal
+from ._machine import Constants, Machines, fit_machines
+from ._settings import SvrSettings
+from ._training import Rows, gather_rows
+from ._tuning import choose, make_folds, residuals, scaling_of
+from ._window import Window
+
+__all__ = ["MIN_SAMPLES", "PARITY_N", "Svr"]
+
+MIN_SAMPLES = 20
+"""Fewer samples cannot be trained and cross-validated on."""
+
+PARITY_N = 1e-6
+"""Answers may differ from scikit-learn's by less than this, or the model is not saved."""
+
+AXES = ("fx", "fy", "fz")
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """Everything that was learnt."""
+
+    actuation: tuple[str, ...]
+    shape: tuple[str, ...]
+    known: BoolArray
+    machines: Machines
+    constants: tuple[Constants, ...]
+    cv_rmse_n: tuple[float, ...]
+    interval: Interval
+    samples: int
+    unseen: int
+    sessions: int
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """What each machine answers."""
+        return tuple(AXES[axis] for axis in np.flatnonzero(self.known)) or ("magnitude",)
+
+
+class Svr(Estimator):
+    """Method 1; see the module. ``fitted_`` is None before ``fit``."""
+
+    name: ClassVar[str] = "svr"
+    settings_type = SvrSettings
+
+    def __init__(self, settings: SvrSettings | None = None) -> None:
+        self.settings: SvrSettings = settings or SvrSettings()
+        self.fitted_: _Fitted | None = None
+
+    @property
+    def remembers(self) -> bool:
+        """True with a window over earlier frames."""
+        return self.settings.window.used
+
+    def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
+        """Settle the vision, choose the constants by cross-validation, train, and find the interval.
+
+        Raises InputError for fewer than `MIN_SAMPLES` samples, actuation that the data do not have, or pictures in
+        which the catheter is not found.
+        """
+        report = progress or _silent
+        count = len(dataset)
+        if count < MIN_SAMPLES:
+            raise InputError(f"{dataset.title}: has {count} samples; training svr needs at least {MIN_SAMPLES}")
+        settings = self._settled(dataset)
+        actuation = _actuation_names(settings, dataset)
+        rows = gather_rows(settings, actuation, dataset, lambda share: report("seeing the catheter", 0.4 * share))
+        if len(rows.features) < MIN_SAMPLES:
+            raise InputError(
+                f"{dataset.title}: the catheter's shape is known in {len(rows.features)} of {count} samples, svr needs "
+                f"{MIN_SAMPLES}; the first other one says: {rows.why_not}; look at a picture with `tipforce inspect`"
+            )
+        unseen = count - len(rows.features)
+        if settings.training_samples is not None:
+            rows = rows.at(_drawn(len(rows.features), settings.training_samples, settings.seed))
+        known = dataset.known.copy() if settings.force == "components" else np.zeros(3, np.bool_)
+        shift, scale = scaling_of(rows.features, settings.scaling)
+        linear = _linear_weights(settings, rows)
+        part = _drawn(len(rows.features), settings.tuning_samples, settings.seed)
+        folds, held_out = make_folds(rows.session[part], settings.folds, settings.seed)
+        raw, learn, truth = rows.features[part], rows.learn_n[part], rows.truth_n[part]
+        constants, errors = choose(
+            raw, learn, truth, folds, settings, linear,
+            lambda what, share: report(what, 0.4 + 0.5 * share),
+        )  # fmt: skip
+        found, wrong = residuals(raw, learn, truth, folds, constants, settings, linear)
+        report("training", 0.92)
+        share = len(part) / len(rows.features)
+        constants = [replace(each, c=each.c * share) for each in constants]
+        machines = fit_machines(rows.features, rows.learn_n, constants, shift, scale, linear)
+        self.settings = settings
+        self.fitted_ = _Fitted(
+            actuation=actuation,
+            shape=rows.names,
+            known=known,
+            machines=machines,
+            constants=tuple(constants),
+            cv_rmse_n=tuple(errors.tolist()),
+            interval=_interval(known, found, wrong, truth, rows.session[part], held_out),
+            samples=len(rows.features),
+            unseen=unseen,
+            sessions=len(set(rows.session.tolist())),
+        )
+        report("training", 1.0)
+        return self
+
+    def _settled(self, dataset: Dataset) -> SvrSettings:
+        """The settings with the vision's "auto" decided on the first pictures."""
+        first = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, 12).astype(np.int64)))
+        views = [o.views.get(self.settings.vision.view) for o in first.observations()]
+        images = [view for view in views if isinstance(view, np.ndarray)]
+        if not images:
+            return self.settings
+        from ..vision import settle
+
+        return self.settings.model_copy(update={"vision": settle(images, self.settings.vision)})
+
+    def start(self, context: Context) -> "SvrStream":
+        """A stream for one session; ``context`` is not needed. Raises NotFittedError before ``fit``."""
+        del context
+        return SvrStream(self.settings, self._known())
+
+    def unfitted(self) -> "Svr":
+        """The same recipe without what was learnt."""
+        return Svr(self.settings)
+
+    def _known(self) -> _Fitted:
+        if self.fitted_ is None:
+            raise NotFittedError("svr was not fitted; train it with `tipforce train` or load a model")
+        return self.fitted_
+
+    def predict(self, dataset: Dataset) -> list[ForceEstimate]:
+        """One stream a session over all samples, in the dataset's order."""
+        return super().predict(dataset)
+
+    def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+        """Raises ModelError where the answers differ from scikit-learn's by `PARITY_N` or more."""
+        fitted = self._known()
+        if not fitted.machines.parity_n < PARITY_N:
+            raise ModelError(
+                f"svr answers differ from scikit-learn's by up to {fitted.machines.parity_n:.2g} N, more than "
+                f"{PARITY_N:g} N: the model was not saved; train it with a smaller C"
+            )
+        values: dict[str, Any] = {
+            "actuation": list(fitted.actuation),
+            "shape": list(fitted.shape),
+            "known": fitted.known.tolist(),
+            "targets": list(fitted.targets),
+            "constants": [{"c": c.c, "epsilon": c.epsilon, "sigma": c.sigma} for c in fitted.constants],
+            "cv_rmse_n": list(fitted.cv_rmse_n),
+            "interval": fitted.interval.values(),
+            "samples": fitted.samples,
+            "unseen": fitted.unseen,
+            "sessions": fitted.sessions,
+            "parity_n": fitted.machines.parity_n,
+        }
+        return values, fitted.machines.arrays()
+
+    @classmethod
+    def from_state(
+        cls, settings: Mapping[str, Any], values: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]
+    ) -> "Svr":
+        """The inverse of `state`."""
+        svr = cls(SvrSettings.model_validate(settings))
+        svr.fitted_ = _Fitted(
+            actuation=tuple(values["actuation"]),
+            shape=tuple(values["shape"]),
+            known=np.array(values["known"], np.bool_),
+            machines=Machines(**arrays, parity_n=values["parity_n"]),
+            constants=tuple(Constants(**each) for each in values["constants"]),
+            cv_rmse_n=tuple(values["cv_rmse_n"]),
+            interval=Interval.of(values["interval"]),
+            samples=values["samples"],
+            unseen=values["unseen"],
+            sessions=values["sessions"],
+        )
+        return svr
+
+    def describe(self) -> dict[str, Any]:
+        """Chosen constants, errors over the folds, interval and its basis, counts."""
+        fitted = self._known()
+        interval = fitted.interval
+        chosen: dict[str, Any] = {}
+        half = [*interval.half_n[fitted.known].tolist()] or [interval.magnitude_half_n]
+        ends = [0, *fitted.machines.ends.tolist()]
+        for t, target in enumerate(fitted.targets):
+            constants = fitted.constants[t]
+            chosen[target] = {
+                "c": constants.c,
+                "epsilon": constants.epsilon,
+                "sigma": constants.sigma,
+                "cv_rmse_n": fitted.cv_rmse_n[t],
+                "interval_half_width_n": half[t] if np.isfinite(half[t]) else None,
+                "support_vectors": ends[t + 1] - ends[t],
+            }
+        return {
+            "targets": chosen,
+            "magnitude_interval_half_width_n": (
+                interval.magnitude_half_n if np.isfinite(interval.magnitude_half_n) else None
+            ),
+            "interval_basis": interval.basis,
+            "features": [*fitted.shape, *fitted.actuation],
+            "samples": fitted.samples,
+            "samples_without_shape": fitted.unseen,
+            "sessions": fitted.sessions,
+            "parity_with_scikit_learn_n": fitted.machines.parity_n,
+        }
+
+
+class SvrStream:
+    """One session, frame after frame."""
+
+    def __init__(self, settings: SvrSettings, fitted: _Fitted) -> None:
+        self._inputs = Inputs(settings, fitted.actuation, fitted.shape)
+        self._window = Window(settings.window) if settings.window.used else None
+        self._machines = fitted.machines
+        self._answers = Answers(fitted.known, fitted.interval)
+
+    def update(self, observation: Observation) -> ForceEstimate:
+        """The force at this observation; its status says why where there is none."""
+        row = self._inputs.read(observation)
+        if isinstance(row, Refusal):
+            return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail)
+        if self._window is not None:
+            row = self._window.push(observation.stamp_ns, row)
+        return self._answers.valid(observation.stamp_ns, self._machines(row))
+
+
+def _silent(what: str, share: float) -> None:
+    del what, share
+
+
+def _actuation_names(settings: SvrSettings, dataset: Dataset) -> tuple[str, ...]:
+    names = tuple(dataset.actuation) if settings.actuation is None else settings.actuation
+    for name in names:
+        if name not in dataset.actuation:
+            there = ", ".join(dataset.actuation) or "none"
+            raise InputError(f"{dataset.title}: has no actuation {name!r}; it has {there}")
+    return names
+
+
+def _linear_weights(settings: SvrSettings, rows: Rows) -> FloatArray:
+    """(k,): weight of each feature's products in the kernel."""
+    width = rows.features.shape[1]
+    if settings.linear == 0.0:
+        return np.zeros(width)
+    one = np.ones(rows.width, np.bool_)
+    if settings.angles is not None:
+        one = np.array([name.startswith("angle ") for name in rows.names] + [True] * (rows.width - len(rows.names)))
+    chosen = np.tile(one, width // rows.width)
+    return np.where(chosen, settings.linear / np.count_nonzero(chosen), 0.0)
+
+
+def _drawn(count: int, most: int, seed: int) -> npt.NDArray[np.int64]:
+    if count <= most:
+        return np.arange(count)
+    return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))
+
+
+def _interval(
+    known: BoolArray,
+    found: FloatArray,
+    wrong: FloatArray,
+    truth: FloatArray,
+    session: npt.NDArray[np.str_],
+    held_out: bool,
+) -> Interval:
+    sessions = len(set(session.tolist()))
+    basis = basis_of(sessions, held_out)
+    half, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
+    if known.any():
+        axes = np.flatnonzero(known)
+        half[axes] = [half_width(wrong[:, t], session, basis) for t in range(len(axes))]
+        covariance[np.ix_(axes, axes)] = wrong.T @ wrong / len(wrong)
+        off = np.linalg.norm(found, axis=1) - np.linalg.norm(truth, axis=1)
+    else:
+        off = np.maximum(found[:, 0], 0.0) - truth[:, 0]
+    return Interval(
+        half_n=half,
+        magnitude_half_n=half_width(off, session, basis),
+        covariance_n2=covariance,
+        by_session=basis.by_session,
+        basis=basis.text,
+        sessions=sessions,
+        samples=len(wrong),
+    )
