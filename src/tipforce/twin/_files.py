@@ -6,6 +6,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import dataclass
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 
@@ -24,12 +25,18 @@ VideoMaker = Callable[[Path, Iterable[Frame], float], None]
 """Writes frames as a video file of so many frames a second; a function that another process can import."""
 
 _counter: "Synchronized[int] | None" = None
+"""In a worker process: frames drawn so far, over all workers."""
 
 
 def _share_counter(counter: "Synchronized[int]") -> None:
-    """Set in each worker: frames drawn so far, over all of them."""
     global _counter
     _counter = counter
+
+
+def _count() -> None:
+    if _counter is not None:
+        with _counter.get_lock():
+            _counter.value += 1
 
 
 def write_session(bench: SmallBench, folder: Path, write_video: VideoMaker, tick: Callable[[], None]) -> None:
@@ -64,12 +71,7 @@ def _cores() -> int:
 
 
 def _work(settings: SmallBenchSettings, seed: int, number: int, folder: Path, write_video: VideoMaker) -> None:
-    def tick() -> None:
-        if _counter is not None:
-            with _counter.get_lock():
-                _counter.value += 1
-
-    write_session(SmallBench(settings, seed, number), folder, write_video, tick)
+    write_session(SmallBench(settings, seed, number), folder, write_video, _count)
 
 
 def _is_done(folder: Path, settings: SmallBenchSettings, seed: int, number: int) -> bool:
@@ -89,6 +91,22 @@ def _is_done(folder: Path, settings: SmallBenchSettings, seed: int, number: int)
     return True
 
 
+@dataclass
+class _Report:
+    what: str
+    total: int
+    progress: Callable[[str, float], None] | None
+    frames: int = 0
+
+    def one_more(self) -> None:
+        self.reached(self.frames + 1)
+
+    def reached(self, frames: int) -> None:
+        self.frames = frames
+        if self.progress:
+            self.progress(self.what, frames / self.total)
+
+
 def simulate(
     folder: Path | str,
     write_video: VideoMaker,
@@ -101,8 +119,8 @@ def simulate(
 ) -> list[Path]:
     """``sessions`` sessions under ``folder``, as `write_session` does; those that stand there already are kept.
 
-    Works in ``workers`` processes, as many as there are cores by default. Returns the folders, old and new.
-    Raises InputError where a folder holds a session of other settings.
+    Works in ``workers`` processes, as many as there are cores by default; a single one is this process. Returns the
+    folders, old and new. Raises InputError where a folder holds a session of other settings.
     """
     settings = settings or SmallBenchSettings()
     root = Path(folder)
@@ -111,7 +129,10 @@ def simulate(
     root.mkdir(parents=True, exist_ok=True)
     total = max(1, len(wanted) * round(settings.seconds * settings.fps))
     crew = min(len(wanted), workers or _cores())
-    if crew == 0:
+    report = _Report(f"simulating {len(wanted)} sessions", total, progress)
+    if crew <= 1:
+        for number in wanted:
+            write_session(SmallBench(settings, seed, number), folders[number], write_video, report.one_more)
         return folders
     context = multiprocessing.get_context("spawn")
     counter = context.Value("q", 0)
@@ -124,8 +145,7 @@ def simulate(
                 done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
                 for future in done:
                     future.result()
-                if progress:
-                    progress(f"simulating {len(wanted)} sessions", counter.value / total)
+                report.reached(counter.value)
         except BaseException:
             pool.shutdown(wait=True, cancel_futures=True)
             raise
