@@ -1,10 +1,14 @@
 """Methods that turn what is seen into a force: one file a method, all with the same face."""
 
 from ._base import Estimator, Progress, Stream
+from ._card import training_lines
 from ._conformal import COVERAGE
 from ._create import ESTIMATORS, create, method
 from ._onnx import export_onnx
+from ._run import RunReport, write_estimates
 from ._settings import AngleSettings, SvrSettings, WindowSettings
+from ._shows import ShowsShape
+from ._train import Training, train
 from .store import FORMAT_VERSION, check_target, load_model, read_manifest, save_model
 from .svr import Svr
 
@@ -15,9 +19,12 @@ __all__ = [
     "AngleSettings",
     "Estimator",
     "Progress",
+    "RunReport",
+    "ShowsShape",
     "Stream",
     "Svr",
     "SvrSettings",
+    "Training",
     "WindowSettings",
     "check_target",
     "create",
@@ -26,4 +33,7 @@ __all__ = [
     "method",
     "read_manifest",
     "save_model",
+    "train",
+    "training_lines",
+    "write_estimates",
 ]

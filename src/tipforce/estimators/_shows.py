@@ -2,10 +2,10 @@
 
 from typing import Protocol, runtime_checkable
 
-from ..types import FloatArray, Observation
-from ..vision import Sighting
+from ..types import FloatArray, Observation, ShapeFeatures, Status
+from ..vision import NoFeatures, ShapeFeatureSettings, Sighting, VisionSettings, fitted_curve, shape_features
 
-__all__ = ["ShowsShape"]
+__all__ = ["ShowsShape", "look_with"]
 
 
 @runtime_checkable
@@ -15,3 +15,17 @@ class ShowsShape(Protocol):
     def look(self, observation: Observation) -> tuple[Sighting, FloatArray | None]:
         """What was seen, and the fitted curve (n, 2) in image points, None where there is none."""
         ...
+
+
+def look_with(
+    vision: VisionSettings, features: ShapeFeatureSettings, observation: Observation
+) -> tuple[Sighting, FloatArray | None]:
+    """`ShowsShape.look` for a method that sees by ``vision`` and learns from ``features``."""
+    from ..vision import Vision
+
+    image = observation.views.get(vision.view)
+    if image is None or isinstance(image, ShapeFeatures):
+        return Sighting(Status.MISSING_INPUT, f"there is no picture in the view {vision.view!r}"), None
+    sighting = Vision(vision).see(image)
+    values = shape_features(sighting, features)
+    return sighting, None if isinstance(values, NoFeatures) else fitted_curve(sighting, features, values)

@@ -1,0 +1,73 @@
+"""``tipforce inspect``: what is seen in a picture or a video, and what a recording holds."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from ._common import JsonOption, progress_bar, say, write_json
+from ._settings import SetOption, settings_from
+
+__all__ = ["command"]
+
+
+def command(
+    file: Annotated[Path, typer.Argument(metavar="IMAGE|VIDEO|FOLDER|RUN.MCAP", help="What to look at.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE.png", help="The drawing; default NAME-inspect.png.")
+    ] = None,
+    features: Annotated[
+        Literal["polynomial", "legendre"], typer.Option(help="Which curve is fitted to the shape.")
+    ] = "polynomial",
+    degree: Annotated[int, typer.Option(min=1, max=8, help="Its degree.")] = 4,
+    every: Annotated[int, typer.Option(min=1, help="Of a video, look at every so many frames.")] = 1,
+    sheet: Annotated[int, typer.Option(min=1, help="Of a video, draw so many frames on one sheet.")] = 12,
+    frames: Annotated[
+        bool, typer.Option("--frames", help="Of a recording, look at its pictures instead of its streams.")
+    ] = False,
+    figures: Annotated[
+        bool, typer.Option("--figures", help="Also draw thesis figures 17 and 18 (of a video's first frame).")
+    ] = False,
+    settings: SetOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Draw what is seen of the catheter, or show what a recording holds.
+
+    A picture: mask, centreline, base frame, fitted curve. A video: the share of frames in which the catheter is found,
+    and a sheet of them. A recording: streams, rates, drops, clock offset, tare, ranges and a plot.
+
+    Example:
+        tipforce inspect frame.png --set base_side=bottom --figures
+
+        tipforce inspect video.mp4 --every 5
+
+        tipforce inspect run.mcap
+    """
+    from ..recording import describe, is_picture, look_at, look_through, plot_summary, save_picture, summarise
+    from ..vision import ShapeFeatureSettings, VisionSettings
+
+    target = output or Path(f"{file.stem}-inspect.png")
+    if file.suffix in (".mcap", ".part") and not (frames or figures):
+        summary = summarise(file)
+        plot_summary(summary, target)
+        for line in describe(summary):
+            say(line)
+        say(f"wrote {target}")
+        write_json(summary.figures(), json_file)
+        return
+    vision = settings_from(VisionSettings, settings)
+    shape = ShapeFeatureSettings(kind=features, degree=degree)
+    if is_picture(file):
+        look = look_at(file, vision, shape)
+    else:
+        with progress_bar() as progress:
+            look = look_through(file, vision, shape, every=every, room=sheet, progress=progress)
+    save_picture(target, look.drawing)
+    say(look.text)
+    say(f"wrote {target}")
+    if figures:
+        for name, figure in look.thesis_figures().items():
+            beside = target.with_name(f"{target.stem.removesuffix('-inspect')}-{name}.png")
+            save_picture(beside, figure)
+            say(f"wrote {beside}")
+    write_json(look.figures, json_file)

@@ -1,0 +1,127 @@
+"""Looking through the pictures of a file: is the catheter seen, and in how many frames."""
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from ..errors import FileFormatError, InputError
+from ..types import Frame, Image
+from ..vision import (
+    ClassicChain,
+    Inspection,
+    ShapeFeatureSettings,
+    Tally,
+    VisionSettings,
+    figure_17,
+    figure_18,
+    inspect_picture,
+)
+from ._files import part_of
+from ._folder import read_image
+from ._sources import open_source
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Look", "is_picture", "look_at", "look_through", "save_picture"]
+
+_PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What a file shows: ``found`` in words and figures, its ``drawing``, and one ``picture`` with settled settings."""
+
+    text: str
+    figures: dict[str, Any]
+    drawing: Image
+    picture: Image
+    vision: VisionSettings
+
+    def thesis_figures(self) -> "dict[str, Figure]":
+        """Thesis figures 17 and 18 of ``picture``: what thesis algorithm 1 makes of it."""
+        steps = ClassicChain(self.vision).steps(self.picture)
+        return {"figure17": figure_17(steps), "figure18": figure_18(steps)}
+
+
+def is_picture(path: Path) -> bool:
+    """Whether the file's name says that it is one picture."""
+    return path.suffix.lower() in _PICTURES
+
+
+def look_at(path: Path, vision: VisionSettings, features: ShapeFeatureSettings) -> Look:
+    """One picture file in detail. Raises FileFormatError for what is no picture."""
+    from ..vision import Vision, settle
+
+    image = read_image(path)
+    settled = settle(vision, [image])
+    seen: Inspection = inspect_picture(image, Vision(settled).see, settled, features)
+    figures = {"file": str(path), **seen.figures(), "vision": settled.model_dump()}
+    return Look(f"{_stated(settled)}\n{seen.text()}", figures, seen.drawing, image, settled)
+
+
+def look_through(
+    path: Path,
+    vision: VisionSettings,
+    features: ShapeFeatureSettings,
+    *,
+    every: int = 1,
+    room: int = 12,
+    progress: Callable[[str, float], None] | None = None,
+) -> Look:
+    """Every ``every``-th frame of a video, a folder or a recording; ``room`` of them are drawn on one sheet.
+
+    Raises InputError where there is no frame.
+    """
+    from ..vision import Vision, settle
+
+    tally, first = Tally(room), None
+    with open_source(path) as source:
+        total = int(getattr(source, "frame_count", 0))
+        pictures = [event.image for event in islice(source, 50) if isinstance(event, Frame)]
+        settled = settle(vision, pictures[::5])
+        see = Vision(settled).see
+        count = 0
+        for event in source:
+            if not isinstance(event, Frame) or event.view != vision.view:
+                continue
+            first = event if first is None else first
+            if count % every == 0:
+                seconds = (event.stamp_ns - first.stamp_ns) * 1e-9
+                tally.add(f"{count}  {seconds:.2f} s", inspect_picture(event.image, see, settled, features))
+            count += 1
+            if progress:
+                progress(f"frame {count}", min(1.0, count / total) if total else 0.0)
+    if first is None:
+        raise InputError(f"{path}: there is no frame of the view {vision.view!r} in it")
+    figures = {"file": str(path), "every": every, **tally.figures(), "vision": settled.model_dump()}
+    return Look(f"{_stated(settled)}\n{tally.text()}", figures, tally.sheet(), first.image, settled)
+
+
+def save_picture(path: Path, picture: "Image | Figure") -> None:
+    """Write ``path`` (.png, .jpg) whole or not at all. Raises FileFormatError where its kind or folder is none."""
+    if not path.parent.is_dir():
+        raise FileFormatError(f"{path}: the folder {path.parent} does not exist; make it first")
+    suffix = path.suffix.lower()
+    if suffix not in (".png", ".jpg", ".jpeg"):
+        raise FileFormatError(f"{path}: pictures are written as .png or .jpg")
+    if isinstance(picture, np.ndarray):
+        data = cv2.imencode(suffix, cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1].tobytes()
+    else:
+        buffer = io.BytesIO()
+        picture.savefig(buffer, format=suffix[1:])
+        data = buffer.getvalue()
+    part = part_of(path)
+    part.write_bytes(data)
+    part.replace(path)
+
+
+def _stated(settled: VisionSettings) -> str:
+    threshold = "automatic" if settled.threshold is None else str(settled.threshold)
+    return f"settings   {settled.method}, catheter {settled.polarity}, base {settled.base_side}, threshold {threshold}"

@@ -1,0 +1,127 @@
+"""``tipforce estimate``: a row per frame, and never a number that is not one."""
+
+import csv
+import json
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from tipforce.cli import app
+from tipforce.errors import InputError
+from tipforce.estimators import write_estimates
+from tipforce.estimators._run import COLUMNS
+from tipforce.recording import open_source
+
+
+def run(*words: object) -> object:
+    return CliRunner().invoke(app, ["estimate", *map(str, words)], catch_exceptions=False)
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.fixture(scope="module")
+def written(model: Path, video: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("out")
+    result = run(
+        model, video, "--knob-deg", 10, "-o", folder / "f.csv", "--overlay", folder / "o.mp4", "--json", folder / "j"
+    )
+    assert result.exit_code == 0, result.output
+    return folder
+
+
+def test_there_is_a_row_for_every_frame_with_its_stamp(written: Path) -> None:
+    rows = rows_of(written / "f.csv")
+    assert tuple(rows[0]) == COLUMNS
+    np.testing.assert_allclose([int(row["stamp_ns"]) for row in rows], np.arange(20) * 40_000_000, atol=20_000)
+
+
+def test_the_force_is_the_one_that_bent_the_tube(written: Path, true_n: list[float]) -> None:
+    for true, row in zip(true_n, rows_of(written / "f.csv"), strict=True):
+        if row["status"] == "valid":
+            assert float(row["magnitude_n"]) == pytest.approx(true, abs=0.02)
+            assert float(row["magnitude_low_n"]) <= float(row["magnitude_n"]) <= float(row["magnitude_high_n"])
+            assert float(row["magnitude_g"]) == pytest.approx(float(row["magnitude_n"]) / 9.80665e-3, abs=2e-3)
+            assert float(row["fy_low_n"]) <= float(row["fy_n"]) <= float(row["fy_high_n"])
+            assert float(row["magnitude_n"]) == pytest.approx(
+                np.hypot(float(row["fx_n"]), float(row["fy_n"])), abs=1e-5
+            )
+
+
+def test_cells_are_empty_where_nothing_is_known(written: Path) -> None:
+    rows = rows_of(written / "f.csv")
+    for place, row in enumerate(rows):
+        assert row["fz_n"] == row["fz_low_n"] == row["fz_high_n"] == "", "a planar method knows nothing of z"
+        if place in (8, 9):
+            assert row["status"] == "no_catheter"
+            assert row["detail"]
+            assert all(row[name] == "" for name in COLUMNS if name.endswith(("_n", "_g")))
+        else:
+            assert row["status"] == "valid"
+
+
+def test_the_overlay_plays_in_a_browser_and_shows_what_happened(written: Path) -> None:
+    with av.open(str(written / "o.mp4")) as container:
+        stream = container.streams.video[0]
+        assert (stream.codec_context.name, stream.pix_fmt) == ("h264", "yuv420p")
+        stamps, frames = zip(*((f.time, f.to_ndarray(format="rgb24")) for f in container.decode(stream)), strict=True)
+    np.testing.assert_allclose(np.diff(stamps), 0.04, atol=1e-3)
+    top = [frame[:20].reshape(-1, 3).mean(axis=0) for frame in frames]
+    red = [bool(r > 120 and g < 90) for r, g, _ in top]
+    assert red == [place in (8, 9) for place in range(20)]
+
+
+def test_figures_count_what_was_refused(written: Path) -> None:
+    figures = json.loads((written / "j").read_text())
+    assert figures["frames"] == 20
+    assert figures["statuses"] == {"valid": 18, "no_catheter": 2}
+    assert figures["magnitude_n"]["min"] < figures["magnitude_n"]["mean"] < figures["magnitude_n"]["max"]
+
+
+def test_the_table_can_go_to_standard_output(model: Path, video: Path) -> None:
+    result = run(model, video, "--knob-deg", 10, "-o", "-")
+    assert result.stdout.splitlines()[0] == ",".join(COLUMNS)
+    assert len(result.stdout.splitlines()) == 21
+    assert "18 with a force" in result.stderr
+
+
+def test_without_the_knob_every_frame_says_so(model: Path, video: Path, tmp_path: Path) -> None:
+    result = run(model, video, "-o", tmp_path / "f.csv")
+    assert result.exit_code == 0
+    assert "knob_deg" in result.stderr
+    rows = rows_of(tmp_path / "f.csv")
+    assert {row["status"] for row in rows} <= {"missing_input", "no_catheter"}
+    assert all(row["magnitude_n"] == "" for row in rows)
+
+
+def test_a_video_that_breaks_off_leaves_nothing_behind(trained, video: Path, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.avi"
+    broken.write_bytes(b"RIFF" + bytes(2000))
+    with pytest.raises(InputError), open_source(broken) as source:
+        write_estimates(trained, source, tmp_path / "f.csv", overlay=tmp_path / "o.mp4")
+    assert sorted(tmp_path.iterdir()) == [broken]
+
+
+def test_an_error_half_way_leaves_nothing_behind(trained, video: Path, tmp_path: Path) -> None:
+    def stop(what: str, share: float) -> None:
+        if what == "frame 7":
+            raise InputError("stopped")
+
+    with pytest.raises(InputError, match="stopped"), open_source(video, actuation={"knob_deg": 10.0}) as source:
+        write_estimates(trained, source, tmp_path / "f.csv", overlay=tmp_path / "o.mp4", progress=stop)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_does_not_exist_is_named(trained, video: Path, tmp_path: Path) -> None:
+    for target in (
+        {"forces": tmp_path / "no" / "f.csv"},
+        {"forces": tmp_path / "f.csv", "overlay": tmp_path / "no/o.mp4"},
+    ):
+        with pytest.raises(InputError, match=r"no does not exist"), open_source(video) as source:
+            write_estimates(trained, source, **target)
+    assert not list(tmp_path.iterdir())

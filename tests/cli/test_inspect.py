@@ -1,0 +1,127 @@
+"""``tipforce inspect``: pictures, videos, recordings."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from tipforce.cli import app
+from tipforce.errors import FileFormatError, InputError
+from tipforce.recording import RecordingWriter, look_at, save_picture
+from tipforce.types import Context, Frame, Wrench
+from tipforce.vision import ShapeFeatureSettings, VisionSettings
+
+
+def run(*words: object) -> object:
+    return CliRunner().invoke(app, ["inspect", *map(str, words)], catch_exceptions=False)
+
+
+@pytest.fixture
+def frame(tube, tmp_path: Path) -> Path:
+    path = tmp_path / "frame.png"
+    cv2.imwrite(str(path), tube("bent", noise=4))
+    return path
+
+
+@pytest.mark.parametrize("method", ["fine", "classic"])
+def test_a_picture_is_drawn_and_described(frame: Path, tmp_path: Path, method: str, axis_of) -> None:
+    drawn, table = tmp_path / "d.png", tmp_path / "d.json"
+    result = run(frame, "-o", drawn, "--json", table, "--set", f"method={method}")
+    assert result.exit_code == 0, result.output
+    figures = json.loads(table.read_text())
+    assert figures["status"] == "valid"
+    assert list(figures["features"]) == ["A1", "A2", "A3", "A4", "A5"]
+    assert figures["diameter_px"] == pytest.approx(13, abs=2)
+    assert np.hypot(*(np.array(figures["tip_px"]) - axis_of("bent")[-1])) < 12
+    assert figures["vision"]["base_side"] == "left"
+    picture = cv2.imread(str(drawn))
+    assert picture.shape == (480, 640, 3)
+    assert picture.std(axis=2).max() > 80, "the drawing has colours, the frame has none"
+    for word in ("base", "tip", "diameter", "A1"):
+        assert word in result.stderr
+
+
+def test_the_drawing_lands_beside_the_person_by_default(frame: Path, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    run(frame)
+    assert (tmp_path / "frame-inspect.png").stat().st_size > 1000
+
+
+def test_the_thesis_figures_are_drawn_on_wish(frame: Path, tmp_path: Path) -> None:
+    run(frame, "-o", tmp_path / "frame-inspect.png", "--figures")
+    for number in (17, 18):
+        assert cv2.imread(str(tmp_path / f"frame-figure{number}.png")).shape[1] > 600
+
+
+def test_a_hook_has_no_polynomial_but_an_angle_series(tube, tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "hook.png"), tube("hook"))
+    refused = run(tmp_path / "hook.png", "-o", tmp_path / "a.png")
+    assert "past 90 degrees" in refused.stderr
+    table = tmp_path / "t.json"
+    run(tmp_path / "hook.png", "-o", tmp_path / "b.png", "--features", "legendre", "--json", table)
+    series = json.loads(table.read_text())["features"]
+    assert series["L0"] + series["L1"] + series["L2"] == pytest.approx(3.2, abs=0.5)
+
+
+def test_a_picture_without_a_catheter_says_why(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "grey.png"), np.full((240, 320), 180, np.uint8))
+    result = run(tmp_path / "grey.png", "-o", tmp_path / "d.png", "--json", tmp_path / "t.json")
+    assert result.exit_code == 0
+    assert "not found" in result.stderr
+    figures = json.loads((tmp_path / "t.json").read_text())
+    assert figures["status"] == "no_catheter"
+    assert figures["features"] is None
+
+
+def test_a_video_is_counted_and_put_on_a_sheet(video: Path, tmp_path: Path) -> None:
+    table = tmp_path / "t.json"
+    result = run(video, "-o", tmp_path / "sheet.png", "--json", table, "--sheet", 6)
+    figures = json.loads(table.read_text())
+    assert figures["frames"] == 20
+    assert figures["share_found"] == pytest.approx(0.9)
+    assert "found in 18 of 20 frames" in result.stderr
+    sheet = cv2.imread(str(tmp_path / "sheet.png"))
+    assert sheet.shape[1] == 4 * 324 + 4
+    assert sheet.shape[0] == 2 * (240 + 22 + 4) + 4
+
+
+def test_every_other_frame_of_a_video_is_half_the_work(video: Path, tmp_path: Path) -> None:
+    run(video, "-o", tmp_path / "s.png", "--json", tmp_path / "t.json", "--every", 2)
+    assert json.loads((tmp_path / "t.json").read_text())["frames"] == 10
+
+
+def test_a_recording_shows_its_streams_and_a_plot(tube, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with RecordingWriter(path, Context(session="run")) as writer:
+        for k in range(10):
+            writer.write(Frame(k * 40_000_000, tube("bent")[::4, ::4].copy()))
+            writer.write(Wrench(k * 40_000_000, np.array([0.1, 0.01 * k, 0.0]), np.zeros(3)))
+    result = run(path, "-o", tmp_path / "plot.png", "--json", tmp_path / "t.json")
+    assert result.exit_code == 0, result.output
+    assert "camera" in result.stderr
+    assert "10 frames" in result.stderr
+    assert cv2.imread(str(tmp_path / "plot.png")) is not None
+    assert set(json.loads((tmp_path / "t.json").read_text())["streams"]) == {"camera", "force"}
+    looked = run(path, "--frames", "-o", tmp_path / "sheet.png")
+    assert "of 10 frames" in looked.stderr
+
+
+def test_what_is_no_picture_is_named(tmp_path: Path) -> None:
+    fake = tmp_path / "fake.png"
+    fake.write_text("not a picture")
+    with pytest.raises(FileFormatError, match=r"fake\.png"):
+        look_at(fake, VisionSettings(), ShapeFeatureSettings())
+
+
+@pytest.mark.parametrize("target", ["no/folder.png", "drawing.gif"])
+def test_a_drawing_that_cannot_be_written_is_refused(tmp_path: Path, target: str) -> None:
+    with pytest.raises(FileFormatError):
+        save_picture(tmp_path / target, np.zeros((4, 4, 3), np.uint8))
+
+
+def test_a_setting_that_does_not_exist_is_named(frame: Path) -> None:
+    with pytest.raises(InputError, match="there is no such setting"):
+        run(frame, "--set", "colour=blue")
