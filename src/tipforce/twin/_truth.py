@@ -70,7 +70,7 @@ def read_truth(session_folder: Path | str) -> Truth:
             f"{path}: there is no such file; only sessions written by `tipforce simulate` have a truth"
         )
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             about = json.loads(str(arrays["about"]))
             angle, scale, offset = arrays["scalars"].tolist()
             return Truth(
