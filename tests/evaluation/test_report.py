@@ -194,7 +194,7 @@ def test_the_table_of_samples_shows_what_the_method_is_fed(make_bench, ridge_cla
     class Showing(ridge_class):
         def normalised(self, dataset):
             bend = dataset.actuation["bend_deg"] / 50
-            return ("bend",), bend[:, None], dataset.magnitude_n / 0.5
+            return ("bend",), bend[:, None], ("force",), dataset.magnitude_n[:, None] / 0.5
 
     figures = summary(evaluate(make_bench(), [Candidate("ridge", Showing())], protocols=["random"]))
     table = figures["methods"]["ridge"]["samples_table"]

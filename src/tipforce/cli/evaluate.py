@@ -40,7 +40,7 @@ def command(
     Example:
         tipforce evaluate svr --data runs/ -o report/
 
-        tipforce evaluate models/svr models/dcfe --data runs/ --protocol session -o report/ --json -
+        tipforce evaluate models/svr --data runs/ --protocol session --truth sessions/ -o report/ --json -
     """
     from ..dataset import open_dataset
     from ..errors import InputError

@@ -15,8 +15,11 @@ __all__ = ["ShowsFeatures", "five_samples"]
 class ShowsFeatures(Protocol):
     """A fitted method that can show its inputs: an optional addition to the estimator's face."""
 
-    def normalised(self, dataset: Dataset) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-        """Names (k,), features (n, k) and forces (n,), each divided by its scale; NaN rows where there are none."""
+    def normalised(self, dataset: Dataset) -> tuple[tuple[str, ...], FloatArray, tuple[str, ...], FloatArray]:
+        """Names (k,) and scaled values (m, k) of the features, then (t,) and (m, t) of the forces learnt from.
+
+        Samples without features are left out, so m may be smaller than len(dataset).
+        """
         ...
 
 
@@ -25,8 +28,7 @@ def five_samples(evaluation: Evaluation, method: str) -> dict[str, Any] | None:
     first = next(row for row in evaluation.rows if row.method == method).fits[0]
     if not isinstance(first.estimator, ShowsFeatures):
         return None
-    part = evaluation.dataset.subset(first.split.train)
-    order = np.argsort(-part.magnitude_n, kind="stable")
+    names, values, targets, force = first.estimator.normalised(evaluation.dataset.subset(first.split.train))
+    order = np.argsort(-np.linalg.norm(force, axis=1), kind="stable")
     chosen = order[np.unique(np.linspace(0, len(order) - 1, 5).round().astype(int))]
-    names, values, force = first.estimator.normalised(part.subset(chosen))
-    return {"names": [*names, "force"], "rows": [[*row, size] for row, size in zip(values, force, strict=True)]}
+    return {"names": [*names, *targets], "rows": np.column_stack([values, force])[chosen]}
