@@ -131,7 +131,10 @@ class Textbook:
         v, u = np.nonzero(skeletonize(marks == largest))
         order = np.argsort(u, kind="stable")
         u, v = u[order].astype(float), v[order].astype(float)
-        slope = np.polyfit(u[:20], v[:20], 1)[0]
+        base = u < u[0] + 20
+        if len(np.unique(u)) < 5 or len(np.unique(u[base])) < 2:
+            return float("nan")  # the largest piece that is left of the shaft stands upright
+        slope = np.polyfit(u[base], v[base], 1)[0]
         cos, sin = 1 / np.hypot(1, slope), slope / np.hypot(1, slope)
         du, dv = u - u[0], v - v[0]
         coefficients = np.polyfit(cos * du + sin * dv, sin * du - cos * dv, 4)
