@@ -13,6 +13,7 @@ __all__ = ["VERBS", "app", "main"]
 VERBS: dict[str, str] = {
     "simulate": "simulate",
     "import": "import_",
+    "train": "train",
     "evaluate": "evaluate",
     "inspect": "inspect",
     "estimate": "estimate",

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["model_card"]
+__all__ = ["model_card", "training_lines"]
 
 
 def model_card(manifest: Mapping[str, Any]) -> str:
@@ -17,6 +17,7 @@ def model_card(manifest: Mapping[str, Any]) -> str:
         (
             f"Learnt from {training['samples']} samples of **{training['title']}** "
             f"({_count(len(sessions), 'session')}: {_listed(sessions)}), "
+            f""
             f"forces from {low * 1e3:.0f} to {high * 1e3:.0f} mN."
         ),
         "",
@@ -101,3 +102,29 @@ def _half(value: float | None) -> str:
 
 def _figure(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def training_lines(manifest: Mapping[str, Any]) -> list[str]:
+    """What a person who has just trained a model is told, from its manifest."""
+    training, facts = manifest["training"], manifest["facts"]
+    lines = [
+        (
+            f"Learnt from {training['samples']} samples of {training['title']} "
+            f"({_count(len(training['sessions']), 'session')}), {_count(len(facts['features']), 'number')} a frame"
+        )
+    ]
+    if facts.get("samples_without_shape"):
+        lines.append(f"  in {facts['samples_without_shape']} of them no shape was found: left out")
+    for name, each in facts["targets"].items():
+        lines.append(
+            f"  {name}: C {each['c']:.4g}, epsilon {each['epsilon']:g}, sigma {each['sigma']:g}; "
+            f"{each['support_vectors']} support vectors; error over folds {each['cv_rmse_n'] * 1e3:.1f} mN; "
+            f"90 % interval {_half(each['interval_half_width_n'])}"
+        )
+    lines.append(f"  interval from: {facts['interval_basis']}")
+    for name in ("magnitude", "fx", "fy", "fz"):
+        rmse = manifest["metrics"].get(f"{name}_rmse_n")
+        if rmse is not None:
+            mae = manifest["metrics"][f"{name}_mae_n"]
+            lines.append(f"  held out, {name}: RMSE {rmse * 1e3:.1f} mN, mean error {mae * 1e3:.1f} mN")
+    return lines

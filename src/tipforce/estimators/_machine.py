@@ -134,7 +134,8 @@ def fit_machines(
             machine = SVR(kernel="precomputed", **common).fit(kernel, y)
             found[:, t] = machine.predict(kernel)
         else:
-            machine = SVR(kernel="rbf", **common, **{"gamma": 1.0 / chosen.sigma**2}).fit(x, y)
+            # scikit-learn's stubs know gamma as a word only
+            machine = SVR(kernel="rbf", gamma=1.0 / chosen.sigma**2, **common).fit(x, y)  # type: ignore[arg-type]
             found[:, t] = machine.predict(x)
         support = np.asarray(machine.support_)
         vectors.append(x[support])

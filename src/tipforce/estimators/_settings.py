@@ -77,7 +77,10 @@ class SvrSettings(BaseModel):
     sigma: Grid = (0.1, 0.3, 1.0, 3.0, 10.0)
     """Values of sigma (eq. 15) to choose from, in scaled features."""
     folds: Annotated[int, Field(ge=2)] = 5
-    """Folds of the cross-validation that chooses: groups of whole sessions where there are at least three sessions."""
+    """Folds of the cross-validation that chooses, where samples are shuffled."""
+    hold_out: Literal["auto", "session", "sample"] = "auto"
+    """What it holds out: whole `session`s (each alone up to ten, else in ten groups) for a model that is to work on new
+    ones; shuffled `sample`s for one that is to work within those it has seen. `auto`: sessions from three on."""
     training_samples: Annotated[int, Field(ge=20)] | None = None
     """Beyond the thesis: learn from at most so many samples, drawn with ``seed``; neighbouring frames say the same."""
     tuning_samples: Annotated[int, Field(ge=20)] = 1500

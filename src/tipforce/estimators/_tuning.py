@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.svm import SVR
 
+from ..errors import InputError
 from ..types import FloatArray, IntArray
 from ._machine import Constants, gram, largest, squared_distances
 from ._settings import SvrSettings
@@ -40,15 +41,18 @@ def scaling_of(raw: FloatArray, how: str) -> Scaling:
     return np.mean(raw, axis=0), np.where(usable, 1.0 / np.where(usable, spread, 1.0), 0.0)
 
 
-def make_folds(session: npt.NDArray[np.str_], folds: int, seed: int) -> tuple[list[Fold], bool]:
+def make_folds(session: npt.NDArray[np.str_], settings: SvrSettings) -> tuple[list[Fold], bool]:
     """(train, test) positions for each fold, and whether whole sessions are held out.
 
-    Sessions are held out from `MIN_SESSIONS` on, each alone up to ten and else in ten groups; below, samples are
-    shuffled into ``folds``.
+    Raises InputError where sessions shall be held out and there is one only.
     """
+    folds, seed = settings.folds, settings.seed
     draw = np.random.default_rng(seed)
     names = list(dict.fromkeys(session.tolist()))
-    if len(names) >= MIN_SESSIONS:
+    by_session = settings.hold_out == "session" or (settings.hold_out == "auto" and len(names) >= MIN_SESSIONS)
+    if by_session and len(names) < 2:
+        raise InputError("hold_out=session needs at least two sessions; there is one")
+    if by_session:
         order = draw.permutation(len(names)) if len(names) > MAX_GROUPS else np.arange(len(names))
         parts = np.array_split(order, min(len(names), MAX_GROUPS))
         held = [np.isin(session, [names[i] for i in part]) for part in parts]

@@ -15,12 +15,14 @@ import numpy.typing as npt
 from ..dataset import Dataset
 from ..errors import InputError, ModelError, NotFittedError
 from ..types import BoolArray, Context, FloatArray, ForceEstimate, Observation
+from ..vision import Sighting
 from ._answers import Answers, Interval
 from ._base import Estimator, Progress
 from ._conformal import basis_of, half_width
 from ._inputs import Inputs, Refusal
 from ._machine import Constants, Machines, fit_machines
 from ._settings import SvrSettings
+from ._shows import look_with
 from ._training import Rows, gather_rows
 from ._tuning import choose, make_folds, residuals, scaling_of
 from ._window import Window
@@ -62,9 +64,10 @@ class Svr(Estimator):
 
     name: ClassVar[str] = "svr"
     settings_type = SvrSettings
+    settings: SvrSettings  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(self, settings: SvrSettings | None = None) -> None:
-        self.settings: SvrSettings = settings or SvrSettings()
+        self.settings = settings or SvrSettings()
         self.fitted_: _Fitted | None = None
 
     @property
@@ -97,7 +100,7 @@ class Svr(Estimator):
         shift, scale = scaling_of(rows.features, settings.scaling)
         linear = _linear_weights(settings, rows)
         part = _drawn(len(rows.features), settings.tuning_samples, settings.seed)
-        folds, held_out = make_folds(rows.session[part], settings.folds, settings.seed)
+        folds, held_out = make_folds(rows.session[part], settings)
         raw, learn, truth = rows.features[part], rows.learn_n[part], rows.truth_n[part]
         constants, errors = choose(
             raw, learn, truth, folds, settings, linear,
@@ -140,6 +143,10 @@ class Svr(Estimator):
         del context
         return SvrStream(self.settings, self._known())
 
+    def look(self, observation: Observation) -> tuple[Sighting, FloatArray | None]:
+        """What is seen in the picture, and the fitted curve (n, 2) in image points: see `ShowsShape`."""
+        return look_with(self.settings.vision, self.settings.features, observation)
+
     def unfitted(self) -> "Svr":
         """The same recipe without what was learnt."""
         return Svr(self.settings)
@@ -148,10 +155,6 @@ class Svr(Estimator):
         if self.fitted_ is None:
             raise NotFittedError("svr was not fitted; train it with `tipforce train` or load a model")
         return self.fitted_
-
-    def predict(self, dataset: Dataset) -> list[ForceEstimate]:
-        """One stream a session over all samples, in the dataset's order."""
-        return super().predict(dataset)
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         """Raises ModelError where the answers differ from scikit-learn's by `PARITY_N` or more."""

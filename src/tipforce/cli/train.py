@@ -1,0 +1,55 @@
+"""``tipforce train``: from labelled samples to a model folder."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ._common import JsonOption, progress_bar, say, write_json
+from ._settings import SetOption, settings_from
+
+__all__ = ["command"]
+
+
+def command(
+    data: Annotated[Path, typer.Argument(help="Recordings, a dataset folder, or a published layout.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the model.")],
+    estimator: Annotated[str, typer.Option(help="Method to train.")] = "svr",
+    samples: Annotated[
+        int | None, typer.Option(min=1, help="Draw so many samples (the thesis has 220); default: all.")
+    ] = None,
+    holdout: Annotated[
+        float, typer.Option(min=0.0, max=0.9, help="Share of the samples held out at random to measure errors on.")
+    ] = 0.0,
+    seed: Annotated[int, typer.Option(help="Of drawing, holding out and cross-validation.")] = 0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a model that is there already.")] = False,
+    onnx: Annotated[Path | None, typer.Option(help="Also write the regression as an ONNX graph.")] = None,
+    settings: SetOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Train a method on labelled samples and save it as a model folder.
+
+    A random share held out (--holdout 0.25, as in the thesis) has neighbours of every frame in the training part; how
+    a method does on sessions it never saw is what `tipforce evaluate` tells.
+
+    Example:
+        tipforce train runs/ --estimator svr -o models/svr
+
+        tipforce train runs/ -o models/svr --samples 220 --holdout 0.25 --set force=components --json -
+    """
+    from ..dataset import open_dataset
+    from ..estimators import check_target, create, export_onnx, method, read_manifest, save_model, train, training_lines
+
+    recipe = create(estimator, settings_from(method(estimator).settings_type, settings))
+    check_target(output, overwrite=overwrite)
+    dataset = open_dataset(data)
+    with progress_bar() as report:
+        done = train(recipe, dataset, samples=samples, holdout=holdout, seed=seed, progress=report)
+    save_model(done.estimator, output, done.dataset, done.metrics, overwrite=overwrite)
+    figures = {"model": str(output), "facts": read_manifest(output)["facts"], "metrics": done.metrics}
+    if onnx is not None:
+        figures["onnx"] = export_onnx(done.estimator, onnx)
+    for line in training_lines(read_manifest(output)):
+        say(line)
+    say(f"Saved: {output}" + (f" and {onnx}" if onnx is not None else ""))
+    write_json(figures, json_file)

@@ -1,0 +1,78 @@
+"""One training run: draw samples, hold some out, fit, measure."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..dataset import Dataset, draw, random_split
+from ..types import FloatArray
+from ._base import Estimator, Progress
+from ._create import create
+
+__all__ = ["Training", "train"]
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """A fitted ``estimator``, the samples it learnt from, and ``metrics`` on those held out (empty without any)."""
+
+    estimator: Estimator
+    dataset: Dataset
+    metrics: dict[str, Any]
+
+
+def train(
+    recipe: Estimator,
+    dataset: Dataset,
+    *,
+    samples: int | None = None,
+    holdout: float = 0.0,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Training:
+    """Fit ``recipe`` on ``dataset``, or on ``samples`` drawn from it, less a random share ``holdout`` to measure on.
+
+    ``seed`` is that of drawing, holding out and, where its settings do not state their own, of the method. Raises
+    InputError as `draw`, `random_split` and `Estimator.fit` do.
+    """
+    settings = recipe.settings
+    if "seed" in type(settings).model_fields and "seed" not in settings.model_fields_set:
+        recipe = create(recipe.name, settings.model_copy(update={"seed": seed}))
+    drawn = dataset if samples is None else draw(dataset, samples, seed)
+    if not holdout:
+        return Training(recipe.unfitted().fit(drawn, progress), drawn, {})
+    split = random_split(drawn, holdout, seed)
+    part = drawn.subset(split.train)
+    fitted = recipe.unfitted().fit(part, progress)
+    return Training(fitted, part, _measured(fitted, drawn.subset(split.test)))
+
+
+def _measured(fitted: Estimator, test: Dataset) -> dict[str, Any]:
+    """Errors in newtons over the answered samples of ``test``."""
+    if fitted.remembers:
+        whole = test.whole or test
+        run = whole.subset(np.isin(whole.session, list(test.sessions)))
+        by_row = dict(zip(run.rows.tolist(), fitted.predict(run), strict=True))
+        answers = [by_row[row] for row in test.rows.tolist()]
+    else:
+        answers = fitted.predict(test)
+    valid = np.array([answer.valid for answer in answers], np.bool_)
+    metrics: dict[str, Any] = {"held_out_samples": len(test), "answered": int(valid.sum())}
+    if not valid.any():
+        return metrics
+    force = np.array([answer.force_n for answer in answers])[valid]
+    size = np.array([answer.magnitude_n for answer in answers])[valid]
+    metrics |= _errors("magnitude", size - test.magnitude_n[valid])
+    for axis, name in enumerate(("fx", "fy", "fz")):
+        if test.known[axis] and np.isfinite(force[:, axis]).all():
+            metrics |= _errors(name, force[:, axis] - test.force_n[valid, axis])
+    return metrics
+
+
+def _errors(name: str, wrong_n: FloatArray) -> dict[str, float]:
+    return {
+        f"{name}_mae_n": float(np.mean(np.abs(wrong_n))),
+        f"{name}_rmse_n": float(np.sqrt(np.mean(wrong_n**2))),
+        f"{name}_max_n": float(np.max(np.abs(wrong_n))),
+    }
