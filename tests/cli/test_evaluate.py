@@ -13,7 +13,7 @@ from tipforce.errors import TipforceError
 QUICK = ["--set", "c=[10]", "--set", "epsilon=[0.01]", "--set", "sigma=[1]"]
 
 
-def write_folder(folder, sessions=3, frames=30):
+def write_folder(folder, sessions=3, frames=60):
     """A dataset folder of ready-made coefficients: the force bends the curve, each session a little differently."""
     draw = np.random.default_rng(0)
     folder.mkdir()

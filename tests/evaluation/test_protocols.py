@@ -111,6 +111,23 @@ def test_one_session_still_gets_the_other_protocols_and_a_note(make_bench, make_
     assert any("session was left out" in note for note in result.notes)
 
 
+def test_a_protocol_that_a_method_cannot_be_trained_under_is_left_out_with_its_reason(make_bench, ridge_class):
+    class Hungry(ridge_class):
+        def fit(self, dataset, progress=None):
+            if len(set(dataset.session.tolist())) < 4:
+                raise InputError("hungry needs four sessions")
+            return super().fit(dataset, progress)
+
+    data = make_bench(sessions=4)
+    result = evaluate(data, [Candidate("hungry", Hungry())])
+    assert result.protocols == ("random", "blocked")
+    assert "Protocol session was left out: hungry needs four sessions." in result.notes
+    with pytest.raises(InputError, match="hungry needs four sessions"):
+        evaluate(data, [Candidate("hungry", Hungry())], protocols=["random", "session"])
+    with pytest.raises(InputError, match="hungry needs four sessions"):
+        evaluate(make_bench(sessions=3), [Candidate("hungry", Hungry())])
+
+
 def test_two_methods_of_one_name_are_refused(make_bench, make_ridge):
     twice = [Candidate("ridge", make_ridge()), Candidate("ridge", make_ridge())]
     with pytest.raises(InputError, match="must differ"):

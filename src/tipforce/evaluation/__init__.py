@@ -2,7 +2,8 @@
 
 from ._candidates import candidates_from, truth_at
 from ._constant import Constant
-from ._evaluate import AS_SAVED, PROTOCOLS, Candidate, Evaluation, Row, evaluate
+from ._evaluate import evaluate
+from ._evaluation import AS_SAVED, PROTOCOLS, Candidate, Evaluation, Row
 from ._features import ShowsFeatures
 from ._lines import report_lines
 from ._metrics import FORCE_BINS_N, error_figures, interval_figures, percent_of_true, score

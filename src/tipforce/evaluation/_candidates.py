@@ -11,7 +11,7 @@ from ..dataset import Dataset
 from ..errors import InputError
 from ..estimators import ESTIMATORS, create, load_model, read_manifest
 from ..types import FloatArray, IntArray
-from ._evaluate import Candidate
+from ._evaluation import Candidate
 
 __all__ = ["candidates_from", "truth_at"]
 

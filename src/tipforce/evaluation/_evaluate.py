@@ -1,106 +1,24 @@
 """Judging methods on data: every protocol, every method, the constant predictor beside them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ..dataset import Dataset, Protocol, Split, draw, splits
 from ..errors import InputError
-from ..estimators import Estimator, Progress
+from ..estimators import Progress
 from ..types import BoolArray, FloatArray
 from ._constant import Constant
+from ._evaluation import AS_SAVED, PROTOCOLS, Candidate, Evaluation, Row
 from ._metrics import score
 from ._outcome import CONTACT_N, Outcome, against, gather
 from ._protocols import Trained, answers, run_splits
 from ._timing import time_per_frame
 
-__all__ = ["AS_SAVED", "PROTOCOLS", "Candidate", "Evaluation", "Row", "evaluate"]
-
-PROTOCOLS: tuple[Protocol, ...] = ("random", "blocked", "session")
-"""The thesis's split, contiguous blocks with a gap, and whole sessions held out: the one that counts."""
-
-AS_SAVED = "as saved"
-"""Stands in place of a protocol where a saved model is scored without training it anew."""
+__all__ = ["evaluate"]
 
 CONSTANT = Constant.name
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A method to be judged: ``recipe`` is trained anew on every split.
-
-    ``saved``: a fitted model, scored as it is on the sessions that are not in ``trained_sessions``;
-    ``trained_fingerprint``: of the data it was trained on.
-    """
-
-    label: str
-    recipe: Estimator
-    saved: Estimator | None = None
-    trained_sessions: frozenset[str] = frozenset()
-    trained_fingerprint: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Row:
-    """One line of the table: a method under a protocol, against the sensor and, where it is known, the truth."""
-
-    outcome: Outcome
-    figures: dict[str, Any]
-    truth_figures: dict[str, Any] | None = None
-    fits: tuple[Trained, ...] = ()
-
-    @property
-    def method(self) -> str:
-        """The candidate's label."""
-        return self.outcome.method
-
-    @property
-    def protocol(self) -> str:
-        """One of `PROTOCOLS`, or `AS_SAVED`."""
-        return self.outcome.protocol
-
-    @property
-    def mae_n(self) -> float:
-        """Mean absolute error of the magnitude against the sensor, in newtons."""
-        return float(self.figures["quantities"]["magnitude"]["mae_n"])
-
-
-@dataclass(frozen=True, eq=False)
-class Evaluation:
-    """Everything a report is made of.
-
-    ``rows``: by protocol, within it the candidates in their order and the constant predictor last. ``fitted``: method
-    -> its answers on the part it was trained on (thesis fig. 24). ``timing``: method -> microseconds a frame.
-    ``notes``: what could not be done, and why. ``truth_n`` (n, 3) or None.
-    """
-
-    dataset: Dataset
-    everything: Dataset
-    candidates: tuple[Candidate, ...]
-    rows: tuple[Row, ...]
-    fitted: dict[str, Outcome]
-    timing: dict[str, dict[str, Any]]
-    notes: tuple[str, ...]
-    seed: int
-    samples: int | None
-    folds: int | None
-    truth_n: FloatArray | None = field(default=None, repr=False)
-
-    def row(self, method: str, protocol: str) -> Row | None:
-        """The line of one method under one protocol, None where there is none."""
-        return next((row for row in self.rows if (row.method, row.protocol) == (method, protocol)), None)
-
-    @property
-    def protocols(self) -> tuple[str, ...]:
-        """Those that were run, in order."""
-        return tuple(dict.fromkeys(row.protocol for row in self.rows))
-
-    @property
-    def honest(self) -> str:
-        """The strictest protocol that was run: session before blocked before random."""
-        return max((p for p in self.protocols if p in PROTOCOLS), key=PROTOCOLS.index)
 
 
 def evaluate(
@@ -118,7 +36,7 @@ def evaluate(
 
     ``samples``: as many are drawn with ``seed`` first (the thesis has 220). ``truth_n`` (len(dataset), 3): the twin's
     truth in the base frame; scores against it stand beside those against the sensor. Raises InputError where a
-    protocol that was asked for cannot be run on these data, and what the methods' ``fit`` raises.
+    protocol that was asked for cannot be run on these data, or none can be.
     """
     if not candidates:
         raise InputError("there is no method to evaluate; name one, for example: tipforce evaluate svr --data runs/")
@@ -138,26 +56,29 @@ def evaluate(
     contact = _in_contact(dataset, truth_n)
     notes: list[str] = []
     plans: dict[Protocol, list[Split]] = {}
+    refusals: list[InputError] = []
+
+    def left_out(protocol: str, error: InputError) -> None:
+        """Without a wish for certain protocols, those that these data do not allow are named and passed over."""
+        if protocols is not None:
+            raise error
+        refusals.append(error)
+        notes.append(f"Protocol {protocol} was left out: {error}.")
+
     for protocol in protocols or PROTOCOLS:
         try:
             plans[protocol] = splits(protocol, dataset, folds=folds, seed=seed)
         except InputError as error:
-            if protocols is not None:
-                raise
-            notes.append(f"Protocol {protocol} was left out: {error}.")
-    if not plans:
-        raise InputError(f"{dataset.title}: no protocol can be run on these data. " + " ".join(notes))
-
+            left_out(protocol, error)
     steps = _Steps(progress, sum(len(plan) for plan in plans.values()) * len(candidates))
     rows: list[Row] = []
     for protocol, plan in plans.items():
-        constant, fits = run_splits(Constant(), CONSTANT, protocol, plan, dataset, everything, contact)
-        for candidate in candidates:
-            outcome, trained = run_splits(
-                candidate.recipe, candidate.label, protocol, plan, dataset, everything, contact, steps.part(len(plan))
-            )
-            rows.append(_row(outcome, constant, truth_n, trained))
-        rows.append(_row(constant, constant, truth_n, fits))
+        try:
+            rows += _under(protocol, plan, candidates, dataset, everything, contact, truth_n, steps)
+        except InputError as error:
+            left_out(protocol, error)
+    if not rows:
+        raise refusals[0]
     for candidate in candidates:
         row = _as_saved(candidate, dataset, everything, contact, truth_n, notes)
         if row is not None:
@@ -176,6 +97,28 @@ def evaluate(
     return Evaluation(
         dataset, everything, tuple(candidates), tuple(rows), fitted, timing, tuple(notes), seed, samples, folds, truth_n
     )
+
+
+def _under(
+    protocol: Protocol,
+    plan: Sequence[Split],
+    candidates: Sequence[Candidate],
+    dataset: Dataset,
+    everything: Dataset,
+    contact: BoolArray,
+    truth_n: FloatArray | None,
+    steps: "_Steps",
+) -> list[Row]:
+    """The rows of one protocol: the candidates in their order, then the constant predictor."""
+    constant, fits = run_splits(Constant(), CONSTANT, protocol, plan, dataset, everything, contact)
+    rows: list[Row] = []
+    for candidate in candidates:
+        progress = steps.part(len(plan))
+        outcome, trained = run_splits(
+            candidate.recipe, candidate.label, protocol, plan, dataset, everything, contact, progress
+        )
+        rows.append(_row(outcome, constant, truth_n, trained))
+    return [*rows, _row(constant, constant, truth_n, fits)]
 
 
 class _Steps:

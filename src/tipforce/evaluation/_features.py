@@ -6,7 +6,7 @@ import numpy as np
 
 from ..dataset import Dataset
 from ..types import FloatArray
-from ._evaluate import Evaluation
+from ._evaluation import Evaluation
 
 __all__ = ["ShowsFeatures", "five_samples"]
 

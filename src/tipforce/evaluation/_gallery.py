@@ -11,7 +11,7 @@ from ..dataset import Dataset
 from ..estimators import Estimator
 from ..types import FloatArray, Image, IntArray, Observation, ShapeFeatures
 from ..units import newtons_to_grams
-from ._evaluate import Evaluation
+from ._evaluation import Evaluation
 from ._outcome import Outcome
 from ._sketch import curve_of_features, picture_of
 from ._style import COLOURS, GREY, make_figure, page_svg, to_svg

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from ..types import FloatArray
 from ._constant import Constant
-from ._evaluate import Evaluation, Row
+from ._evaluation import Evaluation, Row
 from ._figures import figure_23a, figure_23b, figure_24
 from ._figures_beyond import figure_residuals, figure_sessions, figure_splits, figure_trace, typical_session
 from ._style import METHOD_COLOURS, page_svg, standalone_svg, to_svg

@@ -10,7 +10,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from ..errors import InputError
-from ._evaluate import Evaluation
+from ._evaluation import Evaluation
 from ._gallery import worst_frames
 from ._numbers import FILTERS
 from ._pictures import Picture, method_pictures, overview

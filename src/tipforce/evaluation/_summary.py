@@ -11,7 +11,7 @@ import numpy as np
 from .. import __version__
 from ..units import newtons_to_grams
 from ._constant import Constant
-from ._evaluate import AS_SAVED, Evaluation, Row
+from ._evaluation import AS_SAVED, Evaluation, Row
 from ._features import five_samples
 from ._figures_beyond import THESIS_MAE_N
 from ._metrics import plain

@@ -1,0 +1,94 @@
+"""What is judged, and everything that came out of it."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..dataset import Dataset, Protocol
+from ..estimators import Estimator
+from ..types import FloatArray
+from ._outcome import Outcome
+from ._protocols import Trained
+
+__all__ = ["AS_SAVED", "PROTOCOLS", "Candidate", "Evaluation", "Row"]
+
+PROTOCOLS: tuple[Protocol, ...] = ("random", "blocked", "session")
+"""The thesis's split, contiguous blocks with a gap, and whole sessions held out: the one that counts."""
+
+AS_SAVED = "as saved"
+"""Stands in place of a protocol where a saved model is scored without training it anew."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A method to be judged: ``recipe`` is trained anew on every split.
+
+    ``saved``: a fitted model, scored as it is on the sessions that are not in ``trained_sessions``;
+    ``trained_fingerprint``: of the data it was trained on.
+    """
+
+    label: str
+    recipe: Estimator
+    saved: Estimator | None = None
+    trained_sessions: frozenset[str] = frozenset()
+    trained_fingerprint: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One line of the table: a method under a protocol, against the sensor and, where it is known, the truth."""
+
+    outcome: Outcome
+    figures: dict[str, Any]
+    truth_figures: dict[str, Any] | None = None
+    fits: tuple[Trained, ...] = ()
+
+    @property
+    def method(self) -> str:
+        """The candidate's label."""
+        return self.outcome.method
+
+    @property
+    def protocol(self) -> str:
+        """One of `PROTOCOLS`, or `AS_SAVED`."""
+        return self.outcome.protocol
+
+    @property
+    def mae_n(self) -> float:
+        """Mean absolute error of the magnitude against the sensor, in newtons."""
+        return float(self.figures["quantities"]["magnitude"]["mae_n"])
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Everything a report is made of.
+
+    ``rows``: by protocol, within it the candidates in their order and the constant predictor last. ``fitted``: method
+    -> its answers on the part it was trained on (thesis fig. 24). ``timing``: method -> microseconds a frame.
+    ``notes``: what could not be done, and why. ``truth_n`` (n, 3) or None.
+    """
+
+    dataset: Dataset
+    everything: Dataset
+    candidates: tuple[Candidate, ...]
+    rows: tuple[Row, ...]
+    fitted: dict[str, Outcome]
+    timing: dict[str, dict[str, Any]]
+    notes: tuple[str, ...]
+    seed: int
+    samples: int | None
+    folds: int | None
+    truth_n: FloatArray | None = field(default=None, repr=False)
+
+    def row(self, method: str, protocol: str) -> Row | None:
+        """The line of one method under one protocol, None where there is none."""
+        return next((row for row in self.rows if (row.method, row.protocol) == (method, protocol)), None)
+
+    @property
+    def protocols(self) -> tuple[str, ...]:
+        """Those that were run, in order."""
+        return tuple(dict.fromkeys(row.protocol for row in self.rows))
+
+    @property
+    def honest(self) -> str:
+        """The strictest protocol that was run: session before blocked before random."""
+        return max((p for p in self.protocols if p in PROTOCOLS), key=PROTOCOLS.index)
