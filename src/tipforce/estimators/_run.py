@@ -14,8 +14,8 @@ from typing import Any, TextIO
 import numpy as np
 
 from ..errors import InputError
-from ..recording import RecordingReader, VideoWriter, observations
-from ..types import ForceEstimate, Frame, Image, Observation, ShapeFeatures, Source, Status
+from ..recording import VideoWriter, frame_count, observations
+from ..types import FloatArray, ForceEstimate, Frame, Image, Observation, ShapeFeatures, Source, Status
 from ..units import newtons_to_grams
 from ..vision import VisionSettings, draw_estimate
 from ._base import Estimator, Progress
@@ -95,7 +95,7 @@ def write_estimates(
     all. Raises InputError where ``source`` holds no frame.
     """
     view = _view_of(estimator)
-    total = _frames_in(source, view)
+    total = frame_count(source, view)
     stream = estimator.start(source.context)
     report = RunReport()
     with ExitStack() as stack:
@@ -118,29 +118,25 @@ def write_estimates(
 
 
 def _row(estimate: ForceEstimate) -> list[str]:
-    low, high = estimate.magnitude_interval_n
-    cells = [str(estimate.stamp_ns), *map(_cell, (estimate.magnitude_n, low, high))]
-    for value, (least, most) in zip(estimate.force_n, estimate.interval_n, strict=True):
-        cells += map(_cell, (value, least, most))
+    cells = [str(estimate.stamp_ns), _cell(estimate.magnitude_n), *_ends(estimate.magnitude_interval_n)]
+    for value, interval in zip(estimate.force_n.tolist(), estimate.interval_n, strict=True):
+        cells += [_cell(value), *_ends(interval)]
     grams = newtons_to_grams(estimate.magnitude_n)
     return [*cells, "" if math.isnan(grams) else f"{grams:.3f}", estimate.status.value, estimate.detail]
 
 
 def _cell(newtons: float) -> str:
-    return "" if math.isnan(newtons) else f"{newtons:.6f}"
+    return f"{newtons:.6f}" if math.isfinite(newtons) else ""
+
+
+def _ends(interval: FloatArray) -> list[str]:
+    """Both ends, or neither: an interval without an end says nothing."""
+    return [_cell(end) for end in interval.tolist()] if np.isfinite(interval).all() else ["", ""]
 
 
 def _view_of(estimator: Estimator) -> str:
     vision = getattr(estimator.settings, "vision", None)
     return vision.view if isinstance(vision, VisionSettings) else VisionSettings().view
-
-
-def _frames_in(source: Source, view: str) -> int:
-    """How many frames will come; 0 where nobody knows."""
-    if isinstance(source, RecordingReader):
-        stream = source.info.streams.get(view)
-        return stream.count if stream else 0
-    return int(getattr(source, "frame_count", 0))
 
 
 @contextmanager

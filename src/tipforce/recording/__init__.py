@@ -4,7 +4,7 @@ from ._describe import describe
 from ._facts import ClockOffset, Reads, SensorPose, Tare
 from ._import import ForceColumns, ImportReport, import_run
 from ._labels import Labels, labels
-from ._look import Look, is_picture, look_at, look_through, save_picture
+from ._look import Look, frame_count, is_picture, look_at, look_through, save_picture
 from ._observations import observations
 from ._reader import RecordingInfo, RecordingReader, StreamInfo
 from ._sources import open_source
@@ -32,6 +32,7 @@ __all__ = [
     "describe",
     "estimate_offset",
     "find_tare",
+    "frame_count",
     "import_run",
     "is_picture",
     "labels",

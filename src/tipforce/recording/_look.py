@@ -1,7 +1,7 @@
 """Looking through the pictures of a file: is the catheter seen, and in how many frames."""
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from ..errors import FileFormatError, InputError
-from ..types import Frame, Image
+from ..types import Frame, Image, Source
 from ..vision import (
     ClassicChain,
     Inspection,
@@ -24,12 +24,13 @@ from ..vision import (
 )
 from ._files import part_of
 from ._folder import read_image
-from ._sources import open_source
+from ._reader import RecordingReader
+from ._sources import FileSource, open_source
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Look", "is_picture", "look_at", "look_through", "save_picture"]
+__all__ = ["Look", "frame_count", "is_picture", "look_at", "look_through", "save_picture"]
 
 _PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 
@@ -83,25 +84,32 @@ def look_through(
 
     tally, first = Tally(room), None
     with open_source(path) as source:
-        total = int(getattr(source, "frame_count", 0))
-        pictures = [event.image for event in islice(source, 50) if isinstance(event, Frame)]
-        settled = settle(vision, pictures[::5])
+        total = frame_count(source, vision.view)
+        settled = settle(vision, [frame.image for frame in islice(_frames(source, vision.view), 0, 50, 5)])
         see = Vision(settled).see
-        count = 0
-        for event in source:
-            if not isinstance(event, Frame) or event.view != vision.view:
-                continue
-            first = event if first is None else first
+        for count, frame in enumerate(_frames(source, vision.view)):
+            first = frame if first is None else first
             if count % every == 0:
-                seconds = (event.stamp_ns - first.stamp_ns) * 1e-9
-                tally.add(f"{count}  {seconds:.2f} s", inspect_picture(event.image, see, settled, features))
-            count += 1
+                seconds = (frame.stamp_ns - first.stamp_ns) * 1e-9
+                tally.add(f"{count}  {seconds:.2f} s", inspect_picture(frame.image, see, settled, features))
             if progress:
                 progress(f"frame {count}", min(1.0, count / total) if total else 0.0)
     if first is None:
         raise InputError(f"{path}: there is no frame of the view {vision.view!r} in it")
     figures = {"file": str(path), "every": every, **tally.figures(), "vision": settled.model_dump()}
     return Look(f"{_stated(settled)}\n{tally.text()}", figures, tally.sheet(), first.image, settled)
+
+
+def frame_count(source: Source, view: str = "camera") -> int:
+    """How many frames of ``view`` will come, as far as the file says; 0 where it does not."""
+    if isinstance(source, RecordingReader):
+        stream = source.info.streams.get(view)
+        return stream.count if stream else 0
+    return source.frame_count if isinstance(source, FileSource) else 0
+
+
+def _frames(source: Source, view: str) -> Iterator[Frame]:
+    return (event for event in source if isinstance(event, Frame) and event.view == view)
 
 
 def save_picture(path: Path, picture: "Image | Figure") -> None:

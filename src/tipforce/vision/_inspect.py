@@ -59,7 +59,7 @@ class Inspection:
             return f"not found: {figures['status'].replace('_', ' ')}: {figures['detail']}"
         (u, v), (tip_u, tip_v), (x, y) = figures["base"]["origin_px"], figures["tip_px"], figures["tip_in_base_px"]
         lines = [
-            f"found      both flanks seen over {100 * figures['confidence']:.0f} % of the length",
+            f"found      seen over {100 * figures['confidence']:.0f} % of the length",
             f"base       u {u:.1f}, v {v:.1f} px, {figures['base']['angle_deg']:+.1f} deg counter-clockwise from right",
             f"tip        u {tip_u:.1f}, v {tip_v:.1f} px; in the base frame x {x:.1f}, y {y:.1f} px",
             f"length     {figures['length_px']:.1f} px, diameter {figures['diameter_px']:.2f} px",
