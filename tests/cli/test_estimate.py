@@ -1,8 +1,11 @@
 """``tipforce estimate``: a row per frame, and never a number that is not one."""
 
 import csv
+import io
 import json
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -14,6 +17,7 @@ from tipforce.errors import InputError
 from tipforce.estimators import write_estimates
 from tipforce.estimators._run import COLUMNS
 from tipforce.recording import open_source
+from tipforce.types import ForceEstimate
 
 
 def run(*words: object) -> object:
@@ -125,3 +129,24 @@ def test_a_folder_that_does_not_exist_is_named(trained, video: Path, tmp_path: P
         with pytest.raises(InputError, match=r"no does not exist"), open_source(video) as source:
             write_estimates(trained, source, **target)
     assert not list(tmp_path.iterdir())
+
+
+def test_an_interval_without_an_end_is_written_as_nothing(trained, video: Path, tmp_path: Path) -> None:
+    class Unsure:
+        settings = trained.settings
+
+        def start(self, context):
+            stream = trained.start(context)
+            return SimpleNamespace(update=lambda observation: widened(stream.update(observation)))
+
+    def widened(estimate: ForceEstimate) -> ForceEstimate:
+        if not estimate.valid:
+            return estimate
+        return replace(estimate, magnitude_interval_n=np.array([0.0, np.inf]), interval_n=np.full((3, 2), np.inf))
+
+    table = io.StringIO()
+    with open_source(video, actuation={"knob_deg": 10.0}) as source:
+        write_estimates(Unsure(), source, table, overlay=tmp_path / "o.mp4")
+    row = next(csv.DictReader(io.StringIO(table.getvalue())))
+    assert row["magnitude_n"]
+    assert row["magnitude_low_n"] == row["magnitude_high_n"] == row["fy_low_n"] == ""
