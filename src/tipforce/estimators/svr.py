@@ -64,7 +64,7 @@ class Svr(Estimator):
 
     name: ClassVar[str] = "svr"
     settings_type = SvrSettings
-    settings: SvrSettings  # pyright: ignore[reportIncompatibleVariableOverride]
+    settings: SvrSettings
 
     def __init__(self, settings: SvrSettings | None = None) -> None:
         self.settings = settings or SvrSettings()
@@ -146,6 +146,18 @@ class Svr(Estimator):
     def look(self, observation: Observation) -> tuple[Sighting, FloatArray | None]:
         """What is seen in the picture, and the fitted curve (n, 2) in image points: see `ShowsShape`."""
         return look_with(self.settings.vision, self.settings.features, observation)
+
+    def normalised(self, dataset: Dataset) -> tuple[tuple[str, ...], FloatArray, tuple[str, ...], FloatArray]:
+        """Thesis table 3: names (k,) and scaled values (m, k) of the features, then (t,) and (m, t) of the forces.
+
+        Samples without a shape are left out. With a window, a feature's name says how old it is.
+        """
+        fitted = self._known()
+        rows = gather_rows(self.settings, fitted.actuation, dataset, lambda _: None)
+        machines, lags = fitted.machines, self.settings.window.lags_ms
+        own = (*fitted.shape, *fitted.actuation)
+        names = tuple(name if lag == 0 else f"{name} {lag:g} ms ago" for lag in lags for name in own)
+        return names, (rows.features - machines.shift) * machines.scale, fitted.targets, rows.truth_n / machines.unit_n
 
     def unfitted(self) -> "Svr":
         """The same recipe without what was learnt."""
