@@ -39,9 +39,15 @@ def command(
     chosen = settings_from(PRESETS[preset], [f"seconds={seconds}", *(settings or [])])
     started = time.monotonic()
     with progress_bar() as report:
-        # Drawing and encoding share the time: a faster preset pays with larger files, not with quality.
+        # Drawing and encoding share the time: a faster preset pays with larger files, not with quality; one thread, for
+        # there is a process for every core, and the same bytes however many there are.
         folders = simulate(
-            output, partial(write_video, preset="ultrafast"), chosen, sessions=sessions, seed=seed, progress=report
+            output,
+            partial(write_video, preset="ultrafast", threads=1),
+            chosen,
+            sessions=sessions,
+            seed=seed,
+            progress=report,
         )
     took = time.monotonic() - started
     truths = [read_truth(folder) for folder in folders]

@@ -96,8 +96,8 @@ class VideoWriter:
     """An ``.mp4``, H.264 yuv420p, index in front; a context manager. The name appears when it closes without an error.
 
     ``fps``: the nominal rate; every frame is shown at its own stamp minus ``zero_ns`` (None: the first frame's stamp).
-    ``crf``: quality, 0 (lossless) to 51; ``preset``: x264's, a faster one makes larger files. Sizes that are odd are
-    widened by one pixel. Grey frames stay neutral.
+    ``crf``: quality, 0 (lossless) to 51; ``preset``: x264's, a faster one makes larger files. The bytes depend on
+    ``threads`` (0: as x264 likes). Sizes that are odd are widened by one pixel. Grey frames stay neutral.
     """
 
     def __init__(
@@ -107,6 +107,7 @@ class VideoWriter:
         *,
         crf: int = 20,
         preset: str = "veryfast",
+        threads: int = 0,
         zero_ns: int | None = None,
         overwrite: bool = True,
     ) -> None:
@@ -119,7 +120,8 @@ class VideoWriter:
         if not 0.01 <= fps <= 10_000:
             raise InputError(f"{self.path}: {fps} frames a second is no rate for a video")
         self._rate = Fraction(fps).limit_denominator(1001)
-        self._crf, self._preset, self._zero_ns = crf, preset, zero_ns
+        self._zero_ns = zero_ns
+        self._options = {"crf": str(crf), "preset": preset, "bf": "0"} | ({"threads": str(threads)} if threads else {})
         self._container: OutputContainer | None = None
         self._stream: av.VideoStream | None = None
         self._last_ticks = -1
@@ -144,8 +146,7 @@ class VideoWriter:
     def _opened(self, image: Image) -> tuple[av.VideoStream, OutputContainer]:
         if self._container is None or self._stream is None:
             container = av.open(str(self._part), "w", format="mp4", options={"movflags": "faststart"})
-            options = {"crf": str(self._crf), "preset": self._preset, "bf": "0"}
-            stream = container.add_stream("libx264", rate=self._rate, options=options)
+            stream = container.add_stream("libx264", rate=self._rate, options=self._options)
             stream.height, stream.width = image.shape[:2]
             stream.pix_fmt = "yuv420p"
             stream.time_base = stream.codec_context.time_base = Fraction(1, _TICKS)
@@ -180,8 +181,10 @@ def _even(image: Image) -> Image:
     return np.pad(image, ((0, height % 2), (0, width % 2), *(((0, 0),) * (image.ndim - 2))), mode="edge")
 
 
-def write_video(path: Path | str, frames: Iterable[Frame], fps: float, preset: str = "veryfast") -> None:
+def write_video(
+    path: Path | str, frames: Iterable[Frame], fps: float, preset: str = "veryfast", threads: int = 0
+) -> None:
     """All ``frames`` as an ``.mp4``: see `VideoWriter`."""
-    with VideoWriter(path, fps, preset=preset) as video:
+    with VideoWriter(path, fps, preset=preset, threads=threads) as video:
         for frame in frames:
             video.write(frame)
