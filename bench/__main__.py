@@ -19,7 +19,7 @@ def main() -> None:
     for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"
     import cv2
-    from bench.speed import SIZES, machine, make_case, measure, trained
+    from bench.speed import LOOKS, SIZES, machine, make_case, measure, trained
 
     cv2.setNumThreads(1)
     console = Console(stderr=True)
@@ -27,7 +27,7 @@ def main() -> None:
     for size in SIZES:
         console.print(f"training a model for {size[0]}x{size[1]}")
         estimator = trained(size)
-        for name in ("clean", "noisy"):
+        for name in LOOKS:
             result = measure(make_case(name, size), estimator, chosen.blocks, console.print)
             results.append(result)
             show(result)
@@ -49,8 +49,9 @@ def show(result: dict) -> None:
         table.add_row(name, *(f"{row[key]:.1f}" for key in ("p50_us", "p99_us", "best_block_p50_us")))
     Console(file=sys.stdout, width=90).print(table)
     print(
-        f"frame -> force = {result['force_over_read']:.2f} x reading once, 1/{result['textbook_over_force']:.0f} of "
-        f"the textbook chain; found {100 * result['found']:.1f} %, valid {100 * result['valid']:.1f} %\n"
+        f"frame -> force: {result['force_over_read']:.2f} x reading once, {result['textbook_over_force']:.0f} x faster "
+        f"than the textbook chain;\nforce on {100 * result['valid']:.0f} % of the frames; shape lost in "
+        f"{100 * result['lost']:.0f} %, by the textbook chain in {100 * result['textbook_lost']:.0f} %\n"
     )
 
 
