@@ -3,6 +3,7 @@ import pytest
 
 from tipforce.errors import InputError
 from tipforce.evaluation import AS_SAVED, Candidate, Constant, evaluate
+from tipforce.evaluation._pictures import whole_session
 
 
 def magnitude(row):
@@ -160,3 +161,19 @@ def test_progress_only_moves_forward(make_bench, make_ridge):
 def test_time_per_frame_is_reported(make_bench, make_ridge):
     timing = evaluate(make_bench(), [Candidate("ridge", make_ridge())], protocols=["random"]).timing["ridge"]
     assert 0 < timing["min_us"] <= timing["p50_us"] <= timing["p99_us"]
+
+
+def test_the_trace_shows_all_frames_of_a_held_out_session_even_if_few_were_drawn(make_bench, make_ridge):
+    data = make_bench(sessions=4, frames=50)
+    truth = np.nan_to_num(data.force_n) + 1.0
+    result = evaluate(data, [Candidate("ridge", make_ridge())], samples=40, truth_n=truth)
+    row = result.row("ridge", "session")
+    assert np.sum(row.outcome.session == "s2") < 50
+    trace = whole_session(result, row, "s2")
+    assert trace.index.tolist() == list(range(100, 150))
+    assert trace.reference_n[:, 0].tolist() == data.force_n[100:150, 0].tolist()
+    assert np.abs(trace.magnitude_n - trace.reference_magnitude_n).max() < 0.15
+    assert result.truth_n[trace.index].tolist() == truth[100:150].tolist()
+    held = whole_session(result, result.row("ridge", "random"), "s2")
+    assert held.stamp_ns.tolist() == data.stamp_ns[held.index].tolist()
+    assert set(data.session[held.index].tolist()) == {"s2"}

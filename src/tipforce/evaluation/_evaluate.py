@@ -13,7 +13,7 @@ from ._constant import Constant
 from ._evaluation import AS_SAVED, PROTOCOLS, Candidate, Evaluation, Row
 from ._metrics import score
 from ._outcome import CONTACT_N, Outcome, against, gather
-from ._protocols import Trained, answers, run_splits
+from ._protocols import Trained, answers, places_in, run_splits
 from ._timing import time_per_frame
 
 __all__ = ["evaluate"]
@@ -48,11 +48,11 @@ def evaluate(
     if truth_n is not None and truth_n.shape != dataset.force_n.shape:
         raise ValueError(f"truth_n: expected shape {dataset.force_n.shape}, got {truth_n.shape}")
     everything = dataset
+    whole_truth_n = truth_n
     if samples is not None:
         dataset = draw(everything, samples, seed)
         if truth_n is not None:
-            place = {row: position for position, row in enumerate(everything.rows.tolist())}
-            truth_n = truth_n[[place[row] for row in dataset.rows.tolist()]]
+            truth_n = truth_n[places_in(everything, dataset)]
     contact = _in_contact(dataset, truth_n)
     notes: list[str] = []
     plans: dict[Protocol, list[Split]] = {}
@@ -95,7 +95,17 @@ def evaluate(
         )
         timing[candidate.label] = time_per_frame(first.estimator, everything)
     return Evaluation(
-        dataset, everything, tuple(candidates), tuple(rows), fitted, timing, tuple(notes), seed, samples, folds, truth_n
+        dataset=dataset,
+        everything=everything,
+        candidates=tuple(candidates),
+        rows=tuple(rows),
+        fitted=fitted,
+        timing=timing,
+        notes=tuple(notes),
+        seed=seed,
+        samples=samples,
+        folds=folds,
+        truth_n=whole_truth_n,
     )
 
 

@@ -64,7 +64,8 @@ class Evaluation:
 
     ``rows``: by protocol, within it the candidates in their order and the constant predictor last. ``fitted``: method
     -> its answers on the part it was trained on (thesis fig. 24). ``timing``: method -> microseconds a frame.
-    ``notes``: what could not be done, and why. ``truth_n`` (n, 3) or None.
+    ``notes``: what could not be done, and why. ``dataset``: the samples that were scored, drawn from ``everything``;
+    ``truth_n`` (len(everything), 3) or None.
     """
 
     dataset: Dataset

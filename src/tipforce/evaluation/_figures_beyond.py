@@ -24,7 +24,7 @@ THESIS_MAE_N = 0.042
 """Table 4 of the thesis: mean absolute error of its own test samples, forces of 0.160-0.275 N."""
 
 _MANY = 1500
-_TRACE = 600
+_TRACE = 900
 """Samples of a session that a time trace shows."""
 
 
@@ -144,7 +144,7 @@ def typical_session(outcome: Outcome) -> str:
 def figure_trace(outcome: Outcome, session: str, truth_n: FloatArray | None = None) -> Figure:
     """One held-out session in time: reference, estimate, 90 % band, refused stretches; a panel for each quantity.
 
-    ``truth_n`` (dataset rows, 3): drawn beside the sensor where it is known.
+    ``truth_n`` (m, 3): at the outcome's ``index``, drawn beside the sensor where it is known.
     """
     part = outcome.where(np.flatnonzero(outcome.session == session))
     part = part.where(np.argsort(part.stamp_ns, kind="stable")[:_TRACE])

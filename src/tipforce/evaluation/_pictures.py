@@ -1,6 +1,6 @@
 """All figures of a report, in the order of its pages, each with a file name and a caption."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,6 +10,8 @@ from ._constant import Constant
 from ._evaluation import Evaluation, Row
 from ._figures import figure_23a, figure_23b, figure_24
 from ._figures_beyond import figure_residuals, figure_sessions, figure_splits, figure_trace, typical_session
+from ._outcome import CONTACT_N, Outcome, gather
+from ._protocols import answers, places_in
 from ._style import METHOD_COLOURS, page_svg, standalone_svg, to_svg
 from ._summary import PROTOCOL_TEXT
 
@@ -78,6 +80,7 @@ def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:
     if not strict.outcome.answered.any():
         return made
     session = typical_session(strict.outcome)
+    whole = whole_session(evaluation, strict, session)
     return [
         *made,
         _picture(
@@ -87,8 +90,8 @@ def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:
         ),
         _picture(
             f"{name}-trace",
-            f"Session {session}, the one with the median error of all sessions.",
-            figure_trace(strict.outcome, session, evaluation.truth_n),
+            f"Session {session}, the one with the median error of all sessions, {_WHOLE[evaluation.honest]}.",
+            figure_trace(whole, session, evaluation.truth_n),
         ),
         _picture(
             f"{name}-sessions",
@@ -98,6 +101,25 @@ def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:
             _sessions(strict, constant, colour),
         ),
     ]
+
+
+_WHOLE = {"session": "all of its frames", "blocked": "the block held out", "random": "the frames held out"}
+
+
+def whole_session(evaluation: Evaluation, row: Row, session: str) -> Outcome:
+    """All frames of a held-out session, also those that were not drawn; under other protocols its test samples.
+
+    The outcome's ``index`` counts in ``evaluation.everything``.
+    """
+    part = row.outcome.where(row.outcome.session == session)
+    everything = evaluation.everything
+    if row.protocol != "session":
+        return replace(part, index=places_in(everything, evaluation.dataset)[part.index])
+    fit = next(fit for fit in row.fits if fit.split.name == part.fold[0])
+    frames = np.flatnonzero(everything.session == session)
+    found = answers(fit.estimator, everything, frames, everything)
+    contact = everything.magnitude_n > CONTACT_N
+    return gather(row.method, row.protocol, fit.split.name, everything, frames, found, contact)
 
 
 def _sessions(row: Row, constant: Row, colour: str) -> Figure:

@@ -12,7 +12,7 @@ from ..estimators import Estimator, Progress
 from ..types import BoolArray, ForceEstimate, IntArray
 from ._outcome import Outcome, gather, join
 
-__all__ = ["Trained", "answers", "run_splits"]
+__all__ = ["Trained", "answers", "places_in", "run_splits"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +38,12 @@ def answers(estimator: Estimator, dataset: Dataset, index: IntArray, everything:
     run = np.flatnonzero(np.isin(everything.session, np.unique(dataset.session[index])))
     by_row = dict(zip(everything.rows[run].tolist(), estimator.predict(everything.subset(run)), strict=True))
     return [by_row[row] for row in wanted.tolist()]
+
+
+def places_in(everything: Dataset, part: Dataset) -> IntArray:
+    """(len(part),): where the samples of ``part`` stand in ``everything``, which it was drawn from."""
+    place = {row: position for position, row in enumerate(everything.rows.tolist())}
+    return np.array([place[row] for row in part.rows.tolist()], dtype=np.int64)
 
 
 def run_splits(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
+from ..types import ShapeFeatures
 from ..units import newtons_to_grams
 from ._constant import Constant
 from ._evaluation import AS_SAVED, Evaluation, Row
@@ -53,7 +54,7 @@ def verdict(evaluation: Evaluation) -> list[str]:
     if ratio >= 0.95:
         sentences.append("That is no better than always answering the same force: nothing was read from the picture.")
     else:
-        sentences.append(f"That is {100 * ratio:.0f} % of the constant's error.")
+        sentences.append(f"That is {100 * ratio:.0f} % of the constant’s error.")
     coverage = row.figures["quantities"]["magnitude"]["coverage"]
     if np.isfinite(coverage):
         refused = row.figures["refused_share"]
@@ -82,6 +83,7 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
                 "samples": len(data),
                 "samples_before_drawing": len(evaluation.everything),
                 "sessions": data.sessions,
+                "views": _views(evaluation),
                 "known": [axis for axis, known in zip("xyz", data.known.tolist(), strict=True) if known],
                 "force_min_n": data.magnitude_n.min(),
                 "force_max_n": data.magnitude_n.max(),
@@ -109,6 +111,15 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
             "machine": f"{platform.system()} {platform.machine()}",
         }
     )  # fmt: skip
+
+
+def _views(evaluation: Evaluation) -> str:
+    """What the samples are, in words."""
+    first = next(evaluation.dataset.subset(np.array([0])).observations(), None)
+    views = [] if first is None else list(first.views.values())
+    if not views:
+        return "the drives' readings"
+    return "ready-made shape numbers" if isinstance(views[0], ShapeFeatures) else "a picture"
 
 
 def _row(row: Row, evaluation: Evaluation) -> dict[str, Any]:
