@@ -205,7 +205,7 @@ def measure(case: Case, estimator: Estimator, blocks: int, progress: Callable[[s
         "frame -> centreline": (see, 2 * n),
         "centreline -> features": (lambda k: shape_features(fitted[k % len(fitted)], features), 2 * n),
         "frame -> force": (whole, 2 * n),
-        "textbook chain": (lambda k: textbook.force(pool[k % n]), max(12, n // 8)),
+        "textbook chain": (lambda k: textbook.force(pool[k % n]), max(12, n // 8) if np.mean(lost_book) < 0.5 else 2),
     }
     for work, _ in ways.values():
         timed(work, 8, 0)
@@ -234,7 +234,7 @@ def measure(case: Case, estimator: Estimator, blocks: int, progress: Callable[[s
         "pool_mib": round(n * case.bytes / 2**20),
         "times": rows,
         "force_over_read": force / read,
-        "textbook_over_force": book / force,
+        "textbook_over_force": book / force if np.mean(lost_book) < 0.5 else None,
         "valid": sum(a.valid for a in answers) / max(1, len(answers)),
         "lost": float(np.mean(lost_fine)),
         "textbook_lost": float(np.mean(lost_book)),
