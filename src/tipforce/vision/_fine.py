@@ -1,0 +1,231 @@
+"""The `fine` method: ordered tracing from base to tip with sub-pixel edges on both flanks.
+
+Only the pixels around the two flanks are ever read. A frame goes through four steps, each in its own file: entries
+on the base line (`_fine_entry`), tracing (`_fine_trace`), a smooth curve and its tip (`_fine_fit`), and here the
+judgement whether what was found is the catheter.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..types import BasePose, CentrelinePx, FloatArray, Image, Status
+from ._fine_entry import find_entries
+from ._fine_solve import RESULT_SIZE, WORK_SIZE, solve_shaft
+from ._fine_trace import END_BORDER, END_LOST, END_SHORT
+from ._settings import BaseSide, VisionSettings
+from ._sighting import Sighting
+
+__all__ = ["FineTracer", "Trace", "base_line"]
+
+Side = tuple[float, float, float, float, int, int, float]
+
+_DEPTHS = (0, 4, 8, 12, 18)
+_MAX_TRACED = 6
+_OBLIQUE = 1.6
+"""A shaft that enters at 50 degrees is this much wider along the border than across its axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """One candidate followed to its end; `points` is a view into the tracer's buffers."""
+
+    status: Status
+    detail: str
+    score: float
+    diameter_px: float
+    contrast: float
+    level: float
+    confidence: float
+    length_px: float
+    base: tuple[float, float, float]
+
+
+def base_line(box: tuple[int, int, int, int], side: BaseSide) -> tuple[tuple[int, ...], float]:
+    """The line of pixels along ``side`` of ``box``, as `find_entries` wants it, and the heading into the picture."""
+    u0, v0, u1, v1 = box
+    match side:
+        case "left":
+            return (u0, v0, 0, 1, v1 - v0, 1, 0), 0.0
+        case "right":
+            return (u1 - 1, v0, 0, 1, v1 - v0, -1, 0), math.pi
+        case "top":
+            return (u0, v0, 1, 0, u1 - u0, 0, 1), math.pi / 2
+        case _:
+            return (u0, v1 - 1, 1, 0, u1 - u0, 0, -1), -math.pi / 2
+
+
+class FineTracer:
+    """Sees one frame after another with the same settings; holds buffers, but no memory of what it saw.
+
+    ``settings``: polarity and base side must be settled (not "auto").
+    """
+
+    def __init__(self, settings: VisionSettings) -> None:
+        self.settings = settings
+        self._box = np.zeros(4)
+        self._line = np.zeros(8)
+        self._slope = np.zeros(8)
+        self._edges = np.zeros(256, dtype=np.int64)
+        self._entries = np.zeros((12, 4))
+        self._start = np.zeros(7, dtype=np.int64)
+        self._stations = np.zeros((1200, 6))
+        self._result = np.zeros(RESULT_SIZE)
+        self._points = np.zeros((settings.points, 2))
+        self._best = np.zeros((settings.points, 2))
+        self._plan = np.zeros(10)
+        self._work = np.zeros(WORK_SIZE + 2 * settings.points)
+        self._size = (0, 0)
+        self._area = (0, 0, 0, 0)
+
+    def see(self, image: Image) -> Sighting:
+        """The catheter in ``image`` (h, w) or (h, w, 3) RGB, uint8; or the reason why it was not found."""
+        trace, reason = self.look(image)
+        if trace is None:
+            return Sighting(Status.NO_CATHETER, reason)
+        if trace.status is not Status.VALID:
+            return Sighting(trace.status, trace.detail)
+        u, v, angle = trace.base
+        return Sighting(
+            Status.VALID,
+            "",
+            CentrelinePx(self._best),
+            BasePose(np.array([u, v]), angle),
+            trace.diameter_px,
+            trace.confidence,
+        )
+
+    @property
+    def stations(self) -> FloatArray:
+        """(k, 2): the centres measured in the last frame, for pictures of what was seen."""
+        return self._stations[: int(self._result[0]), :2].copy()
+
+    @property
+    def points(self) -> FloatArray:
+        """(n, 2): the centreline of the best trace of the last frame."""
+        return self._best.copy()
+
+    def look(self, image: Image) -> tuple[Trace | None, str]:
+        """The best trace of ``image`` (valid or not), or None and why there is none."""
+        settings = self.settings
+        if image.shape[:2] != self._size:
+            self._resize(image.shape[0], image.shape[1])
+        pixels = image.reshape(-1) if image.flags.c_contiguous else np.ascontiguousarray(image).reshape(-1)
+        channels = 1 if image.ndim == 2 else 3
+        row = image.shape[1] * channels
+        sign = 1.0 if settings.polarity == "light" else -1.0
+        known = settings.diameter_px or 0.0
+        region = settings.base_region or self._area
+        start, heading = base_line(self._clip(region), settings.base_side)
+        n_line = start[4]
+        if known:
+            low, high = 0.7 * known, _OBLIQUE * 1.1 * known
+        else:
+            low, high = 3.0, (0.9 if settings.base_region else 0.3) * n_line
+        threshold = -1.0 if settings.threshold is None else float(settings.threshold)
+        best: Trace | None = None
+        wrong = 0.0
+        depth_limit = self._depth(region, start)
+        for depth in _DEPTHS:
+            if depth > depth_limit:
+                break
+            self._start[:] = start
+            self._start[0] += start[5] * depth
+            self._start[1] += start[6] * depth
+            count = find_entries(
+                pixels, row, channels, self._start, sign, low if known == 0.0 else 2.0,
+                high, threshold, 12.0, self._line, self._slope, self._edges, self._entries,
+            )  # fmt: skip
+            traced = 0
+            for k in range(count):
+                at, width, contrast, inside = self._entries[k]
+                if width < low:
+                    wrong = wrong or width
+                    continue
+                if traced == _MAX_TRACED:
+                    break
+                traced += 1
+                self._result[3] = sign * inside
+                trace = self._follow(pixels, row, channels, sign, heading, at, width, contrast, known, depth)
+                if trace.score > (best.score if best else 0.0):
+                    best = trace
+                    self._points, self._best = self._best, self._points
+                elif trace.score == 0.0 and trace.diameter_px:
+                    wrong = wrong or trace.diameter_px
+                if best is not None and best.status is Status.VALID and best.confidence > 0.7 and known:
+                    return best, ""
+            if best is not None:
+                return best, ""
+        return None, self._why_not(wrong)
+
+    def _follow(
+        self, pixels: Any, row: int, channels: int, sign: float, heading: float, at: float, width: float,
+        contrast: float, known: float, depth: int,
+    ) -> Trace:  # fmt: skip
+        settings = self.settings
+        start = self._start
+        u = float(start[0] + at * start[2])
+        v = float(start[1] + at * start[3])
+        self._plan[:] = (
+            sign, u, v, heading, width, contrast, known, settings.max_gap_px, depth, settings.base_columns
+        )  # fmt: skip
+        n, end = solve_shaft(
+            pixels, row, channels, self._box, self._plan, self._stations, self._result, self._points, self._work
+        )
+        _, diameter, typical, level, gap, blind, length, drop, base_u, base_v, angle, rms, last_u, last_v = (
+            self._result[:14].tolist()
+        )
+        confidence = max(0.0, 1.0 - blind / max(length, 1.0))
+        status, detail = Status.VALID, ""
+        score = length * confidence / (1.0 + 2.0 * rms / max(diameter, 1.0))
+        if end == END_SHORT or length < 2.5 * diameter or confidence < 0.4:
+            return Trace(status, "", 0.0, diameter if n > 6 else 0.0, typical, level, confidence, length, (0, 0, 0))
+        if known and abs(diameter / known - 1.0) > 0.25:
+            return Trace(status, "", 0.0, diameter, typical, level, confidence, length, (0, 0, 0))
+        where = f"({last_u:.0f}, {last_v:.0f})"
+        if end == END_LOST:
+            status = Status.CUT_OFF
+            detail = (
+                f"the catheter is lost at {where}: it goes on behind a gap of about {gap:.0f} px, "
+                f"longer than max_gap_px = {settings.max_gap_px:g}"
+            )
+            score *= 0.2
+        elif end == END_BORDER and drop == 0.0:
+            status = Status.CUT_OFF
+            side = self._side_near(last_u, last_v)
+            detail = f"the catheter leaves the picture at the {side}, near {where}, before its tip is seen"
+            score *= 0.2
+        return Trace(status, detail, score, diameter, typical, level, confidence, length, (base_u, base_v, -angle))
+
+    def _why_not(self, wrong: float) -> str:
+        settings = self.settings
+        kind = "light" if settings.polarity == "light" else "dark"
+        place = "in the base region" if settings.base_region else f"at the {settings.base_side} border"
+        if wrong and settings.diameter_px:
+            return f"what enters {place} is {wrong:.1f} px wide, the catheter is {settings.diameter_px:.1f} px"
+        return f"nothing {kind} with two parallel flanks enters {place}"
+
+    def _side_near(self, u: float, v: float) -> str:
+        u0, v0, u1, v1 = self._area
+        return min((u - u0, "left"), (v - v0, "top"), (u1 - u, "right"), (v1 - v, "bottom"))[1]
+
+    def _depth(self, region: tuple[int, int, int, int], start: tuple[int, ...]) -> int:
+        u0, v0, u1, v1 = self._clip(region)
+        inward = u1 - u0 if start[5] else v1 - v0
+        return max(0, inward - 4)
+
+    def _clip(self, box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
+        u0, v0, u1, v1 = self._area
+        return max(u0, box[0]), max(v0, box[1]), min(u1, box[2]), min(v1, box[3])
+
+    def _resize(self, height: int, width: int) -> None:
+        self._size = (height, width)
+        self._area = (0, 0, width, height)
+        if self.settings.roi:
+            self._area = self._clip(self.settings.roi)
+        self._box[:] = self._area
+        longest = max(height, width)
+        self._line = np.zeros(longest)
+        self._slope = np.zeros(longest)

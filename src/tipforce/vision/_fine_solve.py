@@ -1,0 +1,107 @@
+"""One candidate, from its entry to its curve: everything that happens between two looks of the interpreter."""
+
+import math
+
+import numpy as np
+
+from ._fine_fit import fit_spline, resample, spline_at, tip_place
+from ._fine_pixels import fast
+from ._fine_trace import END_BORDER, END_LOST, END_SHORT, trace_shaft
+
+__all__ = ["RESULT_SIZE", "WORK_SIZE", "solve_shaft"]
+
+WORK_SIZE = 728 + 1200
+
+RESULT_SIZE = 16
+"""Stations, diameter, contrast, level, gap, blind length, length, drop at the tip, base u, v, angle, rms, last u, v."""
+
+
+@fast
+def solve_shaft(
+    pixels: np.ndarray,
+    row: int,
+    channels: int,
+    box: np.ndarray,
+    plan: np.ndarray,
+    stations: np.ndarray,
+    result: np.ndarray,
+    points: np.ndarray,
+    work: np.ndarray,
+) -> tuple[int, int]:
+    """Trace, fit, find the tip, resample; returns (number of stations, way it ended) and fills the buffers.
+
+    ``plan``: sign, entry u, v, heading, width, contrast, known diameter, longest gap, how far inside the base line the
+    entry was found (the curve is continued back to the line), length of the base's line fit. ``work``: scratch of
+    `WORK_SIZE` + twice the number of points.
+    """
+    sign, entry_u, entry_v, heading, width = plan[0], plan[1], plan[2], plan[3], plan[4]
+    contrast, known, max_gap, depth, base_length = plan[5], plan[6], plan[7], plan[8], plan[9]
+    scratch = work[:128]
+    coefficients = work[128:328].reshape((100, 2))
+    band = work[328:728].reshape((100, 4))
+    weights = work[728:WORK_SIZE]
+    lengths = work[WORK_SIZE:]
+    n, end = trace_shaft(
+        pixels, row, channels, box, sign, entry_u, entry_v, heading, width, contrast, known, max_gap, scratch,
+        stations, result,
+    )  # fmt: skip
+    diameter, typical, last, level, gap, blind = result[0], result[1], result[2], result[3], result[4], result[5]
+    result[0] = n
+    result[1] = diameter
+    result[2] = typical
+    result[3] = level
+    result[4] = gap
+    result[5] = blind
+    result[6] = last
+    result[7] = 0.0
+    result[12] = stations[max(n - 1, 0), 0]
+    result[13] = stations[max(n - 1, 0), 1]
+    if end == END_SHORT:
+        return n, end
+    half = 0.5 * diameter
+    ahead = half + max(0.5 * half, 1.25) + 2.5
+    length = last + ahead + 6.0
+    intervals = int(min(max(length / max(1.2 * diameter, 8.0), 6.0), 80.0))
+    rms = fit_spline(stations, n, length, intervals, 0.05, 2, coefficients, band, weights)
+    tip, drop = tip_place(
+        pixels, row, channels, box, sign, coefficients, intervals, length, last, half, ahead, typical, scratch
+    )
+    if end == END_LOST:
+        tip = last
+    # back to the base line, straight along the first tangent
+    u, v, du, dv = spline_at(coefficients, intervals, length, 0.0)
+    inward_u, inward_v = math.cos(heading), math.sin(heading)
+    rate = du * inward_u + dv * inward_v
+    inside = (u - entry_u) * inward_u + (v - entry_v) * inward_v + depth
+    first = -inside / rate if rate > 0.3 else 0.0
+    first = min(max(first, -depth - 3.0), 3.0)
+    total = resample(coefficients, intervals, length, first, tip, lengths, points)
+    # the base tangent: the line through the first part of the shaft, as thesis algorithm 1 has it
+    reach = min(base_length, 0.25 * total)
+    m = 0
+    mean_s = mean_u = mean_v = 0.0
+    for i in range(16):
+        s = first + reach * i / 15.0
+        u, v, du, dv = spline_at(coefficients, intervals, length, s)
+        mean_s += s
+        mean_u += u
+        mean_v += v
+        m += 1
+    mean_s /= m
+    mean_u /= m
+    mean_v /= m
+    su = sv = 0.0
+    for i in range(16):
+        s = first + reach * i / 15.0
+        u, v, du, dv = spline_at(coefficients, intervals, length, s)
+        su += (s - mean_s) * u
+        sv += (s - mean_s) * v
+    result[6] = total
+    result[7] = drop
+    result[8] = points[0, 0]
+    result[9] = points[0, 1]
+    result[10] = math.atan2(sv, su)
+    result[11] = rms
+    if end == END_BORDER and drop != 0.0:
+        end = 0
+    return n, end
