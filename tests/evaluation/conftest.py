@@ -58,6 +58,7 @@ class RidgeSettings(BaseModel):
     alpha: float = 1e-6
     refuse_above_deg: float = np.inf
     remembers: bool = False
+    unbounded: bool = False
 
 
 class Ridge(Estimator):
@@ -114,7 +115,7 @@ class RidgeStream:
         if bend > self.model.settings.refuse_above_deg:
             return ForceEstimate.invalid(observation.stamp_ns, Status.OUT_OF_DOMAIN, f"bend {bend:.1f} deg")
         xy = np.array([bend, 1.0]) @ self.model.weights_
-        half = 1.645 * self.model.sigma_
+        half = 1.645 * self.model.sigma_ if not self.model.settings.unbounded else np.full(2, np.inf)
         force = np.array([*xy, np.nan])
         size = float(np.hypot(*xy))
         return ForceEstimate(

@@ -78,6 +78,15 @@ def test_coverage_counts_what_lies_inside():
     figures = interval_figures(np.array([0.1, 0.3, 0.3, 0.1]), interval)
     assert figures["coverage"] == pytest.approx(2 / 3)
     assert figures["width_n"] == pytest.approx(0.2)
+    assert figures["unbounded_share"] == 0.0
+
+
+def test_an_unbounded_interval_covers_everything_and_is_counted_apart():
+    interval = np.array([[-np.inf, np.inf], [0.0, 0.2]])
+    figures = interval_figures(np.array([5.0, 0.1]), interval)
+    assert figures["coverage"] == 1.0
+    assert figures["width_n"] == pytest.approx(0.2)
+    assert figures["unbounded_share"] == 0.5
 
 
 def outcome_of(dataset, magnitudes, statuses=None, contact=None):

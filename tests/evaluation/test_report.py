@@ -141,6 +141,14 @@ def test_a_method_that_never_answers_still_gets_a_report(make_bench, make_ridge,
     assert report_lines(figures)
 
 
+def test_unbounded_intervals_are_shown_as_what_they_are(make_bench, make_ridge, tmp_path):
+    result = evaluate(make_bench(), [Candidate("vague", make_ridge(unbounded=True))], protocols=["session"])
+    figures = write_report(result, tmp_path / "report")
+    magnitude = figures["rows"][0]["against_sensor"]["quantities"]["magnitude"]
+    assert any("exclude nothing" in sentence for sentence in figures["verdict"])
+    assert (magnitude["coverage"], magnitude["width_n"], magnitude["unbounded_share"]) == (1.0, None, 1.0)
+
+
 def test_refusing_the_hard_samples_does_not_win(make_bench, make_ridge):
     result = evaluate(
         make_bench(), [Candidate("careful", make_ridge(refuse_above_deg=12)), Candidate("brave", make_ridge())]

@@ -95,7 +95,7 @@ def figure_residuals(outcome: Outcome) -> Figure:
     """Estimate minus reference over the reference, with the median 90 % interval as a band."""
     reference, estimate, interval = outcome.column("magnitude")
     use = outcome.answered
-    reference, estimate, interval = reference[use], estimate[use], interval[use]
+    reference, estimate, interval = reference[use], estimate[use], _bounded(interval[use])
     residual = estimate - reference
 
     def draw(figure: Figure) -> None:
@@ -156,6 +156,7 @@ def figure_trace(outcome: Outcome, session: str, truth_n: FloatArray | None = No
         gaps = _stretches(seconds, ~part.answered)
         for axes, name in zip(panels, quantities, strict=True):
             reference, estimate, interval = part.column(name)
+            interval = _bounded(interval)
             axes.fill_between(
                 seconds, interval[:, 0], interval[:, 1], color=COLOURS["band"], alpha=0.3, linewidth=0,
                 label="90 % interval",
@@ -215,6 +216,11 @@ def _stretches(seconds: FloatArray, chosen: BoolArray) -> list[tuple[float, floa
     edges = np.diff(np.concatenate([[0], chosen.astype(np.int64), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     return [(float(seconds[a]) - step / 2, float(seconds[b]) + step / 2) for a, b in zip(starts, ends, strict=True)]
+
+
+def _bounded(interval: FloatArray) -> FloatArray:
+    """An unbounded interval is not drawn."""
+    return np.where(np.isfinite(interval).all(axis=1, keepdims=True), interval, np.nan)
 
 
 def _short(name: str, length: int = 22) -> str:

@@ -78,14 +78,23 @@ def error_figures(reference_n: FloatArray, estimate_n: FloatArray) -> dict[str, 
 
 
 def interval_figures(reference_n: FloatArray, interval_n: FloatArray) -> dict[str, float | int]:
-    """``coverage``: share of the references (n,) inside their interval (n, 2); ``width_n``, ``width_g``: mean width."""
-    use = np.isfinite(interval_n).all(axis=1) & np.isfinite(reference_n)
+    """``coverage``: share of the references (n,) inside their interval (n, 2), where there is one (NaN: none).
+
+    ``width_n``, ``width_g``: mean width of the bounded ones; ``unbounded_share``: of those that exclude nothing.
+    """
+    use = ~np.isnan(interval_n).any(axis=1) & np.isfinite(reference_n)
     if not use.any():
-        return {"coverage": math.nan, "width_n": math.nan, "width_g": math.nan}
+        return {"coverage": math.nan, "width_n": math.nan, "width_g": math.nan, "unbounded_share": math.nan}
     low, high = interval_n[use].T
     inside = (reference_n[use] >= low) & (reference_n[use] <= high)
-    width = float(np.mean(high - low))
-    return {"coverage": float(inside.mean()), "width_n": width, "width_g": newtons_to_grams(width)}
+    bounded = np.isfinite(low) & np.isfinite(high)
+    width = float(np.mean((high - low)[bounded])) if bounded.any() else math.inf
+    return {
+        "coverage": float(inside.mean()),
+        "width_n": width,
+        "width_g": newtons_to_grams(width),
+        "unbounded_share": float(np.mean(~bounded)),
+    }
 
 
 def score(outcome: Outcome, fallback_n: FloatArray | None = None) -> dict[str, Any]:

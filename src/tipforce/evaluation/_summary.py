@@ -55,11 +55,15 @@ def verdict(evaluation: Evaluation) -> list[str]:
         sentences.append("That is no better than always answering the same force: nothing was read from the picture.")
     else:
         sentences.append(f"That is {100 * ratio:.0f} % of the constant’s error.")
-    coverage = row.figures["quantities"]["magnitude"]["coverage"]
-    if np.isfinite(coverage):
-        refused = row.figures["refused_share"]
-        left_out = f", {100 * refused:.1f} % of the samples were refused" if refused > 0 else ""
-        sentences.append(f"The 90 % intervals hold {100 * coverage:.0f} % of the measured forces{left_out}.")
+    magnitude = row.figures["quantities"]["magnitude"]
+    coverage = magnitude["coverage"]
+    if magnitude["unbounded_share"] > 0.5:
+        sentences.append("Its 90 % intervals exclude nothing: there were too few sessions to bound them.")
+    elif np.isfinite(coverage):
+        sentences.append(f"The 90 % intervals hold {100 * coverage:.0f} % of the measured forces.")
+    refused = row.figures["refused_share"]
+    if refused > 0:
+        sentences.append(f"{100 * refused:.1f} % of the samples were refused.")
     if honest != "session":
         sentences.append("No session could be held out, so how it does on a new session is not known.")
     return sentences
@@ -100,6 +104,7 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
                     "method": candidate.recipe.name,
                     "settings": candidate.recipe.settings.model_dump(mode="json"),
                     "saved_model": candidate.saved is not None,
+                    "interval_basis": _interval_basis(evaluation, candidate.label),
                     "time_per_frame": evaluation.timing[candidate.label],
                     "samples_table": five_samples(evaluation, candidate.label),
                 }
@@ -111,6 +116,13 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
             "machine": f"{platform.system()} {platform.machine()}",
         }
     )  # fmt: skip
+
+
+def _interval_basis(evaluation: Evaluation, method: str) -> str | None:
+    """What the method says its intervals rest on, under the strictest protocol."""
+    row = evaluation.row(method, evaluation.honest)
+    basis = row.fits[0].facts.get("interval_basis") if row is not None and row.fits else None
+    return None if basis is None else str(basis)
 
 
 def _views(evaluation: Evaluation) -> str:
