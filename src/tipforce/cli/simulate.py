@@ -1,4 +1,4 @@
-"""``tipforce simulate``."""
+"""``tipforce simulate``: sessions of a bench without the bench."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,6 +7,8 @@ import typer
 
 from ._common import JsonOption, progress_bar, say, write_json
 from ._settings import SetOption, settings_from
+
+__all__ = ["command"]
 
 
 def command(
