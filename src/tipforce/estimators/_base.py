@@ -36,7 +36,8 @@ class Estimator(ABC):
     settings_type: ClassVar[type[BaseModel]]
     """The model of this method's settings."""
 
-    settings: BaseModel
+    settings: Any
+    """An instance of ``settings_type``."""
 
     @abstractmethod
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:

@@ -1,0 +1,158 @@
+"""The model store: whole or not at all, and never trusted blindly."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tipforce.dataset import Dataset
+from tipforce.errors import InputError, MissingExtraError, ModelError
+from tipforce.estimators import Svr, create, export_onnx, load_model, read_manifest, save_model
+
+World = Callable[..., Dataset]
+QUICK = {"c": (10.0,), "epsilon": (0.01,), "sigma": (1.0,), "force": "components"}
+
+
+@pytest.fixture
+def data(world: World) -> Dataset:
+    return world()
+
+
+@pytest.fixture
+def model(data: Dataset, tmp_path: Path) -> Path:
+    return save_model(create("svr", QUICK).fit(data), tmp_path / "models" / "svr", data, {"rmse_n": 0.01})
+
+
+def forces(estimator: Any, data: Dataset) -> np.ndarray:
+    return np.array([answer.force_n for answer in estimator.predict(data)])
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [{}, {"force": "magnitude"}, {"linear": 1.0, "window": {"lags_ms": [0, 100]}}],
+    ids=["components", "magnitude", "window"],
+)
+def test_a_loaded_model_answers_the_same(data: Dataset, tmp_path: Path, extra: dict[str, Any]) -> None:
+    svr = create("svr", {**QUICK, **extra}).fit(data)
+    loaded = load_model(save_model(svr, tmp_path / "m", data))
+    for a, b in zip(svr.predict(data), loaded.predict(data), strict=True):
+        assert a.magnitude_n == b.magnitude_n
+        assert np.array_equal(a.force_n, b.force_n, equal_nan=True)
+        assert np.array_equal(a.interval_n, b.interval_n, equal_nan=True)
+    assert loaded.describe() == svr.describe()
+    assert loaded.settings == svr.settings
+    again = load_model(save_model(loaded, tmp_path / "again", data))
+    assert np.array_equal(forces(svr, data), forces(again, data), equal_nan=True)
+
+
+def test_the_manifest_says_what_a_person_must_know(model: Path, data: Dataset) -> None:
+    manifest = read_manifest(model)
+    assert manifest["training"]["fingerprint"] == data.fingerprint()
+    assert manifest["training"]["sessions"] == ["s0", "s1", "s2", "s3"]
+    assert manifest["metrics"] == {"rmse_n": 0.01}
+    assert manifest["frame_of_forces"] == "base"
+    assert manifest["facts"]["parity_with_scikit_learn_n"] < 1e-9
+    assert set(manifest["versions"]) == {"tipforce", "python", "numpy", "scikit-learn"}
+    card = (model / "README.md").read_text()
+    for needed in ("Research use only", "too few for a guarantee", "A1, A2, A3, A4, A5, knob_deg", "| fx | 10 |"):
+        assert needed in card
+
+
+def test_saving_is_whole_or_not_at_all(
+    model: Path, data: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    svr = create("svr", QUICK).fit(data)
+    with pytest.raises(InputError, match="exists already"):
+        save_model(svr, model, data)
+    before = (model / "model.json").read_text()
+
+    def broken(*_: Any, **__: Any) -> None:
+        raise OSError("disk full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(np, "savez", broken)
+        with pytest.raises(OSError, match="disk full"):
+            save_model(svr, model, data, overwrite=True)
+    assert (model / "model.json").read_text() == before
+    assert [path.name for path in model.parent.iterdir()] == ["svr"]
+    save_model(svr, model, data, {"new": 1}, overwrite=True)
+    assert read_manifest(model)["metrics"] == {"new": 1}
+    assert [path.name for path in model.parent.iterdir()] == ["svr"]
+
+
+def test_overwriting_replaces_models_only(data: Dataset, tmp_path: Path) -> None:
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter.txt").write_text("years of work")
+    with pytest.raises(InputError, match="is no model folder"):
+        save_model(create("svr", QUICK).fit(data), tmp_path / "thesis", data, overwrite=True)
+    assert (tmp_path / "thesis" / "chapter.txt").exists()
+
+
+def test_answers_that_differ_from_scikit_learn_are_not_saved(data: Dataset, tmp_path: Path) -> None:
+    svr = create("svr", QUICK).fit(data)
+    assert isinstance(svr, Svr)
+    assert svr.fitted_ is not None
+    object.__setattr__(svr.fitted_.machines, "parity_n", 2e-6)
+    with pytest.raises(ModelError, match="differ from scikit-learn's by up to 2e-06 N"):
+        save_model(svr, tmp_path / "m", data)
+    assert not (tmp_path / "m").exists()
+
+
+def edit(**changes: Any) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        path = folder / "model.json"
+        path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+    return change
+
+
+def cut(name: str) -> Callable[[Path], None]:
+    return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:-40])
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda f: os.remove(f / "model.json"), r"is no model folder, there is no model\.json; make one with"),
+        (lambda f: os.remove(f / "arrays.npz"), r"the file arrays\.npz is missing"),
+        (cut("arrays.npz"), r"arrays\.npz: was altered after it was saved"),
+        (cut("model.json"), r"model\.json: is damaged"),
+        (edit(format_version=2), r"format version 2, this program reads up to 1; update it"),
+        (edit(method="oracle"), r"made by the method 'oracle', this program has svr"),
+        (edit(settings={"kernel": "cubic"}), r"does not fit the method svr"),
+        (edit(state={}), r"does not fit the method svr"),
+        (lambda f: (f / "model.json").write_text("{}"), r"model\.json: is damaged"),
+        (lambda f: (f / "model.json").write_text('{"format_version": 1}'), r"lacks facts, method"),
+    ],
+)
+def test_a_damaged_model_is_one_clear_sentence(model: Path, damage: Callable[[Path], None], message: str) -> None:
+    damage(model)
+    with pytest.raises(ModelError, match=message) as caught:
+        load_model(model)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("extra", [{}, {"linear": 1.0, "scaling": "standard"}], ids=["thesis", "linear"])
+def test_the_onnx_graph_answers_the_same(data: Dataset, tmp_path: Path, extra: dict[str, Any]) -> None:
+    runtime = pytest.importorskip("onnxruntime")
+    pytest.importorskip("onnx")
+    svr = create("svr", {**QUICK, **extra}).fit(data)
+    facts = export_onnx(svr, tmp_path / "svr.onnx")
+    assert facts["parity_n"] < 1e-6
+    assert facts["features"] == ["A1", "A2", "A3", "A4", "A5", "knob_deg"]
+    shapes = [o.views["camera"].values for o in data.observations()]  # type: ignore[union-attr]
+    rows = np.column_stack([shapes, data.actuation["knob_deg"]])
+    session = runtime.InferenceSession(tmp_path / "svr.onnx", providers=["CPUExecutionProvider"])
+    assert np.max(np.abs(session.run(None, {"features": rows})[0] - forces(svr, data)[:, :2])) < 1e-9
+
+
+def test_a_missing_extra_names_the_install_line(data: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    svr = create("svr", QUICK).fit(data)
+    monkeypatch.setitem(__import__("sys").modules, "onnx", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'tipforce\[onnx\]'"):
+        export_onnx(svr, tmp_path / "svr.onnx")
+    assert list(tmp_path.glob("*.onnx")) == []

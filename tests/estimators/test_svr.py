@@ -1,0 +1,186 @@
+"""Method 1: the thesis's recipe, what goes beyond it, and how it refuses."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from sklearn.svm import SVR
+
+from tipforce.dataset import Dataset, draw, random_split
+from tipforce.errors import InputError, NotFittedError
+from tipforce.estimators import Svr, create
+from tipforce.types import Context, Observation, ShapeFeatures, Status
+
+World = Callable[..., Dataset]
+QUICK: dict[str, Any] = {"c": (10.0, 100.0), "epsilon": (0.01,), "sigma": (0.3, 1.0)}
+
+
+def fitted(data: Dataset, **settings: Any) -> Svr:
+    svr = create("svr", {**QUICK, **settings}).fit(data)
+    assert isinstance(svr, Svr)
+    return svr
+
+
+def table(data: Dataset) -> np.ndarray:
+    shapes = [o.views["camera"].values for o in data.observations()]  # type: ignore[union-attr]
+    return np.column_stack([shapes, data.actuation["knob_deg"]])
+
+
+def test_it_learns_a_smooth_law(world: World) -> None:
+    data = world()
+    split = random_split(data, 0.25)
+    answers = fitted(data.subset(split.train), force="components").predict(data.subset(split.test))
+    error = np.array([answer.force_n[:2] for answer in answers]) - data.force_n[split.test, :2]
+    assert np.sqrt(np.mean(error**2)) < 0.012
+    assert answers[0].known.tolist() == [True, True, False]
+    assert np.isnan(answers[0].force_n[2])
+
+
+def test_the_default_is_the_thesis_s_recipe_done_by_hand(world: World) -> None:
+    data = world(sessions=1, frames=60)
+    svr = fitted(data)
+    constants = svr.describe()["targets"]["magnitude"]
+    x, y = table(data), data.magnitude_n
+    size = np.abs(x).max(axis=0)
+    assert size[4] == 0  # the constant of this world's polynomials is zero, and stays so
+    x, unit = x / np.where(size > 0, size, 1), y.max()
+    by_hand = SVR(kernel="rbf", gamma=1 / constants["sigma"] ** 2, C=constants["c"], epsilon=constants["epsilon"])
+    expected = by_hand.fit(x, y / unit).predict(x) * unit
+    answers = svr.predict(data)
+    assert np.max(np.abs([a.magnitude_n for a in answers] - np.maximum(expected, 0))) < 1e-9
+    assert all(np.isnan(a.force_n).all() and not a.known.any() for a in answers)
+
+
+def test_constants_are_chosen_on_the_training_part_alone(world: World) -> None:
+    data = world()
+    part = data.subset(np.arange(80))
+    first = fitted(part)
+    data.force_n[80:] = 99.0  # what is not in the part must not matter
+    again = fitted(data.subset(np.arange(80)))
+    assert first.describe() == again.describe()
+    assert [a.magnitude_n for a in first.predict(part)] == [a.magnitude_n for a in again.predict(part)]
+
+
+def test_the_same_seed_gives_the_same_model(world: World) -> None:
+    data = world(sessions=2)
+    assert fitted(data, seed=1).describe() == fitted(data, seed=1).describe()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"scaling": "standard"},
+        {"linear": 0.5, "scaling": "standard"},
+        {"angles": {"degree": 2, "length": 1.0}, "linear": 0.5, "scaling": "standard"},
+        {"window": {"lags_ms": [0, 100], "average_ms": 70}, "scaling": "standard"},
+        {"label_average_ms": 100},
+        {"training_samples": 100, "tuning_samples": 60},
+        {"hold_out": "sample"},
+    ],
+    ids=lambda settings: "+".join(settings),
+)
+def test_what_goes_beyond_the_thesis_still_learns(world: World, settings: dict[str, Any]) -> None:
+    data = world()
+    svr = fitted(data, force="components", **settings)
+    error = np.array([a.force_n[:2] for a in svr.predict(data)]) - data.force_n[:, :2]
+    assert np.sqrt(np.mean(error**2)) < 0.015
+    assert svr.describe()["parity_with_scikit_learn_n"] < 1e-9
+
+
+def test_a_straight_line_in_the_kernel_goes_on_beyond_the_data(world: World) -> None:
+    data = world(noise_n=0.0)
+    inside = np.abs(data.force_n[:, 0]) < 0.18
+    wrong = []
+    for linear in (0.0, 1.0):
+        svr = fitted(data.subset(inside), force="components", linear=linear, scaling="standard")
+        far = data.subset(~inside)
+        wrong.append(np.abs([a.force_n[0] for a in svr.predict(far)] - far.force_n[:, 0]).max())
+    assert wrong[1] < 0.6 * wrong[0]
+
+
+def test_a_window_sees_the_past_of_its_own_session_alone(world: World) -> None:
+    data = world()
+    svr = fitted(data, window={"lags_ms": [0, 200]})
+    assert svr.remembers
+    whole = [a.magnitude_n for a in svr.predict(data)]
+    alone = [a.magnitude_n for a in svr.predict(data.subset(data.session == "s2"))]
+    assert alone == whole[80:120]
+    cut = [a.magnitude_n for a in svr.predict(data.subset(np.arange(90, 120)))]
+    assert cut[:6] != whole[90:96]
+    assert cut[7:] == whole[97:120]
+
+
+def test_a_window_learns_from_the_frames_between_drawn_samples(world: World) -> None:
+    data = world()
+    some = draw(data, 60, seed=0)
+    svr = fitted(some, window={"lags_ms": [0, 200]})
+    by_row = [a.magnitude_n for a in svr.predict(data)]
+    error = np.array(by_row)[some.rows] - some.magnitude_n
+    assert np.sqrt(np.mean(error**2)) < 0.012
+
+
+def test_missing_actuation_is_answered_with_its_name(world: World) -> None:
+    data = world()
+    stream = fitted(data).start(Context())
+    seen = next(data.observations())
+    for actuation in ({}, {"knob_deg": float("nan")}):
+        answer = stream.update(replace(seen, actuation=actuation))
+        assert answer.status is Status.MISSING_INPUT
+        assert "knob_deg" in answer.detail
+        assert np.isnan(answer.magnitude_n)
+
+
+def test_other_shape_numbers_or_views_are_refused(world: World) -> None:
+    data = world()
+    stream = fitted(data).start(Context())
+    seen = next(data.observations())
+    other = replace(seen, views={"camera": ShapeFeatures(("B1",), np.zeros(1))})
+    assert "B1" in stream.update(other).detail
+    elsewhere = stream.update(replace(seen, views={"side": seen.views["camera"]}))
+    assert elsewhere.status is Status.MISSING_INPUT
+    assert "'camera'" in elsewhere.detail
+    broken = replace(seen, views={"camera": ShapeFeatures(("A1", "A2", "A3", "A4", "A5"), np.full(5, np.nan))})
+    assert stream.update(broken).status is Status.NO_CATHETER
+    assert stream.update(seen).valid  # and goes on afterwards
+
+
+def test_answers_share_nothing_that_can_be_changed(world: World) -> None:
+    data = world(sessions=1)
+    for force in ("magnitude", "components"):
+        answer = fitted(data, force=force).predict(data)[0]
+        for array in (
+            answer.force_n,
+            answer.known,
+            answer.covariance_n2,
+            answer.interval_n,
+            answer.magnitude_interval_n,
+        ):
+            assert not array.flags.writeable
+        checked = replace(answer)  # runs every check of the type itself
+        assert checked.valid
+        assert 0 <= answer.magnitude_interval_n[0] <= answer.magnitude_n <= answer.magnitude_interval_n[1]
+
+
+def test_too_little_or_wrong_data_say_what_is_needed(world: World) -> None:
+    data = world()
+    with pytest.raises(InputError, match="has 3 samples; training svr needs at least 20"):
+        create("svr").fit(data.subset(np.arange(3)))
+    with pytest.raises(InputError, match="has no actuation 'wire0_mm'; it has knob_deg"):
+        create("svr", {"actuation": ("wire0_mm",)}).fit(data)
+    with pytest.raises(InputError, match=r"needs the setting angles\.length"):
+        create("svr", {"angles": {}}).fit(data)
+    with pytest.raises(InputError, match="stand for 4"):
+        create("svr", {"angles": {"length": 1.0}, "features": {"constant": False}}).fit(data)
+    with pytest.raises(InputError, match="at least two sessions"):
+        create("svr", {"hold_out": "session"}).fit(data.subset(data.session == "s0"))
+    with pytest.raises(NotFittedError, match="tipforce train"):
+        create("svr").start(Context())
+    with pytest.raises(InputError, match="there is no estimator 'svm'; there are svr"):
+        create("svm")
+
+
+def test_an_observation_of_the_wrong_kind_never_raises(world: World) -> None:
+    stream = fitted(world()).start(Context())
+    assert not stream.update(Observation(0, {})).valid
