@@ -96,8 +96,9 @@ class SmallBench:
             part = share.reshape(-1, *[1] * (values.ndim - 1))
             return values[low] * (1 - part) + values[low + 1] * part
 
-        wall = np.stack([course.position_m, course.along_m, course.contact.indentation_m], axis=1)
-        return between(course.contact.angles_rad), between(wall), between(course.contact.touch_m)
+        contact = course.contact
+        wall = [between(values) for values in (course.position_m, course.along_m, contact.indentation_m)]
+        return between(contact.angles_rad), np.stack(wall, axis=1), between(contact.touch_m)
 
     def _shapes(self, t: float) -> FloatArray:
         """(k, n, 2) px: the axis, base to middle of the dome, at k times that share the exposure around ``t``."""
@@ -186,7 +187,7 @@ class SmallBench:
             "session": self.name,
             "simulated": True,
             "catheter": {
-                "name": "7F ablation catheter, 8 mm tip",
+                "name": "7F ablation catheter with 8 mm tip",
                 "diameter_m": settings.diameter_m,
                 "flexible_length_m": round(float(np.mean(settings.flexible_length_m)), 4),
                 "rigid_length_m": settings.rigid_length_m,
