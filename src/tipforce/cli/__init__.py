@@ -11,6 +11,7 @@ from ._common import console
 __all__ = ["VERBS", "app", "main"]
 
 VERBS: dict[str, str] = {
+    "demo": "demo",
     "simulate": "simulate",
     "import": "import_",
     "train": "train",
