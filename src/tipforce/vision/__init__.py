@@ -4,20 +4,25 @@ from ._classic import ClassicChain, ClassicSteps
 from ._draw import contact_sheet, draw_estimate, draw_sighting, shaft_mask
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._figures import figure_17, figure_18
+from ._fine import FineTracer
 from ._inspect import Inspection, Tally, inspect_picture
+from ._see import Vision
 from ._settings import BaseSide, Polarity, VisionSettings
+from ._settle import is_settled, settle
 from ._sighting import Sighting
 
 __all__ = [
     "BaseSide",
     "ClassicChain",
     "ClassicSteps",
+    "FineTracer",
     "Inspection",
     "NoFeatures",
     "Polarity",
     "ShapeFeatureSettings",
     "Sighting",
     "Tally",
+    "Vision",
     "VisionSettings",
     "contact_sheet",
     "draw_estimate",
@@ -27,6 +32,8 @@ __all__ = [
     "figure_18",
     "fitted_curve",
     "inspect_picture",
+    "is_settled",
+    "settle",
     "shaft_mask",
     "shape_features",
 ]

@@ -1,0 +1,68 @@
+"""Finding once, on the first frames, what the settings leave open."""
+
+import statistics
+from collections.abc import Iterable
+from itertools import islice, product
+
+from ..errors import InputError
+from ..types import Image, Status
+from ._fine import FineTracer, Trace
+from ._settings import BaseSide, Polarity, VisionSettings
+
+__all__ = ["is_settled", "settle"]
+
+_FRAMES = 5
+_SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
+_POLARITIES: tuple[Polarity, ...] = ("dark", "light")
+
+
+def is_settled(settings: VisionSettings) -> bool:
+    """True where nothing is left to be found: the same answer for the same image, whatever came before."""
+    return (
+        settings.polarity != "auto"
+        and settings.base_side != "auto"
+        and settings.threshold is not None
+        and settings.diameter_px is not None
+    )
+
+
+def settle(settings: VisionSettings, images: Iterable[Image]) -> VisionSettings:
+    """``settings`` with polarity, base side, threshold and diameter fixed on the first few of ``images``.
+
+    Every open combination of side and polarity is traced; the one with the longest, best seen shaft that ends inside
+    the picture wins. What is already set stays. Raises InputError where no frame shows a catheter.
+    """
+    if is_settled(settings):
+        return settings
+    frames = list(islice(images, _FRAMES))
+    if not frames:
+        raise InputError("there is no frame to settle the vision settings on; give at least one")
+    sides = _SIDES if settings.base_side == "auto" else (settings.base_side,)
+    polarities = _POLARITIES if settings.polarity == "auto" else (settings.polarity,)
+    best: tuple[float, VisionSettings, list[Trace]] | None = None
+    reasons: list[str] = []
+    for side, polarity in product(sides, polarities):
+        tried = settings.model_copy(update={"base_side": side, "polarity": polarity})
+        tracer = FineTracer(tried)
+        looks = [tracer.look(frame) for frame in frames]
+        valid = [trace for trace, _ in looks if trace is not None and trace.status is Status.VALID]
+        reasons += [trace.detail if trace else why for trace, why in looks[:1]]
+        score = sum(trace.score * min(1.0, trace.contrast / 40.0) for trace in valid)
+        if valid and (best is None or score > best[0]):
+            best = (score, tried, valid)
+    if best is None:
+        different = list(dict.fromkeys(reason for reason in reasons if reason))
+        what = different[0] if len(different) == 1 else f"{len(different)} combinations of side and polarity tried"
+        raise InputError(
+            f"no catheter was found in the first {len(frames)} frame(s) ({what}): "
+            "set polarity and base_side, or mark the shaft's base with base_region"
+        )
+    _, found, traces = best
+    sign = 1.0 if found.polarity == "light" else -1.0
+    level = statistics.median(sign * (trace.level - 0.5 * trace.contrast) for trace in traces)
+    update: dict[str, object] = {}
+    if found.threshold is None:
+        update["threshold"] = round(min(max(level, 0.0), 255.0))
+    if found.diameter_px is None:
+        update["diameter_px"] = round(statistics.median(trace.diameter_px for trace in traces), 2)
+    return found.model_copy(update=update)
