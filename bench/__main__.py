@@ -19,16 +19,14 @@ def main() -> None:
     for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"
     import cv2
-    from bench.speed import LOOKS, SIZES, machine, make_case, measure, trained
+    from bench.speed import LOOKS, SIZES, machine, make_case, measure
 
     cv2.setNumThreads(1)
     console = Console(stderr=True)
     results = []
     for size in SIZES:
-        console.print(f"training a model for {size[0]}x{size[1]}")
-        estimator = trained(size)
         for name in LOOKS:
-            result = measure(make_case(name, size), estimator, chosen.blocks, console.print)
+            result = measure(make_case(name, size), chosen.blocks, console.print)
             results.append(result)
             show(result)
     figures = {"machine": machine(), "results": results}

@@ -23,7 +23,7 @@ import tipforce
 from tipforce.dataset import Dataset
 from tipforce.estimators import Estimator, create
 from tipforce.types import Context, ForceEstimate, Observation, ShapeFeatures
-from tipforce.vision import VisionSettings, feature_names, shape_features
+from tipforce.vision import Vision, VisionSettings, feature_names, settle, shape_features
 
 POOL_BYTES = 96 * 2**20
 """Of frames; the last-level caches of today's processors hold less."""
@@ -160,10 +160,10 @@ def lost(points: np.ndarray, tube: Tube) -> bool:
     return bool(np.percentile(off, 90) > 0.5 * tube.look.diameter or tip > 3 * tube.look.diameter)
 
 
-def trained(size: tuple[int, int]) -> Estimator:
-    """The thesis's method with the tracer in front of it."""
-    vision = VisionSettings(method="fine", polarity="dark", base_side="left")
-    return create("svr", {"vision": vision}).fit(training_set(size))
+def trained(case: Case) -> Estimator:
+    """The thesis's method with the tracer in front of it, its settings found on the first frames."""
+    vision = settle(VisionSettings(method="fine"), [tube.image for tube in case.drawn])
+    return create("svr", {"vision": vision}).fit(training_set(case.size))
 
 
 def timed(work: Callable[[int], Any], count: int, start: int) -> np.ndarray:
@@ -177,15 +177,14 @@ def timed(work: Callable[[int], Any], count: int, start: int) -> np.ndarray:
     return times * 1e-3
 
 
-def measure(case: Case, estimator: Estimator, blocks: int, progress: Callable[[str], None]) -> dict[str, Any]:
+def measure(case: Case, blocks: int, progress: Callable[[str], None]) -> dict[str, Any]:
     """Microseconds, p50 and p99, of reading, of seeing, of the whole way to the force, and of the textbook chain."""
     pool, words, n = case.pool, case.words, len(case.pool)
+    estimator = trained(case)
     stream = estimator.start(Context())
     textbook = Textbook(case.size)
     vision: VisionSettings = estimator.settings.vision  # type: ignore[attr-defined]
     features = estimator.settings.features  # type: ignore[attr-defined]
-    from tipforce.vision import Vision
-
     eye = Vision(vision)
     knob = {"knob_deg": 10.0}
     answers: list[ForceEstimate] = []

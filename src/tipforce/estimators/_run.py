@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..recording import VideoWriter, frame_count, observations
 from ..types import FloatArray, ForceEstimate, Frame, Image, Observation, ShapeFeatures, Source, Status
 from ..units import newtons_to_grams
-from ..vision import VisionSettings, draw_estimate
+from ..vision import Reasons, VisionSettings, draw_estimate
 from ._base import Estimator, Progress
 from ._shows import ShowsShape
 
@@ -37,7 +37,7 @@ class RunReport:
 
     frames: int = 0
     statuses: Counter[str] = field(default_factory=Counter[str])
-    details: Counter[str] = field(default_factory=Counter[str])
+    reasons: Reasons = field(default_factory=Reasons)
     magnitudes_n: list[float] = field(default_factory=list[float])
     update_s: list[float] = field(default_factory=list[float])
 
@@ -54,7 +54,7 @@ class RunReport:
         if estimate.valid:
             self.magnitudes_n.append(estimate.magnitude_n)
         else:
-            self.details[f"{estimate.status.value}: {estimate.detail}"] += 1
+            self.reasons.add(f"{estimate.status.value}: {estimate.detail}")
 
     def text(self) -> str:
         """A few lines for people."""
@@ -63,7 +63,7 @@ class RunReport:
             low, mean, high = min(self.magnitudes_n), float(np.mean(self.magnitudes_n)), max(self.magnitudes_n)
             grams = ", ".join(f"{newtons_to_grams(n):.1f}" for n in (low, mean, high))
             lines[0] += f": {low:.3f} to {high:.3f} N, mean {mean:.3f} N (smallest, mean, largest {grams} g)"
-        lines += [f"  {count} frames {reason}" for reason, count in self.details.most_common(3)]
+        lines += self.reasons.lines(3)
         p50, p99 = np.percentile(self.update_s, [50, 99]) * 1e3
         return "\n".join([*lines, f"picture to force: {p50:.2f} ms (p50), {p99:.2f} ms (p99)"])
 

@@ -3,7 +3,7 @@
 from typing import Protocol, runtime_checkable
 
 from ..types import FloatArray, Observation, ShapeFeatures, Status
-from ..vision import NoFeatures, ShapeFeatureSettings, Sighting, VisionSettings, fitted_curve, shape_features
+from ..vision import NoFeatures, ShapeFeatureSettings, Sighting, Vision, VisionSettings, fitted_curve, shape_features
 
 __all__ = ["ShowsShape", "look_with"]
 
@@ -21,8 +21,6 @@ def look_with(
     vision: VisionSettings, features: ShapeFeatureSettings, observation: Observation
 ) -> tuple[Sighting, FloatArray | None]:
     """`ShowsShape.look` for a method that sees by ``vision`` and learns from ``features``."""
-    from ..vision import Vision
-
     image = observation.views.get(vision.view)
     if image is None or isinstance(image, ShapeFeatures):
         return Sighting(Status.MISSING_INPUT, f"there is no picture in the view {vision.view!r}"), None

@@ -136,7 +136,7 @@ class Svr(Estimator):
             return self.settings
         from ..vision import settle
 
-        return self.settings.model_copy(update={"vision": settle(images, self.settings.vision)})
+        return self.settings.model_copy(update={"vision": settle(self.settings.vision, images)})
 
     def start(self, context: Context) -> "SvrStream":
         """A stream for one session; ``context`` is not needed. Raises NotFittedError before ``fit``."""

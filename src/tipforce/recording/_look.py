@@ -17,10 +17,12 @@ from ..vision import (
     Inspection,
     ShapeFeatureSettings,
     Tally,
+    Vision,
     VisionSettings,
     figure_17,
     figure_18,
     inspect_picture,
+    settle,
 )
 from ._files import part_of
 from ._folder import read_image
@@ -58,10 +60,8 @@ def is_picture(path: Path) -> bool:
 
 def look_at(path: Path, vision: VisionSettings, features: ShapeFeatureSettings) -> Look:
     """One picture file in detail. Raises FileFormatError for what is no picture."""
-    from ..vision import Vision, settle
-
     image = read_image(path)
-    settled = settle(vision, [image])
+    settled = _settled(vision, [image])
     seen: Inspection = inspect_picture(image, Vision(settled).see, settled, features)
     figures = {"file": str(path), **seen.figures(), "vision": settled.model_dump()}
     return Look(f"{_stated(settled)}\n{seen.text()}", figures, seen.drawing, image, settled)
@@ -80,12 +80,10 @@ def look_through(
 
     Raises InputError where there is no frame.
     """
-    from ..vision import Vision, settle
-
     tally, first = Tally(room), None
     with open_source(path) as source:
         total = frame_count(source, vision.view)
-        settled = settle(vision, [frame.image for frame in islice(_frames(source, vision.view), 0, 50, 5)])
+        settled = _settled(vision, [frame.image for frame in islice(_frames(source, vision.view), 0, 50, 5)])
         see = Vision(settled).see
         for count, frame in enumerate(_frames(source, vision.view)):
             first = frame if first is None else first
@@ -106,6 +104,14 @@ def frame_count(source: Source, view: str = "camera") -> int:
         stream = source.info.streams.get(view)
         return stream.count if stream else 0
     return source.frame_count if isinstance(source, FileSource) else 0
+
+
+def _settled(vision: VisionSettings, images: list[Image]) -> VisionSettings:
+    """``vision`` with what it leaves open decided on ``images``; as it is where they show no catheter."""
+    try:
+        return settle(vision, images)
+    except InputError:
+        return vision  # to look at a file without a catheter is no mistake: each picture says why
 
 
 def _frames(source: Source, view: str) -> Iterator[Frame]:

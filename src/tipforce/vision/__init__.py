@@ -5,7 +5,7 @@ from ._draw import contact_sheet, draw_estimate, draw_sighting, shaft_mask
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._figures import figure_17, figure_18
 from ._fine import FineTracer
-from ._inspect import Inspection, Tally, inspect_picture
+from ._inspect import Inspection, Reasons, Tally, inspect_picture
 from ._see import Vision
 from ._settings import BaseSide, Polarity, VisionSettings
 from ._settle import is_settled, settle
@@ -19,6 +19,7 @@ __all__ = [
     "Inspection",
     "NoFeatures",
     "Polarity",
+    "Reasons",
     "ShapeFeatureSettings",
     "Sighting",
     "Tally",

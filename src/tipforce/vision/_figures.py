@@ -57,6 +57,7 @@ def figure_17(steps: ClassicSteps) -> "Figure":
         fitted.grid(alpha=0.3)
         fitted.legend(loc="upper left", fontsize=8)
     else:
+        fitted.set(xticks=[], yticks=[])
         _say_why(fitted, steps)
     return figure
 

@@ -1,6 +1,7 @@
 """What is seen, for people: one picture in detail, or many at a glance."""
 
 import math
+import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_c
 from ._settings import VisionSettings
 from ._sighting import Sighting
 
-__all__ = ["Inspection", "Tally", "inspect_picture"]
+__all__ = ["Inspection", "Reasons", "Tally", "inspect_picture"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +94,7 @@ class Tally:
 
     room: int = 12
     statuses: Counter[str] = field(default_factory=Counter[str])
-    details: Counter[str] = field(default_factory=Counter[str])
+    reasons: "Reasons" = field(default_factory=lambda: Reasons())
     diameters_px: list[float] = field(default_factory=list[float])
     _found: "_Sample" = field(init=False)
     _lost: "_Sample" = field(init=False)
@@ -118,7 +119,7 @@ class Tally:
         if sighting.found:
             self.diameters_px.append(sighting.diameter_px)
         else:
-            self.details[f"{sighting.status.value}: {sighting.detail}"] += 1
+            self.reasons.add(f"{sighting.status.value}: {sighting.detail}")
         order = self.looked_at
         small = _small(inspection.drawing)
         (self._found if sighting.found else self._lost).add(order, f"{title}  {sighting.status.value}", small)
@@ -144,7 +145,33 @@ class Tally:
         if self.diameters_px:
             low, middle, high = np.percentile(self.diameters_px, [5, 50, 95])
             lines[0] += f", diameter {middle:.2f} px (5 to 95 %: {low:.2f} to {high:.2f})"
-        return "\n".join(lines + [f"  {count} frames {reason}" for reason, count in self.details.most_common(5)])
+        return "\n".join(lines + self.reasons.lines(5))
+
+
+class Reasons:
+    """Why frames had no answer: reasons that differ in their numbers alone are counted as one.
+
+    >>> reasons = Reasons()
+    >>> for text in ("lost after 80 px", "lost after 95 px", "nothing dark enters"):
+    ...     reasons.add(text)
+    >>> reasons.lines(2)
+    ['  2 frames lost after 80 px (and other numbers)', '  1 frames nothing dark enters']
+    """
+
+    def __init__(self) -> None:
+        self._examples: dict[str, Counter[str]] = {}
+
+    def add(self, reason: str) -> None:
+        """Count one frame."""
+        self._examples.setdefault(re.sub(r"-?\d+(\.\d+)?", "#", reason), Counter())[reason] += 1
+
+    def lines(self, most: int) -> list[str]:
+        """The ``most`` frequent reasons in words, each with its first example."""
+        ranked = sorted(self._examples.values(), key=lambda texts: -texts.total())[:most]
+        return [
+            f"  {texts.total()} frames {next(iter(texts))}{' (and other numbers)' if len(texts) > 1 else ''}"
+            for texts in ranked
+        ]
 
 
 class _Sample:
