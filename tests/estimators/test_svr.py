@@ -2,16 +2,19 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from sklearn.svm import SVR
 
-from tipforce.dataset import Dataset, draw, random_split
+from tipforce.dataset import Dataset, draw, open_dataset, random_split
 from tipforce.errors import InputError, NotFittedError
 from tipforce.estimators import Svr, create
-from tipforce.types import Context, Observation, ShapeFeatures, Status
+from tipforce.geometry import curve_from_angle
+from tipforce.types import BasePose, Context, Observation, ShapeFeatures, Status
 
 World = Callable[..., Dataset]
 QUICK: dict[str, Any] = {"c": (10.0, 100.0), "epsilon": (0.01,), "sigma": (0.3, 1.0)}
@@ -184,3 +187,54 @@ def test_too_little_or_wrong_data_say_what_is_needed(world: World) -> None:
 def test_an_observation_of_the_wrong_kind_never_raises(world: World) -> None:
     stream = fitted(world()).start(Context())
     assert not stream.update(Observation(0, {})).valid
+
+
+def test_pictures_are_learnt_from_and_what_they_hide_is_said(tmp_path: Path) -> None:
+    """From image files to forces; vision settled on the way; a picture without a catheter gets its reason."""
+    write_pictures(tmp_path / "data")
+    data = open_dataset(tmp_path / "data")
+    svr = fitted(data, force="components", features={"kind": "legendre", "degree": 3})
+    assert svr.settings.vision.polarity == "dark"
+    assert svr.settings.vision.base_side == "left"
+    error = np.array([a.force_n[1] for a in svr.predict(data)]) - data.force_n[:, 1]
+    assert np.sqrt(np.mean(error**2)) < 0.01
+    stream = svr.start(Context())
+    empty = stream.update(Observation(0, {"camera": np.full((240, 320), 215, np.uint8)}, {"knob_deg": 10.0}))
+    assert empty.status is Status.NO_CATHETER
+    assert empty.detail
+    colour = next(data.observations())
+    grey = colour.views["camera"]
+    assert isinstance(grey, np.ndarray)
+    again = stream.update(replace(colour, views={"camera": np.repeat(grey[:, :, None], 3, axis=2)}))
+    assert abs(again.force_n[1] - stream.update(colour).force_n[1]) < 1e-3
+
+
+def test_the_same_pictures_by_the_thesis_s_own_vision_with_a_polynomial(tmp_path: Path) -> None:
+    write_pictures(tmp_path / "data")
+    data = open_dataset(tmp_path / "data")
+    svr = fitted(data, vision={"method": "classic"})
+    assert svr.describe()["features"] == ["A1", "A2", "A3", "A4", "A5", "knob_deg"]
+    error = np.array([a.magnitude_n for a in svr.predict(data)]) - data.magnitude_n
+    assert np.sqrt(np.mean(error**2)) < 0.02
+
+
+def test_pictures_without_a_catheter_cannot_be_learnt_from(tmp_path: Path) -> None:
+    write_pictures(tmp_path / "data", blank=True)
+    with pytest.raises(InputError, match="data: no catheter was found"):
+        create("svr").fit(open_dataset(tmp_path / "data"))
+
+
+def write_pictures(folder: Path, count: int = 30, blank: bool = False) -> None:
+    (folder / "images").mkdir(parents=True)
+    lines = ["file_name,session,stamp_ns,knob_deg,fx_n,fy_n"]
+    base = BasePose(np.array([-20.0, 150.0]), -0.02)
+    for k in range(count):
+        bend = 0.8 + 0.5 * np.sin(0.55 * k)
+        image = np.full((240, 320), 215, np.uint8)
+        if not blank:
+            axis = base.to_image(curve_from_angle(np.array([0.4, 0.5, 0.1]) * bend, 220.0, 200))
+            cv2.polylines(image, [np.round(axis * 16).astype(np.int32)], False, 45, 9, cv2.LINE_AA, 4)
+            image = cv2.GaussianBlur(image, (0, 0), 0.8)  # type: ignore[assignment]
+        (folder / "images" / f"{k}.png").write_bytes(cv2.imencode(".png", image)[1].tobytes())
+        lines.append(f"images/{k}.png,s,{k * 40_000_000},10,0,{0.2 * bend}")
+    (folder / "metadata.csv").write_text("\n".join(lines) + "\n")

@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..geometry import angle_matrix, turning_angles
 from ..types import FloatArray, Image, Observation, ShapeFeatures, Status
-from ..vision import NoFeatures, ShapeFeatureSettings, feature_names, shape_features
+from ..vision import NoFeatures, ShapeFeatureSettings, Vision, feature_names, shape_features
 from ._settings import AngleSettings, SvrSettings
 
 __all__ = ["Inputs", "Refusal", "angles_of_polynomial"]
@@ -35,7 +34,7 @@ class Inputs:
     def __init__(self, settings: SvrSettings, actuation: Sequence[str], shape: Sequence[str] | None = None) -> None:
         self._settings, self._view = settings, settings.vision.view
         self._actuation = tuple(actuation)
-        self._vision: Any = None
+        self._vision: Vision | None = None
         self._angles = None
         if settings.angles is not None:
             self._angles = ShapeFeatureSettings(kind="legendre", degree=settings.angles.degree)
@@ -67,8 +66,6 @@ class Inputs:
 
     def _picture(self, image: Image) -> FloatArray | Refusal:
         if self._vision is None:
-            from ..vision import Vision
-
             self._vision = Vision(self._settings.vision)
         sighting = self._vision.see(image)
         if not sighting.found:

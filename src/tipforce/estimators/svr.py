@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ..dataset import Dataset
 from ..errors import InputError, ModelError, NotFittedError
 from ..types import BoolArray, Context, FloatArray, ForceEstimate, Observation
-from ..vision import Sighting
+from ..vision import Sighting, settle
 from ._answers import Answers, Interval
 from ._base import Estimator, Progress
 from ._conformal import basis_of, half_width
@@ -31,6 +31,9 @@ __all__ = ["MIN_SAMPLES", "PARITY_N", "Svr"]
 
 MIN_SAMPLES = 20
 """Fewer samples cannot be trained and cross-validated on."""
+
+SETTLING_SAMPLES = 5
+"""So many pictures decide what the vision's settings leave open."""
 
 PARITY_N = 1e-6
 """Answers may differ from scikit-learn's by less than this, or the model is not saved."""
@@ -128,15 +131,17 @@ class Svr(Estimator):
         return self
 
     def _settled(self, dataset: Dataset) -> SvrSettings:
-        """The settings with the vision's "auto" decided on the first pictures."""
-        first = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, 12).astype(np.int64)))
-        views = [o.views.get(self.settings.vision.view) for o in first.observations()]
+        """The settings with the vision's "auto" decided on pictures spread over the dataset."""
+        some = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, SETTLING_SAMPLES).astype(np.int64)))
+        views = [o.views.get(self.settings.vision.view) for o in some.observations()]
         images = [view for view in views if isinstance(view, np.ndarray)]
         if not images:
             return self.settings
-        from ..vision import settle
-
-        return self.settings.model_copy(update={"vision": settle(self.settings.vision, images)})
+        try:
+            settled = settle(self.settings.vision, images)
+        except InputError as error:
+            raise InputError(f"{dataset.title}: {error}") from None
+        return self.settings.model_copy(update={"vision": settled})
 
     def start(self, context: Context) -> "SvrStream":
         """A stream for one session; ``context`` is not needed. Raises NotFittedError before ``fit``."""

@@ -1,0 +1,123 @@
+"""Method 1 on real sessions of a tendon manipulator, from the raw CSV and JSON to the table.
+
+    TIPFORCE_REAL_DATA=... .venv/bin/python -m bench.real_sessions [random] [session]
+
+The data: github.com/Bigyuun/LSTM-force-estimation, commit 621b92c9. Every constant that a fit chooses, it chooses by
+cross-validation within its training part; which recipes are listed here was decided by looking at these tables.
+"""
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sklearn.ensemble import ExtraTreesRegressor
+
+from tipforce.dataset import Dataset, open_dataset, splits
+from tipforce.dataset.layouts._tendon_manipulator import TARE_ROWS
+from tipforce.estimators import create
+from tipforce.types import FloatArray
+
+BEYOND: dict[str, Any] = {
+    "force": "components",
+    "scaling": "standard",
+    "features": {"constant": False},  # the stored polynomials have none
+    # the robot's length in the unit of the stored polynomials, undocumented: 1.0 to 1.6 give the same within 4 mN
+    "angles": {"degree": 3, "length": 1.4},
+    "linear": 1.0,
+}
+ACROSS = {
+    **BEYOND,
+    "c": [0.03, 0.1, 0.3, 1.0],
+    "epsilon": [0.01, 0.03, 0.1],
+    "sigma": [1.0, 2.0, 4.0],
+    "training_samples": 800,
+    "tuning_samples": 800,
+    "label_average_ms": 300,
+}
+WITHIN = {
+    **BEYOND,
+    "hold_out": "sample",
+    "folds": 3,
+    "c": [3.0, 10.0, 30.0],
+    "epsilon": [0.06],
+    "sigma": [2.0, 3.0],
+    "tuning_samples": 2500,
+}
+RECIPES: dict[str, dict[str, Any]] = {
+    "svr, the thesis's": {"force": "components"},
+    "svr, across sessions": ACROSS,
+    "svr, across sessions, window": {**ACROSS, "window": {"lags_ms": [0, 300], "average_ms": 150}},
+    "svr, within sessions": WITHIN,
+    "svr, within sessions, window": {**WITHIN, "window": {"lags_ms": [0, 300, 1000, 3000], "average_ms": 200}},
+}
+
+Answer = Callable[[Dataset, np.ndarray, np.ndarray], FloatArray]
+
+
+def by_recipe(settings: dict[str, Any]) -> Answer:
+    def answer(data: Dataset, train: np.ndarray, test: np.ndarray) -> FloatArray:
+        svr = create("svr", settings).fit(data.subset(train))
+        if svr.remembers:
+            return np.array([estimate.force_n for estimate in svr.predict(data)])[test, :2]
+        return np.array([estimate.force_n for estimate in svr.predict(data.subset(test))])[:, :2]
+
+    return answer
+
+
+def constant(data: Dataset, train: np.ndarray, test: np.ndarray) -> FloatArray:
+    return np.tile(data.force_n[train, :2].mean(axis=0), (len(test), 1))
+
+
+def extra_trees(data: Dataset, train: np.ndarray, test: np.ndarray) -> FloatArray:
+    shapes = [observation.views["camera"].values for observation in data.observations()]  # type: ignore[union-attr]
+    table = np.column_stack([shapes, *data.actuation.values()])
+    trees = ExtraTreesRegressor(100, random_state=0).fit(table[train], data.force_n[train, :2])
+    return trees.predict(table[test])
+
+
+def noise(data: Dataset) -> list[tuple[str, FloatArray]]:
+    """What no method can get below, and what it rests on."""
+    force = data.force_n[:, :2] * 1e3
+    parts = [force[data.session == name] for name in data.sessions]
+    # a force that moves slowly against 30 Hz cancels in third differences; white noise becomes sqrt(20) times itself
+    white = np.sqrt(np.mean(np.concatenate([np.diff(part, 3, axis=0) ** 2 for part in parts]), axis=0) / 20)
+    still = np.std(force[data.session == "nopayload"], axis=0)
+    tare = white * np.sqrt(np.pi / 2 / TARE_ROWS)
+    return [
+        ("no load at all: spread of the readings", still),
+        ("white noise of the sensor, all sessions", white),
+        (f"the same, with the tare's own error ({TARE_ROWS} rows)", np.hypot(white, tare)),
+    ]
+
+
+def main() -> None:
+    """Print the table."""
+    root = os.environ.get("TIPFORCE_REAL_DATA")
+    if not root:
+        sys.exit("set TIPFORCE_REAL_DATA to the folder that holds tendon-manipulator/")
+    data = open_dataset(Path(root) / "tendon-manipulator")
+    protocols = [word for word in sys.argv[1:] if word in ("random", "session")] or ["random", "session"]
+    print(f"{data.title}\n{len(data)} rows, {len(data.sessions)} sessions; RMSE fx / fy in mN, all test rows pooled\n")
+    methods: dict[str, Answer] = {"constant": constant, "extra trees (reference)": extra_trees}
+    methods |= {name: by_recipe(settings) for name, settings in RECIPES.items()}
+    for protocol in protocols:
+        plan = splits(protocol, data, folds=4 if protocol == "random" else None)  # type: ignore[arg-type]
+        print(f"{protocol}, {len(plan)} folds")
+        for name, answer in methods.items():
+            start = time.perf_counter()
+            found = np.empty((len(data), 2))
+            for split in plan:
+                found[split.test] = answer(data, split.train, split.test)
+            rmse = np.sqrt(np.mean((found - data.force_n[:, :2]) ** 2, axis=0)) * 1e3
+            print(f"  {name:32s} {rmse[0]:6.1f} / {rmse[1]:6.1f}   {time.perf_counter() - start:5.0f} s", flush=True)
+    print("noise")
+    for name, (x, y) in noise(data):
+        print(f"  {name:52s} {x:6.1f} / {y:6.1f}")
+
+
+if __name__ == "__main__":
+    main()
