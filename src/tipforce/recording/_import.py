@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import InputError, TimeError
 from ..types import Context, Event, FloatArray, Frame, Image, IntArray
-from ..vision import Sighting, VisionSettings
+from ..vision import Sighting, Vision, VisionSettings, settle
 from ._facts import ClockOffset, SensorPose, Tare
 from ._files import refuse_existing
 from ._forcelog import ForceColumns, ForceLog, read_force_log, read_knob_log
@@ -96,9 +96,10 @@ def import_run(
             writer.write(event)
         if log is not None:
             _check_overlap(Path(frames), Path(force_log or ""), seen, log)
-            writer.state(sensor or SensorPose())
-            writer.state(_tare(log, tare, remarks))
-            writer.state(_offset(seen, log, offset_ms, remarks))
+            pose, level = sensor or SensorPose(), _tare(log, tare, remarks)
+            writer.state(pose)
+            writer.state(level)
+            writer.state(_offset(seen, log, offset_ms, pose, level, remarks))
         writer.note("tipforce.import", _origin(Path(frames), force_log, knob_log, log, shift_ns))
         writer.close()
     except BaseException:
@@ -112,11 +113,18 @@ class _Seen:
 
     def __init__(self, source: FileSource, settings: VisionSettings, *, look: bool, progress: Progress | None) -> None:
         self._source, self._settings, self._look, self._progress = source, settings, look, progress
+        self.blind = ""
+        """Why no catheter is seen at all, or empty."""
         self._stamps: list[int] = []
         self._sightings: list[Sighting] = []
 
     def __iter__(self) -> Iterator[Event]:
-        see = _eye(self._settings, self._source) if self._look else None
+        see = None
+        if self._look:
+            try:
+                see = _eye(self._settings, self._source)
+            except InputError as error:  # the recording is worth having without its clock offset
+                self.blind = str(error)
         for event in self._source:
             yield event
             if isinstance(event, Frame):
@@ -135,13 +143,14 @@ class _Seen:
     @property
     def coordinates(self) -> FloatArray:
         """(n, 3) shape coordinates of the frames so far."""
-        return shape_coordinates(self._sightings)
+        catheter, share = self._source.context.catheter, 1.0
+        if catheter.flexible_length_m and catheter.rigid_length_m:
+            share = catheter.flexible_length_m / (catheter.flexible_length_m + catheter.rigid_length_m)
+        return shape_coordinates(self._sightings, flexible_share=share)
 
 
 def _eye(settings: VisionSettings, source: FileSource) -> Callable[[Image], Sighting]:
     """What sees the catheter, settled on pictures of the first seconds."""
-    from ..vision import Vision, settle
-
     first = [event.image for event in islice(source, 50) if isinstance(event, Frame)]
     return Vision(settle(settings, first[::5])).see
 
@@ -189,14 +198,27 @@ def _tare(log: ForceLog, choice: Literal["auto", "none"] | tuple[float, float], 
     return tare
 
 
-def _offset(seen: _Seen, log: ForceLog, choice: Literal["auto", "none"] | float, remarks: list[str]) -> ClockOffset:
+def _offset(
+    seen: _Seen,
+    log: ForceLog,
+    choice: Literal["auto", "none"] | float,
+    pose: SensorPose,
+    tare: Tare,
+    remarks: list[str],
+) -> ClockOffset:
     if choice == "none":
         return ClockOffset()
     if not isinstance(choice, str):
         return ClockOffset(round(choice * 1e6), "stated")
-    offset = estimate_offset(seen.stamp_ns, seen.coordinates, log.stamp_ns, log.force_n, window_s=_LOOK_S)
+    if seen.blind:
+        remarks.append(f"the clock offset is taken as 0, for it could not be told: {seen.blind}; see --offset-ms")
+        return ClockOffset(how="refused", detail=seen.blind)
+    force = np.nan_to_num(log.force_n - tare.force_n) @ pose.matrix.T
+    offset = estimate_offset(seen.stamp_ns, seen.coordinates, log.stamp_ns, force, window_s=_LOOK_S)
     if offset.how == "refused":
         remarks.append(f"the clock offset is taken as 0, for it could not be told: {offset.detail}; see --offset-ms")
+    elif offset.detail:
+        remarks.append(offset.detail)
     return offset
 
 

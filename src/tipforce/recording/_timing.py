@@ -1,28 +1,34 @@
 """The offset between the force log's clock and the camera's, from the catheter's own deflection.
 
-An elastic shaft takes its shape at once: shape and force belong to the same instant, friction and contact or not. So
-the shape numbers are regressed on the force (cubic), shifted by a trial offset, and the most likely offset is the one
-that leaves the smallest generalised variance of residuals. The other way round, force on shape, the noise of the
-pictures is in the regressors, weakens the finer coordinates and pulls the offset by milliseconds. The motion of the
-wall would not do at all: it leads the force by the tissue's loss angle. A drift of 20 ppm between the clocks is 1.2 ms
-in 60 s and is left alone; in a recording of many minutes the offset found is the one of its middle.
+An elastic shaft takes its shape at once: shape and force belong to the same instant, friction and contact or not. The
+bending moment at s is the lever from s to the tip times the force, and both lever and bend are in the picture. So
+
+    L1 = c0 + c1 G + c2 G^2 + c3 G^3,    G(t) = 3/4 integral (1 - u^2) [lever(u) x F(t)]_z du,
+
+with L1 the first Legendre coefficient of the tangent angle over arc length u in -1..1 (the integral follows from
+integrating L1's definition by parts), and c's that hold the unknown stiffness. The force is shifted by trial offsets;
+the most likely one leaves the smallest residual. A free regression on both components of the force is worse by
+milliseconds: friction goes with the wall's velocity, so its coefficient can stand for a shift in time. Physics binds
+the two components, up to an error of the sensor's angle that is fitted with a prior of two degrees.
+
+The motion of the wall would not do at all: it leads the force by the tissue's loss angle. A drift of 20 ppm between
+the clocks is 1.2 ms in 60 s and is left alone; in a recording of many minutes the offset is the one of its middle.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 
 from ..types import FloatArray, IntArray
-from ..vision import NoFeatures, ShapeFeatureSettings, Sighting, shape_features
+from ..vision import Sighting
 from ._facts import ClockOffset
 
 __all__ = ["estimate_offset", "shape_coordinates"]
 
-_COORDINATES = ShapeFeatureSettings(kind="legendre", degree=3, constant=False)
 _STEP_S = 4e-3
 _SMOOTH_S = 4e-3
 """Standard deviation of the force's low-pass: symmetric, so it moves nothing in time; about an exposure's."""
@@ -32,15 +38,28 @@ _REPLICATES = 100
 _MIN_EXPLAINED = 0.3
 _MAX_STDERR_MS = 5.0
 _RIVAL_S = 0.025
+_ANGLE_PRIOR = math.tan(math.radians(2.0))
+_MAX_TURN_DEG, _FREE_GAIN = 10.0, 0.7
+"""The stated angle is taken for wrong where another, further off than this, leaves less than this share unexplained."""
 
 
-def shape_coordinates(sightings: Sequence[Sighting]) -> FloatArray:
-    """(n, 3): Legendre coefficients 1..3 of the tangent angle over arc length, rad; NaN where nothing was found."""
+def shape_coordinates(sightings: Sequence[Sighting], *, flexible_share: float = 1.0) -> FloatArray:
+    """(n, 3): L1 in rad, and what multiplies the force's x and y in G, in pixels; NaN where nothing was found.
+
+    ``flexible_share``: of the visible length, from the base; a rigid tip does not bend.
+    """
     rows = np.full((len(sightings), 3), math.nan)
     for place, sighting in enumerate(sightings):
-        values = shape_features(sighting, _COORDINATES)
-        if not isinstance(values, NoFeatures):
-            rows[place] = values
+        if sighting.centreline is None or sighting.base is None:
+            continue
+        points = sighting.base.to_base(sighting.centreline.points)
+        steps = np.diff(points, axis=0)
+        angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+        u = np.linspace(-1.0, 1.0, len(points))
+        middle = 0.5 * (u[1:] + u[:-1])
+        weight = 0.75 * (1.0 - u**2) * (u <= 2.0 * flexible_share - 1.0) * (u[1] - u[0])
+        lever = points[-1] - points
+        rows[place] = np.sum(angle * middle) / np.sum(middle**2), -(weight @ lever[:, 1]), weight @ lever[:, 0]
     return rows
 
 
@@ -49,110 +68,162 @@ def estimate_offset(
 ) -> ClockOffset:
     """The offset within +-``window_s`` at which force and deflection belong together best.
 
-    ``frame_ns`` (n,), ``coordinates`` (n, k): shape numbers, rows with NaN are left out; ``force_ns`` (m,),
-    ``force_n`` (m, 3) in any frame, NaN for unknown axes. The standard error comes from a bootstrap over blocks of a
-    second. ``how="refused"`` with the reason where the offset cannot be told.
+    ``frame_ns`` (n,), ``coordinates`` (n, 3) of `shape_coordinates`, rows with NaN are left out; ``force_ns`` (m,),
+    ``force_n`` (m, 2 or more): x and y in the base frame as far as it is known, tared. The standard error comes from a
+    bootstrap over blocks of a second. ``how="refused"`` with the reason where the offset cannot be told.
     """
-    known = ~np.isnan(force_n).all(axis=0)
     steps = round(window_s / _STEP_S)
     shifts = np.arange(-steps, steps + 1, dtype=np.float64) * _STEP_S
     origin = int(force_ns[0])
     time = (frame_ns - origin).astype(np.float64) * 1e-9
     end = (int(force_ns[-1]) - origin) * 1e-9
     usable = np.isfinite(coordinates).all(axis=1) & (time > window_s) & (time < end - window_s)
-    if known.sum() == 0 or usable.sum() < 50 or time[usable][-1] - time[usable][0] < 3.0:
+    if usable.sum() < 50 or time[usable][-1] - time[usable][0] < 3.0:
         return _refused(f"only {int(usable.sum())} frames show the catheter while the force log runs; 3 s are needed")
-    terms = _ForceTerms(force_ns, force_n[:, known], origin)
     blocks = _blocks(time, usable)
-    time, coordinates = time[usable], coordinates[usable]
-    first = _Fit(time, coordinates, blocks, terms, shifts)
-    distance, _ = first.residuals(first.best())
-    keep = distance <= 5.0 * float(np.median(distance))  # pictures in which something else was seen
-    time, coordinates, blocks = time[keep], coordinates[keep], blocks[keep]
-    fit = _Fit(time, coordinates, blocks, terms, shifts)
-    best = fit.best()
-    _, explained = fit.residuals(best)
-    verdict = _judge(fit, shifts, best, explained, window_s)
+    data = _Data(time[usable], coordinates[usable], blocks, _Force(force_ns, force_n[:, :2], origin))
+    free = _Fit(data, shifts, 0.0, bound=False)
+    for _ in range(3):  # pictures in which something else was seen
+        rest = np.abs(free.residuals(free.best()))
+        # what is usual is told from frames in contact: without it nothing is left to explain, and all seems outlying
+        usual = float(np.median(rest[data.loaded()]))
+        keep = rest <= 6.0 * max(usual, 1e-12)
+        if keep.all():
+            break
+        data = data.subset(keep)
+        free = _Fit(data, shifts, 0.0, bound=False)
+    penalty = _Fit(data, shifts, 0.0, bound=True).penalty()
+    fit = _Fit(data, shifts, penalty, bound=False)
+    note = ""
+    turn = math.degrees(free.angle(free.best()))
+    if abs(turn) > _MAX_TURN_DEG and free.unexplained() < _FREE_GAIN * fit.unexplained():
+        fit, penalty = free, 0.0
+        note = f"force and deflection agree only if the sensor is turned by {turn:.0f} deg more than stated"
+    elif fit.slope(fit.best()) < 0:
+        note = "the deflection goes against the force: check the sensor's angle and whether it reads tip-on-tissue"
+    verdict = _judge(fit, shifts, fit.best(), fit.explained(fit.best()), window_s)
     if verdict.how == "refused":
         return verdict
-    fine = (
-        np.arange(-8, 9, dtype=np.float64) * 1e-3 + best
-    )  # the parabola over coarse steps is off by tenths of a millisecond
-    return replace(verdict, offset_ns=round(_Fit(time, coordinates, blocks, terms, fine).best() * 1e9))
+    fine = np.arange(-8, 9, dtype=np.float64) * 1e-3 + fit.best()  # the coarse parabola is off by tenths of one
+    return replace(verdict, offset_ns=round(_Fit(data, fine, penalty, bound=False).best() * 1e9), detail=note)
 
 
-class _ForceTerms:
-    """Regressors: cubic in the two directions in which the force varies most, linear in the third."""
+class _Force:
+    """The force on an even grid, low-passed; x and y, NaN taken as none."""
 
     def __init__(self, stamps_ns: IntArray, force: FloatArray, origin_ns: int) -> None:
         seconds = (stamps_ns - origin_ns) * 1e-9
         step = max(float(np.median(np.diff(seconds))), 1e-4)
         self._grid = np.arange(0.0, seconds[-1] + step, step)
-        even = np.stack([np.interp(self._grid, seconds, column) for column in force.T], axis=1)
-        smooth = gaussian_filter1d(even, max(_SMOOTH_S / step, 1e-3), axis=0)
-        centred = smooth - smooth.mean(axis=0)
-        _, axes = np.linalg.eigh(centred.T @ centred)
-        principal = centred @ axes[:, ::-1]
-        self._values = principal / max(float(np.std(principal[:, 0])), 1e-12)
+        even = np.stack([np.interp(self._grid, seconds, column) for column in np.nan_to_num(force).T])
+        self._values = gaussian_filter1d(even, max(_SMOOTH_S / step, 1e-3), axis=1)
 
     def at(self, seconds: FloatArray) -> FloatArray:
-        """(n,) -> (n, terms)."""
-        force = np.stack([np.interp(seconds, self._grid, column) for column in self._values.T])
-        first = force[0]
-        columns = [np.ones_like(first), first, first**2, first**3]
-        if len(force) > 1:
-            second = force[1]
-            columns += [second, second**2, second**3, first * second, first**2 * second, first * second**2]
-        return np.stack([*columns, *force[2:]], axis=1)
+        """(...) -> (2, ...)."""
+        return np.stack([np.interp(seconds, self._grid, row) for row in self._values])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Data:
+    """Frames: ``time`` (n,) s, ``coordinates`` (n, 3), ``blocks`` (n,); and the force."""
+
+    time: FloatArray
+    coordinates: FloatArray
+    blocks: IntArray
+    force: _Force
+
+    def subset(self, keep: npt.NDArray[np.bool_]) -> "_Data":
+        """Some of the frames."""
+        return _Data(self.time[keep], self.coordinates[keep], self.blocks[keep], self.force)
+
+    def loaded(self) -> npt.NDArray[np.bool_]:
+        """(n,): the half of the frames at which the force is larger."""
+        size = np.linalg.norm(self.force.at(self.time), axis=0)
+        return size >= np.median(size)
+
+    def terms(self, shifts: FloatArray, rows: npt.NDArray[np.bool_] | slice, *, bound: bool) -> FloatArray:
+        """(shifts, n, terms): 1, G, G^2, G^3 and, unless ``bound``, what G gains when the sensor turns."""
+        # a force stamp is the frame's time minus the offset
+        x, y = self.force.at(self.time[rows] - shifts[:, None])
+        across, along = self.coordinates[rows, 1], self.coordinates[rows, 2]
+        unit = max(float(np.std(self.force.at(self.time), axis=1).max() * np.abs(self.coordinates[:, 1:]).max()), 1e-12)
+        lever = (across * x + along * y) / unit
+        columns = [np.ones_like(lever), lever, lever**2, lever**3]
+        if not bound:
+            columns.append((along * x - across * y) / unit)
+        return np.stack(columns, axis=-1)
 
 
 class _Fit:
     """Sums of the regression, block by block, for every trial shift: all that profile and bootstrap need."""
 
-    def __init__(
-        self, time: FloatArray, coordinates: FloatArray, blocks: IntArray, terms: _ForceTerms, shifts: FloatArray
-    ) -> None:
-        self._time, self._terms, self._shifts = time, terms, shifts
-        self._coordinates = (coordinates - coordinates.mean(axis=0)) / np.maximum(coordinates.std(axis=0), 1e-12)
-        _, block = np.unique(blocks, return_inverse=True)
-        self.count = int(block.max()) + 1
+    def __init__(self, data: _Data, shifts: FloatArray, penalty: float, *, bound: bool) -> None:
+        self._data, self._shifts, self._penalty, self._bound = data, shifts, penalty, bound
+        self._c = data.coordinates[:, 0] - data.coordinates[:, 0].mean()
+        numbers, self._block = np.unique(data.blocks, return_inverse=True)
+        self.count = len(numbers)
         xx: list[FloatArray] = []
         xc: list[FloatArray] = []
-        cc: list[FloatArray] = []
         for number in range(self.count):
-            here = block == number
-            c = self._coordinates[here]
-            # a force stamp is the frame's time minus the offset
-            x = terms.at((time[here] - shifts[:, None]).ravel()).reshape(len(shifts), len(c), -1)
+            here = self._block == number
+            x = data.terms(shifts, here, bound=bound)
             xx.append(np.swapaxes(x, 1, 2) @ x)
-            xc.append(np.swapaxes(x, 1, 2) @ c)
-            cc.append(c.T @ c)
-        self._xx, self._xc, self._cc = np.array(xx), np.array(xc), np.array(cc)
+            xc.append(np.swapaxes(x, 1, 2) @ self._c[here])
+        self._xx, self._xc = np.array(xx), np.array(xc)
+        self._cc = np.bincount(self._block, self._c**2)
 
     def profile(self, weights: FloatArray) -> FloatArray:
-        """(r, blocks) weights -> (r, shifts): log likelihood per degree of freedom, up to a constant."""
+        """(r, blocks) weights -> (r, shifts): minus the logarithm of what is left unexplained."""
         rows: list[FloatArray] = []
         for weight in weights:
             xx, xc = np.tensordot(weight, self._xx, 1), np.tensordot(weight, self._xc, 1)
             places = np.arange(xx.shape[1])
             xx[:, places, places] *= 1.0 + 1e-9
             xx[:, places, places] += 1e-9
-            rest = np.tensordot(weight, self._cc, 1) - np.swapaxes(xc, 1, 2) @ np.linalg.solve(xx, xc)
-            rows.append(-0.5 * np.linalg.slogdet(rest)[1])
+            if not self._bound:
+                xx[:, -1, -1] += self._penalty
+            taken = np.sum(xc * np.linalg.solve(xx, xc[..., None])[..., 0], axis=1)
+            rows.append(-np.log(np.maximum(weight @ self._cc - taken, 1e-30)))
         return np.array(rows)
 
     def best(self) -> float:
         """The most likely shift."""
         return float(_peak(self._shifts, self.profile(np.ones((1, self.count))))[0])
 
-    def residuals(self, shift: float) -> tuple[FloatArray, float]:
-        """Distance (n,) of each frame from the fit in units of its scatter, and the share of variance explained."""
-        x = self._terms.at(self._time - shift)
-        rest = self._coordinates - x @ np.linalg.lstsq(x, self._coordinates, rcond=None)[0]
-        covariance = rest.T @ rest / len(rest) + 1e-12 * np.eye(rest.shape[1])
-        distance = np.sqrt(np.einsum("ni,ij,nj->n", rest, np.linalg.inv(covariance), rest))
-        # of the coordinate that the force explains best: the others may hold noise alone
-        return distance, float(np.max(1.0 - rest.var(axis=0) / np.maximum(self._coordinates.var(axis=0), 1e-12)))
+    def _solve(self, shift: float) -> tuple[FloatArray, FloatArray]:
+        x = self._data.terms(np.array([shift]), slice(None), bound=self._bound)[0]
+        xx = x.T @ x + 1e-9 * np.eye(x.shape[1])
+        if not self._bound:
+            xx[-1, -1] += self._penalty
+        return x, np.linalg.solve(xx, x.T @ self._c)
+
+    def residuals(self, shift: float) -> FloatArray:
+        """(n,): L1 that is left unexplained, rad."""
+        x, solved = self._solve(shift)
+        return self._c - x @ solved
+
+    def explained(self, shift: float) -> float:
+        """Share of L1's variance that the force explains."""
+        return float(1.0 - self.residuals(shift).var() / max(float(self._c.var()), 1e-30))
+
+    def unexplained(self) -> float:
+        """Variance that is left at the most likely shift."""
+        return float(self.residuals(self.best()).var())
+
+    def slope(self, shift: float) -> float:
+        """Sign and size of dL1/dG where the force is usual: positive for a real shaft."""
+        x, solved = self._solve(shift)
+        lever = float(np.median(x[:, 1]))
+        return float(solved[1] + 2 * solved[2] * lever + 3 * solved[3] * lever**2)
+
+    def angle(self, shift: float) -> float:
+        """By how much the sensor seems turned, rad; of a fit that is not bound."""
+        return math.atan2(float(self._solve(shift)[1][-1]), self.slope(shift))
+
+    def penalty(self) -> float:
+        """What the prior on the angle adds to the squares: residual variance over (slope times tan 2 deg)^2."""
+        at = self.best()
+        return float(self.residuals(at).var() / max((self.slope(at) * _ANGLE_PRIOR) ** 2, 1e-12))
 
 
 def _blocks(time: FloatArray, usable: npt.NDArray[np.bool_]) -> IntArray:
@@ -176,8 +247,8 @@ def _peak(shifts: FloatArray, profiles: FloatArray) -> FloatArray:
 def _judge(fit: _Fit, shifts: FloatArray, best: float, explained: float, window_s: float) -> ClockOffset:
     if explained < _MIN_EXPLAINED:
         return _refused(
-            f"the force explains {100 * explained:.0f} % of the deflection ({100 * _MIN_EXPLAINED:.0f} % are needed): "
-            "too little contact or motion",
+            f"the force explains {100 * max(explained, 0.0):.0f} % of the deflection ({100 * _MIN_EXPLAINED:.0f} % are "
+            "needed): too little contact or motion",
             explained,
         )
     if abs(best) > window_s - 2 * _STEP_S:
