@@ -125,3 +125,14 @@ def test_a_drawing_that_cannot_be_written_is_refused(tmp_path: Path, target: str
 def test_a_setting_that_does_not_exist_is_named(frame: Path) -> None:
     with pytest.raises(InputError, match="there is no such setting"):
         run(frame, "--set", "colour=blue")
+
+
+def test_settings_that_were_found_are_said_to_be_so(frame: Path, tmp_path: Path) -> None:
+    found = run(frame, "-o", tmp_path / "d.png")
+    assert "found automatically" in found.stderr
+    stated = [
+        word
+        for key in ("polarity=dark", "base_side=left", "threshold=130", "diameter_px=13")
+        for word in ("--set", key)
+    ]
+    assert "found automatically" not in run(frame, "-o", tmp_path / "d.png", *stated).stderr

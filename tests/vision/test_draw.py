@@ -7,7 +7,17 @@ import pytest
 
 from tipforce.geometry import curve_from_angle
 from tipforce.types import BasePose, CentrelinePx, ForceEstimate, Status
-from tipforce.vision import Sighting, contact_sheet, draw_estimate, draw_sighting, shaft_mask
+from tipforce.vision import (
+    Inspection,
+    NoFeatures,
+    ShapeFeatureSettings,
+    Sighting,
+    Tally,
+    contact_sheet,
+    draw_estimate,
+    draw_sighting,
+    shaft_mask,
+)
 
 NAN = math.nan
 GREY = np.full((480, 640), 128, np.uint8)
@@ -122,3 +132,22 @@ def test_a_contact_sheet_holds_every_picture() -> None:
     sheet = contact_sheet(pictures, 2, ["one", "two °", "three"], 160)
     assert all(len(where(sheet, c)) > 4000 for c in colours)
     assert where(sheet, colours[2])[:, 1].min() > where(sheet, colours[0])[:, 1].max()
+
+
+def test_a_sheet_of_a_long_video_samples_it_evenly_and_keeps_room_for_what_was_not_found() -> None:
+    tally = Tally(6)
+    settings = ShapeFeatureSettings()
+    lost = Sighting(Status.CUT_OFF, "lost")
+    for k in range(1000):
+        shown = lost if 500 <= k < 510 else seen()
+        features = NoFeatures(shown.status, shown.detail) if shown is lost else np.zeros(5)
+        tally.add(f"{k}", Inspection(shown, features, settings, np.stack([GREY] * 3, axis=2)))
+    kept = [entry[1].split() for entry in [*tally._found.best(4), *tally._lost.best(2)]]
+    frames = [int(number) for number, status in kept if status == "valid"]
+    assert len(frames) == 4
+    assert np.diff(frames).min() > 200
+    assert [status for _, status in kept].count("cut_off") == 2
+    assert tally.share_found == 0.99
+    assert tally.sheet().shape[0] == 2 * (240 + 22 + 4) + 4
+    assert "found in 990 of 1000 frames" in tally.text()
+    assert "10 frames cut_off: lost" in tally.text()

@@ -64,7 +64,7 @@ def look_at(path: Path, vision: VisionSettings, features: ShapeFeatureSettings) 
     settled = _settled(vision, [image])
     seen: Inspection = inspect_picture(image, Vision(settled).see, settled, features)
     figures = {"file": str(path), **seen.figures(), "vision": settled.model_dump()}
-    return Look(f"{_stated(settled)}\n{seen.text()}", figures, seen.drawing, image, settled)
+    return Look(f"{_stated(settled, vision)}\n{seen.text()}", figures, seen.drawing, image, settled)
 
 
 def look_through(
@@ -95,7 +95,7 @@ def look_through(
     if first is None:
         raise InputError(f"{path}: there is no frame of the view {vision.view!r} in it")
     figures = {"file": str(path), "every": every, **tally.figures(), "vision": settled.model_dump()}
-    return Look(f"{_stated(settled)}\n{tally.text()}", figures, tally.sheet(), first.image, settled)
+    return Look(f"{_stated(settled, vision)}\n{tally.text()}", figures, tally.sheet(), first.image, settled)
 
 
 def frame_count(source: Source, view: str = "camera") -> int:
@@ -136,6 +136,12 @@ def save_picture(path: Path, picture: "Image | Figure") -> None:
     part.replace(path)
 
 
-def _stated(settled: VisionSettings) -> str:
+def _stated(settled: VisionSettings, given: VisionSettings) -> str:
     threshold = "automatic" if settled.threshold is None else str(settled.threshold)
-    return f"settings   {settled.method}, catheter {settled.polarity}, base {settled.base_side}, threshold {threshold}"
+    text = f"settings   {settled.method}, catheter {settled.polarity}, base {settled.base_side}, threshold {threshold}"
+    if settled == given or given.base_region is not None:
+        return text
+    return (
+        f"{text}: found automatically; where the drawing shows another thing, state --set polarity=..., "
+        "--set base_side=..., and --set base_region=[u0,v0,u1,v1] across the shaft where it does not reach the border"
+    )
