@@ -72,6 +72,8 @@ class FineTracer:
         self._entries = np.zeros((12, 4))
         self._start = np.zeros(7, dtype=np.int64)
         self._stations = np.zeros((1200, 6))
+        self._best_stations = np.zeros((1200, 6))
+        self._best_count = 0
         self._result = np.zeros(RESULT_SIZE)
         self._points = np.zeros((settings.points, 2))
         self._best = np.zeros((settings.points, 2))
@@ -99,8 +101,8 @@ class FineTracer:
 
     @property
     def stations(self) -> FloatArray:
-        """(k, 2): the centres measured in the last frame, for pictures of what was seen."""
-        return self._stations[: int(self._result[0]), :2].copy()
+        """(k, 2): the centres measured along the best trace of the last frame, for pictures of what was seen."""
+        return self._best_stations[: self._best_count, :2].copy()
 
     @property
     def points(self) -> FloatArray:
@@ -121,7 +123,7 @@ class FineTracer:
         start, heading = base_line(self._clip(region), settings.base_side)
         n_line = start[4]
         if known:
-            low, high = 0.7 * known, _OBLIQUE * 1.1 * known
+            low, high = max(2.0, 0.72 * known - 1.0), _OBLIQUE * 1.1 * known + 1.0
         else:
             low, high = 3.0, (0.9 if settings.base_region else 0.3) * n_line
         threshold = -1.0 if settings.threshold is None else float(settings.threshold)
@@ -152,6 +154,8 @@ class FineTracer:
                 if trace.score > (best.score if best else 0.0):
                     best = trace
                     self._points, self._best = self._best, self._points
+                    self._stations, self._best_stations = self._best_stations, self._stations
+                    self._best_count = int(self._result[0])
                 elif trace.score == 0.0 and trace.diameter_px:
                     wrong = wrong or trace.diameter_px
                 if best is not None and best.status is Status.VALID and best.confidence > 0.7 and known:
@@ -182,7 +186,7 @@ class FineTracer:
         score = length * confidence / (1.0 + 2.0 * rms / max(diameter, 1.0))
         if end == END_SHORT or length < 2.5 * diameter or confidence < 0.4:
             return Trace(status, "", 0.0, diameter if n > 6 else 0.0, typical, level, confidence, length, (0, 0, 0))
-        if known and abs(diameter / known - 1.0) > 0.25:
+        if known and abs(diameter / known - 1.0) > 0.28:
             return Trace(status, "", 0.0, diameter, typical, level, confidence, length, (0, 0, 0))
         where = f"({last_u:.0f}, {last_v:.0f})"
         if end == END_LOST:

@@ -125,10 +125,10 @@ def trace_shaft(
             # pale and of another width: the blurred begin of a ring, not the shaft growing thin
             kind = 0
         if kind > 0 and nominal > 0.0:
-            ratio = wide / (2.0 * nominal)
-            if ratio > 1.32:
+            # it may widen slowly, as when it comes towards the camera, but not at once
+            if wide > 2.64 * half or wide > 3.4 * nominal:
                 kind = 0
-            elif ratio < 0.75:
+            elif wide < 1.5 * nominal:
                 kind = 3
         elif kind > 0 and hits > 8 and wide_n > 0.0:
             ratio = wide / (wide_sum / wide_n)
