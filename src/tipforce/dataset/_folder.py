@@ -1,8 +1,8 @@
 """The dataset folder: ``metadata.csv`` beside images (the layout of Hugging Face's ImageFolder), ``dataset.json``.
 
 ``metadata.csv``: ``file_name`` (or columns ``shape_NAME`` with ready-made shape numbers), ``stamp_ns``, ``fx_n``,
-``fy_n``, ``fz_n`` (at least one), ``session`` (default: the folder is one), any ``NAME_UNIT`` as actuation; columns
-``note`` and ``note_...`` are not read. ``dataset.json`` (optional): `FolderFacts`.
+``fy_n``, ``fz_n`` (at least one), ``session`` (default: the folder is one), any ``NAME_UNIT`` as actuation (an empty
+cell: no reading); columns ``note`` and ``note_...`` are not read. ``dataset.json`` (optional): `FolderFacts`.
 """
 
 import json
@@ -76,7 +76,7 @@ def open_folder(folder: Path) -> Dataset:
     force = np.full((len(table), 3), np.nan)
     for axis in np.flatnonzero(measured).tolist():
         force[:, axis] = table.numbers(FORCES[axis])
-    actuation = {name: table.numbers(name) for name in _actuation_columns(table, shapes)}
+    actuation = {name: table.numbers(name, may_be_empty=True) for name in _actuation_columns(table, shapes)}
     store, names = _store(folder, table, stamps, actuation, shapes, facts.view)
     catheter = Catheter(**facts.catheter.model_dump())
     shared = facts.notes if facts.frame == "base" else {**facts.notes, "force_frame": facts.frame}

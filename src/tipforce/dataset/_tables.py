@@ -56,11 +56,17 @@ class CsvTable:
         place = self.columns.index(name)
         return [row[place].strip() for row in self._rows]
 
-    def numbers(self, name: str) -> FloatArray:
-        """(n,) of one column. Raises TableError for a cell that is empty, no number, or not finite."""
+    def numbers(self, name: str, *, may_be_empty: bool = False) -> FloatArray:
+        """(n,) of one column, NaN for an empty cell where that is allowed.
+
+        Raises TableError for a cell that is empty, no number, or not finite.
+        """
         cells = self.text(name)
         values = np.empty(len(cells))
         for index, cell in enumerate(cells):
+            if may_be_empty and not cell:
+                values[index] = math.nan
+                continue
             try:
                 value = float(cell)
             except ValueError:

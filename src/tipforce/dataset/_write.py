@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import cv2
+import numpy as np
 
 from ..errors import InputError
 from ..types import Image, Observation, ShapeFeatures
@@ -81,7 +82,10 @@ def _write_rows(dataset: Dataset, part: Path, progress: Callable[[str, float], N
                     *cells,
                     str(dataset.session[row]),
                     int(dataset.stamp_ns[row]),
-                    *(repr(float(values[row])) for values in dataset.actuation.values()),
+                    *(
+                        "" if np.isnan(values[row]) else repr(float(values[row]))
+                        for values in dataset.actuation.values()
+                    ),
                     *(repr(float(dataset.force_n[row, axis])) for axis in forces),
                 ]
             )

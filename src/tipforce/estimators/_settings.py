@@ -83,7 +83,7 @@ class SvrSettings(BaseModel):
     ones; shuffled `sample`s for one that is to work within those it has seen. `auto`: sessions from three on."""
     training_samples: Annotated[int, Field(ge=20)] | None = None
     """Beyond the thesis: learn from at most so many samples, drawn with ``seed``; neighbouring frames say the same."""
-    tuning_samples: Annotated[int, Field(ge=20)] = 1500
+    tuning_samples: Annotated[int, Field(ge=20)] = 1000
     """At most so many samples, drawn with ``seed``, serve to choose and to find the interval. Where more serve to
     train, C becomes smaller in proportion, so that the data weigh as much against flatness as they did when chosen."""
     seed: int = 0

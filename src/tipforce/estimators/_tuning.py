@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,9 @@ MIN_SESSIONS = 3
 """From so many sessions on, whole sessions are held out instead of shuffled samples."""
 
 MAX_GROUPS = 10
+
+RISE = 1.05
+"""A larger C is not tried any more once the error has risen so much over the least at the same sigma."""
 
 Scaling = tuple[FloatArray, FloatArray]
 Fold = tuple[IntArray, IntArray]
@@ -108,28 +110,40 @@ def choose(
     """The constants of each target with the least mean squared error over the folds, and that error's root (t,).
 
     ``raw`` (n, k), ``learn_n`` and ``truth_n`` (n, t). C and sigma are chosen together at a middle epsilon, then
-    epsilon at those. Ties go to the smaller C and the larger sigma: the flatter function.
+    epsilon at those. For each sigma, from the widest on, C grows until the error has risen by `RISE` over the least at
+    that sigma: beyond lie the slowest fits, and worse ones. Ties go to the smaller C and the larger sigma.
     """
     search = _Search(raw, folds, settings, linear)
     middle = settings.epsilon[len(settings.epsilon) // 2]
-    pairs = [Constants(c, middle, s) for c, s in product(sorted(settings.c), sorted(settings.sigma, reverse=True))]
-    steps = (len(pairs) + len(settings.epsilon) - 1) * learn_n.shape[1]
+    others = [epsilon for epsilon in settings.epsilon if epsilon != middle]
+    steps = (len(settings.sigma) * len(settings.c) + len(others)) * learn_n.shape[1]
     done, chosen, errors = 0, list[Constants](), list[float]()
     for t in range(learn_n.shape[1]):
-        best, least = pairs[0], np.inf
-        for stage in (0, 1):
-            candidates = (
-                pairs
-                if stage == 0
-                else [Constants(best.c, epsilon, best.sigma) for epsilon in settings.epsilon if epsilon != middle]
-            )
-            for constants in candidates:
-                found = search.predictions(learn_n[:, t], constants)
-                error = float(np.sqrt(np.nanmean((found - truth_n[:, t]) ** 2)))
-                if error < least * (1 - 1e-6):
-                    best, least = constants, error
+
+        def error_of(constants: Constants, t: int = t) -> float:
+            found = search.predictions(learn_n[:, t], constants)
+            return float(np.sqrt(np.nanmean((found - truth_n[:, t]) ** 2)))
+
+        best, least = Constants(min(settings.c), middle, max(settings.sigma)), np.inf
+        for sigma in sorted(settings.sigma, reverse=True):
+            lowest, error = np.inf, 0.0
+            for c in sorted(settings.c):
                 done += 1
+                if error > RISE * lowest:
+                    continue
+                candidate = Constants(c, middle, sigma)
+                error = error_of(candidate)
+                lowest = min(lowest, error)
+                if error < least * (1 - 1e-6):
+                    best, least = candidate, error
                 report("choosing C, epsilon and sigma", done / steps)
+        for epsilon in others:
+            candidate = Constants(best.c, epsilon, best.sigma)
+            error = error_of(candidate)
+            if error < least * (1 - 1e-6):
+                best, least = candidate, error
+            done += 1
+            report("choosing C, epsilon and sigma", done / steps)
         chosen.append(best)
         errors.append(least)
     return chosen, np.array(errors)
