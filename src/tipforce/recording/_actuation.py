@@ -31,8 +31,8 @@ class ActuationSeries:
             values.append(value)
 
     def settled_at(self, stamp_ns: int) -> bool:
-        """True where every name has a reading at or after ``stamp_ns``: later ones change nothing."""
-        return all(stamps[-1] >= stamp_ns for stamps in self._stamps.values())
+        """True where there are readings and every name has one at or after ``stamp_ns``: later ones change nothing."""
+        return bool(self._stamps) and all(stamps[-1] >= stamp_ns for stamps in self._stamps.values())
 
     def forget_before(self, stamp_ns: int) -> None:
         """Drop what no frame at or after ``stamp_ns`` needs."""
