@@ -120,3 +120,40 @@ def test_truth_of_nothing_is_refused(rows, tmp_path):
     (tmp_path / "bench").mkdir()
     said = refusal("svr", "--data", rows, "-o", tmp_path / "r", "--truth", tmp_path / "bench")
     assert "truth" in said
+
+
+def test_the_truth_of_the_simulated_bench_is_scored_beside_the_sensor(rows, tmp_path):
+    from tipforce.dataset import open_dataset
+    from tipforce.twin._truth import Truth, write_truth
+    from tipforce.types import BasePose
+
+    data = open_dataset(rows)
+    for name in ("s0", "s2"):
+        one = data.subset(data.session == name)
+        (tmp_path / "bench" / name).mkdir(parents=True)
+        truth = Truth(
+            session=name,
+            stamp_ns=one.stamp_ns,
+            force_n=np.nan_to_num(one.force_n) - [0.0, 0.03, 0.0],
+            touching=np.ones(len(one), np.bool_),
+            centreline_m=np.zeros((len(one), 2, 2)),
+            base=BasePose(np.zeros(2), 0.0),
+            metres_per_px=2e-4,
+            clock_offset_s=0.0,
+            values={},
+            settings={},
+        )
+        write_truth(truth, tmp_path / "bench" / name)
+    result = run(
+        "svr", "--data", rows, "-o", tmp_path / "r", *QUICK, "--set", "force=components", "--protocol", "session",
+        "--truth", tmp_path / "bench",
+    )  # fmt: skip
+    assert result.exception is None, result.exception
+    figures = json.loads((tmp_path / "r" / "metrics.json").read_text(encoding="utf-8"))
+    row = next(row for row in figures["rows"] if row["method"] == "svr")
+    sensor, true = row["against_sensor"], row["against_truth"]
+    assert list(true["by_session"]) == ["s0", "s2"]
+    for session in ("s0", "s2"):
+        biases = (scores["by_session"][session]["quantities"]["y"]["bias_n"] for scores in (true, sensor))
+        assert next(biases) - next(biases) == pytest.approx(0.03, abs=1e-9)
+    assert "Against the truth" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")

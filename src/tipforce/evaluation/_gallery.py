@@ -18,7 +18,7 @@ from ._style import COLOURS, GREY, make_figure, page_svg, to_svg
 
 __all__ = ["Card", "worst_frames"]
 
-_WIDTH_PX = 480
+_WIDTH_PX = 560
 _APART_NS = 1_000_000_000
 
 
