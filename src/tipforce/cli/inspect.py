@@ -43,7 +43,16 @@ def command(
 
         tipforce inspect run.mcap
     """
-    from ..recording import describe, is_picture, look_at, look_through, plot_summary, save_picture, summarise
+    from ..recording import (
+        describe,
+        is_picture,
+        look_at,
+        look_through,
+        plot_summary,
+        refuse_picture,
+        save_picture,
+        summarise,
+    )
     from ..vision import ShapeFeatureSettings, VisionSettings
 
     target = output or Path(f"{file.stem}-inspect.png")
@@ -55,6 +64,7 @@ def command(
         say(f"wrote {target}")
         write_json(summary.figures(), json_file)
         return
+    refuse_picture(target)
     vision = settings_from(VisionSettings, settings)
     shape = ShapeFeatureSettings(kind=features, degree=degree)
     if is_picture(file):

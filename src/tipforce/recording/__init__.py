@@ -4,7 +4,7 @@ from ._describe import describe
 from ._facts import ClockOffset, Reads, SensorPose, Tare
 from ._import import ForceColumns, ImportReport, import_run
 from ._labels import Labels, labels
-from ._look import Look, frame_count, is_picture, look_at, look_through, save_picture
+from ._look import Look, frame_count, is_picture, look_at, look_through, refuse_picture, save_picture
 from ._observations import observations
 from ._reader import RecordingInfo, RecordingReader, StreamInfo
 from ._sources import open_source
@@ -41,6 +41,7 @@ __all__ = [
     "observations",
     "open_source",
     "plot_summary",
+    "refuse_picture",
     "save_picture",
     "shape_coordinates",
     "stated_tare",

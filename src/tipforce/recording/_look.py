@@ -32,7 +32,7 @@ from ._sources import FileSource, open_source
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Look", "frame_count", "is_picture", "look_at", "look_through", "save_picture"]
+__all__ = ["Look", "frame_count", "is_picture", "look_at", "look_through", "refuse_picture", "save_picture"]
 
 _PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 
@@ -118,13 +118,19 @@ def _frames(source: Source, view: str) -> Iterator[Frame]:
     return (event for event in source if isinstance(event, Frame) and event.view == view)
 
 
-def save_picture(path: Path, picture: "Image | Figure") -> None:
-    """Write ``path`` (.png, .jpg) whole or not at all. Raises FileFormatError where its kind or folder is none."""
+def refuse_picture(path: Path) -> None:
+    """Raises FileFormatError where `save_picture` could not write ``path``: to be asked before long work."""
     if not path.parent.is_dir():
         raise FileFormatError(f"{path}: the folder {path.parent} does not exist; make it first")
     suffix = path.suffix.lower()
     if suffix not in (".png", ".jpg", ".jpeg"):
         raise FileFormatError(f"{path}: pictures are written as .png or .jpg")
+
+
+def save_picture(path: Path, picture: "Image | Figure") -> None:
+    """Write ``path`` (.png, .jpg) whole or not at all. Raises FileFormatError where its kind or folder is none."""
+    refuse_picture(path)
+    suffix = path.suffix.lower()
     if isinstance(picture, np.ndarray):
         data = cv2.imencode(suffix, cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1].tobytes()
     else:

@@ -78,8 +78,8 @@ def draw_estimate(
     value = f"{estimate.magnitude_n:.3f} N   {newtons_to_grams(estimate.magnitude_n):.1f} g"
     interval = f"90 %: {low:.3f} to {high:.3f} N" if math.isfinite(low) and math.isfinite(high) else "no interval"
     parts = [
-        f"F{axis} {value_n:+.3f}"
-        for axis, value_n, known in zip("xyz", estimate.force_n, estimate.known, strict=True)
+        f"F{axis} {round(value_n, 3) + 0.0:+.3f}"
+        for axis, value_n, known in zip("xyz", estimate.force_n.tolist(), estimate.known, strict=True)
         if known
     ]
     second = [(interval, WHITE)] + ([(" ".join(parts) + " N", FORCE)] if parts else [])
@@ -129,8 +129,8 @@ def _draw_force(canvas: "Canvas", sighting: Sighting, estimate: ForceEstimate, f
     quarter = 0.25 * min(canvas.picture.shape[:2]) / canvas.zoom
     vector = estimate.force_n[:2] @ sighting.base.axes_px * (quarter / full_scale_n)
     length = float(np.hypot(*vector))
-    if length < 2.0:
-        return
+    if length < 10.0 * canvas.unit / canvas.zoom:
+        return  # shorter than an arrow's head
     # A little off the tip, so that its dot stays in sight.
     head = sighting.centreline.points[-1] - vector * (4.0 * canvas.unit / canvas.zoom / length)
     canvas.arrow(head - vector * min(1.0, 1.5 * quarter / length), head, FORCE, 3.0)
