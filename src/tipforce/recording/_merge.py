@@ -50,8 +50,8 @@ class _Feed:
     def take(self, stamp_ns: int | None) -> list[tuple[int, int]]:
         """(row, stamp) of the rows not yet taken, up to and with ``stamp_ns``; all of them for None."""
         start = self._next
-        self._next = len(self._stamps) if stamp_ns is None else int(np.searchsorted(self._stamps, stamp_ns, side="right"))
-        self._next = max(self._next, start)
+        end = len(self._stamps) if stamp_ns is None else int(np.searchsorted(self._stamps, stamp_ns, side="right"))
+        self._next = max(end, start)
         return list(enumerate(self._stamps[start : self._next].tolist(), start=start))
 
 
