@@ -9,6 +9,7 @@ from tipforce.errors import InputError
 from tipforce.estimators import ShowsShape
 from tipforce.evaluation import Candidate, evaluate, report_lines, summary, truth_at, verdict, write_report
 from tipforce.evaluation._gallery import worst_frames
+from tipforce.evaluation._pictures import Picture
 from tipforce.types import BasePose, CentrelinePx, ShapeFeatures, Status
 from tipforce.vision import Sighting
 
@@ -27,8 +28,12 @@ def report(make_bench, make_ridge, tmp_path_factory):
 
 @pytest.fixture
 def few_figures(monkeypatch):
-    """Reports without a method's own figures, for tests of the folder alone."""
-    monkeypatch.setattr("tipforce.evaluation._report.method_pictures", lambda *_: [])
+    """Reports with one empty drawing a method, for tests of the folder alone."""
+
+    def one(_, method):
+        return [Picture(f"{method}-drawing", "nothing", "<svg></svg>", "<svg></svg>")]
+
+    monkeypatch.setattr("tipforce.evaluation._report.method_pictures", one)
 
 
 def test_the_page_needs_nothing_from_outside(report):
@@ -92,7 +97,7 @@ def test_drawings_on_the_page_take_the_ink_of_the_page(report):
         assert 'aria-label="' in drawing
 
 
-def test_a_report_replaces_an_older_one_whole(make_bench, make_ridge, tmp_path):
+def test_a_report_replaces_an_older_one_whole(make_bench, make_ridge, tmp_path, few_figures):
     folder = tmp_path / "report"
     result = evaluate(make_bench(sessions=2), [Candidate("first", make_ridge())], protocols=["random"])
     write_report(result, folder)
