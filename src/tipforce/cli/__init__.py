@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+import warnings
 
 import typer
 
@@ -42,6 +43,7 @@ for _verb, _module in VERBS.items():
 
 def main() -> None:
     """Run the command line; a mistake in the input is one sentence and exit code 2."""
+    warnings.showwarning = lambda message, *_: console.print(f"tipforce: {message}", style="yellow", soft_wrap=True)
     try:
         app()
     except TipforceError as error:
