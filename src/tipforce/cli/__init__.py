@@ -41,9 +41,13 @@ for _verb, _module in VERBS.items():
     app.command(_verb)(importlib.import_module(f".{_module}", __name__).command)
 
 
+def _say_warning(message: Warning | str, *_: object, **__: object) -> None:
+    console.print(f"tipforce: {message}", style="yellow", soft_wrap=True)
+
+
 def main() -> None:
     """Run the command line; a mistake in the input is one sentence and exit code 2."""
-    warnings.showwarning = lambda message, *_: console.print(f"tipforce: {message}", style="yellow", soft_wrap=True)
+    warnings.showwarning = _say_warning
     try:
         app()
     except TipforceError as error:

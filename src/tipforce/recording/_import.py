@@ -92,13 +92,15 @@ def import_run(
     )
     try:
         force = None if log is None else (log.stamp_ns, log.force_n)
+        pose, level = sensor or SensorPose(), Tare()
+        if log is not None:
+            level = _tare(log, tare, remarks)
+            writer.state(pose)
+            writer.state(level)
         for event in merged(seen, force, drives, shift_ns):
             writer.write(event)
         if log is not None:
             _check_overlap(Path(frames), Path(force_log or ""), seen, log)
-            pose, level = sensor or SensorPose(), _tare(log, tare, remarks)
-            writer.state(pose)
-            writer.state(level)
             writer.state(_offset(seen, log, offset_ms, pose, level, remarks))
         writer.note("tipforce.import", _origin(Path(frames), force_log, knob_log, log, shift_ns))
         writer.close()
