@@ -178,7 +178,7 @@ def tip_place(
         scratch[j] = sign * total / 5.0
     middle = last + 0.5 * (ahead - 1.0)
     place, drop = edge_near(scratch, n, first, middle, 0.5 * (ahead + 1.0) + 1.0, half < 3.5, 0.6)
-    if abs(drop) < max(8.0, 0.3 * typical):
+    if abs(drop) < max(8.0, 0.12 * typical):
         return last, 0.0
     return place, drop
 

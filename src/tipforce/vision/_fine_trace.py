@@ -117,9 +117,13 @@ def trace_shaft(
             kind = 1
         elif left_drop < -1.2 * least and right_drop < -1.2 * least and strange < 0.12:
             kind = 2
-        elif abs(left_drop) > 1.2 * least and abs(right_drop) > 1.2 * least and strange < 0.08:
+        elif min(abs(left_drop), abs(right_drop)) > max(10.0, 0.1 * typical) and strange < 0.1:
+            # other grey levels than the shaft's, but parallel flanks in their place: metal
             kind = 2
-        if kind > 0 and gap > 0.0 and hits > 3 and (strange > (0.28 if gap <= max_gap else 0.14) or min(abs(left_drop), abs(right_drop)) < 0.35 * typical):
+        if kind > 0 and gap > 0.0 and hits > 3 and (
+            strange > (0.28 if gap <= max_gap else 0.14)
+            or (strange > 0.1 and min(abs(left_drop), abs(right_drop)) < 0.35 * typical)
+        ):
             kind = 0
         elif kind > 0 and hits > 6 and strange > 0.14 and min(abs(left_drop), abs(right_drop)) < 0.5 * typical:
             # pale and of another width: the blurred begin of a ring, not the shaft growing thin

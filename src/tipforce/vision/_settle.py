@@ -12,6 +12,7 @@ from ._settings import BaseSide, Polarity, VisionSettings
 __all__ = ["is_settled", "settle"]
 
 _FRAMES = 5
+_STOUT_PX = 12.0
 _SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
 _POLARITIES: tuple[Polarity, ...] = ("dark", "light")
 
@@ -47,7 +48,10 @@ def settle(settings: VisionSettings, images: Iterable[Image]) -> VisionSettings:
         looks = [tracer.look(frame) for frame in frames]
         valid = [trace for trace, _ in looks if trace is not None and trace.status is Status.VALID]
         reasons += [trace.detail if trace else why for trace, why in looks[:1]]
-        score = sum(trace.score * min(1.0, trace.contrast / 40.0) for trace in valid)
+        # of two shafts that end inside the picture the stouter, clearer one is the catheter, the other a cable
+        score = sum(
+            trace.score * min(1.0, trace.contrast / 40.0) * min(1.0, trace.diameter_px / _STOUT_PX) for trace in valid
+        )
         if valid and (best is None or score > best[0]):
             best = (score, tried, valid)
     if best is None:
