@@ -106,6 +106,13 @@ def test_what_is_no_model_is_said_to_be_none(rows, tmp_path):
     assert "svr" in said
 
 
+def test_a_folder_in_use_is_refused_before_anything_is_trained(rows, monkeypatch):
+    monkeypatch.setattr("tipforce.evaluation.evaluate", lambda *_args, **_more: pytest.fail("training began"))
+    said = refusal("svr", "--data", rows, "-o", rows)
+    assert "metadata.csv" in said
+    assert (rows / "metadata.csv").exists()
+
+
 def test_data_that_are_not_there(tmp_path):
     assert "nowhere" in refusal("svr", "--data", tmp_path / "nowhere", "-o", tmp_path / "r")
 

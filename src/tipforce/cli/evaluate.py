@@ -45,9 +45,10 @@ def command(
     from ..dataset import open_dataset
     from ..errors import InputError
     from ..estimators import ESTIMATORS
-    from ..evaluation import candidates_from, evaluate, report_lines, truth_at, write_report
+    from ..evaluation import candidates_from, check_folder, evaluate, report_lines, truth_at, write_report
     from ..twin import read_truth
 
+    check_folder(output)
     named = [model for model in models if model in ESTIMATORS and not Path(model).is_dir()]
     if settings and not named:
         raise InputError("--set changes the settings of a method that is named, such as svr; a saved model has its own")

@@ -8,7 +8,7 @@ from ._features import ShowsFeatures
 from ._lines import report_lines
 from ._metrics import FORCE_BINS_N, error_figures, interval_figures, percent_of_true, score
 from ._outcome import CONTACT_N, Outcome
-from ._report import write_report
+from ._report import check_folder, write_report
 from ._summary import summary, verdict
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "Row",
     "ShowsFeatures",
     "candidates_from",
+    "check_folder",
     "error_figures",
     "evaluate",
     "interval_figures",

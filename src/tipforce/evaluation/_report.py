@@ -16,7 +16,7 @@ from ._numbers import FILTERS
 from ._pictures import Picture, method_pictures, overview
 from ._summary import summary
 
-__all__ = ["write_report"]
+__all__ = ["check_folder", "write_report"]
 
 _OURS = {"report.html", "metrics.json", "figures"}
 
@@ -28,7 +28,7 @@ def write_report(evaluation: Evaluation, folder: str | Path, command: str = "") 
     else raises InputError.
     """
     folder = Path(folder)
-    _check(folder)
+    check_folder(folder)
     figures = summary(evaluation, command)
     head = overview(evaluation)
     labels = [candidate.label for candidate in evaluation.candidates]
@@ -46,7 +46,9 @@ def write_report(evaluation: Evaluation, folder: str | Path, command: str = "") 
     return figures
 
 
-def _check(folder: Path) -> None:
+def check_folder(folder: str | Path) -> None:
+    """Raises InputError where a report cannot be written to ``folder``: ask before training for minutes."""
+    folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file, and the report needs a folder; choose another name with -o")
     strange = sorted({item.name for item in folder.iterdir()} - _OURS) if folder.is_dir() else []

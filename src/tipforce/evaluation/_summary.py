@@ -65,7 +65,7 @@ def verdict(evaluation: Evaluation) -> list[str]:
     if refused > 0:
         sentences.append(f"{100 * refused:.1f} % of the samples were refused.")
     if honest != "session":
-        sentences.append("No session could be held out, so how it does on a new session is not known.")
+        sentences.append("No session was held out, so how it does on a new session is not known.")
     return sentences
 
 
