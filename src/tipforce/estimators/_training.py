@@ -87,7 +87,7 @@ def gather_rows(
     features = [found[row] for row in dataset.rows[kept].tolist()]
     width = 0 if names is None else len(names) + len(actuation)
     return Rows(
-        features=np.array(features).reshape(len(features), -1),
+        features=np.array(features).reshape(len(features), -1) if features else np.empty((0, 0)),
         learn_n=learn[kept],
         truth_n=truth[kept],
         session=dataset.session[kept],
