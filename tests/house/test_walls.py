@@ -77,7 +77,11 @@ def test_the_wall_test_sees_a_crossing(tmp_path: Path, monkeypatch: pytest.Monke
 def public_packages() -> list[str]:
     return [
         "tipforce",
-        *(m.name for m in pkgutil.iter_modules(tipforce.__path__, "tipforce.") if m.name != "tipforce.cli"),
+        *(
+            m.name
+            for m in pkgutil.iter_modules(tipforce.__path__, "tipforce.")
+            if m.name not in ("tipforce.cli", "tipforce.__main__")
+        ),
     ]
 
 
