@@ -57,16 +57,10 @@ def command(
     _tipforce("inspect", folders[0] / "video.mp4", "-o", output / "seen.png", "--figures")
 
     step(f"3. Method 1, support vector regression, on 75 % of {samples} samples", "train")
-    seen = output / "seen"
-    seen.mkdir(exist_ok=True)
-    for folder in folders[:-1]:
-        link = seen / f"{folder.name}.mcap"
-        link.unlink(missing_ok=True)
-        link.symlink_to(Path("..") / "runs" / link.name)
     model = output / "models" / "svr"
     _tipforce(
-        "train", seen, "--estimator", "svr", "--samples", round(0.75 * samples), "--seed", seed, "--overwrite",
-        "--set", "force=components", "-o", model,
+        "train", runs, "--estimator", "svr", "--without", folders[-1].name, "--samples", round(0.75 * samples),
+        "--seed", seed, "--set", "force=components", "--overwrite", "-o", model,
     )  # fmt: skip
 
     step("4. Judged: random, blocked and held-out sessions side by side", "evaluate")
@@ -108,18 +102,25 @@ def _facts(folder: Path) -> dict[str, str]:
 
 
 def _import(folder: Path, target: Path) -> None:
+    """Import one session; of all that is said, the line about the clocks is repeated."""
     facts = _facts(folder)
-    _tipforce(
+    told = _tipforce(
         "import", folder / "video.mp4", folder / "force.csv", "--knob-deg", facts["knob_deg"],
         "--sensor-angle-deg", facts["sensor_angle_deg"], "--reads", facts["reads"],
-        "--metres-per-px", facts["metres_per_px"], "--catheter", facts["catheter"], "--overwrite", "-o", target,
+        "--metres-per-px", facts["metres_per_px"], "--catheter", facts["catheter"], "--overwrite", "-o", target, shown=False,
     )  # fmt: skip
+    clock = next((line for line in told.splitlines() if line.startswith("clock offset")), "")
+    say(f"  {target.name}  [dim]{clock.split(' (')[0]}[/dim]")
 
 
-def _tipforce(*words: object) -> None:
-    """Type one command: it is shown, runs as a program of its own, and ends the demo where it fails."""
+def _tipforce(*words: object, shown: bool = True) -> str:
+    """Type one command: it runs as a program of its own, and ends the demo where it fails. Returns what it said."""
     command = [str(word) for word in words]
-    say(f"[cyan]$ tipforce {shlex.join(command)}[/cyan]")
-    done = subprocess.run([sys.executable, "-m", "tipforce", *command], check=False)
+    if shown or command[-1].endswith("00.mcap"):
+        say(f"[cyan]$ tipforce {shlex.join(command)}[/cyan]")
+    caught = None if shown else subprocess.PIPE
+    done = subprocess.run([sys.executable, "-m", "tipforce", *command], stderr=caught, text=True, check=False)
     if done.returncode:
+        say(done.stderr or "")
         raise typer.Exit(done.returncode)
+    return done.stderr or ""

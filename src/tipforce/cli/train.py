@@ -21,6 +21,9 @@ def command(
     holdout: Annotated[
         float, typer.Option(min=0.0, max=0.9, help="Share of the samples held out at random to measure errors on.")
     ] = 0.0,
+    without: Annotated[
+        list[str] | None, typer.Option(metavar="SESSION", help="A session to leave out, kept for judging; repeatable.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of drawing, holding out and cross-validation.")] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a model that is there already.")] = False,
     onnx: Annotated[Path | None, typer.Option(help="Also write the regression as an ONNX graph.")] = None,
@@ -35,14 +38,16 @@ def command(
     Example:
         tipforce train runs/ --estimator svr -o models/svr
 
+        tipforce train runs/ -o models/svr --without session_07
+
         tipforce train runs/ -o models/svr --samples 220 --holdout 0.25 --set force=components --json -
     """
-    from ..dataset import open_dataset
+    from ..dataset import leave_out, open_dataset
     from ..estimators import check_target, create, export_onnx, method, read_manifest, save_model, train, training_lines
 
     recipe = create(estimator, settings_from(method(estimator).settings_type, settings))
     check_target(output, overwrite=overwrite)
-    dataset = open_dataset(data)
+    dataset = leave_out(open_dataset(data), without or [])
     with progress_bar() as report:
         done = train(recipe, dataset, samples=samples, holdout=holdout, seed=seed, progress=report)
     save_model(done.estimator, output, done.dataset, done.metrics, overwrite=overwrite)

@@ -1,7 +1,7 @@
 """Labelled samples, sessions and splits."""
 
 from ._dataset import Dataset, RowStore
-from ._draw import draw
+from ._draw import draw, leave_out
 from ._open import open_dataset
 from ._recordings import open_recordings
 from ._splits import (
@@ -27,6 +27,7 @@ __all__ = [
     "blocked_folds",
     "blocked_split",
     "draw",
+    "leave_out",
     "open_dataset",
     "open_recordings",
     "random_folds",

@@ -1,11 +1,13 @@
 """A random part of a dataset."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..errors import InputError
 from ._dataset import Dataset
 
-__all__ = ["draw"]
+__all__ = ["draw", "leave_out"]
 
 
 def draw(dataset: Dataset, samples: int, seed: int = 0) -> Dataset:
@@ -19,3 +21,19 @@ def draw(dataset: Dataset, samples: int, seed: int = 0) -> Dataset:
         return dataset
     rows = np.random.default_rng(seed).choice(len(dataset), samples, replace=False)
     return dataset.subset(np.sort(rows))
+
+
+def leave_out(dataset: Dataset, sessions: Sequence[str]) -> Dataset:
+    """``dataset`` without ``sessions``, which are kept for judging.
+
+    Raises InputError where a name is none of the dataset's, or nothing would be left.
+    """
+    unknown = [name for name in sessions if name not in dataset.sessions]
+    if unknown:
+        raise InputError(f"there is no session {unknown[0]}; there are {', '.join(dataset.sessions)}")
+    if not sessions:
+        return dataset
+    keep = ~np.isin(dataset.session, list(sessions))
+    if not keep.any():
+        raise InputError("every session is left out; nothing remains to train on")
+    return dataset.subset(keep)
