@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from sklearn.ensemble import ExtraTreesRegressor
 
 from tipforce.dataset import Dataset, open_dataset, splits
@@ -80,17 +81,21 @@ def extra_trees(data: Dataset, train: np.ndarray, test: np.ndarray) -> FloatArra
 
 
 def noise(data: Dataset) -> list[tuple[str, FloatArray]]:
-    """What no method can get below, and what it rests on."""
+    """What no method that follows the slow pull can get below, and what it rests on.
+
+    The pull changes over seconds. What moves about its mean over one second is the sensor; this noise is not white (its
+    first differences are uncorrelated), so ten rows of tare average little of it away.
+    """
     force = data.force_n[:, :2] * 1e3
     parts = [force[data.session == name] for name in data.sessions]
-    # a force that moves slowly against 30 Hz cancels in third differences; white noise becomes sqrt(20) times itself
-    white = np.sqrt(np.mean(np.concatenate([np.diff(part, 3, axis=0) ** 2 for part in parts]), axis=0) / 20)
-    still = np.std(force[data.session == "nopayload"], axis=0)
-    tare = white * np.sqrt(np.pi / 2 / TARE_ROWS)
+    slow = [uniform_filter1d(part, 31, axis=0) for part in parts]
+    fast = np.sqrt(np.mean(np.concatenate([p - s for p, s in zip(parts, slow, strict=True)]) ** 2, axis=0) * 31 / 30)
+    still = force[data.session == "nopayload"]
+    blocks = still[: len(still) // TARE_ROWS * TARE_ROWS].reshape(-1, TARE_ROWS, 2)
     return [
-        ("no load at all: spread of the readings", still),
-        ("white noise of the sensor, all sessions", white),
-        (f"the same, with the tare's own error ({TARE_ROWS} rows)", np.hypot(white, tare)),
+        ("no load at all: spread of the readings", np.std(still, axis=0)),
+        ("about their mean over one second, all sessions", fast),
+        (f"no load: spread of the medians of {TARE_ROWS} rows (tare)", np.std(np.median(blocks, axis=1), axis=0)),
     ]
 
 
