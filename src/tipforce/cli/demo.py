@@ -107,7 +107,8 @@ def _import(folder: Path, target: Path) -> None:
     told = _tipforce(
         "import", folder / "video.mp4", folder / "force.csv", "--knob-deg", facts["knob_deg"],
         "--sensor-angle-deg", facts["sensor_angle_deg"], "--reads", facts["reads"],
-        "--metres-per-px", facts["metres_per_px"], "--catheter", facts["catheter"], "--overwrite", "-o", target, shown=False,
+        "--metres-per-px", facts["metres_per_px"], "--catheter", facts["catheter"], "--overwrite",
+        "-o", target, shown=False,
     )  # fmt: skip
     clock = next((line for line in told.splitlines() if line.startswith("clock offset")), "")
     say(f"  {target.name}  [dim]{clock.split(' (')[0]}[/dim]")
