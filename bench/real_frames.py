@@ -54,7 +54,9 @@ def deviations(
     return result
 
 
-def compare(curves: list[np.ndarray], quartics: list[list[float]]) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
+def compare(
+    curves: list[np.ndarray], quartics: list[list[float]]
+) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
     def cost(p: np.ndarray) -> float:
         found = deviations(p, curves, quartics)
         return sum(float((d**2).mean()) for d, _ in found) if found else 1e9

@@ -54,7 +54,10 @@ def main() -> None:
     why = collections.Counter(str(sight.status) for sight in seen)
     lengths = np.array([np.linalg.norm(np.diff(seen[k].centreline.points, axis=0), axis=1).sum() for k in found])
     print(f"found {len(found)} of {len(frames)} = {100 * len(found) / len(frames):.1f} %   {dict(why)}")
-    print(f"length px: median {np.median(lengths):.1f}, 1 % {np.quantile(lengths, 0.01):.1f}, 99 % {np.quantile(lengths, 0.99):.1f}")
+    print(
+        f"length px: median {np.median(lengths):.1f}, "
+        f"1 % {np.quantile(lengths, 0.01):.1f}, 99 % {np.quantile(lengths, 0.99):.1f}"
+    )
     if given.out:
         rng = np.random.default_rng(given.seed)
         pool = sorted(set(range(len(frames))) - set(found)) if given.missed else list(range(len(frames)))

@@ -72,7 +72,7 @@ def light_on_dark(look: Look) -> Look:
 
 
 @njit  # no cache: it would tie this file to the name it was first imported under
-def _field(points, tangents, reach, width, height, distance, along, across):  # noqa: D103
+def _field(points, tangents, reach, width, height, distance, along, across):
     for k in range(points.shape[0]):
         cx, cy = points[k, 0], points[k, 1]
         for y in range(max(0, int(cy - reach)), min(height, int(cy + reach) + 2)):
@@ -193,7 +193,10 @@ def _render(rng: np.random.Generator, look: Look, curve: np.ndarray, size: tuple
         tip, ahead = curve[-1] + (r if look.tip == "dome" else 0) * tangents[-1] * 0.7, tangents[-1]
         tilt = rng.uniform(-0.8, 0.8)
         normal = np.array(
-            [ahead[0] * math.cos(tilt) - ahead[1] * math.sin(tilt), ahead[0] * math.sin(tilt) + ahead[1] * math.cos(tilt)]
+            [
+                ahead[0] * math.cos(tilt) - ahead[1] * math.sin(tilt),
+                ahead[0] * math.sin(tilt) + ahead[1] * math.cos(tilt),
+            ]
         )
         vv, uu = np.mgrid[0:h, 0:w].astype(np.float32)
         deep = (uu - tip[0]) * normal[0] + (vv - tip[1]) * normal[1]
@@ -235,9 +238,7 @@ def _render(rng: np.random.Generator, look: Look, curve: np.ndarray, size: tuple
 
 def distance_to_curve(points: np.ndarray, curve: np.ndarray) -> np.ndarray:
     """(n,) distances of ``points`` to the polyline ``curve``, extended straight at both ends."""
-    ends = np.vstack(
-        [curve[0] + (curve[0] - curve[1]) * 50, curve, curve[-1] + (curve[-1] - curve[-2]) * 50]
-    )
+    ends = np.vstack([curve[0] + (curve[0] - curve[1]) * 50, curve, curve[-1] + (curve[-1] - curve[-2]) * 50])
     a, b = ends[:-1], ends[1:]
     ab = b - a
     t = np.clip(((points[:, None] - a) * ab).sum(2) / (ab**2).sum(1), 0, 1)

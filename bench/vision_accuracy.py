@@ -14,8 +14,8 @@ import pathlib
 from dataclasses import replace
 
 import numpy as np
-import tubes
 
+import tubes
 from tipforce.errors import InputError
 from tipforce.vision import Vision, VisionSettings, settle
 

@@ -13,9 +13,9 @@ import pathlib
 import time
 
 import numpy as np
-import tubes
 from numba import njit
 
+import tubes
 from tipforce.vision import FineTracer, VisionSettings
 
 
@@ -29,11 +29,15 @@ def read_once(words: np.ndarray) -> int:
 
 def timed(size: tuple[int, int], scale: float, rounds: int, copies: int) -> dict[str, float]:
     rng = np.random.default_rng(0)
-    look = tubes.Look(size=size, diameter=12.0 * scale, blur=scale, ring_width=8.0 * scale, length=(260 * scale, 300 * scale))
+    look = tubes.Look(
+        size=size, diameter=12.0 * scale, blur=scale, ring_width=8.0 * scale, length=(260 * scale, 300 * scale)
+    )
     drawn = [tubes.draw(rng, look, "left").image for _ in range(8)]
     frames = [drawn[k % 8].copy() for k in range(copies)]
     tracer = FineTracer(
-        VisionSettings(base_side="left", polarity="dark", diameter_px=look.diameter, max_gap_px=12.0 * scale, threshold=128)
+        VisionSettings(
+            base_side="left", polarity="dark", diameter_px=look.diameter, max_gap_px=12.0 * scale, threshold=128
+        )
     )
     found = sum(tracer.see(frame).found for frame in frames)
     read_once(frames[0].reshape(-1).view(np.uint64))

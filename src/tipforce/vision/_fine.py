@@ -24,6 +24,8 @@ Side = tuple[float, float, float, float, int, int, float]
 
 _DEPTHS = (0, 4, 8, 12, 18)
 _MAX_TRACED = 6
+_CLEAR_TIP = 0.35
+"""Beside the border only a drop of this share of the shaft's contrast is taken for its tip."""
 _OBLIQUE = 1.6
 """A shaft that enters at 50 degrees is this much wider along the border than across its axis."""
 
@@ -196,7 +198,10 @@ class FineTracer:
                 f"longer than max_gap_px = {settings.max_gap_px:g}"
             )
             score *= 0.2
-        elif end == END_BORDER and drop == 0.0:
+        elif (end == END_BORDER and gap <= settings.max_gap_px) or (
+            abs(drop) < _CLEAR_TIP * typical and self._beside_border(last_u, last_v, diameter)
+        ):
+            # what ends so near to the border may as well be a ring, with the rest of the shaft outside
             status = Status.CUT_OFF
             side = self._side_near(last_u, last_v)
             detail = f"the catheter leaves the picture at the {side}, near {where}, before its tip is seen"
@@ -210,6 +215,10 @@ class FineTracer:
         if wrong and settings.diameter_px:
             return f"what enters {place} is {wrong:.1f} px wide, the catheter is {settings.diameter_px:.1f} px"
         return f"nothing {kind} with two parallel flanks enters {place}"
+
+    def _beside_border(self, u: float, v: float, diameter: float) -> bool:
+        u0, v0, u1, v1 = self._area
+        return min(u - u0, v - v0, u1 - 1 - u, v1 - 1 - v) < diameter + 2.0
 
     def _side_near(self, u: float, v: float) -> str:
         u0, v0, u1, v1 = self._area

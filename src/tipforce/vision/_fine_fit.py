@@ -185,7 +185,13 @@ def tip_place(
 
 @fast
 def resample(
-    coefficients: np.ndarray, intervals: int, length: float, first: float, last: float, work: np.ndarray, out: np.ndarray
+    coefficients: np.ndarray,
+    intervals: int,
+    length: float,
+    first: float,
+    last: float,
+    work: np.ndarray,
+    out: np.ndarray,
 ) -> float:
     """``out`` (n, 2): points of the spline from ``first`` to ``last``, uniform in arc length; returns that length."""
     n = out.shape[0]

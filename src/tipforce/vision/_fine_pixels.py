@@ -15,6 +15,7 @@ __all__ = ["edge_near", "fast", "grey_at", "grey_between", "measure_pair"]
 
 _HERE = Path(__file__).parent
 
+
 def fast(function: Callable[..., Any]) -> Any:
     """Compile a hot loop; what was compiled is kept on disk between runs.
 
@@ -22,7 +23,7 @@ def fast(function: Callable[..., Any]) -> Any:
     a stamp over all files of `fine` makes a change in any of them count.
     """
     compiled: Any = njit(cache=True, fastmath=True, nogil=True, error_model="numpy")(function)
-    kept = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+    kept: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if hasattr(kept, "_source_stamp"):
         kept._source_stamp = tuple((f.name, f.stat().st_mtime_ns) for f in sorted(_HERE.glob("_fine*.py")))
     return compiled
@@ -33,7 +34,7 @@ _RED, _GREEN, _BLUE = 77, 150, 29
 
 
 @fast
-def _grey256(pixels: np.ndarray, channels: int, i: int) -> int:
+def _grey256(pixels: np.ndarray, channels: int, i: int) -> Any:
     # unsigned places spare the compiler its test for negative ones, in the innermost loop of all
     at = np.uint64(i)
     if channels == 1:

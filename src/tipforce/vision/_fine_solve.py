@@ -6,7 +6,7 @@ import numpy as np
 
 from ._fine_fit import fit_spline, resample, spline_at, tip_place
 from ._fine_pixels import fast
-from ._fine_trace import END_BORDER, END_LOST, END_SHORT, trace_shaft
+from ._fine_trace import END_LOST, END_SHORT, trace_shaft
 
 __all__ = ["RESULT_SIZE", "WORK_SIZE", "solve_shaft"]
 
@@ -102,6 +102,4 @@ def solve_shaft(
     result[9] = points[0, 1]
     result[10] = math.atan2(sv, su)
     result[11] = rms
-    if end == END_BORDER and drop != 0.0:
-        end = 0
     return n, end

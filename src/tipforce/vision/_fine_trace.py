@@ -46,7 +46,8 @@ def trace_shaft(
 
     ``fixed_width`` > 0: the known diameter. ``stations`` (k, 6) receives u, v, arc length, width, weight and kind
     (1 shaft, 2 other grey levels, 3 taper). ``report``: width of the shaft, contrast, arc length of the last station,
-    length of the gap (END_LOST), arc length without flanks. Returns (stations, way it ended).
+    the inside's grey level times ``sign`` (set it before), length of the gap (END_LOST) or of shaft unseen before the
+    border (END_BORDER), arc length without flanks. Returns (stations, way it ended).
     """
     u, v = entry_u, entry_v
     angle, bend = heading, 0.0
@@ -88,6 +89,7 @@ def trace_shaft(
         turned = angle + bend * h
         if pu < box[0] or pv < box[1] or pu > box[2] - 1.0 or pv > box[3] - 1.0:
             end = END_BORDER
+            report[4] = gap
             break
         s += h
         nu, nv = -math.sin(turned), math.cos(turned)
@@ -120,9 +122,14 @@ def trace_shaft(
         elif min(abs(left_drop), abs(right_drop)) > max(10.0, 0.1 * typical) and strange < 0.1:
             # other grey levels than the shaft's, but parallel flanks in their place: metal
             kind = 2
-        if kind > 0 and gap > 0.0 and hits > 3 and (
-            strange > (0.28 if gap <= max_gap else 0.14)
-            or (strange > 0.1 and min(abs(left_drop), abs(right_drop)) < 0.35 * typical)
+        if (
+            kind > 0
+            and gap > 0.0
+            and hits > 3
+            and (
+                strange > (0.28 if gap <= max_gap else 0.14)
+                or (strange > 0.1 and min(abs(left_drop), abs(right_drop)) < 0.35 * typical)
+            )
         ):
             kind = 0
         elif kind > 0 and hits > 6 and strange > 0.14 and min(abs(left_drop), abs(right_drop)) < 0.5 * typical:
@@ -147,7 +154,8 @@ def trace_shaft(
                 s -= h
                 continue
             u, v, angle = pu, pv, turned
-            bend *= 1.0 - min(0.5, 0.25 * h / half)
+            if gap > max_gap:
+                bend *= 1.0 - min(0.5, 0.25 * h / half)
             if gap == 0.0:
                 if taper_from < 0.0 and wide_n > 3.0:
                     half = 0.5 * wide_sum / wide_n
@@ -157,7 +165,10 @@ def trace_shaft(
                 empty = 0
             gap += h
             streak = 0
-            if sign * grey_between(pixels, row, channels, min(u, box[2] - 1.001), min(v, box[3] - 1.001)) > report[3] - 0.5 * typical:
+            if (
+                sign * grey_between(pixels, row, channels, min(u, box[2] - 1.001), min(v, box[3] - 1.001))
+                > report[3] - 0.5 * typical
+            ):
                 occupied += 1
             else:
                 empty += 1
@@ -252,6 +263,12 @@ def trace_shaft(
                 streak = 0
     if gap > 0.0:
         n = kept
+    # a few pale pairs behind the shaft's end are its shadow or the ground, not metal
+    solid = n
+    while solid > 0 and stations[solid - 1, 5] == 2.0:
+        solid -= 1
+    if solid > 0 and end == END_TIP and stations[n - 1, 2] - stations[solid - 1, 2] < 1.9 * half:
+        n = solid
     if n < 4:
         end = END_SHORT
     # arc length along the measured centres: the first, slanted steps were longer than they were meant to be

@@ -1,8 +1,11 @@
 """Finding once, on the first frames, what the settings leave open."""
 
+import math
 import statistics
 from collections.abc import Iterable
 from itertools import islice, product
+
+import numpy as np
 
 from ..errors import InputError
 from ..types import Image, Status
@@ -27,6 +30,22 @@ def is_settled(settings: VisionSettings) -> bool:
     )
 
 
+def _noise(image: Image) -> float:
+    """Standard deviation of the grey level's noise, from second differences along every eighth row."""
+    rows = image[::8].astype(np.float64)
+    grey = rows if rows.ndim == 2 else rows @ np.array([0.299, 0.587, 0.114])
+    return float(np.median(np.abs(np.diff(grey, n=2, axis=1)))) / (0.6745 * math.sqrt(6.0))
+
+
+def _convincing(trace: Trace, noise: float) -> bool:
+    # while the diameter is open, chance pairs of edges in noise pass for a stubby shaft
+    if trace.contrast < 2.0 * noise:
+        return False
+    return (
+        trace.status is Status.VALID and trace.length_px > max(5.0 * trace.diameter_px, 24.0) and trace.confidence > 0.6
+    )
+
+
 def settle(settings: VisionSettings, images: Iterable[Image]) -> VisionSettings:
     """``settings`` with polarity, base side, threshold and diameter fixed on the first few of ``images``.
 
@@ -38,6 +57,7 @@ def settle(settings: VisionSettings, images: Iterable[Image]) -> VisionSettings:
     frames = list(islice(images, _FRAMES))
     if not frames:
         raise InputError("there is no frame to settle the vision settings on; give at least one")
+    noise = [_noise(frame) for frame in frames]
     sides = _SIDES if settings.base_side == "auto" else (settings.base_side,)
     polarities = _POLARITIES if settings.polarity == "auto" else (settings.polarity,)
     best: tuple[float, VisionSettings, list[Trace]] | None = None
@@ -46,7 +66,7 @@ def settle(settings: VisionSettings, images: Iterable[Image]) -> VisionSettings:
         tried = settings.model_copy(update={"base_side": side, "polarity": polarity})
         tracer = FineTracer(tried)
         looks = [tracer.look(frame) for frame in frames]
-        valid = [trace for trace, _ in looks if trace is not None and trace.status is Status.VALID]
+        valid = [trace for (trace, _), n in zip(looks, noise, strict=True) if trace and _convincing(trace, n)]
         reasons += [trace.detail if trace else why for trace, why in looks[:1]]
         # of two shafts that end inside the picture the stouter, clearer one is the catheter, the other a cable
         score = sum(
