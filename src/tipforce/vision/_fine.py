@@ -22,7 +22,8 @@ __all__ = ["FineTracer", "Trace", "base_line"]
 
 Side = tuple[float, float, float, float, int, int, float]
 
-_DEPTHS = (0, 4, 8, 12, 18)
+_PASSES = ((0, 1), (4, 1), (8, 1), (12, 1), (18, 1))
+"""How far inside the base line entries are looked for, and every how many pixels along it."""
 _MAX_TRACED = 6
 _CLEAR_TIP = 0.35
 """Beside the border only a drop of this share of the shaft's contrast is taken for its tip."""
@@ -132,20 +133,25 @@ class FineTracer:
         best: Trace | None = None
         wrong = 0.0
         depth_limit = self._depth(region, start)
-        for depth in _DEPTHS:
+        # a stout shaft is not overlooked by reading every second pixel only; what fails is looked for in all of them
+        coarse = min(4, max(1, int(known / 6.0)))
+        passes = _PASSES if coarse == 1 else ((0, coarse), *_PASSES)
+        for depth, every in passes:
             if depth > depth_limit:
                 break
-            self._start[:] = start
-            self._start[0] += start[5] * depth
-            self._start[1] += start[6] * depth
+            self._start[:] = (
+                start[0] + start[5] * depth, start[1] + start[6] * depth, start[2] * every, start[3] * every,
+                n_line // every, start[5], start[6],
+            )  # fmt: skip
             count = find_entries(
                 pixels, row, channels, self._start, sign, low if known == 0.0 else 2.0,
-                high, threshold, 12.0, self._line, self._slope, self._edges, self._entries,
+                high / every, threshold, 12.0, self._line, self._slope, self._edges, self._entries,
             )  # fmt: skip
             traced = 0
             for k in range(count):
-                at, width, contrast, inside = self._entries[k]
-                if width < low:
+                at, width, contrast, inside = self._entries[k].tolist()
+                width *= every
+                if width < low - every + 1:
                     wrong = wrong or width
                     continue
                 if traced == _MAX_TRACED:
