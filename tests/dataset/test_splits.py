@@ -95,7 +95,7 @@ def test_splits_that_cannot_be_made_say_why(make_folder: Make) -> None:
         random_folds(small, 4)
     with pytest.raises(InputError, match="session s0 has 3 samples, too few for 4 blocks"):
         blocked_folds(small, 4)
-    with pytest.raises(InputError, match=r"with a gap of 9 s around the held-out blocks no sample is left"):
+    with pytest.raises(InputError, match=r"leave none to train on once blocks are held out with a gap of 9 s"):
         blocked_folds(small, 3, gap_s=9)
     with pytest.raises(InputError, match="between 0 and 1, got 1"):
         random_split(small, 1.0)

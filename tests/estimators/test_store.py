@@ -121,7 +121,7 @@ def cut(name: str) -> Callable[[Path], None]:
         (lambda f: os.remove(f / "arrays.npz"), r"the file arrays\.npz is missing"),
         (cut("arrays.npz"), r"arrays\.npz: was altered after it was saved"),
         (cut("model.json"), r"model\.json: is damaged"),
-        (edit(format_version=2), r"format version 2, this program reads up to 1; update it"),
+        (edit(format_version=2), r"format version 2, this program reads up to 1; update tipforce"),
         (edit(method="oracle"), r"made by the method 'oracle', this program has svr"),
         (edit(settings={"kernel": "cubic"}), r"does not fit the method svr"),
         (edit(state={}), r"does not fit the method svr"),

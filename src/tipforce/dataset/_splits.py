@@ -155,7 +155,10 @@ def _blocked(dataset: Dataset, name: str, held: list[tuple[IntArray, IntArray]],
         train.append(rows[(away > gap_s * 1e9) & ~np.isin(rows, test)])
     kept = np.concatenate(train)
     if not len(kept):
-        raise InputError(f"{dataset.title}: with a gap of {gap_s:g} s around the held-out blocks no sample is left")
+        raise InputError(
+            f"{dataset.title}: its {len(dataset)} samples leave none to train on once blocks are held out with a "
+            f"gap of {gap_s:g} s; record longer sessions, or use --protocol random"
+        )
     return Split(name, np.sort(kept), np.sort(np.concatenate([test for _, test in held])))
 
 

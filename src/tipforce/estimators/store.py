@@ -158,15 +158,15 @@ def read_manifest(folder: str | Path) -> dict[str, Any]:
         raise ModelError(f"{path}: is damaged; train the model again or copy the whole folder") from None
     if not isinstance(found, int) or found > FORMAT_VERSION:
         raise ModelError(
-            f"{path}: has the format version {found}, this program reads up to {FORMAT_VERSION}; update it with "
-            "`pip install -U tipforce`"
+            f"{path}: has the format version {found}, this program reads up to {FORMAT_VERSION}; update "
+            f"tipforce (this is {version('tipforce')}) or train the model again"
         )
     if needed:
         raise ModelError(f"{path}: lacks {', '.join(sorted(needed))}; train the model again or copy the whole folder")
     if manifest["method"] not in ESTIMATORS:
         raise ModelError(
             f"{path}: was made by the method {manifest['method']!r}, this program has {', '.join(ESTIMATORS)}; update "
-            "it with `pip install -U tipforce`"
+            "tipforce, or train the model with a method that is there"
         )
     return manifest
 
