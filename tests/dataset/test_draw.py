@@ -7,7 +7,7 @@ from tipforce.dataset import Dataset, draw, leave_out
 from tipforce.errors import InputError
 
 
-@pytest.fixture()
+@pytest.fixture
 def three_sessions() -> Dataset:
     session = np.repeat(["a", "b", "c"], 10)
     return Dataset(

@@ -86,7 +86,7 @@ def test_a_force_of_the_wrong_sign_is_noticed() -> None:
 
 
 def test_bend_and_levers_are_those_of_the_rod() -> None:
-    """A cantilever under a small force across its end: curvature F (l - s) / EI, so L1 = G / EI."""
+    """A cantilever under a small force across its end: curvature F (l - s) / EI, so B = G / EI."""
     length, stiffness, force = 200.0, 5e5, 0.8
     s = np.linspace(0, length, 65)
     slope = force * (length * s - s**2 / 2) / stiffness
@@ -94,7 +94,7 @@ def test_bend_and_levers_are_those_of_the_rod() -> None:
     base = BasePose(np.array([10.0, 300.0]), 0.3)
     seen = Sighting(Status.VALID, centreline=CentrelinePx(base.to_image(points)), base=base)
     (bend, across, along), lost = shape_coordinates([seen, Sighting(Status.NO_CATHETER)])
-    assert bend == pytest.approx(along * force * length / 2 / stiffness, rel=0.01)
+    assert bend == pytest.approx(along * force * length / stiffness, rel=0.01)
     assert abs(across) < 0.05 * along
     assert np.isnan(lost).all()
 

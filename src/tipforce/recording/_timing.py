@@ -3,13 +3,16 @@
 An elastic shaft takes its shape at once: shape and force belong to the same instant, friction and contact or not. The
 bending moment at s is the lever from s to the tip times the force, and both lever and bend are in the picture. So
 
-    L1 = c0 + c1 G + c2 G^2 + c3 G^3,    G(t) = 3/4 integral (1 - u^2) [lever(u) x F(t)]_z du,
+    B = c0 + c1 G + c2 G^2 + c3 G^3,    B = integral w(s) dtheta,    G(t) = integral w(s) [lever(s) x F(t)]_z ds,
 
-with L1 the first Legendre coefficient of the tangent angle over arc length u in -1..1 (the integral follows from
-integrating L1's definition by parts), and c's that hold the unknown stiffness. The force is shifted by trial offsets;
-the most likely one leaves the smallest residual. A free regression on both components of the force is worse by
-milliseconds: friction goes with the wall's velocity, so its coefficient can stand for a shift in time. Physics binds
-the two components, up to an error of the sensor's angle that is fitted with a prior of two degrees.
+with theta the shaft's angle, w a bell over the part that bends and c's that hold the unknown stiffness. The force is
+shifted by trial offsets; the most likely one leaves the smallest residual. A free regression on both components of the
+force is worse by milliseconds: friction goes with the wall's velocity, so its coefficient can stand for a shift in
+time. Physics binds the two components, up to an error of the sensor's angle that is fitted with a prior of two degrees.
+
+The bell keeps out what is seen badly: w and its slope vanish at both ends, so no single point of the centreline counts
+for much, and the dome, where one flank turns into the other, does not count at all but for the lever. The levers are
+turned by one angle for all pictures, for the seen base turns with the bend and the sensor does not.
 
 The motion of the wall would not do at all: it leads the force by the tissue's loss angle. A drift of 20 ppm between
 the clocks is 1.2 ms in 60 s and is left alone; in a recording of many minutes the offset is the one of its middle.
@@ -23,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 
-from ..types import FloatArray, IntArray
+from ..types import BasePose, FloatArray, IntArray
 from ..vision import Sighting
 from ._facts import ClockOffset
 
@@ -38,28 +41,41 @@ _REPLICATES = 100
 _MIN_EXPLAINED = 0.3
 _MAX_STDERR_MS = 5.0
 _RIVAL_S = 0.025
+_DEGREE, _OTHER_DEGREES = 3, (2, 5)
+"""Of the elastic law; what others would give tells how much the answer hangs on that choice."""
+_FLOOR_MS = 0.5
+"""Left with exact centrelines: the force acts at the side of the tip, stiffness grows with curvature, the tare drifts."""
+_SEEN_WELL = 0.9
+"""Of the shaft's length: the rest is the dome, seen five times worse."""
 _ANGLE_PRIOR = math.tan(math.radians(2.0))
 _MAX_TURN_DEG, _FREE_GAIN = 10.0, 0.7
 """The stated angle is taken for wrong where another, further off than this, leaves less than this share unexplained."""
 
 
 def shape_coordinates(sightings: Sequence[Sighting], *, flexible_share: float = 1.0) -> FloatArray:
-    """(n, 3): L1 in rad, and what multiplies the force's x and y in G, in pixels; NaN where nothing was found.
+    """(n, 3): B in rad, and what multiplies the force's x and y in G, in pixels; NaN where nothing was found.
 
-    ``flexible_share``: of the visible length, from the base; a rigid tip does not bend.
+    ``flexible_share``: of the visible length, from the base; a rigid tip does not bend. The base frame's direction is
+    the median one.
     """
     rows = np.full((len(sightings), 3), math.nan)
+    turns = np.array([np.exp(1j * sighting.base.angle_rad) for sighting in sightings if sighting.base is not None])
+    if turns.size == 0:
+        return rows
+    middle = complex(turns.mean())
+    angle_rad = float(np.angle(middle) + np.median(np.angle(turns * middle.conjugate())))
+    end = min(flexible_share, _SEEN_WELL)
     for place, sighting in enumerate(sightings):
         if sighting.centreline is None or sighting.base is None:
             continue
-        points = sighting.base.to_base(sighting.centreline.points)
+        points = BasePose(sighting.base.origin_px, angle_rad).to_base(sighting.centreline.points)
         steps = np.diff(points, axis=0)
         angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-        u = np.linspace(-1.0, 1.0, len(points))
-        middle = 0.5 * (u[1:] + u[:-1])
-        weight = 0.75 * (1.0 - u**2) * (u <= 2.0 * flexible_share - 1.0) * (u[1] - u[0])
-        lever = points[-1] - points
-        rows[place] = np.sum(angle * middle) / np.sum(middle**2), -(weight @ lever[:, 1]), weight @ lever[:, 0]
+        share = np.linspace(0.0, 1.0, len(points))
+        bell = (1.0 - np.minimum((2.0 * share / end - 1.0) ** 2, 1.0)) ** 2
+        lever = (points[-1] - points) * share[1]
+        # by parts: angles are smoother than their differences
+        rows[place] = -(np.diff(bell) @ angle), -(bell @ lever[:, 1]), bell @ lever[:, 0]
     return rows
 
 
@@ -69,8 +85,8 @@ def estimate_offset(
     """The offset within +-``window_s`` at which force and deflection belong together best.
 
     ``frame_ns`` (n,), ``coordinates`` (n, 3) of `shape_coordinates`, rows with NaN are left out; ``force_ns`` (m,),
-    ``force_n`` (m, 2 or more): x and y in the base frame as far as it is known, tared. The standard error comes from a
-    bootstrap over blocks of a second. ``how="refused"`` with the reason where the offset cannot be told.
+    ``force_n`` (m, 2 or more): x and y in the base frame as far as it is known, tared. The standard error holds the
+    scatter of a bootstrap over blocks of a second, what another elastic law would change, and half a millisecond. ``how="refused"`` with the reason where the offset cannot be told.
     """
     steps = round(window_s / _STEP_S)
     shifts = np.arange(-steps, steps + 1, dtype=np.float64) * _STEP_S
@@ -104,8 +120,14 @@ def estimate_offset(
     verdict = _judge(fit, shifts, fit.best(), fit.explained(fit.best()), window_s)
     if verdict.how == "refused":
         return verdict
-    fine = np.arange(-8, 9, dtype=np.float64) * 1e-3 + fit.best()  # the coarse parabola is off by tenths of one
-    return replace(verdict, offset_ns=round(_Fit(data, fine, penalty, bound=False).best() * 1e9), detail=note)
+    fine = np.arange(-16, 17, dtype=np.float64) * 1e-3 + fit.best()  # the coarse parabola is off by tenths of one
+    best_s = _Fit(data, fine, penalty, bound=False).best()
+    others = [_Fit(data, fine, penalty, bound=False, degree=degree).best() for degree in _OTHER_DEGREES]
+    law_ms = 0.5e3 * float(np.ptp([best_s, *others]))
+    stderr_ms = math.hypot(verdict.stderr_ms, law_ms, _FLOOR_MS)
+    if stderr_ms > _MAX_STDERR_MS:
+        return _refused(_doubtful(best_s, stderr_ms), verdict.explained)
+    return replace(verdict, offset_ns=round(best_s * 1e9), stderr_ms=stderr_ms, detail=note)
 
 
 class _Force:
@@ -141,14 +163,14 @@ class _Data:
         size = np.linalg.norm(self.force.at(self.time), axis=0)
         return size >= np.median(size)
 
-    def terms(self, shifts: FloatArray, rows: npt.NDArray[np.bool_] | slice, *, bound: bool) -> FloatArray:
-        """(shifts, n, terms): 1, G, G^2, G^3 and, unless ``bound``, what G gains when the sensor turns."""
+    def terms(self, shifts: FloatArray, rows: npt.NDArray[np.bool_] | slice, *, bound: bool, degree: int) -> FloatArray:
+        """(shifts, n, terms): 1, G, G^2 ... and, unless ``bound``, what G gains when the sensor turns."""
         # a force stamp is the frame's time minus the offset
         x, y = self.force.at(self.time[rows] - shifts[:, None])
         across, along = self.coordinates[rows, 1], self.coordinates[rows, 2]
         unit = max(float(np.std(self.force.at(self.time), axis=1).max() * np.abs(self.coordinates[:, 1:]).max()), 1e-12)
         lever = (across * x + along * y) / unit
-        columns = [np.ones_like(lever), lever, lever**2, lever**3]
+        columns = [lever**power for power in range(degree + 1)]
         if not bound:
             columns.append((along * x - across * y) / unit)
         return np.stack(columns, axis=-1)
@@ -157,8 +179,8 @@ class _Data:
 class _Fit:
     """Sums of the regression, block by block, for every trial shift: all that profile and bootstrap need."""
 
-    def __init__(self, data: _Data, shifts: FloatArray, penalty: float, *, bound: bool) -> None:
-        self._data, self._shifts, self._penalty, self._bound = data, shifts, penalty, bound
+    def __init__(self, data: _Data, shifts: FloatArray, penalty: float, *, bound: bool, degree: int = _DEGREE) -> None:
+        self._data, self._shifts, self._penalty, self._bound, self._degree = data, shifts, penalty, bound, degree
         self._c = data.coordinates[:, 0] - data.coordinates[:, 0].mean()
         numbers, self._block = np.unique(data.blocks, return_inverse=True)
         self.count = len(numbers)
@@ -166,7 +188,7 @@ class _Fit:
         xc: list[FloatArray] = []
         for number in range(self.count):
             here = self._block == number
-            x = data.terms(shifts, here, bound=bound)
+            x = data.terms(shifts, here, bound=bound, degree=degree)
             xx.append(np.swapaxes(x, 1, 2) @ x)
             xc.append(np.swapaxes(x, 1, 2) @ self._c[here])
         self._xx, self._xc = np.array(xx), np.array(xc)
@@ -191,19 +213,19 @@ class _Fit:
         return float(_peak(self._shifts, self.profile(np.ones((1, self.count))))[0])
 
     def _solve(self, shift: float) -> tuple[FloatArray, FloatArray]:
-        x = self._data.terms(np.array([shift]), slice(None), bound=self._bound)[0]
+        x = self._data.terms(np.array([shift]), slice(None), bound=self._bound, degree=self._degree)[0]
         xx = x.T @ x + 1e-9 * np.eye(x.shape[1])
         if not self._bound:
             xx[-1, -1] += self._penalty
         return x, np.linalg.solve(xx, x.T @ self._c)
 
     def residuals(self, shift: float) -> FloatArray:
-        """(n,): L1 that is left unexplained, rad."""
+        """(n,): bend that is left unexplained, rad."""
         x, solved = self._solve(shift)
         return self._c - x @ solved
 
     def explained(self, shift: float) -> float:
-        """Share of L1's variance that the force explains."""
+        """Share of the bend's variance that the force explains."""
         return float(1.0 - self.residuals(shift).var() / max(float(self._c.var()), 1e-30))
 
     def unexplained(self) -> float:
@@ -211,10 +233,10 @@ class _Fit:
         return float(self.residuals(self.best()).var())
 
     def slope(self, shift: float) -> float:
-        """Sign and size of dL1/dG where the force is usual: positive for a real shaft."""
+        """Sign and size of dB/dG where the force is usual: positive for a real shaft."""
         x, solved = self._solve(shift)
         lever = float(np.median(x[:, 1]))
-        return float(solved[1] + 2 * solved[2] * lever + 3 * solved[3] * lever**2)
+        return float(np.polynomial.Polynomial(solved[: self._degree + 1]).deriv()(lever))
 
     def angle(self, shift: float) -> float:
         """By how much the sensor seems turned, rad; of a fit that is not bound."""
@@ -265,11 +287,12 @@ def _judge(fit: _Fit, shifts: FloatArray, best: float, explained: float, window_
         )
     stderr_ms = 1e3 * float(np.std(places[~apart]))
     if stderr_ms > _MAX_STDERR_MS:
-        return _refused(
-            f"{1e3 * best:.0f} ms fits best, but only to +-{stderr_ms:.0f} ms (standard error): too little motion",
-            explained,
-        )
+        return _refused(_doubtful(best, stderr_ms), explained)
     return ClockOffset(round(best * 1e9), "estimated", stderr_ms, explained)
+
+
+def _doubtful(best_s: float, stderr_ms: float) -> str:
+    return f"{1e3 * best_s:.0f} ms fits best, but only to +-{stderr_ms:.0f} ms (standard error): too little motion"
 
 
 def _refused(reason: str, explained: float = math.nan) -> ClockOffset:
