@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -107,7 +109,7 @@ def test_bend_and_levers_are_those_of_the_rod() -> None:
         ({"noise": 5.0}, "too little"),
     ],
 )
-def test_an_offset_that_cannot_be_told_is_refused(change: dict[str, float], said: str) -> None:
+def test_an_offset_that_cannot_be_told_is_refused(change: dict[str, Any], said: str) -> None:
     found = estimate_offset(*elastic(0.03, **change))
     assert (found.how, found.offset_ns) == ("refused", 0)
     assert said in found.detail

@@ -44,7 +44,7 @@ _RIVAL_S = 0.025
 _DEGREE, _OTHER_DEGREES = 3, (2, 5)
 """Of the elastic law; what others would give tells how much the answer hangs on that choice."""
 _FLOOR_MS = 0.5
-"""Left with exact centrelines: the force acts at the side of the tip, stiffness grows with curvature, the tare drifts."""
+"""Left with exact centrelines: the force acts beside the tip, stiffness grows with curvature, the tare drifts."""
 _SEEN_WELL = 0.9
 """Of the shaft's length: the rest is the dome, seen five times worse."""
 _ANGLE_PRIOR = math.tan(math.radians(2.0))
@@ -86,7 +86,8 @@ def estimate_offset(
 
     ``frame_ns`` (n,), ``coordinates`` (n, 3) of `shape_coordinates`, rows with NaN are left out; ``force_ns`` (m,),
     ``force_n`` (m, 2 or more): x and y in the base frame as far as it is known, tared. The standard error holds the
-    scatter of a bootstrap over blocks of a second, what another elastic law would change, and half a millisecond. ``how="refused"`` with the reason where the offset cannot be told.
+    scatter of a bootstrap over blocks of a second, what another elastic law would change, and half a millisecond.
+    ``how="refused"`` with the reason where the offset cannot be told.
     """
     steps = round(window_s / _STEP_S)
     shifts = np.arange(-steps, steps + 1, dtype=np.float64) * _STEP_S
