@@ -1,0 +1,48 @@
+"""The slow proofs, run by `make prove`: the scripts of bench/ as a person runs them, held to their targets."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.slow
+
+
+def run(script: str, *options: str) -> str:
+    """What a script of bench/ prints; its failure is the test's."""
+    command = [sys.executable, str(ROOT / "bench" / script), *options]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
+def test_a_thousand_tubes_are_found_within_hundredths_of_a_pixel(tmp_path: Path) -> None:
+    figures = tmp_path / "accuracy.json"
+    run("vision_accuracy.py", "--frames", "1000", "--hard", "0", "--json", str(figures))
+    standard = json.loads(figures.read_text())["standard"]
+    assert standard["frames"] == 1000
+    assert standard["lost"] == 0
+    assert standard["wrong"] == 0
+    assert standard["median_px"] <= 0.07
+    assert standard["worst_frame_px"] < 0.3
+    assert standard["tip_worst_px"] < 1.0
+
+
+def test_a_kill_costs_a_recording_less_than_a_second_and_an_import_nothing() -> None:
+    text = run("kill_recording.py", "--times", "20")
+    worst = re.search(r"worst loss: ([0-9.]+) s", text)
+    assert worst is not None
+    assert float(worst[1]) < 1.0
+    again = re.findall(r"(\d+)/480 frames, (\d+)/20000 readings", text)
+    assert again
+    assert set(again) == {("480", "20000")}
+
+
+def test_the_clock_offset_is_found_within_three_milliseconds_or_refused() -> None:
+    text = run("clock_offset.py", "--count", "8", "--seed", "0")
+    refused, total, worst = re.search(r"(\d+) of (\d+) refused;.*worst ([0-9.]+) ms", text).groups()  # type: ignore[union-attr]
+    assert int(total) == 40
+    assert int(refused) <= 5
+    assert float(worst) <= 3.0
