@@ -26,7 +26,7 @@ def test_a_thousand_tubes_are_found_within_hundredths_of_a_pixel(tmp_path: Path)
     assert standard["lost"] == 0
     assert standard["wrong"] == 0
     assert standard["median_px"] <= 0.07
-    assert standard["worst_frame_px"] < 0.3
+    assert standard["worst_point_px"] < 0.3
     assert standard["tip_worst_px"] < 1.0
 
 
