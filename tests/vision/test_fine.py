@@ -56,7 +56,7 @@ def test_settled_on_one_frame_it_finds_others_within_a_tenth_of_a_pixel(side: st
         tube = drawn(seed, side, light)
         median, worst, tip = errors(vision.see(tube.image), tube)
         assert median < 0.07
-        assert worst < 0.6
+        assert worst < 0.3
         assert tip < 1.0
 
 

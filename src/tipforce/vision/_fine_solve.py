@@ -4,13 +4,15 @@ import math
 
 import numpy as np
 
-from ._fine_fit import fit_spline, resample, spline_at, tip_place
+from ._fine_fit import fit_spline, measure_ends, resample, spline_at, tip_place
 from ._fine_pixels import fast
 from ._fine_trace import END_LOST, END_SHORT, trace_shaft
 
 __all__ = ["RESULT_SIZE", "WORK_SIZE", "solve_shaft"]
 
-WORK_SIZE = 728 + 1200
+_STRAIGHT = 0.7
+"""Radii before the tip from which on the axis is straight: a compromise of round tips (1) and flat ones (0)."""
+WORK_SIZE = 728 + 1200 + 32
 
 RESULT_SIZE = 16
 """Stations, diameter, contrast, level, gap, blind length, length, drop at the tip, base u, v, angle, rms, last u, v."""
@@ -62,12 +64,21 @@ def solve_shaft(
     ahead = half + max(0.5 * half, 1.25) + 2.5
     length = last + ahead + 6.0
     intervals = int(min(max(length / max(1.2 * diameter, 8.0), 6.0), 80.0))
-    rms = fit_spline(stations, n, length, intervals, 0.05, 2, coefficients, band, weights)
+    for i in range(n):
+        weights[i] = stations[i, 4]
+    fit_spline(stations, n, length, intervals, 0.05, coefficients, band, weights)
     tip, drop = tip_place(
         pixels, row, channels, box, sign, coefficients, intervals, length, last, half, ahead, typical, scratch
     )
     if end == END_LOST:
         tip = last
+    more = measure_ends(
+        pixels, row, channels, box, sign, coefficients, intervals, length, tip if drop > 0.0 else last + 0.5 * half,
+        half, heading, max(8.0, 0.25 * typical), scratch, stations, n,
+    )  # fmt: skip
+    for i in range(n, more):
+        weights[i] = stations[i, 4]
+    rms = fit_spline(stations, more, length, intervals, 0.05, coefficients, band, weights)
     # back to the base line, straight along the first tangent
     u, v, du, dv = spline_at(coefficients, intervals, length, 0.0)
     inward_u, inward_v = math.cos(heading), math.sin(heading)
@@ -75,7 +86,9 @@ def solve_shaft(
     inside = (u - entry_u) * inward_u + (v - entry_v) * inward_v + depth
     first = -inside / rate if rate > 0.3 else 0.0
     first = min(max(first, -depth - 3.0), 3.0)
-    total = resample(coefficients, intervals, length, first, tip, lengths, points)
+    total = resample(
+        coefficients, intervals, length, first, tip, tip - _STRAIGHT * half if drop > 0.0 else tip, lengths, points
+    )
     # the base tangent: the line through the first part of the shaft, as thesis algorithm 1 has it
     reach = min(base_length, 0.25 * total)
     m = 0

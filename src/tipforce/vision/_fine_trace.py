@@ -73,6 +73,7 @@ def trace_shaft(
     end = END_TIP
     wide_sum = 0.0
     wide_n = 0.0
+    along_border = 0
     while n < stations.shape[0]:
         starting = hits < 3
         if n == 0 and gap == 0.0:
@@ -211,6 +212,9 @@ def trace_shaft(
         stations[n, 3] = wide
         stations[n, 4] = weight * 0.05
         stations[n, 5] = kind
+        if n == along_border and nu == line_u and nv == line_v:
+            stations[n, 3] = wide / slant
+            along_border += 1
         n += 1
         hits += 1
         u = pu + place_gain * off / slant * nu
@@ -277,8 +281,14 @@ def trace_shaft(
             stations[i, 0] - stations[i - 1, 0], stations[i, 1] - stations[i - 1, 1]
         )
     report[0] = wide_sum / wide_n if wide_n > 0.0 else 2.0 * half
-    # the first stations were weighed before the width was known
-    for i in range(min(n, 6)):
+    # the first stations were weighed before width and direction were known
+    if n > 0 and along_border > 0:
+        far = min(n - 1, max(along_border, 4))
+        run_u, run_v = stations[far, 0] - stations[0, 0], stations[far, 1] - stations[0, 1]
+        upright = abs(line_v * run_u - line_u * run_v) / max(math.hypot(run_u, run_v), 1e-6)
+        for i in range(min(n, along_border)):
+            stations[i, 3] *= upright
+    for i in range(min(n, max(6, along_border))):
         stations[i, 4] = 0.05 / (0.05 + (0.5 * (stations[i, 3] - report[0])) ** 2) * (0.6 if i < 3 else 1.0)
     report[1] = typical
     report[2] = stations[n - 1, 2] if n > 0 else 0.0
