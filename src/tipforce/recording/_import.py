@@ -144,7 +144,7 @@ class _Seen:
 
     @property
     def coordinates(self) -> FloatArray:
-        """(n, 3) shape coordinates of the frames so far."""
+        """(n, 4) shape coordinates of the frames so far."""
         catheter, share = self._source.context.catheter, 1.0
         if catheter.flexible_length_m and catheter.rigid_length_m:
             share = catheter.flexible_length_m / (catheter.flexible_length_m + catheter.rigid_length_m)

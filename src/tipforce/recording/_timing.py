@@ -12,7 +12,8 @@ time. Physics binds the two components, up to an error of the sensor's angle tha
 
 The bell keeps out what is seen badly: w and its slope vanish at both ends, so no single point of the centreline counts
 for much, and the dome, where one flank turns into the other, does not count at all but for the lever. The levers are
-turned by one angle for all pictures, for the seen base turns with the bend and the sensor does not.
+turned by one angle for all pictures, for the seen base turns with the bend and the sensor does not. They end where a
+ball of the shaft's diameter touches a wall that lies across the mean force.
 
 The motion of the wall would not do at all: it leads the force by the tissue's loss angle. A drift of 20 ppm between
 the clocks is 1.2 ms in 60 s and is left alone; in a recording of many minutes the offset is the one of its middle.
@@ -33,8 +34,10 @@ from ._facts import ClockOffset
 __all__ = ["estimate_offset", "shape_coordinates"]
 
 _STEP_S = 4e-3
-_SMOOTH_S = 4e-3
-"""Standard deviation of the force's low-pass: symmetric, so it moves nothing in time; about an exposure's."""
+_SMOOTH_S = 10e-3
+"""Standard deviation of the force's low-pass: symmetric, so it moves nothing in time. The force's noise pulls the
+answer late (3 mN and steps of 5 mN at 1 kHz: by 0.7 ms with 2 ms, 0.3 with 4); 24 ms round off touch and release.
+"""
 _BLOCK_S = 1.0
 _MAX_BLOCKS = 150
 _REPLICATES = 100
@@ -44,7 +47,7 @@ _RIVAL_S = 0.025
 _DEGREE, _OTHER_DEGREES = 3, (2, 5)
 """Of the elastic law; what others would give tells how much the answer hangs on that choice."""
 _FLOOR_MS = 0.5
-"""Left with exact centrelines: the force acts beside the tip, stiffness grows with curvature, the tare drifts."""
+"""What no cross-check shows: bend and levers are seen with errors of a few hundredths of a pixel; the tare drifts."""
 _SEEN_WELL = 0.9
 """Of the shaft's length: the rest is the dome, seen five times worse."""
 _ANGLE_PRIOR = math.tan(math.radians(2.0))
@@ -53,18 +56,22 @@ _MAX_TURN_DEG, _FREE_GAIN = 10.0, 0.7
 
 
 def shape_coordinates(sightings: Sequence[Sighting], *, flexible_share: float = 1.0) -> FloatArray:
-    """(n, 3): B in rad, and what multiplies the force's x and y in G, in pixels; NaN where nothing was found.
+    """(n, 4): B in rad; what multiplies the force's x and y in G, in px; how the lever's end weighs in them, in px.
 
-    ``flexible_share``: of the visible length, from the base; a rigid tip does not bend. The base frame's direction is
-    the median one.
+    NaN where nothing was found. ``flexible_share``: of the visible length, from the base; a rigid tip does not bend.
+    The base frame's direction is the median one. The lever ends in the middle of the dome; the last column is the
+    dome's radius times the integral of w.
     """
-    rows = np.full((len(sightings), 3), math.nan)
+    rows = np.full((len(sightings), 4), math.nan)
     turns = np.array([np.exp(1j * sighting.base.angle_rad) for sighting in sightings if sighting.base is not None])
     if turns.size == 0:
         return rows
     middle = complex(turns.mean())
     angle_rad = float(np.angle(middle) + np.median(np.angle(turns * middle.conjugate())))
     end = min(flexible_share, _SEEN_WELL)
+    diameters = np.array([sighting.diameter_px for sighting in sightings])
+    known = diameters[np.isfinite(diameters)]
+    radius = 0.5 * float(np.median(known)) if known.size else 0.0
     for place, sighting in enumerate(sightings):
         if sighting.centreline is None or sighting.base is None:
             continue
@@ -73,9 +80,11 @@ def shape_coordinates(sightings: Sequence[Sighting], *, flexible_share: float = 
         angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
         share = np.linspace(0.0, 1.0, len(points))
         bell = (1.0 - np.minimum((2.0 * share / end - 1.0) ** 2, 1.0)) ** 2
-        lever = (points[-1] - points) * share[1]
+        axis = points[-1] - points[int(_SEEN_WELL * (len(points) - 1))]
+        lever = (points[-1] - radius * axis / np.linalg.norm(axis) - points) * share[1]
+        weight = radius * share[1] * float(bell.sum())
         # by parts: angles are smoother than their differences
-        rows[place] = -(np.diff(bell) @ angle), -(bell @ lever[:, 1]), bell @ lever[:, 0]
+        rows[place] = -(np.diff(bell) @ angle), -(bell @ lever[:, 1]), bell @ lever[:, 0], weight
     return rows
 
 
@@ -84,10 +93,10 @@ def estimate_offset(
 ) -> ClockOffset:
     """The offset within +-``window_s`` at which force and deflection belong together best.
 
-    ``frame_ns`` (n,), ``coordinates`` (n, 3) of `shape_coordinates`, rows with NaN are left out; ``force_ns`` (m,),
+    ``frame_ns`` (n,), ``coordinates`` (n, 4) of `shape_coordinates`, rows with NaN are left out; ``force_ns`` (m,),
     ``force_n`` (m, 2 or more): x and y in the base frame as far as it is known, tared. The standard error holds the
-    scatter of a bootstrap over blocks of a second, what another elastic law would change, and half a millisecond.
-    ``how="refused"`` with the reason where the offset cannot be told.
+    scatter of a bootstrap over blocks of a second, what another elastic law, point of touch or low-pass would change,
+    and half a millisecond. ``how="refused"`` with the reason where the offset cannot be told.
     """
     steps = round(window_s / _STEP_S)
     shifts = np.arange(-steps, steps + 1, dtype=np.float64) * _STEP_S
@@ -98,7 +107,7 @@ def estimate_offset(
     if usable.sum() < 50 or time[usable][-1] - time[usable][0] < 3.0:
         return _refused(f"only {int(usable.sum())} frames show the catheter while the force log runs; 3 s are needed")
     blocks = _blocks(time, usable)
-    data = _Data(time[usable], coordinates[usable], blocks, _Force(force_ns, force_n[:, :2], origin))
+    data = _Data(time[usable], coordinates[usable], blocks, _Force(force_ns, force_n[:, :2], origin)).touching()
     free = _Fit(data, shifts, 0.0, bound=False)
     for _ in range(3):  # pictures in which something else was seen
         rest = np.abs(free.residuals(free.best()))
@@ -124,6 +133,9 @@ def estimate_offset(
     fine = np.arange(-16, 17, dtype=np.float64) * 1e-3 + fit.best()  # the coarse parabola is off by tenths of one
     best_s = _Fit(data, fine, penalty, bound=False).best()
     others = [_Fit(data, fine, penalty, bound=False, degree=degree).best() for degree in _OTHER_DEGREES]
+    others.append(_Fit(data.touching(-1.0), fine, penalty, bound=False).best())
+    sharper = replace(data, force=_Force(force_ns, force_n[:, :2], origin, 0.5 * _SMOOTH_S))
+    others.append(_Fit(sharper, fine, penalty, bound=False).best())
     law_ms = 0.5e3 * float(np.ptp([best_s, *others]))
     stderr_ms = math.hypot(verdict.stderr_ms, law_ms, _FLOOR_MS)
     if stderr_ms > _MAX_STDERR_MS:
@@ -134,12 +146,18 @@ def estimate_offset(
 class _Force:
     """The force on an even grid, low-passed; x and y, NaN taken as none."""
 
-    def __init__(self, stamps_ns: IntArray, force: FloatArray, origin_ns: int) -> None:
+    def __init__(self, stamps_ns: IntArray, force: FloatArray, origin_ns: int, smooth_s: float = _SMOOTH_S) -> None:
         seconds = (stamps_ns - origin_ns) * 1e-9
         step = max(float(np.median(np.diff(seconds))), 1e-4)
         self._grid = np.arange(0.0, seconds[-1] + step, step)
         even = np.stack([np.interp(self._grid, seconds, column) for column in np.nan_to_num(force).T])
-        self._values = gaussian_filter1d(even, max(_SMOOTH_S / step, 1e-3), axis=1)
+        self._values = gaussian_filter1d(even, max(smooth_s / step, 1e-3), axis=1)
+
+    @property
+    def direction(self) -> FloatArray:
+        """(2,): of the mean force, each instant weighing as its size; zero where there is none."""
+        total = self._values @ np.linalg.norm(self._values, axis=0)
+        return total / max(float(np.linalg.norm(total)), 1e-12)
 
     def at(self, seconds: FloatArray) -> FloatArray:
         """(...) -> (2, ...)."""
@@ -148,12 +166,20 @@ class _Force:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Data:
-    """Frames: ``time`` (n,) s, ``coordinates`` (n, 3), ``blocks`` (n,); and the force."""
+    """Frames: ``time`` (n,) s, ``coordinates`` (n, 4), ``blocks`` (n,); and the force."""
 
     time: FloatArray
     coordinates: FloatArray
     blocks: IntArray
     force: _Force
+
+    def touching(self, way: float = 1.0) -> "_Data":
+        """The levers' end moved by the dome's radius against the mean force, to where the wall is met; -1: and back."""
+        x, y = way * self.force.direction
+        moved = self.coordinates.copy()
+        moved[:, 1] += y * moved[:, 3]
+        moved[:, 2] -= x * moved[:, 3]
+        return replace(self, coordinates=moved)
 
     def subset(self, keep: npt.NDArray[np.bool_]) -> "_Data":
         """Some of the frames."""
@@ -169,7 +195,9 @@ class _Data:
         # a force stamp is the frame's time minus the offset
         x, y = self.force.at(self.time[rows] - shifts[:, None])
         across, along = self.coordinates[rows, 1], self.coordinates[rows, 2]
-        unit = max(float(np.std(self.force.at(self.time), axis=1).max() * np.abs(self.coordinates[:, 1:]).max()), 1e-12)
+        unit = max(
+            float(np.std(self.force.at(self.time), axis=1).max() * np.abs(self.coordinates[:, 1:3]).max()), 1e-12
+        )
         lever = (across * x + along * y) / unit
         columns = [lever**power for power in range(degree + 1)]
         if not bound:
@@ -234,10 +262,10 @@ class _Fit:
         return float(self.residuals(self.best()).var())
 
     def slope(self, shift: float) -> float:
-        """Sign and size of dB/dG where the force is usual: positive for a real shaft."""
+        """Sign and size of dB/dG, by the straight line through what is fitted: positive for a real shaft."""
         x, solved = self._solve(shift)
-        lever = float(np.median(x[:, 1]))
-        return float(np.polynomial.Polynomial(solved[: self._degree + 1]).deriv()(lever))
+        lever, fitted = x[:, 1] - x[:, 1].mean(), x[:, : self._degree + 1] @ solved[: self._degree + 1]
+        return float(lever @ fitted / max(float(lever @ lever), 1e-30))
 
     def angle(self, shift: float) -> float:
         """By how much the sensor seems turned, rad; of a fit that is not bound."""
