@@ -25,8 +25,8 @@ class ClockOffset:
 
     ``how``: "estimated" from deflection against force, "stated" by a person, "none" where the clocks are taken as one,
     "refused" where it could not be told (``offset_ns`` is then 0, ``detail`` the reason). ``stderr_ms``: one standard
-    error (block bootstrap), NaN unless estimated. ``explained``: share of the force's variance that the deflection
-    explains at this offset, NaN unless tried.
+    error, NaN unless estimated. ``explained``: share of the deflection's variance that the force explains at this
+    offset, NaN unless tried.
     """
 
     offset_ns: int = 0
