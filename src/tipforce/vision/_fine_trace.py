@@ -136,6 +136,11 @@ def trace_shaft(
         elif kind > 0 and hits > 6 and strange > 0.14 and min(abs(left_drop), abs(right_drop)) < 0.5 * typical:
             # pale and of another width: the blurred begin of a ring, not the shaft growing thin
             kind = 0
+        if kind == 1 and hits > 8 and min(left_drop, right_drop) < 0.6 * typical:
+            inside = sign * grey_between(pixels, row, channels, min(pu, box[2] - 1.001), min(pv, box[3] - 1.001))
+            if inside < report[3] - 0.3 * typical:
+                # parallel, but paler than the shaft: metal at best, or the shadow that the shaft's end throws
+                kind = 2
         if kind > 0 and nominal > 0.0:
             # it may widen slowly, as when it comes towards the camera, but not at once
             if wide > 2.64 * half or wide > 3.4 * nominal:
@@ -148,6 +153,11 @@ def trace_shaft(
                 kind = 0
             elif ratio < 0.75:
                 kind = 3
+        if kind == 3 and hits > 8 and wide_n > 3.0:
+            narrower = 0.5 * wide_sum / wide_n - 0.5 * wide
+            if abs(off) > 0.6 * narrower:
+                # one flank alone moves inwards: something crosses the shaft, a tip closes from both sides
+                kind = 0
         if kind == 0:
             if gap == 0.0 and h > small and not starting:
                 # go back and come closer in small steps, to see where exactly the flanks end
@@ -271,7 +281,7 @@ def trace_shaft(
     solid = n
     while solid > 0 and stations[solid - 1, 5] == 2.0:
         solid -= 1
-    if solid > 0 and end == END_TIP and stations[n - 1, 2] - stations[solid - 1, 2] < 1.9 * half:
+    if solid > 0 and end == END_TIP and stations[n - 1, 2] - stations[solid - 1, 2] < 2.6 * half:
         n = solid
     if n < 4:
         end = END_SHORT
