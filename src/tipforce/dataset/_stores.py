@@ -1,5 +1,6 @@
 """Where a dataset's observations come from. Nothing is read before it is asked for."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,7 +26,7 @@ def read_image(path: Path) -> Image:
 
 
 @dataclass(frozen=True, eq=False)
-class _Table:
+class _Table(ABC):
     """``stamp_ns`` (n,), ``actuation``: name -> (n,), NaN where a reading is absent."""
 
     stamp_ns: IntArray
@@ -41,8 +42,9 @@ class _Table:
         actuation = {name: float(values[row]) for name, values in self.actuation.items() if values[row] == values[row]}
         return Observation(int(self.stamp_ns[row]), {self.view: view}, actuation)
 
+    @abstractmethod
     def _view(self, row: int) -> View:
-        raise NotImplementedError
+        """The picture, or the coefficients in its place, of one row."""
 
 
 @dataclass(frozen=True, eq=False)
