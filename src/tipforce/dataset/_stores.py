@@ -26,21 +26,26 @@ def read_image(path: Path) -> Image:
 
 
 @dataclass(frozen=True, eq=False)
-class _Table(ABC):
+class _Table:
     """``stamp_ns`` (n,), ``actuation``: name -> (n,), NaN where a reading is absent."""
 
     stamp_ns: IntArray
     actuation: Mapping[str, FloatArray]
     view: str = field(default="camera", kw_only=True)
 
+    def _observation(self, row: int, view: View) -> Observation:
+        actuation = {name: float(values[row]) for name, values in self.actuation.items() if values[row] == values[row]}
+        return Observation(int(self.stamp_ns[row]), {self.view: view}, actuation)
+
+
+@dataclass(frozen=True, eq=False)
+class _RowByRow(_Table, ABC):
+    """Stores whose views are had one by one, in any order."""
+
     def read(self, rows: IntArray) -> Iterator[Observation]:
         """The observations of ``rows``, in the order given."""
         for row in rows.tolist():
             yield self._observation(row, self._view(row))
-
-    def _observation(self, row: int, view: View) -> Observation:
-        actuation = {name: float(values[row]) for name, values in self.actuation.items() if values[row] == values[row]}
-        return Observation(int(self.stamp_ns[row]), {self.view: view}, actuation)
 
     @abstractmethod
     def _view(self, row: int) -> View:
@@ -48,7 +53,7 @@ class _Table(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class ImageFiles(_Table):
+class ImageFiles(_RowByRow):
     """Images in files: ``paths`` (n,)."""
 
     paths: tuple[Path, ...]
@@ -58,7 +63,7 @@ class ImageFiles(_Table):
 
 
 @dataclass(frozen=True, eq=False)
-class ImageArray(_Table):
+class ImageArray(_RowByRow):
     """Images in memory: ``images`` (n, h, w) uint8."""
 
     images: Image
@@ -68,7 +73,7 @@ class ImageArray(_Table):
 
 
 @dataclass(frozen=True, eq=False)
-class ShapeTable(_Table):
+class ShapeTable(_RowByRow):
     """Ready-made shape numbers: ``values`` (n, k), ``names`` (k,)."""
 
     names: tuple[str, ...]
