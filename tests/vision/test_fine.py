@@ -174,6 +174,17 @@ def test_blank_and_noise_are_no_catheter() -> None:
             settle(VisionSettings(), [image])
 
 
+def test_settling_takes_the_shaft_not_the_shaft_with_its_shadow() -> None:
+    for seed in range(4):
+        tube = drawn(seed)
+        band = np.zeros(tube.image.shape[:2], np.float32)
+        cv2.polylines(band, [tube.curve.round().astype(np.int32)], False, 1.0, 22)
+        shaded = tube.image * (1 - 0.18 * cv2.GaussianBlur(band, (0, 0), 1.0))[..., None]
+        # the shaft stays as it is, only the ground beside it grows darker
+        image = np.where(tube.image > 110, shaded, tube.image).astype(np.uint8)
+        assert settle(VisionSettings(), [image]).diameter_px == pytest.approx(12, abs=0.6)
+
+
 def test_settling_without_a_frame_says_so() -> None:
     with pytest.raises(InputError, match="at least one"):
         settle(VisionSettings(), [])

@@ -27,6 +27,8 @@ _PASSES = ((0, 1), (4, 1), (8, 1), (12, 1), (18, 1))
 _MAX_TRACED = 6
 _CLEAR_TIP = 0.35
 """Beside the border only a drop of this share of the shaft's contrast is taken for its tip."""
+_PALE = 40.0
+"""While the diameter is open, a shaft of this contrast counts half as much as one of the strongest."""
 _OBLIQUE = 1.6
 """A shaft that enters at 50 degrees is this much wider along the border than across its axis."""
 
@@ -192,6 +194,9 @@ class FineTracer:
         confidence = max(0.0, 1.0 - blind / max(length, 1.0))
         status, detail = Status.VALID, ""
         score = length * confidence / (1.0 + 2.0 * rms / max(diameter, 1.0))
+        if not known:
+            # a shaft together with its shadow is as long as the shaft, but its flanks are pale
+            score *= typical / (typical + _PALE)
         if end == END_SHORT or length < 2.5 * diameter or confidence < 0.4:
             return Trace(status, "", 0.0, diameter if n > 6 else 0.0, typical, level, confidence, length, (0, 0, 0))
         if known and abs(diameter / known - 1.0) > 0.28:
