@@ -1,5 +1,18 @@
-"""Curves by arc length and their numbers."""
+"""Curves by arc length and their numbers; rigid motions, cameras, and points in space from several views."""
 
+from ._camera import CameraModel
 from ._curves import angle_matrix, curve_from_angle, fit_angle, fit_polynomial, turning_angles
+from ._pose import Pose
+from ._triangulate import Triangulated, triangulate
 
-__all__ = ["angle_matrix", "curve_from_angle", "fit_angle", "fit_polynomial", "turning_angles"]
+__all__ = [
+    "CameraModel",
+    "Pose",
+    "Triangulated",
+    "angle_matrix",
+    "curve_from_angle",
+    "fit_angle",
+    "fit_polynomial",
+    "triangulate",
+    "turning_angles",
+]

@@ -1,0 +1,184 @@
+"""Hot loops of cameras: projection with its derivative, the way back through the lens, triangulation.
+
+A camera is one row of numbers (21,): fx, fy, cx, cy, k1, k2, p1, p2, k3, then the rotation row by row and the
+translation that take a world point into the camera's frame (x right, y down, z ahead).
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from ..types import FloatArray
+
+__all__ = ["project", "straighten", "triangulate"]
+
+_MAX_ITERATIONS = 30
+_TOO_FLAT = 1e-12
+"""Determinant of the normal equations over the product of their diagonal, below which rays count as parallel."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lens(camera: FloatArray, x: float, y: float) -> tuple[float, float, float, float, float, bool]:
+    """Brown-Conrady: normalised x, y -> distorted x, y; dx/dx, dx/dy = dy/dx, dy/dy; whether it is one to one here."""
+    k1, k2, p1, p2, k3 = camera[4], camera[5], camera[6], camera[7], camera[8]
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3))  # times x: the derivative of radial with x
+    xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    dxx = radial + x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
+    dxy = x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y
+    dyy = radial + y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
+    return xd, yd, dxx, dxy, dyy, radial > 0.0 and dxx * dyy > dxy * dxy
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _project_one(camera: FloatArray, px: float, py: float, pz: float, slopes: FloatArray) -> tuple[float, float]:
+    """One world point -> u, v; ``slopes`` (2, 3) receives their derivatives. NaN where it cannot be seen."""
+    x = camera[9] * px + camera[10] * py + camera[11] * pz + camera[18]
+    y = camera[12] * px + camera[13] * py + camera[14] * pz + camera[19]
+    z = camera[15] * px + camera[16] * py + camera[17] * pz + camera[20]
+    x, y = x / z, y / z
+    xd, yd, dxx, dxy, dyy, fine = _lens(camera, x, y)
+    if not (z > 0.0 and fine):
+        slopes[:] = math.nan
+        return math.nan, math.nan
+    for j in range(3):
+        dx = (camera[9 + j] - x * camera[15 + j]) / z
+        dy = (camera[12 + j] - y * camera[15 + j]) / z
+        slopes[0, j] = camera[0] * (dxx * dx + dxy * dy)
+        slopes[1, j] = camera[1] * (dxy * dx + dyy * dy)
+    return camera[0] * xd + camera[2], camera[1] * yd + camera[3]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _straighten_one(camera: FloatArray, u: float, v: float) -> tuple[float, float]:
+    """A seen pixel -> normalised x, y of its ray, by Newton's method; NaN where the lens has no such ray."""
+    xd, yd = (u - camera[2]) / camera[0], (v - camera[3]) / camera[1]
+    x, y = xd, yd
+    for _ in range(_MAX_ITERATIONS):
+        at_x, at_y, dxx, dxy, dyy, fine = _lens(camera, x, y)
+        ex, ey = xd - at_x, yd - at_y
+        if fine and abs(ex) + abs(ey) < 1e-14 * (1.0 + abs(xd) + abs(yd)):
+            return x, y
+        determinant = dxx * dyy - dxy * dxy
+        sx, sy = (dyy * ex - dxy * ey) / determinant, (dxx * ey - dxy * ex) / determinant
+        x, y = x + sx, y + sy
+        if fine and abs(sx) + abs(sy) < 1e-13 * (1.0 + abs(x) + abs(y)):
+            return x, y
+    return math.nan, math.nan
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def project(camera: FloatArray, points: FloatArray, pixels: FloatArray, slopes: FloatArray) -> None:
+    """``points`` (n, 3) -> ``pixels`` (n, 2) and ``slopes`` (n, 2, 3), or (1, 2, 3) where they are not wanted."""
+    wanted = slopes.shape[0] == points.shape[0]
+    for i in range(points.shape[0]):
+        row = slopes[i if wanted else 0]
+        pixels[i, 0], pixels[i, 1] = _project_one(camera, points[i, 0], points[i, 1], points[i, 2], row)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def straighten(camera: FloatArray, pixels: FloatArray, normalised: FloatArray) -> None:
+    """Seen ``pixels`` (n, 2) -> ``normalised`` (n, 2): x / z and y / z of their rays in the camera's frame."""
+    for i in range(pixels.shape[0]):
+        normalised[i, 0], normalised[i, 1] = _straighten_one(camera, pixels[i, 0], pixels[i, 1])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_row(normal: FloatArray, right: FloatArray, row: FloatArray, value: float, weight: float) -> None:
+    """One weighted equation ``row`` . x = ``value`` into the normal equations."""
+    for j in range(3):
+        right[j] += weight * row[j] * value
+        for k in range(3):
+            normal[j, k] += weight * row[j] * row[k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _invert(a: FloatArray, inverse: FloatArray) -> bool:
+    """Inverse of a symmetric (3, 3) matrix; False where it is as good as singular."""
+    for j in range(3):
+        p, q = (j + 1) % 3, (j + 2) % 3
+        for k in range(3):
+            r, s = (k + 1) % 3, (k + 2) % 3
+            inverse[j, k] = a[p, r] * a[q, s] - a[p, s] * a[q, r]
+    determinant = a[0, 0] * inverse[0, 0] + a[0, 1] * inverse[0, 1] + a[0, 2] * inverse[0, 2]
+    if not determinant > _TOO_FLAT * a[0, 0] * a[1, 1] * a[2, 2]:
+        return False
+    inverse /= determinant
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _linear(cameras: FloatArray, pixels: FloatArray, work: FloatArray, point: FloatArray) -> bool:
+    """The point nearest to the rays of ``pixels`` (views, 2) in the algebraic sense; False: fewer than two rays."""
+    normal, inverse, right, row = work[0:3], work[3:6], work[6], work[7]
+    normal[:] = 0.0
+    right[:] = 0.0
+    seen = 0
+    for v in range(cameras.shape[0]):
+        x, y = _straighten_one(cameras[v], pixels[v, 0], pixels[v, 1])
+        if math.isnan(x) or math.isnan(y):
+            continue
+        seen += 1
+        for j in range(3):
+            row[j] = cameras[v, 9 + j] - x * cameras[v, 15 + j]
+        _add_row(normal, right, row, x * cameras[v, 20] - cameras[v, 18], 1.0)
+        for j in range(3):
+            row[j] = cameras[v, 12 + j] - y * cameras[v, 15 + j]
+        _add_row(normal, right, row, y * cameras[v, 20] - cameras[v, 19], 1.0)
+    if seen < 2 or not _invert(normal, inverse):
+        return False
+    for j in range(3):
+        point[j] = inverse[j, 0] * right[0] + inverse[j, 1] * right[1] + inverse[j, 2] * right[2]
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _refine(
+    cameras: FloatArray, pixels: FloatArray, sigma: FloatArray, work: FloatArray, point: FloatArray, miss: FloatArray
+) -> bool:
+    """Gauss-Newton in the pictures; leaves the covariance in work[3:6] and seen - projected in ``miss``."""
+    normal, inverse, right, slopes = work[0:3], work[3:6], work[6], work[7:9]
+    for _ in range(_MAX_ITERATIONS):
+        normal[:] = 0.0
+        right[:] = 0.0
+        for v in range(cameras.shape[0]):
+            at_u, at_v = _project_one(cameras[v], point[0], point[1], point[2], slopes)
+            miss[v, 0], miss[v, 1] = pixels[v, 0] - at_u, pixels[v, 1] - at_v
+            if math.isnan(miss[v, 0]) or math.isnan(miss[v, 1]):
+                continue
+            for axis in range(2):
+                _add_row(normal, right, slopes[axis], miss[v, axis], sigma[v] ** -2)
+        if not _invert(normal, inverse):
+            return False
+        square = 0.0  # of the step, in standard deviations
+        for j in range(3):
+            step = inverse[j, 0] * right[0] + inverse[j, 1] * right[1] + inverse[j, 2] * right[2]
+            square += step * right[j]
+            point[j] += step
+        if square < 1e-16:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def triangulate(
+    cameras: FloatArray,
+    pixels: FloatArray,
+    sigma: FloatArray,
+    points: FloatArray,
+    covariance: FloatArray,
+    residual: FloatArray,
+) -> None:
+    """``cameras`` (views, 21), ``pixels`` (n, views, 2), ``sigma`` (views,) -> n points with what belongs to them."""
+    work = np.empty((9, 3))
+    for i in range(points.shape[0]):
+        found = _linear(cameras, pixels[i], work, points[i])
+        if found and _refine(cameras, pixels[i], sigma, work, points[i], residual[i]):
+            covariance[i] = work[3:6]
+        else:
+            points[i] = math.nan
+            covariance[i] = math.nan
+            residual[i] = math.nan

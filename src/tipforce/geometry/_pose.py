@@ -1,0 +1,106 @@
+"""Rigid motions in space."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..types import FloatArray, frozen
+
+__all__ = ["Pose"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """Rotation, then translation: p -> ``rotation`` (3, 3) p + ``translation_m`` (3,).
+
+    Read as a place, it is the pose of frame A in frame B: it takes coordinates in A to coordinates in B, its columns
+    are A's axes and its translation is A's origin, both seen from B. ``b_from_a`` is a good name for one, since then
+    ``c_from_b @ b_from_a`` is ``c_from_a``.
+
+    Raises ValueError where ``rotation`` is no rotation.
+
+    >>> quarter = Pose.from_euler([0.0, 0.0, math.pi / 2], [0.1, 0.0, 0.0])
+    >>> np.round(quarter.apply([[0.02, 0.0, 0.0]]), 6)
+    array([[0.1 , 0.02, 0.  ]])
+    >>> np.round((quarter.inverse() @ quarter).translation_m, 6) + 0.0
+    array([0., 0., 0.])
+    """
+
+    rotation: FloatArray
+    translation_m: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rotation", frozen("rotation", self.rotation, (3, 3)))
+        object.__setattr__(self, "translation_m", frozen("translation_m", self.translation_m, (3,)))
+        off = float(np.abs(self.rotation @ self.rotation.T - np.eye(3)).max())
+        if not (off < 1e-6 and np.linalg.det(self.rotation) > 0):
+            raise ValueError(f"rotation: expected orthonormal columns and determinant 1, got {self.rotation.tolist()}")
+        if not np.isfinite(self.translation_m).all():
+            raise ValueError(f"translation_m: expected finite numbers, got {self.translation_m.tolist()}")
+
+    @classmethod
+    def identity(cls) -> "Pose":
+        """The motion that leaves everything where it is."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_axis_angle(cls, axis_angle_rad: ArrayLike, translation_m: ArrayLike) -> "Pose":
+        """Turn about the direction of ``axis_angle_rad`` (3,) by its length (Rodrigues), then translate."""
+        vector = frozen("axis_angle_rad", axis_angle_rad, (3,))
+        return cls(_rodrigues(vector), frozen("translation_m", translation_m, (3,)))
+
+    @classmethod
+    def from_euler(cls, euler_rad: ArrayLike, translation_m: ArrayLike) -> "Pose":
+        """R = Rz(yaw) Ry(pitch) Rx(roll) from ``euler_rad`` (3,) = roll, pitch, yaw, then translate.
+
+        The turns are about the fixed axes x, then y, then z; or, read from the left, about the moving axes z, y', x''.
+        """
+        about_x, about_y, about_z = np.diag(frozen("euler_rad", euler_rad, (3,)))
+        rotation = _rodrigues(about_z) @ _rodrigues(about_y) @ _rodrigues(about_x)
+        return cls(rotation, frozen("translation_m", translation_m, (3,)))
+
+    @property
+    def axis_angle_rad(self) -> FloatArray:
+        """(3,): axis times angle in [0, pi]: the inverse of `from_axis_angle`. At pi either sign is right."""
+        # By the quaternion, whose largest component is divided by, so that nothing is lost near 0 or pi.
+        r = self.rotation
+        trace = float(np.trace(r))
+        squares = np.array([trace, r[0, 0], r[1, 1], r[2, 2]])
+        largest = int(np.argmax(squares))
+        outer = np.empty((4, 4))  # 4 q q', q = (w, x, y, z)
+        outer[0, 0] = 1 + trace
+        outer[0, 1:] = outer[1:, 0] = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
+        outer[1:, 1:] = r + r.T + (1 - trace) * np.eye(3)
+        quaternion = outer[largest] / np.linalg.norm(outer[largest])
+        if quaternion[0] < 0:
+            quaternion = -quaternion
+        sine = float(np.linalg.norm(quaternion[1:]))
+        half = math.atan2(sine, quaternion[0])
+        return quaternion[1:] * (2 * half / sine if sine > 0 else 2.0)
+
+    def apply(self, points_m: ArrayLike) -> FloatArray:
+        """(..., 3) points -> (..., 3)."""
+        return np.asarray(points_m, np.float64) @ self.rotation.T + self.translation_m
+
+    def rotate(self, directions: ArrayLike) -> FloatArray:
+        """(..., 3) directions, forces or moments -> (..., 3): the translation does not touch them."""
+        return np.asarray(directions, np.float64) @ self.rotation.T
+
+    def inverse(self) -> "Pose":
+        """The motion back."""
+        return Pose(self.rotation.T, -self.rotation.T @ self.translation_m)
+
+    def __matmul__(self, other: "Pose") -> "Pose":
+        """``(a @ b).apply(p) == a.apply(b.apply(p))``."""
+        return Pose(self.rotation @ other.rotation, self.apply(other.translation_m))
+
+
+def _rodrigues(vector: FloatArray) -> FloatArray:
+    x, y, z = vector
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = math.sqrt(x * x + y * y + z * z)
+    # sin(a) / a and (1 - cos(a)) / a^2, exact at 0 too; np.sinc holds a pi.
+    first, second = np.sinc(angle / math.pi), 0.5 * np.sinc(0.5 * angle / math.pi) ** 2
+    return np.eye(3) + first * cross + second * (cross @ cross)
