@@ -49,6 +49,10 @@ def command(
     knob_deg: Annotated[float | None, typer.Option(help="The steering knob's angle, where it does not change.")] = None,
     knob_column: Annotated[str | None, typer.Option(help="The force log's column with the knob's angle.")] = None,
     knob_log: Annotated[Path | None, typer.Option(help="A log of its own: time_s,knob_deg.")] = None,
+    stage_log: Annotated[
+        Path | None,
+        typer.Option(help="Log time_s,NAME_mm of the stage that moves sensor and tissue, to take out their inertia."),
+    ] = None,
     actuation: Annotated[
         list[str] | None, typer.Option(metavar="NAME_UNIT=VALUE", help="Another drive's constant; may be repeated.")
     ] = None,
@@ -137,6 +141,7 @@ def command(
             actuation=actuation_from(knob_deg, actuation),
             knob_column=knob_column,
             knob_log=knob_log,
+            stage_log=stage_log,
             tare=tare_from(tare),
             offset_ms=offset_from(offset_ms),
             align_start=align_start,

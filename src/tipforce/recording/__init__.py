@@ -1,12 +1,13 @@
 """Runs as files: the recording file (.mcap), videos and image folders, importers, time alignment."""
 
 from ._describe import describe
-from ._facts import ClockOffset, Reads, SensorPose, Tare
-from ._import import ForceColumns, ImportReport, import_run
+from ._facts import ClockOffset, Inertia, Reads, SensorPose, Tare
+from ._import import ForceColumns, import_run
 from ._labels import Labels, labels
 from ._look import Look, frame_count, is_picture, look_at, look_through, refuse_picture, save_picture
 from ._observations import observations
 from ._reader import RecordingInfo, RecordingReader, StreamInfo
+from ._record import RunReport, record
 from ._sources import open_source
 from ._summary import RecordingSummary, plot_summary, summarise
 from ._tare import find_tare, stated_tare
@@ -17,7 +18,7 @@ from ._writer import RecordingWriter, write_force_csv
 __all__ = [
     "ClockOffset",
     "ForceColumns",
-    "ImportReport",
+    "Inertia",
     "Labels",
     "Look",
     "Reads",
@@ -25,6 +26,7 @@ __all__ = [
     "RecordingReader",
     "RecordingSummary",
     "RecordingWriter",
+    "RunReport",
     "SensorPose",
     "StreamInfo",
     "Tare",
@@ -41,6 +43,7 @@ __all__ = [
     "observations",
     "open_source",
     "plot_summary",
+    "record",
     "refuse_picture",
     "save_picture",
     "shape_coordinates",

@@ -2,8 +2,10 @@
 
 import math
 
+import numpy as np
+
 from ..units import newtons_to_grams
-from ._facts import ClockOffset, Tare
+from ._facts import ClockOffset, Inertia, Tare
 from ._summary import RecordingSummary
 
 __all__ = ["describe"]
@@ -25,6 +27,8 @@ def describe(summary: RecordingSummary) -> list[str]:
     if any(stream.kind == "wrench" for stream in info.streams.values()):
         lines.append(f"clock offset  {_offset(info.clock_offset)}")
         lines.append(f"tare          {_tare(info.tare)}")
+        if info.inertia.axes:
+            lines.append(f"inertia       {_inertia(info.inertia)}")
         if info.sensor is not None:
             pose = info.sensor
             lines.append(f"sensor        x axis {pose.angle_deg:g} deg from the base x axis, reads {pose.reads}")
@@ -54,6 +58,14 @@ def _offset(offset: ClockOffset) -> str:
     if offset.how == "stated":
         return f"{offset.offset_ms:+.1f} ms (stated; camera time = force stamp + offset)"
     return f"0 ms (could not be told: {offset.detail})" if offset.how == "refused" else "0 ms (one clock)"
+
+
+def _inertia(inertia: Inertia) -> str:
+    carried = ", ".join(
+        f"{1e3 * float(np.linalg.norm(gain)):.1f} g by {axis}"
+        for axis, gain in zip(inertia.axes, inertia.gain_kg, strict=True)
+    )
+    return f"of the stage's movement taken out: {carried}; force stamp + {1e-6 * inertia.lag_ns:.1f} ms"
 
 
 def _tare(tare: Tare) -> str:

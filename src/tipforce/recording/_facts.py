@@ -13,7 +13,7 @@ import numpy as np
 
 from ..types import Catheter, Context, FloatArray, frozen
 
-__all__ = ["ClockOffset", "Reads", "SensorPose", "Tare", "context_from", "context_records"]
+__all__ = ["ClockOffset", "Inertia", "Reads", "SensorPose", "Tare", "context_from", "context_records"]
 
 Reads = Literal["tip-on-tissue", "tissue-on-tip"]
 """Which of the two opposite forces at the contact a sensor shows."""
@@ -111,6 +111,51 @@ class Tare:
             stderr_n=np.array(json.loads(record.get("stderr_n", "[NaN, NaN, NaN]"))),
             stretches_s=tuple((float(a), float(b)) for a, b in json.loads(record.get("stretches_s", "[]"))),
             how=how if how in ("stated", "detected") else "none",
+            detail=record.get("detail", ""),
+        )
+
+
+def _no_gains() -> FloatArray:
+    return np.zeros((0, 3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inertia:
+    """What a sensor that rides on a stage shows of the mass it carries, to be subtracted from every reading.
+
+    ``axes``: names of the stage's positions; ``gain_kg`` (axes, 3): reading for each m/s^2, in the frame of the
+    readings; ``lag_ns``: stage stamp = force stamp + lag. ``how``: "estimated" or "none" (nothing is subtracted).
+    """
+
+    axes: tuple[str, ...] = ()
+    gain_kg: FloatArray = field(default_factory=_no_gains)
+    lag_ns: int = 0
+    how: Literal["estimated", "none"] = "none"
+    detail: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "gain_kg", frozen("gain_kg", self.gain_kg, (len(self.axes), 3)))
+
+    def record(self) -> dict[str, str]:
+        """As a metadata record."""
+        return {
+            "axes": json.dumps(self.axes),
+            "gain_kg": json.dumps(self.gain_kg.tolist()),
+            "lag_ns": str(self.lag_ns),
+            "how": self.how,
+            "detail": self.detail,
+            "meaning": "subtract the sum over axes of gain_kg x acceleration of the stage at force stamp + lag_ns",
+        }
+
+    @classmethod
+    def of(cls, record: Mapping[str, str]) -> "Inertia":
+        """The inverse of `record`."""
+        axes = tuple(str(name) for name in json.loads(record.get("axes", "[]")))
+        return cls(
+            axes=axes,
+            gain_kg=np.array(json.loads(record.get("gain_kg", "[]")), np.float64).reshape(len(axes), 3),
+            lag_ns=int(record.get("lag_ns", "0")),
+            how="estimated" if record.get("how") == "estimated" else "none",
             detail=record.get("detail", ""),
         )
 

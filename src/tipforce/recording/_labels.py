@@ -26,7 +26,7 @@ class Labels:
 
 
 def labels(reader: RecordingReader, *, camera: str = "camera", force: str = "force", max_gap_s: float = 0.05) -> Labels:
-    """Force at every frame: clock offset applied, tare subtracted, rotated into the base frame, linear in time.
+    """Force at every frame, linear in time: offset applied, tare and inertia subtracted, turned into the base frame.
 
     NaN where the readings around a frame lie more than ``max_gap_s`` apart or on one side only. The force series is
     read chunk by chunk. Raises InputError where readings are in the sensor's frame and nobody stated its pose.
@@ -37,7 +37,7 @@ def labels(reader: RecordingReader, *, camera: str = "camera", force: str = "for
     last_time, last_value = np.empty(0, np.int64), np.empty((0, 3))
     for times, wrench, frame in reader.wrench_blocks(force):
         here = times + info.clock_offset.offset_ns
-        readings = _in_base(wrench[:, :3], frame, reader)
+        readings = _in_base(wrench[:, :3] - _carried(reader, times), frame, reader)
         here, readings = np.concatenate([last_time, here]), np.concatenate([last_value, readings])
         if np.any(np.diff(here) < 0):
             order = np.argsort(here, kind="stable")
@@ -51,6 +51,14 @@ def labels(reader: RecordingReader, *, camera: str = "camera", force: str = "for
         known = np.logical_not(np.isnan(last_value[0]))
     values[np.isnan(values[:, known]).any(axis=1)] = math.nan
     return Labels(frames, values, known)
+
+
+def _carried(reader: RecordingReader, stamps_ns: IntArray) -> FloatArray:
+    """(n, 3) or 0: what the readings show of the mass that the sensor carries on a moving stage."""
+    inertia = reader.info.inertia
+    if not inertia.axes:
+        return np.zeros(3)
+    return reader.stage.acceleration(stamps_ns + inertia.lag_ns, inertia.axes) @ inertia.gain_kg
 
 
 def _in_base(force: FloatArray, frame: str, reader: RecordingReader) -> FloatArray:

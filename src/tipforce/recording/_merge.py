@@ -1,12 +1,15 @@
 """Streams of different rate, merged in the order of their stamps while they are written."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
 from ..types import Actuation, Event, FloatArray, Frame, IntArray, Wrench
 
-__all__ = ["merged", "overlap_ns"]
+__all__ = ["Readings", "merged"]
+
+Readings = tuple[IntArray, dict[str, FloatArray]]
+"""(n,) stamps, and (n,) values by name."""
 
 _NO_TORQUE = np.full(3, np.nan)
 
@@ -14,17 +17,18 @@ _NO_TORQUE = np.full(3, np.nan)
 def merged(
     frames: Iterable[Event],
     force: tuple[IntArray, FloatArray] | None,
-    drives: tuple[IntArray, dict[str, FloatArray]] | None,
+    drives: Mapping[str, Readings],
     shift_ns: int,
 ) -> Iterator[Event]:
-    """``frames`` (and what comes with them), force readings and drive readings; every stamp moved by ``shift_ns``."""
+    """``frames`` (and what comes with them), force readings, ``drives`` by stream; stamps moved by ``shift_ns``."""
     wrenches = _Feed(force[0] if force else None)
-    knobs = _Feed(drives[0] if drives else None)
+    feeds = [(stream, _Feed(stamps), values) for stream, (stamps, values) in drives.items()]
 
     def until(stamp_ns: int | None) -> Iterator[Event]:
-        for row, stamp in knobs.take(stamp_ns):
-            assert drives is not None
-            yield Actuation(stamp + shift_ns, {name: float(values[row]) for name, values in drives[1].items()})
+        for stream, feed, values in feeds:
+            for row, stamp in feed.take(stamp_ns):
+                here = {name: float(column[row]) for name, column in values.items()}
+                yield Actuation(stamp + shift_ns, here, stream)
         for row, stamp in wrenches.take(stamp_ns):
             assert force is not None
             yield Wrench(stamp + shift_ns, force[1][row], _NO_TORQUE, "sensor")
@@ -34,7 +38,7 @@ def merged(
         if shift_ns and isinstance(event, Frame):
             yield Frame(event.stamp_ns + shift_ns, event.image, event.view)
         elif shift_ns and isinstance(event, Actuation):
-            yield Actuation(event.stamp_ns + shift_ns, event.values)
+            yield Actuation(event.stamp_ns + shift_ns, event.values, event.stream)
         else:
             yield event
     yield from until(None)
@@ -53,8 +57,3 @@ class _Feed:
         end = len(self._stamps) if stamp_ns is None else int(np.searchsorted(self._stamps, stamp_ns, side="right"))
         self._next = max(end, start)
         return list(enumerate(self._stamps[start : self._next].tolist(), start=start))
-
-
-def overlap_ns(frames: tuple[int, int], force: IntArray) -> int:
-    """Nanoseconds in which both run; negative: the gap between them."""
-    return min(frames[1], int(force[-1])) - max(frames[0], int(force[0]))

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from ..types import Actuation, Event, Frame, Observation
+from ..types import STAGE, Actuation, Event, Frame, Observation
 from ._actuation import WAIT_S, ActuationSeries
 
 __all__ = ["observations"]
@@ -29,7 +29,7 @@ def observations(events: Iterable[Event], view: str = "camera", *, wait_s: float
         return Observation(frame.stamp_ns, {view: frame.image}, known)
 
     for event in events:
-        if isinstance(event, Actuation):
+        if isinstance(event, Actuation) and event.stream != STAGE:
             series.add(event)
         elif isinstance(event, Frame) and event.view == view:
             waiting.append(event)

@@ -12,12 +12,13 @@ import cv2
 import numpy as np
 
 from ..errors import FileFormatError, InputError
-from ..types import Actuation, Context, Event, FloatArray, Frame, Image, IntArray, Wrench
+from ..types import STAGE, Actuation, Context, Event, FloatArray, Frame, Image, IntArray, Wrench
 from ._actuation import WAIT_S, ActuationSeries
 from ._cdr import COMPRESSED_IMAGE, JOINT_STATE, WRENCH_STAMPED, unpack_image, unpack_joints, unpack_wrench
 from ._cdr import wrench_layout as _wrench_layout
 from ._container import MESSAGE_HEAD, Container, Entries
-from ._facts import ClockOffset, SensorPose, Tare, context_from
+from ._facts import ClockOffset, Inertia, SensorPose, Tare, context_from
+from ._inertia import StageCourse
 from ._recover import resolve
 
 __all__ = ["RecordingInfo", "RecordingReader", "StreamInfo"]
@@ -50,6 +51,7 @@ class RecordingInfo:
     streams: Mapping[str, StreamInfo]
     clock_offset: ClockOffset
     tare: Tare
+    inertia: Inertia
     sensor: SensorPose | None
     metadata: Mapping[str, Mapping[str, str]]
     recovered: str = ""
@@ -120,6 +122,7 @@ class RecordingReader:
             streams=streams,
             clock_offset=ClockOffset.of(metadata.get("tipforce.clock_offset", {})),
             tare=Tare.of(metadata.get("tipforce.tare", {})),
+            inertia=Inertia.of(metadata.get("tipforce.inertia", {})),
             sensor=None if sensor is None else SensorPose.of(sensor),
             metadata=metadata,
             recovered=self.recovered or metadata.get("tipforce.recovered", {}).get("detail", ""),
@@ -140,7 +143,7 @@ class RecordingReader:
                 _, frame, force, torque = unpack_wrench(raw)
                 yield Wrench(time_ns, force, torque, frame)
             else:
-                yield Actuation(time_ns, unpack_joints(raw)[1])
+                yield Actuation(time_ns, unpack_joints(raw)[1], name)
 
     def frame_at(self, index: int, stream: str = "camera") -> Frame:
         """The ``index``-th picture of ``stream``, decoded from its place in the file."""
@@ -185,7 +188,7 @@ class RecordingReader:
     def _actuation(self) -> ActuationSeries:
         series = ActuationSeries()
         for name, (_, kind) in self._topics.items():
-            if kind == "actuation":
+            if kind == "actuation" and name != STAGE:
                 for event in self.events(name):
                     assert isinstance(event, Actuation)
                     series.add(event)
@@ -194,6 +197,12 @@ class RecordingReader:
     def actuation_at(self, stamps_ns: IntArray, *, wait_s: float = WAIT_S) -> dict[str, FloatArray]:
         """Name -> (n,) values at ``stamps_ns``; NaN before the first reading. The rule of `observations`."""
         return self._actuation.at(stamps_ns, wait_s=wait_s)
+
+    @cached_property
+    def stage(self) -> StageCourse:
+        """How the stage moved the tissue; without axes where the recording does not say."""
+        events = self.events(STAGE) if STAGE in self._topics else ()
+        return StageCourse.of([(event.stamp_ns, event.values) for event in events if isinstance(event, Actuation)])
 
     def _known(self, stream: str) -> str:
         if stream not in self._topics:

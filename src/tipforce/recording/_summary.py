@@ -54,6 +54,7 @@ class RecordingSummary:
                     "detail": info.tare.detail,
                 }
             ),
+            "inertia": asdict(info.inertia) | {"gain_kg": info.inertia.gain_kg.tolist()},
             "sensor": None if info.sensor is None else asdict(info.sensor),
             "labelled_frames": self.labelled,
             "unlabelled_because": self.unlabelled_because,

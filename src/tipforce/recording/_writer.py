@@ -22,7 +22,7 @@ from ._cdr import (
     pack_joints,
     pack_wrench,
 )
-from ._facts import ClockOffset, SensorPose, Tare, context_records
+from ._facts import ClockOffset, Inertia, SensorPose, Tare, context_records
 from ._files import lock, part_of, refuse_existing
 
 __all__ = ["RecordingWriter", "write_force_csv"]
@@ -109,11 +109,11 @@ class RecordingWriter:
             message = pack_wrench(event.stamp_ns, event.frame, event.force_n, event.torque_nm)
             self._add("/force", WRENCH_STAMPED, event.stamp_ns, message)
         else:
-            self._add("/joints", JOINT_STATE, event.stamp_ns, pack_joints(event.stamp_ns, event.values))
+            self._add(f"/{event.stream}", JOINT_STATE, event.stamp_ns, pack_joints(event.stamp_ns, event.values))
 
-    def state(self, fact: ClockOffset | Tare | SensorPose) -> None:
+    def state(self, fact: ClockOffset | Inertia | Tare | SensorPose) -> None:
         """A fact about the run; the last one of its kind holds."""
-        names = {ClockOffset: "clock_offset", Tare: "tare", SensorPose: "sensor"}
+        names = {ClockOffset: "clock_offset", Inertia: "inertia", Tare: "tare", SensorPose: "sensor"}
         self.note(f"tipforce.{names[type(fact)]}", fact.record())
 
     def note(self, name: str, record: dict[str, str]) -> None:

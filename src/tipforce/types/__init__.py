@@ -10,9 +10,11 @@ from ._device import Catheter, Context
 from ._estimate import ForceEstimate, Status
 from ._seams import Clock, SimulatedClock, Source, SystemClock
 from ._shape import BasePose, CentrelineM, CentrelinePx
-from ._streams import Actuation, Event, Frame, Observation, ShapeFeatures, View, Wrench
+from ._streams import JOINTS, STAGE, Actuation, Event, Frame, Observation, ShapeFeatures, View, Wrench
 
 __all__ = [
+    "JOINTS",
+    "STAGE",
     "Actuation",
     "BasePose",
     "BoolArray",

@@ -8,7 +8,13 @@ import numpy as np
 
 from ._arrays import FloatArray, Image, frozen
 
-__all__ = ["Actuation", "Event", "Frame", "Observation", "ShapeFeatures", "View", "Wrench"]
+__all__ = ["JOINTS", "STAGE", "Actuation", "Event", "Frame", "Observation", "ShapeFeatures", "View", "Wrench"]
+
+
+JOINTS = "joints"
+"""Stream of the catheter's own drives."""
+STAGE = "stage"
+"""Stream of what moves the tissue at a bench."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,10 +49,15 @@ class Wrench:
 
 @dataclass(frozen=True, slots=True)
 class Actuation:
-    """Readings of the catheter's drives at one instant; every name ends in its unit, as in ``knob_deg``."""
+    """Readings of drives at one instant; every name ends in its unit, as in ``knob_deg``.
+
+    ``stream``: `JOINTS` for the catheter's drives, `STAGE` for what moves the tissue at a bench: the latter serves to
+    take the sensor's inertia out of its readings, and no estimator sees it, for a heart tells nobody where it goes.
+    """
 
     stamp_ns: int
     values: Mapping[str, float]
+    stream: str = JOINTS
 
 
 Event = Frame | Wrench | Actuation

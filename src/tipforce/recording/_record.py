@@ -1,0 +1,231 @@
+"""Events -> one recording: everything is kept as it came; offset, tare and inertia are found and stored beside it."""
+
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ..errors import InputError, TimeError
+from ..types import STAGE, Context, Event, FloatArray, Frame, Image, IntArray, Source, Wrench
+from ..vision import Sighting, Vision, VisionSettings, settle
+from ._facts import ClockOffset, Inertia, SensorPose, Tare
+from ._files import refuse_existing
+from ._inertia import StageCourse, fit_inertia
+from ._summary import RecordingSummary, summarise
+from ._tare import find_tare, stated_tare
+from ._timing import estimate_offset, shape_coordinates
+from ._writer import RecordingWriter
+
+__all__ = ["OffsetChoice", "RunReport", "TareChoice", "record", "refuse_target", "write_run"]
+
+TareChoice = Literal["auto", "none"] | tuple[float, float]
+"""Found; nothing subtracted; or from and to, in seconds of the force log."""
+OffsetChoice = Literal["auto", "none"] | float
+"""Estimated; taken as zero; or stated in milliseconds (positive: the camera's clock is ahead)."""
+
+_LOOK_S = 0.3
+"""Largest clock offset that is looked for."""
+_FIRST = 50
+"""Frames on which vision settles, every fifth of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunReport:
+    """What was written, and in ``remarks`` what a person should know of it."""
+
+    summary: RecordingSummary
+    remarks: tuple[str, ...]
+
+
+def refuse_target(target: Path, *, overwrite: bool, origin: str) -> None:
+    """Raises InputError where ``target`` is no recording's name, FileFormatError where it stands already."""
+    if target.suffix != ".mcap":
+        raise InputError(f"{target}: a recording ends in .mcap; name it {target.with_suffix('.mcap').name}")
+    refuse_existing(target, overwrite=overwrite, origin=origin)
+
+
+def record(
+    source: Source,
+    target: Path | str,
+    *,
+    sensor: SensorPose | None = None,
+    tare: TareChoice = "auto",
+    offset_ms: OffsetChoice = "auto",
+    vision: VisionSettings | None = None,
+    lossless: bool = False,
+    jpeg_quality: int = 90,
+    overwrite: bool = False,
+    progress: Callable[[int], None] | None = None,
+) -> RunReport:
+    """Write all events of ``source`` to ``target`` (.mcap), then what is found of offset, tare and inertia.
+
+    ``progress`` gets the number of frames so far. What was recorded before a kill is kept in ``target``'s ``.part``.
+    Raises InputError, FileFormatError, TimeError.
+    """
+    target = Path(target)
+    refuse_target(target, overwrite=overwrite, origin="record")
+    with source as events:
+        writer = RecordingWriter(
+            target, source.context, lossless=lossless, jpeg_quality=jpeg_quality, overwrite=overwrite, origin="record"
+        )
+        with writer:
+            remarks = write_run(
+                writer, events, source.context, sensor, tare, offset_ms, vision or VisionSettings(), progress
+            )
+    return RunReport(summarise(target), tuple(remarks))
+
+
+def write_run(
+    writer: RecordingWriter,
+    events: Iterable[Event],
+    context: Context,
+    sensor: SensorPose | None,
+    tare: TareChoice,
+    offset_ms: OffsetChoice,
+    vision: VisionSettings,
+    progress: Callable[[int], None] | None,
+    names: tuple[str, str] = ("the pictures", "the force"),
+) -> list[str]:
+    """Write ``events`` and the facts found; returns remarks. ``names`` of pictures and force log, for TimeError."""
+    remarks: list[str] = []
+    run = _Run(events, vision, look=offset_ms == "auto", progress=progress)
+    for event in run:
+        writer.write(event)
+    stamps, force = run.force
+    if not len(stamps):
+        return remarks
+    _check_overlap(names, run.stamp_ns, stamps)
+    pose = sensor or SensorPose()
+    writer.state(pose)
+    level, inertia = _level(stamps, force, run.stage, tare, remarks)
+    writer.state(level)
+    writer.state(inertia)
+    carried = run.stage.acceleration(stamps + inertia.lag_ns, inertia.axes) @ inertia.gain_kg
+    tared = np.nan_to_num(force - level.force_n - carried) @ pose.matrix.T
+    writer.state(_offset(run, context, stamps, tared, offset_ms, remarks))
+    return remarks
+
+
+class _Run:
+    """Passes events on; remembers the frames' stamps, readings, the stage, and, where asked, the catheter's shape."""
+
+    def __init__(
+        self, events: Iterable[Event], settings: VisionSettings, *, look: bool, progress: Callable[[int], None] | None
+    ) -> None:
+        self._events, self._settings, self._look, self._progress = events, settings, look, progress
+        self.blind = ""
+        """Why no catheter is seen at all, or empty."""
+        self.sightings: list[Sighting] = []
+        self._frames: list[int] = []
+        self._force_ns, self._force_n = array("q"), array("d")  # an hour at 1 kHz takes 115 MB
+        self._stage: list[tuple[int, Mapping[str, float]]] = []
+
+    def __iter__(self) -> Iterator[Event]:
+        events, see = iter(self._events), None
+        if self._look:
+            head = _head(events)
+            try:
+                pictures = [event.image for event in head if isinstance(event, Frame)]
+                see = Vision(settle(self._settings, pictures[::5])).see
+            except InputError as error:  # the recording is worth having without its clock offset
+                self.blind = str(error)
+            events = chain(head, events)
+        for event in events:
+            yield event
+            if isinstance(event, Frame):
+                self._picture(event.stamp_ns, event.image, see)
+            elif isinstance(event, Wrench):
+                self._force_ns.append(event.stamp_ns)
+                self._force_n.extend(event.force_n)
+            elif event.stream == STAGE:
+                self._stage.append((event.stamp_ns, event.values))
+
+    def _picture(self, stamp_ns: int, image: Image, see: Callable[[Image], Sighting] | None) -> None:
+        self._frames.append(stamp_ns)
+        if see is not None:
+            self.sightings.append(see(image))
+        if self._progress:
+            self._progress(len(self._frames))
+
+    @property
+    def stamp_ns(self) -> IntArray:
+        """(n,) stamps of the frames so far."""
+        return np.array(self._frames, dtype=np.int64)
+
+    @property
+    def force(self) -> tuple[IntArray, FloatArray]:
+        """(n,) stamps and (n, 3) readings so far."""
+        return np.frombuffer(self._force_ns, np.int64), np.frombuffer(self._force_n).reshape(-1, 3)
+
+    @property
+    def stage(self) -> StageCourse:
+        """How the stage moved, as far as it said so."""
+        return StageCourse.of(self._stage)
+
+
+def _head(events: Iterator[Event]) -> list[Event]:
+    """Events up to the frame that completes those on which vision settles."""
+    head: list[Event] = []
+    count = 0
+    for event in events:
+        head.append(event)
+        count += isinstance(event, Frame)
+        if count == _FIRST:
+            break
+    return head
+
+
+def _check_overlap(names: tuple[str, str], frames: IntArray, force: IntArray) -> None:
+    if min(frames[-1], force[-1]) <= max(frames[0], force[0]):
+        raise TimeError(
+            f"{names[1]}: its {force[0] * 1e-9:.3f} to {force[-1] * 1e-9:.3f} s do not overlap with {names[0]}, "
+            f"{frames[0] * 1e-9:.3f} to {frames[-1] * 1e-9:.3f} s; check --time-unit, or state --align-start where "
+            "both began together"
+        )
+
+
+def _level(
+    stamps: IntArray, force: FloatArray, stage: StageCourse, choice: TareChoice, remarks: list[str]
+) -> tuple[Tare, Inertia]:
+    """Tare and inertia."""
+    if choice == "none":
+        return Tare(), Inertia()
+    if not isinstance(choice, str):
+        if not stage.names:
+            return stated_tare(stamps, force, *choice), Inertia()
+        tare, inertia = fit_inertia(stamps, force, stage, choice)
+        if inertia.how == "none":
+            remarks.append(inertia.detail)
+        return tare, inertia
+    tare = find_tare(stamps, force)
+    if tare.how == "none":
+        remarks.append(f"the force is not tared: {tare.detail}")
+    elif stage.names:
+        return fit_inertia(stamps, force, stage, max(tare.stretches_s, key=lambda stretch: stretch[1] - stretch[0]))
+    return tare, Inertia()
+
+
+def _offset(
+    run: _Run, context: Context, stamps: IntArray, force: FloatArray, choice: OffsetChoice, remarks: list[str]
+) -> ClockOffset:
+    if choice == "none":
+        return ClockOffset()
+    if not isinstance(choice, str):
+        return ClockOffset(round(choice * 1e6), "stated")
+    if run.blind:
+        remarks.append(f"the clock offset is taken as 0, for it could not be told: {run.blind}; see --offset-ms")
+        return ClockOffset(how="refused", detail=run.blind)
+    catheter, share = context.catheter, 1.0
+    if catheter.flexible_length_m and catheter.rigid_length_m:
+        share = catheter.flexible_length_m / (catheter.flexible_length_m + catheter.rigid_length_m)
+    shape = shape_coordinates(run.sightings, flexible_share=share)
+    offset = estimate_offset(run.stamp_ns, shape, stamps, force, window_s=_LOOK_S)
+    if offset.how == "refused":
+        remarks.append(f"the clock offset is taken as 0, for it could not be told: {offset.detail}; see --offset-ms")
+    elif offset.detail:
+        remarks.append(offset.detail)
+    return offset
