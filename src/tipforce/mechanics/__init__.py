@@ -3,5 +3,34 @@
 from ._contact import Contact, Wall, press
 from ._free import Shape, bend
 from ._rod import Rod
+from .baselines import (
+    Bent,
+    BentShape,
+    ConstantCurvature,
+    Elastica,
+    LargeDeflection,
+    LinearBeam,
+    MassSpring,
+    PseudoRigidBody,
+    RigidLinks,
+    RodModel,
+)
 
-__all__ = ["Contact", "Rod", "Shape", "Wall", "bend", "press"]
+__all__ = [
+    "Bent",
+    "BentShape",
+    "ConstantCurvature",
+    "Contact",
+    "Elastica",
+    "LargeDeflection",
+    "LinearBeam",
+    "MassSpring",
+    "PseudoRigidBody",
+    "RigidLinks",
+    "Rod",
+    "RodModel",
+    "Shape",
+    "Wall",
+    "bend",
+    "press",
+]
