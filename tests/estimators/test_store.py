@@ -12,6 +12,7 @@ import pytest
 from tipforce.dataset import Dataset
 from tipforce.errors import InputError, MissingExtraError, ModelError
 from tipforce.estimators import Svr, create, export_onnx, load_model, read_manifest, save_model
+from tipforce.estimators.store import _own_sha256
 
 World = Callable[..., Dataset]
 QUICK = {"c": (10.0,), "epsilon": (0.01,), "sigma": (1.0,), "force": "components"}
@@ -102,10 +103,15 @@ def test_answers_that_differ_from_scikit_learn_are_not_saved(data: Dataset, tmp_
     assert not (tmp_path / "m").exists()
 
 
-def edit(**changes: Any) -> Callable[[Path], None]:
+def edit(*, signed: bool = False, **changes: Any) -> Callable[[Path], None]:
+    """Changed by hand; ``signed``: with a checksum that fits, as another program would write it."""
+
     def change(folder: Path) -> None:
         path = folder / "model.json"
-        path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+        changed = {**json.loads(path.read_text()), **changes}
+        if signed:
+            changed["sha256"]["model.json"] = _own_sha256(changed)
+        path.write_text(json.dumps(changed))
 
     return change
 
@@ -121,10 +127,14 @@ def cut(name: str) -> Callable[[Path], None]:
         (lambda f: os.remove(f / "arrays.npz"), r"the file arrays\.npz is missing"),
         (cut("arrays.npz"), r"arrays\.npz: was altered after it was saved"),
         (cut("model.json"), r"model\.json: is damaged"),
+        (edit(seed=5), r"model\.json: was altered"),
+        (edit(sha256={}), r"model\.json: was altered"),
+        (edit(sha256=None), r"model\.json: was altered"),
+        (edit(training=None), r"model\.json: was altered"),
         (edit(format_version=2), r"format version 2, this program reads up to 1; update tipforce"),
         (edit(method="oracle"), r"made by the method 'oracle', this program has svr"),
-        (edit(settings={"kernel": "cubic"}), r"does not fit the method svr"),
-        (edit(state={}), r"does not fit the method svr"),
+        (edit(signed=True, settings={"kernel": "cubic"}), r"does not fit the method svr"),
+        (edit(signed=True, state={}), r"does not fit the method svr"),
         (lambda f: (f / "model.json").write_text("{}"), r"model\.json: is damaged"),
         (lambda f: (f / "model.json").write_text('{"format_version": 1}'), r"lacks facts, method"),
     ],

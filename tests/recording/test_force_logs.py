@@ -82,6 +82,16 @@ def test_stamps_since_1970_in_nanoseconds_are_exact(tmp_path: Path) -> None:
         ("time_s,fx_n,fx_n\n0,1,2\n", ForceColumns(), TableError, "appears twice"),
         ("time_s,fx_n\n0,1\n\n0.002,1\n0.001,1\n", ForceColumns(), TimeError, "line 5: is stamped before"),
         ("time_s,fx_n\n0,1\n0,1\n", ForceColumns(), TimeError, "line 3: repeats the stamp"),
+        ("time_s,fx_n\n0,1\n\n1,1e300\n", ForceColumns(), TableError, "line 4, column fx_n: 1e+300 is 1e+300 N"),
+        ("time_ms,fx_n\n1723092491697277832,1\n", ForceColumns(), TimeError, "check --time-unit"),
+        ("time_s,fx_n\n1e15,1\n", ForceColumns(), TimeError, "check --time-unit"),
+        (
+            "time,fx_n\n2024-05-03T10:00:00,1\n2024-05-33T10:00:01,1\n",
+            ForceColumns(),
+            TableError,
+            "line 3, column time: expected a date",
+        ),
+        ("time_s," + ",".join(f"a{k}" for k in range(300)) + "\n", ForceColumns(), TableError, "and 281 more"),
     ],
 )
 def test_a_bad_log_is_told_in_one_sentence(
@@ -101,6 +111,37 @@ def test_a_file_of_bytes_is_no_table(tmp_path: Path) -> None:
         read_force_log(path)
     with pytest.raises(FileFormatError, match="no such file"):
         read_force_log(tmp_path / "other.csv")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_a_log_of_a_german_windows_is_read(tmp_path: Path, encoding: str) -> None:
+    rows = "".join(f"{k},{k % 7}\n" for k in range(3000))
+    path = tmp_path / "Prüfstand [3].csv"
+    path.write_text(f"zeit_ms,Kraft ä_mN\n{rows}# Prüfstand\n", encoding=encoding)
+    found = read_force_log(path, ForceColumns(fx="Kraft ä_mN"))
+    assert len(found.stamp_ns) == 3000
+    assert found.force_n[6, 0] == pytest.approx(6e-3)
+
+
+def test_an_umlaut_far_down_in_a_log_does_no_harm(tmp_path: Path) -> None:
+    path = tmp_path / "force.csv"
+    rows = "".join(f"{k},{k % 7}\n" for k in range(300_000))
+    path.write_text(f"time_ms,fx_n\n{rows}# Prüfstand\n", encoding="latin-1")
+    assert len(read_force_log(path).stamp_ns) == 300_000
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("2024-05-03T10:00:00", "2024-05-03T10:00:00.25"),
+        ("2024-05-03 10:00:00.000000Z", "2024-05-03 10:00:00.250000Z"),
+        ("2024-05-03T12:00:00+02:00", "2024-05-03T12:00:00.250+02:00"),
+        ("2024-05-03T05:30:00.0-0430", "2024-05-03T05:30:00.25-0430"),
+    ],
+)
+def test_dates_are_stamps_since_1970(tmp_path: Path, first: str, second: str) -> None:
+    found = read_force_log(log(tmp_path, f"timestamp,fx_n\n{first},1\n{second},2\n"))
+    assert found.stamp_ns.tolist() == [1714730400_000_000_000, 1714730400_250_000_000]
 
 
 def test_a_knob_log_names_its_drives_with_their_units(tmp_path: Path) -> None:

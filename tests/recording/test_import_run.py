@@ -75,6 +75,16 @@ def test_stamps_before_zero_move_all_streams_alike(run: Run, tmp_path: Path) -> 
     np.testing.assert_allclose(found.force_n[inside, 0], found.stamp_ns[inside] * 1e-9 - 0.5, atol=1e-6)
 
 
+def test_forces_that_no_catheter_bears_are_remarked_on(run: Run, tmp_path: Path) -> None:
+    lines = run.force.read_text().splitlines()
+    lines[4000] = f"{lines[4000].split(',')[0]},500,0"
+    (tmp_path / "force.csv").write_text("\n".join(lines))
+    report = import_run(run.video, tmp_path / "force.csv", tmp_path / "run.mcap", offset_ms="none")
+    assert any("up to 500 N: check --force-unit" in remark for remark in report.remarks)
+    usual = import_run(run.video, run.force, tmp_path / "usual.mcap", offset_ms="none")
+    assert not any("--force-unit" in remark for remark in usual.remarks)
+
+
 def test_the_knob_may_be_a_column_or_a_log_of_its_own(run: Run, tmp_path: Path) -> None:
     table = tmp_path / "force.csv"
     table.write_text("time_s,fx_n,knob\n" + "".join(f"{k / 1000:.3f},0.1,{k / 100}\n" for k in range(8000)))

@@ -1,6 +1,7 @@
 """The command line: one verb a file. Verbs call the rooms and hold no logic; rooms are imported when a verb runs."""
 
 import importlib
+import os
 import sys
 import warnings
 
@@ -48,6 +49,8 @@ def _say_warning(message: Warning | str, *_: object, **__: object) -> None:
 def main() -> None:
     """Run the command line; a mistake in the input is one sentence and exit code 2."""
     warnings.showwarning = _say_warning
+    # read when OpenCV is first imported: what it finds wrong with a picture is said by our own sentence
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     try:
         app()
     except TipforceError as error:

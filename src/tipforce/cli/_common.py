@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,25 +11,49 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-__all__ = ["JsonOption", "console", "progress_bar", "say", "write_json"]
+from ..errors import InputError
 
-console = Console(stderr=True, highlight=False)
-"""Everything meant for people goes to standard error, so that standard output can carry figures."""
+__all__ = ["JsonOption", "check_outputs", "console", "progress_bar", "say", "write_json"]
+
+console = Console(stderr=True, highlight=False, markup=False, emoji=False)
+"""Everything meant for people goes to standard error, so that standard output can carry figures.
+
+What is in brackets or between colons is printed as it is: columns are called "Time [s]", files anything.
+"""
 
 JsonOption = Annotated[
     str | None, typer.Option("--json", metavar="FILE", help="Also write the figures as JSON; - is standard output.")
 ]
 
 
-def say(text: str) -> None:
+def say(text: str, style: str | None = None) -> None:
     """One line for the person at the terminal."""
-    console.print(text, soft_wrap=True)
+    console.print(text, style=style, soft_wrap=True)
+
+
+def check_outputs(inputs: Sequence[Path], *outputs: Path | str | None) -> None:
+    """Raises InputError where a file cannot be written, or would take the place of an input or of another output.
+
+    To be asked before any work is done. None and "-" (standard output) are passed over.
+    """
+    taken = {path.resolve(): f"{path} is what is read" for path in inputs}
+    for output in outputs:
+        if output is None or str(output) == "-":
+            continue
+        path = Path(output)
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder; name a file")
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
+        if path.resolve() in taken:
+            raise InputError(f"{path}: cannot be written, for {taken[path.resolve()]}; choose another name")
+        taken[path.resolve()] = "it is to be written twice"
 
 
 @contextmanager
 def progress_bar() -> Generator[Callable[[str, float], None]]:
     """Yields ``report(what, share)``: a bar with percentage and time left, that vanishes at the end."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bars:
         task = bars.add_task("", total=1.0)
 

@@ -27,7 +27,7 @@ def actuation_from(knob_deg: float | None, pairs: list[str] | None) -> dict[str,
     >>> actuation_from(10, ["wire_0_mm=1.5"])
     {'knob_deg': 10.0, 'wire_0_mm': 1.5}
     """
-    values = {} if knob_deg is None else {"knob_deg": float(knob_deg)}
+    values = {} if knob_deg is None else {"knob_deg": _number(str(knob_deg), "--knob-deg", "degrees")}
     for pair in pairs or []:
         name, _, text = pair.partition("=")
         if not name.rpartition("_")[0] or not text:

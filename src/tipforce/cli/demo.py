@@ -40,7 +40,7 @@ def command(
 
     def step(title: str, name: str) -> None:
         marks[name] = round(time.monotonic() - started, 1)
-        say(f"\n[bold]{title}[/bold] [dim]({marks[name]:.0f} s)[/dim]")
+        say(f"\n{title} ({marks[name]:.0f} s)", "bold")
 
     output.mkdir(parents=True, exist_ok=True)
     step("1. A bench in software: videos, force logs", "simulate")
@@ -72,7 +72,7 @@ def command(
     film = folders[-1] / "video.mp4"
     _tipforce(
         "estimate", model, film, "--knob-deg", _facts(folders[-1])["knob_deg"], "-o", output / "forces.csv",
-        "--overlay", output / "overlay.mp4",
+        "--overlay", output / "overlay.mp4", "--overwrite",
     )  # fmt: skip
 
     marks["total"] = round(time.monotonic() - started, 1)
@@ -111,14 +111,14 @@ def _import(folder: Path, target: Path) -> None:
         "-o", target, shown=False,
     )  # fmt: skip
     clock = next((line for line in told.splitlines() if line.startswith("clock offset")), "")
-    say(f"  {target.name}  [dim]{clock.split(' (')[0]}[/dim]")
+    say(f"  {target.name}  {clock.split(' (')[0]}", "dim")
 
 
 def _tipforce(*words: object, shown: bool = True) -> str:
     """Type one command: it runs as a program of its own, and ends the demo where it fails. Returns what it said."""
     command = [str(word) for word in words]
     if shown or command[-1].endswith("00.mcap"):
-        say(f"[cyan]$ tipforce {shlex.join(command)}[/cyan]")
+        say(f"$ tipforce {shlex.join(command)}", "cyan")
     caught = None if shown else subprocess.PIPE
     done = subprocess.run([sys.executable, "-m", "tipforce", *command], stderr=caught, text=True, check=False)
     if done.returncode:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ._common import JsonOption, progress_bar, say, write_json
+from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._facts import actuation_from
 
 __all__ = ["command"]
@@ -28,6 +28,7 @@ def command(
     actuation: Annotated[
         list[str] | None, typer.Option(metavar="NAME_UNIT=VALUE", help="Another drive's constant; may be repeated.")
     ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there already.")] = False,
     json_file: JsonOption = None,
 ) -> None:
     """Estimate the force on every frame: a row per frame with value, 90 % interval, status and reason.
@@ -37,11 +38,16 @@ def command(
     Example:
         tipforce estimate models/svr video.mp4 --knob-deg 10 -o forces.csv --overlay out.mp4
     """
+    from ..errors import InputError
     from ..estimators import load_model, write_estimates
     from ..recording import open_source
 
-    estimator = load_model(model)
     target = sys.stdout if output == "-" else Path(output)
+    check_outputs([frames], output, overlay, json_file)
+    for path in (target, overlay):
+        if isinstance(path, Path) and path.exists() and not overwrite:
+            raise InputError(f"{path}: exists already; choose another name or state --overwrite")
+    estimator = load_model(model)
     with (
         open_source(frames, actuation=actuation_from(knob_deg, actuation)) as source,
         progress_bar() as progress,

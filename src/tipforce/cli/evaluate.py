@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from ._common import JsonOption, progress_bar, say, write_json
+from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._settings import SetOption, settings_from
 
 __all__ = ["command"]
@@ -49,6 +49,7 @@ def command(
     from ..twin import read_truth
 
     check_folder(output)
+    check_outputs([data], json_file)
     named = [model for model in models if model in ESTIMATORS and not Path(model).is_dir()]
     if settings and not named:
         raise InputError("--set changes the settings of a method that is named, such as svr; a saved model has its own")

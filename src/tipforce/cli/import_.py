@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ._common import JsonOption, progress_bar, say, write_json
+from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._facts import actuation_from, catheter_from, offset_from, tare_from
 from ._settings import SetOption, settings_from
 
@@ -113,10 +113,13 @@ def command(
     Example: tipforce import runs/*.mcap -o dataset/
     """
     from ..errors import InputError
-    from ..recording import ForceColumns, SensorPose, describe, import_run, plot_summary
+    from ..recording import ForceColumns, SensorPose, describe, import_run, plot_summary, refuse_picture
     from ..types import Context
     from ..vision import VisionSettings
 
+    check_outputs([*inputs, *(log for log in (knob_log, stage_log) if log)], plot, json)
+    if plot is not None:
+        refuse_picture(plot, plot=True)
     if all(path.suffix == ".mcap" for path in inputs):
         _dataset(inputs, output, overwrite=overwrite, json=json)
         return

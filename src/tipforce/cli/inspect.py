@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from ._common import JsonOption, progress_bar, say, write_json
+from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._settings import SetOption, settings_from
 
 __all__ = ["command"]
@@ -56,7 +56,9 @@ def command(
     from ..vision import ShapeFeatureSettings, VisionSettings
 
     target = output or Path(f"{file.stem}-inspect.png")
+    check_outputs([file], target, json_file)
     if file.suffix in (".mcap", ".part") and not (frames or figures):
+        refuse_picture(target, plot=True)
         summary = summarise(file)
         plot_summary(summary, target)
         for line in describe(summary):

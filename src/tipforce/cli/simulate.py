@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ._common import JsonOption, progress_bar, say, write_json
+from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._settings import SetOption, settings_from
 
 __all__ = ["command"]
@@ -36,6 +36,7 @@ def command(
     from ..recording import write_video
     from ..twin import PRESETS, read_truth, simulate
 
+    check_outputs([], json_file)
     if preset not in PRESETS:
         raise InputError(f"--preset {preset}: there is no such bench; there are {', '.join(PRESETS)}")
     chosen = settings_from(PRESETS[preset], [f"seconds={seconds}", *(settings or [])])

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ._common import JsonOption, progress_bar, say, write_json
+from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._settings import SetOption, settings_from
 
 __all__ = ["command"]
@@ -45,6 +45,7 @@ def command(
     from ..dataset import leave_out, open_dataset
     from ..estimators import check_target, create, export_onnx, method, read_manifest, save_model, train, training_lines
 
+    check_outputs([data], onnx, json_file)
     recipe = create(estimator, settings_from(method(estimator).settings_type, settings))
     check_target(output, overwrite=overwrite)
     dataset = leave_out(open_dataset(data), without or [])

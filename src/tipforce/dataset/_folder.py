@@ -108,7 +108,7 @@ def _facts(path: Path) -> FolderFacts:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise FileFormatError(
-            f"{path}: {key}: {first['msg']}; it may hold {', '.join(FolderFacts.model_fields)}"
+            f"{path}: {key or 'its content'}: {first['msg']}; it may hold {', '.join(FolderFacts.model_fields)}"
         ) from None
 
 

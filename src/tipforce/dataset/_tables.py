@@ -24,7 +24,7 @@ class CsvTable:
             with path.open(newline="", encoding="utf-8-sig") as stream:
                 rows = [row for row in csv.reader(stream) if row]
         except (UnicodeDecodeError, csv.Error) as error:
-            raise FileFormatError(f"{path}: is no CSV text file ({error})") from None
+            raise FileFormatError(f"{path}: is no CSV text file in UTF-8 ({error}); save it as one") from None
         if not rows:
             raise FileFormatError(f"{path}: is empty; expected a header and rows")
         self.columns = [name.strip() for name in rows[0]]
@@ -72,9 +72,9 @@ class CsvTable:
             except ValueError:
                 value = math.nan
             if not math.isfinite(value):
-                hint = "; write a decimal point, not a comma" if "," in cell else ""
+                hint = "write a decimal point, not a comma" if "," in cell else "correct the row or remove it"
                 raise TableError(
-                    f"{self.path}, row {index + 2}, column {name}: expected a finite number, got {cell!r}{hint}"
+                    f"{self.path}, row {index + 2}, column {name}: expected a finite number, got {cell[:40]!r}; {hint}"
                 )
             values[index] = value
         return values

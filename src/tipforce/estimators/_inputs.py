@@ -60,7 +60,7 @@ class Inputs:
         for place, name in enumerate(self._actuation, len(values)):
             value = observation.actuation.get(name)
             if value is None or value != value:
-                return Refusal(Status.MISSING_INPUT, f"the value {name} that this model was trained with is absent")
+                return Refusal(Status.MISSING_INPUT, f"{name}, which this model was trained with, is absent; state it")
             row[place] = value
         return row
 

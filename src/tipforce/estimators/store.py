@@ -55,6 +55,7 @@ def save_model(
         manifest = _manifest(estimator, training, metrics, values)
         (part / CARD).write_text(model_card(manifest), encoding="utf-8")
         manifest["sha256"] = {name: _sha256((part / name).read_bytes()) for name in (ARRAYS, CARD)}
+        manifest["sha256"][MANIFEST] = _own_sha256(manifest)
         text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
         (part / MANIFEST).write_text(text + "\n", encoding="utf-8")
         part.chmod(0o755)
@@ -129,7 +130,7 @@ def load_model(folder: str | Path) -> Estimator:
     for name, expected in manifest["sha256"].items():
         if not (folder / name).is_file():
             raise ModelError(f"{folder}: the file {name} is missing; train the model again or copy the whole folder")
-        if name != CARD and _sha256((folder / name).read_bytes()) != expected:
+        if name == ARRAYS and _sha256((folder / name).read_bytes()) != expected:
             raise ModelError(
                 f"{folder / name}: was altered after it was saved (its SHA-256 is not the one in {MANIFEST}); train "
                 "the model again or copy the whole folder"
@@ -146,7 +147,10 @@ def load_model(folder: str | Path) -> Estimator:
 
 
 def read_manifest(folder: str | Path) -> dict[str, Any]:
-    """What ``model.json`` says; raises ModelError for a missing, unreadable or newer one, or an unknown method."""
+    """What ``model.json`` says.
+
+    Raises ModelError for a missing, unreadable, altered or newer one, or an unknown method.
+    """
     path = Path(folder) / MANIFEST
     if not path.is_file():
         raise ModelError(f"{folder}: is no model folder, there is no {MANIFEST}; make one with `tipforce train`")
@@ -168,7 +172,19 @@ def read_manifest(folder: str | Path) -> dict[str, Any]:
             f"{path}: was made by the method {manifest['method']!r}, this program has {', '.join(ESTIMATORS)}; update "
             "tipforce, or train the model with a method that is there"
         )
+    if not {ARRAYS, MANIFEST} <= set(sums := manifest["sha256"] or {}) or sums[MANIFEST] != _own_sha256(manifest):
+        raise ModelError(
+            f"{path}: was altered after it was saved (its SHA-256 is not the one it states); train the model again or "
+            "copy the whole folder"
+        )
     return manifest
+
+
+def _own_sha256(manifest: Mapping[str, Any]) -> str:
+    """Of all that ``model.json`` says but this sum itself, however it is laid out."""
+    others = {name: value for name, value in manifest["sha256"].items() if name != MANIFEST}
+    text = json.dumps({**manifest, "sha256": others}, sort_keys=True, ensure_ascii=False)
+    return _sha256(text.encode())
 
 
 def _read_arrays(data: bytes) -> dict[str, npt.NDArray[Any]]:

@@ -56,13 +56,13 @@ def evaluate(
     contact = _in_contact(dataset, truth_n)
     notes: list[str] = []
     plans: dict[Protocol, list[Split]] = {}
-    refusals: list[InputError] = []
+    refusals: dict[str, InputError] = {}
 
     def left_out(protocol: str, error: InputError) -> None:
         """Without a wish for certain protocols, those that these data do not allow are named and passed over."""
         if protocols is not None:
             raise error
-        refusals.append(error)
+        refusals[protocol] = error
         notes.append(f"Protocol {protocol} was left out: {error}.")
 
     for protocol in protocols or PROTOCOLS:
@@ -78,7 +78,7 @@ def evaluate(
         except InputError as error:
             left_out(protocol, error)
     if not rows:
-        raise refusals[0]
+        raise refusals[next(name for name in PROTOCOLS if name in refusals)]
     for candidate in candidates:
         row = _as_saved(candidate, dataset, everything, contact, truth_n, notes)
         if row is not None:

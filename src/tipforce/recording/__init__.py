@@ -2,9 +2,10 @@
 
 from ._describe import describe
 from ._facts import ClockOffset, Inertia, Reads, SensorPose, Tare
+from ._files import refuse_picture
 from ._import import ForceColumns, import_run
 from ._labels import Labels, labels
-from ._look import Look, frame_count, is_picture, look_at, look_through, refuse_picture, save_picture
+from ._look import Look, frame_count, is_picture, look_at, look_through, save_picture
 from ._observations import observations
 from ._reader import RecordingInfo, RecordingReader, StreamInfo
 from ._record import RunReport, record

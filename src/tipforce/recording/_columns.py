@@ -6,19 +6,23 @@ from typing import Literal
 import numpy as np
 
 from ..errors import TableError, TimeError
-from ..types import IntArray
-from ._table import Table
+from ..types import FloatArray, IntArray
+from ._table import Table, listed
 
-__all__ = ["TIME_UNITS", "TimeUnit", "rising", "time_column", "times_ns"]
+__all__ = ["MAX_STAMP_S", "TIME_UNITS", "TimeUnit", "rising", "time_column", "times_ns"]
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 TIME_UNITS: dict[str, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 """Nanoseconds in one of each unit."""
 
+MAX_STAMP_S = 2**31
+"""ROS messages hold seconds in 32 bits with a sign."""
+
 SEC_NANOSEC = "sec+nanosec"
 """Stands for the pair of columns that ROS tools write."""
 
 _TIME = re.compile(r"^(?:t|time|stamp|timestamp|zeit|elapsed)(?:[ _]*[\[(]?(s|sec|seconds|ms|us|µs|ns)[\])]?)?$")
+_DATE = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d(?:\.\d{1,9})?)\s*(Z|([+-])(\d\d):?(\d\d))?$")
 _UNITS = {"sec": "s", "seconds": "s", "µs": "us"}
 
 
@@ -31,11 +35,14 @@ def time_column(table: Table, name: str | None, unit: TimeUnit | None) -> tuple[
         if len(fitting) != 1:
             said = "several columns that may be the time" if fitting else "no column that is called a time"
             raise TableError(
-                f"{table.path}: has {said} ({', '.join(fitting or table.header)}); state it with --time and --time-unit"
+                f"{table.path}: has {said} ({listed(fitting or table.header)}); state it with --time and --time-unit; "
+                "the names must stand in the first line that does not begin with #"
             )
         name = fitting[0]
     else:
         table.column(name)
+    if unit is None and _DATE.match(_first(table, name)):
+        return name, "ns"
     if unit is None:
         stated = re.search(r"[ _\[(](s|sec|seconds|ms|us|µs|ns)[\])]?$", name.lower())
         if stated is None:
@@ -46,17 +53,57 @@ def time_column(table: Table, name: str | None, unit: TimeUnit | None) -> tuple[
 
 
 def times_ns(table: Table, column: str, unit: TimeUnit) -> IntArray:
-    """(n,) stamps in nanoseconds, as they stand in the table."""
+    """(n,) stamps in nanoseconds, as they stand in the table; dates as in 2024-05-03T10:00:00.125 since 1970.
+
+    Raises TimeError for stamps that no recording can hold, TableError for what is neither number nor date.
+    """
     if column == SEC_NANOSEC:
         seconds, nanoseconds = table.integers("sec"), table.integers("nanosec")
         if seconds is not None and nanoseconds is not None:
-            return seconds * 1_000_000_000 + nanoseconds
+            return _held(table, seconds, 1_000_000_000) + nanoseconds
         pair = table.numbers(["sec", "nanosec"])
-        return np.rint(pair[:, 0] * 1e9 + pair[:, 1]).astype(np.int64)
+        return _held(table, np.rint(pair[:, 0] * 1e9 + pair[:, 1]), 1)
     whole = table.integers(column)
     if whole is not None:
-        return whole * TIME_UNITS[unit]
-    return np.rint(table.numbers([column])[:, 0] * TIME_UNITS[unit]).astype(np.int64)
+        return _held(table, whole, TIME_UNITS[unit])
+    if _DATE.match(_first(table, column)):
+        return _dates_ns(table, column)
+    return _held(table, np.rint(table.numbers([column])[:, 0] * TIME_UNITS[unit]), 1)
+
+
+def _held(table: Table, values: IntArray | FloatArray, factor: int) -> IntArray:
+    """``values`` times ``factor`` as whole nanoseconds, where a recording can hold them."""
+    most_s = float(np.abs(values).max()) * factor * 1e-9 if len(values) else 0.0
+    if most_s >= MAX_STAMP_S:
+        raise TimeError(f"{table.path}: holds a time of {most_s:.4g} s, beyond the year 2038; check --time-unit")
+    return values.astype(np.int64) * factor
+
+
+def _first(table: Table, column: str) -> str:
+    """The first cell of a column, empty without rows."""
+    place = table.column(column)
+    return next((row[place] for _, row in table.lines() if place < len(row)), "")
+
+
+def _dates_ns(table: Table, column: str) -> IntArray:
+    """Dates of one time zone as nanoseconds since 1970; a Z or an offset from UTC behind them is obeyed."""
+    words = table.words(column)
+    stamps = np.empty(len(words), np.int64)
+    for row, word in enumerate(words):
+        found = _DATE.match(word)
+        try:
+            if found is None:
+                raise ValueError(word)
+            day = np.datetime64(f"{found[1]}T{found[2]}", "ns").astype(np.int64)
+        except ValueError:
+            line = next(number for place, (number, _) in enumerate(table.lines()) if place == row)
+            raise TableError(
+                f"{table.path}, line {line}, column {column}: expected a date as in the rows above, got {word[:40]!r}; "
+                "correct the row or remove it"
+            ) from None
+        ahead = 0 if not found[4] else int(found[4] + "1") * (int(found[5]) * 60 + int(found[6]))
+        stamps[row] = day - ahead * 60_000_000_000
+    return _held(table, stamps, 1)
 
 
 def rising(table: Table, stamps_ns: IntArray) -> None:

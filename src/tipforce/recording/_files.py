@@ -10,7 +10,7 @@ from mcap.stream_reader import StreamReader
 
 from ..errors import FileFormatError
 
-__all__ = ["finished_of", "lock", "origin_of", "part_of", "refuse_existing"]
+__all__ = ["finished_of", "lock", "origin_of", "part_of", "refuse_existing", "refuse_picture"]
 
 
 def part_of(path: Path) -> Path:
@@ -67,3 +67,12 @@ def refuse_existing(path: Path, *, overwrite: bool, origin: str) -> None:
         raise FileFormatError(
             f"{part}: holds a recording that was cut off; recover it with `tipforce inspect {path}` or remove it"
         )
+
+
+def refuse_picture(path: Path, *, plot: bool = False) -> None:
+    """Raises FileFormatError where `save_picture` (or `plot_summary`) could not write ``path``; ask first."""
+    if not path.parent.is_dir():
+        raise FileFormatError(f"{path}: the folder {path.parent} does not exist; make it first")
+    if path.suffix.lower() not in ((".png", ".svg") if plot else (".png", ".jpg", ".jpeg")):
+        what = "plots are written as .png or .svg" if plot else "pictures are written as .png or .jpg"
+        raise FileFormatError(f"{path}: {what}; name it {path.with_suffix('.png').name}")

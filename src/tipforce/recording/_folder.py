@@ -4,14 +4,16 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from ..errors import FileFormatError, InputError, TimeError
 from ..types import FloatArray, Frame, Image, IntArray
 from ._columns import TIME_UNITS, time_column, times_ns
-from ._table import Table, open_table
+from ._table import Table, listed, open_table
 
 __all__ = ["ImageFolder", "read_folder", "read_image"]
 
@@ -34,11 +36,30 @@ class ImageFolder:
 
 
 def read_image(path: Path) -> Image:
-    """One picture, 8 bit: (h, w) grey or (h, w, 3) RGB. Raises FileFormatError."""
-    image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_ANYCOLOR) if path.stat().st_size else None
+    """One picture, 8 bit: (h, w) grey or (h, w, 3) RGB, turned as its EXIF data say, without its alpha channel.
+
+    Of 16-bit pictures the upper eight bits are kept, of 12-bit numbers in them the upper eight of twelve. Raises
+    FileFormatError.
+    """
+    if not path.exists():
+        raise FileFormatError(f"{path}: there is no such file")
+    kind = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
+    image = cv2.imdecode(np.fromfile(path, np.uint8), kind) if path.stat().st_size else None
     if image is None:
-        raise FileFormatError(f"{path}: is no picture that can be read")
+        raise FileFormatError(f"{path}: is no picture that can be read; write it as PNG, JPEG or TIFF")
+    image = _eight_bit(path, image)
     return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)  # type: ignore[return-value]
+
+
+def _eight_bit(path: Path, image: npt.NDArray[Any]) -> Image:
+    """(h, w) or (h, w, 3) uint8 of an image of 8 or 16 bit. Raises FileFormatError for other types."""
+    if image.dtype == np.uint8:
+        return image
+    if image.dtype != np.uint16:
+        raise FileFormatError(f"{path}: holds {image.dtype} pixels; write it with 8 or 16 bit")
+    # cameras of 12 bit write their numbers as they are, and a 256th of them would be nearly black; more widths than
+    # these two would make the brightness jump from picture to picture with the brightest pixel
+    return (image >> (4 if int(image.max()) < 4096 else 8)).astype(np.uint8)
 
 
 def read_folder(folder: Path) -> ImageFolder:
@@ -73,7 +94,7 @@ def frames_of(folder: ImageFolder, view: str) -> Iterator[Frame]:
 
 def _from_table(folder: Path, table: Table) -> ImageFolder:
     if "file_name" not in table.header:
-        raise FileFormatError(f"{table.path}: has no column file_name; it has {', '.join(table.header)}")
+        raise FileFormatError(f"{table.path}: has no column file_name; it has {listed(table.header)}")
     files = tuple(folder / name for name in table.words("file_name"))
     missing = next((path for path in files if not path.is_file()), None)
     if missing is not None:

@@ -12,12 +12,13 @@ from ..errors import TableError
 from ..types import FloatArray, IntArray
 from ..units import FORCE_UNITS
 from ._columns import TimeUnit, rising, time_column, times_ns
-from ._table import Table, open_table
+from ._table import Table, listed, open_table
 
 __all__ = ["ForceColumns", "ForceLog", "read_force_log", "read_knob_log"]
 
 _AXIS = re.compile(r"^(?:wrench[._])?f(?:orce)?[ ._]*([xyz])(?:[ _]*[\[(]?(n|mn|g|gf|counts)[\])]?)?$", re.IGNORECASE)
 _UNIT_AT_END = re.compile(r"[ _\[(](n|mn|g|gf|counts)[\])]?$", re.IGNORECASE)
+_MOST_N = 1e4
 _UNITS = {"n": "N", "mn": "mN", "g": "g", "gf": "g", "counts": "counts"}
 
 
@@ -61,12 +62,25 @@ def read_force_log(path: Path, columns: ForceColumns | None = None, knob_column:
     names = [name for _, name, _ in axes] + ([knob_column] if knob_column else [])
     numbers = table.numbers(names)
     force = np.full((len(stamps), 3), math.nan)
-    for place, (axis, _, factor) in enumerate(axes):
+    for place, (axis, name, factor) in enumerate(axes):
         force[:, axis] = numbers[:, place] * factor
+        _plausible(table, force[:, axis], numbers[:, place], name)
     said = ", ".join(
         f"f{'xyz'[axis]} = {'-' if factor < 0 else ''}{name} ({abs(factor):g} N)" for axis, name, factor in axes
     )
     return ForceLog(stamps, force, numbers[:, -1] if knob_column else None, f"time = {time} ({unit}), {said}")
+
+
+def _plausible(table: Table, force_n: FloatArray, numbers: FloatArray, name: str) -> None:
+    """Raises TableError for a reading that no sensor gives."""
+    wrong = np.flatnonzero(np.abs(force_n) > _MOST_N)
+    if len(wrong):
+        row = int(wrong[0])
+        line = next(number for place, (number, _) in enumerate(table.lines()) if place == row)
+        raise TableError(
+            f"{table.path}, line {line}, column {name}: {numbers[row]:g} is {force_n[row]:.3g} N, which no sensor at a "
+            "catheter reads; correct the row or remove it, or check --force-unit"
+        )
 
 
 def read_knob_log(path: Path, time_unit: TimeUnit | None = None) -> tuple[IntArray, dict[str, FloatArray]]:
@@ -78,7 +92,7 @@ def read_knob_log(path: Path, time_unit: TimeUnit | None = None) -> tuple[IntArr
     if bad is not None or not names:
         raise TableError(
             f"{path}: expected a time and columns that end in their unit, as in time_s,knob_deg; got "
-            f"{', '.join(table.header)}"
+            f"{listed(table.header)}"
         )
     stamps = times_ns(table, time, unit)
     rising(table, stamps)
@@ -100,7 +114,7 @@ def _axes(table: Table, columns: ForceColumns) -> list[tuple[int, str, float]]:
         found = sorted(("xyz".index(match[1].lower()), column, 1.0) for column, match in matches if match)
         if not found or len({axis for axis, _, _ in found}) < len(found):
             raise TableError(
-                f"{table.path}: cannot tell which columns are the force ({', '.join(table.header)}); state them with "
+                f"{table.path}: cannot tell which columns are the force ({listed(table.header)}); state them with "
                 "--fx, --fy and --fz"
             )
     return [(axis, column, sign * _newtons(table, column, columns)) for axis, column, sign in found]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from ..errors import FileFormatError, InputError
+from ..errors import InputError
 from ..types import Frame, Image, Source
 from ..vision import (
     ClassicChain,
@@ -24,7 +24,7 @@ from ..vision import (
     inspect_picture,
     settle,
 )
-from ._files import part_of
+from ._files import part_of, refuse_picture
 from ._folder import read_image
 from ._reader import RecordingReader
 from ._sources import FileSource, open_source
@@ -32,7 +32,7 @@ from ._sources import FileSource, open_source
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Look", "frame_count", "is_picture", "look_at", "look_through", "refuse_picture", "save_picture"]
+__all__ = ["Look", "frame_count", "is_picture", "look_at", "look_through", "save_picture"]
 
 _PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 
@@ -116,15 +116,6 @@ def _settled(vision: VisionSettings, images: list[Image]) -> VisionSettings:
 
 def _frames(source: Source, view: str) -> Iterator[Frame]:
     return (event for event in source if isinstance(event, Frame) and event.view == view)
-
-
-def refuse_picture(path: Path) -> None:
-    """Raises FileFormatError where `save_picture` could not write ``path``: to be asked before long work."""
-    if not path.parent.is_dir():
-        raise FileFormatError(f"{path}: the folder {path.parent} does not exist; make it first")
-    suffix = path.suffix.lower()
-    if suffix not in (".png", ".jpg", ".jpeg"):
-        raise FileFormatError(f"{path}: pictures are written as .png or .jpg")
 
 
 def save_picture(path: Path, picture: "Image | Figure") -> None:

@@ -37,7 +37,7 @@ def plot_run(reader: RecordingReader, frames: str | None, found: Labels | None, 
         picture.axis("off")
         _intervals(steps, (stamps - stamps[0]) * 1e-9)
     part = part_of(path)
-    figure.savefig(part, format=path.suffix.lstrip(".").lower() or "png")
+    figure.savefig(part, format=path.suffix.lstrip(".").lower())
     part.replace(path)
 
 

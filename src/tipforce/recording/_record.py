@@ -29,6 +29,8 @@ OffsetChoice = Literal["auto", "none"] | float
 
 _LOOK_S = 0.3
 """Largest clock offset that is looked for."""
+_LARGE_N = 10.0
+"""A catheter buckles long before; what is more is another unit or a slip of the pen."""
 _FIRST = 50
 """Frames on which vision settles, every fifth of them."""
 
@@ -104,6 +106,9 @@ def write_run(
     level, inertia = _level(stamps, force, run.stage, tare, remarks)
     writer.state(level)
     writer.state(inertia)
+    most_n = float(np.nanmax(np.abs(force - level.force_n)))
+    if most_n > _LARGE_N:
+        remarks.append(f"the force log holds up to {most_n:.3g} N: check --force-unit and its rows")
     carried = run.stage.acceleration(stamps + inertia.lag_ns, inertia.axes) @ inertia.gain_kg
     tared = np.nan_to_num(force - level.force_n - carried) @ pose.matrix.T
     writer.state(_offset(run, context, stamps, tared, offset_ms, remarks))
@@ -180,7 +185,7 @@ def _head(events: Iterator[Event]) -> list[Event]:
 
 
 def _check_overlap(names: tuple[str, str], frames: IntArray, force: IntArray) -> None:
-    if min(frames[-1], force[-1]) <= max(frames[0], force[0]):
+    if len(frames) and min(frames[-1], force[-1]) <= max(frames[0], force[0]):
         raise TimeError(
             f"{names[1]}: its {force[0] * 1e-9:.3f} to {force[-1] * 1e-9:.3f} s do not overlap with {names[0]}, "
             f"{frames[0] * 1e-9:.3f} to {frames[-1] * 1e-9:.3f} s; check --time-unit, or state --align-start where "

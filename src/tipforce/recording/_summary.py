@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..types import Context, FloatArray
+from ._files import refuse_picture
 from ._labels import Labels, labels
 from ._reader import RecordingInfo, RecordingReader
 
@@ -127,7 +128,11 @@ def _ranges(found: Labels) -> dict[str, tuple[float, float]]:
 
 
 def plot_summary(summary: RecordingSummary, path: Path | str) -> None:
-    """Force over time, a picture and the frames' intervals, as a PNG or SVG (by the name's ending)."""
+    """Force over time, a picture and the frames' intervals, as a PNG or SVG (by the name's ending).
+
+    Raises FileFormatError where its kind or folder is none.
+    """
+    refuse_picture(Path(path), plot=True)
     from ._plot import plot_run  # matplotlib takes a third of a second to load
 
     with RecordingReader(summary.path) as reader:

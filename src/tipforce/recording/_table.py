@@ -1,5 +1,6 @@
 """Tables of numbers as laboratories write them: comma, semicolon, tab or blanks; decimal point or comma."""
 
+import codecs
 import math
 import re
 from collections.abc import Iterator, Sequence
@@ -12,25 +13,28 @@ import numpy as np
 from ..errors import FileFormatError, TableError
 from ..types import FloatArray, IntArray
 
-__all__ = ["Table", "open_table"]
+__all__ = ["Table", "listed", "open_table"]
 
 _SEPARATORS = {"\t": "tab", ";": "semicolon", ",": "comma", " ": "blank"}
+_SAMPLE = 1 << 20
+"""Bytes that tell how a file is written."""
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table with a header row. ``first_line``: number of the first line of data, counted from 1."""
+    """A table with a header row. ``header_line``: its number, counted from 1; ``encoding``: of the file's text."""
 
     path: Path
     header: tuple[str, ...]
     separator: str
     decimal_comma: bool
     header_line: int
+    encoding: str
 
     def lines(self) -> Iterator[tuple[int, list[str]]]:
         """Line number and cells of every row of data; blank lines and comments (#) are passed over."""
-        with _text(self.path) as stream:
+        with _text(self.path, self.encoding) as stream:
             for number, line in enumerate(stream, start=1):
                 if number > self.header_line and line.strip() and not line.lstrip().startswith("#"):
                     yield number, _cells(line, self.separator)
@@ -38,7 +42,7 @@ class Table:
     def column(self, name: str) -> int:
         """Place of a column. Raises TableError that lists those there are."""
         if name not in self.header:
-            raise TableError(f"{self.path}: has no column {name!r}; it has {', '.join(self.header)}")
+            raise TableError(f"{self.path}: has no column {name!r}; it has {listed(self.header)}")
         return self.header.index(name)
 
     def numbers(self, names: Sequence[str]) -> FloatArray:
@@ -63,7 +67,7 @@ class Table:
 
     def _fast(self, columns: list[int], kind: type[np.float64] | type[np.int64]) -> "np.ndarray | None":  # type: ignore[type-arg]
         """NumPy's own parser, twenty times faster; None where it stumbles, and the slow way finds out over what."""
-        with _text(self.path) as stream:
+        with _text(self.path, self.encoding) as stream:
             for _ in range(self.header_line):
                 next(stream)
             lines = (line.replace(",", ".") for line in stream) if self.decimal_comma else stream
@@ -82,7 +86,7 @@ class Table:
         if column >= len(row):
             raise TableError(
                 f"{self.path}, line {line}: has {len(row)} cells, the header has {len(self.header)} "
-                f"({self.header[column]} is missing)"
+                f"({self.header[column]} is missing); complete the row or remove it"
             )
         return row[column]
 
@@ -96,9 +100,10 @@ class Table:
                 raise TableError(
                     f"{place}: {text!r} has a decimal comma where the rows above have a point; write one of the two"
                 ) from None
-            raise TableError(f"{place}: expected a number, got {text!r}" if text else f"{place}: is empty") from None
+            said = f"expected a number, got {text[:40]!r}" if text else "is empty"
+            raise TableError(f"{place}: {said}; correct the row or remove it") from None
         if not math.isfinite(value):
-            raise TableError(f"{place}: expected a number, got {text!r}; remove the row")
+            raise TableError(f"{place}: expected a number, got {text[:40]!r}; correct the row or remove it")
         return value
 
 
@@ -107,8 +112,33 @@ def _after(first: str, lines: Iterator[str] | IO[str]) -> Iterator[str]:
     yield from lines
 
 
-def _text(path: Path) -> IO[str]:
-    return path.open(encoding="utf-8-sig", newline=None)
+def listed(names: Sequence[str]) -> str:
+    """Names of columns as an error shows them: not all of two hundred."""
+    return ", ".join(names[:20]) + (f" and {len(names) - 20} more" if len(names) > 20 else "")
+
+
+def _text(path: Path, encoding: str) -> IO[str]:
+    return path.open(encoding=encoding, errors="replace", newline=None)
+
+
+def _encoding(path: Path) -> str:
+    """How the text of ``path`` is written: UTF-8, what Excel calls Unicode (UTF-16), else the Windows code page.
+
+    Raises FileFormatError for what is no text.
+    """
+    with path.open("rb") as stream:
+        sample = stream.read(_SAMPLE)
+    if sample.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    if b"\0" in sample:
+        raise FileFormatError(f"{path}: is no text table; export it as CSV")
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(sample)
+    except UnicodeDecodeError:
+        if sum(byte > 127 for byte in sample[:4096]) > 0.3 * min(len(sample), 4096):
+            raise FileFormatError(f"{path}: is no text table; export it as CSV") from None
+        return "cp1252"
+    return "utf-8-sig"
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -123,11 +153,11 @@ def open_table(path: Path) -> Table:
     """
     if not path.exists():
         raise FileFormatError(f"{path}: there is no such file")
-    try:
-        with _text(path) as stream:
-            head = [(number, line) for number, line in zip(range(1, 200), stream, strict=False) if line.strip()]
-    except UnicodeDecodeError:
-        raise FileFormatError(f"{path}: is no text table (CSV or TSV in UTF-8)") from None
+    if path.is_dir():
+        raise FileFormatError(f"{path}: is a folder; name the table in it")
+    encoding = _encoding(path)
+    with _text(path, encoding) as stream:
+        head = [(number, line) for number, line in zip(range(1, 200), stream, strict=False) if line.strip()]
     rows = [(number, line) for number, line in head if not line.lstrip().startswith("#")]
     if not rows:
         raise FileFormatError(f"{path}: the file is empty, not a table")
@@ -142,7 +172,8 @@ def open_table(path: Path) -> Table:
     doubled = {name for name in header if name and header.count(name) > 1}
     if doubled:
         raise TableError(f"{path}, line {header_line}: the column {min(doubled)!r} appears twice; rename one")
-    return Table(path, tuple(header), separator, _decimal_comma(path, separator, header, rows[1:]), header_line)
+    comma = _decimal_comma(path, separator, header, rows[1:])
+    return Table(path, tuple(header), separator, comma, header_line, encoding)
 
 
 def _decimal_comma(path: Path, separator: str, header: list[str], rows: list[tuple[int, str]]) -> bool:

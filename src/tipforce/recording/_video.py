@@ -1,5 +1,6 @@
 """Video files: true stamps in, H.264 that plays in a browser out."""
 
+import warnings
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -42,7 +43,27 @@ def _open(path: Path) -> InputContainer:
     if not container.streams.video:
         container.close()
         raise FileFormatError(f"{path}: holds no video stream")
+    missing = _missing_bytes(path) if container.format.name.startswith("mov") else 0
+    if missing:
+        container.close()
+        raise FileFormatError(f"{path}: is cut off: its last {missing} bytes are missing; {_REMEDY}")
     return container
+
+
+def _missing_bytes(path: Path) -> int:
+    """By how much the boxes that an .mp4 consists of reach beyond the end of the file."""
+    size, at = path.stat().st_size, 0
+    with path.open("rb") as stream:
+        while at + 8 <= size:
+            stream.seek(at)
+            head = stream.read(16)
+            length = int.from_bytes(head[:4], "big")
+            if length == 1:  # the length stands behind the name, in 64 bits
+                length = int.from_bytes(head[8:], "big")
+            if length < 8:  # 0: the last box reaches to the end, however far that is
+                return 0
+            at += length
+    return max(0, at - size)
 
 
 def video_size(path: Path) -> int:
@@ -57,15 +78,16 @@ def video_size(path: Path) -> int:
 
 
 def read_video(path: Path, view: str = "camera") -> Iterator[Frame]:
-    """All frames with their own stamps, taken as mid-exposure; grey where the file is, else RGB.
+    """All frames with their own stamps, taken as mid-exposure, the right way up; grey where the file is, else RGB.
 
-    Raises FileFormatError for what is no video or breaks off, TimeError where stamps are missing, repeated or run
-    backwards.
+    Of a damaged frame, and of those up to the next key frame, which are made from it, only the number is told, as a
+    warning. Raises FileFormatError for what is no video, breaks off or is mostly damaged, TimeError where stamps are
+    missing, repeated or run backwards.
     """
     with _open(path) as container:
         stream = container.streams.video[0]
         stream.thread_type = "AUTO"
-        count, last = 0, None
+        count, last, hurt, hurt_at_s, doubtful = 0, None, 0, 0.0, False
         try:
             for picture in container.decode(stream):
                 if picture.pts is None or picture.time_base is None:
@@ -77,16 +99,34 @@ def read_video(path: Path, view: str = "camera") -> Iterator[Frame]:
                         f"{path}: frame {count} ({stamp_ns * 1e-9:.6f} s) {what} the frame before it "
                         f"({last * 1e-9:.6f} s); write the video with rising stamps, or as images with a stamps.csv"
                     )
-                grey = picture.format.name.startswith("gray")
-                image = picture.to_ndarray(format="gray" if grey else "rgb24")
-                yield Frame(stamp_ns, np.ascontiguousarray(image, dtype=np.uint8), view)
                 count, last = count + 1, stamp_ns
+                doubtful = picture.is_corrupt or (doubtful and not picture.key_frame)
+                if doubtful:
+                    hurt, hurt_at_s = hurt + 1, hurt_at_s if hurt else stamp_ns * 1e-9
+                    continue
+                yield Frame(stamp_ns, _upright(picture), view)
         except av.error.FFmpegError as error:
             raise FileFormatError(f"{path}: cannot be read beyond frame {count} ({_said(error)}); {_REMEDY}") from None
         if count == 0:
             raise FileFormatError(f"{path}: not one frame can be read; the video is cut off or damaged")
         if stream.frames and count < 0.98 * stream.frames:
             raise FileFormatError(f"{path}: is cut off: {count} of {stream.frames} frames can be read; {_REMEDY}")
+        if hurt > 0.5 * count:
+            raise FileFormatError(f"{path}: is damaged: {count - hurt} of {count} frames are whole; copy it again")
+        if hurt:
+            warnings.warn(
+                f"{path}: {hurt} damaged frames were left out, the first at {hurt_at_s:.3f} s; copy the file again if "
+                "it has an intact original",
+                stacklevel=2,
+            )
+
+
+def _upright(picture: av.VideoFrame) -> Image:
+    """The pixels as a player shows them: cameras that are held upright note a turn instead of making it."""
+    grey = picture.format.name.startswith("gray")
+    image = picture.to_ndarray(format="gray" if grey else "rgb24")
+    quarters = round(picture.rotation / 90)  # counter-clockwise
+    return np.ascontiguousarray(np.rot90(image, quarters) if quarters else image, dtype=np.uint8)
 
 
 _REMEDY = "to use what is there, cut it out first: ffmpeg -i VIDEO -c copy WHOLE.mp4"

@@ -22,6 +22,7 @@ from ._cdr import (
     pack_joints,
     pack_wrench,
 )
+from ._columns import MAX_STAMP_S
 from ._facts import ClockOffset, Inertia, SensorPose, Tare, context_records
 from ._files import lock, part_of, refuse_existing
 
@@ -96,7 +97,9 @@ class RecordingWriter:
         self._flusher.start()
 
     def write(self, event: Event) -> None:
-        """One event; frames are compressed here. Raises TimeError for a stamp below zero."""
+        """One event; frames are compressed here. Raises TimeError for a stamp below zero or beyond `MAX_STAMP_S`."""
+        if event.stamp_ns >= MAX_STAMP_S * 1_000_000_000:
+            raise TimeError(f"{self.path}: the stamp {event.stamp_ns} ns lies beyond the year 2038; check its unit")
         if event.stamp_ns < 0:
             raise TimeError(
                 f"{self.path}: the stamp {event.stamp_ns} ns lies before zero, which the format cannot hold"

@@ -32,6 +32,8 @@ def is_settled(settings: VisionSettings) -> bool:
 
 def _noise(image: Image) -> float:
     """Standard deviation of the grey level's noise, from second differences along every eighth row."""
+    if image.shape[1] < 3:
+        return 0.0
     rows = image[::8].astype(np.float64)
     grey = rows if rows.ndim == 2 else rows @ np.array([0.299, 0.587, 0.114])
     return float(np.median(np.abs(np.diff(grey, n=2, axis=1)))) / (0.6745 * math.sqrt(6.0))
@@ -76,9 +78,10 @@ def settle(settings: VisionSettings, images: Iterable[Image]) -> VisionSettings:
             best = (score, tried, valid)
     if best is None:
         different = list(dict.fromkeys(reason for reason in reasons if reason))
-        what = different[0] if len(different) == 1 else f"{len(different)} combinations of side and polarity tried"
+        what = different[0] if len(different) == 1 else f"{len(sides) * len(polarities)} ways of looking tried"
+        first = "the first frame" if len(frames) == 1 else f"the first {len(frames)} frames"
         raise InputError(
-            f"no catheter was found in the first {len(frames)} frame(s) ({what}): "
+            f"no catheter was found in {first} ({what}): "
             "set polarity and base_side, or mark the shaft's base with base_region"
         )
     _, found, traces = best

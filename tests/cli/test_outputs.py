@@ -1,0 +1,81 @@
+"""What is written: never over what is read, never after minutes of work that were in vain."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from tipforce import cli
+from tipforce.errors import InputError, TipforceError
+
+
+def refused(*words: object) -> str:
+    """What the program says of a command that it must not run."""
+    result = CliRunner().invoke(cli.app, [str(word) for word in words])
+    assert isinstance(result.exception, TipforceError), result.output
+    return str(result.exception)
+
+
+@pytest.mark.parametrize("option", ["-o", "--overlay", "--json"])
+def test_what_is_read_is_never_written_over(model: Path, video: Path, tmp_path: Path, option: str) -> None:
+    before = video.read_bytes()
+    said = refused("estimate", model, video, "--knob-deg", 10, "-o", tmp_path / "f.csv", "--overwrite", option, video)
+    assert "is what is read" in said
+    assert video.read_bytes() == before
+    assert not list(tmp_path.iterdir())
+    assert "is what is read" in refused("inspect", video, option.replace("--overlay", "-o"), video)
+
+
+def test_two_outputs_must_not_be_one_file(model: Path, video: Path, tmp_path: Path) -> None:
+    (tmp_path / "x").mkdir()
+    both = tmp_path / "f.csv"
+    assert "written twice" in refused(
+        "estimate", model, video, "-o", both, "--overlay", tmp_path / "x" / ".." / "f.csv"
+    )
+
+
+def test_estimates_replace_a_file_only_when_told_to(model: Path, video: Path, tmp_path: Path) -> None:
+    log = tmp_path / "force.csv"
+    log.write_text("time_s,fx_n\n0,1\n")
+    assert "--overwrite" in refused("estimate", model, video, "-o", log)
+    assert log.read_text().startswith("time_s")
+    done = CliRunner().invoke(cli.app, ["estimate", str(model), str(video), "-o", str(log), "--overwrite"])
+    assert done.exit_code == 0
+    assert log.read_text().startswith("stamp_ns")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["train", "DATA", "-o", "OUT/m", "--json", "OUT/no/x.json"],
+        ["train", "DATA", "-o", "OUT/m", "--onnx", "OUT/no/x.onnx"],
+        ["evaluate", "svr", "--data", "DATA", "-o", "OUT/r", "--json", "OUT"],
+        ["import", "DATA", "log.csv", "-o", "OUT/r.mcap", "--plot", "OUT/no/x.png"],
+        ["import", "DATA", "log.csv", "-o", "OUT/r.mcap", "--plot", "OUT/x.foo"],
+        ["simulate", "-o", "OUT/s", "--json", "OUT/no/x.json"],
+        ["inspect", "DATA", "-o", "OUT/no/x.png"],
+    ],
+    ids=lambda words: f"{words[0]} {words[-2]} {words[-1]}",
+)
+def test_a_place_that_cannot_be_written_is_named_before_the_work(video: Path, tmp_path: Path, words: list[str]) -> None:
+    said = refused(*(word.replace("OUT", str(tmp_path)).replace("DATA", str(video)) for word in words))
+    assert str(tmp_path) in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_names_in_brackets_are_printed_as_they_are(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def app() -> None:
+        raise InputError("run [3]/[bold]x[/red].csv: has no column 'Time [s]' :smile:")
+
+    monkeypatch.setattr(cli, "app", app)
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    assert caught.value.code == 2
+    assert capsys.readouterr().err == "tipforce: run [3]/[bold]x[/red].csv: has no column 'Time [s]' :smile:\n"
+
+
+@pytest.mark.parametrize("value", ["nan", "inf"])
+def test_a_knob_without_a_finite_angle_is_refused(model: Path, video: Path, tmp_path: Path, value: str) -> None:
+    assert "--knob-deg" in refused("estimate", model, video, "-o", tmp_path / "f.csv", f"--knob-deg={value}")
