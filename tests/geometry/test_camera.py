@@ -44,7 +44,25 @@ def test_undistorts_as_opencv_does(camera, seed):
     pixels = np.random.default_rng(seed).uniform([0, 0], [640, 480], (40, 2))
     until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 500, 1e-14)
     expected = cv2.undistortPointsIter(pixels, camera.matrix, camera.distortion, np.eye(3), camera.matrix, until)
-    np.testing.assert_allclose(camera.undistort(pixels), expected[:, 0], atol=1e-6)
+    found = camera.undistort(pixels)
+    seen = np.isfinite(found[:, 0])
+    np.testing.assert_allclose(found[seen], expected[seen, 0], atol=1e-6)
+    # What OpenCV answers for the rest is no ray that the lens would show there.
+    rays = np.column_stack([(expected[~seen, 0] - camera.centre_px) / camera.focal_px, np.ones((~seen).sum())])
+    again = camera.project(camera.camera_from_world.inverse().apply(rays))
+    assert not (np.abs(again - pixels[~seen]) < 1e-6).any()
+
+
+@given(lenses, st.floats(0, 2 * math.pi))
+def test_every_ray_that_the_lens_shows_comes_back(lens, direction):
+    camera = CameraModel([1000.0, 1000.0], [0.0, 0.0], lens)
+    reach = np.linspace(0, 1.5, 301)
+    ahead = np.column_stack([np.outer(reach, [math.cos(direction), math.sin(direction)]), np.ones(301)])
+    pixels = camera.project(ahead)
+    first = np.append(np.flatnonzero(np.isnan(pixels[:, 0])), 301)[0]
+    shown = np.maximum(first - 1, 0)  # of the fold itself no more than 0.005 is left out
+    rays = camera.rays(pixels[:shown])
+    np.testing.assert_allclose(rays[:, :2] / rays[:, 2:], ahead[:shown, :2], atol=1e-8)
 
 
 @given(cameras, st.integers(0, 1000))

@@ -13,7 +13,7 @@ from ..types import FloatArray
 
 __all__ = ["project", "straighten", "triangulate"]
 
-_MAX_ITERATIONS = 30
+_MAX_ITERATIONS = 50
 _TOO_FLAT = 1e-12
 """Determinant of the normal equations over the product of their diagonal, below which rays count as parallel."""
 
@@ -57,16 +57,24 @@ def _straighten_one(camera: FloatArray, u: float, v: float) -> tuple[float, floa
     """A seen pixel -> normalised x, y of its ray, by Newton's method; NaN where the lens has no such ray."""
     xd, yd = (u - camera[2]) / camera[0], (v - camera[3]) / camera[1]
     x, y = xd, yd
-    for _ in range(_MAX_ITERATIONS):
+    at_x, at_y, dxx, dxy, dyy, fine = _lens(camera, x, y)
+    while not fine and x * x + y * y > 1e-12:  # start where the lens is one to one
+        x, y = 0.7 * x, 0.7 * y
         at_x, at_y, dxx, dxy, dyy, fine = _lens(camera, x, y)
+    for _ in range(_MAX_ITERATIONS):
         ex, ey = xd - at_x, yd - at_y
-        if fine and abs(ex) + abs(ey) < 1e-14 * (1.0 + abs(xd) + abs(yd)):
-            return x, y
         determinant = dxx * dyy - dxy * dxy
         sx, sy = (dyy * ex - dxy * ey) / determinant, (dxx * ey - dxy * ex) / determinant
-        x, y = x + sx, y + sy
-        if fine and abs(sx) + abs(sy) < 1e-13 * (1.0 + abs(x) + abs(y)):
-            return x, y
+        if abs(sx) + abs(sy) < 1e-13 * (1.0 + abs(x) + abs(y)):
+            return x + sx, y + sy
+        share, nearer = 1.0, False
+        while share > 1e-6 and not nearer:  # and stay there, nearer to the pixel with each step
+            at_x, at_y, dxx, dxy, dyy, fine = _lens(camera, x + share * sx, y + share * sy)
+            nearer = fine and (xd - at_x) ** 2 + (yd - at_y) ** 2 < ex * ex + ey * ey
+            share *= 0.5
+        if not nearer:
+            break
+        x, y = x + 2.0 * share * sx, y + 2.0 * share * sy
     return math.nan, math.nan
 
 
