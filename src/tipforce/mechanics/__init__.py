@@ -3,6 +3,7 @@
 from ._contact import Contact, Wall, press
 from ._free import Shape, bend
 from ._rod import Rod
+from .actuation import Hysteresis, KnobMap, Play, PrandtlIshlinskii, Tendon
 from .baselines import (
     Bent,
     BentShape,
@@ -22,14 +23,19 @@ __all__ = [
     "ConstantCurvature",
     "Contact",
     "Elastica",
+    "Hysteresis",
+    "KnobMap",
     "LargeDeflection",
     "LinearBeam",
     "MassSpring",
+    "Play",
+    "PrandtlIshlinskii",
     "PseudoRigidBody",
     "RigidLinks",
     "Rod",
     "RodModel",
     "Shape",
+    "Tendon",
     "Wall",
     "bend",
     "press",
