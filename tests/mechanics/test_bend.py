@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tipforce.mechanics import Rod, bend
+from tipforce.mechanics import Rod, bend, bend_many
 
 # Cantilever with a transverse dead load, alpha = P L^2 / EI: deflection / L, shortening / L, tip angle in rad
 # (Bisshopp and Drucker 1945; Mattiasson 1981).
@@ -140,14 +140,6 @@ def test_a_warm_start_ends_where_continuation_ends(rod, direction):
     np.testing.assert_allclose(warm.angles_rad, cold.angles_rad, atol=1e-7)
 
 
-@pytest.mark.parametrize(("share", "stable"), [(0.98, True), (1.02, False)])
-def test_euler_column_loses_its_stability_at_the_buckling_load(share, stable):
-    critical = math.pi**2 * 4.3e-4 / (4 * 0.065**2)
-    shape = bend(Rod(0.065, 4.3e-4), np.array([-share * critical, 0.0]))
-    assert shape.converged
-    assert shape.stable is stable
-
-
 def test_centreline_is_uniform_and_ends_at_the_tip():
     rod = Rod(0.0393, 4.3e-4, 0.008, 5.0)
     shape = bend(rod, np.array([-0.05, -0.1]))
@@ -168,3 +160,70 @@ def test_impossible_rods_are_refused(wrong):
 def test_precurvature_beyond_the_stiffening_law_is_refused():
     with pytest.raises(ValueError, match="precurvature_per_m"):
         Rod(0.04, 4e-4, precurvature_per_m=70.0, stiffening_curvature_per_m=40.0)
+
+
+@pytest.mark.parametrize("name", ["precurvature_per_m", "stiffness_profile"])
+def test_rows_of_the_wrong_length_are_refused(name):
+    with pytest.raises(ValueError, match=name):
+        Rod(0.04, 4e-4, **{name: np.ones(50)}, segments=50)
+
+
+def test_a_profile_that_is_not_positive_is_refused():
+    with pytest.raises(ValueError, match="stiffness_profile"):
+        Rod(0.04, 4e-4, stiffness_profile=np.linspace(1, 0, 51))
+
+
+def test_a_row_of_equal_values_is_the_same_rod_as_one_value():
+    force = np.array([-0.1, 0.12])
+    rows = Rod(0.04, 4.3e-4, 0.008, np.full(51, 7.0), 40.0, np.full(51, 1.0))
+    np.testing.assert_array_equal(
+        bend(rows, force).angles_rad, bend(Rod(0.04, 4.3e-4, 0.008, 7.0, 40.0), force).angles_rad
+    )
+
+
+def test_many_loads_in_one_call_give_the_shapes_of_single_calls():
+    rng = np.random.default_rng(3)
+    force, moment, curved = rng.uniform(-0.2, 0.2, (30, 2)), rng.uniform(-0.01, 0.01, 30), rng.uniform(-30, 30, 30)
+    rod, weight = Rod(0.04, 4.3e-4, 0.008, 5.0, 40.0), np.array([0.1, -0.3])
+    shapes = bend_many(rod, force, moment, weight, curved)
+    again = bend_many(rod, force, moment, weight, curved, start=shapes)
+    for row in range(30):
+        alone = bend(Rod(0.04, 4.3e-4, 0.008, curved[row], 40.0), force[row], moment[row], weight)
+        np.testing.assert_array_equal(alone.angles_rad, shapes.angles_rad[row])
+        assert shapes[row].rod.precurvature_per_m == curved[row]
+        assert (alone.branch, alone.energy_j, alone.iterations) == (
+            shapes[row].branch,
+            shapes[row].energy_j,
+            shapes[row].iterations,
+        )
+    assert len(shapes) == 30
+    np.testing.assert_allclose(shapes.tip_m[4], shapes[4].tip_m, atol=1e-15)
+    np.testing.assert_array_equal(shapes.centreline_m(9)[4], shapes[4].centreline_m(9))
+    np.testing.assert_array_equal(again.angles_rad, shapes.angles_rad)
+    assert not again.iterations.any()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "match"),
+    [
+        ({"force_n": np.zeros(2)}, "force_n"),
+        ({"force_n": np.full((3, 2), math.nan)}, "force_n"),
+        ({"moment_nm": np.zeros(4)}, "moment_nm"),
+        ({"moment_nm": math.inf}, "moment_nm"),
+        ({"distributed_n_per_m": np.zeros(3)}, "distributed_n_per_m"),
+        ({"precurvature_per_m": np.zeros(2)}, "precurvature_per_m"),
+        ({"precurvature_per_m": np.full(3, 80.0)}, "precurvature_per_m"),
+        ({"start": np.zeros((3, 50))}, "start"),
+    ],
+)
+def test_loads_that_do_not_fit_together_are_refused(wrong, match):
+    with pytest.raises(ValueError, match=match):
+        bend_many(Rod(0.04, 4.3e-4, stiffening_curvature_per_m=40.0), **{"force_n": np.zeros((3, 2)), **wrong})
+
+
+def test_points_are_found_at_given_arc_lengths():
+    shape = bend(Rod(0.04, 4.3e-4, 0.008, 5.0), np.array([-0.1, 0.1]))
+    whole = shape.centreline_m(49)
+    np.testing.assert_allclose(shape.centreline_m(np.array([0.0, 0.012, 0.048])), whole[[0, 12, 48]], atol=1e-15)
+    with pytest.raises(ValueError, match="arc lengths"):
+        shape.centreline_m(np.array([0.049]))

@@ -5,8 +5,16 @@ from hypothesis import strategies as st
 
 from tipforce.mechanics._newton import Elastic, Load, Springs, _assemble, _newton_step, energy_at, relax
 
-ROD = Elastic(h=0.004, lever=0.007, ei=4.3e-4, k0=5.0, soft=1 / 40**2)
-LOAD = Load(-0.1, 0.05, 1e-3)
+N = 11
+ROD = Elastic(
+    h=0.004,
+    lever=0.007,
+    ei=np.linspace(4.6e-4, 4.3e-4, N),
+    k0=np.linspace(3.0, 8.0, N),
+    soft=1 / 40**2,
+    scale=4.3e-4 / 0.04,
+)
+LOAD = Load(-0.1, 0.05, 1e-3, np.linspace([0.02, 0.0], [-0.05, 0.04], N))
 SPRINGS = Springs(dx=0.8, dy=0.6, position=0.030, kn=120.0, kt=80.0, anchor=0.002, radius=0.00116)
 
 
@@ -23,15 +31,15 @@ def dense(theta, load=LOAD, springs=SPRINGS):
 @pytest.mark.parametrize("kn", [0.0, 120.0])
 def test_gradient_and_hessian_are_the_derivatives_of_the_energy(kn):
     springs, load = SPRINGS._replace(kn=kn), LOAD
-    theta = np.linspace(0.02, 0.5, 11)
-    cosine, sine = np.empty(11), np.empty(11)
+    theta = np.linspace(0.02, 0.5, N)
+    cosine, sine = np.empty(N), np.empty(N)
 
     def energy(angles):
         return energy_at(angles, cosine, sine, ROD, load, springs)[0]
 
     _, gradient, hessian = dense(theta, load, springs)
-    for i in range(11):
-        step = np.eye(11)[i] * 1e-5
+    for i in range(N):
+        step = np.eye(N)[i] * 1e-5
         assert (energy(theta + step) - energy(theta - step)) / 2e-5 == pytest.approx(gradient[i], abs=1e-9)
         slope = (dense(theta + step, load, springs)[1] - dense(theta - step, load, springs)[1]) / 2e-5
         np.testing.assert_allclose(slope, hessian[i], atol=1e-6)
@@ -48,9 +56,9 @@ def test_bordered_step_solves_the_system_or_knows_that_it_is_not_definite(seed, 
     full += np.outer(work[3], work[3]) + np.outer(work[4], work[4])
     lowest = np.linalg.eigvalsh(full)[0]
     step = np.empty(9)
-    assert _newton_step(work, 0.0, step) == (lowest > 0) or abs(lowest) < 1e-9
+    assert _newton_step(work, 0.0, True, step) == (lowest > 0) or abs(lowest) < 1e-9
     shift = max(0.0, 0.1 - lowest)
-    assert _newton_step(work, shift, step)
+    assert _newton_step(work, shift, True, step)
     np.testing.assert_allclose((full + shift * np.eye(9)) @ step, -work[0], atol=1e-7)
 
 
@@ -58,8 +66,8 @@ def test_bordered_step_solves_the_system_or_knows_that_it_is_not_definite(seed, 
 @given(st.integers(0, 2**32 - 1))
 def test_from_any_start_a_minimum_is_reached(seed):
     rng = np.random.default_rng(seed)
-    theta = rng.normal(scale=1.0, size=11)
-    load = Load(*rng.uniform(-0.3, 0.3, 2), 0.0)
+    theta = rng.normal(scale=1.0, size=N)
+    load = LOAD._replace(fx=rng.uniform(-0.3, 0.3), fy=rng.uniform(-0.3, 0.3))
     outcome = relax(theta, ROD, load, SPRINGS)
     assert outcome.converged
     assert outcome.stable

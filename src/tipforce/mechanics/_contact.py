@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from ..types import BoolArray, FloatArray
-from ._newton import NO_LOAD, NO_SPRINGS, Elastic, Load, Springs, elastic_of, relax
+from ._newton import NO_SPRINGS, Elastic, Load, Springs, elastic_of, relax
 from ._rod import Rod
 
 __all__ = ["Contact", "Wall", "press"]
@@ -58,7 +58,7 @@ class Contact:
 
 @njit(cache=True, error_model="numpy")
 def _slip(
-    theta: FloatArray, rod: Elastic, springs: Springs, friction: float, way: float, normal: float
+    theta: FloatArray, rod: Elastic, springs: Springs, friction: float, way: float, normal: float, nothing: Load
 ) -> tuple[float, bool, bool]:
     """Sliding: friction ``way`` x mu x normal force as a load, by the secant method on the normal force.
 
@@ -68,7 +68,8 @@ def _slip(
     converged = stable = False
     for attempt in range(30):
         drag = way * friction * normal
-        out = relax(theta, rod, Load(-drag * springs.dy, drag * springs.dx, drag * springs.radius), springs)
+        load = Load(-drag * springs.dy, drag * springs.dx, drag * springs.radius, nothing.carried)
+        out = relax(theta, rod, load, springs)
         stable = out.stable
         miss = normal - springs.kn * max(0.0, out.depth)
         if abs(miss) < 1e-10:
@@ -99,7 +100,8 @@ def _march(
     dent = 0.0
     touching = False
     anchor = 0.0  # of the tip's way along the wall, seen from the wall
-    start = relax(theta, rod, NO_LOAD, NO_SPRINGS)
+    nothing = Load(0.0, 0.0, 0.0, np.zeros((theta.size, 2)))
+    start = relax(theta, rod, nothing, NO_SPRINGS)
     way_before = start.slide
     for row in range(position.size):
         # Kelvin-Voigt by implicit Euler: a stiffer spring that begins where the dent would be without contact.
@@ -109,19 +111,19 @@ def _march(
         if not touching:
             anchor = way_before
         stuck = Springs(place.dx, place.dy, place.position, kn, springs.kt, anchor + along[row], springs.radius)
-        out = relax(theta, rod, NO_LOAD, stuck if touching and friction > 0.0 else place)
+        out = relax(theta, rod, nothing, stuck if touching and friction > 0.0 else place)
         converged, stable, slipping = out.converged, out.stable, False
         normal = kn * max(0.0, out.depth)
         drag = 0.0
         if touching and normal == 0.0 and friction > 0.0:  # lifted off while still tied: let go
-            out = relax(theta, rod, NO_LOAD, place)
+            out = relax(theta, rod, nothing, place)
             converged, stable, normal = out.converged, out.stable, kn * max(0.0, out.depth)
         elif touching and friction > 0.0:
             drag = -springs.kt * (out.slide - stuck.anchor)
             if abs(drag) > friction * normal:
                 slipping = True
                 way = math.copysign(1.0, drag)
-                normal, converged, stable = _slip(theta, rod, place, friction, way, normal)
+                normal, converged, stable = _slip(theta, rod, place, friction, way, normal, nothing)
                 drag = way * friction * normal
         touching = normal > 0.0
         x = y = 0.0

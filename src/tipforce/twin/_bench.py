@@ -230,7 +230,7 @@ class SmallBench:
                 "friction": session.wall.friction,
                 "flexible_length_m": session.rod.flexible_length_m,
                 "bending_stiffness_nm2": session.rod.bending_stiffness_nm2,
-                "precurvature_per_m": session.rod.precurvature_per_m,
+                "precurvature_per_m": float(session.rod.precurvature_per_m),
                 "beat_hz": session.beat_hz,
                 "amplitude_m": session.amplitude_m,
                 "lateral_m": session.lateral_m,

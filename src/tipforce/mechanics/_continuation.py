@@ -1,0 +1,149 @@
+"""Following the unloaded shape's branch: all loads are raised together, with a tangent ahead of Newton's method."""
+
+from enum import IntEnum
+
+import numpy as np
+from numba import njit
+
+from ..types import FloatArray
+from ._newton import NO_SPRINGS, SCRATCH, Elastic, Load, Outcome, relax_in, solve_for
+
+__all__ = ["Branch", "settle_rows"]
+
+
+class Branch(IntEnum):
+    """How a shape hangs together with the unloaded one. Above the buckling load one load has several equilibria."""
+
+    UNLOADED = 0
+    """Reached from the unloaded shape by raising all loads together, without a jump."""
+    FALLEN = 1
+    """That way ends at a fold before the whole load is on; the rod fell from there on to this shape."""
+    GIVEN = 2
+    """Reached from a given start, next to which it lies; which branch that is was not looked at."""
+
+
+_MISMATCH = 0.02
+"""Largest angle, rad, by which a step of the load may miss the mean of the tangents at its two ends.
+
+On a smooth branch the miss falls with the cube of the step; a jump to another branch misses by the jump, whatever the
+step.
+"""
+_LONGEST = 0.6
+"""Longest way of an angle in one step of the load along the tangent, rad."""
+_SHORTEST = 1e-5
+"""Share of the load below which a step that still fails is taken for a fold, or for the point of buckling."""
+_ANEW = 0.02
+"""Share of the load in the first step after that."""
+
+
+@njit(cache=True, error_model="numpy")
+def _tangent(rod: Elastic, load: Load, scratch: FloatArray, way: FloatArray) -> bool:
+    """Change of the angles with the share of the load, into ``way``; False where the shape is not stable.
+
+    ``scratch`` is what `relax_in` left at the shape.
+    """
+    last = way.size - 1
+    cosine, sine = scratch[10], scratch[11]
+    for i in range(last + 1):
+        reach = rod.h if i < last else rod.lever
+        way[i] = reach * ((load.fy + load.carried[i, 1]) * cosine[i] - (load.fx + load.carried[i, 0]) * sine[i])
+    way[last] += load.m
+    return solve_for(scratch, way)
+
+
+@njit(cache=True, error_model="numpy")
+def _follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: FloatArray) -> tuple[Outcome, bool]:
+    """From the unloaded ``theta`` to the whole load; True where the branch was followed without a jump.
+
+    A branch that loses its stability without a fold (a straight rod pushed along its axis) is followed on.
+    """
+    n = theta.size
+    work, before, way, way_before = scratch[:SCRATCH], scratch[12], scratch[13], scratch[14]
+    carried = scratch[15:17].reshape(n, 2)
+    carried[:] = 0.0
+    outcome = relax_in(theta, rod, Load(0.0, 0.0, 0.0, carried), NO_SPRINGS, work)
+    stable = _tangent(rod, load, work, way)
+    iterations = outcome.iterations
+    followed = True
+    share, step = 0.0, first
+    while share < 1.0:
+        if stable:
+            longest = 0.0
+            for i in range(n):
+                longest = max(longest, abs(way[i]))
+            step = max(_SHORTEST, min(step, _LONGEST / (longest + 1e-300)))
+        target = min(1.0, share + step)
+        step = target - share
+        before[:] = theta
+        way_before[:] = way
+        if stable:
+            for i in range(n):
+                theta[i] += step * way[i]
+        for i in range(n):
+            carried[i, 0], carried[i, 1] = target * load.carried[i, 0], target * load.carried[i, 1]
+        part = Load(target * load.fx, target * load.fy, target * load.m, carried)
+        outcome = relax_in(theta, rod, part, NO_SPRINGS, work)
+        iterations += outcome.iterations
+        was_stable, stable = stable, _tangent(rod, load, work, way)
+        miss = moved = 0.0
+        for i in range(n):
+            moved = max(moved, abs(theta[i] - before[i]))
+            miss = max(miss, abs(theta[i] - before[i] - 0.5 * step * (way[i] + way_before[i])))
+        if stable and was_stable and outcome.converged and miss <= _MISMATCH:
+            share = target
+            if miss < 0.125 * _MISMATCH:
+                step *= 2.0
+        elif not was_stable or step < 1.5 * _SHORTEST:
+            # Past the end of a stable stretch there is no tangent to hold on to: only what stands still is followed.
+            followed = followed and outcome.converged and moved <= _MISMATCH
+            share, step = target, _ANEW
+        else:
+            theta[:] = before
+            way[:] = way_before
+            stable = True
+            step = max(0.3 * step, _SHORTEST)
+    whole = Outcome(iterations, outcome.converged, outcome.stable, outcome.energy, outcome.residual, 0.0, 0.0)
+    return whole, followed
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def settle_rows(
+    angles: FloatArray,
+    warm: bool,
+    rod: Elastic,
+    k0: FloatArray,
+    force: FloatArray,
+    moment: FloatArray,
+    carried: FloatArray,
+    numbers: FloatArray,
+) -> None:
+    """Fill ``angles`` (m, n) with the shapes under m loads; where ``warm``, it holds what to start from.
+
+    ``k0`` (m, n) or (1, n) for all; ``carried`` (n, 2) for all; ``numbers`` (m, 6) receives energy, residual,
+    converged, stable, branch, iterations. A start from which no equilibrium is found gives way to the unloaded shape.
+    """
+    rows, n = angles.shape
+    last = n - 1
+    scratch = np.empty((SCRATCH + 5, n))
+    length = rod.h * last + rod.lever
+    for row in range(rows):
+        theta = angles[row]
+        curved = k0[row if k0.shape[0] > 1 else 0]
+        own = Elastic(rod.h, rod.lever, rod.ei, curved, rod.soft, rod.scale)
+        load = Load(force[row, 0], force[row, 1], moment[row], carried)
+        branch = 2.0
+        outcome = Outcome(0, False, False, 0.0, 0.0, 0.0, 0.0)
+        if warm:
+            outcome = relax_in(theta, own, load, NO_SPRINGS, scratch[:SCRATCH])
+        if not outcome.converged:
+            previous = 0.0
+            for i in range(n):
+                previous += curved[i] * (rod.h if 0 < i < last else 0.5 * rod.h)
+                theta[i] = previous
+            x, y = load.fx + carried[0, 0], load.fy + carried[0, 1]
+            size = (abs(x) + abs(y)) * length + abs(load.m)
+            outcome, followed = _follow(theta, own, load, min(1.0, rod.scale / (size + 1e-300)), scratch)
+            branch = 0.0 if followed else 1.0
+        numbers[row, 0], numbers[row, 1] = outcome.energy, outcome.residual
+        numbers[row, 2], numbers[row, 3] = outcome.converged, outcome.stable
+        numbers[row, 4], numbers[row, 5] = branch, outcome.iterations
