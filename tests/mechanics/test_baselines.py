@@ -149,6 +149,40 @@ def test_many_links_and_many_arcs_are_the_elastica():
     np.testing.assert_allclose(MassSpring(rod, 400, 1e-5).bend(load, 0.002).tip_m, exact, atol=1e-7)
 
 
+JOINTS = np.linspace(0, 1, 401)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        lambda rod: RigidLinks(rod, 300),
+        lambda rod: ConstantCurvature(rod, 300),
+        lambda rod: MassSpring(rod, 300, 1e-5),
+        LargeDeflection,
+    ],
+    ids=["rigid links", "arcs", "mass-spring", "large deflection"],
+)
+def test_precurvature_along_the_shaft_is_followed(model):
+    rod = Rod(0.04, 4.3e-4, 0.008, 15 * np.sin(5 * JOINTS), segments=400)
+    load = np.array([-0.1, 0.15])
+    np.testing.assert_allclose(model(rod).bend(load).tip_m, Elastica(rod).bend(load).tip_m, atol=3e-7)
+
+
+@pytest.mark.parametrize("model", [lambda rod: RigidLinks(rod, 300), lambda rod: ConstantCurvature(rod, 300)])
+def test_stiffness_along_the_shaft_is_followed(model):
+    rod = Rod(0.04, 4.3e-4, 0.008, 10.0, stiffness_profile=1 + 0.5 * np.cos(4 * JOINTS), segments=400)
+    load = np.array([-0.1, 0.15])
+    np.testing.assert_allclose(model(rod).bend(load).tip_m, Elastica(rod).bend(load).tip_m, atol=3e-7)
+
+
+@pytest.mark.parametrize("model", [LinearBeam, LargeDeflection])
+def test_stiffness_along_the_shaft_counts_by_what_it_does_to_the_tip(model):
+    # Exact for small loads across a straight shaft, also where the model knows one stiffness only.
+    rod = Rod(0.04, 4.3e-4, stiffness_profile=1 + 0.5 * np.cos(4 * JOINTS), segments=400)
+    small = np.array([0.0, 1e-5])
+    assert model(rod).bend(small).tip_m[1] == pytest.approx(Elastica(rod).bend(small).tip_m[1], rel=2e-3)
+
+
 TOLERANCE = {  # of the deflection of a straight shaft under the same force across
     "linear beam": 0.01,
     "rigid links": 0.01,

@@ -2,12 +2,9 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ...types import FloatArray
-from .._free import bend
+from .._free import Shape, bend
 from .._rod import Rod
-from ._face import Bent
 
 __all__ = ["Elastica"]
 
@@ -18,8 +15,6 @@ class Elastica:
 
     rod: Rod
 
-    def bend(self, force_n: FloatArray, moment_nm: float = 0.0) -> Bent:
+    def bend(self, force_n: FloatArray, moment_nm: float = 0.0) -> Shape:
         """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
-        shape = bend(self.rod, force_n, moment_nm)
-        arc = np.append(np.linspace(0.0, self.rod.flexible_length_m, self.rod.segments + 1), self.rod.length_m)
-        return Bent(arc, self.rod.nodes_m(shape.angles_rad), shape.converged)
+        return bend(self.rod, force_n, moment_nm)

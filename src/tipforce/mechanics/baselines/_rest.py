@@ -14,7 +14,7 @@ CATHETER_7F_M = 2.33e-3
 def curvature_at(rod: Rod, arc_m: FloatArray) -> FloatArray:
     """Pre-curvature at ``arc_m`` (k,) along the shaft, linear between the rod's joints."""
     joints = np.linspace(0.0, rod.flexible_length_m, rod.segments + 1)
-    return np.interp(arc_m, joints, np.broadcast_to(np.asarray(rod.precurvature_per_m, np.float64), joints.shape))
+    return np.interp(arc_m, joints, rod.precurvatures_per_m)
 
 
 def _angle_at(rod: Rod, arc_m: FloatArray) -> FloatArray:
@@ -32,8 +32,9 @@ def mean_curvature(rod: Rod, edges_m: FloatArray) -> FloatArray:
 
 
 def stiffness_at(rod: Rod, arc_m: FloatArray) -> FloatArray:
-    """EI of the unstiffened shaft at ``arc_m`` (k,)."""
-    return np.full(arc_m.shape, rod.bending_stiffness_nm2)
+    """EI for small curvature at ``arc_m`` (k,) along the shaft, linear between the rod's joints."""
+    joints = np.linspace(0.0, rod.flexible_length_m, rod.segments + 1)
+    return np.interp(arc_m, joints, rod.stiffnesses_nm2)
 
 
 def mean_stiffness(rod: Rod) -> float:
