@@ -70,6 +70,10 @@ def test_recordings_become_a_dataset_folder(files: Path) -> None:
         (["--offset-ms", "soon"], "milliseconds, auto or none"),
         (["--catheter", "x,colour=1"], "there is no fact 'colour'"),
         (["--set", "polarity=pink"], "polarity"),
+        (["--catheter", "x,diameter_m=-1"], "expected a number above zero for diameter_m"),
+        (["--metres-per-px", "0"], "--metres-per-px: expected a number above zero"),
+        (["--sensor-angle-deg", "nan"], "--sensor-angle-deg: expected degrees"),
+        (["--offset-ms", "1e30"], "less than 2e12 ms"),
         (["extra.csv"], "got 3 files"),
     ],
 )

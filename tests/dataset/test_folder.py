@@ -87,6 +87,18 @@ def test_an_existing_folder_is_kept_unless_told_otherwise(make_folder: Make, tmp
     assert len(open_dataset(target)) == 24
 
 
+def test_a_folder_with_anything_else_in_it_is_never_replaced(make_folder: Make, tmp_path: Path) -> None:
+    data = open_dataset(make_folder())
+    target = write_dataset(data.subset(np.arange(4)), tmp_path / "copy")
+    (target / "notes.txt").write_text("precious")
+    with pytest.raises(InputError, match=r"holds 'notes\.txt', which is no part of a dataset folder"):
+        write_dataset(data, target, overwrite=True)
+    assert (target / "notes.txt").read_text() == "precious"
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError, match="does not replace it"):
+        write_dataset(data, tmp_path / "file", overwrite=True)
+
+
 def test_a_failure_while_writing_leaves_nothing_and_keeps_the_old(make_folder: Make, tmp_path: Path) -> None:
     folder = make_folder()
     data = open_dataset(folder)

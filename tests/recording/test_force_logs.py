@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tipforce.errors import FileFormatError, TableError, TimeError, TipforceError
+from tipforce.errors import FileFormatError, InputError, TableError, TimeError, TipforceError
 from tipforce.recording import ForceColumns
 from tipforce.recording._forcelog import read_force_log, read_knob_log
 from tipforce.units import GRAM_N
@@ -68,6 +68,7 @@ def test_stamps_since_1970_in_nanoseconds_are_exact(tmp_path: Path) -> None:
         ("time,fx_n\n0,1\n", ForceColumns(), TableError, "--time-unit s"),
         ("time_s,fx\n0,1\n", ForceColumns(), TableError, "--force-unit N"),
         ("time_s,fx_counts\n0,1\n", ForceColumns(), TableError, "--counts-per-n"),
+        ("time_s,fx_n\n0,1\n", ForceColumns(counts_per_n=5), InputError, "leave --counts-per-n out"),
         (
             "time_s,fx_n\n0,1\n# x\n1,two\n",
             ForceColumns(),

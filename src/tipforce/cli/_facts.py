@@ -6,17 +6,18 @@ from typing import Literal
 from ..errors import InputError
 from ..types import Catheter
 
-__all__ = ["actuation_from", "catheter_from", "offset_from", "tare_from"]
+__all__ = ["actuation_from", "catheter_from", "number_from", "offset_from", "tare_from"]
 
 _LENGTHS = ("diameter_m", "flexible_length_m", "rigid_length_m", "bending_stiffness_nm2")
 
 
-def _number(text: str, option: str, expected: str) -> float:
+def number_from(text: str, option: str, expected: str, above: float = -math.inf) -> float:
+    """``text`` as a finite number ``above`` a bound; raises InputError naming ``option`` and what was ``expected``."""
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
+    if not (math.isfinite(value) and value > above):
         raise InputError(f"{option}: expected {expected}, got {text!r}")
     return value
 
@@ -27,14 +28,14 @@ def actuation_from(knob_deg: float | None, pairs: list[str] | None) -> dict[str,
     >>> actuation_from(10, ["wire_0_mm=1.5"])
     {'knob_deg': 10.0, 'wire_0_mm': 1.5}
     """
-    values = {} if knob_deg is None else {"knob_deg": _number(str(knob_deg), "--knob-deg", "degrees")}
+    values = {} if knob_deg is None else {"knob_deg": number_from(str(knob_deg), "--knob-deg", "degrees")}
     for pair in pairs or []:
         name, _, text = pair.partition("=")
         if not name.rpartition("_")[0] or not text:
             raise InputError(f"--actuation {pair}: expected NAME_UNIT=VALUE, for example --actuation wire_mm=1.5")
         if name in values:
             raise InputError(f"--actuation {pair}: {name} is stated twice")
-        values[name] = _number(text, f"--actuation {pair}", "a number after the =")
+        values[name] = number_from(text, f"--actuation {pair}", "a number after the =")
     return values
 
 
@@ -52,7 +53,7 @@ def tare_from(text: str) -> Literal["auto", "none"] | tuple[float, float]:
     if not colon:
         raise InputError(f"--tare {text}: expected START:END in seconds (0:5), auto or none")
     stretch = tuple(
-        _number(part, f"--tare {text}", "START:END in seconds (0:5), auto or none") for part in (start, end)
+        number_from(part, f"--tare {text}", "START:END in seconds (0:5), auto or none") for part in (start, end)
     )
     if not stretch[1] > stretch[0]:
         raise InputError(f"--tare {text}: the end does not lie behind the start")
@@ -67,7 +68,12 @@ def offset_from(text: str) -> Literal["auto", "none"] | float:
     """
     if text == "auto":
         return "auto"
-    return "none" if text == "none" else _number(text, f"--offset-ms {text}", "milliseconds, auto or none")
+    if text == "none":
+        return "none"
+    value = number_from(text, f"--offset-ms {text}", "milliseconds, auto or none")
+    if abs(value) > 2e12:  # what brings a clock that began in 1970 to zero is 1.7e12
+        raise InputError(f"--offset-ms {text}: expected less than 2e12 ms, which is all the time since 1970")
+    return value
 
 
 def catheter_from(text: str | None) -> Catheter:
@@ -84,5 +90,5 @@ def catheter_from(text: str | None) -> Catheter:
         key, _, value = fact.partition("=")
         if key not in _LENGTHS:
             raise InputError(f"--catheter {text}: there is no fact {key!r}; there are {', '.join(_LENGTHS)}")
-        values[key] = _number(value, f"--catheter {text}", f"a number for {key}")
+        values[key] = number_from(value, f"--catheter {text}", f"a number above zero for {key}", 0.0)
     return Catheter(name or "unnamed", **values)

@@ -8,6 +8,7 @@ cell: no reading); columns ``note`` and ``note_...`` are not read. ``dataset.jso
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -27,16 +28,19 @@ UNITS = ("deg", "rad", "mm", "um", "m", "px", "kpa", "pa", "bar", "v", "a", "ma"
 """What the name of an actuation column may end in."""
 
 
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
 class CatheterFacts(BaseModel):
     """Nominal values of the catheter; see `tipforce.types.Catheter`."""
 
     model_config = ConfigDict(extra="forbid")
 
     name: str = "unnamed"
-    diameter_m: float | None = None
-    flexible_length_m: float | None = None
-    rigid_length_m: float | None = None
-    bending_stiffness_nm2: float | None = None
+    diameter_m: _Positive | None = None
+    flexible_length_m: _Positive | None = None
+    rigid_length_m: _Positive | None = None
+    bending_stiffness_nm2: _Positive | None = None
 
 
 class FolderFacts(BaseModel):
@@ -48,7 +52,7 @@ class FolderFacts(BaseModel):
     frame: str = "base"
     """Axes of the forces; "base" is the convention of this program."""
     view: str = "camera"
-    metres_per_px: float | None = None
+    metres_per_px: _Positive | None = None
     catheter: CatheterFacts = CatheterFacts()
     notes: dict[str, str] = Field(default_factory=dict)
     sessions: dict[str, dict[str, str]] = Field(default_factory=dict)

@@ -29,11 +29,11 @@ def write_dataset(
     """Write ``dataset`` as a dataset folder (images lossless, as PNG) that `open_dataset` reads back; returns it.
 
     Whole or not at all: everything is written beside ``folder`` and renamed at the end. Raises InputError where
-    ``folder`` is there already (unless ``overwrite``) or the observations have more than one view.
+    ``folder`` is there already (unless ``overwrite``, and then only a dataset folder is replaced) or the observations
+    have more than one view.
     """
     folder = Path(folder)
-    if folder.exists() and not overwrite:
-        raise InputError(f"{folder}: exists already; choose another name or state --overwrite")
+    _refuse(folder, overwrite=overwrite)
     if not len(dataset):
         raise InputError(f"{dataset.title}: has no samples to write")
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -46,6 +46,20 @@ def write_dataset(
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return folder
+
+
+def _refuse(folder: Path, *, overwrite: bool) -> None:
+    if not folder.exists():
+        return
+    if not overwrite:
+        raise InputError(f"{folder}: exists already; choose another name or state --overwrite")
+    names = {item.name for item in folder.iterdir()} if folder.is_dir() else {folder.name}
+    strange = sorted(names - {"images", METADATA, FACTS})
+    if strange:
+        raise InputError(
+            f"{folder}: holds {strange[0]!r}, which is no part of a dataset folder, so --overwrite "
+            "does not replace it; choose another name"
+        )
 
 
 def replace_folder(part: Path, folder: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import TableError
+from ..errors import InputError, TableError
 from ..types import FloatArray, IntArray
 from ..units import FORCE_UNITS
 from ._columns import TimeUnit, rising, time_column, times_ns
@@ -59,6 +59,8 @@ def read_force_log(path: Path, columns: ForceColumns | None = None, knob_column:
     axes = _axes(table, columns)
     stamps = times_ns(table, time, unit)
     rising(table, stamps)
+    if columns.counts_per_n is not None and not math.isfinite(columns.counts_per_n):
+        raise InputError(f"--counts-per-n: expected a number, got {columns.counts_per_n}")
     names = [name for _, name, _ in axes] + ([knob_column] if knob_column else [])
     numbers = table.numbers(names)
     force = np.full((len(stamps), 3), math.nan)
@@ -117,14 +119,26 @@ def _axes(table: Table, columns: ForceColumns) -> list[tuple[int, str, float]]:
                 f"{table.path}: cannot tell which columns are the force ({listed(table.header)}); state them with "
                 "--fx, --fy and --fz"
             )
-    return [(axis, column, sign * _newtons(table, column, columns)) for axis, column, sign in found]
+    units = [_unit(table, column, columns) for _, column, _ in found]
+    if columns.counts_per_n is not None and "counts" not in units:
+        raise InputError(
+            f"{table.path}: no column holds counts; state --force-unit counts, or leave --counts-per-n out"
+        )
+    return [
+        (axis, column, sign * _newtons(table, column, unit, columns))
+        for (axis, column, sign), unit in zip(found, units, strict=True)
+    ]
 
 
-def _newtons(table: Table, column: str, columns: ForceColumns) -> float:
+def _unit(table: Table, column: str, columns: ForceColumns) -> str:
     named = _UNIT_AT_END.search(column)
     unit = columns.force_unit or (_UNITS[named[1].lower()] if named else None)
     if unit is None:
         raise TableError(f"{table.path}: the column {column!r} does not name its unit; state it, as in --force-unit N")
+    return unit
+
+
+def _newtons(table: Table, column: str, unit: str, columns: ForceColumns) -> float:
     if unit != "counts":
         return FORCE_UNITS[unit]
     if not columns.counts_per_n:
