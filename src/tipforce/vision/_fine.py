@@ -27,6 +27,8 @@ _PASSES = ((0, 1), (4, 1), (8, 1), (12, 1), (18, 1))
 _MAX_TRACED = 6
 _CLEAR_TIP = 0.35
 """Beside the border only a drop of this share of the shaft's contrast is taken for its tip."""
+_DOUBT = 15.0
+"""Evidence of something that goes on beyond the end and was not followed, from which on the end is not believed."""
 _PALE = 40.0
 """While the diameter is open, a shaft of this contrast counts half as much as one of the strongest."""
 _OBLIQUE = 1.6
@@ -188,8 +190,8 @@ class FineTracer:
         n, end = solve_shaft(
             pixels, row, channels, self._box, self._plan, self._stations, self._result, self._points, self._work
         )
-        _, diameter, typical, level, gap, blind, length, drop, base_u, base_v, angle, rms, last_u, last_v = (
-            self._result[:14].tolist()
+        _, diameter, typical, level, gap, blind, length, drop, base_u, base_v, angle, rms, last_u, last_v, doubt = (
+            self._result[:15].tolist()
         )
         confidence = max(0.0, 1.0 - blind / max(length, 1.0))
         status, detail = Status.VALID, ""
@@ -216,6 +218,10 @@ class FineTracer:
             status = Status.CUT_OFF
             side = self._side_near(last_u, last_v)
             detail = f"the catheter leaves the picture at the {side}, near {where}, before its tip is seen"
+            score *= 0.2
+        elif doubt > _DOUBT:
+            status = Status.CUT_OFF
+            detail = f"the shaft ends at {where}, but something goes on there that cannot be told from the catheter"
             score *= 0.2
         return Trace(status, detail, score, diameter, typical, level, confidence, length, (base_u, base_v, -angle))
 

@@ -12,12 +12,14 @@ import numpy as np
 
 from ._fine_pixels import edge_near, fast, grey_between, measure_pair
 
-__all__ = ["fit_spline", "measure_ends", "resample", "spline_at", "tip_place"]
+__all__ = ["TIP_BACK", "fit_spline", "measure_ends", "resample", "spline_at", "tip_place"]
 
 _BASE_N, _BASE_STEP = 5, 0.4
 """Stations measured anew at the base, and the way between them in radii of the shaft."""
 _TIP_N, _TIP_FIRST, _TIP_STEP = 6, 0.6, 0.35
 """Stations measured anew at the tip, how far the first one lies before it, and the way between them, in radii."""
+TIP_BACK = 8.0
+"""The least that is read before the last station, to see the level that a tip's edge falls from, in px."""
 _TIP_FIRM = 4.0
 """How much stiffer the curve is at its tip, where it is measured from one side only."""
 
@@ -155,16 +157,17 @@ def tip_place(
     length: float,
     last: float,
     half: float,
+    back: float,
     ahead: float,
     typical: float,
     scratch: np.ndarray,
 ) -> tuple[float, float]:
     """Arc length of the tip: the half-way crossing along the axis, and the drop of grey level there.
 
-    The drop is 0 where no clear edge ends the shaft within ``ahead`` px of the last station: it touches something of
-    its own grey level, or runs out of the picture.
+    The drop is 0 where no clear edge ends the shaft between ``back`` px before the last station and ``ahead`` px behind
+    it: it touches something of its own grey level, or runs out of the picture.
     """
-    back = min(8.0, last - 1.0)
+    back = min(back, last - 1.0)
     first = last - back
     n = min(int(back + ahead + 4.0), scratch.shape[0], int(length - first))
     for j in range(n):
@@ -180,8 +183,9 @@ def tip_place(
                 b = min(max(b, box[1]), box[3] - 1.001)
             total += grey_between(pixels, row, channels, a, b)
         scratch[j] = sign * total / 5.0
-    middle = last + 0.5 * (ahead - 1.0)
-    place, drop = edge_near(scratch, n, first, middle, 0.5 * (ahead + 1.0) + 1.0, half < 3.5, 0.6)
+    middle = last + 0.5 * (ahead - back + TIP_BACK - 1.0)
+    reach = 0.5 * (ahead + back - TIP_BACK + 1.0) + 1.0
+    place, drop = edge_near(scratch, n, first, middle, reach, half < 3.5, 0.6)
     if abs(drop) < max(8.0, 0.12 * typical):
         return last, 0.0
     return place, drop

@@ -4,18 +4,26 @@ import math
 
 import numpy as np
 
-from ._fine_fit import fit_spline, measure_ends, resample, spline_at, tip_place
+from ._fine_beyond import AHEAD_SIZE, count_solid, goes_on, look_beyond
+from ._fine_fit import TIP_BACK, fit_spline, measure_ends, resample, spline_at, tip_place
 from ._fine_pixels import fast
-from ._fine_trace import END_LOST, END_SHORT, trace_shaft
+from ._fine_trace import END_BORDER, END_LOST, END_SHORT, END_TIP, trace_shaft
 
 __all__ = ["RESULT_SIZE", "WORK_SIZE", "solve_shaft"]
 
 _STRAIGHT = 0.7
 """Radii before the tip from which on the axis is straight: a compromise of round tips (1) and flat ones (0)."""
-WORK_SIZE = 728 + 1200 + 32
+_NOTHING = 8.0
+"""Less evidence of a shaft behind a gap than this is none."""
+_CLEAN_LOW, _CLEAN_HIGH = 0.6, 1.25
+"""A tip whose edge has less or more than these shares of the shaft's contrast is looked at a second time."""
+_OWN_LOW, _OWN_HIGH = 0.6, 1.6
+"""The same against the flanks just before the end: a tip whose edge lies within is believed whatever lies beyond."""
+WORK_SIZE = 728 + 1200 + 32 + AHEAD_SIZE
 
 RESULT_SIZE = 16
-"""Stations, diameter, contrast, level, gap, blind length, length, drop at the tip, base u, v, angle, rms, last u, v."""
+"""Stations, diameter, contrast, level, gap, blind length, length, drop at the tip, base u, v, angle, rms, last u, v,
+and how much goes on beyond the end that was not followed."""
 
 
 @fast
@@ -41,7 +49,8 @@ def solve_shaft(
     scratch = work[:128]
     coefficients = work[128:328].reshape((100, 2))
     band = work[328:728].reshape((100, 4))
-    weights = work[728:WORK_SIZE]
+    weights = work[728:1960]
+    beyond = work[1960:WORK_SIZE]
     lengths = work[WORK_SIZE:]
     n, end = trace_shaft(
         pixels, row, channels, box, sign, entry_u, entry_v, heading, width, contrast, known, max_gap, scratch,
@@ -56,6 +65,7 @@ def solve_shaft(
     result[5] = blind
     result[6] = last
     result[7] = 0.0
+    result[14] = 0.0
     result[12] = stations[max(n - 1, 0), 0]
     result[13] = stations[max(n - 1, 0), 1]
     if end == END_SHORT:
@@ -68,10 +78,52 @@ def solve_shaft(
         weights[i] = stations[i, 4]
     fit_spline(stations, n, length, intervals, 0.05, coefficients, band, weights)
     tip, drop = tip_place(
-        pixels, row, channels, box, sign, coefficients, intervals, length, last, half, ahead, typical, scratch
+        pixels, row, channels, box, sign, coefficients, intervals, length, last, half, TIP_BACK, ahead, typical, scratch
     )
     if end == END_LOST:
         tip = last
+    solid = count_solid(stations, n, half)
+    unclear = end == END_LOST or solid < n or not _CLEAN_LOW * typical < drop < _CLEAN_HIGH * typical
+    if not unclear:
+        least = max(6.0, 0.06 * typical)
+        unclear = goes_on(pixels, row, channels, box, coefficients, intervals, length, tip, half, least)
+    if unclear and (end != END_BORDER or gap > max_gap):
+        n, hole, rest, own = look_beyond(
+            pixels, row, channels, box, sign, half, typical, max_gap, scratch, coefficients, band, weights, beyond,
+            stations, solid, n,
+        )  # fmt: skip
+        last = stations[n - 1, 2]
+        if hole > 0.0:
+            end = END_LOST
+            result[4] = hole
+        elif end == END_LOST and rest < _NOTHING:
+            end = END_TIP
+        elif hole < 0.0:
+            end = END_BORDER
+            result[4] = 0.0
+        length = last + ahead + 6.0
+        intervals = int(min(max(length / max(1.2 * diameter, 8.0), 6.0), 80.0))
+        for i in range(n):
+            weights[i] = stations[i, 4]
+        fit_spline(stations, n, length, intervals, 0.05, coefficients, band, weights)
+        tip, drop = tip_place(
+            pixels, row, channels, box, sign, coefficients, intervals, length, last, half, TIP_BACK + 1.5 * half,
+            ahead, typical, scratch,
+        )  # fmt: skip
+        if end == END_LOST:
+            tip = last
+        elif drop != 0.0 and tip < last:
+            # what was measured behind the tip lies on something else
+            while n > 6 and stations[n - 1, 2] > tip - 0.3 * half:
+                n -= 1
+            for i in range(n):
+                weights[i] = stations[i, 4]
+            fit_spline(stations, n, length, intervals, 0.05, coefficients, band, weights)
+        result[0] = n
+        result[12] = stations[n - 1, 0]
+        result[13] = stations[n - 1, 1]
+        if end != END_LOST and not _OWN_LOW * own < drop < _OWN_HIGH * own:
+            result[14] = rest
     more = measure_ends(
         pixels, row, channels, box, sign, coefficients, intervals, length, tip if drop > 0.0 else last + 0.5 * half,
         half, heading, max(8.0, 0.25 * typical), scratch, stations, n,

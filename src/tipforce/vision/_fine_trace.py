@@ -45,9 +45,9 @@ def trace_shaft(
     """Trace from (entry_u, entry_v) in the direction ``heading`` (radians, v down), which is across the base line.
 
     ``fixed_width`` > 0: the known diameter. ``stations`` (k, 6) receives u, v, arc length, width, weight and kind
-    (1 shaft, 2 other grey levels, 3 taper). ``report``: width of the shaft, contrast, arc length of the last station,
-    the inside's grey level times ``sign`` (set it before), length of the gap (END_LOST) or of shaft unseen before the
-    border (END_BORDER), arc length without flanks. Returns (stations, way it ended).
+    (1 shaft, 2 other grey levels, 3 taper, 4 pale shaft). ``report``: width of the shaft, contrast, arc length of the
+    last station, the inside's grey level times ``sign`` (set it before), length of the gap (END_LOST) or of shaft
+    unseen before the border (END_BORDER), arc length without flanks. Returns (stations, way it ended).
     """
     u, v = entry_u, entry_v
     angle, bend = heading, 0.0
@@ -221,7 +221,7 @@ def trace_shaft(
         stations[n, 2] = s
         stations[n, 3] = wide
         stations[n, 4] = weight * 0.05
-        stations[n, 5] = kind
+        stations[n, 5] = kind if kind != 1 or hits < 8 or min(left_drop, right_drop) > 0.5 * typical else 4.0
         if n == along_border and nu == line_u and nv == line_v:
             stations[n, 3] = wide / slant
             along_border += 1
@@ -277,12 +277,6 @@ def trace_shaft(
                 streak = 0
     if gap > 0.0:
         n = kept
-    # a few pale pairs behind the shaft's end are its shadow or the ground, not metal
-    solid = n
-    while solid > 0 and stations[solid - 1, 5] == 2.0:
-        solid -= 1
-    if solid > 0 and end == END_TIP and stations[n - 1, 2] - stations[solid - 1, 2] < 2.6 * half:
-        n = solid
     if n < 4:
         end = END_SHORT
     # arc length along the measured centres: the first, slanted steps were longer than they were meant to be
