@@ -1,4 +1,4 @@
-"""Statics of the planar catheter: bent shapes under loads, contact with a compliant wall, and what a shape tells."""
+"""Statics of the catheter, in the plane and in space: large bending under loads, and contact with a soft wall."""
 
 from ._contact import Contact, Wall, press
 from ._continuation import Branch
@@ -6,6 +6,10 @@ from ._derivatives import Derivatives, derivatives
 from ._free import Shape, Shapes, bend, bend_many
 from ._information import Bound, CentrelineNoise, Information, Priors, cramer_rao, fisher_information
 from ._rod import Rod
+from ._spatial_contact import SpatialContact, SpatialPress, press_spatial
+from ._spatial_free import SpatialShape, bend_spatial
+from ._spatial_rod import SpatialRod
+from ._spatial_wall import SpatialWall, damping_of_loss_factor
 from .actuation import Hysteresis, KnobMap, Play, PrandtlIshlinskii, Tendon
 from .baselines import (
     Bent,
@@ -45,12 +49,20 @@ __all__ = [
     "RodModel",
     "Shape",
     "Shapes",
+    "SpatialContact",
+    "SpatialPress",
+    "SpatialRod",
+    "SpatialShape",
+    "SpatialWall",
     "Tendon",
     "Wall",
     "bend",
     "bend_many",
+    "bend_spatial",
     "cramer_rao",
+    "damping_of_loss_factor",
     "derivatives",
     "fisher_information",
     "press",
+    "press_spatial",
 ]

@@ -1,0 +1,54 @@
+"""A clamped rod in PyElastica, loaded at its tip and damped until it rests: another program's answer to a dead load."""
+
+import time
+import warnings
+from collections.abc import Iterator
+
+import numpy as np
+
+
+def settle(rest: np.ndarray, force: np.ndarray, elements: int = 20) -> Iterator[tuple[np.ndarray, float, float, float]]:
+    """Yields, from time to time until it rests: the tip (3,), seconds of computing, GJ / EI, length that is clamped.
+
+    Rod of length and EI one along x, its strain without load ``rest`` = (twist, about y, about z), ``force`` (3,) dead.
+    PyElastica's rod stretches and shears a little, by parts in ten thousand here. Its first element is held, so that
+    the flexible length begins in the middle of it.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import elastica
+
+    class Simulator(elastica.BaseSystemCollection, elastica.Constraints, elastica.Forcing, elastica.Damping):
+        pass
+
+    radius, density = 0.02, 1.0
+    modulus = 4 / (np.pi * radius**4)
+    simulator = Simulator()
+    rod = elastica.CosseratRod.straight_rod(
+        elements, np.zeros(3), np.array([1.0, 0, 0]), np.array([0.0, 1, 0]), 1.0, radius, density,
+        youngs_modulus=modulus, shear_modulus=modulus / 3,
+    )  # fmt: skip
+    rod.rest_kappa[:] = np.array([rest[1], rest[2], rest[0]])[:, None]
+    simulator.append(rod)
+    simulator.constrain(rod).using(elastica.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,))
+    slowest = 3.516 / np.sqrt(density * np.pi * radius**2)  # first bending frequency, rad / s
+    step = 0.25 / elements / np.sqrt(modulus / density)
+    simulator.add_forcing_to(rod).using(
+        elastica.EndpointForces, np.zeros(3), np.asarray(force, float), ramp_up_time=1.0 / slowest
+    )
+    simulator.dampen(rod).using(elastica.AnalyticalLinearDamper, uniform_damping_constant=2 * slowest, time_step=step)
+    simulator.finalize()
+    stepper, now, busy = elastica.PositionVerlet(), 0.0, 0.0
+    torsion = rod.bend_matrix[2, 2, 0] / rod.bend_matrix[0, 0, 0]
+    last = np.zeros(3)
+    while True:
+        began = time.perf_counter()
+        until = now + 0.5 / slowest
+        while now < until:
+            now = stepper.step(simulator, now, step)
+        busy += time.perf_counter() - began
+        tip = rod.position_collection[:, -1].copy()
+        yield tip, busy, torsion, 0.5 / elements
+        if now > 4 / slowest and np.linalg.norm(tip - last) < 1e-5:
+            return
+        last = tip

@@ -1,0 +1,181 @@
+"""The spatial rod while its wall, its clamp and its pre-curvature move: all at once, or instant by instant."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..types import BoolArray, FloatArray, frozen
+from ._spatial_march import NUMBERS, Law, make_history, march
+from ._spatial_parts import Load, elastic_of, make_work
+from ._spatial_rod import SpatialRod, frames_of
+from ._spatial_wall import SpatialWall
+
+__all__ = ["SpatialContact", "SpatialPress", "press_spatial"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpatialContact:
+    """The rod at m instants, base frame.
+
+    ``quaternions`` (m, segments + 1, 4), see `SpatialRod.unloaded_quaternions`; ``advance_m`` (m,): the clamp along x.
+    ``force_n`` (m, 3): what the wall does to the electrode's dome, at ``touch_m`` (m, 3); ``side_force_n`` (m, 3): what
+    it does to the shaft's side. ``reaction_force_n``, ``reaction_moment_nm`` (m, 3): what the clamp does to the rod,
+    about the clamp, the moment taken from the shaft's strain. ``indentation_m`` (m,): dent in the wall, which
+    outlasts the contact where there is damping. ``touching``, ``slipping`` (of the dome), ``converged``, ``stable``
+    (m,); a sticking tip counts as held by its tie.
+    """
+
+    rod: SpatialRod
+    wall: SpatialWall
+    quaternions: FloatArray
+    advance_m: FloatArray
+    force_n: FloatArray
+    touch_m: FloatArray
+    side_force_n: FloatArray
+    reaction_force_n: FloatArray
+    reaction_moment_nm: FloatArray
+    indentation_m: FloatArray
+    touching: BoolArray
+    slipping: BoolArray
+    converged: BoolArray
+    stable: BoolArray
+
+    def nodes_m(self) -> FloatArray:
+        """(m, segments + 2, 3): clamp, segment ends, tip of the electrode."""
+        return self.rod.nodes_m(self.quaternions, self.advance_m)
+
+    def frames(self) -> FloatArray:
+        """(m, segments + 1, 3, 3): material frames of the segments and of the electrode, in columns."""
+        return frames_of(self.quaternions)
+
+
+class SpatialPress:
+    """A rod and a wall that are moved instant by instant: for a closed loop that commands the motion live.
+
+    ``dt_s`` is the time between instants and matters with damping and creep only. The electrode ends in a ball of
+    ``tip_radius_m``, which is the shaft's radius too. ``distributed_n_per_m`` (3,): dead load along the whole length.
+    ``creep``: the shaft is a standard linear solid on the strain against its pre-curvature: a spring ``creep`` times
+    as stiff as EI and GJ lies beside the shaft and goes slack with the time constant ``creep_time_s``, so that under
+    a fixed strain the moment falls by creep / (1 + creep), under a fixed moment the strain grows by ``creep``, and
+    what is left in the end is the rod of `bend_spatial`.
+
+    The first instant is reached from the rod hanging free for long, so it should be without contact, and steps should
+    be short beside the ball. Raises ValueError where a value has no physical meaning.
+
+    >>> press = SpatialPress(SpatialRod(0.04, 4.3e-4, 0.008), SpatialWall(np.array([0.6, 0.8, 0.0]), 120.0), 1e-3, 1e-3)
+    >>> for depth in np.linspace(-1e-3, 4e-3, 50):
+    ...     now = press.step(np.array([0.048, 0.0, 0.0]) - depth * press.wall.normal)
+    >>> now.force_n[0].round(4), bool(now.touching[0])
+    (array([-0.0361, -0.0481, -0.    ]), True)
+    """
+
+    def __init__(
+        self,
+        rod: SpatialRod,
+        wall: SpatialWall,
+        dt_s: float,
+        tip_radius_m: float,
+        *,
+        distributed_n_per_m: FloatArray | None = None,
+        creep: float = 0.0,
+        creep_time_s: float = 1.0,
+    ) -> None:
+        if not (dt_s > 0 and creep >= 0 and creep_time_s > 0):
+            raise ValueError(
+                f"expected positive dt_s and creep_time_s and no negative creep, got {dt_s}, {creep_time_s}, {creep}"
+            )
+        if not 0.0 <= tip_radius_m <= rod.rigid_length_m:
+            raise ValueError(
+                f"tip_radius_m: expected 0 to the electrode's length {rod.rigid_length_m}, got {tip_radius_m}"
+            )
+        self.rod, self.wall = rod, wall
+        line = np.zeros(3) if distributed_n_per_m is None else distributed_n_per_m
+        self._load = Load(np.zeros(3), np.zeros(3), np.array(frozen("distributed_n_per_m", line, (3,))))
+        relaxing = dt_s / creep_time_s
+        self._elastic = elastic_of(rod, rod.rigid_length_m - tip_radius_m)._replace(maxwell=creep / (1 + relaxing))
+        self._law = Law(
+            axes=wall.axes,
+            radius=tip_radius_m,
+            stiffness=wall.stiffness_n_per_m,
+            hertz=0.0 if wall.hertz_depth_m is None else wall.hertz_depth_m**-0.5,
+            damping=wall.damping_ns_per_m,
+            kt=wall.tangential_n_per_m,
+            friction=wall.friction,
+            side=wall.side_stiffness_n_per_m2 * rod.flexible_length_m / rod.segments,
+            dt_s=dt_s,
+            relaxing=relaxing,
+            base_rest=np.array(rod.precurvature_per_m),
+        )
+        self._history = make_history(rod.unloaded_quaternions)
+        self._work = make_work(rod.segments + 1, 3 + (rod.segments if wall.side_stiffness_n_per_m2 > 0 else 0))
+
+    def run(
+        self,
+        wall_m: FloatArray,
+        precurvature_change_per_m: FloatArray | None = None,
+        advance_m: FloatArray | None = None,
+    ) -> SpatialContact:
+        """The next m instants, see `press_spatial`; they go on from the last one."""
+        wall = np.ascontiguousarray(wall_m, np.float64)
+        m = wall.shape[0]
+        change = np.zeros((m, 3)) if precurvature_change_per_m is None else precurvature_change_per_m
+        change = np.ascontiguousarray(change, np.float64)
+        advance = np.ascontiguousarray(np.zeros(m) if advance_m is None else advance_m, np.float64)
+        if wall.shape != (m, 3) or change.shape != (m, 3) or advance.shape != (m,):
+            raise ValueError(
+                "expected wall_m (m, 3), precurvature_change_per_m (m, 3) and advance_m (m,), "
+                f"got {wall.shape}, {change.shape}, {advance.shape}"
+            )
+        rod = self.rod
+        rod.check_stiffening(np.abs(change).max(axis=0, initial=0.0) + np.abs(self._law.base_rest).max(axis=0))
+        shapes, numbers = np.empty((m, rod.segments + 1, 4)), np.empty((m, NUMBERS))
+        march(self._elastic, self._load, self._law, self._history, self._work, wall, change, advance, shapes, numbers)
+        side = -numbers[:, 9:10] * np.asarray(self.wall.normal)
+        return SpatialContact(
+            rod=rod,
+            wall=self.wall,
+            quaternions=shapes,
+            advance_m=advance,
+            force_n=numbers[:, 0:3],
+            touch_m=numbers[:, 3:6],
+            side_force_n=side,
+            reaction_force_n=-numbers[:, 0:3] - side - self._load.line * rod.length_m,
+            reaction_moment_nm=-numbers[:, 6:9],
+            indentation_m=numbers[:, 10],
+            touching=numbers[:, 11] > 0,
+            slipping=numbers[:, 12] > 0,
+            converged=numbers[:, 13] > 0,
+            stable=numbers[:, 14] > 0,
+        )
+
+    def step(
+        self, wall_m: FloatArray, precurvature_change_per_m: FloatArray | None = None, advance_m: float = 0.0
+    ) -> SpatialContact:
+        """The next instant, as a row of one: ``wall_m`` (3,), ``precurvature_change_per_m`` (3,)."""
+        change = None if precurvature_change_per_m is None else np.asarray(precurvature_change_per_m)[None]
+        return self.run(np.asarray(wall_m)[None], change, np.array([advance_m]))
+
+
+def press_spatial(
+    rod: SpatialRod,
+    wall: SpatialWall,
+    wall_m: FloatArray,
+    dt_s: float,
+    tip_radius_m: float,
+    *,
+    precurvature_change_per_m: FloatArray | None = None,
+    advance_m: FloatArray | None = None,
+    distributed_n_per_m: FloatArray | None = None,
+    creep: float = 0.0,
+    creep_time_s: float = 1.0,
+) -> SpatialContact:
+    """The rod while the wall moves: one equilibrium for each instant, each starting from the one before.
+
+    ``wall_m`` (m, 3): a point of the wall's undented surface, which the tissue carries along. For the rest see
+    `SpatialPress`. ``precurvature_change_per_m`` (m, 3): added to the rod's own pre-curvature in every joint;
+    ``advance_m`` (m,): how far the clamp has moved along the base tangent.
+    """
+    press = SpatialPress(
+        rod, wall, dt_s, tip_radius_m, distributed_n_per_m=distributed_n_per_m, creep=creep, creep_time_s=creep_time_s
+    )
+    return press.run(wall_m, precurvature_change_per_m, advance_m)
