@@ -113,8 +113,8 @@ def _settle(q: FloatArray, saved: FloatArray, rod: Elastic, load: Load, touch: T
     """Equilibrium on the wall.
 
     On a rough one Newton's method with stick and slip in it goes straight there as a rule. Where it fails, for
-    instance where the rod snaps, the energy brings the rod down: first with the tip tied, then with the slipping force frozen as a load,
-    and the method is tried again from each of these.
+    instance where the rod snaps, the energy brings the rod down: first with the tip tied, then with the slipping force
+    frozen as a load, and the method is tried again from each of these.
     """
     copy_turns(q, saved)
     out = relax(q, rod, load, touch, work, TOLERANCE)
