@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tipforce.mechanics import Rod, SpatialRod, bend, bend_spatial
+from tipforce.mechanics import Branch, Rod, SpatialRod, bend, bend_spatial
 
 # Cantilever with a transverse dead load, alpha = P L^2 / EI: deflection / L, shortening / L
 # (Bisshopp and Drucker 1945; Mattiasson 1981).
@@ -107,7 +107,7 @@ def test_in_the_plane_it_is_the_planar_rod(force, curvature, softness, length):
     rod = SpatialRod(length, 4.3e-4, 0.008, None, np.array([0, 0, curvature]), softness)
     shape = bend_spatial(rod, np.array([*force, 0.0]))
     assert shape.converged
-    if shape.unloaded_branch and flat.stable:
+    if shape.branch is flat.branch is Branch.UNLOADED:
         np.testing.assert_allclose(shape.tip_m, [*flat.tip_m, 0.0], atol=1e-9)
 
 
@@ -144,7 +144,7 @@ def test_turning_the_bench_about_the_base_tangent_turns_the_shape(rod, force, mo
         rod.segments,
     )
     here, there = bend_spatial(rod, force, moment), bend_spatial(turned, turn @ force, turn @ moment)
-    if here.unloaded_branch and there.unloaded_branch:
+    if here.branch is there.branch is Branch.UNLOADED:
         np.testing.assert_allclose(there.tip_m, turn @ here.tip_m, atol=1e-8)
         np.testing.assert_allclose(there.frames, turn @ here.frames @ turn.T, atol=1e-6)
 
@@ -177,7 +177,8 @@ def test_a_warm_start_ends_where_continuation_ends(rod, direction):
     force = 0.06 * direction
     cold = bend_spatial(rod, force)
     warm = bend_spatial(rod, force, start=bend_spatial(rod, 0.95 * force))
-    assert warm.unloaded_branch
+    assert warm.branch is Branch.GIVEN
+    assert warm.on_unloaded_branch()
     np.testing.assert_allclose(warm.tip_m, cold.tip_m, atol=1e-9)
 
 
@@ -187,7 +188,6 @@ def test_euler_column_loses_its_stability_at_the_buckling_load(share, stable):
     shape = bend_spatial(SpatialRod(0.065, 4.3e-4), np.array([-share * critical, 0.0, 0.0]))
     assert shape.converged
     assert shape.stable is stable
-    assert shape.unloaded_branch is stable
 
 
 @pytest.mark.parametrize("beyond", [1.1, 1.5, 3.0])
@@ -198,7 +198,7 @@ def test_a_slightly_bent_column_buckles_out_of_its_plane_of_least_resistance(bey
     shape = bend_spatial(rod, np.array([-beyond * critical, 0, 0]), distributed_n_per_m=np.array([0, 0.02, 0]))
     assert shape.converged
     assert shape.stable
-    assert shape.unloaded_branch
+    assert shape.branch is Branch.UNLOADED
     assert shape.tip_m[2] > 0.005
     assert shape.tip_m[1] > 1e-4
 

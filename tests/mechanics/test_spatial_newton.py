@@ -30,7 +30,7 @@ def bent_rod(seed, bend=0.4):
         0.04, 4.3e-4, 0.008, None, np.array([3.0, 5.0, -4.0]), 40.0, rng.uniform(0.8, 1.2, SEGMENTS + 1), SEGMENTS
     )
     elastic = elastic_of(rod, 0.0068)._replace(memory=rng.normal(size=(SEGMENTS + 1, 3)), maxwell=0.03)
-    load = Load(0.1 * rng.normal(size=3), np.zeros(3), 2.0 * rng.normal(size=3))
+    load = Load(0.1 * rng.normal(size=3), np.zeros(3), 1e-3 * rng.normal(size=(SEGMENTS + 1, 3)))
     return elastic, load, turned(np.array(rod.unloaded_quaternions), rng.normal(scale=bend, size=SIZE))
 
 
@@ -82,7 +82,10 @@ def test_gradient_and_hessian_are_the_derivatives_of_the_energy(touch, bend):
 
 def test_under_a_dead_moment_the_jacobian_is_the_residuals_at_the_equilibrium():
     rod = SpatialRod(2.0, 2.0, torsional_stiffness_nm2=1.0, segments=SEGMENTS)
-    elastic, load = elastic_of(rod, 0.0), Load(np.array([0.1, 0.2, 0.1]), np.array([1.5, 0.3, 2.0]), np.zeros(3))
+    elastic, load = (
+        elastic_of(rod, 0.0),
+        Load(np.array([0.1, 0.2, 0.1]), np.array([1.5, 0.3, 2.0]), np.zeros((SEGMENTS + 1, 3))),
+    )
     work, nothing = make_work(SEGMENTS + 1, 1), wall()._replace(active=False)
     q = np.array(rod.unloaded_quaternions)
     for share in (0.25, 0.5, 0.75, 1.0):
@@ -157,7 +160,7 @@ def test_bordered_step_solves_the_system_and_its_factors_can_be_used_again(touch
 def test_from_any_start_a_minimum_is_reached(seed):
     rod, _, q = bent_rod(seed, 1.0)
     rng = np.random.default_rng(seed)
-    load, touch = Load(rng.uniform(-0.3, 0.3, 3), np.zeros(3), np.zeros(3)), wall()
+    load, touch = Load(rng.uniform(-0.3, 0.3, 3), np.zeros(3), np.zeros((SEGMENTS + 1, 3))), wall()
     work = make_work(SEGMENTS + 1, SEGMENTS + 3)
     outcome = relax(q, rod, load, touch, work, TOLERANCE)
     assert outcome.converged

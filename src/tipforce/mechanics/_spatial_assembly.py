@@ -12,7 +12,7 @@ from ._spatial_energy import contact_at, normal_force, tangential_force, tip_at
 from ._spatial_joint import joint_moment, log_factors, log_scale
 from ._spatial_parts import Elastic, Load, Touch, Work
 
-__all__ = ["assemble", "unturned"]
+__all__ = ["add_pull", "assemble", "unturned"]
 
 
 @compiled
@@ -20,6 +20,24 @@ def unturned(w: float, x: float, y: float, z: float, a: float, b: float, c: floa
     """The vector (a, b, c), base frame, in the frame of the quaternion (w, x, y, z)."""
     u, v, s = y * c - z * b - w * a, z * a - x * c - w * b, x * b - y * a - w * c
     return a + 2.0 * (y * s - z * v), b + 2.0 * (z * u - x * s), c + 2.0 * (x * v - y * u)
+
+
+@compiled
+def add_pull(q: FloatArray, rod: Elastic, load: Load, out: FloatArray) -> None:
+    """Add to ``out`` (3k,) what the dead loads do to each element's turn: minus their part of the gradient."""
+    fx, fy, fz = load.force[0], load.force[1], load.force[2]
+    last = q.shape[0] - 1
+    for i in range(last + 1):
+        w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+        reach, line = rod.reach[i], load.line[i]
+        _, l1, l2 = unturned(w, x, y, z, reach * fx + line[0], reach * fy + line[1], reach * fz + line[2])
+        out[3 * i + 1] -= l2
+        out[3 * i + 2] += l1
+        if i == last:
+            m0, m1, m2 = unturned(w, x, y, z, load.moment[0], load.moment[1], load.moment[2])
+            out[3 * i] += m0
+            out[3 * i + 1] += m1
+            out[3 * i + 2] += m2
 
 
 @compiled
@@ -184,7 +202,7 @@ def assemble(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work) 
     work.skew[0] = work.skew[1] = work.skew[2] = 0.0
     for i in range(last, -1, -1):
         w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
-        reach, weight, r = rod.reach[i], rod.weight[i], 3 * i
+        reach, line, r = rod.reach[i], load.line[i], 3 * i
         if sides > 0 and i < last:
             if height > 0.0:  # the node at this element's end touches: its force acts on all elements before it
                 side -= 1
@@ -194,7 +212,7 @@ def assemble(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work) 
             height -= reach * along
         l0, l1, l2 = unturned(
             w, x, y, z,
-            reach * fx + weight * load.line[0], reach * fy + weight * load.line[1], reach * fz + weight * load.line[2],
+            reach * fx + line[0], reach * fy + line[1], reach * fz + line[2],
         )  # fmt: skip
         gradient[r + 1] += l2
         gradient[r + 2] -= l1

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..types import BoolArray, FloatArray, frozen
+from ..types import BoolArray, FloatArray
 from ._spatial_march import NUMBERS, Law, make_history, march
-from ._spatial_parts import Load, elastic_of, make_work
+from ._spatial_parts import Load, elastic_of, line_of, make_work
 from ._spatial_rod import SpatialRod, frames_of
 from ._spatial_wall import SpatialWall
 
@@ -53,11 +53,11 @@ class SpatialPress:
     """A rod and a wall that are moved instant by instant: for a closed loop that commands the motion live.
 
     ``dt_s`` is the time between instants and matters with damping and creep only. The electrode ends in a ball of
-    ``tip_radius_m``, which is the shaft's radius too. ``distributed_n_per_m`` (3,): dead load along the whole length.
-    ``creep``: the shaft is a standard linear solid on the strain against its pre-curvature: a spring ``creep`` times
-    as stiff as EI and GJ lies beside the shaft and goes slack with the time constant ``creep_time_s``, so that under
-    a fixed strain the moment falls by creep / (1 + creep), under a fixed moment the strain grows by ``creep``, and
-    what is left in the end is the rod of `bend_spatial`.
+    ``tip_radius_m``, which is the shaft's radius too. ``distributed_n_per_m``: dead load along the whole length, (3,)
+    or (segments + 1, 3). ``creep``: the shaft is a standard linear solid on the strain against its pre-curvature: a
+    spring ``creep`` times as stiff as EI and GJ lies beside the shaft and goes slack with the time constant
+    ``creep_time_s``, so that under a fixed strain the moment falls by creep / (1 + creep), under a fixed moment the
+    strain grows by ``creep``, and what is left in the end is the rod of `bend_spatial`.
 
     The first instant is reached from the rod hanging free for long, so it should be without contact, and steps should
     be short beside the ball. Raises ValueError where a value has no physical meaning.
@@ -65,8 +65,8 @@ class SpatialPress:
     >>> press = SpatialPress(SpatialRod(0.04, 4.3e-4, 0.008), SpatialWall(np.array([0.6, 0.8, 0.0]), 120.0), 1e-3, 1e-3)
     >>> for depth in np.linspace(-1e-3, 4e-3, 50):
     ...     now = press.step(np.array([0.048, 0.0, 0.0]) - depth * press.wall.normal)
-    >>> now.force_n[0].round(4), bool(now.touching[0])
-    (array([-0.0361, -0.0481, -0.    ]), True)
+    >>> now.force_n[0, :2].round(4), bool(now.touching[0])
+    (array([-0.0399, -0.0532]), True)
     """
 
     def __init__(
@@ -89,8 +89,9 @@ class SpatialPress:
                 f"tip_radius_m: expected 0 to the electrode's length {rod.rigid_length_m}, got {tip_radius_m}"
             )
         self.rod, self.wall = rod, wall
-        line = np.zeros(3) if distributed_n_per_m is None else distributed_n_per_m
-        self._load = Load(np.zeros(3), np.zeros(3), np.array(frozen("distributed_n_per_m", line, (3,))))
+        self._load = Load(np.zeros(3), np.zeros(3), line_of(rod, distributed_n_per_m))
+        weight = np.zeros(3) if distributed_n_per_m is None else np.asarray(distributed_n_per_m)
+        self._weight_n = (np.broadcast_to(weight, (rod.segments + 1, 3)) * rod.element_lengths_m[:, None]).sum(axis=0)
         relaxing = dt_s / creep_time_s
         self._elastic = elastic_of(rod, rod.rigid_length_m - tip_radius_m)._replace(maxwell=creep / (1 + relaxing))
         self._law = Law(
@@ -139,7 +140,7 @@ class SpatialPress:
             force_n=numbers[:, 0:3],
             touch_m=numbers[:, 3:6],
             side_force_n=side,
-            reaction_force_n=-numbers[:, 0:3] - side - self._load.line * rod.length_m,
+            reaction_force_n=-numbers[:, 0:3] - side - self._weight_n,
             reaction_moment_nm=-numbers[:, 6:9],
             indentation_m=numbers[:, 10],
             touching=numbers[:, 11] > 0,

@@ -93,10 +93,9 @@ def energy_at(q: FloatArray, rod: Elastic, load: Load, touch: Touch, tangent: Fl
         w0, x0, y0, z0 = w, x, y, z
     px, py, pz = tip_at(q, rod, tangent)
     total -= load.force[0] * px + load.force[1] * py + load.force[2] * pz
-    if load.line[0] != 0.0 or load.line[1] != 0.0 or load.line[2] != 0.0:
-        for i in range(q.shape[0]):
-            along = load.line[0] * tangent[i, 0] + load.line[1] * tangent[i, 1] + load.line[2] * tangent[i, 2]
-            total -= rod.weight[i] * along
+    for i in range(q.shape[0]):
+        line = load.line[i]
+        total -= line[0] * tangent[i, 0] + line[1] * tangent[i, 1] + line[2] * tangent[i, 2]
     if touch.active:
         depth, first, second = contact_at(q, px, py, pz, touch)
         total += normal_force(touch, depth)[2]

@@ -1,24 +1,17 @@
 """Equilibrium of the spatial rod under dead loads."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..types import FloatArray, frozen
-from ._spatial_compile import compiled
-from ._spatial_newton import TOLERANCE, Outcome, copy_turns, relax
-from ._spatial_parts import NO_TOUCH, Elastic, Load, Touch, Work, elastic_of, make_work
+from ._continuation import Branch
+from ._spatial_continuation import raise_load
+from ._spatial_newton import TOLERANCE, relax
+from ._spatial_parts import NO_TOUCH, Load, elastic_of, line_of, make_work
 from ._spatial_rod import SpatialRod, frames_of
 
 __all__ = ["SpatialShape", "bend_spatial"]
-
-_STEP = 2.0
-"""First step of the load, as |F| L^2 / EI."""
-_JUMP = 0.7
-"""Turn of an element between two loads that counts as a jump to another branch, rad."""
-_ROUGH = 1e-4
-"""Relative residual that is good enough on the way to the load."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,25 +21,23 @@ class SpatialShape:
     ``residual``: largest moment out of balance, relative to EI / length of the shaft. ``converged``: False where
     Newton's method gave up; the shape is then not to be used. ``stable``: a strict minimum of the energy; under a tip
     moment, which has no energy in space, that of the symmetric part of the stiffness: enough for stability, but not
-    necessary. ``unloaded_branch``: the load was raised from nothing without losing stability and without a jump.
+    necessary. ``branch``: see `Branch` and `on_unloaded_branch`.
     """
 
     rod: SpatialRod
     quaternions: FloatArray
     force_n: FloatArray
     moment_nm: FloatArray
-    distributed_n_per_m: FloatArray
+    distributed_n_per_m: FloatArray | None
     residual: float
     converged: bool
     stable: bool
-    unloaded_branch: bool
+    branch: Branch
     iterations: int
 
     def __post_init__(self) -> None:
         value = frozen("quaternions", self.quaternions, (self.rod.segments + 1, 4))
         object.__setattr__(self, "quaternions", value)
-        for name in ("force_n", "moment_nm", "distributed_n_per_m"):
-            object.__setattr__(self, name, frozen(name, getattr(self, name), (3,)))
 
     @property
     def frames(self) -> FloatArray:
@@ -58,44 +49,20 @@ class SpatialShape:
         """(3,): the electrode's end, base frame."""
         return self.rod.nodes_m(self.quaternions)[-1]
 
-    def centreline_m(self, points: int) -> FloatArray:
-        """(points, 3), base to tip, uniform in arc length."""
+    def centreline_m(self, points: int | FloatArray) -> FloatArray:
+        """(points, 3), base to tip; ``points``: how many, evenly, or their arc lengths in m."""
         return self.rod.centreline_m(self.quaternions, points)
 
+    def on_unloaded_branch(self) -> bool:
+        """Whether raising all loads together from nothing leads here, without a jump.
 
-@compiled
-def _raise_load(
-    q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, first_step: float, tolerance: float
-) -> tuple[Outcome, bool]:
-    """Raise the load from nothing; halve the step where it fails, turns unstable or jumps to another branch."""
-    saved = np.empty_like(q)
-    now = Load(np.zeros(3), np.zeros(3), np.zeros(3))
-    turned = load.moment[0] != 0.0 or load.moment[1] != 0.0 or load.moment[2] != 0.0
-    share, step, iterations, branch = 0.0, first_step, 0, True
-    outcome = Outcome(0, True, True, 0.0)
-    while share < 1.0:
-        copy_turns(q, saved)
-        target = min(1.0, share + step)
-        for k in range(3):
-            now.force[k], now.moment[k] = target * load.force[k], target * load.moment[k]
-            now.line[k] = target * load.line[k]
-        outcome = relax(q, rod, now, touch, work, tolerance if target == 1.0 else _ROUGH)
-        iterations += outcome.iterations
-        jump = 1.0
-        for i in range(q.shape[0]):
-            dot = 0.0
-            for k in range(4):
-                dot += q[i, k] * saved[i, k]
-            jump = min(jump, abs(dot))
-        good = bool(outcome.converged and (outcome.stable or turned) and jump > math.cos(0.5 * _JUMP))
-        if good or step < 1e-3:
-            share = target
-            branch = branch and good
-            step *= 1.5
-        else:
-            copy_turns(saved, q)
-            step *= 0.5
-    return Outcome(iterations, outcome.converged, outcome.stable, outcome.residual), branch
+        Known where the shape was reached that way; for one that was reached from a start it is tried out.
+        """
+        if self.branch is not Branch.GIVEN:
+            return self.branch is Branch.UNLOADED
+        cold = bend_spatial(self.rod, self.force_n, self.moment_nm, self.distributed_n_per_m)
+        apart = 1.0 - np.abs(np.sum(cold.quaternions * self.quaternions, axis=1)).min()
+        return cold.branch is Branch.UNLOADED and bool(apart < 1e-10)
 
 
 def bend_spatial(
@@ -108,32 +75,38 @@ def bend_spatial(
     """Shape of ``rod`` under dead loads (3,), base frame: on the tip, on the electrode, and along the whole length.
 
     The moment keeps its direction in space. Above the buckling load there are several equilibria. Without ``start``
-    this one is reached by raising the load from nothing, so it lies on the unloaded shape's branch wherever that
-    branch lasts (``unloaded_branch`` tells); with ``start`` it is the one next to that shape.
+    this one is reached by raising all loads together from nothing, so it lies on the unloaded shape's branch wherever
+    that branch lasts (``branch`` tells); with ``start`` it is the one next to that shape.
 
     >>> shape = bend_spatial(SpatialRod(0.048, 4.3e-4), np.array([0.0, 0.06, 0.08]))
     >>> shape.stable, (shape.tip_m * 1e3).round(2)
-    (True, array([47.13,  4.98,  6.65]))
+    (True, array([47.13,  4.99,  6.65]))
     """
     zero = np.zeros(3)
-    parts = [zero if part is None else part for part in (force_n, moment_nm, distributed_n_per_m)]
-    names = ("force_n", "moment_nm", "distributed_n_per_m")
-    load = Load(*(np.array(frozen(name, part, (3,))) for name, part in zip(names, parts, strict=True)))
+    force = frozen("force_n", force_n, (3,))
+    moment = frozen("moment_nm", zero if moment_nm is None else moment_nm, (3,))
+    load = Load(np.array(force), np.array(moment), line_of(rod, distributed_n_per_m))
+    if not (np.isfinite(force).all() and np.isfinite(moment).all()):
+        raise ValueError(f"expected finite loads, got force_n {force}, moment_nm {moment}")
     elastic = elastic_of(rod, rod.rigid_length_m)
-    work = make_work(rod.segments + 1, 1)
-    length, ei = rod.length_m, rod.bending_stiffness_nm2
-    outcome, branch = None, False
+    work = make_work(rod.segments + 1, 0)
+    outcome, branch = None, Branch.GIVEN
     q = np.array(rod.unloaded_quaternions if start is None else start.quaternions)
     if start is not None:
         outcome = relax(q, elastic, load, NO_TOUCH, work, TOLERANCE)
-        turn = np.abs(np.sum(q * start.quaternions, axis=1)).min()
-        branch = start.unloaded_branch and outcome.stable and turn > math.cos(0.5 * _JUMP)
     if outcome is None or not outcome.converged:
         q = np.array(rod.unloaded_quaternions)
-        whole = np.linalg.norm(load.force) + np.linalg.norm(load.line) * length
-        size = (whole * length**2 + np.linalg.norm(load.moment) * length) / ei
-        first = 1.0 / math.ceil(size / _STEP + 1e-9)
-        outcome, branch = _raise_load(q, elastic, load, NO_TOUCH, work, first, TOLERANCE)
+        outcome, value = raise_load(q, elastic, load, NO_TOUCH, work, TOLERANCE)
+        branch = Branch(value)
     return SpatialShape(
-        rod, q, *load, outcome.residual, outcome.converged, outcome.stable, bool(branch), outcome.iterations
+        rod=rod,
+        quaternions=q,
+        force_n=force,
+        moment_nm=moment,
+        distributed_n_per_m=distributed_n_per_m,
+        residual=outcome.residual,
+        converged=outcome.converged,
+        stable=outcome.stable,
+        branch=branch,
+        iterations=outcome.iterations,
     )

@@ -193,9 +193,7 @@ def march(
             for k in range(3):
                 rod.rest[i, k] = law.base_rest[i, k] + change[row, k]
         if plain[0] == 0.0:  # hung up long ago
-            slack = Elastic(
-                rod.span, rod.bend, rod.twist, rod.rest, rod.soft, rod.reach, rod.weight, rod.memory, 0.0, rod.small
-            )
+            slack = Elastic(rod.span, rod.bend, rod.twist, rod.rest, rod.soft, rod.reach, rod.memory, 0.0, rod.small)
             nowhere = Touch(False, axes, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zero, arm, drag, -1.0, 0.0, 0.0)
             relax(q, slack, load, nowhere, work, TOLERANCE)
             _creep(q, rod, math.inf)

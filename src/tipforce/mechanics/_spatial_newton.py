@@ -10,9 +10,9 @@ from ._spatial_compile import compiled
 from ._spatial_energy import energy_at
 from ._spatial_parts import Elastic, Load, Touch, Work
 
-__all__ = ["TOLERANCE", "Outcome", "copy_turns", "newton_step", "relax", "solve_factorised"]
+__all__ = ["TOLERANCE", "Outcome", "copy_turns", "longest_turn", "newton_step", "relax", "solve_factorised", "turn"]
 
-TOLERANCE = 1e-10
+TOLERANCE = 1e-11
 """Residual moment relative to EI / (length of the shaft)."""
 _MAX_ITERATIONS = 80
 _MAX_TURN = 0.4
@@ -98,7 +98,7 @@ def newton_step(work: Work, m: int, loose: int, shift: float) -> int:
 
 
 @compiled
-def _turn(q: FloatArray, step: FloatArray, scale: float, out: FloatArray) -> None:
+def turn(q: FloatArray, step: FloatArray, scale: float, out: FloatArray) -> None:
     """Out = q turned by ``scale`` x step; (1, w / 2) normalised equals exp(w) to second order."""
     half = 0.5 * scale
     for i in range(q.shape[0]):
@@ -119,7 +119,8 @@ def copy_turns(source: FloatArray, target: FloatArray) -> None:
 
 
 @compiled
-def _longest(step: FloatArray) -> float:
+def longest_turn(step: FloatArray) -> float:
+    """Largest length of the turns in ``step`` (3k,)."""
     longest = 0.0
     for r in range(0, step.shape[0], 3):
         longest = max(longest, step[r] ** 2 + step[r + 1] ** 2 + step[r + 2] ** 2)
@@ -142,9 +143,9 @@ def _follow_residual(
     q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, residual: float
 ) -> tuple[bool, float, int, int]:
     """A step that makes the residual smaller, for what has no energy: slip, and a dead moment past its minimum."""
-    scale = min(1.0, _MAX_TURN / _longest(work.step))
+    scale = min(1.0, _MAX_TURN / longest_turn(work.step))
     for _ in range(6):
-        _turn(q, work.step, scale, work.trial)
+        turn(q, work.step, scale, work.trial)
         # `assemble` leaves ``work.step`` alone
         tried, m, loose = assemble(work.trial, rod, load, touch, work)
         if tried < (1.0 - 0.1 * scale) * residual:
@@ -192,11 +193,11 @@ def relax(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, tol
         descent = 0.0
         for r in range(work.step.shape[0]):
             descent += work.gradient[r] * work.step[r]
-        scale = min(1.0, _MAX_TURN / _longest(work.step))
+        scale = min(1.0, _MAX_TURN / longest_turn(work.step))
         # Close to the minimum the gain drowns in rounding: let a Newton step pass there.
         slack = 1e-14 * (abs(energy) + rod.small)
         while True:
-            _turn(q, work.step, scale, work.trial)
+            turn(q, work.step, scale, work.trial)
             tried = energy_at(work.trial, rod, load, touch, work.tangent)
             gain = _twist_work(q, work.step, scale, load.moment) if turned else 0.0
             if tried - gain <= energy + 1e-4 * scale * descent + slack:

@@ -7,7 +7,7 @@ import numpy as np
 from ..types import FloatArray
 from ._spatial_rod import SpatialRod
 
-__all__ = ["NO_TOUCH", "Elastic", "Load", "Touch", "Work", "elastic_of", "make_work"]
+__all__ = ["NO_TOUCH", "Elastic", "Load", "Touch", "Work", "elastic_of", "line_of", "make_work"]
 
 
 class Elastic(NamedTuple):
@@ -15,7 +15,6 @@ class Elastic(NamedTuple):
 
     ``span``, ``bend`` (EI), ``twist`` (GJ) (k,), ``rest`` (k, 3): pre-curvature; ``soft``: 1 / k_s^2.
     ``reach`` (k,): length of each element; the last one's is the lever of the loaded point.
-    ``weight`` (k,): what a load of one newton per metre does to an element's direction, in N m.
     ``memory`` (k, 3), ``maxwell``: crept strain and strength of the Maxwell spring. ``small``: EI / length of shaft.
     """
 
@@ -25,14 +24,16 @@ class Elastic(NamedTuple):
     rest: FloatArray
     soft: float
     reach: FloatArray
-    weight: FloatArray
     memory: FloatArray
     maxwell: float
     small: float
 
 
 class Load(NamedTuple):
-    """Dead loads, base frame, (3,) each: force at the lever's end, moment on the electrode, force per length."""
+    """Dead loads, base frame: ``force`` (3,) at the lever's end, ``moment`` (3,) on the electrode.
+
+    ``line`` (k, 3): what a distributed load does to each element's direction, in N m.
+    """
 
     force: FloatArray
     moment: FloatArray
@@ -94,11 +95,8 @@ NO_TOUCH = Touch(
 
 def elastic_of(rod: SpatialRod, lever_m: float) -> Elastic:
     """The numbers of ``rod``, loaded at ``lever_m`` beyond the end of its shaft, without creep."""
-    step = rod.flexible_length_m / rod.segments
-    lengths = np.full(rod.segments + 1, step)
-    reach = lengths.copy()
-    lengths[-1], reach[-1] = rod.rigid_length_m, lever_m
-    behind = rod.length_m - np.cumsum(lengths)
+    reach = rod.element_lengths_m
+    reach[-1] = lever_m
     profile = np.asarray(rod.stiffness_profile, np.float64)
     return Elastic(
         span=rod.joint_spans_m,
@@ -107,11 +105,26 @@ def elastic_of(rod: SpatialRod, lever_m: float) -> Elastic:
         rest=np.array(rod.precurvature_per_m),
         soft=rod.stiffening_curvature_per_m**-2,
         reach=reach,
-        weight=lengths * (behind + 0.5 * lengths),
         memory=np.zeros((rod.segments + 1, 3)),
         maxwell=0.0,
         small=rod.bending_stiffness_nm2 / rod.flexible_length_m,
     )
+
+
+def line_of(rod: SpatialRod, distributed_n_per_m: FloatArray | None) -> FloatArray:
+    """(segments + 1, 3): `Load.line` of a distributed load, the same along the whole length or one for each element.
+
+    Raises ValueError where it is neither (3,) nor (segments + 1, 3), or not finite.
+    """
+    whole = (rod.segments + 1, 3)
+    if distributed_n_per_m is None:
+        return np.zeros(whole)
+    if np.shape(distributed_n_per_m) not in ((3,), whole) or not np.isfinite(distributed_n_per_m).all():
+        raise ValueError(f"distributed_n_per_m: expected finite numbers (3,) or {whole}, got {distributed_n_per_m}")
+    lengths = rod.element_lengths_m[:, None]
+    weight = np.broadcast_to(distributed_n_per_m, whole) * lengths
+    beyond = np.cumsum(weight[::-1], axis=0)[::-1] - weight
+    return lengths * (beyond + 0.5 * weight)
 
 
 def make_work(elements: int, contacts: int) -> Work:

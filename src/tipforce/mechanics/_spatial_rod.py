@@ -122,6 +122,13 @@ class SpatialRod:
         return self.flexible_length_m + self.rigid_length_m
 
     @property
+    def element_lengths_m(self) -> FloatArray:
+        """(segments + 1,): of the segments, then of the electrode."""
+        lengths = np.full(self.segments + 1, self.flexible_length_m / self.segments)
+        lengths[-1] = self.rigid_length_m
+        return lengths
+
+    @property
     def joint_spans_m(self) -> FloatArray:
         """(segments + 1,): length of shaft whose strain sits in each joint; half a segment at both ends."""
         spans = np.full(self.segments + 1, self.flexible_length_m / self.segments)
@@ -146,16 +153,19 @@ class SpatialRod:
         """
         w, x, y, z = np.moveaxis(quaternions, -1, 0)
         tangents = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=-1)
-        lengths = np.full(self.segments + 1, self.flexible_length_m / self.segments)
-        lengths[-1] = self.rigid_length_m
         nodes = np.zeros((*tangents.shape[:-2], self.segments + 2, 3))
-        np.cumsum(lengths[:, None] * tangents, axis=-2, out=nodes[..., 1:, :])
+        np.cumsum(self.element_lengths_m[:, None] * tangents, axis=-2, out=nodes[..., 1:, :])
         nodes[..., 0] += np.asarray(advance_m)[..., None]
         return nodes
 
-    def centreline_m(self, quaternions: FloatArray, points: int) -> FloatArray:
-        """(segments + 1, 4) -> (points, 3), base to tip, uniform in arc length."""
-        arc = np.append(np.arange(self.segments + 1) * (self.flexible_length_m / self.segments), self.length_m)
-        nodes = self.nodes_m(quaternions)
-        wanted = np.linspace(0.0, self.length_m, points)
-        return np.stack([np.interp(wanted, arc, nodes[:, axis]) for axis in range(3)], axis=1)
+    def centreline_m(self, quaternions: FloatArray, points: int | FloatArray) -> FloatArray:
+        """(segments + 1, 4) -> (points, 3), base to tip; ``points``: how many, evenly, or their arc lengths in m.
+
+        Raises ValueError where an arc length lies beyond the rod.
+        """
+        arc = np.linspace(0.0, self.length_m, points) if isinstance(points, int) else np.asarray(points, np.float64)
+        if arc.ndim != 1 or not ((arc >= 0) & (arc <= self.length_m * (1 + 1e-12))).all():
+            raise ValueError(f"points: expected a row of arc lengths within 0 and {self.length_m} m, got {points}")
+        lengths = self.element_lengths_m
+        way = np.clip(arc[:, None] - (np.cumsum(lengths) - lengths), 0.0, lengths)
+        return way @ frames_of(quaternions)[:, :, 0]
