@@ -1,0 +1,89 @@
+"""The sensor's noise is Poisson plus Gauss, quantised, and knows nothing of its neighbours in space and time."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.stats import chi2, norm, poisson
+
+from tipforce.twin.camera import SensorNoise
+from tipforce.twin.camera._noise import add_noise, frame_key, gauss_table
+
+LEVELS = [3.0, 20.3, 45.0, 128.0, 199.6, 240.0]
+NOISES = [SensorNoise.at_mid_grey(sigma, read_share=share) for sigma, share in ((2.0, 0.4), (5.0, 0.3))]
+
+
+def draw(noise, level, frame, shape=(480, 640), channels=1):
+    planes = np.empty((channels, *shape), np.uint8)
+    clean = np.full((channels, *shape), level, np.float32)
+    add_noise(clean, frame_key(7, frame), gauss_table(), noise.grey_per_electron, noise.read_grey, planes)
+    return planes
+
+
+def chances(noise, level):
+    """(256,) exact chances of the grey levels: gain * Poisson(level / gain) + Gauss(0, read), rounded and clipped."""
+    mean = level / noise.grey_per_electron
+    electrons = np.arange(int(poisson.ppf(1e-12, mean)), int(poisson.ppf(1 - 1e-12, mean)) + 1)
+    weight = poisson.pmf(electrons, mean)
+    below = norm.cdf((np.arange(255)[:, None] + 0.5 - noise.grey_per_electron * electrons) / noise.read_grey) @ weight
+    return np.diff(np.concatenate([[0.0], below, [1.0]]))
+
+
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("level", LEVELS)
+def test_histogram_mean_variance_and_skewness_are_those_of_poisson_and_gauss(noise, level):
+    counts = sum(np.bincount(draw(noise, level, frame).ravel(), minlength=256) for frame in range(3))
+    size, grey = int(counts.sum()), np.arange(256)
+    chance = chances(noise, level)
+    mean = float(grey @ chance)
+    central = [float((grey - mean) ** k @ chance) for k in (2, 3, 4, 6)]
+    assert float(grey @ counts) / size == pytest.approx(mean, abs=5 * (central[0] / size) ** 0.5)
+    off = (grey - float(grey @ counts) / size) ** 2 @ counts / size
+    assert off == pytest.approx(central[0], abs=5 * ((central[2] - central[0] ** 2) / size) ** 0.5 + 1e-3 * central[0])
+    third = (grey - mean) ** 3 @ counts / size
+    assert third == pytest.approx(central[1], abs=5 * (central[3] / size) ** 0.5)
+    common = chance * size >= 20
+    want = np.append(chance[common], chance[~common].sum()) * size
+    got = np.append(counts[common], counts[~common].sum())
+    # 900,000 pixels: a departure of 0.5 % of the probabilities would be seen.
+    misfit = ((got - want) ** 2 / np.maximum(want, 1e-9))[want > 5].sum()
+    assert misfit < chi2.ppf(1 - 1e-4, int((want > 5).sum()) - 1) + 1e-4 * size
+
+
+def test_the_histogram_test_would_see_a_gaussian_in_place_of_poisson():
+    noise, level = SensorNoise.at_mid_grey(5.0, read_share=0.2), 20.3
+    chance, size = chances(noise, level), 921_600
+    edges = norm.cdf((np.arange(255) + 0.5 - level) / noise.sigma(level))
+    gauss = np.diff(np.concatenate([[0.0], edges, [1.0]]))
+    common = chance * size >= 20
+    misfit = ((gauss - chance)[common] ** 2 / chance[common]).sum() * size
+    assert misfit > 3 * chi2.ppf(1 - 1e-4, int(common.sum()))
+
+
+def test_neighbours_and_frames_are_not_correlated():
+    frames = np.stack([draw(NOISES[0], 128.0, k)[0].astype(np.float32) for k in range(6)])
+    frames = (frames - frames.mean()) / frames.std()
+    limit = 5.0 / np.sqrt(frames[0].size)
+    for dv, du in ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0), (0, 16), (16, 0)):
+        moved = np.roll(frames[0], (dv, du), axis=(0, 1))
+        assert abs(float((frames[0] * moved).mean())) < limit
+    # from frame to frame, also where one is the other moved by any way
+    one, two = np.fft.rfft2(frames[0]), np.fft.rfft2(frames[1])
+    assert np.abs(np.fft.irfft2(one * two.conj())).max() / frames[0].size < 6.5 / np.sqrt(frames[0].size)
+    pairs = np.corrcoef(frames.reshape(6, -1)) - np.eye(6)
+    assert np.abs(pairs).max() < limit
+    # nor do rows or columns have offsets of their own
+    for axis in (1, 2):
+        spread = frames.mean(axis=axis).std() * np.sqrt(frames.shape[axis])
+        assert spread == pytest.approx(1.0, abs=0.12)
+
+
+def test_a_colour_picture_turned_grey_has_a_grey_cameras_noise():
+    grey = draw(NOISES[0], 120.0, 3)[0]
+    planes = draw(NOISES[0], 120.0, 3, channels=3)
+    seen = cv2.cvtColor(cv2.merge(list(planes)), cv2.COLOR_RGB2GRAY)
+    np.testing.assert_array_equal(grey, seen)
+
+
+def test_levels_beyond_black_and_white_are_clipped():
+    assert draw(NOISES[1], -5.0, 0).min() == 0
+    assert draw(NOISES[1], 400.0, 0).min() == 255
