@@ -185,6 +185,20 @@ def test_settling_takes_the_shaft_not_the_shaft_with_its_shadow() -> None:
         assert settle(VisionSettings(), [image]).diameter_px == pytest.approx(12, abs=0.6)
 
 
+@pytest.mark.parametrize("light", [False, True], ids=["dark", "light"])
+def test_the_settled_threshold_parts_a_shaft_with_a_highlight_from_its_ground(light: bool) -> None:
+    for seed in range(4):
+        tube = drawn(seed, "left", light, gradient=0.0, rings=0)
+        line = np.zeros(tube.image.shape[:2], np.float32)
+        cv2.polylines(line, [tube.curve.round().astype(np.int32)], False, 1.0, 3)
+        shaft, ground = float(np.median(tube.image[line > 0])), float(np.median(tube.image))
+        weight = 0.6 * cv2.GaussianBlur(line, (0, 0), 0.7)[..., None]
+        image = (tube.image * (1 - weight) + ground * weight).astype(np.uint8)
+        settled = settle(VisionSettings(polarity="light" if light else "dark", base_side="left"), [image])
+        assert settled.threshold == pytest.approx(0.5 * (ground + shaft), abs=0.25 * abs(ground - shaft))
+        assert Vision(settled.model_copy(update={"method": "classic"})).see(image).found
+
+
 def test_settling_without_a_frame_says_so() -> None:
     with pytest.raises(InputError, match="at least one"):
         settle(VisionSettings(), [])

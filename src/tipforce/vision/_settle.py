@@ -8,9 +8,10 @@ from itertools import islice, product
 import numpy as np
 
 from ..errors import InputError
-from ..types import Image, Status
+from ..types import FloatArray, Image, Status
 from ._fine import FineTracer, Trace
 from ._settings import BaseSide, Polarity, VisionSettings
+from ._sighting import Sighting
 
 __all__ = ["is_settled", "settle"]
 
@@ -46,6 +47,41 @@ def _convincing(trace: Trace, noise: float) -> bool:
     return (
         trace.status is Status.VALID and trace.length_px > max(5.0 * trace.diameter_px, 24.0) and trace.confidence > 0.6
     )
+
+
+def _threshold(settings: VisionSettings, frames: list[Image]) -> int:
+    """The grey level half-way from the shaft to what lies beside it, or as little further as loses no frame."""
+    tracer = FineTracer(settings)
+    levels = [_levels(frame, seen) for frame in frames if (seen := tracer.see(frame)).found]
+    shaft, ground = (statistics.median(values) for values in zip(*levels, strict=True))
+    threshold = 0
+    for share in (0.5, 0.75, 1.0):
+        threshold = round(shaft + share * (ground - shaft))
+        again = FineTracer(settings.model_copy(update={"threshold": threshold}))
+        if sum(again.see(frame).found for frame in frames) >= len(levels):
+            break
+    return threshold
+
+
+def _levels(image: Image, sighting: Sighting) -> tuple[float, float]:
+    """Grey levels of the shaft and of what lies beside it.
+
+    Its axis alone would not do: a highlight runs along it, as bright as the shadow beside it.
+    """
+    assert sighting.centreline is not None
+    points, diameter = sighting.centreline.points, sighting.diameter_px
+    tangent = np.gradient(points, axis=0)
+    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]]) / np.linalg.norm(tangent, axis=1)[:, None]
+
+    def median(offsets: FloatArray) -> float:
+        """Grey level of the pixels at ``offsets`` across the shaft, in diameters."""
+        at = np.rint(points[:, None] + offsets[:, None] * diameter * normal[:, None]).astype(np.int64).reshape(-1, 2)
+        inside = ((at >= 0) & (at < (image.shape[1], image.shape[0]))).all(axis=1)
+        pixels = image[at[inside, 1], at[inside, 0]].astype(np.float64)
+        grey = pixels if pixels.ndim == 1 else pixels @ np.array([0.299, 0.587, 0.114])
+        return float(np.median(grey))
+
+    return median(np.linspace(-0.4, 0.4, 9)), median(np.array([-1.3, -1.1, -0.9, 0.9, 1.1, 1.3]))
 
 
 def settle(settings: VisionSettings, images: Iterable[Image]) -> VisionSettings:
@@ -85,11 +121,9 @@ def settle(settings: VisionSettings, images: Iterable[Image]) -> VisionSettings:
             "set polarity and base_side, or mark the shaft's base with base_region"
         )
     _, found, traces = best
-    sign = 1.0 if found.polarity == "light" else -1.0
-    level = statistics.median(sign * (trace.level - 0.5 * trace.contrast) for trace in traces)
     update: dict[str, object] = {}
     if found.threshold is None:
-        update["threshold"] = round(min(max(level, 0.0), 255.0))
+        update["threshold"] = _threshold(found, frames)
     if found.diameter_px is None:
         update["diameter_px"] = round(statistics.median(trace.diameter_px for trace in traces), 2)
     return found.model_copy(update=update)
