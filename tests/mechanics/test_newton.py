@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tipforce.mechanics._newton import Elastic, Load, Springs, _assemble, _newton_step, energy_at, relax
+from tipforce.mechanics._sincos import sincos
 
 N = 11
 ROD = Elastic(
@@ -72,3 +73,11 @@ def test_from_any_start_a_minimum_is_reached(seed):
     assert outcome.converged
     assert outcome.stable
     assert np.linalg.eigvalsh(dense(theta, load)[2])[0] > 0
+
+
+def test_sines_and_cosines_are_the_librarys():
+    angles = np.concatenate([np.linspace(-40, 40, 200_001), np.random.default_rng(0).normal(0, 1e4, 10_000)])
+    cosine, sine = np.empty_like(angles), np.empty_like(angles)
+    sincos(angles, cosine, sine)
+    np.testing.assert_allclose(cosine, np.cos(angles), rtol=0, atol=2.3e-16)
+    np.testing.assert_allclose(sine, np.sin(angles), rtol=0, atol=2.3e-16)

@@ -1,12 +1,13 @@
 """Following the unloaded shape's branch: all loads are raised together, with a tangent ahead of Newton's method."""
 
+import math
 from enum import IntEnum
 
 import numpy as np
 from numba import njit
 
 from ..types import FloatArray
-from ._newton import NO_SPRINGS, SCRATCH, Elastic, Load, Outcome, relax_in, solve_for
+from ._newton import NO_SPRINGS, SCRATCH, TOLERANCE, Elastic, Load, Outcome, relax_in, solve_for
 
 __all__ = ["Branch", "settle_rows"]
 
@@ -32,23 +33,22 @@ _LONGEST = 0.6
 """Longest way of an angle in one step of the load along the tangent, rad."""
 _SHORTEST = 1e-5
 """Share of the load below which a step that still fails is taken for a fold, or for the point of buckling."""
+_ON_THE_WAY = 1e-5
+"""Residual that will do for the shapes that are passed through."""
 _ANEW = 0.02
 """Share of the load in the first step after that."""
 
 
 @njit(cache=True, error_model="numpy")
-def _tangent(rod: Elastic, load: Load, scratch: FloatArray, way: FloatArray) -> bool:
-    """Change of the angles with the share of the load, into ``way``; False where the shape is not stable.
-
-    ``scratch`` is what `relax_in` left at the shape.
-    """
+def _tangent(rod: Elastic, load: Load, scratch: FloatArray, way: FloatArray) -> None:
+    """Change of the angles with the share of the load, into ``way``; ``scratch``: what `relax_in` left there."""
     last = way.size - 1
     cosine, sine = scratch[10], scratch[11]
     for i in range(last + 1):
         reach = rod.h if i < last else rod.lever
         way[i] = reach * ((load.fy + load.carried[i, 1]) * cosine[i] - (load.fx + load.carried[i, 0]) * sine[i])
     way[last] += load.m
-    return solve_for(scratch, way)
+    solve_for(scratch, way)
 
 
 @njit(cache=True, error_model="numpy")
@@ -59,13 +59,15 @@ def _follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: 
     """
     n = theta.size
     work, before, way, way_before = scratch[:SCRATCH], scratch[12], scratch[13], scratch[14]
-    carried = scratch[15:17].reshape(n, 2)
+    way_last, carried = scratch[15], scratch[16:18].reshape(n, 2)
     carried[:] = 0.0
-    outcome = relax_in(theta, rod, Load(0.0, 0.0, 0.0, carried), NO_SPRINGS, work)
-    stable = _tangent(rod, load, work, way)
+    outcome = relax_in(theta, rod, Load(0.0, 0.0, 0.0, carried), NO_SPRINGS, _ON_THE_WAY, work)
+    _tangent(rod, load, work, way)
+    way_last[:] = way
+    stable = outcome.stable
     iterations = outcome.iterations
     followed = True
-    share, step = 0.0, first
+    share, step, last_step = 0.0, first, 0.0
     while share < 1.0:
         if stable:
             longest = 0.0
@@ -77,26 +79,32 @@ def _follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: 
         before[:] = theta
         way_before[:] = way
         if stable:
+            # The tangent, and its change over the last step.
+            bent = 0.5 * step * step / last_step if last_step > 0.0 else 0.0
             for i in range(n):
-                theta[i] += step * way[i]
+                theta[i] += step * way[i] + bent * (way[i] - way_last[i])
         for i in range(n):
             carried[i, 0], carried[i, 1] = target * load.carried[i, 0], target * load.carried[i, 1]
         part = Load(target * load.fx, target * load.fy, target * load.m, carried)
-        outcome = relax_in(theta, rod, part, NO_SPRINGS, work)
+        tolerance = TOLERANCE if target == 1.0 else _ON_THE_WAY
+        outcome = relax_in(theta, rod, part, NO_SPRINGS, tolerance, work)
         iterations += outcome.iterations
-        was_stable, stable = stable, _tangent(rod, load, work, way)
+        was_stable, stable = stable, outcome.stable
+        if stable:
+            _tangent(rod, load, work, way)
         miss = moved = 0.0
         for i in range(n):
             moved = max(moved, abs(theta[i] - before[i]))
             miss = max(miss, abs(theta[i] - before[i] - 0.5 * step * (way[i] + way_before[i])))
         if stable and was_stable and outcome.converged and miss <= _MISMATCH:
-            share = target
+            share, last_step = target, step
+            way_last[:] = way_before
             if miss < 0.125 * _MISMATCH:
                 step *= 2.0
         elif not was_stable or step < 1.5 * _SHORTEST:
             # Past the end of a stable stretch there is no tangent to hold on to: only what stands still is followed.
             followed = followed and outcome.converged and moved <= _MISMATCH
-            share, step = target, _ANEW
+            share, step, last_step = target, _ANEW, 0.0
         else:
             theta[:] = before
             way[:] = way_before
@@ -124,7 +132,7 @@ def settle_rows(
     """
     rows, n = angles.shape
     last = n - 1
-    scratch = np.empty((SCRATCH + 5, n))
+    scratch = np.empty((SCRATCH + 6, n))
     length = rod.h * last + rod.lever
     for row in range(rows):
         theta = angles[row]
@@ -134,14 +142,14 @@ def settle_rows(
         branch = 2.0
         outcome = Outcome(0, False, False, 0.0, 0.0, 0.0, 0.0)
         if warm:
-            outcome = relax_in(theta, own, load, NO_SPRINGS, scratch[:SCRATCH])
+            outcome = relax_in(theta, own, load, NO_SPRINGS, TOLERANCE, scratch[:SCRATCH])
         if not outcome.converged:
             previous = 0.0
             for i in range(n):
                 previous += curved[i] * (rod.h if 0 < i < last else 0.5 * rod.h)
                 theta[i] = previous
             x, y = load.fx + carried[0, 0], load.fy + carried[0, 1]
-            size = (abs(x) + abs(y)) * length + abs(load.m)
+            size = math.hypot(x, y) * length + abs(load.m)
             outcome, followed = _follow(theta, own, load, min(1.0, rod.scale / (size + 1e-300)), scratch)
             branch = 0.0 if followed else 1.0
         numbers[row, 0], numbers[row, 1] = outcome.energy, outcome.residual

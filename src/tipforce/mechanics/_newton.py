@@ -13,10 +13,12 @@ from numba import njit
 
 from ..types import FloatArray
 from ._rod import Rod
+from ._sincos import sincos
 
 __all__ = [
     "NO_SPRINGS",
     "SCRATCH",
+    "TOLERANCE",
     "Elastic",
     "Load",
     "Outcome",
@@ -92,7 +94,7 @@ SCRATCH = 12
 _MAX_ITERATIONS = 80
 _MAX_TURN = 0.4
 """Largest change of an angle in one step, rad: keeps the iteration on the branch it comes from."""
-_TOLERANCE = 1e-11
+TOLERANCE = 1e-11
 """Residual that ends the iteration. Rounding leaves about 1e-16 x segments x the largest angle."""
 
 
@@ -114,6 +116,7 @@ def energy_at(
 ) -> tuple[float, float, float]:
     """Energy, depth and slide at ``theta``; leaves the cosines and sines in their arrays."""
     last = theta.size - 1
+    sincos(theta, cosine, sine)
     x = y = bend = spread = previous = 0.0
     for i in range(last + 1):
         span = rod.h if 0 < i < last else 0.5 * rod.h
@@ -124,8 +127,6 @@ def energy_at(
         if rod.soft > 0.0:  # the integral of (k / k_s)^2 (k - k_0) from k_0
             density += rod.soft * (k**4 / 4 - k0 * k**3 / 3 + k0**4 / 12)
         bend += span * rod.ei[i] * density
-        cosine[i] = math.cos(theta[i])
-        sine[i] = math.sin(theta[i])
         reach = rod.h if i < last else rod.lever
         x += reach * cosine[i]
         y += reach * sine[i]
@@ -255,16 +256,18 @@ def _newton_step(work: FloatArray, shift: float, pressed: bool, step: FloatArray
 @njit(cache=True, error_model="numpy")
 def relax(theta: FloatArray, rod: Elastic, load: Load, springs: Springs) -> Outcome:
     """`relax_in` with a scratch of its own."""
-    return relax_in(theta, rod, load, springs, np.empty((SCRATCH, theta.size)))
+    return relax_in(theta, rod, load, springs, TOLERANCE, np.empty((SCRATCH, theta.size)))
 
 
 @njit(cache=True, error_model="numpy")
-def relax_in(theta: FloatArray, rod: Elastic, load: Load, springs: Springs, scratch: FloatArray) -> Outcome:
+def relax_in(
+    theta: FloatArray, rod: Elastic, load: Load, springs: Springs, tolerance: float, scratch: FloatArray
+) -> Outcome:
     """Move ``theta`` (n,) in place to the nearest minimum of the energy; ``stable`` tells whether it is one.
 
     Each step is Newton's where the Hessian is positive definite, else that of the shifted Hessian, cut so that no
     angle turns by more than 0.4 rad, and halved until the energy falls. ``scratch`` (SCRATCH, n) is left with the
-    Hessian at ``theta``: `solve_for` goes on from there.
+    Hessian's factors at ``theta``: `solve_for` goes on from there.
     """
     n = theta.size
     work, trial, step, cosine, sine = scratch[:8], scratch[8], scratch[9], scratch[10], scratch[11]
@@ -274,8 +277,8 @@ def relax_in(theta: FloatArray, rod: Elastic, load: Load, springs: Springs, scra
     while True:
         residual = _assemble(theta, cosine, sine, rod, load, springs, depth, slide, work) / rod.scale
         stable = _newton_step(work, 0.0, pressed, step)
-        if residual <= _TOLERANCE or iteration == _MAX_ITERATIONS:
-            return Outcome(iteration, residual <= _TOLERANCE, stable, energy, residual, depth, slide)
+        if residual <= tolerance or iteration == _MAX_ITERATIONS:
+            return Outcome(iteration, residual <= tolerance, stable, energy, residual, depth, slide)
         iteration += 1
         # As little shift as will do: past a fold the gradient is small, and the softest way is the one to go.
         shift = 1e-7 * rod.ei[0] / rod.h
@@ -303,15 +306,18 @@ def relax_in(theta: FloatArray, rod: Elastic, load: Load, springs: Springs, scra
 
 
 @njit(cache=True, error_model="numpy")
-def solve_for(scratch: FloatArray, answer: FloatArray) -> bool:
-    """Solve with the Hessian that `relax_in` left, without springs: ``answer`` holds the right-hand side first.
+def solve_for(scratch: FloatArray, answer: FloatArray) -> None:
+    """Solve with the factors of the Hessian that `relax_in` left, without springs; ``answer`` holds the side first.
 
-    False where the Hessian is not positive definite; ``answer`` is then of no use.
+    For shapes that are stable: of a Hessian that is not positive definite other factors may have been left.
     """
-    work = scratch[:8]
-    for i in range(answer.size):
-        work[0, i] = -answer[i]
-    return _newton_step(work, 0.0, False, answer)
+    factor, inverse = scratch[5], scratch[6]
+    last = answer.size - 1
+    for i in range(1, last + 1):
+        answer[i] -= factor[i - 1] * answer[i - 1]
+    answer[last] *= inverse[last]
+    for i in range(last - 1, -1, -1):
+        answer[i] = answer[i] * inverse[i] - factor[i] * answer[i + 1]
 
 
 @njit(cache=True, error_model="numpy")
