@@ -134,3 +134,15 @@ def test_a_truncated_recording_says_how_to_recover_it(recording: Path) -> None:
     recording.rename(recording.with_name("run.mcap.part"))
     with pytest.warns(UserWarning, match="recovered"):
         assert len(events_of(recording)) > 300
+
+
+def test_a_part_cut_within_its_first_records_is_one_sentence(recording: Path) -> None:
+    raw = recording.read_bytes()
+    recording.unlink()
+    part = recording.with_name(recording.name + ".part")
+    for length in range(0, 260):
+        part.write_bytes(raw[:length])
+        with pytest.raises(FileFormatError) as caught:
+            RecordingReader(recording)
+        assert str(recording) in str(caught.value)
+    assert [path.name for path in part.parent.iterdir()] == [part.name]

@@ -20,7 +20,7 @@ def describe(summary: RecordingSummary) -> list[str]:
         lines.append(f"recovered     {info.recovered}")
     for stream in info.streams.values():
         lost = f", {stream.dropped} dropped" if stream.dropped else ""
-        rate = f" at {stream.rate_hz:.4g} Hz" if stream.rate_hz else ""
+        rate = f" at {_rate(stream.rate_hz)} Hz" if stream.rate_hz else ""
         lines.append(f"{stream.name:<13} {stream.count} {_NOUNS.get(stream.kind, 'messages')}{rate}{lost}")
     for name, (low, high) in summary.actuation_range.items():
         lines.append(f"{name:<13} {low:g}" if low == high else f"{name:<13} {low:g} to {high:g}")
@@ -81,3 +81,7 @@ def _tare(tare: Tare) -> str:
     more = f" and {len(tare.stretches_s) - 4} more" if len(tare.stretches_s) > 4 else ""
     note = f"; {tare.detail}" if tare.detail else ""
     return f"{', '.join(axes)} mN ({tare.how}: {total:.1f} s at {places}{more} s{note})"
+
+
+def _rate(hertz: float) -> str:
+    return f"{hertz:.0f}" if hertz >= 1000 else f"{hertz:.4g}"

@@ -1,6 +1,7 @@
 """Names, locks and leftovers of recording files."""
 
 import importlib
+import struct
 from pathlib import Path
 from typing import IO
 
@@ -47,7 +48,7 @@ def origin_of(part: Path) -> str:
             for record in StreamReader(stream, emit_chunks=True).records:
                 if isinstance(record, Metadata) and record.name == "tipforce.session":
                     return record.metadata.get("origin", "")
-        except (McapError, ValueError, OSError):
+        except (McapError, ValueError, OSError, struct.error):  # cut within a record
             return ""
     return ""
 

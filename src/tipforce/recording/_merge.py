@@ -12,6 +12,8 @@ Readings = tuple[IntArray, dict[str, FloatArray]]
 """(n,) stamps, and (n,) values by name."""
 
 _NO_TORQUE = np.full(3, np.nan)
+_BLOCK = 1 << 14
+"""Rows handed out at a time: a log may run for hours after the last frame."""
 
 
 def merged(
@@ -51,9 +53,10 @@ class _Feed:
         self._stamps = np.empty(0, np.int64) if stamps_ns is None else stamps_ns
         self._next = 0
 
-    def take(self, stamp_ns: int | None) -> list[tuple[int, int]]:
+    def take(self, stamp_ns: int | None) -> Iterator[tuple[int, int]]:
         """(row, stamp) of the rows not yet taken, up to and with ``stamp_ns``; all of them for None."""
-        start = self._next
         end = len(self._stamps) if stamp_ns is None else int(np.searchsorted(self._stamps, stamp_ns, side="right"))
-        self._next = max(end, start)
-        return list(enumerate(self._stamps[start : self._next].tolist(), start=start))
+        while self._next < end:
+            start = self._next
+            self._next = min(end, start + _BLOCK)
+            yield from enumerate(self._stamps[start : self._next].tolist(), start=start)
