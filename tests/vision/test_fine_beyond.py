@@ -80,3 +80,15 @@ def test_a_thin_shaft_is_followed_behind_its_rings() -> None:
 def test_a_gap_is_not_taken_for_the_tip() -> None:
     """Behind a bare gap longer than allowed a shaft of full contrast is the same shaft, a pale one is not."""
     assert judge(tubes.Look(gap=24.0, rings=0), range(500, 504)) == (0, 0)
+
+
+def test_a_picture_too_blurred_to_tell_is_mostly_refused() -> None:
+    """Blurred by half its width the shaft has no flanks left; what is answered then is hardly ever right."""
+    refused = 0
+    for seed in range(600, 612):
+        tube = tubes.draw(np.random.default_rng(seed), tubes.Look(blur=6.0))
+        sight = FineTracer(KNOWN).see(tube.image)
+        refused += not sight.found
+        if sight.status is Status.NO_CATHETER and "scatter" in sight.detail:
+            assert sight.centreline is None
+    assert refused >= 7

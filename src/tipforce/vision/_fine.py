@@ -29,6 +29,8 @@ _CLEAR_TIP = 0.35
 """Beside the border only a drop of this share of the shaft's contrast is taken for its tip."""
 _DOUBT = 15.0
 """Evidence of something that goes on beyond the end and was not followed, from which on the end is not believed."""
+_SCATTER, _THIN_PX = 0.026, 6.0
+"""The centres may lie off a smooth curve by this share of the diameter; on thinner shafts whole pixels show."""
 _PALE = 40.0
 """While the diameter is open, a shaft of this contrast counts half as much as one of the strongest."""
 _OBLIQUE = 1.6
@@ -222,6 +224,10 @@ class FineTracer:
         elif doubt > _DOUBT:
             status = Status.CUT_OFF
             detail = f"the shaft ends at {where}, but something goes on there that cannot be told from the catheter"
+            score *= 0.2
+        elif rms > _SCATTER * diameter and diameter > _THIN_PX:
+            status = Status.NO_CATHETER
+            detail = f"the flanks found scatter by {rms:.2f} px about a smooth curve: too blurred, or not a shaft"
             score *= 0.2
         return Trace(status, detail, score, diameter, typical, level, confidence, length, (base_u, base_v, -angle))
 
