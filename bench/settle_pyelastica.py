@@ -8,7 +8,7 @@ import numpy as np
 
 
 def settle(rest: np.ndarray, force: np.ndarray, elements: int = 20) -> Iterator[tuple[np.ndarray, float, float, float]]:
-    """Yields, from time to time until it rests: the tip (3,), seconds of computing, GJ / EI, length that is clamped.
+    """Yields, from time to time until it rests: the tip (3,), CPU seconds, GJ / EI, length that is clamped.
 
     Rod of length and EI one along x, its strain without load ``rest`` = (twist, about y, about z), ``force`` (3,) dead.
     PyElastica's rod stretches and shears a little, by parts in ten thousand here. Its first element is held, so that
@@ -42,11 +42,11 @@ def settle(rest: np.ndarray, force: np.ndarray, elements: int = 20) -> Iterator[
     torsion = rod.bend_matrix[2, 2, 0] / rod.bend_matrix[0, 0, 0]
     last = np.zeros(3)
     while True:
-        began = time.perf_counter()
+        began = time.process_time()
         until = now + 0.5 / slowest
         while now < until:
             now = stepper.step(simulator, now, step)
-        busy += time.perf_counter() - began
+        busy += time.process_time() - began
         tip = rod.position_collection[:, -1].copy()
         yield tip, busy, torsion, 0.5 / elements
         if now > 4 / slowest and np.linalg.norm(tip - last) < 1e-5:

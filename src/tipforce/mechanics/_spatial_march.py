@@ -19,6 +19,9 @@ NUMBERS = 15
 """A row of numbers: force on the dome (3), touching point (3), moment carried at the clamp (3), force of the side
 along d, dent, touching, slipping, converged, stable."""
 
+_SLOW = math.cos(0.5 * 0.02)
+"""Turns of up to 0.02 rad an instant are expected to go on."""
+
 
 class Law(NamedTuple):
     """The wall's laws as numbers, see `Touch`; ``base_rest`` (k, 3): the rod's own pre-curvature."""
@@ -38,13 +41,15 @@ class Law(NamedTuple):
 
 
 class History(NamedTuple):
-    """What the next instant needs of the last: orientations (k, 4), centre of the dome, wall's point (3,), clamp.
+    """What the next instant needs of the last.
 
-    ``way`` (2,): of the touching point along the wall, seen from the wall; ``anchor`` (2,): where the tissue that it
-    sticks to is at rest. ``plain``: begun, dent, touching.
+    Orientations (k, 4), those ``before`` them, centre of the dome, the wall's point (3,). ``way`` (2,): of the
+    touching point along the wall, seen from the wall; ``anchor`` (2,): where the tissue that it sticks to is at rest.
+    ``plain``: begun, dent, touching.
     """
 
     q: FloatArray
+    before: FloatArray
     centre: FloatArray
     wall: FloatArray
     way: FloatArray
@@ -54,7 +59,7 @@ class History(NamedTuple):
 
 def make_history(start: FloatArray) -> History:
     """Before the first instant, at the orientations ``start`` (k, 4)."""
-    return History(np.array(start), np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(2), np.zeros(3))
+    return History(np.array(start), np.array(start), np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(2), np.zeros(3))
 
 
 @compiled
@@ -72,6 +77,37 @@ def _resting_dent(law: Law, rate: float, dent: float) -> float:
         if change <= 1e-15 * dent:
             break
     return max(depth, 0.0)
+
+
+@compiled
+def _go_on(q: FloatArray, before: FloatArray) -> None:
+    """Turn each element on by the turn of the last instant: from ``before`` to ``q``, which moves to ``before``.
+
+    Where one turned fast, as in a snap, that says nothing about the next instant: all stay.
+    """
+    slow = True
+    for i in range(q.shape[0]):
+        dot = 0.0
+        for k in range(4):
+            dot += q[i, k] * before[i, k]
+        slow = slow and abs(dot) > _SLOW
+    if not slow:
+        copy_turns(q, before)
+        return
+    for i in range(q.shape[0]):
+        w0, x0, y0, z0 = before[i, 0], before[i, 1], before[i, 2], before[i, 3]
+        w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+        dw, dx = w * w0 + x * x0 + y * y0 + z * z0, x * w0 - w * x0 - y * z0 + z * y0
+        dy, dz = y * w0 - w * y0 - z * x0 + x * z0, z * w0 - w * z0 - x * y0 + y * x0
+        before[i, 0], before[i, 1], before[i, 2], before[i, 3] = w, x, y, z
+        w, x, y, z = (
+            dw * w - dx * x - dy * y - dz * z,
+            dw * x + dx * w + dy * z - dz * y,
+            dw * y + dy * w + dz * x - dx * z,
+            dw * z + dz * w + dx * y - dy * x,
+        )
+        size = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
+        q[i, 0], q[i, 1], q[i, 2], q[i, 3] = w * size, x * size, y * size, z * size
 
 
 @compiled
@@ -197,6 +233,7 @@ def march(
             nowhere = Touch(False, axes, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zero, arm, drag, -1.0, 0.0, 0.0)
             relax(q, slack, load, nowhere, work, TOLERANCE)
             _creep(q, rod, math.inf)
+            copy_turns(q, history.before)
             px, py, pz = tip_at(q, rod, work.tangent)
             history.centre[0], history.centre[1], history.centre[2] = px + advance[row], py, pz
             for k in range(3):
@@ -222,6 +259,7 @@ def march(
             True, axes, place, law.radius, law.stiffness, law.hertz, rate, dent, rest,
             law.kt if grips else 0.0, zero, arm, drag, law.friction if grips else -1.0, law.side, law.radius,
         )  # fmt: skip
+        _go_on(q, history.before)
         out = _settle(q, saved, rod, load, touch, work)
         steps += out.iterations
         px, py, pz = tip_at(q, rod, work.tangent)
