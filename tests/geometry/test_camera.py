@@ -118,6 +118,15 @@ def test_what_comes_nearer_grows():
     assert far[0] == pytest.approx(200.0)
 
 
+def test_a_negative_focal_length_mirrors_the_picture():
+    points = np.array([[0.1, 0.05, 1.0], [-0.2, 0.1, 1.5]])
+    lens = [-0.1, 0.02, 0.001, -0.002, 0.0]
+    plain, mirrored = (CameraModel([f, 800.0], [320.0, 240.0], lens) for f in (800.0, -800.0))
+    seen = mirrored.project(points)
+    np.testing.assert_allclose(seen, plain.project(points) * (-1, 1) + (640, 0))
+    np.testing.assert_allclose(mirrored.rays(seen), points / np.linalg.norm(points, axis=1, keepdims=True), atol=1e-9)
+
+
 def test_what_lies_behind_the_camera_is_not_seen():
     camera = CameraModel([800.0, 800.0], [320.0, 240.0])
     assert np.isnan(camera.project([[0.0, 0.0, -1.0], [0.1, 0.0, 0.0]])).all()

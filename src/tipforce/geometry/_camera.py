@@ -17,7 +17,8 @@ __all__ = ["CameraModel"]
 class CameraModel:
     """Pinhole with Brown-Conrady distortion, as OpenCV has it.
 
-    ``focal_px`` (2,): fx, fy. ``centre_px`` (2,): u, v of the optical axis; u right, v down, pixel centres at
+    ``focal_px`` (2,): fx, fy; a negative fx mirrors the picture, as X-ray pictures are: shown as if seen from the
+    detector, made from the focal spot. ``centre_px`` (2,): u, v of the optical axis; u right, v down, pixel centres at
     integers. ``distortion`` (5,): k1, k2, p1, p2, k3. ``camera_from_world`` takes world points into the camera's
     frame: x right, y down, z ahead. Points are (n, 3) in metres, pixels (n, 2).
 
@@ -42,8 +43,10 @@ class CameraModel:
         pose = self.camera_from_world
         parts = (self.focal_px, self.centre_px, self.distortion, pose.rotation.ravel(), pose.translation_m)
         object.__setattr__(self, "row", frozen("row", np.concatenate(parts), (21,)))
-        if not (np.isfinite(self.row).all() and (self.focal_px > 0).all()):
-            raise ValueError(f"a camera needs finite numbers and positive focal lengths, got {self}")
+        if not (np.isfinite(self.row).all() and self.focal_px[0] != 0 and self.focal_px[1] > 0):
+            raise ValueError(
+                f"a camera needs finite numbers and positive focal lengths (fx may be negative), got {self}"
+            )
 
     @classmethod
     def facing(
