@@ -218,6 +218,22 @@ def test_the_same_pictures_by_the_thesis_s_own_vision_with_a_polynomial(tmp_path
     assert np.sqrt(np.mean(error**2)) < 0.02
 
 
+def test_pictures_of_different_size_are_warned_of(tmp_path: Path) -> None:
+    write_pictures(tmp_path / "data")
+    table = tmp_path / "data" / "metadata.csv"
+    head, *rows = table.read_text().splitlines()
+    name = head.split(",").index("session")
+    cells = [row.split(",") for row in rows]
+    for place, row in enumerate(cells):
+        row[name] = "near" if place < 15 else "far"
+    table.write_text("\n".join([head, *(",".join(row) for row in cells)]) + "\n")
+    for row in cells[15:]:
+        path = str(tmp_path / "data" / row[0])
+        cv2.imwrite(path, cv2.copyMakeBorder(cv2.imread(path), 0, 40, 0, 40, cv2.BORDER_REPLICATE))
+    with pytest.warns(UserWarning, match=r"differ in size \(320x240 in near, 360x280 in far\)"):
+        fitted(open_dataset(tmp_path / "data"))
+
+
 def test_pictures_without_a_catheter_cannot_be_learnt_from(tmp_path: Path) -> None:
     write_pictures(tmp_path / "data", blank=True)
     with pytest.raises(InputError, match="data: no catheter was found"):

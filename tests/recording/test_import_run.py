@@ -100,6 +100,15 @@ def test_the_knob_may_be_a_column_or_a_log_of_its_own(run: Run, tmp_path: Path) 
         import_run(run.video, run.force, tmp_path / "c.mcap", knob_log=knob, actuation={"knob_deg": 1.0})
 
 
+@pytest.mark.parametrize("shift_s", [1.7e9, -1e3])
+def test_a_knob_log_on_another_clock_is_refused(run: Run, tmp_path: Path, shift_s: float) -> None:
+    knob = tmp_path / "knob.csv"
+    knob.write_text("time_s,knob_deg\n" + "".join(f"{shift_s + k},10\n" for k in range(5)))
+    with pytest.raises(TimeError, match=r"knob\.csv: its .* do not overlap with the pictures"):
+        import_run(run.video, run.force, tmp_path / "run.mcap", knob_log=knob, offset_ms="none")
+    assert not list(tmp_path.glob("run.mcap*"))
+
+
 def test_pictures_without_a_catheter_still_make_a_recording(run: Run, tmp_path: Path) -> None:
     import cv2
 

@@ -140,7 +140,7 @@ def test_a_part_cut_within_its_first_records_is_one_sentence(recording: Path) ->
     raw = recording.read_bytes()
     recording.unlink()
     part = recording.with_name(recording.name + ".part")
-    for length in range(0, 260):
+    for length in range(260):
         part.write_bytes(raw[:length])
         with pytest.raises(FileFormatError) as caught:
             RecordingReader(recording)

@@ -1,5 +1,6 @@
 """From a dataset to the table that a regression learns from."""
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -13,7 +14,7 @@ from ._inputs import Inputs, Refusal
 from ._settings import SvrSettings
 from ._window import Window
 
-__all__ = ["Rows", "gather_rows"]
+__all__ = ["Rows", "gather_rows", "warn_of_sizes"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,3 +135,21 @@ def _averaged(values: FloatArray, dataset: Dataset, width_ms: float) -> FloatArr
         last = np.searchsorted(stamps, stamps + half, side="right")
         out[rows] = (total[last] - total[first]) / (last - first)[:, None]
     return out
+
+
+def warn_of_sizes(dataset: Dataset, view: str) -> None:
+    """Says where sessions differ in the size of their pictures: shape numbers are in pixels."""
+    _, first = np.unique(dataset.session, return_index=True)
+    found: dict[tuple[int, ...], str] = {}
+    part = dataset.subset(np.sort(first))
+    for name, observation in zip(part.session.tolist(), part.observations(), strict=True):
+        image = observation.views.get(view)
+        if isinstance(image, np.ndarray):
+            found.setdefault(image.shape[:2], name)
+    if len(found) > 1:
+        sizes = ", ".join(f"{width}x{height} in {name}" for (height, width), name in found.items())
+        warnings.warn(
+            f"{dataset.title}: the pictures differ in size ({sizes}), and shape numbers are in pixels: train on "
+            "sessions of one camera at one distance",
+            stacklevel=4,
+        )

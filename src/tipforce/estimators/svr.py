@@ -23,7 +23,7 @@ from ._inputs import Inputs, Refusal
 from ._machine import Constants, Machines, fit_machines
 from ._settings import SvrSettings
 from ._shows import look_with
-from ._training import Rows, gather_rows
+from ._training import Rows, gather_rows, warn_of_sizes
 from ._tuning import choose, make_folds, residuals, scaling_of
 from ._window import Window
 
@@ -133,6 +133,7 @@ class Svr(Estimator):
     def _settled(self, dataset: Dataset) -> SvrSettings:
         """The settings with the vision's "auto" decided on pictures spread over the dataset."""
         some = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, SETTLING_SAMPLES).astype(np.int64)))
+        warn_of_sizes(dataset, self.settings.vision.view)
         views = [o.views.get(self.settings.vision.view) for o in some.observations()]
         images = [view for view in views if isinstance(view, np.ndarray)]
         if not images:

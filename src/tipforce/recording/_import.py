@@ -1,13 +1,13 @@
 """Video or images plus force log -> one recording."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
-from ..types import JOINTS, STAGE, Context
+from ..errors import InputError, TimeError
+from ..types import JOINTS, STAGE, Context, Event
 from ..vision import VisionSettings
 from ._facts import SensorPose
 from ._forcelog import ForceColumns, ForceLog, read_force_log, read_knob_log
@@ -76,7 +76,15 @@ def import_run(
         remarks.append(f"{Path(force_log or '').name}: {log.said}")
         if not isinstance(tare, str):
             stated_tare(log.stamp_ns, log.force_n, *tare)  # says what is wrong with it before a long video is read
-    events = merged(source, None if log is None else (log.stamp_ns, log.force_n), drives, shift_ns)
+    last_ns = first_ns
+
+    def pictures() -> Iterator[Event]:
+        nonlocal last_ns
+        for event in source:
+            last_ns = event.stamp_ns
+            yield event
+
+    events = merged(pictures(), None if log is None else (log.stamp_ns, log.force_n), drives, shift_ns)
     writer = RecordingWriter(
         target, source.context, lossless=lossless, jpeg_quality=jpeg_quality, overwrite=overwrite, origin="import"
     )
@@ -90,6 +98,7 @@ def import_run(
         found = write_run(
             writer, events, source.context, sensor, tare, offset_ms, vision or VisionSettings(), report, names
         )
+        _check_drives(drives, (first_ns, last_ns), knob_log if knob_log else force_log, stage_log)
         writer.note("tipforce.import", _origin(Path(frames), force_log, knob_log, log, shift_ns))
         writer.close()
     except BaseException:
@@ -116,6 +125,23 @@ def _drives(
     if clash:
         raise InputError(f"{min(clash)} is stated as a constant and read from a log; state one of them")
     return {} if found is None else {JOINTS: found}
+
+
+def _check_drives(
+    drives: Mapping[str, Readings],
+    frames: tuple[int, int],
+    knob_log: Path | str | None,
+    stage_log: Path | str | None,
+) -> None:
+    """Raises TimeError where a log of drives runs on another clock than the frames: no reading would be used."""
+    for stream, (stamps, _) in drives.items():
+        first, last = int(stamps[0]), int(stamps[-1])
+        if first > frames[1] or (last < frames[0] and len(stamps) > 1):
+            raise TimeError(
+                f"{stage_log if stream == STAGE else knob_log}: its {first * 1e-9:.3f} to {last * 1e-9:.3f} s do not "
+                f"overlap with the pictures, {frames[0] * 1e-9:.3f} to {frames[1] * 1e-9:.3f} s; bring its stamps to "
+                "the camera's clock"
+            )
 
 
 def _origin(
