@@ -109,12 +109,11 @@ def lay_phantom(clean: Picture, painted: Painted, sprite: Picture, tissue: Tissu
     home = painted.camera.project(phantom.home_m[None])[0]
     shift = instants(tissue.shift_m[:, None], _count(tissue.shift_m[:, None], _TISSUE_STEP_PX / painted.px_per_m))[:, 0]
     moved = painted.camera.project(phantom.home_m + shift) - home
-    dent = np.array([*phantom.into_px, 0.0, 1.0, 1.0])
+    dent = np.array([*phantom.into_px, 0.0, 1.0])
     middle = np.zeros((len(moved), 2))
     if tissue.dent_m > 0.0 and tissue.touch_m is not None and not painted.scene.tissue.over_tip:
         dent[2] = tissue.dent_m * phantom.px_per_m
         dent[3] = 1.2 * painted.scene.catheter.radius_m * phantom.px_per_m + 0.7 * dent[2]
-        dent[4] = 1.2 * dent[3]
         middle[:] = painted.camera.project(tissue.touch_m[None])[0]
     dirty = np.array([clean.shape[1], 0, clean.shape[2], 0])
     shifts = phantom.margin_px - moved
@@ -139,11 +138,18 @@ def _cast_shadows(painted: Painted, desk: Desk, nodes: TubeNodes, depth_m: float
     middle = nodes.nodes[len(nodes.nodes) // 2]
     dirty = _NOTHING
     sigma = max(0.8, math.hypot(painted.scene.shadow_sigma_m(depth_m) * painted.px_per_m, middle[-1, 7]))
+    # The softer a shadow, the coarser it may be drawn.
+    coarse = min(16, max(1, int(sigma / 3.0)))
+    h, w = desk.shade.shape
+    shade = desk.shade[: -(-h // coarse) + 1, : -(-w // coarse) + 1]
+    small = middle.copy()
+    small[:, :2] = (middle[:, :2] + 0.5) / coarse - 0.5
+    small[:, 4:] /= coarse
     for right_m, down_m, strength in painted.scene.shadow_falls_m(depth_m):
         fall = np.array([right_m, down_m]) * painted.px_per_m
-        add_shadow(desk.shade, middle, fall, sigma, strength)
-        box = _around(middle[None], middle[-1, 6] + 3.0 * sigma + 4.0, fall, desk.shade.shape)
-        cast(desk.clean, desk.shade, box)
+        add_shadow(shade, small, fall / coarse, sigma / coarse, strength)
+        box = _around(middle[None], middle[-1, 6] + 3.0 * sigma + 2.0 * coarse + 2.0, fall, (h, w))
+        cast(desk.clean, shade, coarse, box)
         dirty = _joined(dirty, box)
     return dirty
 

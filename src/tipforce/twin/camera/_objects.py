@@ -12,6 +12,9 @@ from ._canvas import FINER, Canvas
 
 __all__ = ["lay_objects"]
 
+_ATTEMPTS = 12
+_COVERED = 0.12
+
 Colour = tuple[float, float, float]
 _CABLES: tuple[Colour, ...] = (
     (38, 38, 40),
@@ -183,15 +186,23 @@ _OBJECTS: tuple[Callable[[Canvas, np.random.Generator, FloatArray], None], ...] 
 def lay_objects(canvas: Canvas, rng: np.random.Generator, axis_px: FloatArray) -> None:
     """As many objects as the scene has, at random places; ``axis_px`` (2, 2): base and unbent tip, picture pixels.
 
-    The middle of each stays ``clear_m`` away from the axis; a cable or a ruler may still reach under it.
+    With ``clear_m`` above 0, what would come nearer than that to the axis (but for its shadow) is laid elsewhere.
     """
     h, w = canvas.left.shape
+    clear = canvas.scene.ground.clear_m * canvas.px_per_m
+    v, u = np.mgrid[0:h:4, 0:w:4]
     start, end = (np.asarray(point) * FINER for point in axis_px)
     way = end - start
-    clear = canvas.scene.ground.clear_m * canvas.px_per_m
+    share = np.clip(((u - start[0]) * way[0] + (v - start[1]) * way[1]) / (way @ way), 0.0, 1.0)
+    near = np.hypot(u - start[0] - share * way[0], v - start[1] - share * way[1]) < clear
     for _ in range(canvas.scene.ground.objects):
         paint = _OBJECTS[int(rng.integers(len(_OBJECTS)))]
-        places = rng.uniform((0.0, 0.0), (w, h), (200, 2))
-        share = np.clip((places - start) @ way / (way @ way), 0.0, 1.0)
-        off = np.hypot(*(places - start - share[:, None] * way).T)
-        paint(canvas, rng, places[int(np.argmax(off > clear))])
+        for _ in range(_ATTEMPTS):
+            before = canvas.levels.copy()
+            canvas.left[:] = 1.0
+            paint(canvas, rng, rng.uniform((0.0, 0.0), (w, h)))
+            # A shadow leaves some of the light of what it falls on; the object itself leaves nothing.
+            if not (canvas.left[::4, ::4][near] < _COVERED).any():
+                break
+            canvas.levels[:] = before
+    canvas.left[:] = 0.0

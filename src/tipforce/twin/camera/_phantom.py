@@ -137,7 +137,7 @@ def _rounded(
 
 
 def _sprite(canvas: Canvas, channels: int, sigma_px: float) -> tuple[Picture, npt.NDArray[np.int64]]:
-    """Half-pixel phases, blurred; where each row of a phase has something."""
+    """Half-pixel phases, blurred; where each of their rows has something, and where it has light of its own."""
     planes = [canvas.levels[..., k] for k in range(3)]
     if channels == 1:
         planes = [cv2.cvtColor(canvas.levels, cv2.COLOR_RGB2GRAY)]
@@ -151,9 +151,10 @@ def _sprite(canvas: Canvas, channels: int, sigma_px: float) -> tuple[Picture, np
         for y in range(FINER):
             for x in range(FINER):
                 sprite[y, x, k] = plane[y::FINER, x::FINER]
-    there = (sprite[0, 0, -1] < 0.998) | (sprite[1, 1, -1] < 0.998)
-    spans = np.zeros((rows, 2), np.int64)
-    some = there.any(axis=1)
-    spans[some, 0] = there[some].argmax(axis=1)
-    spans[some, 1] = columns - there[some, ::-1].argmax(axis=1)
+    spans = np.zeros((rows, 4), np.int64)
+    for part, phases in enumerate((sprite[:, :, -1] < 0.998, sprite[:, :, 0] > 0.02)):
+        there = phases[0, 0] | phases[0, 1] | phases[1, 0] | phases[1, 1]
+        some = there.any(axis=1)
+        spans[some, 2 * part] = there[some].argmax(axis=1)
+        spans[some, 2 * part + 1] = columns - there[some, ::-1].argmax(axis=1)
     return sprite, spans

@@ -74,7 +74,7 @@ class SceneRanges(BaseModel):
     """Below the catheter."""
     objects: tuple[int, int] = (1, 5)
     objects_clear_m: Range = (14e-3, 20e-3)
-    """Their middles stay this far from the unbent catheter's axis; cables and rulers may still reach under it."""
+    """They stay this far from the unbent catheter's axis; where it is not above 0, they may lie under the catheter."""
 
     diameter_m: Positive = 2.33e-3
     electrode_m: Positive = 8e-3
@@ -120,7 +120,7 @@ GENERALISE = SceneRanges(
     ground_lines_grey=(6.0, 55.0),
     ground_depth_m=(4e-3, 60e-3),
     objects=(2, 10),
-    objects_clear_m=(0.0, 12e-3),
+    objects_clear_m=(-12e-3, 12e-3),
     blur_px=(0.6, 2.0),
     noise_grey=(1.0, 8.0),
     shaft_grey=(20.0, 85.0),

@@ -56,7 +56,7 @@ class GroundLook:
     """``kind``: board, cloth, paper or breadboard; ``depth_m``: below the base frame's plane; ``objects`` lie on it.
 
     ``texture_grey``: standard deviation of the unevenness; ``lines_grey``: contrast of weave, print or holes.
-    ``clear_m``: the middle of every object is at least this far from the unbent catheter's axis.
+    ``clear_m``: every object is at least this far from the unbent catheter's axis; 0 or less: anywhere.
     """
 
     kind: str
