@@ -102,7 +102,7 @@ class Canvas:
     ) -> None:
         """Lay something of ``colour`` times ``shading`` over what is there, after its shadow where it is high."""
         if height_m > 0.0:
-            self._darken(cover, height_m)
+            self.darken(cover, height_m)
         part = _around(cover, 0.0)
         paint = colour[part] if isinstance(colour, np.ndarray) else np.asarray(colour, np.float32)
         bright = shading[part][..., None] if isinstance(shading, np.ndarray) else np.float32(shading)
@@ -121,7 +121,7 @@ class Canvas:
             bright[part] -= np.float32(lamp.strength) * (lean_u * lamp.direction[0] + lean_v * lamp.direction[1])
         return np.clip(bright, 0.3, 1.9)
 
-    def _darken(self, cover: Picture, height_m: float) -> None:
+    def darken(self, cover: Picture, height_m: float) -> None:
         """Cast the shadows of something that covers ``cover`` and stands ``height_m`` high."""
         soft = max(0.6, self.scene.shadow_sigma_m(height_m) * self.px_per_m)
         corner = max(1.0, 0.5 * height_m * self.px_per_m)

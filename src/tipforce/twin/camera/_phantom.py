@@ -16,6 +16,8 @@ __all__ = ["MARGIN_M", "Phantom", "TissueHome", "paint_phantom"]
 
 MARGIN_M = 24e-3
 """How far the phantom may move from its home and still be whole."""
+_STEP_M = 1e-3
+"""By how much one part stands out over the next."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,41 +64,32 @@ def paint_phantom(
 
     pad, plate = look.pad_m[0], look.pad_m[0] + look.plate_m[0]
     body = plate + look.body_m[0]
-    lift = scene.ground.depth_m
     reach = 1.5 * (width + height) / px_per_m
     arm = box(body - 2e-3, reach, look.arm_half_m, 1e-3)
+    drum = box(plate - 1e-3, body, look.body_m[1], 2e-3)
+    disc = box(pad - 1e-3, plate, look.plate_m[1], 0.6e-3)
+    shape = box(0.0, pad, look.pad_m[1], look.corner_m)
+    # All parts are about as high as one another: their shadow falls on the ground, and hardly on their neighbours.
+    canvas.darken(np.maximum(np.maximum(arm, drum), np.maximum(disc, shape)), scene.ground.depth_m)
     groove = 0.10 * np.exp(-((_aside(canvas, origin, along) / (0.18 * look.arm_half_m * unit)) ** 2))
-    canvas.lay(
-        arm,
-        (look.arm_grey, look.arm_grey, look.arm_grey),
-        height_m=lift,
-        shading=(canvas.bevel(arm, 3.0) * (1 - groove)).astype(np.float32),
-    )
-    round_body = _cylinder(canvas, origin, along, look.body_m[1] * unit)
-    shape = box(plate - 1e-3, body, look.body_m[1], 2e-3)
-    steel = np.array([1.0, 1.0, 1.02]) * look.body_grey
-    canvas.lay(shape, (steel[0], steel[1], steel[2]), height_m=lift, shading=canvas.bevel(shape, 2.0) * round_body)
-    shape = box(pad - 1e-3, plate, look.plate_m[1], 0.6e-3)
-    canvas.lay(
-        shape, (look.plate_grey, look.plate_grey, look.plate_grey), height_m=lift, shading=canvas.bevel(shape, 1.8)
-    )
+    bright = (canvas.bevel(arm, 3.0) * (1 - groove)).astype(np.float32)
+    canvas.lay(arm, (look.arm_grey, look.arm_grey, look.arm_grey), shading=bright)
+    bright = canvas.bevel(drum, 2.0) * _cylinder(canvas, origin, along, look.body_m[1] * unit)
+    canvas.lay(drum, (look.body_grey, look.body_grey, 1.02 * look.body_grey), height_m=_STEP_M, shading=bright)
+    plate_colour = (look.plate_grey, look.plate_grey, look.plate_grey)
+    canvas.lay(disc, plate_colour, height_m=_STEP_M, shading=canvas.bevel(disc, 1.8))
     for side in (-0.8, 0.8):
         at = origin + unit * ((0.5 * (pad + plate)) * into + side * look.plate_m[1] * along)
         head = canvas.disc(at, min(1.6e-3, 0.42 * look.plate_m[0]) * unit)
-        canvas.lay(
-            head,
-            (0.55 * look.plate_grey, 0.55 * look.plate_grey, 0.55 * look.plate_grey),
-            height_m=0.5e-3,
-            shading=canvas.bevel(head, 1.2),
-        )
-    shape = box(0.0, pad, look.pad_m[1], look.corner_m)
+        dark = 0.55 * look.plate_grey
+        canvas.lay(head, (dark, dark, dark), height_m=0.5e-3, shading=canvas.bevel(head, 1.2))
     mottle = 1.0 + look.mottle * multi_scale_noise(rng, shape.shape, (8.0, 30.0, 90.0), 0.7)
     # Light comes out again near the edges of silicone, and its wet skin mirrors the lamps in soft patches.
     inner = soften(shape, 1.1e-3 * unit)
     glow = 1.0 + 0.22 * np.clip(1.6 - 1.6 * inner, 0.0, 1.0)
     shine = np.clip(multi_scale_noise(rng, shape.shape, (16.0, 50.0), 0.8) - 2.0, 0.0, 1.0)
     paint = np.asarray(look.colour, np.float32) * (mottle * glow * canvas.bevel(shape, 5.0))[..., None]
-    canvas.lay(shape, (paint + np.float32(60.0) * shine[..., None]).astype(np.float32), height_m=lift)
+    canvas.lay(shape, (paint + np.float32(60.0) * shine[..., None]).astype(np.float32), height_m=_STEP_M)
     return Phantom(*_sprite(canvas, channels, sigma_px), margin + 0.25, home.surface_m, into, px_per_m)
 
 
