@@ -2,10 +2,11 @@
 
 from ._contact import Contact, Wall, press
 from ._continuation import Branch
-from ._derivatives import Derivatives, derivatives
+from ._derivatives import derivatives
 from ._free import Shape, Shapes, bend, bend_many
 from ._information import Bound, CentrelineNoise, Information, Priors, cramer_rao, fisher_information
 from ._rod import Rod
+from ._sensitivity import Derivatives
 from ._spatial_contact import SpatialContact, SpatialPress, press_spatial
 from ._spatial_free import SpatialShape, bend_spatial
 from ._spatial_rod import SpatialRod

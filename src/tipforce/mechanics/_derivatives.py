@@ -1,39 +1,20 @@
 """How the centreline of an equilibrium moves with the load, the rod and its base."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.linalg import solve_banded
 
 from ..types import FloatArray
 from ._free import Shape, carried_n
 from ._newton import Load, elastic_of, hessian_bands
+from ._rod import arc_m, way_m
+from ._sensitivity import Derivatives
+from ._spatial_derivatives import spatial_derivatives
+from ._spatial_free import SpatialShape
 
-__all__ = ["Derivatives", "derivatives"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Derivatives:
-    """First derivatives of a centreline, (points, D, parameters) each; D = 2 in the plane, 3 in space.
-
-    ``force``: m/N, D of them. ``moment``: m/(N m), at the tip. ``precurvature``: m per 1/m, one that is the same all
-    along the shaft. ``stiffness``: m per N m^2 of the bending stiffness, its profile kept. ``base``: of the clamp's
-    place (D, m/m) and of its rotation (m/rad); the loads keep their directions while it turns.
-
-    ``arc_m`` (points,), ``centreline_m`` (points, D) and ``tip_axis`` (D,), a unit vector: where they hold.
-    """
-
-    arc_m: FloatArray
-    centreline_m: FloatArray
-    tip_axis: FloatArray
-    force: FloatArray
-    moment: FloatArray
-    precurvature: FloatArray
-    stiffness: FloatArray
-    base: FloatArray
+__all__ = ["derivatives"]
 
 
-def derivatives(shape: Shape, points: int | FloatArray) -> Derivatives:
+def derivatives(shape: Shape | SpatialShape, points: int | FloatArray) -> Derivatives:
     """Derivatives of ``shape.centreline_m(points)``, by the implicit function theorem: one banded solve.
 
     In equilibrium the gradient of the energy g(angles, p) is nothing: d angles / dp = -H^-1 dg/dp. Near a fold, and at
@@ -48,6 +29,15 @@ def derivatives(shape: Shape, points: int | FloatArray) -> Derivatives:
     """
     if not shape.converged:
         raise ValueError(f"a shape that has not converged has no derivatives (residual {shape.residual:.1e})")
+    lengths = shape.rod.element_lengths_m
+    arc = arc_m(lengths, points)
+    way = way_m(lengths, arc)
+    if isinstance(shape, SpatialShape):
+        return spatial_derivatives(shape, arc, way)
+    return _planar(shape, arc, way)
+
+
+def _planar(shape: Shape, arc: FloatArray, way: FloatArray) -> Derivatives:
     rod, angles = shape.rod, shape.angles_rad
     elastic = elastic_of(rod, rod.rigid_length_m)
     fx, fy = shape.force_n.tolist()
@@ -70,8 +60,6 @@ def derivatives(shape: Shape, points: int | FloatArray) -> Derivatives:
     pull[0, 5] = (stiffer[0] + rod.stiffnesses_nm2[0] * stiffening) / (0.5 * lengths[0])
     turns = solve_banded((1, 1), bands, pull)
 
-    arc = rod.arc_m(points)
-    way = rod.way_m(arc)
     moves = np.stack([-way @ (sine[:, None] * turns), way @ (cosine[:, None] * turns)], axis=1)
     base = np.concatenate([np.broadcast_to(np.eye(2), (arc.size, 2, 2)), moves[:, :, 5:]], axis=2)
     return Derivatives(

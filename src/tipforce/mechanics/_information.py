@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
 from ..types import FloatArray, frozen
-from ._derivatives import Derivatives
+from ._sensitivity import Derivatives
 
 __all__ = ["Bound", "CentrelineNoise", "Information", "Priors", "cramer_rao", "fisher_information"]
 

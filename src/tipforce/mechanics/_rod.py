@@ -7,7 +7,27 @@ import numpy as np
 
 from ..types import FloatArray, frozen
 
-__all__ = ["Rod"]
+__all__ = ["Rod", "arc_m", "way_m"]
+
+
+def arc_m(element_lengths_m: FloatArray, points: int | FloatArray) -> FloatArray:
+    """Arc lengths from the base: ``points`` of them, uniform and both ends included, or those that are given.
+
+    Raises ValueError where one lies beyond the rod.
+    """
+    length = float(element_lengths_m.sum())
+    if isinstance(points, int):
+        return np.linspace(0.0, length, points)
+    arc = np.asarray(points, dtype=np.float64)
+    if arc.ndim != 1 or not ((arc >= 0) & (arc <= length * (1 + 1e-12))).all():
+        raise ValueError(f"points: expected a row of arc lengths within 0 and {length} m, got {points}")
+    return arc
+
+
+def way_m(element_lengths_m: FloatArray, arc: FloatArray) -> FloatArray:
+    """(points,) arc lengths -> (points, segments + 1): how far each element is walked from the base to there."""
+    begins = np.cumsum(element_lengths_m) - element_lengths_m
+    return np.clip(arc[:, None] - begins, 0.0, element_lengths_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,24 +133,7 @@ class Rod:
         np.cumsum(steps, axis=-2, out=nodes[..., 1:, :])
         return nodes
 
-    def arc_m(self, points: int | FloatArray) -> FloatArray:
-        """Arc lengths from the base: ``points`` of them, uniform and both ends included, or those that are given.
-
-        Raises ValueError where one lies beyond the rod.
-        """
-        if isinstance(points, int):
-            return np.linspace(0.0, self.length_m, points)
-        arc = np.asarray(points, dtype=np.float64)
-        if arc.ndim != 1 or not ((arc >= 0) & (arc <= self.length_m * (1 + 1e-12))).all():
-            raise ValueError(f"points: expected a row of arc lengths within 0 and {self.length_m} m, got {points}")
-        return arc
-
-    def way_m(self, arc_m: FloatArray) -> FloatArray:
-        """(points,) arc lengths -> (points, segments + 1): how far each element is walked from the base to there."""
-        lengths = self.element_lengths_m
-        begins = np.cumsum(lengths) - lengths
-        return np.clip(arc_m[:, None] - begins, 0.0, lengths)
-
     def centreline_m(self, angles_rad: FloatArray, points: int | FloatArray) -> FloatArray:
-        """(..., segments + 1) angles -> (..., points, 2), base to tip; ``points`` as in `arc_m`."""
-        return self.way_m(self.arc_m(points)) @ np.stack([np.cos(angles_rad), np.sin(angles_rad)], axis=-1)
+        """(..., segments + 1) angles -> (..., points, 2), base to tip; ``points``: how many, or their arc lengths."""
+        lengths = self.element_lengths_m
+        return way_m(lengths, arc_m(lengths, points)) @ np.stack([np.cos(angles_rad), np.sin(angles_rad)], axis=-1)
