@@ -16,7 +16,7 @@ import numpy as np
 
 from tipforce.recording import SensorPose, estimate_offset, find_tare, open_source, shape_coordinates, write_video
 from tipforce.recording._forcelog import read_force_log
-from tipforce.twin import PRESETS, read_truth, simulate
+from tipforce.twin.small import SmallBenchSettings, read_truth, simulate
 from tipforce.types import Frame
 from tipforce.vision import Vision, VisionSettings, settle
 
@@ -58,7 +58,7 @@ def main() -> None:
         where = options.sessions
         if where is None:
             where = Path(name)
-            settings = PRESETS["demo"].model_validate({"seconds": options.seconds})
+            settings = SmallBenchSettings(seconds=options.seconds)
             simulate(where, write_video, settings, sessions=options.count, seed=options.seed)
         print("error in ms of the offset found, by true offset (stated standard error)")
         print("session     " + "".join(f"{offset:>+8} ms    " for offset in OFFSETS_MS))

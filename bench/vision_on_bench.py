@@ -19,7 +19,7 @@ import av
 import numpy as np
 
 import tubes
-from tipforce.twin import Truth, read_truth
+from tipforce.twin.small import Truth, read_truth
 from tipforce.vision import FineTracer, VisionSettings, settle
 
 OPENING = 3

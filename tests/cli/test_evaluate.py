@@ -131,7 +131,7 @@ def test_truth_of_nothing_is_refused(rows, tmp_path):
 
 def test_the_truth_of_the_simulated_bench_is_scored_beside_the_sensor(rows, tmp_path):
     from tipforce.dataset import open_dataset
-    from tipforce.twin._truth import Truth, write_truth
+    from tipforce.twin.small._truth import Truth, write_truth
     from tipforce.types import BasePose
 
     data = open_dataset(rows)

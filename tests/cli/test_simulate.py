@@ -6,9 +6,22 @@ from typer.testing import CliRunner
 
 from tipforce.cli import app
 from tipforce.errors import InputError
-from tipforce.twin import read_truth
+from tipforce.twin.small import read_truth
 
-ARGUMENTS = ["--sessions", "2", "--seconds", "8", "--set", "tare_s=3", "--set", "width=160", "--set", "height=120"]
+ARGUMENTS = [
+    "--preset",
+    "demo",
+    "--sessions",
+    "2",
+    "--seconds",
+    "8",
+    "--set",
+    "tare_s=3",
+    "--set",
+    "width=160",
+    "--set",
+    "height=120",
+]
 
 
 def run(*arguments):
@@ -29,12 +42,12 @@ def test_two_processes_write_sessions_with_videos_whose_stamps_are_true(tmp_path
 def test_an_unknown_bench_is_refused_with_those_there_are(tmp_path):
     result = run("-o", str(tmp_path / "out"), "--preset", "nonsense")
     assert isinstance(result.exception, InputError)
-    assert "there are demo" in str(result.exception)
+    assert "there are bench-2021, generalise, demo" in str(result.exception)
     assert not (tmp_path / "out").exists()
 
 
 def test_an_unknown_setting_is_refused_before_anything_is_written(tmp_path):
-    result = run("-o", str(tmp_path / "out"), "--set", "frictoin=0.1")
+    result = run("-o", str(tmp_path / "out"), "--preset", "demo", "--set", "frictoin=0.1")
     assert isinstance(result.exception, InputError)
     assert "friction" in str(result.exception)
     assert not (tmp_path / "out").exists()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tipforce.errors import FileFormatError, InputError
-from tipforce.twin import SmallBench, SmallBenchSettings, read_truth, simulate, write_session
+from tipforce.twin.small import SmallBench, SmallBenchSettings, read_truth, simulate, write_session
 
 SETTINGS = SmallBenchSettings(seconds=8, tare_s=3, width=160, height=120, fps=4)
 

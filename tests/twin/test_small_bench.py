@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from tipforce.errors import InputError
-from tipforce.twin import SmallBench, SmallBenchSettings
+from tipforce.twin.small import SmallBench, SmallBenchSettings
 from tipforce.types import Actuation, Frame, Source, Wrench
 
 SHORT = SmallBenchSettings(seconds=9, tare_s=3)
@@ -152,7 +152,7 @@ def test_public_facts_are_near_the_truth_but_not_the_truth(bench):
 
 
 def test_settings_that_allow_no_session_are_refused_with_the_remedy(monkeypatch):
-    monkeypatch.setattr("tipforce.twin._session._DRAWS", 3)
+    monkeypatch.setattr("tipforce.twin.small._session._DRAWS", 3)
     with pytest.raises(InputError, match=r"no session with a peak force .* widen"):
         SmallBench(SHORT.model_copy(update={"peak_force_n": (5.0, 5.0)})).truth()
 

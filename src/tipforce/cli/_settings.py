@@ -18,12 +18,12 @@ SetOption = Annotated[
 ]
 
 
-def settings_from(model: type[M], pairs: list[str] | None) -> M:
-    """A ``model`` with ``pairs`` ("a.b=value"; values are JSON, else text) over its defaults.
+def settings_from(model: type[M], pairs: list[str] | None, base: M | None = None) -> M:
+    """A ``model`` with ``pairs`` ("a.b=value"; values are JSON, else text) over its defaults, or over ``base``.
 
     Raises InputError that names the key, what was got and which keys there are.
     """
-    values: dict[str, Any] = {}
+    values: dict[str, Any] = {} if base is None else base.model_dump()
     for pair in pairs or []:
         key, equals, text = pair.partition("=")
         if not equals:

@@ -45,7 +45,9 @@ def command(
     output.mkdir(parents=True, exist_ok=True)
     step("1. A bench in software: videos, force logs", "simulate")
     bench = output / "bench"
-    _tipforce("simulate", "--sessions", sessions, "--seconds", seconds, "--seed", seed, "-o", bench)
+    _tipforce(
+        "simulate", "--preset", "demo", "--sessions", sessions, "--seconds", seconds, "--seed", seed, "-o", bench,
+    )  # fmt: skip
 
     step("2. Video and force log -> recording; the clocks aligned, the sensor tared", "import")
     folders = [bench / f"session_{number:02d}" for number in range(sessions)]

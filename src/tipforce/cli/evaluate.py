@@ -3,12 +3,15 @@
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._settings import SetOption, settings_from
+
+if TYPE_CHECKING:
+    from ..types import FloatArray, IntArray
 
 __all__ = ["command"]
 
@@ -46,7 +49,6 @@ def command(
     from ..errors import InputError
     from ..estimators import ESTIMATORS
     from ..evaluation import candidates_from, check_folder, evaluate, report_lines, truth_at, write_report
-    from ..twin import read_truth
 
     check_folder(output)
     check_outputs([data], json_file)
@@ -59,9 +61,7 @@ def command(
     dataset = open_dataset(data)
     true_n = None
     if truth is not None:
-        folders = sorted(path.parent for path in truth.rglob("truth.npz")) or [truth]
-        truths = [read_truth(folder) for folder in folders]
-        true_n = truth_at(dataset, {one.session: (one.stamp_ns, one.force_n) for one in truths})
+        true_n = truth_at(dataset, _truths(truth))
     with progress_bar() as report:
         result = evaluate(
             dataset,
@@ -79,3 +79,16 @@ def command(
         say(line)
     say(f"Report: {output / 'report.html'}")
     write_json(figures, json_file)
+
+
+def _truths(folder: Path) -> "dict[str, tuple[IntArray, FloatArray]]":
+    """Stamps (n,) and true forces (n, 3) by session, of all that simulate wrote under ``folder``."""
+    from ..errors import InputError
+    from ..twin import read_truth
+    from ..twin.small import read_truth as read_small
+
+    found = [read_truth(path) for path in sorted(folder.rglob("*.truth.npz"))]
+    found += [read_small(path.parent) for path in sorted(folder.rglob("truth.npz"))]
+    if not found:
+        raise InputError(f"--truth {folder}: there is no truth in it; only what `tipforce simulate` wrote has one")
+    return {truth.session: (truth.stamp_ns, truth.force_n) for truth in found}

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from ..errors import InputError, TimeError
-from ..types import STAGE, Context, Event, FloatArray, Frame, Image, IntArray, Source, Wrench
+from ..types import STAGE, Clock, Context, Event, FloatArray, Frame, Image, IntArray, Source, Wrench
 from ..vision import Sighting, Vision, VisionSettings, settle
 from ._facts import ClockOffset, Inertia, SensorPose, Tare
 from ._files import refuse_existing
@@ -61,18 +61,25 @@ def record(
     lossless: bool = False,
     jpeg_quality: int = 90,
     overwrite: bool = False,
+    clock: Clock | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> RunReport:
     """Write all events of ``source`` to ``target`` (.mcap), then what is found of offset, tare and inertia.
 
-    ``progress`` gets the number of frames so far. What was recorded before a kill is kept in ``target``'s ``.part``.
-    Raises InputError, FileFormatError, TimeError.
+    ``progress`` gets the number of frames so far; ``clock`` is `RecordingWriter`'s. What was recorded before a kill is
+    kept in ``target``'s ``.part``. Raises InputError, FileFormatError, TimeError.
     """
     target = Path(target)
     refuse_target(target, overwrite=overwrite, origin="record")
     with source as events:
         writer = RecordingWriter(
-            target, source.context, lossless=lossless, jpeg_quality=jpeg_quality, overwrite=overwrite, origin="record"
+            target,
+            source.context,
+            lossless=lossless,
+            jpeg_quality=jpeg_quality,
+            clock=clock,
+            overwrite=overwrite,
+            origin="record",
         )
         with writer:
             remarks = write_run(

@@ -1,19 +1,19 @@
-"""The simulated bench: sessions of a catheter on a beating wall, as a source of events and as files."""
+"""The twin: a bench in software, as hard as a real one, behind the same seams."""
 
-from ._bench import SmallBench
-from ._files import PRESETS, VideoMaker, simulate, write_session
-from ._sensor import SensorLog
-from ._settings import SmallBenchSettings
-from ._truth import Truth, read_truth
+from ._bench import TwinBench
+from ._files import WriteSession, simulate
+from ._settings import PRESETS, TwinSettings
+from ._sidecar import Truth, read_truth, truth_of, truth_path, write_truth
 
 __all__ = [
     "PRESETS",
-    "SensorLog",
-    "SmallBench",
-    "SmallBenchSettings",
     "Truth",
-    "VideoMaker",
+    "TwinBench",
+    "TwinSettings",
+    "WriteSession",
     "read_truth",
     "simulate",
-    "write_session",
+    "truth_of",
+    "truth_path",
+    "write_truth",
 ]

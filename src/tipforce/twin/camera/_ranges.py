@@ -1,25 +1,19 @@
 """The settings from which a session's scene is drawn. Ranges are (low, high): one uniform draw a session."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
-
-from .._settings import NotNegative, Positive, Range
+from .._ranges import NotNegative, Positive, Range, Settings, Share
 
 __all__ = ["BENCH_2021", "GENERALISE", "SceneRanges"]
 
-
-Share = Annotated[float, Field(ge=0, le=1)]
 Ground = Literal["board", "cloth", "paper", "breadboard"]
 
 
-class SceneRanges(BaseModel):
+class SceneRanges(Settings):
     """What the camera's pictures vary over from session to session. The defaults are the preset ``bench-2021``.
 
     Grey levels are those of a surface that faces the camera at light 1.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     colour: bool = True
     """RGB pictures, as the thesis's; else grey ones."""

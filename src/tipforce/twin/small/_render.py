@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ..types import FloatArray, Image
+from ...types import FloatArray, Image
 
 __all__ = ["add_noise", "draw_catheter", "draw_wall"]
 

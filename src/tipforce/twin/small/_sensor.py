@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..types import FloatArray
+from ...types import FloatArray
 from ._session import STEP_S, Course, Session
 from ._settings import SmallBenchSettings
 

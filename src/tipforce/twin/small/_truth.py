@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import FileFormatError
-from ..types import BasePose, BoolArray, FloatArray, IntArray
+from ...errors import FileFormatError
+from ...types import BasePose, BoolArray, FloatArray, IntArray
 
 __all__ = ["Truth", "read_truth", "write_truth"]
 

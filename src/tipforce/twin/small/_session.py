@@ -8,9 +8,9 @@ from typing import cast
 import numpy as np
 from scipy.optimize import brentq
 
-from ..errors import InputError
-from ..mechanics import Contact, Rod, Wall, press
-from ..types import FloatArray
+from ...errors import InputError
+from ...mechanics import Contact, Rod, Wall, press
+from ...types import FloatArray
 from ._settings import SmallBenchSettings
 
 __all__ = ["Course", "Session", "run_session"]

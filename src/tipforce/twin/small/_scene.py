@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..types import BasePose, FloatArray
+from ...types import BasePose, FloatArray
 from ._session import Course, Session
 from ._settings import SmallBenchSettings
 

@@ -1,0 +1,162 @@
+"""The hidden truth of a session, and its file beside the recording."""
+
+import json
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import FileFormatError
+from ..geometry import Pose
+from ..types import BasePose, BoolArray, FloatArray, IntArray
+from ._bench import TwinBench
+
+__all__ = ["Truth", "read_truth", "truth_of", "truth_path", "write_truth"]
+
+_SUFFIX = ".truth.npz"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """What really was, frame by frame: for evaluation and pictures only, never for an estimator.
+
+    ``stamp_ns`` (n,): middle of the exposure, camera clock. ``force_n`` (n, 3): of the tissue on the tip, base frame;
+    ``touch_m`` (n, 3): where; ``touching``, ``slipping`` (n,). ``centreline_m`` (n, p, 3): base to tip, base frame,
+    uniform in arc length; ``centreline_px`` (n, p, 2): as the camera sees it. ``mask_bytes``, ``mask_ends`` (n,): see
+    `mask`. ``curvature_per_m`` (n,): of the unloaded shaft in its plane of bending; ``knob_deg`` (n,).
+    ``camera_from_base``, ``sensor_from_base``: poses. ``image_size``: (width, height). ``clock_offset_s``,
+    ``clock_drift``: camera time = (1 + drift) time in the force log + offset. ``values``: what was drawn, by name with
+    unit. ``settings``: what it was drawn from.
+    """
+
+    session: str
+    stamp_ns: IntArray
+    force_n: FloatArray
+    touch_m: FloatArray
+    touching: BoolArray
+    slipping: BoolArray
+    centreline_m: FloatArray
+    centreline_px: FloatArray
+    visible: FloatArray
+    mask_bytes: npt.NDArray[np.uint8]
+    mask_ends: IntArray
+    curvature_per_m: FloatArray
+    knob_deg: FloatArray
+    camera_from_base: Pose
+    sensor_from_base: Pose
+    image_size: tuple[int, int]
+    clock_offset_s: float
+    clock_drift: float
+    values: Mapping[str, float]
+    settings: Mapping[str, Any]
+
+    @property
+    def force_camera_n(self) -> FloatArray:
+        """(n, 3): of the tissue on the tip, camera frame (u, v, away from the camera)."""
+        return self.camera_from_base.rotate(self.force_n)
+
+    @property
+    def force_sensor_n(self) -> FloatArray:
+        """(n, 3): of the tip on the tissue, in the sensor's true frame."""
+        return -self.sensor_from_base.rotate(self.force_n)
+
+    def base(self, index: int) -> BasePose:
+        """The base frame in the picture of frame ``index``."""
+        line = self.centreline_px[index]
+        along = line[1] - line[0]
+        return BasePose(line[0], float(np.arctan2(-along[1], along[0])))
+
+    def mask(self, index: int) -> BoolArray:
+        """(h, w): where the catheter covers at least half of a pixel in frame ``index``."""
+        width, height = self.image_size
+        start = int(self.mask_ends[index - 1]) if index else 0
+        packed = zlib.decompress(self.mask_bytes[start : int(self.mask_ends[index])].tobytes())
+        bits = np.unpackbits(np.frombuffer(packed, np.uint8), count=width * height)
+        return bits.reshape(height, width).astype(np.bool_)
+
+
+def truth_path(recording: Path) -> Path:
+    """Where the truth of ``recording`` (a file or a session's folder) lies."""
+    return recording.with_name(recording.name.removesuffix(".mcap") + _SUFFIX)
+
+
+def truth_of(bench: TwinBench) -> Truth:
+    """Collect the truth of ``bench``, frame by frame."""
+    session, log, times = bench.session, bench.log, bench.frame_s
+    contact, course = session.course.contact, session.course
+    pictures = [bench.picture_truth(index) for index in range(len(times))]
+    packed = [zlib.compress(np.packbits(picture.mask).tobytes(), 1) for picture in pictures]
+    row = bench.nearest(times)
+    camera = bench.renderer.camera
+    return Truth(
+        session=bench.name,
+        stamp_ns=bench.stamp_ns,
+        force_n=bench.at(contact.force_n, times),
+        touch_m=bench.at(contact.touch_m, times),
+        touching=contact.touching[row],
+        slipping=contact.slipping[row],
+        centreline_m=bench.lines_m(times),
+        centreline_px=np.array([picture.centreline_px for picture in pictures]),
+        visible=np.array([picture.visible_share for picture in pictures]),
+        mask_bytes=np.frombuffer(b"".join(packed), np.uint8),
+        mask_ends=np.cumsum([len(part) for part in packed]),
+        curvature_per_m=bench.at(course.curvature_per_m, times),
+        knob_deg=bench.at(course.knob_deg, times),
+        camera_from_base=camera.camera_from_world,
+        sensor_from_base=Pose(log.rotation, np.zeros(3)),
+        image_size=(bench.settings.width, bench.settings.height),
+        clock_offset_s=log.offset_s,
+        clock_drift=log.drift,
+        values=bench.values(),
+        settings={**bench.settings.model_dump(mode="json"), "seed": bench.seed, "number": bench.number},
+    )
+
+
+_POSES = ("camera_from_base", "sensor_from_base")
+_PLAIN = ("session", "image_size", "clock_offset_s", "clock_drift", "values", "settings")
+
+
+def write_truth(truth: Truth, path: Path) -> None:
+    """Write ``path``, whole or not at all."""
+    arrays = {"about": np.array(json.dumps({name: getattr(truth, name) for name in _PLAIN}))}
+    for field in fields(Truth):
+        value = getattr(truth, field.name)
+        if field.name in _POSES:
+            arrays[field.name] = np.column_stack([value.rotation, value.translation_m])
+        elif field.name not in _PLAIN:
+            arrays[field.name] = value
+    part = path.with_name(path.name + ".part")
+    with part.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+    part.replace(path)
+
+
+def read_truth(path: Path | str) -> Truth:
+    """The truth that ``tipforce simulate`` wrote beside a recording, from its file's or from the recording's path.
+
+    Raises FileFormatError where there is none.
+    """
+    path = Path(path)
+    path = path if path.name.endswith(_SUFFIX) else truth_path(path)
+    if not path.is_file():
+        raise FileFormatError(f"{path}: there is no such file; only what `tipforce simulate` wrote has a truth")
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            values: dict[str, Any] = json.loads(str(arrays["about"]))
+            values["image_size"] = tuple(values["image_size"])
+            for field in fields(Truth):
+                if field.name in _POSES:
+                    matrix = arrays[field.name]
+                    values[field.name] = Pose(matrix[:, :3], matrix[:, 3])
+                elif field.name not in _PLAIN:
+                    values[field.name] = arrays[field.name]
+            return Truth(**values)
+    except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise FileFormatError(
+            f"{path}: no readable truth ({error}); delete it with its recording and run `tipforce simulate` again"
+        ) from None

@@ -1,0 +1,102 @@
+"""One session: drawn, its motion solved, run; drawn again where it cannot be had."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ...errors import InputError
+from ._course import APPROACH_S, LEAD_S, STEP_S, TRAIL_S, Course, Motion, Rig, Tune, build_rig, compose, run_course
+from ._draw import draw_device, draw_session
+from .settings import WorldSettings
+
+__all__ = ["Session", "run_session"]
+
+_COARSE_S = 4e-3
+_DRAWS = 400
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Session:
+    """What is true of one session. ``redraws``: by reason, how often its values were drawn again."""
+
+    rig: Rig
+    motion: Motion
+    course: Course
+    redraws: dict[str, int]
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    """Where ``function`` crosses zero, to 10 um."""
+    return float(cast("float", brentq(function, low, high, xtol=1e-5)))
+
+
+def _solve(rig: Rig, tune: Tune) -> Motion | str:
+    """The amplitude that gives the peak force, with the stand-off that frees the tip long enough; or why not."""
+    settings = rig.settings
+    # Two breaths show all that happens while the knob stands still.
+    span = APPROACH_S + 2.0 / settings.motion.respiration_hz
+    end = settings.tare_s + span if settings.actuation.knob_deg_per_s == 0.0 else settings.seconds
+    coarse = tune.thinned(round(_COARSE_S / STEP_S), settings.tare_s, end)
+
+    def motion(amplitude: float) -> Motion:
+        return Motion(amplitude, tune.standoff_m(rig, amplitude))
+
+    def excess(amplitude: float) -> float:
+        force = run_course(rig, coarse, motion(amplitude)).contact.force_n
+        return float(np.linalg.norm(force, axis=1).max()) - rig.draw.peak_force_n
+
+    low, high = settings.motion.amplitude_m
+    if excess(low) > 0.0:
+        return "too much force at the smallest amplitude"
+    if excess(high) < 0.0:
+        return "too little force at the largest amplitude"
+    return motion(_root(excess, low, high))
+
+
+def _objection(rig: Rig, course: Course) -> str:
+    """Why a careful person would not have kept this session, or empty."""
+    contact, motion = course.contact, rig.settings.motion
+    if not contact.converged.all():
+        return "no equilibrium found"
+    peak = float(np.linalg.norm(contact.force_n, axis=1).max())
+    if not 0.95 * motion.peak_force_n[0] <= peak <= 1.05 * motion.peak_force_n[1]:
+        return "peak force out of range"
+    beating = course.time_s > rig.settings.tare_s + APPROACH_S
+    free = 1.0 - float(contact.touching[beating].mean())
+    if not motion.free_share[0] <= free <= motion.free_share[1]:
+        return "time without contact out of range"
+    axis = contact.frames()[:, -1, :, 0]
+    if float((axis @ rig.wall.normal)[contact.touching].min()) < 0.05:
+        return "the electrode's side, not its dome, would touch"
+    return ""
+
+
+def run_session(settings: WorldSettings, seed: int, number: int) -> Session:
+    """The session ``number`` of ``seed``: the same arguments give the same values.
+
+    Raises InputError where the settings leave no session that can be had.
+    """
+    device = draw_device(settings, seed, number)
+    redraws: dict[str, int] = {}
+    instants = round((settings.seconds + LEAD_S + TRAIL_S) / STEP_S)
+    whole = np.arange(instants, dtype=np.float64) * STEP_S - LEAD_S
+    for attempt in range(_DRAWS):
+        rng = np.random.default_rng([seed, number, 1, attempt])
+        rig = build_rig(settings, draw_session(settings, device, rng))
+        tune = compose(rig, whole, rng)
+        found = _solve(rig, tune)
+        why = found if isinstance(found, str) else ""
+        if isinstance(found, Motion):
+            course = run_course(rig, tune, found)
+            why = _objection(rig, course)
+            if not why:
+                return Session(rig, found, course, redraws)
+        redraws[why] = redraws.get(why, 0) + 1
+    worst = max(redraws, key=lambda reason: redraws[reason])
+    raise InputError(
+        f"session {number} of seed {seed}: none of {_DRAWS} draws could be had, most often: {worst}; widen "
+        "motion.peak_force_n, motion.free_share or motion.amplitude_m"
+    )

@@ -1,0 +1,146 @@
+"""What a simulated bench is made of, part by part; the defaults are the preset ``bench-2021``."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from .._ranges import NotNegative, Positive, Range, Settings, Share
+
+__all__ = [
+    "ActuationSettings",
+    "ClockSettings",
+    "MotionSettings",
+    "SensorSettings",
+    "ShaftSettings",
+    "WallSettings",
+    "WorldSettings",
+]
+
+
+class ShaftSettings(Settings):
+    """The catheter in front of the sheath's mouth, where it is clamped."""
+
+    name: str = "7F ablation catheter with 8 mm tip"
+    diameter_m: Range = (2.33e-3, 2.33e-3)
+    rigid_length_m: Positive = 8e-3
+    flexible_length_m: Range = (39e-3, 41e-3)
+    stiffness_nm2: Range = (4.3e-4 * 0.97, 4.3e-4 * 1.03)
+    """EI of the nearly straight shaft, as it answers at once."""
+    nominal_flexible_length_m: Positive | None = 40e-3
+    nominal_stiffness_nm2: Positive | None = 4.3e-4
+    """What the maker's sheet says. None: a measurement of the true one, see ``known_to``."""
+    known_to: Share = 0.0
+    """Where there is no nominal value: the measured one is off by a uniform share within +- this."""
+    stiffening_curvature_per_m: Positive = 40.0
+    """EI grows as 1 + (curvature / this)^2."""
+    proximal_stiffer: NotNegative = 0.05
+    """EI is higher by this share over the third next to the sheath."""
+    torsion_over_bending: Positive = 1.0
+    """GJ / EI."""
+    out_of_plane_per_m: Range = (-1.5, 1.5)
+    """Curvature of the unloaded shaft out of the plane of its bending."""
+    creep_share: Share = 0.03
+    creep_s: Positive = 2.0
+    """Under a steady moment the bend grows by this share of itself, with this time constant."""
+    sessions_per_catheter: Annotated[int, Field(ge=1)] = 1
+    """Consecutive sessions that share one draw of the catheter."""
+
+
+class ActuationSettings(Settings):
+    """Knob to curvature."""
+
+    knob_deg: Range = (10.0, 10.0)
+    """Where the knob stands; where it moves, the range it moves in."""
+    knob_deg_per_s: NotNegative = 0.0
+    """Fastest movement of the knob during a session; 0: it stands still."""
+    gain_per_m_deg: NotNegative = 0.533
+    """Nominal map: curvature for each degree; 90 degrees are a full bend."""
+    play_deg: NotNegative = 1.0
+    """Width of the backlash."""
+    factor: Range = (0.98, 1.02)
+    """What the session's knob does, over what it should."""
+    drift_rms: NotNegative = 0.01
+    drift_s: Positive = 20.0
+    """Slow relative drift of the curvature: its standard deviation and correlation time."""
+
+
+class WallSettings(Settings):
+    """The tissue."""
+
+    contact_angle_deg: Range = (0.0, 75.0)
+    """From the unloaded tip's axis to the direction into the wall, in the plane of bending. 0: the tip points at it."""
+    either_side: bool = False
+    """False: the wall stands on the side to which the knob bends; True: on either."""
+    tilt_deg: Range = (-5.0, 5.0)
+    """Out of the plane of bending."""
+    stiffness_n_per_m: Range = (96.0, 144.0)
+    loss_factor: NotNegative = 0.175
+    loss_hz: Positive = 1.2
+    friction: Range = (0.05, 0.3)
+
+
+class MotionSettings(Settings):
+    """The stage that moves the wall, along its nominal normal and across. Amplitudes are half of peak to peak."""
+
+    beat_hz: Range = (1.0, 1.5)
+    half_wave_share: Share = 0.25
+    """Share of the sessions that beat like the half-wave PQRST instead of a sine."""
+    amplitude_m: Range = (0.5e-3, 10e-3)
+    """Along the normal; solved for the peak force."""
+    lateral_share: Range = (0.2, 1.0)
+    """Lateral amplitude over that along the normal; its phase is drawn too."""
+    respiration_m: Range = (0.0, 2e-3)
+    respiration_hz: Positive = 0.25
+    peak_force_n: Range = (0.15, 0.35)
+    free_share: Range = (0.05, 0.20)
+    """Share of the time without contact, once the approach is over; solved by the stage's stand-off."""
+    step_m: Positive = 2.5e-6
+    """One microstep."""
+    max_speed_m_per_s: Positive = 0.20
+    max_acceleration_m_per_s2: Positive = 10.0
+    delay_s: NotNegative = 4e-3
+    """From a command to its movement."""
+
+
+class SensorSettings(Settings):
+    """Six-axis force sensor under the tissue; it moves with the stage and reads tip-on-tissue in its own frame."""
+
+    rate_hz: Positive = 1000.0
+    moving_mass_kg: NotNegative = 0.05
+    """Tissue and plate above the sensor: their inertia and weight are read too."""
+    pose_error_deg: Range = (-1.0, 1.0)
+    """Between the nominal and the true pose, about each axis."""
+    noise_n: NotNegative = 3e-3
+    step_n: tuple[Positive, Positive, Positive] = (5e-3, 5e-3, 10e-3)
+    """Quantisation of x, y, z."""
+    drift_n_per_min: Range = (-2e-3, 2e-3)
+    bias_n: Range = (-0.2, 0.2)
+    torque_noise_nm: NotNegative = 5e-5
+    torque_step_nm: Positive = 2.5e-4
+
+
+class ClockSettings(Settings):
+    """Time at the bench: the camera's clock is the recording's."""
+
+    fps: Annotated[float, Field(gt=0, le=240)] = 24.0
+    jitter_s: NotNegative = 2e-3
+    """Standard deviation of a frame's instant about its place in the row, cut at three of them."""
+    dropped_share: Share = 0.005
+    force_offset_ms: Range = (-80.0, 80.0)
+    """Camera time = time in the force log + this, at the log's start."""
+    force_drift_ppm: Range = (-20.0, 20.0)
+
+
+class WorldSettings(Settings):
+    """A catheter held at its base presses on a wall that beats; a force sensor sits under the wall."""
+
+    seconds: Annotated[float, Field(ge=8, le=3600)] = 60.0
+    """Length of a session."""
+    tare_s: NotNegative = 5.0
+    """At the start: the stage moves out of the tip's reach."""
+    shaft: ShaftSettings = ShaftSettings()
+    actuation: ActuationSettings = ActuationSettings()
+    wall: WallSettings = WallSettings()
+    motion: MotionSettings = MotionSettings()
+    sensor: SensorSettings = SensorSettings()
+    clock: ClockSettings = ClockSettings()
