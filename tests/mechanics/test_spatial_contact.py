@@ -90,13 +90,14 @@ def test_the_clamp_takes_what_wall_and_weight_put_on_the_rod(normal, friction, h
     assert contact.converged.all()
     force = contact.reaction_force_n + contact.force_n + GRAVITY * ROD.length_m
     np.testing.assert_allclose(force, 0, atol=1e-12)
-    # The moment at the clamp comes from the strain there: it must be that of all loads. Friction acts where the dome
-    # was touched an instant ago, a few micrometres beside the touching point.
+    # The moment at the clamp comes from the strain there: it must be that of all loads. Friction acts on the point of
+    # the dome that was expected to touch, which may lie micrometres beside the one that does.
     nodes = contact.nodes_m()
     weights = np.linalg.norm(np.diff(nodes, axis=1), axis=2)[..., None] * GRAVITY
     moment = np.cross(contact.touch_m, contact.force_n)
     moment += np.cross((nodes[:, 1:] + nodes[:, :-1]) / 2, weights).sum(axis=1)
-    np.testing.assert_allclose(contact.reaction_moment_nm, -moment, atol=1e-10 if friction == 0.0 else 1e-7)
+    np.testing.assert_allclose(contact.reaction_moment_nm, -moment, atol=1e-10 if friction == 0.0 else 5e-7)
+    assert np.quantile(np.abs(contact.reaction_moment_nm + moment), 0.95) < 1e-9
 
 
 @settings(max_examples=15)

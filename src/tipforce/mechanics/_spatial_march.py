@@ -221,7 +221,7 @@ def march(
 ) -> int:
     """Instants in a row, from and to ``history``; fills ``shapes`` (m, k, 4) and ``numbers``. Newton's steps taken."""
     q, axes, plain = history.q, law.axes, history.plain
-    saved, zero, arm, drag = np.empty_like(q), np.zeros(2), np.zeros(3), np.zeros(2)
+    saved, zero, arm, was, drag = np.empty_like(q), np.zeros(2), np.zeros(3), np.zeros(3), np.zeros(2)
     rate = law.damping / law.dt_s
     steps = 0
     for row in range(wall.shape[0]):
@@ -242,15 +242,19 @@ def march(
         dent, touching = plain[1], plain[2] > 0.0
         if not touching:
             history.anchor[0], history.anchor[1] = history.way[0], history.way[1]
+        # The point of the dome that is about to touch: where the electrode is expected to stand.
+        _go_on(q, history.before)
         arm[0], arm[1], arm[2] = unturned(q[-1, 0], q[-1, 1], q[-1, 2], q[-1, 3], axes[0, 0], axes[0, 1], axes[0, 2])
         place = -axes[0, 0] * advance[row]
         for k in range(3):
             arm[k] *= law.radius
+        last = history.before[-1]
+        was[0], was[1], was[2] = unturned(last[0], -last[1], -last[2], -last[3], arm[0], arm[1], arm[2])
         for k in range(2):
             zero[k] = history.anchor[k] - history.way[k] - axes[k + 1, 0] * advance[row]
         for k in range(3):
             place += axes[0, k] * wall[row, k]
-            shift = history.centre[k] + wall[row, k] - history.wall[k]
+            shift = history.centre[k] + was[k] + wall[row, k] - history.wall[k]
             zero[0] += axes[1, k] * shift
             zero[1] += axes[2, k] * shift
         rest = _resting_dent(law, rate, dent)
@@ -259,7 +263,6 @@ def march(
             True, axes, place, law.radius, law.stiffness, law.hertz, rate, dent, rest,
             law.kt if grips else 0.0, zero, arm, drag, law.friction if grips else -1.0, law.side, law.radius,
         )  # fmt: skip
-        _go_on(q, history.before)
         out = _settle(q, saved, rod, load, touch, work)
         steps += out.iterations
         px, py, pz = tip_at(q, rod, work.tangent)
