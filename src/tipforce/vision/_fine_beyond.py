@@ -28,11 +28,15 @@ from ._fine_strip import (
     straighten,
 )  # fmt: skip
 
-__all__ = ["AHEAD_SIZE", "count_solid", "goes_on", "look_beyond"]
+__all__ = ["AHEAD_SIZE", "NO_ELECTRODE", "count_solid", "goes_on", "look_beyond"]
 
 AHEAD_SIZE = ROWS * COLUMNS + 2 * BLOCKS * COLUMNS + BINS
 _ENOUGH = 15.0
 """Evidence beyond the end, in floors summed over blocks, from which on something goes on there."""
+_LONGEST = 11.0
+"""What is paler than the shaft, or lighter than the ground, for more radii at the end is no electrode."""
+NO_ELECTRODE = 1000.0
+"""Stands for the evidence that was not followed where what was followed is too long."""
 _TIMES = 64
 """How often the end may be moved on."""
 _SHARPEST = 0.3
@@ -188,6 +192,7 @@ def look_beyond(
     cap = max(0.5 * typical, 20.0)
     rest = own = 0.0
     began = n
+    shaft_to = stations[n - 1, 2]
     for _ in range(_TIMES):
         cell = CELL * size
         last = stations[n - 1, 2]
@@ -288,6 +293,10 @@ def look_beyond(
         if more == before:
             break
         n = more
+        if signs[0] > 0.0 and signs[1] > 0.0 and mean > 0.5 * own:
+            shaft_to = stations[n - 1, 2]
         if blocks < BLOCKS and end >= blocks - 2:
             return n, -1.0, 0.0, own
+    if stations[n - 1, 2] - shaft_to > _LONGEST * half:
+        rest = max(rest, NO_ELECTRODE)
     return n, 0.0, rest, own

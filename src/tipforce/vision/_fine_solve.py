@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ._fine_beyond import AHEAD_SIZE, count_solid, goes_on, look_beyond
+from ._fine_beyond import AHEAD_SIZE, NO_ELECTRODE, count_solid, goes_on, look_beyond
 from ._fine_fit import TIP_BACK, fit_spline, measure_ends, resample, spline_at, tip_place
 from ._fine_pixels import fast
 from ._fine_trace import END_BORDER, END_LOST, END_SHORT, END_TIP, trace_shaft
@@ -122,7 +122,7 @@ def solve_shaft(
         result[0] = n
         result[12] = stations[n - 1, 0]
         result[13] = stations[n - 1, 1]
-        if end != END_LOST and not _OWN_LOW * own < drop < _OWN_HIGH * own:
+        if end != END_LOST and (rest >= NO_ELECTRODE or not _OWN_LOW * own < drop < _OWN_HIGH * own):
             result[14] = rest
     more = measure_ends(
         pixels, row, channels, box, sign, coefficients, intervals, length, tip if drop > 0.0 else last + 0.5 * half,
