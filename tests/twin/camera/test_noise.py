@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm, poisson
 
+from tipforce.twin._random import gauss_table
 from tipforce.twin.camera import SensorNoise
-from tipforce.twin.camera._noise import add_noise, frame_key, gauss_table
+from tipforce.twin.camera._noise import add_noise, frame_key
 
 LEVELS = [3.0, 20.3, 45.0, 128.0, 199.6, 240.0]
 NOISES = [SensorNoise.at_mid_grey(sigma, read_share=share) for sigma, share in ((2.0, 0.4), (5.0, 0.3))]

@@ -13,12 +13,11 @@ import numpy.typing as npt
 from numba import njit
 
 from ...types import Image
+from .._random import gauss_row, hash_row
 
-__all__ = ["SensorNoise", "add_noise", "frame_key", "gauss_table"]
+__all__ = ["SensorNoise", "add_noise", "frame_key"]
 
 Picture = npt.NDArray[np.float32]
-
-_TABLE_BITS = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,53 +42,12 @@ class SensorNoise:
         return math.sqrt(self.read_grey**2 + self.grey_per_electron * max(0.0, level))
 
 
-def gauss_table() -> Picture:
-    """(4096,) quantiles of a Gaussian, bent at the ends so that moments 2, 4 and 6 are a Gaussian's (1, 3, 15).
-
-    Without it the missing tails of a table would show: sums of two entries would have a kurtosis of 2.996.
-    """
-    from scipy.special import ndtri
-
-    n = 1 << _TABLE_BITS
-    z = ndtri((np.arange(n) + 0.5) / n)
-    powers = np.stack([z, z**3, z**5])
-    weights = np.array([1.0, 0.0, 0.0])
-    for _ in range(20):
-        bent = weights @ powers
-        miss = np.array([(bent**k).mean() for k in (2, 4, 6)]) - (1.0, 3.0, 15.0)
-        slope = np.array([[(k * bent ** (k - 1) * p).mean() for p in powers] for k in (2, 4, 6)])
-        weights -= np.linalg.solve(slope, miss)
-    return (weights @ powers).astype(np.float32)
-
-
 def frame_key(seed: int, frame: int) -> npt.NDArray[np.uint32]:
     """(3,) words that no other ``seed`` and ``frame`` share but by chance (2^-96)."""
     return np.random.SeedSequence([seed, frame]).generate_state(3, np.uint32).astype(np.uint32)
 
 
 # Four short loops, not one long one: each of them is then turned into vector instructions, the long one was not.
-
-
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
-def _hash_row(first: int, key: npt.NDArray[np.uint32], words: npt.NDArray[np.uint32]) -> None:
-    """A random word for each of the pixels from ``first`` on."""
-    start, k1, k2 = np.uint32(key[0] + np.uint32(first)), key[1], key[2]
-    for u in range(words.size):
-        x = np.uint32(np.uint32(u) + start)
-        x = np.uint32(x ^ (x >> np.uint32(17)))
-        x = np.uint32(x * np.uint32(0xED5AD4BB))
-        x = np.uint32(x ^ (x >> np.uint32(11)))
-        x = np.uint32(np.uint32(x + k1) * np.uint32(0xAC4C1B51))
-        x = np.uint32(x ^ (x >> np.uint32(15)))
-        x = np.uint32(np.uint32(x + k2) * np.uint32(0x31848BAB))
-        words[u] = np.uint32(x ^ (x >> np.uint32(14)))
-
-
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
-def _gauss_row(words: npt.NDArray[np.uint32], table: Picture, row: Picture) -> None:
-    half = np.float32(math.sqrt(0.5))
-    for u in range(words.size):
-        row[u] = half * (table[words[u] & np.uint32(4095)] + table[words[u] >> np.uint32(20)])
 
 
 @njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
@@ -129,8 +87,8 @@ def add_noise(
     grey = np.empty(w, np.float32)
     low, top, half = np.float32(0.0), np.float32(255.0), np.float32(0.5)
     for v in range(h):
-        _hash_row(v * w, key, words)
-        _gauss_row(words, table, row)
+        hash_row(v * w, key, words)
+        gauss_row(words, table, row)
         if c == 1:
             _bend_row(clean[0, v], np.float32(gain), np.float32(read), row)
         else:

@@ -7,10 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ...geometry import CameraModel
+from .._random import gauss_table
 from ._front import paint_front
 from ._ground import illumination, paint_ground
 from ._layers import Box
-from ._noise import gauss_table
 from ._phantom import Phantom, TissueHome, paint_phantom
 from ._project import Focus
 from ._scene import CameraScene

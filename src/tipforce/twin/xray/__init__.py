@@ -6,7 +6,6 @@ from ._draw import draw_xray_scene
 from ._ranges import BIPLANE, FLUORO, XrayRanges
 from ._renderer import Pulse, XrayRenderer
 from ._scene import Anatomy, Beam, CatheterMake, Detector, Device, Rhythm, XrayScene, XrayView
-from ._truth import PictureTruth
 
 __all__ = [
     "BIPLANE",
@@ -18,7 +17,6 @@ __all__ = [
     "CatheterMake",
     "Detector",
     "Device",
-    "PictureTruth",
     "Pulse",
     "Rhythm",
     "XrayRanges",

@@ -13,8 +13,9 @@ import numpy.typing as npt
 from numba import njit
 
 from ...types import FloatArray
+from .._random import gauss_row, gauss_table, hash_row
 
-__all__ = ["FEW", "QuantumTables", "draw_quanta", "frame_key", "gauss_table", "quantum_tables"]
+__all__ = ["FEW", "QuantumTables", "draw_quanta", "frame_key", "quantum_tables"]
 
 Picture = npt.NDArray[np.float32]
 Words = npt.NDArray[np.uint32]
@@ -34,25 +35,9 @@ class QuantumTables:
     gauss: Picture
 
 
-def frame_key(seed: int, view: int, frame: int) -> Words:
-    """(4,) words that no other session, view and frame share but by chance."""
-    return np.random.SeedSequence([seed, view, frame]).generate_state(4, np.uint32).astype(np.uint32)
-
-
-def gauss_table() -> Picture:
-    """(4096,) quantiles of a Gaussian, stretched at the ends so that moments 2, 4 and 6 are 1, 3 and 15."""
-    from scipy.special import ndtri
-
-    n = 4096
-    z = ndtri((np.arange(n) + 0.5) / n)
-    powers = np.stack([z, z**3, z**5])
-    weights = np.array([1.0, 0.0, 0.0])
-    for _ in range(20):
-        bent = weights @ powers
-        miss = np.array([(bent**k).mean() for k in (2, 4, 6)]) - (1.0, 3.0, 15.0)
-        slope = np.array([[(k * bent ** (k - 1) * p).mean() for p in powers] for k in (2, 4, 6)])
-        weights -= np.linalg.solve(slope, miss)
-    return (weights @ powers).astype(np.float32)
+def frame_key(seed: int, view: int, frame: int, purpose: int) -> Words:
+    """(3,) words that no other session, view, frame and purpose share but by chance."""
+    return np.random.SeedSequence([seed, view, frame, purpose]).generate_state(3, np.uint32).astype(np.uint32)
 
 
 def _alias_row(chance: FloatArray) -> Words:
@@ -85,28 +70,6 @@ def quantum_tables() -> QuantumTables:
 
 
 @njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
-def hash_row(first: int, a: np.uint32, b: np.uint32, words: Words) -> None:
-    """A random word for each pixel from number ``first`` on; ``a``, ``b``: the key."""
-    start = np.uint32(first)
-    for u in range(words.size):
-        x = np.uint32((np.uint32(u) + start) * np.uint32(0x9E3779B1) + a)
-        x = np.uint32((x ^ (x >> np.uint32(16))) * np.uint32(0x7FEB352D))
-        x = np.uint32((x ^ (x >> np.uint32(15))) * np.uint32(0x846CA68B))
-        x = np.uint32((x ^ (x >> np.uint32(16))) + b)
-        x = np.uint32((x ^ (x >> np.uint32(15))) * np.uint32(0x2C1B3C6D))
-        x = np.uint32((x ^ (x >> np.uint32(12))) * np.uint32(0x297A2D39))
-        words[u] = np.uint32(x ^ (x >> np.uint32(15)))
-
-
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
-def gauss_row(words: Words, table: Picture, row: Picture) -> None:
-    """Gaussian numbers from the words' upper and lower 12 bits."""
-    half = np.float32(math.sqrt(0.5))
-    for u in range(words.size):
-        row[u] = half * (table[words[u] & np.uint32(4095)] + table[words[u] >> np.uint32(20)])
-
-
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
 def _many(means: Picture, row: Picture) -> None:
     """Gaussian numbers in ``row`` to quanta of these ``means`` plus a half, not yet rounded down."""
     one, two, three, five = np.float32(1.0), np.float32(2.0), np.float32(3.0), np.float32(5.0)
@@ -132,7 +95,7 @@ def draw_quanta(means: Picture, key: Words, alias: Words, gauss: Picture, quanta
     top, zero, few = np.float32(65535.0), np.float32(0.0), np.float32(FEW)
     per_step = np.float32(1.0 / _STEP)
     for v in range(h):
-        hash_row(v * w, key[0], key[1], words)
+        hash_row(v * w, key, words)
         level, out = means[v], quanta[v]
         least, most = level[0], level[0]
         for u in range(w):

@@ -10,7 +10,8 @@ import numpy.typing as npt
 from numba import njit
 
 from ...types import FloatArray
-from ._quanta import Quanta, Words, gauss_row, hash_row
+from .._random import gauss_row, hash_row
+from ._quanta import Quanta, Words
 from ._scene import Detector
 
 __all__ = ["Curve", "blurred", "display_curve", "read_out", "with_lag"]
@@ -97,12 +98,12 @@ def read_out(
     h, w = signal.shape
     words, row, of_rows = np.empty(w, np.uint32), np.empty(w, np.float32), np.empty(h, np.float32)
     of_words = np.empty(h, np.uint32)
-    hash_row(h * w, key[2], key[3], of_words)
+    hash_row(h * w, key, of_words)
     gauss_row(of_words, gauss, of_rows)
     sigma, scale, none, half = np.float32(electronic), np.float32(per_root), np.float32(0.0), np.float32(0.5)
     last = np.float32(levels.size - 2)
     for v in range(h):
-        hash_row(v * w, key[2], key[3], words)
+        hash_row(v * w, key, words)
         gauss_row(words, gauss, row)
         line = np.float32(line_noise) * of_rows[v]
         values, out = signal[v], picture[v]

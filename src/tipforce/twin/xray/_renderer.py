@@ -4,20 +4,21 @@ import math
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from ...geometry import CameraModel
 from ...types import FloatArray, IntArray
+from ..camera import PictureTruth, TissueState
+from ..camera._project import instants
 from ._light import BLOCK, Veil, direct_light, soft_layers
 from ._makes import swayed
 from ._paint import paint
 from ._quanta import Quanta, draw_quanta, frame_key, quantum_tables
 from ._readout import blurred, display_curve, read_out, with_lag
 from ._scene import XrayScene, lag_weights
-from ._truth import PictureTruth, picture_truth
+from ._truth import picture_truth
 from ._tube import fold_instant, join_taken, no_spans
 
 __all__ = ["Pulse", "XrayRenderer"]
@@ -32,19 +33,12 @@ _FIELD = 0.33
 """Radius of the exposure control's measuring field, as a share of the picture's side."""
 
 
-class _Wall(Protocol):
-    """``shift_m`` (m, 3): how far the heart's wall is from where it rests, base frame, over the pulse."""
-
-    @property
-    def shift_m(self) -> FloatArray: ...
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Pulse:
     """What `XrayRenderer.render` draws one picture of; see there."""
 
     shapes_m: FloatArray
-    tissue: _Wall | None = None
+    tissue: TissueState | None = None
     frame: int = 0
     time_s: float = 0.0
 
@@ -131,7 +125,7 @@ class XrayRenderer:
     def render(
         self,
         shapes_m: FloatArray,
-        tissue: _Wall | None = None,
+        tissue: TissueState | None = None,
         *,
         frame: int = 0,
         time_s: float = 0.0,
@@ -151,7 +145,7 @@ class XrayRenderer:
         signal = blurred(desk.light, detector, self._finer)
         picture: Picture8Or16
         picture = np.empty(signal.shape, np.uint8) if self.bits == 8 else np.empty(signal.shape, np.uint16)
-        key = frame_key(self.scene.seed, self.view, frame)
+        key = frame_key(self.scene.seed, self.view, frame, 1)
         curve, gauss = self._curve, self._tables.gauss
         read_out(signal, key, gauss, detector.electronic, detector.line_noise, curve.levels, curve.per_root, picture)
         return picture
@@ -165,13 +159,13 @@ class XrayRenderer:
             )
             before = [*before, pulse][-max(1, self.memory) :]
 
-    def light(self, shapes_m: FloatArray, tissue: _Wall | None = None, *, time_s: float = 0.0) -> Picture:
+    def light(self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0) -> Picture:
         """(h, w): quanta a pixel that the detector expects of one pulse: before noise, blur and lag."""
         desk = self._desk()
         self._expect(desk, Pulse(shapes_m, tissue, 0, time_s))
         return desk.light.copy()
 
-    def truth(self, shapes_m: FloatArray, tissue: _Wall | None = None, *, time_s: float = 0.0) -> PictureTruth:
+    def truth(self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0) -> PictureTruth:
         """What there is to be seen of the catheter in that picture; neither tissue nor time change it."""
         del tissue, time_s
         h, w = self._painted.still.shape
@@ -185,7 +179,7 @@ class XrayRenderer:
                 return plane
         self._expect(desk, pulse)
         plane = np.empty(desk.light.shape, np.uint16)
-        key = frame_key(self.scene.seed, self.view, pulse.frame)
+        key = frame_key(self.scene.seed, self.view, pulse.frame, 0)
         draw_quanta(desk.light, key, self._tables.alias, self._tables.gauss, plane)
         desk.kept = [*desk.kept, (pulse, plane)][-(self.memory + 1) :]
         return plane
@@ -254,14 +248,6 @@ def checked(shapes_m: FloatArray) -> FloatArray:
     if shapes.ndim != 3 or shapes.shape[2] != 3 or shapes.shape[1] < 3 or not len(shapes):
         raise ValueError(f"shapes_m: expected shape (m, n, 3) with n > 2, got {shapes.shape}")
     return shapes
-
-
-def instants(shapes: FloatArray, count: int) -> FloatArray:
-    """(count, n, 3) from (m, n, 3): the middles of ``count`` equal parts of the pulse."""
-    at = (np.arange(count) + 0.5) / count * (len(shapes) - 1)
-    low = np.minimum(at.astype(int), max(len(shapes) - 2, 0))
-    part = (at - low)[:, None, None]
-    return (1.0 - part) * shapes[low] + part * shapes[np.minimum(low + 1, len(shapes) - 1)]
 
 
 def moments(shapes: FloatArray, px_per_m: float) -> FloatArray:

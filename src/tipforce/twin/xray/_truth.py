@@ -1,15 +1,15 @@
 """What is to be seen of the catheter in an X-ray picture, exactly."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
 from ...geometry import CameraModel
 from ...types import BoolArray, FloatArray
+from ..camera import PictureTruth
 
-__all__ = ["PictureTruth", "picture_truth"]
+__all__ = ["picture_truth"]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -47,24 +47,11 @@ def _covered(camera: CameraModel, points_m: FloatArray, radius_m: float, height:
     return mask
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PictureTruth:
-    """What is to be seen of the catheter at the middle of the pulse.
-
-    ``mask`` (h, w): pixels whose ray passes the catheter. ``centreline_px`` (n, 2): the axis, projected, at the shape's
-    own nodes, base to the tip's apex; pixel centres at integers. ``visible`` (n,): whether a node is in the picture
-    (nothing hides what X-rays pass, though it may be faint); ``visible_share``: the share of the length of which that
-    is true.
-    """
-
-    mask: BoolArray
-    centreline_px: FloatArray
-    visible: BoolArray
-    visible_share: float
-
-
 def picture_truth(camera: CameraModel, points_m: FloatArray, radius_m: float, height: int, width: int) -> PictureTruth:
-    """Truth of a picture of a catheter along ``points_m`` (n, 3), in the camera's world."""
+    """Truth of a picture of a catheter along ``points_m`` (n, 3), in the camera's world.
+
+    Nothing hides what X-rays pass: visible is what lies in the picture, however faint it may be.
+    """
     centreline = camera.project(points_m)
     near = np.rint(np.nan_to_num(centreline, nan=-9.0))
     visible = np.asarray(((near >= 0) & (near < (width, height))).all(axis=1), np.bool_)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from tipforce.geometry import CameraModel, triangulate
+from tipforce.twin.camera import TissueState
 from tipforce.twin.xray import BIPLANE, FLUORO, CArm, Pulse, XrayRenderer, XrayScene, draw_xray_scene
 from tipforce.twin.xray._profile import Layer, course, profiles
 from tipforce.twin.xray._quanta import draw_quanta, frame_key, quantum_tables
@@ -197,7 +198,7 @@ def test_platinum_is_all_but_opaque_and_the_shaft_is_not(scene: XrayScene) -> No
 def test_quanta_are_poisson(mean: float) -> None:
     tables = quantum_tables()
     quanta = np.empty((512, 512), np.uint16)
-    draw_quanta(np.full((512, 512), mean, np.float32), frame_key(3, 0, 7), tables.alias, tables.gauss, quanta)
+    draw_quanta(np.full((512, 512), mean, np.float32), frame_key(3, 0, 7, 0), tables.alias, tables.gauss, quanta)
     counts = np.bincount(quanta.ravel(), minlength=2)
     expected = stats.poisson.pmf(np.arange(counts.size), mean) * quanta.size
     common = expected > 8
@@ -212,7 +213,7 @@ def test_neighbours_frames_and_views_have_noise_of_their_own() -> None:
     def noise(seed: int, view: int, frame: int) -> np.ndarray:
         quanta = np.empty((256, 256), np.uint16)
         draw_quanta(
-            np.full((256, 256), 80.0, np.float32), frame_key(seed, view, frame), tables.alias, tables.gauss, quanta
+            np.full((256, 256), 80.0, np.float32), frame_key(seed, view, frame, 0), tables.alias, tables.gauss, quanta
         )
         return (quanta - 80.0) / math.sqrt(80.0)
 
@@ -307,12 +308,8 @@ def test_a_pulse_smears_what_moves(scene: XrayScene) -> None:
 
 
 def test_the_hearts_shadow_goes_with_its_wall(renderer: XrayRenderer) -> None:
-    class Wall:
-        def __init__(self, shift: tuple[float, float, float]) -> None:
-            self.shift_m = np.array([shift])
-
     shape = bent()[None]
-    rest, pushed = (renderer.light(shape, Wall((0.0, y, 0.0))) for y in (0.0, 4e-3))
+    rest, pushed = (renderer.light(shape, TissueState(np.array([[0.0, y, 0.0]]))) for y in (0.0, 4e-3))
     assert np.abs(np.log(pushed / rest)).max() > 0.05
 
 
