@@ -117,7 +117,7 @@ def _ribs(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
     x0, y0 = (1e3 * a for a in anatomy.spine_m)
     pitch, first = rng.uniform(25, 30), rng.uniform(-15, 15)
     wide, deep, drop = rng.uniform(112, 132), rng.uniform(82, 98), rng.uniform(75, 120)
-    turn = np.linspace(0.12, 2.75, 24)
+    turn = np.linspace(0.005, 2.75, 24)
     for k in range(-4, 8):
         for side in (-1.0, 1.0):
             x = x0 + side * (12 + (wide - 0.5 * side * x0) * np.sin(turn) ** 0.8)
@@ -172,7 +172,8 @@ def _leads(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
     parts: list[Part] = []
     for _ in range(anatomy.leads):
         y = rng.choice([-105.0, 105.0])
-        start, end = rng.uniform(-70, 70, 2), rng.uniform(-110, 110, 2)
+        start, away = rng.uniform(-70, 70, 2), rng.uniform(0.0, 2 * math.pi)
+        end = 130 * np.array([math.cos(away), math.sin(away)])  # out of the picture
         knots = np.array([(*start, y), (*(0.6 * start + 0.4 * end + rng.normal(0, 18, 2)), y), (*end, y)])
         parts.append(_metal(knots[:, [0, 2, 1]], rng.uniform(0.35, 0.6), 0.35 * PER_M["copper"]))
         clip = knots[0, [0, 2, 1]]

@@ -163,7 +163,8 @@ def _devices(ranges: XrayRanges, rng: np.random.Generator) -> tuple[Device, ...]
         kind = str(rng.choice(["wire", "sinus", "ventricle", "lead"], p=[0.3, 0.3, 0.25, 0.15]))
         knots, radius = _route(kind, rng)
         name = {"wire": "wire", "lead": "lead"}.get(kind, "diagnostic")
-        found.append(_device(name, radius, knots, rng, _of(rng, ranges.sway_m), 5.0))
+        stiff = 2.5 if kind == "wire" else 5.0
+        found.append(_device(name, radius, knots, rng, _of(rng, ranges.sway_m), stiff))
     if rng.random() < ranges.probe:
         knots = np.array([(-8, 48, 110), (-6, 46, 60), (-4, 44, 20), (0, 42, -8)], np.float64)
         found.append(_device("probe", rng.uniform(4.5e-3, 6e-3), knots, rng, 0.5e-3, 3.0))

@@ -2,7 +2,8 @@
 
 A tube seen from its side is drawn pixel by pixel: each finds its place along and across the axis. One that leans toward
 the source is a row of thin discs across its axis, each of which lays its share of the path length on the ellipse that
-it covers. So foreshortened and crossing tubes come out right, and all attenuations simply add.
+it covers; between the two, one fades into the other. So foreshortened and crossing tubes come out right, and all
+attenuations simply add.
 """
 
 import math
@@ -134,6 +135,7 @@ def _add_discs(
     spans: IntArray,
     focal: float,
     nodes: FloatArray,
+    discs: FloatArray,
     radius_m: float,
     table: Picture,
     half_px: float,
@@ -157,7 +159,8 @@ def _add_discs(
         start_s = s
         s += length_m
         if (
-            max(nodes[i, 3], nodes[j, 3]) < -far
+            discs[i] + discs[j] == 0.0
+            or max(nodes[i, 3], nodes[j, 3]) < -far
             or min(nodes[i, 3], nodes[j, 3]) > w + far
             or max(nodes[i, 4], nodes[j, 4]) < -far
             or min(nodes[i, 4], nodes[j, 4]) > h + far
@@ -199,10 +202,11 @@ def _add_discs(
             a, b = min(int(from_s), top), min(int(to_s), top)
             fa, fb = min(from_s - a, 1.0), min(to_s - b, 1.0)
             thick = size[(a + b) // 2]
+            mine = discs[i] + t * (discs[j] - discs[i])
             empty = True
             for m in range(weights.size):
                 before = amount[m, a] + (amount[m, a + 1] - amount[m, a]) * fa
-                weights[m] = (amount[m, b] + (amount[m, b + 1] - amount[m, b]) * fb - before) * px_per_m * thick
+                weights[m] = (amount[m, b] + (amount[m, b + 1] - amount[m, b]) * fb - before) * px_per_m * thick * mine
                 empty = empty and weights[m] == 0.0
             if empty:
                 continue
@@ -213,22 +217,19 @@ def _add_discs(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _leans(nodes: FloatArray, width: int, height: int) -> bool:
-    """Whether any part in the picture is seen more from its end than from its side."""
+def _part(nodes: FloatArray, discs: FloatArray) -> tuple[bool, bool]:
+    """``discs`` (n,): 1 at nodes of stretches that are seen more from their end, else 0; whether some are 1, are 0."""
+    discs[:] = 0.0
     for i in range(nodes.shape[0] - 1):
-        u, v = nodes[i, 3], nodes[i, 4]
-        if u < -20.0 or v < -20.0 or u > width + 20.0 or v > height + 20.0:
-            continue
-        along, total = 0.0, 0.0
-        size = 0.0
+        along, total, size = 0.0, 0.0, 0.0
         for k in range(3):
             d = nodes[i + 1, k] - nodes[i, k]
             along += d * nodes[i, k]
             total += d * d
             size += nodes[i, k] * nodes[i, k]
         if along * along > _LEAN * total * size:
-            return True
-    return False
+            discs[i] = discs[i + 1] = 1.0
+    return discs.max() > 0.0, discs.min() < 1.0
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
@@ -247,6 +248,7 @@ def _add_slabs(
     spans: IntArray,
     focal: float,
     nodes: FloatArray,
+    discs: FloatArray,
     radius_m: float,
     table: Picture,
     half_px: float,
@@ -262,6 +264,7 @@ def _add_slabs(
     n = nodes.shape[0]
     materials = table.shape[0]
     last, top = table.shape[1] - 2, size.size - 2
+    active = np.empty(materials, np.int64)
     s = 0.0
     for i in range(n - 1):
         j = i + 1
@@ -270,6 +273,8 @@ def _add_slabs(
         px_per_m = focal * 2.0 / (nodes[i, 2] + nodes[j, 2])
         start_s = s
         s += length_m
+        if discs[i] + discs[j] == 2.0:
+            continue
         wide = radius_m * px_per_m
         far = reach_px * wide / half_px
         ax, ay, bx, by = nodes[i, 3], nodes[i, 4], nodes[j, 3], nodes[j, 4]
@@ -282,6 +287,21 @@ def _add_slabs(
         thicker = metres * px_per_m
         lean = wide * math.sqrt(max(1.0 - 1.0 / (thicker * thicker), 0.0))
         before, after = (2.0 if i == 0 else 0.0), (2.0 if j == n - 1 else 0.0)  # the ends' blurred edges
+        # Only what there is of materials on this stretch is looked up; the smear reaches over its ends.
+        margin = (0.6 + lean + 2.0) * metres
+        first = min(max(int((start_s - margin) * POINTS_PER_M), 0), top)
+        final = min(max(int((s + margin) * POINTS_PER_M) + 1, 0), top + 1)
+        count = 0
+        for m in range(materials):
+            if amount[m, final] != amount[m, first]:
+                active[count] = m
+                count += 1
+        if count == 0:
+            continue
+        # The axis is a cubic of the share of the way: Horner's coefficients.
+        x1, y1 = nodes[i, 5], nodes[i, 6]
+        x2, y2 = 3 * (bx - ax) - 2 * x1 - nodes[j, 5], 3 * (by - ay) - 2 * y1 - nodes[j, 6]
+        x3, y3 = 2 * (ax - bx) + x1 + nodes[j, 5], 2 * (ay - by) + y1 + nodes[j, 6]
         mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
         cx, cy = (bx - ax) / chord, (by - ay) / chord
         bow = 0.15 * chord * abs(tx * oy - ty * ox) + 0.5
@@ -303,13 +323,8 @@ def _add_slabs(
                 # Exact for a circle's arc: the share of the way at which the axis passes beside the pixel.
                 t = ahead / (ahead + left)
                 c = min(max(t, 0.0), 1.0)
-                c2, c3 = c * c, c * c * c
-                h1, h2, h3, h4 = 2 * c3 - 3 * c2 + 1, c3 - 2 * c2 + c, 3 * c2 - 2 * c3, c3 - c2
-                g1, g2, g4 = 6 * c2 - 6 * c, 3 * c2 - 4 * c + 1, 3 * c2 - 2 * c
-                qx = h1 * ax + h2 * nodes[i, 5] + h3 * bx + h4 * nodes[j, 5]
-                qy = h1 * ay + h2 * nodes[i, 6] + h3 * by + h4 * nodes[j, 6]
-                gx = g1 * (ax - bx) + g2 * nodes[i, 5] + g4 * nodes[j, 5]
-                gy = g1 * (ay - by) + g2 * nodes[i, 6] + g4 * nodes[j, 6]
+                qx, qy = ((x3 * c + x2) * c + x1) * c + ax, ((y3 * c + y2) * c + y1) * c + ay
+                gx, gy = (3 * x3 * c + 2 * x2) * c + x1, (3 * y3 * c + 2 * y2) * c + y1
                 across = ((v - qy) * gx - (u - qx) * gy) / math.sqrt(gx * gx + gy * gy)
                 at = start_s + t * length_m
                 a = min(max(int(at * POINTS_PER_M), 0), top)
@@ -326,10 +341,12 @@ def _add_slabs(
                 e, f = min(int(low_s), top), min(int(high_s), top)
                 fe, ff = min(low_s - e, 1.0), min(high_s - f, 1.0)
                 value = 0.0
-                for m in range(materials):
+                for g in range(count):
+                    m = active[g]
                     much = amount[m, f] + (amount[m, f + 1] - amount[m, f]) * ff
                     much -= amount[m, e] + (amount[m, e + 1] - amount[m, e]) * fe
                     value += much * (table[m, k] + (table[m, k + 1] - table[m, k]) * part)
+                value *= 1.0 - discs[i] - c * (discs[j] - discs[i])
                 drawn[v, u] += value * thick * thicker * POINTS_PER_M / (2.0 * smear)
 
 
@@ -353,10 +370,12 @@ def add_tube(
     """
     nodes = np.empty((points.shape[0], 7))
     _seen(camera, points, nodes)
-    if _leans(nodes, drawn.shape[1], drawn.shape[0]):
-        _add_discs(drawn, spans, camera[1], nodes, radius_m, table, half_px, reach_px, amount, size)
-    else:
-        _add_slabs(drawn, spans, camera[1], nodes, radius_m, table, half_px, reach_px, amount, size)
+    discs = np.empty(points.shape[0])
+    some, others = _part(nodes, discs)
+    if some:
+        _add_discs(drawn, spans, camera[1], nodes, discs, radius_m, table, half_px, reach_px, amount, size)
+    if others:
+        _add_slabs(drawn, spans, camera[1], nodes, discs, radius_m, table, half_px, reach_px, amount, size)
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=True)
