@@ -1,21 +1,14 @@
 """The settings from which a session's fluoroscopy is drawn. Ranges are (low, high): one uniform draw a session."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
-
-from .._settings import NotNegative, Positive, Range
+from .._ranges import NotNegative, Positive, Range, Settings, Share
 
 __all__ = ["BIPLANE", "FLUORO", "XrayRanges"]
 
 
-Share = Annotated[float, Field(ge=0, le=1)]
-
-
-class XrayRanges(BaseModel):
+class XrayRanges(Settings):
     """What fluoroscopy varies over from session to session. The defaults are the preset ``fluoro``: one view."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     planes: Literal[1, 2] = 1
     between_planes_deg: Range = (80.0, 100.0)
