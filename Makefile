@@ -29,8 +29,9 @@ check: $(STAMP)  ## lint, format, types, import edges, docs
 bench: $(STAMP)  ## speed against the naive way and the physical limit, in one run
 	$(BIN)/python -m bench
 
-prove: $(STAMP)  ## the slow proofs
+prove: $(STAMP)  ## the slow proofs, and the property tests on new examples
 	$(BIN)/python -m pytest -q -n auto -m slow
+	$(BIN)/python -m pytest -q -n auto -m "not slow" --hypothesis-profile=explore
 
 clean:           ## remove .venv and what the demo wrote
 	rm -rf .venv $(DEMO) build dist
