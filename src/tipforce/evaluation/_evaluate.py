@@ -184,7 +184,7 @@ def _as_saved(
     if seen:
         notes.append(
             f"{candidate.label} as saved is scored without {len(seen)} of {len(dataset.sessions)} sessions, because it "
-            f"was trained on sessions of these names: {', '.join(seen[:5])}{', ...' if len(seen) > 5 else ''}."
+            f"was trained on sessions of these names: {', '.join(seen[:5])}{f' and {len(seen) - 5} more' if len(seen) > 5 else ''}."
         )
     index = np.flatnonzero(~np.isin(dataset.session, seen))
     found = answers(candidate.saved, dataset, index, everything)
