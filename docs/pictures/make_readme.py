@@ -43,7 +43,7 @@ def main(demo: Path) -> None:
     data = open_dataset(demo / "runs")
     runs = sorted((held_out(recipe, data, session) for session in data.sessions), key=lambda run: run[3])
     model, test, estimates, mae = runs[len(runs) // 2]
-    print("MAE, mN:", {run[1].session[0]: round(1e3 * run[3], 1) for run in runs})
+    print("MAE, mN:", {str(run[1].session[0]): round(1e3 * run[3], 1) for run in runs})
 
     seconds = (test.stamp_ns - test.stamp_ns[0]) * 1e-9
     start = float(seconds[-1]) - 11.0
@@ -85,7 +85,16 @@ def main(demo: Path) -> None:
         f"a session never seen, the median one of {len(runs)}: MAE {newtons_to_grams(mae):.1f} g ({1e3 * mae:.0f} mN)",
         loc="left",
     )
-    right.legend(loc="upper center", frameon=False, ncols=3, fontsize=9.5, columnspacing=1.2, bbox_to_anchor=(0.5, 1.0))
+    right.legend(
+        loc="upper center",
+        frameon=False,
+        ncols=3,
+        columnspacing=1.0,
+        handlelength=1.6,
+        fontsize=9.5,
+        columnspacing=1.2,
+        bbox_to_anchor=(0.5, 1.0),
+    )
     right.spines["top"].set_visible(False)
     figure.savefig(Path(__file__).with_name("readme.png"), dpi=110)
 
