@@ -89,10 +89,9 @@ def main(demo: Path) -> None:
         loc="upper center",
         frameon=False,
         ncols=3,
-        columnspacing=1.0,
-        handlelength=1.6,
         fontsize=9.5,
-        columnspacing=1.2,
+        columnspacing=1.0,
+        handlelength=1.5,
         bbox_to_anchor=(0.5, 1.0),
     )
     right.spines["top"].set_visible(False)

@@ -182,9 +182,10 @@ def _as_saved(
         )
         return None
     if seen:
+        more = f" and {len(seen) - 5} more" if len(seen) > 5 else ""
         notes.append(
             f"{candidate.label} as saved is scored without {len(seen)} of {len(dataset.sessions)} sessions, because it "
-            f"was trained on sessions of these names: {', '.join(seen[:5])}{f' and {len(seen) - 5} more' if len(seen) > 5 else ''}."
+            f"was trained on sessions of these names: {', '.join(seen[:5])}{more}."
         )
     index = np.flatnonzero(~np.isin(dataset.session, seen))
     found = answers(candidate.saved, dataset, index, everything)
