@@ -10,8 +10,8 @@ from hypothesis import settings
 from tipforce.geometry import curve_from_angle
 from tipforce.types import BasePose
 
-# The first example of a test may compile the hot loops. The same examples every time, so that a change is judged by what
-# it changes; `make prove` looks for new ones.
+# The first example of a test may compile the hot loops. The same examples every time, so that a change is judged by
+# what it changes; `make prove` looks for new ones.
 settings.register_profile("house", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None)
 settings.load_profile("house")
