@@ -6,6 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ._compile import STEADY
+
 __all__ = ["gauss_row", "gauss_table", "hash_row"]
 
 Picture = npt.NDArray[np.float32]
@@ -32,7 +34,7 @@ def gauss_table() -> Picture:
     return (weights @ powers).astype(np.float32)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def hash_row(first: int, key: npt.NDArray[np.uint32], words: npt.NDArray[np.uint32]) -> None:
     """A random word for each of the pixels from ``first`` on; ``key`` (3,)."""
     start, k1, k2 = np.uint32(key[0] + np.uint32(first)), key[1], key[2]
@@ -47,7 +49,7 @@ def hash_row(first: int, key: npt.NDArray[np.uint32], words: npt.NDArray[np.uint
         words[u] = np.uint32(x ^ (x >> np.uint32(14)))
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def gauss_row(words: npt.NDArray[np.uint32], table: Picture, row: Picture) -> None:
     """Gaussian numbers from the words' upper and lower 12 bits; ``table``: `gauss_table`."""
     half = np.float32(math.sqrt(0.5))

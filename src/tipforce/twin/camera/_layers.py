@@ -11,6 +11,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ...types import FloatArray
+from .._compile import STEADY
 
 __all__ = ["Box", "cast", "lay_front", "lay_moving", "lay_tubes", "restore"]
 
@@ -27,7 +28,7 @@ def restore(clean: Picture, ground: Picture, box: Box) -> None:
             clean[k, v, box[2] : box[3]] = ground[k, v, box[2] : box[3]]
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def cast(clean: Picture, shade: Picture, coarse: int, box: Box) -> None:
     """Darken ``clean`` within ``box`` by ``shade`` (rows, columns), one number for ``coarse`` x ``coarse`` pixels.
 
@@ -54,7 +55,7 @@ def cast(clean: Picture, shade: Picture, coarse: int, box: Box) -> None:
     shade[:] = np.float32(0.0)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def lay_tubes(clean: Picture, light: Picture, drawn: Picture, box: Box) -> None:
     """Lay ``drawn`` (h, w, 1 + c), lit by ``light`` (h, w), over ``clean``; ``drawn`` is empty afterwards."""
     for v in range(box[0], box[1]):
@@ -67,7 +68,7 @@ def lay_tubes(clean: Picture, light: Picture, drawn: Picture, box: Box) -> None:
                 drawn[v, u, 0] = 0.0
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def lay_front(clean: Picture, front: Picture, box: Box) -> None:
     """Lay ``front`` (c + 1, h, w), already lit, over ``clean``."""
     c = clean.shape[0]
@@ -88,7 +89,7 @@ def _half(shift: float) -> tuple[int, int, int, int, np.float32]:
     return first & 1, first >> 1, second & 1, second >> 1, np.float32(doubled - low)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _gather(
     sprite: Picture,
     planes: tuple[int, int],
@@ -214,7 +215,7 @@ def lay_moving(
         dirty[2], dirty[3] = min(dirty[2], lows), max(dirty[3], highs)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _lay_row(clean: Picture, light: Picture, rows: Picture, v: int, lows: int, highs: int) -> None:
     c = clean.shape[0]
     lit, left = light[v, lows:highs], rows[c, lows:highs]

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ...types import Image
+from .._compile import STEADY
 from .._random import gauss_row, hash_row
 
 __all__ = ["SensorNoise", "add_noise", "frame_key"]
@@ -50,7 +51,7 @@ def frame_key(seed: int, frame: int) -> npt.NDArray[np.uint32]:
 # Four short loops, not one long one: each of them is then turned into vector instructions, the long one was not.
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _bend_row(levels: Picture, gain: np.float32, read: np.float32, row: Picture) -> None:
     """Gaussian numbers in ``row`` to noise at ``levels``: Cornish-Fisher to the fourth cumulant."""
     one, three, five, zero = np.float32(1.0), np.float32(3.0), np.float32(5.0), np.float32(0.0)
@@ -72,7 +73,7 @@ def _bend_row(levels: Picture, gain: np.float32, read: np.float32, row: Picture)
         )
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def add_noise(
     clean: Picture, key: npt.NDArray[np.uint32], table: Picture, gain: float, read: float, planes: Image
 ) -> None:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ...types import FloatArray
+from .._compile import STEADY
 from ._profile import STEPS_PER_PX
 
 __all__ = ["PLACE", "POINTS_PER_M", "add_shadow", "add_tube"]
@@ -43,7 +44,7 @@ def _look_up(table: Picture, blur: float, turn: float, column: float, out: Pictu
         out[q] = low + (high - low) * fb
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _blend_row(table: Picture, blur: float, turn: float, row: Picture) -> None:
     """The whole row (across, 4) of ``table`` at a fractional blur and direction."""
     k = min(int(blur), table.shape[0] - 2)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ...types import FloatArray, Image
+from .._compile import STEADY
 
 __all__ = ["add_noise", "draw_catheter", "draw_wall"]
 
@@ -22,7 +23,7 @@ _NEAR_WALL_PX = 42.0
 """Beyond this distance the wall does nothing to the picture; its shadow must not fall farther than 22 px less blur."""
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY)
 def _edge(distance: float, sigma: float) -> float:
     """Share of light from inside, ``distance`` px outside a straight edge."""
     if distance > 3.5 * sigma:
@@ -32,7 +33,7 @@ def _edge(distance: float, sigma: float) -> float:
     return 0.5 - 0.5 * math.erf(distance / (sigma * 1.4142135623730951))
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY)
 def _outside(box: FloatArray, depth: float, across: float) -> float:
     """Signed distance to a rounded box, negative inside."""
     x = abs(depth - 0.5 * (box[0] + box[1])) - 0.5 * (box[1] - box[0]) + box[4]
@@ -42,7 +43,7 @@ def _outside(box: FloatArray, depth: float, across: float) -> float:
     return math.sqrt(x * x + y * y) - box[4]
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY)
 def draw_wall(
     clean: Picture,
     origin: FloatArray,
@@ -117,7 +118,7 @@ def draw_wall(
                 clean[v, u, c] = value
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY)
 def _distances(nodes: FloatArray, arc: float, reach: float, near: Picture, u0: int, v0: int) -> None:
     """Fill ``near`` (h, w, 4) with squared distance to the polyline, the vector from it, and arc length.
 
@@ -145,7 +146,7 @@ def _distances(nodes: FloatArray, arc: float, reach: float, near: Picture, u0: i
         arc += length
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY)
 def draw_catheter(
     clean: Picture,
     shapes: FloatArray,
@@ -223,7 +224,7 @@ def draw_catheter(
                     clean[v0 + v, u0 + u, c] = value * (1 - alpha) + brightness * drawn[v, u, 1 + c]
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY)
 def add_noise(clean: Picture, noise: Picture, starts: npt.NDArray[np.int64], grey: float, image: Image) -> None:
     """``clean`` (h, w, 3) plus noise, rounded, into ``image``. Row v takes its noise from place ``starts[v]``.
 

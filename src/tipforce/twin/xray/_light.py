@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from .._compile import STEADY
 from ._paint import COARSE, Painted
 from ._scene import Detector, Rhythm
 
@@ -48,7 +49,7 @@ def _moved(layer: Picture, painted: Painted, size: float, du: float, dv: float, 
     return np.asarray(cv2.warpAffine(layer, way, shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE), np.float32)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def direct_light(
     still: Picture,
     chest: Picture,
@@ -93,7 +94,7 @@ def direct_light(
             row[k] += total * mean
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _mix(light: Picture, direct: float, veil: Picture) -> None:
     share = np.float32(direct)
     for v in range(light.shape[0]):

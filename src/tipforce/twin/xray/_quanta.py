@@ -13,6 +13,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ...types import FloatArray
+from .._compile import STEADY
 from .._random import gauss_row, gauss_table, hash_row
 
 __all__ = ["FEW", "QuantumTables", "draw_quanta", "frame_key", "quantum_tables"]
@@ -69,7 +70,7 @@ def quantum_tables() -> QuantumTables:
     return QuantumTables(np.stack(rows), gauss_table())
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _many(means: Picture, row: Picture) -> None:
     """Gaussian numbers in ``row`` to quanta of these ``means`` plus a half, not yet rounded down."""
     one, two, three, five = np.float32(1.0), np.float32(2.0), np.float32(3.0), np.float32(5.0)

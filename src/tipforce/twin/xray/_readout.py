@@ -10,6 +10,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ...types import FloatArray
+from .._compile import STEADY
 from .._random import gauss_row, hash_row
 from ._quanta import Quanta, Words
 from ._scene import Detector
@@ -41,7 +42,7 @@ def display_curve(detector: Detector, mean: float, bits: int) -> Curve:
     return Curve(np.clip(top * share, 0.0, top).astype(np.float32), (_POINTS - 1) / most)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _add(total: Picture, quanta: Quanta, weight: float, fresh: bool) -> None:
     share = np.float32(weight)
     for v in range(total.shape[0]):
@@ -83,7 +84,7 @@ def _size(sigma: float) -> tuple[int, int]:
     return side, side
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def read_out(
     signal: Picture,
     key: Words,

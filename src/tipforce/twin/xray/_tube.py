@@ -13,6 +13,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ...types import FloatArray, IntArray
+from .._compile import STEADY
 from ._profile import POINTS_PER_M, STEPS_PER_PX
 
 __all__ = ["add_tube", "fold_instant", "join_taken", "no_spans"]
@@ -66,7 +67,7 @@ def _seen(camera: FloatArray, points: FloatArray, nodes: FloatArray) -> None:
             nodes[i, k + 2] = slope
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath=True)
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def _add_disc(
     drawn: Picture,
     spans: IntArray,
@@ -242,7 +243,7 @@ def _cut(low: int, high: int, slope: float, value: float) -> tuple[int, int]:
     return low, high
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath=True)
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def _add_slabs(
     drawn: Picture,
     spans: IntArray,
@@ -378,7 +379,7 @@ def add_tube(
         _add_slabs(drawn, spans, camera[1], nodes, discs, radius_m, table, half_px, reach_px, amount, size)
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath=True)
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def fold_instant(drawn: Picture, spans: IntArray, mean: Picture, weight: float) -> None:
     """Add ``weight`` times what ``drawn`` takes from the light, 1 - exp(-drawn), to ``mean``; empty ``drawn``."""
     share, one, over = np.float32(weight), np.float32(1.0), np.float32(1.0 / 64.0)
@@ -398,7 +399,7 @@ def fold_instant(drawn: Picture, spans: IntArray, mean: Picture, weight: float) 
             row[u] = np.float32(0.0)
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath=True)
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def join_taken(tube: Picture, spans: IntArray, taken: Picture) -> None:
     """What one behind the other takes: 1 - (1 - ``taken``) (1 - ``tube``), into ``taken``; empty ``tube``."""
     for v in range(tube.shape[0]):
