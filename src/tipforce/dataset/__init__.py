@@ -4,6 +4,7 @@ from ._dataset import Dataset, RowStore
 from ._draw import draw, leave_out
 from ._open import open_dataset
 from ._recordings import open_recordings
+from ._replacing import replacing_folder
 from ._splits import (
     LEAVE_ONE_OUT_SESSIONS,
     Protocol,
@@ -32,6 +33,7 @@ __all__ = [
     "open_recordings",
     "random_folds",
     "random_split",
+    "replacing_folder",
     "session_folds",
     "session_split",
     "splits",

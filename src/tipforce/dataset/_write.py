@@ -2,8 +2,6 @@
 
 import csv
 import json
-import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -15,6 +13,7 @@ from ..errors import InputError
 from ..types import Image, Observation, ShapeFeatures
 from ._dataset import Dataset
 from ._folder import FACTS, FORCES, METADATA
+from ._replacing import replacing_folder
 
 __all__ = ["write_dataset"]
 
@@ -36,15 +35,9 @@ def write_dataset(
     _refuse(folder, overwrite=overwrite)
     if not len(dataset):
         raise InputError(f"{dataset.title}: has no samples to write")
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
-    try:
+    with replacing_folder(folder) as part:
         view = _write_rows(dataset, part, progress)
         _write_facts(dataset, part / FACTS, view)
-        part.chmod(0o755)
-        replace_folder(part, folder)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return folder
 
 
@@ -60,22 +53,6 @@ def _refuse(folder: Path, *, overwrite: bool) -> None:
             f"{folder}: holds {strange[0]!r}, which is no part of a dataset folder, so --overwrite "
             "does not replace it; choose another name"
         )
-
-
-def replace_folder(part: Path, folder: Path) -> None:
-    """Rename ``part`` to ``folder``; what was there before goes only when the new one stands."""
-    if not folder.exists():
-        part.replace(folder)
-        return
-    old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".old", dir=folder.parent))
-    folder.replace(old / "old")
-    try:
-        part.replace(folder)
-    except OSError:
-        (old / "old").replace(folder)
-        raise
-    finally:
-        shutil.rmtree(old, ignore_errors=True)
 
 
 def _write_rows(dataset: Dataset, part: Path, progress: Callable[[str, float], None] | None) -> str:

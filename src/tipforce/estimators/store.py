@@ -4,8 +4,6 @@ import hashlib
 import io
 import json
 import platform
-import shutil
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from importlib.metadata import version
@@ -16,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
 
-from ..dataset import Dataset
+from ..dataset import Dataset, replacing_folder
 from ..errors import InputError, ModelError
 from ._base import Estimator
 from ._card import model_card
@@ -47,9 +45,7 @@ def save_model(
     folder = Path(folder)
     check_target(folder, overwrite=overwrite)
     values, arrays = estimator.state()
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
-    try:
+    with replacing_folder(folder) as part:
         with (part / ARRAYS).open("wb") as stream:
             np.savez(stream, allow_pickle=False, **arrays)
         manifest = _manifest(estimator, training, metrics, values)
@@ -58,10 +54,6 @@ def save_model(
         manifest["sha256"][MANIFEST] = _own_sha256(manifest)
         text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
         (part / MANIFEST).write_text(text + "\n", encoding="utf-8")
-        part.chmod(0o755)
-        _replace(part, folder)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return folder
 
 
@@ -74,22 +66,6 @@ def check_target(folder: str | Path, *, overwrite: bool = False) -> None:
         raise InputError(f"{folder}: exists already; choose another name or state --overwrite")
     if not (folder / MANIFEST).is_file() and not (folder.is_dir() and not any(folder.iterdir())):
         raise InputError(f"{folder}: is no model folder, so --overwrite does not replace it; choose another name")
-
-
-def _replace(part: Path, folder: Path) -> None:
-    """Rename; an older model goes only when the new one stands in its place."""
-    if not folder.exists():
-        part.replace(folder)
-        return
-    old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".old", dir=folder.parent))
-    folder.replace(old / "model")
-    try:
-        part.replace(folder)
-    except OSError:
-        (old / "model").replace(folder)
-        raise
-    finally:
-        shutil.rmtree(old, ignore_errors=True)
 
 
 def _manifest(

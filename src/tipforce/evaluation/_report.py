@@ -1,14 +1,13 @@
 """The report folder: ``report.html`` that needs nothing beside it, ``metrics.json``, figures as SVG."""
 
 import json
-import shutil
-import tempfile
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from ..dataset import replacing_folder
 from ..errors import InputError
 from ._evaluation import Evaluation
 from ._gallery import worst_frames
@@ -36,13 +35,8 @@ def write_report(evaluation: Evaluation, folder: str | Path, command: str = "") 
     sections = {label: {"pictures": drawn[label], "cards": worst_frames(evaluation, label)} for label in labels}
     page = _environment().get_template("report.html").render(r=figures, overview=head, sections=sections)
     pictures = [head, *(picture for made in drawn.values() for picture in made)]
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    try:
+    with replacing_folder(folder) as fresh:
         _fill(fresh, page, figures, pictures)
-        _swap(fresh, folder)
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
     return figures
 
 
@@ -59,24 +53,12 @@ def check_folder(folder: str | Path) -> None:
 
 
 def _fill(folder: Path, page: str, figures: dict[str, Any], pictures: list[Picture]) -> None:
-    folder.chmod(0o755)
     (folder / "figures").mkdir()
     for picture in pictures:
         (folder / "figures" / f"{picture.slug}.svg").write_text(picture.file, encoding="utf-8")
     text = json.dumps(figures, indent=2, allow_nan=False, ensure_ascii=False)
     (folder / "metrics.json").write_text(text + "\n", encoding="utf-8")
     (folder / "report.html").write_text(page, encoding="utf-8")
-
-
-def _swap(fresh: Path, folder: Path) -> None:
-    """Put ``fresh`` in the place of ``folder``: at no moment is there half a report."""
-    if not folder.exists():
-        fresh.replace(folder)
-        return
-    old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    folder.replace(old)
-    fresh.replace(folder)
-    shutil.rmtree(old)
 
 
 def _environment() -> Environment:
