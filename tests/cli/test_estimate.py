@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,12 +13,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from tipforce.cli import app
+from tipforce.cli import app, main
 from tipforce.errors import InputError
 from tipforce.estimators import write_estimates
 from tipforce.estimators._run import COLUMNS
-from tipforce.recording import open_source
-from tipforce.types import ForceEstimate
+from tipforce.recording import RecordingWriter, open_source
+from tipforce.types import STAGE, Actuation, Context, ForceEstimate
+
+KNOB = {"knob_deg": 10.0}
 
 
 def run(*words: object) -> object:
@@ -94,13 +97,30 @@ def test_the_table_can_go_to_standard_output(model: Path, video: Path) -> None:
     assert "18 with a force" in result.stderr
 
 
-def test_without_the_knob_every_frame_says_so(model: Path, video: Path, tmp_path: Path) -> None:
-    result = run(model, video, "-o", tmp_path / "f.csv")
-    assert result.exit_code == 0
-    assert "knob_deg" in result.stderr
-    rows = rows_of(tmp_path / "f.csv")
-    assert {row["status"] for row in rows} <= {"missing_input", "no_catheter"}
-    assert all(row["magnitude_n"] == "" for row in rows)
+def test_without_the_knob_nothing_is_begun_and_the_option_is_named(
+    model: Path, video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["tipforce", "estimate", str(model), str(video), "-o", str(tmp_path / "f.csv")]
+    monkeypatch.setattr(sys, "argv", words)
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 2
+    needed = "does not carry knob_deg, which the model needs; state it with --knob-deg ANGLE"
+    assert capsys.readouterr().err.strip() == f"tipforce: {video}: {needed}"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_may_be_told_what_its_streams_lack(model: Path, video: Path, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with RecordingWriter(path, Context("first")) as writer, open_source(video) as source:
+        writer.write(Actuation(0, {"x_m": 0.0}, STAGE))
+        writer.write(Actuation(0, {"wire_mm": 1.0}))
+        for event in source:
+            writer.write(event)
+    with pytest.raises(InputError, match=r"run\.mcap: does not carry knob_deg.*--knob-deg"):
+        run(model, path, "-o", tmp_path / "f.csv")
+    assert run(model, path, "--knob-deg", 10, "-o", tmp_path / "f.csv").exit_code == 0
+    assert {row["status"] for row in rows_of(tmp_path / "f.csv")} == {"valid", "no_catheter"}
 
 
 def test_a_video_that_breaks_off_leaves_nothing_behind(trained, video: Path, tmp_path: Path) -> None:
@@ -116,7 +136,7 @@ def test_an_error_half_way_leaves_nothing_behind(trained, video: Path, tmp_path:
         if what == "frame 7":
             raise InputError("stopped")
 
-    with pytest.raises(InputError, match="stopped"), open_source(video, actuation={"knob_deg": 10.0}) as source:
+    with pytest.raises(InputError, match="stopped"), open_source(video, actuation=KNOB) as source:
         write_estimates(trained, source, tmp_path / "f.csv", overlay=tmp_path / "o.mp4", progress=stop)
     assert not list(tmp_path.iterdir())
 
@@ -126,7 +146,7 @@ def test_a_folder_that_does_not_exist_is_named(trained, video: Path, tmp_path: P
         {"forces": tmp_path / "no" / "f.csv"},
         {"forces": tmp_path / "f.csv", "overlay": tmp_path / "no/o.mp4"},
     ):
-        with pytest.raises(InputError, match=r"no does not exist"), open_source(video) as source:
+        with pytest.raises(InputError, match=r"no does not exist"), open_source(video, actuation=KNOB) as source:
             write_estimates(trained, source, **target)
     assert not list(tmp_path.iterdir())
 
@@ -134,6 +154,7 @@ def test_a_folder_that_does_not_exist_is_named(trained, video: Path, tmp_path: P
 def test_an_interval_without_an_end_is_written_as_nothing(trained, video: Path, tmp_path: Path) -> None:
     class Unsure:
         settings = trained.settings
+        needed_actuation = trained.needed_actuation
 
         def start(self, context):
             stream = trained.start(context)
@@ -145,7 +166,7 @@ def test_an_interval_without_an_end_is_written_as_nothing(trained, video: Path, 
         return replace(estimate, magnitude_interval_n=np.array([0.0, np.inf]), interval_n=np.full((3, 2), np.inf))
 
     table = io.StringIO()
-    with open_source(video, actuation={"knob_deg": 10.0}) as source:
+    with open_source(video, actuation=KNOB) as source:
         write_estimates(Unsure(), source, table, overlay=tmp_path / "o.mp4")
     row = next(csv.DictReader(io.StringIO(table.getvalue())))
     assert row["magnitude_n"]

@@ -39,7 +39,9 @@ def test_estimates_replace_a_file_only_when_told_to(model: Path, video: Path, tm
     log.write_text("time_s,fx_n\n0,1\n")
     assert "--overwrite" in refused("estimate", model, video, "-o", log)
     assert log.read_text().startswith("time_s")
-    done = CliRunner().invoke(cli.app, ["estimate", str(model), str(video), "-o", str(log), "--overwrite"])
+    done = CliRunner().invoke(
+        cli.app, ["estimate", str(model), str(video), "--knob-deg", "10", "-o", str(log), "--overwrite"]
+    )
     assert done.exit_code == 0
     assert log.read_text().startswith("stamp_ns")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tipforce.errors import FileFormatError, InputError, TimeError
-from tipforce.recording import ForceColumns, VideoWriter, observations, open_source, write_video
+from tipforce.recording import ForceColumns, VideoWriter, observations, open_source, require_actuation, write_video
 from tipforce.recording._forcelog import read_force_log
 from tipforce.types import Actuation, Context, Frame
 
@@ -149,8 +149,29 @@ def test_a_recording_is_a_source_too(recording: Path) -> None:
         assert sum(isinstance(event, Frame) for event in source) == 25
     with open_source(recording, context=Context("other")) as source:
         assert source.context.session == "other"
-    with pytest.raises(InputError, match="carries its own actuation"):
-        open_source(recording, actuation={"knob_deg": 1.0})
+    with pytest.raises(InputError, match="carries knob_deg itself"):
+        open_source(recording, actuation={"knob_deg": 1.0, "wire_mm": 2.0})
+
+
+def test_what_a_source_never_carries_is_known_before_it_is_read(recording: Path, tmp_path: Path) -> None:
+    folder = images(tmp_path / "images", ["a.png"])
+    (folder / "stamps.csv").write_text("file_name,stamp_ns,knob_deg\na.png,1,7\n")
+    for path in (recording, folder):
+        with open_source(path) as source:
+            require_actuation(source, ["knob_deg"])
+            with pytest.raises(InputError, match=rf"{path.name}: does not carry wire_mm,.* --actuation wire_mm=VALUE$"):
+                require_actuation(source, ["knob_deg", "wire_mm"])
+        with open_source(path, actuation={"wire_mm": 2.0}) as source:
+            require_actuation(source, ["knob_deg", "wire_mm"])
+            assert list(observations(source))[-1].actuation["wire_mm"] == 2.0
+
+
+def test_a_source_that_cannot_tell_what_will_come_is_not_asked() -> None:
+    class Live:
+        def __iter__(self):
+            raise AssertionError("it was read")
+
+    require_actuation(Live(), ["knob_deg"])
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="TIPFORCE_REAL_DATA names no folder with tendon-manipulator")

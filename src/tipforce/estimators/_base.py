@@ -77,6 +77,11 @@ class Estimator(ABC):
         """True where an estimate depends on earlier frames of the session too: evaluation then runs all of them."""
         return False
 
+    @property
+    def needed_actuation(self) -> tuple[str, ...]:
+        """Names of the actuation without which this fitted method answers nothing."""
+        return ()
+
     def describe(self) -> dict[str, Any]:
         """Facts of the fitted model that a model card shows (chosen constants, number of samples, interval basis)."""
         return {}

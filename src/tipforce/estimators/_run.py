@@ -14,7 +14,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from ..errors import InputError
-from ..recording import VideoWriter, frame_count, observations
+from ..recording import VideoWriter, frame_count, observations, require_actuation
 from ..types import FloatArray, ForceEstimate, Frame, Image, Observation, ShapeFeatures, Source, Status
 from ..units import newtons_to_grams
 from ..vision import Reasons, VisionSettings, draw_estimate
@@ -92,8 +92,9 @@ def write_estimates(
 
     Cells are empty where a value is unknown. ``overlay``: also an .mp4 with shape, force, value, interval and status,
     where an arrow of ``full_scale_n`` is a quarter of the picture long. Files appear when they are complete, or not at
-    all. Raises InputError where ``source`` holds no frame.
+    all. Raises InputError where ``source`` holds no frame, or lacks actuation that ``estimator`` needs.
     """
+    require_actuation(source, estimator.needed_actuation)
     view = _view_of(estimator)
     total = frame_count(source, view)
     stream = estimator.start(source.context)

@@ -78,6 +78,11 @@ class Svr(Estimator):
         """True with a window over earlier frames."""
         return self.settings.window.used
 
+    @property
+    def needed_actuation(self) -> tuple[str, ...]:
+        """What it was trained with. Raises NotFittedError before ``fit``."""
+        return self._known().actuation
+
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
         """Settle the vision, choose the constants by cross-validation, train, and find the interval.
 

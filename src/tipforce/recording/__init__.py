@@ -9,7 +9,7 @@ from ._look import Look, frame_count, is_picture, look_at, look_through, save_pi
 from ._observations import observations
 from ._reader import RecordingInfo, RecordingReader, StreamInfo
 from ._record import RunReport, record
-from ._sources import open_source
+from ._sources import open_source, require_actuation
 from ._summary import RecordingSummary, plot_summary, summarise
 from ._tare import find_tare, stated_tare
 from ._timing import estimate_offset, shape_coordinates
@@ -46,6 +46,7 @@ __all__ = [
     "plot_summary",
     "record",
     "refuse_picture",
+    "require_actuation",
     "save_picture",
     "shape_coordinates",
     "stated_tare",

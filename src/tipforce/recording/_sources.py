@@ -1,17 +1,17 @@
 """One door for everything that yields events from files."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from ..errors import FileFormatError, InputError
-from ..types import Actuation, Context, Event, Source
+from ..types import STAGE, Actuation, Context, Event, Source
 from ._folder import frames_of, read_folder
 from ._reader import RecordingReader
 from ._video import read_video, video_size
 
-__all__ = ["FileSource", "open_source"]
+__all__ = ["FileSource", "open_source", "require_actuation"]
 
 
 class FileSource:
@@ -21,7 +21,7 @@ class FileSource:
     """
 
     def __init__(self, path: Path, actuation: Mapping[str, float], context: Context | None) -> None:
-        self._path, self._actuation = path, dict(actuation)
+        self.path, self._actuation = path, dict(actuation)
         self._folder = read_folder(path) if path.is_dir() else None
         self.frame_count = len(self._folder.files) if self._folder else video_size(path)
         self.context = context or Context(session=path.stem)
@@ -30,8 +30,13 @@ class FileSource:
             if clash:
                 raise InputError(f"{path}: has a column {min(clash)!r} already; do not state it a second time")
 
+    def lacks(self, names: Iterable[str]) -> list[str]:
+        """Those of the actuation's ``names`` that never come."""
+        columns = self._folder.actuation if self._folder else {}
+        return [name for name in names if name not in self._actuation and name not in columns]
+
     def __iter__(self) -> Iterator[Event]:
-        frames = frames_of(self._folder, "camera") if self._folder else read_video(self._path)
+        frames = frames_of(self._folder, "camera") if self._folder else read_video(self.path)
         columns = self._folder.actuation if self._folder else {}
         for place, frame in enumerate(frames):
             if place == 0 and self._actuation:
@@ -55,19 +60,49 @@ def open_source(
     """A video, a folder of images or a recording as a `Source`; a context manager that can be iterated again.
 
     ``actuation``: constant values (``knob_deg``) for files that carry none. ``context``: instead of what the file
-    knows; recordings carry both themselves and raise InputError where ``actuation`` is stated once more.
+    knows. Raises InputError where ``actuation`` has a name that the file carries itself.
     """
     where = Path(path)
     if where.suffix in (".mcap", ".part"):
         reader = RecordingReader(where)
-        present = {name for name, stream in reader.info.streams.items() if stream.kind == "actuation" and stream.count}
-        if actuation and present:
+        carried = sorted(set(actuation or {}) - set(_never_read(reader, actuation or {})))
+        if carried:
             reader.close()
-            raise InputError(f"{where}: carries its own actuation; do not state {', '.join(actuation)} as well")
+            raise InputError(f"{where}: carries {', '.join(carried)} itself; do not state it as well")
         return _Stated(reader, actuation or {}, context) if actuation or context else reader
     if not where.exists():
         raise FileFormatError(f"{where}: there is no such file or folder")
     return FileSource(where, actuation or {}, context)
+
+
+def require_actuation(source: Source, names: Iterable[str]) -> None:
+    """Raises InputError where ``source`` can tell that one of ``names`` never comes: ask before the work.
+
+    A live source cannot tell.
+    """
+    if isinstance(source, RecordingReader):
+        path, lacking = source.path, _never_read(source, names)
+    elif isinstance(source, FileSource | _Stated):
+        path, lacking = source.path, source.lacks(names)
+    else:
+        return
+    if lacking:
+        options = ("--knob-deg ANGLE" if name == "knob_deg" else f"--actuation {name}=VALUE" for name in lacking)
+        raise InputError(
+            f"{path}: does not carry {', '.join(lacking)}, which the model needs; state it with {' '.join(options)}"
+        )
+
+
+def _never_read(reader: RecordingReader, names: Iterable[str]) -> list[str]:
+    """Those of ``names`` without a reading; what is there is mostly there in the first ones, so few are looked at."""
+    streams = [name for name, stream in reader.info.streams.items() if stream.kind == "actuation" and name != STAGE]
+    missing = list(names)
+    for event in reader.events(*streams) if streams else ():
+        if not missing:
+            break
+        if isinstance(event, Actuation):
+            missing = [name for name in missing if name not in event.values]
+    return missing
 
 
 class _Stated:
@@ -75,7 +110,11 @@ class _Stated:
 
     def __init__(self, reader: RecordingReader, actuation: Mapping[str, float], context: Context | None) -> None:
         self._reader, self._actuation = reader, dict(actuation)
-        self.context = context or reader.context
+        self.path, self.context = reader.path, context or reader.context
+
+    def lacks(self, names: Iterable[str]) -> list[str]:
+        """Those of the actuation's ``names`` that never come."""
+        return _never_read(self._reader, [name for name in names if name not in self._actuation])
 
     def __iter__(self) -> Iterator[Event]:
         for place, event in enumerate(self._reader):
