@@ -20,8 +20,6 @@ from ._sighting import Sighting
 
 __all__ = ["FineTracer", "Trace", "base_line"]
 
-Side = tuple[float, float, float, float, int, int, float]
-
 _PASSES = ((0, 1), (4, 1), (8, 1), (12, 1), (18, 1))
 """How far inside the base line entries are looked for, and every how many pixels along it."""
 _MAX_TRACED = 6
@@ -39,14 +37,13 @@ _OBLIQUE = 1.6
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """One candidate followed to its end; `points` is a view into the tracer's buffers."""
+    """One candidate followed to its end."""
 
     status: Status
     detail: str
     score: float
     diameter_px: float
     contrast: float
-    level: float
     confidence: float
     length_px: float
     base: tuple[float, float, float]
@@ -192,7 +189,7 @@ class FineTracer:
         n, end = solve_shaft(
             pixels, row, channels, self._box, self._plan, self._stations, self._result, self._points, self._work
         )
-        _, diameter, typical, level, gap, blind, length, drop, base_u, base_v, angle, rms, last_u, last_v, doubt = (
+        _, diameter, typical, _, gap, blind, length, drop, base_u, base_v, angle, rms, last_u, last_v, doubt = (
             self._result[:15].tolist()
         )
         confidence = max(0.0, 1.0 - blind / max(length, 1.0))
@@ -202,9 +199,9 @@ class FineTracer:
             # a shaft together with its shadow is as long as the shaft, but its flanks are pale
             score *= typical / (typical + _PALE)
         if end == END_SHORT or length < 2.5 * diameter or confidence < 0.4:
-            return Trace(status, "", 0.0, diameter if n > 6 else 0.0, typical, level, confidence, length, (0, 0, 0))
+            return Trace(status, "", 0.0, diameter if n > 6 else 0.0, typical, confidence, length, (0, 0, 0))
         if known and abs(diameter / known - 1.0) > 0.28:
-            return Trace(status, "", 0.0, diameter, typical, level, confidence, length, (0, 0, 0))
+            return Trace(status, "", 0.0, diameter, typical, confidence, length, (0, 0, 0))
         where = f"({last_u:.0f}, {last_v:.0f})"
         if end == END_LOST:
             status = Status.CUT_OFF
@@ -229,7 +226,7 @@ class FineTracer:
             status = Status.NO_CATHETER
             detail = f"the flanks found scatter by {rms:.2f} px about a smooth curve: too blurred, or not a shaft"
             score *= 0.2
-        return Trace(status, detail, score, diameter, typical, level, confidence, length, (base_u, base_v, -angle))
+        return Trace(status, detail, score, diameter, typical, confidence, length, (base_u, base_v, -angle))
 
     def _why_not(self, wrong: float) -> str:
         settings = self.settings
