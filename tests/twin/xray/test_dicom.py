@@ -58,9 +58,21 @@ def test_planes_of_a_scene_share_a_study_and_are_two_images(tmp_path, scene: Xra
         write_dicom(tmp_path / f"{k}.dcm", frames, [0, 66_000_000], scene, view=k)
     one, two = (pydicom.dcmread(tmp_path / f"{k}.dcm") for k in (0, 1))
     assert one.StudyInstanceUID == two.StudyInstanceUID
-    assert one.SOPInstanceUID != two.SOPInstanceUID
+    assert one.SeriesInstanceUID == two.SeriesInstanceUID
+    assert one.FrameOfReferenceUID == two.FrameOfReferenceUID
+    assert len({one.SOPInstanceUID, two.SOPInstanceUID, one.StudyInstanceUID, one.FrameOfReferenceUID}) == 4
+    assert one.PositionReferenceIndicator == ""
     write_dicom(tmp_path / "again.dcm", frames, [0, 66_000_000], scene, view=1)
     assert (tmp_path / "again.dcm").read_bytes() == (tmp_path / "1.dcm").read_bytes()
+
+
+def test_another_scene_is_another_frame_of_reference(tmp_path, scene: XrayScene) -> None:
+    other = draw_xray_scene(BIPLANE, np.random.default_rng(3))
+    for name, each in (("one", scene), ("two", other)):
+        write_dicom(tmp_path / f"{name}.dcm", [np.zeros((8, 8), np.uint8)], [0], each)
+    one, two = (pydicom.dcmread(tmp_path / f"{name}.dcm") for name in ("one", "two"))
+    assert one.FrameOfReferenceUID.is_valid
+    assert one.FrameOfReferenceUID != two.FrameOfReferenceUID
 
 
 @pytest.mark.parametrize(

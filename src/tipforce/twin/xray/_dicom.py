@@ -70,6 +70,8 @@ def _identity(pydicom: Any, scene: XrayScene, view: int, stamps: npt.NDArray[np.
     data.SpecificCharacterSet = "ISO_IR 192"
     data.PatientName, data.PatientID, data.PatientBirthDate, data.PatientSex = "Simulated^Tipforce", "TWIN", "", "O"
     data.StudyInstanceUID, data.SeriesInstanceUID = uid("study"), uid("series")
+    # both planes' angles and distances are about one isocentre, and it stays where it is
+    data.FrameOfReferenceUID, data.PositionReferenceIndicator = uid("frame of reference"), ""
     data.StudyDate, data.StudyTime, data.ReferringPhysicianName = "", "", ""
     data.StudyID, data.AccessionNumber, data.SeriesNumber, data.InstanceNumber = "1", "", 1, view + 1
     data.Modality, data.Manufacturer, data.ManufacturerModelName = "XA", "tipforce", "twin"
