@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..types import BasePose, CentrelinePx, FloatArray, Image, Status
+from ..types import BasePose, CentrelinePx, Image, Status
 from ._fine_entry import find_entries
 from ._fine_solve import RESULT_SIZE, WORK_SIZE, solve_shaft
 from ._fine_trace import END_BORDER, END_LOST, END_SHORT
@@ -78,8 +78,6 @@ class FineTracer:
         self._entries = np.zeros((12, 4))
         self._start = np.zeros(7, dtype=np.int64)
         self._stations = np.zeros((1200, 6))
-        self._best_stations = np.zeros((1200, 6))
-        self._best_count = 0
         self._result = np.zeros(RESULT_SIZE)
         self._points = np.zeros((settings.points, 2))
         self._best = np.zeros((settings.points, 2))
@@ -104,16 +102,6 @@ class FineTracer:
             trace.diameter_px,
             trace.confidence,
         )
-
-    @property
-    def stations(self) -> FloatArray:
-        """(k, 2): the centres measured along the best trace of the last frame, for pictures of what was seen."""
-        return self._best_stations[: self._best_count, :2].copy()
-
-    @property
-    def points(self) -> FloatArray:
-        """(n, 2): the centreline of the best trace of the last frame."""
-        return self._best.copy()
 
     def look(self, image: Image) -> tuple[Trace | None, str]:
         """The best trace of ``image`` (valid or not), or None and why there is none."""
@@ -165,8 +153,6 @@ class FineTracer:
                 if trace.score > (best.score if best else 0.0):
                     best = trace
                     self._points, self._best = self._best, self._points
-                    self._stations, self._best_stations = self._best_stations, self._stations
-                    self._best_count = int(self._result[0])
                 elif trace.score == 0.0 and trace.diameter_px:
                     wrong = wrong or trace.diameter_px
                 if best is not None and best.status is Status.VALID and best.confidence > 0.7 and known:

@@ -143,18 +143,7 @@ def solve_shaft(
     )
     # the base tangent: the line through the first part of the shaft, as thesis algorithm 1 has it
     reach = min(base_length, 0.25 * total)
-    m = 0
-    mean_s = mean_u = mean_v = 0.0
-    for i in range(16):
-        s = first + reach * i / 15.0
-        u, v, du, dv = spline_at(coefficients, intervals, length, s)
-        mean_s += s
-        mean_u += u
-        mean_v += v
-        m += 1
-    mean_s /= m
-    mean_u /= m
-    mean_v /= m
+    mean_s = first + 0.5 * reach
     su = sv = 0.0
     for i in range(16):
         s = first + reach * i / 15.0
