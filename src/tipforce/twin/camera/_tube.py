@@ -11,6 +11,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ...types import FloatArray
+from .._columns import columns
 from .._compile import STEADY
 from ._profile import STEPS_PER_PX
 
@@ -61,16 +62,6 @@ def _blend_row(table: Picture, blur: float, turn: float, row: Picture) -> None:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _span(low: int, high: int, slope: float, value: float) -> tuple[int, int]:
-    """The part of columns [``low``, ``high``) where ``slope`` u + ``value`` >= 0 may hold, a column more to be safe."""
-    if slope > 1e-6:
-        return max(low, int(max(-value / slope, -1e6))), high
-    if slope < -1e-6:
-        return low, min(high, int(min(-value / slope, 1e6)) + 2)
-    return low, high
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
 def add_tube(
     drawn: Picture,
     nodes: FloatArray,
@@ -117,13 +108,13 @@ def add_tube(
         px_per_m = length / step_m if not dome else 0.0
         for v in range(max(0, int(min(ay, by) - far)), min(h, int(max(ay, by) + far) + 2)):
             low, high = max(0, int(min(ax, bx) - far)), min(w, int(max(ax, bx) + far) + 2)
-            low, high = _span(low, high, tx, (v - ay) * ty - ax * tx)
+            low, high = columns(low, high, tx, (v - ay) * ty - ax * tx)
             if not dome:
-                low, high = _span(low, high, -ox, (by - v) * oy + bx * ox)
+                low, high = columns(low, high, -ox, (by - v) * oy + bx * ox)
                 middle = 0.5 * (ax + bx)
                 level = (v - 0.5 * (ay + by)) * tx + middle * ty
-                low, high = _span(low, high, -ty, far + 0.6 + level)
-                low, high = _span(low, high, ty, far + 0.6 - level)
+                low, high = columns(low, high, -ty, far + 0.6 + level)
+                low, high = columns(low, high, ty, far + 0.6 - level)
             for u in range(low, high):
                 rx, ry = u - ax, v - ay
                 ahead = rx * tx + ry * ty

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from numba import njit
 
 from .._compile import STEADY
+from ._left import left_of
 from ._paint import COARSE, Painted
 from ._scene import Detector, Rhythm
 
@@ -67,7 +68,7 @@ def direct_light(
     h, w = still.shape
     i, j = math.floor(top), math.floor(left)
     fv, fu = np.float32(top - i), np.float32(left - j)
-    one, half, third, quarter = np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0), np.float32(0.25)
+    one, half = np.float32(1.0), np.float32(0.5)
     over, none = np.float32(1.0 / 64.0), np.float32(0.0)
     w00, w01, w10, w11 = (one - fv) * (one - fu), (one - fv) * fu, fv * (one - fu), fv * fu
     blocks[:] = none
@@ -78,14 +79,7 @@ def direct_light(
         for u in range(w):
             x = w00 * a[u + j] + w01 * a[u + j + 1] + w10 * b[u + j] + w11 * b[u + j + 1]
             x = min(max((x + base[u] + veil[u]) * over, -half), half)
-            y = one - x * (one - half * x * (one - third * x * (one - quarter * x)))
-            y *= y
-            y *= y
-            y *= y
-            y *= y
-            y *= y
-            y *= y
-            out[u] = y * (one - tube[u])
+            out[u] = left_of(x) * (one - tube[u])
         row = blocks[v // BLOCK]
         for k in range(row.size):
             total = none

@@ -13,7 +13,9 @@ import numpy.typing as npt
 from numba import njit
 
 from ...types import FloatArray, IntArray
+from .._columns import columns
 from .._compile import STEADY
+from ._left import left_of
 from ._profile import POINTS_PER_M, STEPS_PER_PX
 
 __all__ = ["add_tube", "fold_instant", "join_taken", "no_spans"]
@@ -233,16 +235,6 @@ def _part(nodes: FloatArray, discs: FloatArray) -> tuple[bool, bool]:
     return discs.max() > 0.0, discs.min() < 1.0
 
 
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _cut(low: int, high: int, slope: float, value: float) -> tuple[int, int]:
-    """The columns of [``low``, ``high``) where ``slope`` u + ``value`` >= 0 may hold, one more to be safe."""
-    if slope > 1e-6:
-        return max(low, int(max(-value / slope, -1e6))), high
-    if slope < -1e-6:
-        return low, min(high, int(min(-value / slope, 1e6)) + 2)
-    return low, high
-
-
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def _add_slabs(
     drawn: Picture,
@@ -308,11 +300,11 @@ def _add_slabs(
         bow = 0.15 * chord * abs(tx * oy - ty * ox) + 0.5
         for v in range(max(0, int(min(ay, by) - far - 2.0)), min(h, int(max(ay, by) + far + 2.0) + 2)):
             low, high = max(0, int(min(ax, bx) - far - 2.0)), min(w, int(max(ax, bx) + far + 2.0) + 2)
-            low, high = _cut(low, high, tx, (v - ay) * ty - ax * tx + before)
-            low, high = _cut(low, high, -ox, (by - v) * oy + bx * ox + after)
+            low, high = columns(low, high, tx, (v - ay) * ty - ax * tx + before)
+            low, high = columns(low, high, -ox, (by - v) * oy + bx * ox + after)
             level = (v - my) * cx + mx * cy
-            low, high = _cut(low, high, -cy, level + far + bow)
-            low, high = _cut(low, high, cy, far + bow - level)
+            low, high = columns(low, high, -cy, level + far + bow)
+            low, high = columns(low, high, cy, far + bow - level)
             if low >= high:
                 continue
             spans[v, 0] = min(spans[v, 0], low)
@@ -382,20 +374,12 @@ def add_tube(
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def fold_instant(drawn: Picture, spans: IntArray, mean: Picture, weight: float) -> None:
     """Add ``weight`` times what ``drawn`` takes from the light, 1 - exp(-drawn), to ``mean``; empty ``drawn``."""
-    share, one, over = np.float32(weight), np.float32(1.0), np.float32(1.0 / 64.0)
-    half, third, quarter = np.float32(0.5), np.float32(1.0 / 3.0), np.float32(0.25)
+    share, over = np.float32(weight), np.float32(1.0 / 64.0)
     for v in range(drawn.shape[0]):
         row, out = drawn[v], mean[v]
         for u in range(spans[v, 0], spans[v, 1]):
             x = row[u] * over
-            y = one - x * (one - half * x * (one - third * x * (one - quarter * x)))
-            y *= y
-            y *= y
-            y *= y
-            y *= y
-            y *= y
-            y *= y
-            out[u] += share * (one - y)
+            out[u] += share * (np.float32(1.0) - left_of(x))
             row[u] = np.float32(0.0)
 
 

@@ -1,0 +1,15 @@
+"""Which part of a row of pixels a straight edge leaves over."""
+
+from numba import njit
+
+__all__ = ["columns"]
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def columns(low: int, high: int, slope: float, value: float) -> tuple[int, int]:
+    """The part of columns [``low``, ``high``) where ``slope`` u + ``value`` >= 0 may hold, a column more to be safe."""
+    if slope > 1e-6:
+        return max(low, int(max(-value / slope, -1e6))), high
+    if slope < -1e-6:
+        return low, min(high, int(min(-value / slope, 1e6)) + 2)
+    return low, high
