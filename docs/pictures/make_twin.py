@@ -1,6 +1,6 @@
 """Contact sheet of a preset's sessions: one frame of each, as recorded.
 
-    python docs/pictures/make_twin.py RUNS docs/pictures/twin.jpg [--frame 200] [--columns 4]
+python docs/pictures/make_twin.py RUNS docs/pictures/twin.jpg [--frame 200] [--columns 4]
 """
 
 import argparse
