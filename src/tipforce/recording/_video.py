@@ -89,7 +89,11 @@ def read_video(path: Path, view: str = "camera") -> Iterator[Frame]:
         stream.thread_type = "AUTO"
         count, last, hurt, hurt_at_s, doubtful = 0, None, 0, 0.0, False
         try:
-            for picture in container.decode(stream):
+            for picture in _pictures(container, stream):
+                if picture is None:
+                    count, hurt, doubtful = count + 1, hurt + 1, True
+                    hurt_at_s = hurt_at_s if hurt > 1 else (last or 0) * 1e-9
+                    continue
                 if picture.pts is None or picture.time_base is None:
                     raise TimeError(f"{path}: frame {count} has no time stamp; write the video with time stamps")
                 stamp_ns = round(picture.pts * picture.time_base * 1_000_000_000)
@@ -119,6 +123,17 @@ def read_video(path: Path, view: str = "camera") -> Iterator[Frame]:
                 "it has an intact original",
                 stacklevel=2,
             )
+
+
+def _pictures(container: InputContainer, stream: av.VideoStream) -> Iterator[av.VideoFrame | None]:
+    """The decoded pictures, and None for a packet that cannot be decoded."""
+    for packet in container.demux(stream):  # one by one: where an error shows hangs on the threads of the decoder
+        try:
+            found = packet.decode()
+        except av.error.InvalidDataError:
+            yield None
+        else:
+            yield from found
 
 
 def _upright(picture: av.VideoFrame) -> Image:
