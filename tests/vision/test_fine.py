@@ -1,11 +1,8 @@
 """The fine method on synthetic tubes with exact truth, and its refusals."""
 
-import importlib.util
 import os
 import pathlib
-import sys
 from dataclasses import replace
-from types import ModuleType
 
 import cv2
 import numpy as np
@@ -15,19 +12,7 @@ from tipforce.errors import InputError
 from tipforce.types import Status
 from tipforce.vision import FineTracer, Sighting, Vision, VisionSettings, settle
 
-ROOT = pathlib.Path(__file__).parents[2]
-
-
-def load(name: str) -> ModuleType:
-    """A script of bench/, by its path."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "bench" / f"{name}.py")
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
+from .conftest import load  # type: ignore[import-not-found]
 
 tubes = load("tubes")
 KNOWN = VisionSettings(polarity="dark", base_side="left", diameter_px=12.0)

@@ -1,10 +1,6 @@
 """Where the catheter goes on beyond what the first look follows, and where it does not."""
 
-import importlib.util
-import pathlib
-import sys
 from dataclasses import replace
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -12,19 +8,7 @@ import pytest
 from tipforce.types import Status
 from tipforce.vision import FineTracer, VisionSettings
 
-ROOT = pathlib.Path(__file__).parents[2]
-
-
-def load(name: str) -> ModuleType:
-    """A script of bench/, by its path."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "bench" / f"{name}.py")
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
+from .conftest import load  # type: ignore[import-not-found]
 
 tubes = load("tubes")
 KNOWN = VisionSettings(polarity="dark", base_side="left", diameter_px=12.0)

@@ -4,9 +4,9 @@ import numpy as np
 from scipy.linalg import solve_banded
 
 from ..types import FloatArray
+from ._arc import arc_m, way_m
 from ._free import Shape, carried_n
 from ._newton import Load, elastic_of, hessian_bands
-from ._rod import arc_m, way_m
 from ._sensitivity import Derivatives
 from ._spatial_derivatives import spatial_derivatives
 from ._spatial_free import SpatialShape

@@ -6,28 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..types import FloatArray, frozen
+from ._arc import arc_m, element_lengths_m, joint_spans_m, way_m
 
-__all__ = ["Rod", "arc_m", "way_m"]
-
-
-def arc_m(element_lengths_m: FloatArray, points: int | FloatArray) -> FloatArray:
-    """Arc lengths from the base: ``points`` of them, uniform and both ends included, or those that are given.
-
-    Raises ValueError where one lies beyond the rod.
-    """
-    length = float(element_lengths_m.sum())
-    if isinstance(points, int):
-        return np.linspace(0.0, length, points)
-    arc = np.asarray(points, dtype=np.float64)
-    if arc.ndim != 1 or not ((arc >= 0) & (arc <= length * (1 + 1e-12))).all():
-        raise ValueError(f"points: expected a row of arc lengths within 0 and {length} m, got {points}")
-    return arc
-
-
-def way_m(element_lengths_m: FloatArray, arc: FloatArray) -> FloatArray:
-    """(points,) arc lengths -> (points, segments + 1): how far each element is walked from the base to there."""
-    begins = np.cumsum(element_lengths_m) - element_lengths_m
-    return np.clip(arc[:, None] - begins, 0.0, element_lengths_m)
+__all__ = ["Rod"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,16 +82,12 @@ class Rod:
     @property
     def element_lengths_m(self) -> FloatArray:
         """(segments + 1,): of the segments, then of the electrode."""
-        lengths = np.full(self.segments + 1, self.flexible_length_m / self.segments)
-        lengths[-1] = self.rigid_length_m
-        return lengths
+        return element_lengths_m(self.flexible_length_m, self.rigid_length_m, self.segments)
 
     @property
     def _spans_m(self) -> FloatArray:
         """(segments + 1,): how much of the shaft belongs to each joint."""
-        spans = np.full(self.segments + 1, self.flexible_length_m / self.segments)
-        spans[[0, -1]] /= 2
-        return spans
+        return joint_spans_m(self.flexible_length_m, self.segments)
 
     def curvatures_per_m(self, angles_rad: FloatArray) -> FloatArray:
         """(..., segments + 1) angles -> (..., segments + 1) curvatures at the joints."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..types import FloatArray, frozen
+from ._arc import arc_m, element_lengths_m, joint_spans_m, way_m
 from ._spatial_compile import compiled
 
 __all__ = ["SpatialRod", "chain", "frames_of"]
@@ -124,16 +125,12 @@ class SpatialRod:
     @property
     def element_lengths_m(self) -> FloatArray:
         """(segments + 1,): of the segments, then of the electrode."""
-        lengths = np.full(self.segments + 1, self.flexible_length_m / self.segments)
-        lengths[-1] = self.rigid_length_m
-        return lengths
+        return element_lengths_m(self.flexible_length_m, self.rigid_length_m, self.segments)
 
     @property
     def joint_spans_m(self) -> FloatArray:
         """(segments + 1,): length of shaft whose strain sits in each joint; half a segment at both ends."""
-        spans = np.full(self.segments + 1, self.flexible_length_m / self.segments)
-        spans[[0, -1]] *= 0.5
-        return spans
+        return joint_spans_m(self.flexible_length_m, self.segments)
 
     @property
     def unloaded_quaternions(self) -> FloatArray:
@@ -163,9 +160,5 @@ class SpatialRod:
 
         Raises ValueError where an arc length lies beyond the rod.
         """
-        arc = np.linspace(0.0, self.length_m, points) if isinstance(points, int) else np.asarray(points, np.float64)
-        if arc.ndim != 1 or not ((arc >= 0) & (arc <= self.length_m * (1 + 1e-12))).all():
-            raise ValueError(f"points: expected a row of arc lengths within 0 and {self.length_m} m, got {points}")
         lengths = self.element_lengths_m
-        way = np.clip(arc[:, None] - (np.cumsum(lengths) - lengths), 0.0, lengths)
-        return way @ frames_of(quaternions)[:, :, 0]
+        return way_m(lengths, arc_m(lengths, points)) @ frames_of(quaternions)[:, :, 0]

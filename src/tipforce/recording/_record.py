@@ -110,13 +110,14 @@ def write_run(
     _check_overlap(names, run.stamp_ns, stamps)
     pose = sensor or SensorPose()
     writer.state(pose)
-    level, inertia = _level(stamps, force, run.stage, tare, remarks)
+    stage = run.stage
+    level, inertia = _level(stamps, force, stage, tare, remarks)
     writer.state(level)
     writer.state(inertia)
     most_n = float(np.nanmax(np.abs(force - level.force_n)))
     if most_n > _LARGE_N:
         remarks.append(f"the force log holds up to {most_n:.3g} N: check --force-unit and its rows")
-    carried = run.stage.acceleration(stamps + inertia.lag_ns, inertia.axes) @ inertia.gain_kg
+    carried = stage.acceleration(stamps + inertia.lag_ns, inertia.axes) @ inertia.gain_kg
     tared = np.nan_to_num(force - level.force_n - carried) @ pose.matrix.T
     writer.state(_offset(run, context, stamps, tared, offset_ms, remarks))
     return remarks

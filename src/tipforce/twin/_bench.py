@@ -96,7 +96,8 @@ class TwinBench:
         """(n,) middle of each exposure, of the frames that were not dropped."""
         clock, rng = self.settings.world.clock, self._rng(4)
         count = round(self.settings.world.seconds * clock.fps)
-        jitter = np.clip(rng.standard_normal(count), -3.0, 3.0) * clock.jitter_s
+        most = min(3.0 * clock.jitter_s, 0.45 / clock.fps)  # no frame comes before the one ahead of it
+        jitter = np.clip(rng.standard_normal(count) * clock.jitter_s, -most, most)
         jitter[0] = abs(jitter[0])  # no stamp lies before zero
         kept = rng.random(count) >= clock.dropped_share
         return (np.arange(count) / clock.fps + jitter)[kept]
@@ -130,10 +131,10 @@ class TwinBench:
         before, after = (smooth_lines(rod, contact.quaternions[rows], _POINTS) for rows in (low, low + 1))
         return before + share[:, None, None] * (after - before)
 
-    def _exposure(self, index: int) -> tuple[FloatArray, TissueState]:
-        """Shapes and tissue while the shutter of frame ``index`` is open."""
-        middle, half = float(self.frame_s[index]), 0.5 * self.scene.exposure_s
-        times = middle + np.linspace(-half, half, _EXPOSURE_SHAPES)
+    def _exposure(self, index: int, shares: FloatArray) -> tuple[FloatArray, TissueState]:
+        """Shapes and tissue at ``shares`` (m,) of half the exposure before (-1) to after (1) the middle of a frame."""
+        middle = float(self.frame_s[index])
+        times = middle + 0.5 * self.scene.exposure_s * shares
         course, rig = self.session.course, self.session.rig
         now = np.array([middle])
         tissue = TissueState(
@@ -145,13 +146,13 @@ class TwinBench:
 
     def frame(self, index: int) -> Frame:
         """The ``index``-th picture."""
-        shapes, tissue = self._exposure(index)
+        shapes, tissue = self._exposure(index, np.linspace(-1.0, 1.0, _EXPOSURE_SHAPES))
         image = self.renderer.render(shapes, tissue, frame=index, time_s=float(self.frame_s[index]))
         return Frame(int(self.stamp_ns[index]), image)
 
     def picture_truth(self, index: int) -> PictureTruth:
         """What frame ``index`` shows of the catheter."""
-        shapes, tissue = self._exposure(index)
+        shapes, tissue = self._exposure(index, np.zeros(1))
         return self.renderer.truth(shapes, tissue, time_s=float(self.frame_s[index]))
 
     def stage_log(self) -> tuple[IntArray, dict[str, FloatArray]]:

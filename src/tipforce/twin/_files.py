@@ -1,15 +1,11 @@
-"""Sessions as files: written in all cores at once, whole or not at all, and not twice."""
+"""Sessions as recordings, with the truth beside each."""
 
-import json
-import multiprocessing
-import os
 from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from multiprocessing.sharedctypes import Synchronized
+from functools import partial
 from pathlib import Path
 
-from ..errors import InputError
 from ._bench import TwinBench
+from ._sessions import refuse_other, stated, write_sessions
 from ._settings import TwinSettings
 from ._sidecar import read_truth, truth_of, truth_path, write_truth
 
@@ -19,38 +15,24 @@ WriteSession = Callable[[TwinBench, Path, Callable[[], None]], None]
 """Writes a session's recording to a path that does not exist yet, whole or not at all; calls the function after every
 frame. Must be importable by another process."""
 
-_counter: "Synchronized[int] | None" = None
-"""In a worker process: frames drawn so far, over all workers."""
+
+def _place(root: Path, number: int) -> Path:
+    return root / f"session_{number:02d}.mcap"
 
 
-def _share_counter(counter: "Synchronized[int]") -> None:
-    global _counter
-    _counter = counter
-
-
-def _count() -> None:
-    if _counter is not None:
-        with _counter.get_lock():
-            _counter.value += 1
-
-
-def _work(settings: TwinSettings, seed: int, number: int, target: Path, write: WriteSession) -> None:
-    bench = TwinBench(settings, seed, number)
+def _work(
+    settings: TwinSettings, seed: int, root: Path, write: WriteSession, number: int, tick: Callable[[], None]
+) -> None:
+    bench, target = TwinBench(settings, seed, number), _place(root, number)
     write_truth(truth_of(bench), truth_path(target))
-    write(bench, target, _count)
+    write(bench, target, tick)
 
 
 def _is_done(target: Path, settings: TwinSettings, seed: int, number: int) -> bool:
     """Whether ``target`` holds this very session; InputError where it holds another."""
     if not target.exists():
         return False
-    found = dict(read_truth(truth_path(target)).settings)
-    wanted = json.loads(json.dumps({**settings.model_dump(mode="json"), "seed": seed, "number": number}))
-    for key in wanted:
-        if found.get(key) != wanted[key]:
-            raise InputError(
-                f"{target}: was simulated with another {key}; choose another folder with -o or delete this one"
-            )
+    refuse_other(target, read_truth(target).settings, stated(settings, seed, number))
     return True
 
 
@@ -62,37 +44,18 @@ def simulate(
     sessions: int = 8,
     seed: int = 0,
     workers: int | None = None,
-    suffix: str = ".mcap",
     progress: Callable[[str, float], None] | None = None,
 ) -> list[Path]:
     """``sessions`` sessions in ``folder``: ``session_00.mcap`` and ``session_00.truth.npz``, and so on.
 
-    Those that stand there already are kept. Works in ``workers`` processes, as many as there are cores by default.
-    Returns the paths, old and new. Raises InputError where a file holds a session of other settings.
+    Those that stand there already are kept. Works in ``workers`` processes, as many as there are cores by default; a
+    single one is this process. Returns the paths, old and new. Raises InputError where a file holds a session of other
+    settings.
     """
     settings = settings or TwinSettings()
     root = Path(folder)
-    targets = [root / f"session_{number:02d}{suffix}" for number in range(sessions)]
-    wanted = [number for number, target in enumerate(targets) if not _is_done(target, settings, seed, number)]
+    wanted = [number for number in range(sessions) if not _is_done(_place(root, number), settings, seed, number)]
     root.mkdir(parents=True, exist_ok=True)
-    world = settings.world
-    total = max(1, len(wanted) * round(world.seconds * world.clock.fps))
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    context = multiprocessing.get_context("spawn")
-    counter = context.Value("q", 0)
-    crew = max(1, min(len(wanted), workers or cores))
-    with ProcessPoolExecutor(crew, mp_context=context, initializer=_share_counter, initargs=(counter,)) as pool:
-        pending: set[Future[None]] = {
-            pool.submit(_work, settings, seed, number, targets[number], write) for number in wanted
-        }
-        try:
-            while pending:
-                done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
-                for future in done:
-                    future.result()
-                if progress:
-                    progress(f"simulating {len(wanted)} sessions", min(1.0, counter.value / total))
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
-    return targets
+    frames = round(settings.world.seconds * settings.world.clock.fps)
+    write_sessions(partial(_work, settings, seed, root, write), wanted, frames, workers=workers, progress=progress)
+    return [_place(root, number) for number in range(sessions)]

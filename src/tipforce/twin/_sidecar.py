@@ -15,6 +15,7 @@ from ..errors import FileFormatError
 from ..geometry import Pose
 from ..types import BasePose, BoolArray, FloatArray, IntArray
 from ._bench import TwinBench
+from ._sessions import stated
 
 __all__ = ["Truth", "read_truth", "truth_of", "truth_path", "write_truth"]
 
@@ -113,7 +114,7 @@ def truth_of(bench: TwinBench) -> Truth:
         clock_offset_s=log.offset_s,
         clock_drift=log.drift,
         values=bench.values(),
-        settings={**bench.settings.model_dump(mode="json"), "seed": bench.seed, "number": bench.number},
+        settings=stated(bench.settings, bench.seed, bench.number),
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from ...types import Actuation, Catheter, Context, Event, FloatArray, Frame, Image, SimulatedClock, Wrench
+from .._sessions import stated
 from ._render import add_noise, draw_catheter, draw_wall
 from ._scene import Scene, build_scene
 from ._sensor import SensorLog, read_sensor
@@ -240,5 +241,5 @@ class SmallBench:
                 "blur_px": scene.blur_px,
                 "redraws": float(session.redraws),
             },
-            settings={**self.settings.model_dump(mode="json"), "seed": self.seed, "number": self.number},
+            settings=stated(self.settings, self.seed, self.number),
         )
