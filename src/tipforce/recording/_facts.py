@@ -19,6 +19,10 @@ Reads = Literal["tip-on-tissue", "tissue-on-tip"]
 """Which of the two opposite forces at the contact a sensor shows."""
 
 
+_DIGITS = 7
+"""Decimals of a fact in newtons or kilograms: what lies beyond is the rounding of sums, and no fact."""
+
+
 @dataclass(frozen=True, slots=True)
 class ClockOffset:
     """How far the force log's clock lies from the camera's: camera time = force stamp + ``offset_ns``.
@@ -88,8 +92,8 @@ class Tare:
     detail: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "force_n", frozen("force_n", self.force_n, (3,)))
-        object.__setattr__(self, "stderr_n", frozen("stderr_n", self.stderr_n, (3,)))
+        for name, value in (("force_n", self.force_n), ("stderr_n", self.stderr_n)):
+            object.__setattr__(self, name, frozen(name, np.round(value, _DIGITS), (3,)))
 
     def record(self) -> dict[str, str]:
         """As a metadata record."""
@@ -134,7 +138,7 @@ class Inertia:
     detail: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "gain_kg", frozen("gain_kg", self.gain_kg, (len(self.axes), 3)))
+        object.__setattr__(self, "gain_kg", frozen("gain_kg", np.round(self.gain_kg, _DIGITS), (len(self.axes), 3)))
 
     def record(self) -> dict[str, str]:
         """As a metadata record."""

@@ -118,7 +118,7 @@ def fit_inertia(
     tare = Tare(level, stderr, (stretch_s,), "stated")
     if not gains.any():
         return tare, Inertia(detail="the readings do not show the stage's movement: no inertia is taken out")
-    return tare, Inertia(stage.names, gains, round(lag_s * 1e9), "estimated")
+    return tare, Inertia(stage.names, gains, 1000 * round(lag_s * 1e6), "estimated")
 
 
 def _crookedness(gains: FloatArray) -> float:

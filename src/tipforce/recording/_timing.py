@@ -140,7 +140,7 @@ def estimate_offset(
     stderr_ms = math.hypot(verdict.stderr_ms, law_ms, _FLOOR_MS)
     if stderr_ms > _MAX_STDERR_MS:
         return _refused(_doubtful(best_s, stderr_ms), verdict.explained)
-    return replace(verdict, offset_ns=round(best_s * 1e9), stderr_ms=stderr_ms, detail=note)
+    return replace(verdict, offset_ns=_microsecond(best_s), stderr_ms=round(stderr_ms, 3), detail=note)
 
 
 class _Force:
@@ -317,7 +317,12 @@ def _judge(fit: _Fit, shifts: FloatArray, best: float, explained: float, window_
     stderr_ms = 1e3 * float(np.std(places[~apart]))
     if stderr_ms > _MAX_STDERR_MS:
         return _refused(_doubtful(best, stderr_ms), explained)
-    return ClockOffset(round(best * 1e9), "estimated", stderr_ms, explained)
+    return ClockOffset(_microsecond(best), "estimated", round(stderr_ms, 3), round(explained, 6))
+
+
+def _microsecond(seconds: float) -> int:
+    """In nanoseconds, to the microsecond: nothing finer is known."""
+    return 1000 * round(seconds * 1e6)
 
 
 def _doubtful(best_s: float, stderr_ms: float) -> str:
@@ -325,4 +330,4 @@ def _doubtful(best_s: float, stderr_ms: float) -> str:
 
 
 def _refused(reason: str, explained: float = math.nan) -> ClockOffset:
-    return ClockOffset(0, "refused", explained=explained, detail=reason)
+    return ClockOffset(0, "refused", explained=round(explained, 6), detail=reason)

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ._compile import STEADY
+from .._compile import STEADY
 
 __all__ = ["gauss_row", "gauss_table", "hash_row"]
 

@@ -4,30 +4,15 @@ Frames are handed over flat (uint8, row after row) with the bytes of one row and
 colour pictures take the same way and only the sampled pixels are ever converted to grey.
 """
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from .._compile import STEADY, compiled_together
 
 __all__ = ["edge_near", "fast", "grey_at", "grey_between", "measure_pair"]
 
-_HERE = Path(__file__).parent
-
-
-def fast(function: Callable[..., Any]) -> Any:
-    """Compile a hot loop; what was compiled is kept on disk between runs.
-
-    The kept code of one file holds the inlined code of others, and the compiler only looks at the file's own date:
-    a stamp over all files of `fine` makes a change in any of them count.
-    """
-    compiled: Any = njit(cache=True, fastmath=True, nogil=True, error_model="numpy")(function)
-    kept: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
-    if hasattr(kept, "_source_stamp"):
-        kept._source_stamp = tuple((f.name, f.stat().st_mtime_ns) for f in sorted(_HERE.glob("_fine*.py")))
-    return compiled
-
+fast = compiled_together(__file__, "_fine*.py", STEADY)
 
 _RED, _GREEN, _BLUE = 77, 150, 29
 """ITU-R 601 weights in 256ths, as cvtColor has them."""

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ..._compile import STEADY
 from ...types import FloatArray
-from .._compile import STEADY
 
 __all__ = ["Box", "cast", "lay_front", "lay_moving", "lay_tubes", "restore"]
 

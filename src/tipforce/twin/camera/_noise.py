@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ..._compile import STEADY
 from ...types import Image
-from .._compile import STEADY
 from .._random import gauss_row, hash_row
 
 __all__ = ["SensorNoise", "add_noise", "frame_key"]

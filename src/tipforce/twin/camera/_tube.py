@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ..._compile import STEADY
 from ...types import FloatArray
 from .._columns import columns
-from .._compile import STEADY
 from ._profile import STEPS_PER_PX
 
 __all__ = ["PLACE", "POINTS_PER_M", "add_shadow", "add_tube"]

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ..._compile import STEADY
 from ...types import FloatArray, Image
-from .._compile import STEADY
 
 __all__ = ["add_noise", "draw_catheter", "draw_wall"]
 

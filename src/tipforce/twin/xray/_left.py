@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from .._compile import STEADY
+from ..._compile import STEADY
 
 __all__ = ["left_of"]
 

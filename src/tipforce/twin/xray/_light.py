@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from .._compile import STEADY
+from ..._compile import STEADY
 from ._left import left_of
 from ._paint import COARSE, Painted
 from ._scene import Detector, Rhythm

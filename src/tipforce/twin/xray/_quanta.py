@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ..._compile import STEADY
 from ...types import FloatArray
-from .._compile import STEADY
 from .._random import gauss_row, gauss_table, hash_row
 
 __all__ = ["FEW", "QuantumTables", "draw_quanta", "frame_key", "quantum_tables"]

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ..._compile import STEADY
 from ...types import FloatArray
-from .._compile import STEADY
 from .._random import gauss_row, hash_row
 from ._quanta import Quanta, Words
 from ._scene import Detector

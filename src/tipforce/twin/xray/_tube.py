@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ..._compile import STEADY
 from ...types import FloatArray, IntArray
 from .._columns import columns
-from .._compile import STEADY
 from ._left import left_of
 from ._profile import POINTS_PER_M, STEPS_PER_PX
 
