@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from tipforce.dataset import Dataset
 from tipforce.estimators import create
 from tipforce.estimators._conformal import basis_of, half_width
+from tipforce.types import ForceEstimate
 
 World = Callable[..., Dataset]
 QUICK = {"c": (10.0,), "epsilon": (0.01,), "sigma": (1.0,), "force": "components"}
@@ -78,3 +79,21 @@ def test_nine_tenths_of_the_frames_of_new_sessions_lie_within(world: World) -> N
     assert 0.04 < width < 0.16
     spread = np.sqrt(np.diag(answers[0].covariance_n2)[:2])
     assert np.all((spread > 0.01) & (spread < 0.04))
+
+
+def test_calibrating_on_sessions_apart_gives_their_own_width_and_the_same_answers(world: World) -> None:
+    calm, rough = world(sessions=3, frames=25), world(sessions=30, frames=20, spread_n=0.05, seed=1)
+    part = np.isin(rough.session, [f"s{k}" for k in range(15)])
+    svr = create("svr", QUICK).fit(calm)
+    test = rough.subset(~part)
+    before = svr.predict(test)
+    after = svr.calibrate(rough.subset(part)).predict(test)
+    assert [a.magnitude_n for a in after] == [b.magnitude_n for b in before]
+
+    def inside(answers: list[ForceEstimate]) -> float:
+        bounds = np.array([answer.interval_n[:2] for answer in answers])
+        return float(np.mean((bounds[:, :, 0] <= test.force_n[:, :2]) & (test.force_n[:, :2] <= bounds[:, :, 1])))
+
+    assert inside(before) < 0.6
+    assert 0.8 < inside(after) <= 1.0
+    assert svr.describe()["interval_basis"] == "whole sessions"

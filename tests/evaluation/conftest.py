@@ -86,6 +86,12 @@ class Ridge(Estimator):
             progress("ridge", 1.0)
         return self
 
+    def calibrate(self, dataset, progress=None) -> Self:
+        x = np.column_stack([dataset.actuation["bend_deg"], np.ones(len(dataset))])
+        self.sigma_ = (dataset.force_n[:, :2] - x @ self.weights_).std(axis=0)
+        self.calibrated_rows_ = dataset.rows
+        return self
+
     def start(self, context):
         return RidgeStream(self)
 

@@ -177,3 +177,39 @@ def test_the_trace_shows_all_frames_of_a_held_out_session_even_if_few_were_drawn
     held = whole_session(result, result.row("ridge", "random"), "s2")
     assert held.stamp_ns.tolist() == data.stamp_ns[held.index].tolist()
     assert set(data.session[held.index].tolist()) == {"s2"}
+
+
+def test_the_thesis_protocol_draws_from_the_first_eight_sessions(make_bench, make_ridge):
+    data = make_bench(sessions=10, frames=80)
+    for samples, counts in ((None, (165, 55)), (615, (461, 154))):
+        row = evaluate(data, [Candidate("ridge", make_ridge())], protocols=["thesis"], samples=samples).rows[0]
+        (fit,) = row.fits
+        assert (len(fit.split.train), len(fit.split.test)) == counts
+        assert set(data.session[fit.split.train]) == {f"s{i}" for i in range(8)}
+    with pytest.raises(InputError, match="draws 220 samples, and the first 2 sessions have 80"):
+        evaluate(make_bench(sessions=2), [Candidate("ridge", make_ridge())], protocols=["thesis"])
+
+
+def test_the_standard_protocol_trains_calibrates_and_tests_on_sessions_apart(make_bench, make_ridge):
+    data = make_bench(sessions=8)
+    result = evaluate(data, [Candidate("ridge", make_ridge())], protocols=["standard"], every=2)
+    assert result.honest == "standard"
+    row = result.row("ridge", "standard")
+    (fit,) = row.fits
+    parts = [set(result.dataset.session[part]) for part in (fit.split.train, fit.split.calibrate, fit.split.test)]
+    assert parts == [{"s0", "s1"}, {"s2", "s3"}, {"s4", "s5", "s6", "s7"}]
+    assert fit.estimator.trained_rows_.tolist() == data.rows[:80:2].tolist()
+    assert fit.estimator.calibrated_rows_.tolist() == data.rows[80:160:2].tolist()
+    assert len(row.outcome) == 80
+    assert len(whole_session(result, row, "s5")) == 40
+    with pytest.raises(InputError, match="at least four sessions"):
+        evaluate(make_bench(sessions=3), [Candidate("ridge", make_ridge())], protocols=["standard"])
+
+
+def test_calibration_moves_the_constants_interval_and_not_its_answer(make_bench):
+    near, far = make_bench(), make_bench(sessions=9, shift_n=0.2)
+    fitted = Constant().fit(near)
+    before = fitted.predict(far)[0]
+    after = fitted.calibrate(far).predict(far)[0]
+    assert after.magnitude_n == before.magnitude_n
+    assert np.ptp(after.magnitude_interval_n) > np.ptp(before.magnitude_interval_n)

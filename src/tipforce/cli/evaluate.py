@@ -23,11 +23,16 @@ def command(
     data: Annotated[Path, typer.Option("--data", help="Recordings, a dataset folder, or a published layout.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for report.html, metrics.json and figures.")],
     protocol: Annotated[
-        Literal["random", "blocked", "session", "all"], typer.Option(help="What is held out for testing.")
+        Literal["random", "blocked", "session", "all", "thesis", "standard"],
+        typer.Option(
+            help="What is held out for testing; all: the first three. thesis: 220 frames (or --samples) of the first "
+            "eight sessions, at random. standard: a quarter of the sessions trains, a quarter calibrates, half tests."
+        ),
     ] = "all",
     samples: Annotated[
         int | None, typer.Option(min=1, help="Draw so many samples first (the thesis has 220); default: all.")
     ] = None,
+    every: Annotated[int, typer.Option(min=1, help="Take every so many-th frame of each session.")] = 1,
     folds: Annotated[int | None, typer.Option(min=2, help="Cross-validate with so many folds.")] = None,
     seed: Annotated[int, typer.Option(help="Of the drawn samples and splits.")] = 0,
     truth: Annotated[
@@ -44,6 +49,8 @@ def command(
         tipforce evaluate svr --data runs/ -o report/
 
         tipforce evaluate models/svr --data runs/ --protocol session --truth sessions/ -o report/ --json -
+
+        tipforce evaluate svr --data runs/ --truth runs/ --protocol standard --every 4 -o report/
     """
     from ..dataset import open_dataset
     from ..errors import InputError
@@ -69,6 +76,7 @@ def command(
             protocols=None if protocol == "all" else [protocol],
             samples=samples,
             folds=folds,
+            every=every,
             seed=seed,
             truth_n=true_n,
             progress=report,

@@ -1,13 +1,13 @@
 """Labelled samples, sessions and splits."""
 
 from ._dataset import Dataset, RowStore
-from ._draw import draw, leave_out
+from ._draw import draw, leave_out, thin
 from ._open import open_dataset
+from ._protocols import THESIS_SESSIONS, Protocol, splits, standard_split, thesis_split
 from ._recordings import open_recordings
 from ._replacing import replacing_folder
 from ._splits import (
     LEAVE_ONE_OUT_SESSIONS,
-    Protocol,
     Split,
     blocked_folds,
     blocked_split,
@@ -15,12 +15,12 @@ from ._splits import (
     random_split,
     session_folds,
     session_split,
-    splits,
 )
 from ._write import write_dataset
 
 __all__ = [
     "LEAVE_ONE_OUT_SESSIONS",
+    "THESIS_SESSIONS",
     "Dataset",
     "Protocol",
     "RowStore",
@@ -37,5 +37,8 @@ __all__ = [
     "session_folds",
     "session_split",
     "splits",
+    "standard_split",
+    "thesis_split",
+    "thin",
     "write_dataset",
 ]

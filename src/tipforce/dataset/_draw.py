@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import InputError
 from ._dataset import Dataset
 
-__all__ = ["draw", "leave_out"]
+__all__ = ["draw", "leave_out", "thin"]
 
 
 def draw(dataset: Dataset, samples: int, seed: int = 0) -> Dataset:
@@ -21,6 +21,14 @@ def draw(dataset: Dataset, samples: int, seed: int = 0) -> Dataset:
         return dataset
     rows = np.random.default_rng(seed).choice(len(dataset), samples, replace=False)
     return dataset.subset(np.sort(rows))
+
+
+def thin(dataset: Dataset, every: int) -> Dataset:
+    """Each session's first sample and every ``every``-th after it. Raises InputError for a number below 1."""
+    if every < 1:
+        raise InputError(f"every so many frames: expected at least 1, got {every}")
+    rows = [np.flatnonzero(dataset.session == name)[::every] for name in dataset.sessions]
+    return dataset.subset(np.sort(np.concatenate(rows)))
 
 
 def leave_out(dataset: Dataset, sessions: Sequence[str]) -> Dataset:

@@ -1,8 +1,7 @@
 """Ways to hold samples out: rows at random (the thesis's), blocks of time, whole sessions (the one that counts)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from ._dataset import Dataset
 
 __all__ = [
     "LEAVE_ONE_OUT_SESSIONS",
-    "Protocol",
     "Split",
     "blocked_folds",
     "blocked_split",
@@ -20,10 +18,7 @@ __all__ = [
     "random_split",
     "session_folds",
     "session_split",
-    "splits",
 ]
-
-Protocol = Literal["random", "blocked", "session"]
 
 LEAVE_ONE_OUT_SESSIONS = 10
 """Up to so many sessions each is held out alone; more are held out in so many groups."""
@@ -31,11 +26,15 @@ LEAVE_ONE_OUT_SESSIONS = 10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """One way to part a dataset: ``train`` and ``test`` are ascending positions; rows in a gap are in neither."""
+    """One way to part a dataset: ascending positions; rows in a gap are in none.
+
+    ``calibrate``: kept apart to find the intervals on; none where that is left to the training part.
+    """
 
     name: str
     train: IntArray
     test: IntArray
+    calibrate: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
 def random_split(dataset: Dataset, test_share: float = 0.25, seed: int = 0) -> Split:
@@ -125,20 +124,6 @@ def session_folds(dataset: Dataset, k: int | None = None, seed: int = 0) -> list
         held = np.isin(dataset.session, list(group))
         folds.append(Split("without " + ", ".join(group), np.flatnonzero(~held), np.flatnonzero(held)))
     return folds
-
-
-def splits(
-    protocol: Protocol, dataset: Dataset, *, folds: int | None = None, test_share: float = 0.25, seed: int = 0
-) -> list[Split]:
-    """The splits of one protocol: a single one for "random" and "blocked" without ``folds``, else a cross-validation.
-
-    "session" holds every session out once whatever ``folds`` is; ``folds`` only groups them.
-    """
-    if protocol == "session":
-        return session_folds(dataset, folds, seed)
-    if protocol == "random":
-        return [random_split(dataset, test_share, seed)] if folds is None else random_folds(dataset, folds, seed)
-    return [blocked_split(dataset, test_share, seed=seed)] if folds is None else blocked_folds(dataset, folds)
 
 
 def _folds(name: str, count: int, held: list[IntArray]) -> list[Split]:

@@ -44,6 +44,10 @@ class Estimator(ABC):
         """Learn from ``dataset``; raises InputError where it is too small or lacks what the method needs."""
 
     @abstractmethod
+    def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
+        """Find the intervals anew on ``dataset``, of whose sessions ``fit`` saw none; the answers stay as they are."""
+
+    @abstractmethod
     def start(self, context: Context) -> Stream:
         """A fresh stream for one session; raises NotFittedError before ``fit``."""
 

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..types import FloatArray
+from ..types import BoolArray, FloatArray
+from ._answers import Interval
 
-__all__ = ["COVERAGE", "Basis", "basis_of", "half_width", "needed_sessions"]
+__all__ = ["COVERAGE", "Basis", "basis_of", "half_width", "interval_from", "needed_sessions"]
 
 COVERAGE = 0.9
 
@@ -65,3 +66,37 @@ def half_width(residuals: FloatArray, session: npt.NDArray[np.str_], basis: Basi
         mass = np.full(len(size), 1.0 / (len(size) + 1))
     reached = np.flatnonzero(np.cumsum(mass[order]) >= coverage - 1e-9)
     return float(size[order[reached[0]]]) if len(reached) else math.inf
+
+
+def interval_from(
+    known: BoolArray,
+    found: FloatArray,
+    wrong: FloatArray,
+    truth: FloatArray,
+    session: npt.NDArray[np.str_],
+    held_out: bool,
+) -> Interval:
+    """The intervals of a method that knows the components ``known`` (3,), or the magnitude alone where that is none.
+
+    ``found`` and ``truth`` (n, t) newtons, ``wrong`` their difference, of samples of the ``session`` (n,) that
+    the method had not seen; ``held_out``: as whole sessions.
+    """
+    sessions = len(set(session.tolist()))
+    basis = basis_of(sessions, held_out)
+    half, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
+    if known.any():
+        axes = np.flatnonzero(known)
+        half[axes] = [half_width(wrong[:, t], session, basis) for t in range(len(axes))]
+        covariance[np.ix_(axes, axes)] = wrong.T @ wrong / len(wrong)
+        off = np.linalg.norm(found, axis=1) - np.linalg.norm(truth, axis=1)
+    else:
+        off = np.maximum(found[:, 0], 0.0) - truth[:, 0]
+    return Interval(
+        half_n=half,
+        magnitude_half_n=half_width(off, session, basis),
+        covariance_n2=covariance,
+        by_session=basis.by_session,
+        basis=basis.text,
+        sessions=sessions,
+        samples=len(wrong),
+    )

@@ -18,7 +18,7 @@ from ..types import BoolArray, Context, FloatArray, ForceEstimate, Observation
 from ..vision import Sighting, settle
 from ._answers import Answers, Interval
 from ._base import Estimator, Progress
-from ._conformal import basis_of, half_width
+from ._conformal import interval_from
 from ._inputs import Inputs, Refusal
 from ._machine import Constants, Machines, fit_machines
 from ._settings import SvrSettings
@@ -127,12 +127,29 @@ class Svr(Estimator):
             machines=machines,
             constants=tuple(constants),
             cv_rmse_n=tuple(errors.tolist()),
-            interval=_interval(known, found, wrong, truth, rows.session[part], held_out),
+            interval=interval_from(known, found, wrong, truth, rows.session[part], held_out),
             samples=len(rows.features),
             unseen=unseen,
             sessions=len(set(rows.session.tolist())),
         )
         report("training", 1.0)
+        return self
+
+    def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
+        """Find the intervals anew on ``dataset``, of whose sessions ``fit`` saw none; the answers stay as they are.
+
+        Raises InputError where the catheter is found in none of its pictures, NotFittedError before ``fit``.
+        """
+        report, fitted = progress or _silent, self._known()
+        rows = gather_rows(self.settings, fitted.actuation, dataset, lambda share: report("calibrating", share))
+        if not len(rows.features):
+            raise InputError(
+                f"{dataset.title}: intervals cannot be found on {len(dataset)} samples without a known shape; the "
+                f"first says: {rows.why_not}"
+            )
+        found = np.array([fitted.machines(row) for row in rows.features])
+        interval = interval_from(fitted.known, found, found - rows.truth_n, rows.truth_n, rows.session, held_out=True)
+        self.fitted_ = replace(fitted, interval=interval)
         return self
 
     def _settled(self, dataset: Dataset) -> SvrSettings:
@@ -301,32 +318,3 @@ def _drawn(count: int, most: int, seed: int) -> npt.NDArray[np.int64]:
     if count <= most:
         return np.arange(count)
     return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))
-
-
-def _interval(
-    known: BoolArray,
-    found: FloatArray,
-    wrong: FloatArray,
-    truth: FloatArray,
-    session: npt.NDArray[np.str_],
-    held_out: bool,
-) -> Interval:
-    sessions = len(set(session.tolist()))
-    basis = basis_of(sessions, held_out)
-    half, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
-    if known.any():
-        axes = np.flatnonzero(known)
-        half[axes] = [half_width(wrong[:, t], session, basis) for t in range(len(axes))]
-        covariance[np.ix_(axes, axes)] = wrong.T @ wrong / len(wrong)
-        off = np.linalg.norm(found, axis=1) - np.linalg.norm(truth, axis=1)
-    else:
-        off = np.maximum(found[:, 0], 0.0) - truth[:, 0]
-    return Interval(
-        half_n=half,
-        magnitude_half_n=half_width(off, session, basis),
-        covariance_n2=covariance,
-        by_session=basis.by_session,
-        basis=basis.text,
-        sessions=sessions,
-        samples=len(wrong),
-    )

@@ -50,18 +50,31 @@ class Constant(Estimator):
         force, magnitude = dataset.force_n, dataset.magnitude_n
         square = np.outer(known, known)
         covariance = np.where(square, np.cov(np.nan_to_num(force), rowvar=False, bias=True), math.nan)
-        band = np.quantile(np.nan_to_num(force), (0.05, 0.95), axis=0).T
         self.answer_ = ForceEstimate(
             stamp_ns=0,
             force_n=np.where(known, np.mean(force, axis=0), math.nan),
             known=known,
             covariance_n2=covariance,
-            interval_n=np.where(known[:, None], band, math.nan),
+            interval_n=np.full((3, 2), math.nan),
             magnitude_n=float(magnitude.mean()),
-            magnitude_interval_n=np.quantile(magnitude, (0.05, 0.95)),
+            magnitude_interval_n=np.full(2, math.nan),
         )
         if progress is not None:
             progress("mean of the labels", 1.0)
+        return self.calibrate(dataset)
+
+    def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
+        """Take the quantiles of ``dataset``'s labels."""
+        if self.answer_ is None:
+            raise NotFittedError("the constant predictor has no mean yet; call fit first")
+        band = np.quantile(np.nan_to_num(dataset.force_n), (0.05, 0.95), axis=0).T
+        self.answer_ = replace(
+            self.answer_,
+            interval_n=np.where(np.asarray(dataset.known)[:, None], band, math.nan),
+            magnitude_interval_n=np.quantile(dataset.magnitude_n, (0.05, 0.95)),
+        )
+        if progress is not None:
+            progress("quantiles of the labels", 1.0)
         return self
 
     def start(self, context: Context) -> Stream:  # noqa: ARG002 - the same answer in every session

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..dataset import Dataset, Protocol, Split, draw, splits
+from ..dataset import Dataset, Protocol, Split, draw, splits, thin
 from ..errors import InputError
 from ..estimators import Progress
 from ..types import BoolArray, FloatArray
@@ -20,6 +20,9 @@ __all__ = ["evaluate"]
 
 CONSTANT = Constant.name
 
+THESIS_SAMPLES = 220
+"""Method 1 of the thesis had so many; method 2 had 615."""
+
 
 def evaluate(
     dataset: Dataset,
@@ -28,15 +31,17 @@ def evaluate(
     protocols: Sequence[Protocol] | None = None,
     samples: int | None = None,
     folds: int | None = None,
+    every: int = 1,
     seed: int = 0,
     truth_n: FloatArray | None = None,
     progress: Progress | None = None,
 ) -> Evaluation:
     """Train and score every candidate under every one of ``protocols`` (None: all that the data allow).
 
-    ``samples``: as many are drawn with ``seed`` first (the thesis has 220). ``truth_n`` (len(dataset), 3): the twin's
-    truth in the base frame; scores against it stand beside those against the sensor. Raises InputError where a
-    protocol that was asked for cannot be run on these data, or none can be.
+    ``every``: of each session every so many-th frame is taken; methods that remember still see those between.
+    ``samples``: as many are then drawn with ``seed``; under the protocol "thesis" from its sessions, 220 unless stated.
+    ``truth_n`` (len(dataset), 3): the twin's truth in the base frame; scores against it stand beside those against the
+    sensor. Raises InputError where a protocol that was asked for cannot be run on these data, or none can be.
     """
     if not candidates:
         raise InputError("there is no method to evaluate; name one, for example: tipforce evaluate svr --data runs/")
@@ -49,10 +54,11 @@ def evaluate(
         raise ValueError(f"truth_n: expected shape {dataset.force_n.shape}, got {truth_n.shape}")
     everything = dataset
     whole_truth_n = truth_n
-    if samples is not None:
-        dataset = draw(everything, samples, seed)
-        if truth_n is not None:
-            truth_n = truth_n[places_in(everything, dataset)]
+    dataset = thin(everything, every) if every != 1 else everything
+    if samples is not None and "thesis" not in (protocols or ()):
+        dataset = draw(dataset, samples, seed)
+    if truth_n is not None:
+        truth_n = truth_n[places_in(everything, dataset)]
     contact = _in_contact(dataset, truth_n)
     notes: list[str] = []
     plans: dict[Protocol, list[Split]] = {}
@@ -67,7 +73,9 @@ def evaluate(
 
     for protocol in protocols or PROTOCOLS:
         try:
-            plans[protocol] = splits(protocol, dataset, folds=folds, seed=seed)
+            plans[protocol] = splits(
+                protocol, dataset, folds=folds, seed=seed, thesis_samples=samples or THESIS_SAMPLES
+            )
         except InputError as error:
             left_out(protocol, error)
     steps = _Steps(progress, sum(len(plan) for plan in plans.values()) * len(candidates))
@@ -105,6 +113,7 @@ def evaluate(
         seed=seed,
         samples=samples,
         folds=folds,
+        every=every,
         truth_n=whole_truth_n,
     )
 

@@ -9,10 +9,15 @@ from ..types import FloatArray
 from ._outcome import Outcome
 from ._protocols import Trained
 
-__all__ = ["AS_SAVED", "PROTOCOLS", "Candidate", "Evaluation", "Row"]
+__all__ = ["AS_SAVED", "BY_SESSION", "PROTOCOLS", "Candidate", "Evaluation", "Row"]
 
 PROTOCOLS: tuple[Protocol, ...] = ("random", "blocked", "session")
 """The thesis's split, contiguous blocks with a gap, and whole sessions held out: the one that counts."""
+
+BY_SESSION = ("session", "standard")
+"""Protocols whose test sessions were never seen."""
+
+_STRICTNESS: tuple[Protocol, ...] = ("thesis", *PROTOCOLS, "standard")
 
 AS_SAVED = "as saved"
 """Stands in place of a protocol where a saved model is scored without training it anew."""
@@ -49,7 +54,7 @@ class Row:
 
     @property
     def protocol(self) -> str:
-        """One of `PROTOCOLS`, or `AS_SAVED`."""
+        """Its name, or `AS_SAVED`."""
         return self.outcome.protocol
 
     @property
@@ -78,6 +83,7 @@ class Evaluation:
     seed: int
     samples: int | None
     folds: int | None
+    every: int = 1
     truth_n: FloatArray | None = field(default=None, repr=False)
 
     def row(self, method: str, protocol: str) -> Row | None:
@@ -91,5 +97,5 @@ class Evaluation:
 
     @property
     def honest(self) -> str:
-        """The strictest protocol that was run: session before blocked before random."""
-        return max((p for p in self.protocols if p in PROTOCOLS), key=PROTOCOLS.index)
+        """The strictest protocol that was run: whole sessions before blocks before random frames."""
+        return max((p for p in self.protocols if p in _STRICTNESS), key=_STRICTNESS.index)

@@ -10,6 +10,7 @@ from matplotlib.ticker import PercentFormatter
 from ..types import BoolArray, FloatArray
 from ._outcome import Outcome
 from ._style import COLOURS, GREY, METHOD_COLOURS, grams_axis, legend_above, make_figure, mark_line
+from ._wording import WORDS
 
 __all__ = [
     "THESIS_MAE_N",
@@ -63,7 +64,7 @@ def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[st
                     color=COLOURS["reference"] if not tall else "#000000" if colour in _LIGHT else "#ffffff",
                 )  # fmt: skip
         mark_line(axes, THESIS_MAE_N, "the thesis's 42 mN, on 0.16-0.275 N")
-        axes.set_xticks(range(len(protocols)), [_PROTOCOL_NAMES.get(name, name) for name in protocols])
+        axes.set_xticks(range(len(protocols)), [WORDS[name].bar for name in protocols])
         axes.tick_params(axis="x", length=0)
         axes.grid(visible=False, axis="x")
         axes.set_ylabel("MAE of the magnitude, N (in the bars: mN)")
@@ -75,20 +76,6 @@ def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[st
 
 _LIGHT = {"#e69f00", "#56b4e9", "#cc79a7"}
 """Bars that need dark numbers."""
-
-_KIND = {
-    "random": "held out at random",
-    "blocked": "held out in blocks of time",
-    "session": "sessions never seen",
-    "as saved": "sessions never seen",
-}
-
-_PROTOCOL_NAMES = {
-    "random": "random frames\n(the thesis's split)",
-    "blocked": "blocks of time\nwith a gap",
-    "session": "whole sessions\nnever seen",
-    "as saved": "model as saved,\nnew sessions",
-}
 
 
 def figure_residuals(outcome: Outcome) -> Figure:
@@ -125,7 +112,7 @@ def figure_residuals(outcome: Outcome) -> Figure:
         grams_axis(axes)
         legend_above(axes)
 
-    return make_figure(draw, f"{outcome.method}: error over force, samples of {_KIND[outcome.protocol]}")
+    return make_figure(draw, f"{outcome.method}: error over force, samples of {WORDS[outcome.protocol].of}")
 
 
 def typical_session(outcome: Outcome) -> str:
@@ -178,7 +165,7 @@ def figure_trace(outcome: Outcome, session: str, truth_n: FloatArray | None = No
         panels[-1].set_xlabel("time, s")
         panels[-1].set_xlim(seconds[0], max(seconds[-1], 1e-3))
 
-    title = f"{outcome.method}: {_short(session, 40)} in time, {_KIND[outcome.protocol]}"
+    title = f"{outcome.method}: {_short(session, 40)} in time, {WORDS[outcome.protocol].of}"
     return make_figure(draw, title, 6.8, 1.3 + 1.75 * len(quantities))
 
 

@@ -7,13 +7,13 @@ from matplotlib.figure import Figure
 
 from ..types import FloatArray
 from ._constant import Constant
-from ._evaluation import Evaluation, Row
+from ._evaluation import BY_SESSION, Evaluation, Row
 from ._figures import figure_23a, figure_23b, figure_24
 from ._figures_beyond import figure_residuals, figure_sessions, figure_splits, figure_trace, typical_session
 from ._outcome import CONTACT_N, Outcome, gather
 from ._protocols import answers, places_in
 from ._style import METHOD_COLOURS, page_svg, standalone_svg, to_svg
-from ._summary import PROTOCOL_TEXT
+from ._wording import WORDS
 
 __all__ = ["Picture", "method_pictures", "overview"]
 
@@ -57,11 +57,11 @@ def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:
     constant = evaluation.row(Constant.name, evaluation.honest)
     assert constant is not None
     name = _file_name(method)
-    panels = {PROTOCOL_TEXT[row.protocol]: row.outcome for row in (first, strict)}
+    panels = {WORDS[row.protocol].name: row.outcome for row in (first, strict)}
     made = [
         _picture(
             f"{name}-fig23a",
-            f"Thesis fig. 23(a): over-estimates are positive. Samples of the split “{PROTOCOL_TEXT[first.protocol]}”; "
+            f"Thesis fig. 23(a): over-estimates are positive. Samples of the split “{WORDS[first.protocol].name}”; "
             "forces below 10 mN have no percentage.",
             figure_23a(first.outcome),
         ),
@@ -73,7 +73,7 @@ def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:
         _picture(
             f"{name}-fig24",
             "Thesis fig. 24: the model on the very samples it was trained on, "
-            f"split “{PROTOCOL_TEXT[evaluation.fitted[method].protocol]}”. A good fit here says nothing of new data.",
+            f"split “{WORDS[evaluation.fitted[method].protocol].name}”. A good fit here says nothing of new data.",
             figure_24(evaluation.fitted[method]),
         ),
     ]
@@ -90,20 +90,17 @@ def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:
         ),
         _picture(
             f"{name}-trace",
-            f"Session {session}, the one with the median error of all sessions, {_WHOLE[evaluation.honest]}.",
+            f"Session {session}, the one with the median error of all sessions, {WORDS[evaluation.honest].held}.",
             figure_trace(whole, session, evaluation.truth_n),
         ),
         _picture(
             f"{name}-sessions",
             "Every session by itself, "
-            + ("when it was held out" if evaluation.honest == "session" else PROTOCOL_TEXT[evaluation.honest])
+            + ("when it was held out" if evaluation.honest in BY_SESSION else WORDS[evaluation.honest].name)
             + ". Right: share of its forces inside the 90 % interval.",
             _sessions(strict, constant, colour),
         ),
     ]
-
-
-_WHOLE = {"session": "all of its frames", "blocked": "the block held out", "random": "the frames held out"}
 
 
 def whole_session(evaluation: Evaluation, row: Row, session: str) -> Outcome:
@@ -113,7 +110,7 @@ def whole_session(evaluation: Evaluation, row: Row, session: str) -> Outcome:
     """
     part = row.outcome.where(row.outcome.session == session)
     everything = evaluation.everything
-    if row.protocol != "session":
+    if row.protocol not in BY_SESSION:
         return replace(part, index=places_in(everything, evaluation.dataset)[part.index])
     fit = next(fit for fit in row.fits if fit.split.name == part.fold[0])
     frames = np.flatnonzero(everything.session == session)

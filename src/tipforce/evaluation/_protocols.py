@@ -69,6 +69,8 @@ def run_splits(
         report("", 0.0)
         start = time.perf_counter()
         fitted = recipe.unfitted().fit(dataset.subset(split.train), report)
+        if len(split.calibrate):
+            fitted = fitted.calibrate(dataset.subset(split.calibrate), report)
         fits.append(Trained(protocol, split, time.perf_counter() - start, fitted.describe(), fitted))
         found = answers(fitted, dataset, split.test, everything)
         parts.append(gather(label, protocol, split.name, dataset, split.test, found, contact))

@@ -12,19 +12,14 @@ from .. import __version__
 from ..types import ShapeFeatures
 from ..units import newtons_to_grams
 from ._constant import Constant
-from ._evaluation import AS_SAVED, Evaluation, Row
+from ._evaluation import BY_SESSION, Evaluation, Row
 from ._features import five_samples
 from ._figures_beyond import THESIS_MAE_N
 from ._metrics import plain
+from ._wording import WORDS
 
-__all__ = ["PROTOCOL_TEXT", "best_method", "summary", "verdict"]
+__all__ = ["best_method", "summary", "verdict"]
 
-PROTOCOL_TEXT = {
-    "random": "random frames",
-    "blocked": "blocks of time",
-    "session": "sessions never seen",
-    AS_SAVED: "as saved, new sessions",
-}
 _LIBRARIES = ("numpy", "scipy", "scikit-learn", "opencv-python-headless", "numba", "matplotlib")
 
 
@@ -41,11 +36,10 @@ def verdict(evaluation: Evaluation) -> list[str]:
     assert row is not None
     assert constant is not None
     random = evaluation.row(method, "random")
-    where = {"session": "On sessions never seen", "blocked": "On blocks of time held out", "random": "On random frames"}
     if not np.isfinite(row.mae_n):
         reasons = ", ".join(f"{reason} {count}" for reason, count in row.figures["refused"].items())
-        return [f"{where[honest]}, {method} answered none of {len(row.outcome)} samples ({reasons})."]
-    parts = [f"{where[honest]}, {method}: MAE {_both(row.mae_n)}"]
+        return [f"{WORDS[honest].on}, {method} answered none of {len(row.outcome)} samples ({reasons})."]
+    parts = [f"{WORDS[honest].on}, {method}: MAE {_both(row.mae_n)}"]
     if honest != "random" and random is not None and np.isfinite(random.mae_n):
         parts.append(f"random split: {_both(random.mae_n)}")
     parts.append(f"a constant: {_both(constant.mae_n)}")
@@ -64,7 +58,7 @@ def verdict(evaluation: Evaluation) -> list[str]:
     refused = row.figures["refused_share"]
     if refused > 0:
         sentences.append(f"{100 * refused:.1f} % of the samples were refused.")
-    if honest != "session":
+    if honest not in BY_SESSION:
         sentences.append("No session was held out, so how it does on a new session is not known.")
     return sentences
 
@@ -139,7 +133,7 @@ def _row(row: Row, evaluation: Evaluation) -> dict[str, Any]:
     return {
         "method": row.method,
         "protocol": row.protocol,
-        "protocol_text": PROTOCOL_TEXT[row.protocol],
+        "protocol_text": WORDS[row.protocol].name,
         "mae_over_constant": row.mae_n / constant.mae_n if constant is not None and constant.mae_n > 0 else None,
         "splits": _splits(row),
         "against_sensor": row.figures,
@@ -152,6 +146,7 @@ def _splits(row: Row) -> Sequence[dict[str, Any]]:
         {
             "name": fit.split.name,
             "train": len(fit.split.train),
+            "calibrate": len(fit.split.calibrate),
             "test": len(fit.split.test),
             "fit_s": fit.seconds,
             "facts": fit.facts,
