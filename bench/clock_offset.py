@@ -1,80 +1,109 @@
-"""How well the offset between force log and camera is found on the small bench's sessions, over +-80 ms.
+"""How well the offset between force log and camera is found in recordings of the twin, over +-80 ms.
 
-python bench/clock_offset.py [--sessions FOLDER] [--count 8] [--seconds 30] [--seed 0]
+    python bench/clock_offset.py RUNS [--truth FOLDER] [--json FILE]
 
-Each session's pictures are seen once; then its force log is shifted so that the true offset takes five values.
-Without FOLDER the sessions are simulated first.
+RUNS holds recordings: what `tipforce simulate` wrote, or what was imported from its files; then --truth names the
+folder that the files lie in. Each session's pictures are seen once. Then the whole of it, its first and its last 20
+seconds are each aligned with the force log, shifted so that the true offset takes three values.
 """
 
 import argparse
 import json
-import tempfile
-from itertools import islice
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from tipforce.recording import SensorPose, estimate_offset, find_tare, open_source, shape_coordinates, write_video
-from tipforce.recording._forcelog import read_force_log
-from tipforce.twin.small import SmallBenchSettings, read_truth, simulate
-from tipforce.types import Frame
+from tipforce.recording import RecordingReader, estimate_offset, shape_coordinates
+from tipforce.twin import Truth, read_truth
+from tipforce.types import FloatArray, Frame, IntArray
 from tipforce.vision import Vision, VisionSettings, settle
 
-OFFSETS_MS = (-80, -40, 0, 40, 80)
+OFFSETS_MS = (-80, 0, 80)
+CUT_S = 20.0
+FIRST = 50
+TARGET_MS = 3.0
 
 
-def errors_of(folder: Path) -> tuple[list[float], list[float]]:
-    """Error and stated standard error in ms, for each of `OFFSETS_MS`; NaN where the estimate was refused."""
-    facts, truth = json.loads((folder / "bench.json").read_text()), read_truth(folder)
-    source = open_source(folder / "video.mp4")
-    first = [event.image for event in islice(source, 50) if isinstance(event, Frame)]
-    vision = Vision(settle(VisionSettings(), first[::5]))
-    frames = [(event.stamp_ns, vision.see(event.image)) for event in source if isinstance(event, Frame)]
-    flexible, rigid = facts["catheter"]["flexible_length_m"], facts["catheter"]["rigid_length_m"]
-    shape = shape_coordinates([seen for _, seen in frames], flexible_share=flexible / (flexible + rigid))
-    stamps = np.array([stamp for stamp, _ in frames])
-    log = read_force_log(folder / "force.csv")
-    pose = SensorPose(facts["sensor_angle_deg"], facts["reads"])
-    force = (log.force_n - find_tare(log.stamp_ns, log.force_n).force_n) @ pose.matrix.T
-    errors: list[float] = []
-    doubts: list[float] = []
-    for offset_ms in OFFSETS_MS:
-        shift_ns = round(truth.clock_offset_s * 1e9) - offset_ms * 1_000_000
-        found = estimate_offset(stamps, shape, log.stamp_ns + shift_ns, force)
-        errors.append(found.offset_ms - offset_ms if found.how == "estimated" else float("nan"))
-        doubts.append(found.stderr_ms)
-    return errors, doubts
+@dataclass(frozen=True)
+class Session:
+    """What the estimate is made from: frames' stamps and shape coordinates; force after tare and inertia."""
+
+    name: str
+    frame_ns: IntArray
+    shape: FloatArray
+    force_ns: IntArray
+    force_n: FloatArray
+    truth: Truth
+
+
+def load(path: Path, truth: Truth) -> Session:
+    """See all pictures of a recording, and read its force as an import does."""
+    with RecordingReader(path) as reader:
+        first = [reader.frame_at(k).image for k in range(0, FIRST, 5)]
+        vision = Vision(settle(VisionSettings(base_side="left"), first))
+        seen = [vision.see(event.image) for event in reader.events("camera") if isinstance(event, Frame)]
+        stamps, force, _ = reader.wrenches()
+        info, catheter = reader.info, reader.context.catheter
+        carried = reader.stage.acceleration(stamps + info.inertia.lag_ns, info.inertia.axes) @ info.inertia.gain_kg
+        assert info.sensor is not None
+        tared = np.nan_to_num(force - info.tare.force_n - carried) @ info.sensor.matrix.T
+        flexible, rigid = catheter.flexible_length_m or 1.0, catheter.rigid_length_m or 0.0
+        shape = shape_coordinates(seen, flexible_share=flexible / (flexible + rigid))
+        return Session(path.stem, reader.stamps(), shape, stamps, tared, truth)
+
+
+def errors_of(session: Session) -> dict[str, list[tuple[float, float, str]]]:
+    """By part of the session, for each of `OFFSETS_MS`: error and stated standard error in ms, why it was refused."""
+    seconds, end = session.frame_ns * 1e-9, float(session.frame_ns[-1]) * 1e-9
+    parts = {"whole": (0.0, end), "first 20 s": (0.0, CUT_S), "last 20 s": (end - CUT_S, end)}
+    found: dict[str, list[tuple[float, float, str]]] = {}
+    for name, (start, stop) in parts.items():
+        frames = (seconds >= start) & (seconds <= stop)
+        own = (session.force_ns * 1e-9 >= start - 0.5) & (session.force_ns * 1e-9 <= stop + 0.5)
+        stamps = session.force_ns[own]
+        middle_s = 0.5e-9 * float(stamps[0] + stamps[-1])
+        true_ms = 1e3 * (session.truth.clock_offset_s + session.truth.clock_drift * middle_s)
+        found[name] = []
+        for offset_ms in OFFSETS_MS:
+            shifted = stamps + round(1e6 * (true_ms - offset_ms))
+            answer = estimate_offset(session.frame_ns[frames], session.shape[frames], shifted, session.force_n[own])
+            error = answer.offset_ms - offset_ms if answer.how == "estimated" else float("nan")
+            found[name].append((error, answer.stderr_ms, answer.detail))
+    return found
 
 
 def main() -> None:
     """Read the command line, print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sessions", type=Path)
-    parser.add_argument("--count", type=int, default=8)
-    parser.add_argument("--seconds", type=float, default=30.0)
-    parser.add_argument("--seed", type=int, default=0)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", type=Path)
+    parser.add_argument("--truth", type=Path)
+    parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as name:
-        where = options.sessions
-        if where is None:
-            where = Path(name)
-            settings = SmallBenchSettings(seconds=options.seconds)
-            simulate(where, write_video, settings, sessions=options.count, seed=options.seed)
-        print("error in ms of the offset found, by true offset (stated standard error)")
-        print("session     " + "".join(f"{offset:>+8} ms    " for offset in OFFSETS_MS))
-        every: list[float] = []
-        for folder in sorted(path.parent for path in where.glob("*/video.mp4")):
-            errors, doubts = errors_of(folder)
-            every += errors
-            cells = [f"{error:+7.2f} ({doubt:.1f})  " for error, doubt in zip(errors, doubts, strict=True)]
-            print(f"{folder.name:<12}" + "".join(cells))
-    found = np.array(every)
-    share = np.mean(np.abs(found[~np.isnan(found)]) <= 3.0)
-    print(
-        f"{np.isnan(found).sum()} of {len(found)} refused; of the rest: mean {np.nanmean(found):+.2f}, "
-        f"rms {np.sqrt(np.nanmean(found**2)):.2f}, worst {np.nanmax(np.abs(found)):.2f} ms, "
-        f"{100 * share:.0f} % within 3 ms"
-    )
+    paths = sorted(options.runs.glob("*.mcap"))
+    if not paths:
+        parser.error(f"{options.runs}: no recording; write some with `tipforce simulate`")
+    print("error in ms of the offset found (stated standard error), for true offsets of -80, 0 and 80 ms")
+    every: dict[str, list[float]] = {}
+    rows = []
+    for path in paths:
+        session = load(path, read_truth((options.truth or options.runs) / path.name))
+        seen = 100.0 * np.isfinite(session.shape).all(axis=1).mean()
+        for part, cells in errors_of(session).items():
+            every.setdefault(part, []).extend(error for error, _, _ in cells)
+            rows.append({"session": path.stem, "part": part, "errors_ms": [None if e != e else e for e, _, _ in cells]})
+            told = "  ".join(f"{error:+6.2f} ({doubt:3.1f})" for error, doubt, _ in cells)
+            print(f"{path.stem} {part:<10}  {told}  seen {seen:.0f} %  {cells[1][2]}", flush=True)
+    for part, values in every.items():
+        found = np.array(values)
+        known = found[~np.isnan(found)]
+        print(
+            f"{part}: {np.isnan(found).sum()} of {len(found)} refused; of the rest: mean {known.mean():+.2f}, "
+            f"rms {np.sqrt((known**2).mean()):.2f}, worst {np.abs(known).max():.2f} ms, "
+            f"{100 * np.mean(np.abs(known) <= TARGET_MS):.0f} % within {TARGET_MS:g} ms"
+        )
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -131,26 +131,37 @@ def test_truth_of_nothing_is_refused(rows, tmp_path):
 
 def test_the_truth_of_the_simulated_bench_is_scored_beside_the_sensor(rows, tmp_path):
     from tipforce.dataset import open_dataset
-    from tipforce.twin.small._truth import Truth, write_truth
-    from tipforce.types import BasePose
+    from tipforce.geometry import Pose
+    from tipforce.twin import Truth, truth_path, write_truth
 
     data = open_dataset(rows)
     for name in ("s0", "s2"):
         one = data.subset(data.session == name)
-        (tmp_path / "bench" / name).mkdir(parents=True)
+        frames, pose = len(one), Pose(np.eye(3), np.zeros(3))
         truth = Truth(
             session=name,
             stamp_ns=one.stamp_ns,
             force_n=np.nan_to_num(one.force_n) - [0.0, 0.03, 0.0],
-            touching=np.ones(len(one), np.bool_),
-            centreline_m=np.zeros((len(one), 2, 2)),
-            base=BasePose(np.zeros(2), 0.0),
-            metres_per_px=2e-4,
+            touch_m=np.zeros((frames, 3)),
+            touching=np.ones(frames, np.bool_),
+            slipping=np.zeros(frames, np.bool_),
+            centreline_m=np.zeros((frames, 2, 3)),
+            centreline_px=np.zeros((frames, 2, 2)),
+            visible=np.ones(frames),
+            mask_bytes=np.zeros(0, np.uint8),
+            mask_ends=np.zeros(frames, np.int64),
+            curvature_per_m=np.zeros(frames),
+            knob_deg=np.zeros(frames),
+            camera_from_base=pose,
+            sensor_from_base=pose,
+            image_size=(64, 48),
             clock_offset_s=0.0,
+            clock_drift=0.0,
             values={},
             settings={},
         )
-        write_truth(truth, tmp_path / "bench" / name)
+        (tmp_path / "bench").mkdir(exist_ok=True)
+        write_truth(truth, truth_path(tmp_path / "bench" / name))
     result = run(
         "svr", "--data", rows, "-o", tmp_path / "r", *QUICK, "--set", "force=components", "--protocol", "session",
         "--truth", tmp_path / "bench",

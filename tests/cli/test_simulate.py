@@ -1,53 +1,88 @@
+"""``tipforce simulate --as files``: what a laboratory's machines leave, and the way from there to a recording."""
+
 import json
 
-import av
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
 from tipforce.errors import InputError
-from tipforce.twin.small import read_truth
+from tipforce.recording import RecordingReader, labels, open_source
+from tipforce.twin import read_truth
+from tipforce.types import Frame
 
-ARGUMENTS = [
-    "--preset",
-    "demo",
-    "--sessions",
-    "2",
-    "--seconds",
-    "8",
-    "--set",
-    "tare_s=3",
-    "--set",
-    "width=160",
-    "--set",
-    "height=120",
-]
+SETTINGS = ["--sessions", "1", "--seconds", "12", "--set", "world.tare_s=2", "--seed", "3"]
 
 
-def run(*arguments):
-    return CliRunner().invoke(app, ["simulate", *arguments], catch_exceptions=True)
+def run(verb, *arguments):
+    return CliRunner().invoke(app, [verb, *map(str, arguments)], catch_exceptions=True)
 
 
-def test_two_processes_write_sessions_with_videos_whose_stamps_are_true(tmp_path):
-    figures = tmp_path / "figures.json"
-    result = run("-o", str(tmp_path / "out"), "--json", str(figures), *ARGUMENTS)
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    root = tmp_path_factory.mktemp("files")
+    result = run("simulate", "--as", "files", "-o", root, "--json", root / "figures.json", *SETTINGS)
     assert result.exit_code == 0, result.output
-    assert json.loads(figures.read_text())["frames"] == 384
-    truth = read_truth(tmp_path / "out" / "session_00")
-    with av.open(str(tmp_path / "out" / "session_00" / "video.mp4")) as video:
-        stamps = [frame.time for frame in video.decode(video=0)]
-    assert stamps == pytest.approx((truth.stamp_ns * 1e-9).tolist(), abs=1e-4)
+    assert json.loads((root / "figures.json").read_text())["sessions"] == ["session_00"]
+    return root / "session_00"
+
+
+def test_a_session_is_a_video_with_true_stamps_and_logs(session):
+    names = sorted(path.name for path in session.iterdir())
+    assert names == ["bench.json", "force.csv", "stage.csv", "video.mp4"]
+    with open_source(session / "video.mp4") as source:
+        stamps = [event.stamp_ns for event in source if isinstance(event, Frame)]
+    truth = read_truth(session)
+    assert stamps[0] > 0, "the first frame is not the zero of the clock that stage and knob are stamped by"
+    np.testing.assert_allclose(stamps, truth.stamp_ns, rtol=0, atol=1e9 / 90_000)
+
+
+def test_imported_the_files_give_the_true_force_but_for_the_sensors_own_errors(session, tmp_path):
+    facts = json.loads((session / "bench.json").read_text())
+    catheter = ",".join(["bench", *(f"{key}={value}" for key, value in facts["catheter"].items() if key != "name")])
+    result = run(
+        "import", session / "video.mp4", session / "force.csv", "--stage-log", session / "stage.csv",
+        "--knob-deg", facts["knob_deg"], "--sensor-angle-deg", facts["sensor_angle_deg"], "--reads", facts["reads"],
+        "--tare", facts["no_contact_s"], "--metres-per-px", facts["metres_per_px"], "--catheter", catheter,
+        "--set", f"base_side={facts['base_side']}", "-o", tmp_path / "run.mcap",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.exception
+    truth = read_truth(session)
+    with RecordingReader(tmp_path / "run.mcap") as reader:
+        found, info = labels(reader), reader.info
+    assert info.clock_offset.how == "estimated"
+    assert info.clock_offset.offset_ms == pytest.approx(1e3 * truth.clock_offset_s, abs=3.0)
+    assert info.inertia.how == "estimated"
+    known = np.isfinite(found.force_n).all(axis=1)
+    miss = found.force_n[known] - truth.force_n[known]
+    assert known.mean() > 0.95
+    assert np.sqrt((miss[:, :2] ** 2).mean()) < 8e-3
+
+
+def test_lossless_files_hold_every_pixel_that_is_drawn(tmp_path):
+    from tipforce.twin import PRESETS, TwinBench, TwinSettings
+
+    small = ["width=160", "height=120", "world.clock.fps=4", "world.tare_s=2"]
+    settings = [word for pair in small for word in ("--set", pair)]
+    result = run(
+        "simulate", "--as", "files", "--lossless", "--sessions", "1", "--seconds", "8", "-o", tmp_path, *settings
+    )
+    assert result.exit_code == 0, result.exception
+    chosen = TwinSettings.model_validate(
+        read_truth(tmp_path / "session_00").settings | {}, strict=False, extra="ignore"
+    )
+    assert chosen.preset == "bench-2021 changed"
+    assert chosen.world != PRESETS["bench-2021"].world
+    bench = TwinBench(chosen)
+    with open_source(tmp_path / "session_00" / "video.mp4") as source:
+        for index, event in enumerate(event for event in source if isinstance(event, Frame)):
+            np.testing.assert_array_equal(event.image, bench.frame(index).image)
+    assert index == len(bench.frame_s) - 1
 
 
 def test_an_unknown_bench_is_refused_with_those_there_are(tmp_path):
-    result = run("-o", str(tmp_path / "out"), "--preset", "nonsense")
+    result = run("simulate", "-o", tmp_path / "out", "--preset", "nonsense")
     assert isinstance(result.exception, InputError)
-    assert "there are bench-2021, generalise, demo" in str(result.exception)
-    assert not (tmp_path / "out").exists()
-
-
-def test_an_unknown_setting_is_refused_before_anything_is_written(tmp_path):
-    result = run("-o", str(tmp_path / "out"), "--preset", "demo", "--set", "frictoin=0.1")
-    assert isinstance(result.exception, InputError)
-    assert "friction" in str(result.exception)
+    assert "there are bench-2021, generalise" in str(result.exception)
     assert not (tmp_path / "out").exists()

@@ -42,6 +42,24 @@ def test_a_video_gives_back_stamps_and_pictures(tmp_path: Path, size: tuple[int,
     assert all(o.actuation == {"knob_deg": 10.0} for o in observations(source))
 
 
+@pytest.mark.parametrize("shape", [(48, 64), (48, 64, 3)])
+def test_a_lossless_video_gives_every_pixel_back(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(0)
+    frames = [Frame(k * 40_000_000, rng.integers(0, 256, shape, np.uint8)) for k in range(3)]
+    write_video(tmp_path / "v.mp4", frames, 25, lossless=True)
+    with open_source(tmp_path / "v.mp4") as source:
+        for event, frame in zip(source, frames, strict=True):
+            wanted = frame.image if frame.image.ndim == 3 else np.stack([frame.image] * 3, axis=2)
+            np.testing.assert_array_equal(event.image, wanted)
+
+
+def test_a_first_frame_later_than_the_clocks_zero_keeps_its_stamp(tmp_path: Path) -> None:
+    stamps = [3_217_000, 41_000_000, 84_500_000]
+    write_video(tmp_path / "v.mp4", (Frame(stamp, grey(k)) for k, stamp in enumerate(stamps)), 24, zero_ns=0)
+    with open_source(tmp_path / "v.mp4") as source:
+        assert [event.stamp_ns for event in source] == pytest.approx(stamps, abs=1e9 / 90_000)
+
+
 def test_a_video_that_fails_halfway_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(TimeError, match="not later"):
         write_video(tmp_path / "v.mp4", [Frame(0, grey(0)), Frame(0, grey(1))], 24)

@@ -29,8 +29,8 @@ def command(
 ) -> None:
     """Run the whole job without hardware: record, import, train, judge, estimate. Every command is shown.
 
-    A simulated bench leaves videos and force logs; from there on the demo types what a user would type. The last
-    session is kept from training, and the force in its video is estimated at the end.
+    A simulated bench leaves videos and logs; from there on the demo types what a user would type. The last session is
+    kept from training, and the force in its video is estimated at the end.
 
     Example:
         tipforce demo -o demo
@@ -43,31 +43,33 @@ def command(
         say(f"\n{title} ({marks[name]:.0f} s)", "bold")
 
     output.mkdir(parents=True, exist_ok=True)
-    step("1. A bench in software: videos, force logs", "simulate")
+    step("1. A bench in software: videos, logs of force and stage", "simulate")
     bench = output / "bench"
     _tipforce(
-        "simulate", "--preset", "demo", "--sessions", sessions, "--seconds", seconds, "--seed", seed, "-o", bench,
+        "simulate", "--preset", "bench-2021", "--as", "files", "--sessions", sessions, "--seconds", seconds,
+        "--seed", seed, "-o", bench,
     )  # fmt: skip
 
-    step("2. Video and force log -> recording; the clocks aligned, the sensor tared", "import")
+    step("2. Video and logs -> recording; clocks aligned, sensor tared, the mass it carries taken out", "import")
     folders = [bench / f"session_{number:02d}" for number in range(sessions)]
     runs = output / "runs"
     runs.mkdir(exist_ok=True)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         list(pool.map(_import, folders, [runs / f"{folder.name}.mcap" for folder in folders]))
     _tipforce("inspect", runs / "session_00.mcap", "-o", output / "recording.png")
-    _tipforce("inspect", folders[0] / "video.mp4", "-o", output / "seen.png", "--figures")
+    side = _facts(folders[0])["base_side"]
+    _tipforce("inspect", folders[0] / "video.mp4", "-o", output / "seen.png", "--figures", "--set", f"base_side={side}")
 
     step(f"3. Method 1, support vector regression, on 75 % of {samples} samples", "train")
     model = output / "models" / "svr"
     _tipforce(
         "train", runs, "--estimator", "svr", "--without", folders[-1].name, "--samples", round(0.75 * samples),
-        "--seed", seed, "--set", "force=components", "--overwrite", "-o", model,
+        "--seed", seed, "--set", "force=components", "--set", f"vision.base_side={side}", "--overwrite", "-o", model,
     )  # fmt: skip
 
     step("4. Judged: random, blocked and held-out sessions side by side", "evaluate")
     report = output / "report"
-    _tipforce("evaluate", model, "--data", runs, "--samples", samples, "--seed", seed, "-o", report)
+    _tipforce("evaluate", model, "--data", runs, "--truth", bench, "--samples", samples, "--seed", seed, "-o", report)
     marks["first report"] = round(time.monotonic() - started, 1)
 
     step("5. Used: the force in a video of a session never seen", "estimate")
@@ -107,10 +109,10 @@ def _import(folder: Path, target: Path) -> None:
     """Import one session; of all that is said, the line about the clocks is repeated."""
     facts = _facts(folder)
     told = _tipforce(
-        "import", folder / "video.mp4", folder / "force.csv", "--knob-deg", facts["knob_deg"],
-        "--sensor-angle-deg", facts["sensor_angle_deg"], "--reads", facts["reads"],
-        "--metres-per-px", facts["metres_per_px"], "--catheter", facts["catheter"], "--overwrite",
-        "-o", target, shown=False,
+        "import", folder / "video.mp4", folder / "force.csv", "--stage-log", folder / "stage.csv",
+        "--knob-deg", facts["knob_deg"], "--sensor-angle-deg", facts["sensor_angle_deg"], "--reads", facts["reads"],
+        "--tare", facts["no_contact_s"], "--metres-per-px", facts["metres_per_px"], "--catheter", facts["catheter"],
+        "--set", f"base_side={facts['base_side']}", "--overwrite", "-o", target, shown=False,
     )  # fmt: skip
     clock = next((line for line in told.splitlines() if line.startswith("clock offset")), "")
     say(f"  {target.name}  {clock.split(' (')[0]}", "dim")

@@ -48,7 +48,7 @@ def command(
     Example:
         tipforce evaluate svr --data runs/ -o report/
 
-        tipforce evaluate models/svr --data runs/ --protocol session --truth sessions/ -o report/ --json -
+        tipforce evaluate models/svr --data runs/ --protocol session --truth runs/ -o report/ --json -
 
         tipforce evaluate svr --data runs/ --truth runs/ --protocol standard --every 4 -o report/
     """
@@ -93,10 +93,8 @@ def _truths(folder: Path) -> "dict[str, tuple[IntArray, FloatArray]]":
     """Stamps (n,) and true forces (n, 3) by session, of all that simulate wrote under ``folder``."""
     from ..errors import InputError
     from ..twin import read_truth
-    from ..twin.small import read_truth as read_small
 
     found = [read_truth(path) for path in sorted(folder.rglob("*.truth.npz"))]
-    found += [read_small(path.parent) for path in sorted(folder.rglob("truth.npz"))]
     if not found:
         raise InputError(f"--truth {folder}: there is no truth in it; only what `tipforce simulate` wrote has one")
     return {truth.session: (truth.stamp_ns, truth.force_n) for truth in found}

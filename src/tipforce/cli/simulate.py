@@ -3,7 +3,7 @@
 import time
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -15,44 +15,56 @@ __all__ = ["command"]
 
 def command(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the sessions go.")],
-    preset: Annotated[
-        str, typer.Option(help="Which bench: bench-2021, generalise; demo is the small one.")
-    ] = "bench-2021",
+    preset: Annotated[str, typer.Option(help="Which bench: bench-2021, generalise.")] = "bench-2021",
+    form: Annotated[
+        Literal["recording", "files"],
+        typer.Option("--as", help="One recording a session; or a folder of video and logs, to be imported."),
+    ] = "recording",
     sessions: Annotated[int, typer.Option(min=1, max=999, help="Number of sessions.")] = 8,
     seconds: Annotated[float | None, typer.Option(help="Length of each session; else the preset's.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same sessions.")] = 0,
-    lossless: Annotated[bool, typer.Option("--lossless", help="Keep pictures as PNG instead of JPEG.")] = False,
+    lossless: Annotated[bool, typer.Option("--lossless", help="Keep every pixel as it is drawn.")] = False,
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Simulate a bench: sessions as real hardware leaves them, with the truth in a file beside each.
 
-    A session is a recording (session_00.mcap) that holds what a bench would know, and session_00.truth.npz for
-    evaluation only. The preset demo is a smaller bench that leaves folders with video.mp4, force.csv, bench.json and
-    truth.npz instead, to be imported. Sessions that stand in the folder already are kept. A preset that is changed by
-    --set or --seconds is none any more: the recordings say so.
+    A session is a recording (session_00.mcap) that holds what a bench would know, or with --as files a folder
+    (session_00) of video.mp4, force.csv, stage.csv, bench.json and, where the knob moves, knob.csv; and
+    session_00.truth.npz for evaluation only. Sessions that stand there already are kept. A preset that is changed by
+    --set or --seconds is none any more: the sessions say so.
 
     Example:
         tipforce simulate --preset bench-2021 --sessions 8 --seed 0 -o runs/
 
         tipforce simulate --preset bench-2021 --set world.wall.friction=[0,0] --set scene.objects=[0,0] -o easy/
+
+        tipforce simulate --as files --sessions 2 --seconds 30 -o bench/
     """
     from ..errors import InputError
-    from ..twin import PRESETS
+    from ..twin import PRESETS, TwinSettings, read_truth, simulate
+    from ._simulated import FORMS
 
     check_outputs([], json_file)
-    known = [*PRESETS, "demo"]
-    if preset not in known:
-        raise InputError(f"--preset {preset}: there is no such bench; there are {', '.join(known)}")
+    if preset not in PRESETS:
+        raise InputError(f"--preset {preset}: there is no such bench; there are {', '.join(PRESETS)}")
     started = time.monotonic()
-    changes = list(settings or [])
-    if preset == "demo":
-        if lossless:
-            raise InputError("--lossless: the demo's bench writes videos; choose another --preset")
-        paths, frames = _small(output, [f"seconds={seconds or 30.0}", *changes], sessions, seed)
-    else:
-        changes += [] if seconds is None else [f"world.seconds={seconds}"]
-        paths, frames = _twin(output, preset, changes, sessions, seed, lossless)
+    changes = [*([] if seconds is None else [f"world.seconds={seconds}"]), *(settings or [])]
+    chosen = settings_from(TwinSettings, changes, PRESETS[preset])
+    if chosen != PRESETS[preset] and chosen.preset == preset:
+        chosen = chosen.model_copy(update={"preset": f"{preset} changed"})
+    suffix, write = FORMS[form]
+    with progress_bar() as report:
+        paths = simulate(
+            output,
+            partial(write, lossless=lossless),
+            chosen,
+            suffix=suffix,
+            sessions=sessions,
+            seed=seed,
+            progress=report,
+        )
+    frames = sum(len(read_truth(path).stamp_ns) for path in paths)
     took = time.monotonic() - started
     figures = {
         "folder": str(output),
@@ -64,36 +76,3 @@ def command(
     first = paths[0]
     say(f"next: tipforce inspect {first}" if first.is_file() else f"next: tipforce import {first}/video.mp4 --help")
     write_json(figures, json_file)
-
-
-def _twin(
-    output: Path, preset: str, changes: list[str], sessions: int, seed: int, lossless: bool
-) -> tuple[list[Path], int]:
-    from ..twin import PRESETS, TwinSettings, read_truth, simulate
-    from ._simulated import record_session
-
-    chosen = settings_from(TwinSettings, changes, PRESETS[preset])
-    if chosen != PRESETS[preset] and chosen.preset == preset:
-        chosen = chosen.model_copy(update={"preset": f"{preset} changed"})
-    with progress_bar() as report:
-        write = partial(record_session, lossless=lossless)
-        paths = simulate(output, write, chosen, sessions=sessions, seed=seed, progress=report)
-    return paths, sum(len(read_truth(path).stamp_ns) for path in paths)
-
-
-def _small(output: Path, changes: list[str], sessions: int, seed: int) -> tuple[list[Path], int]:
-    from ..recording import write_video
-    from ..twin.small import SmallBenchSettings, read_truth, simulate
-
-    with progress_bar() as report:
-        # Drawing and encoding share the time: a faster preset pays with larger files, not with quality; one thread, for
-        # there is a process for every core, and the same bytes however many there are.
-        folders = simulate(
-            output,
-            partial(write_video, preset="ultrafast", threads=1),
-            settings_from(SmallBenchSettings, changes),
-            sessions=sessions,
-            seed=seed,
-            progress=report,
-        )
-    return folders, sum(len(read_truth(folder).stamp_ns) for folder in folders)

@@ -151,8 +151,9 @@ class VideoWriter:
     """An ``.mp4``, H.264 yuv420p, index in front; a context manager. The name appears when it closes without an error.
 
     ``fps``: the nominal rate; every frame is shown at its own stamp minus ``zero_ns`` (None: the first frame's stamp).
-    ``crf``: quality, 0 (lossless) to 51; ``preset``: x264's, a faster one makes larger files. The bytes depend on
-    ``threads`` (0: as x264 likes). Sizes that are odd are widened by one pixel. Grey frames stay neutral.
+    ``crf``: quality, 0 to 51; ``preset``: x264's, a faster one makes larger files. The bytes depend on ``threads`` (0:
+    as x264 likes). ``lossless``: every pixel comes back as it was, which needs RGB in place of yuv420p, and browsers do
+    not show that. Sizes that are odd are widened by one pixel. Grey frames become RGB and stay neutral.
     """
 
     def __init__(
@@ -163,6 +164,7 @@ class VideoWriter:
         crf: int = 20,
         preset: str = "veryfast",
         threads: int = 0,
+        lossless: bool = False,
         zero_ns: int | None = None,
         overwrite: bool = True,
     ) -> None:
@@ -176,7 +178,10 @@ class VideoWriter:
             raise InputError(f"{self.path}: {fps} frames a second is no rate for a video")
         self._rate = Fraction(fps).limit_denominator(1001)
         self._zero_ns = zero_ns
-        self._options = {"crf": str(crf), "preset": preset, "bf": "0"} | ({"threads": str(threads)} if threads else {})
+        self._lossless = lossless
+        self._options = {"crf": "0" if lossless else str(crf), "preset": preset, "bf": "0"} | (
+            {"threads": str(threads)} if threads else {}
+        )
         self._container: OutputContainer | None = None
         self._stream: av.VideoStream | None = None
         self._last_ticks = -1
@@ -185,6 +190,8 @@ class VideoWriter:
     def write(self, frame: Frame) -> None:
         """One frame. Raises TimeError where its stamp is not later than the last, InputError where its size changed."""
         image = _even(frame.image)
+        if self._lossless and image.ndim == 2:
+            image = np.ascontiguousarray(np.broadcast_to(image[..., None], (*image.shape, 3)))
         if self._zero_ns is None:
             self._zero_ns = frame.stamp_ns
         ticks = round((frame.stamp_ns - self._zero_ns) * _TICKS / 1_000_000_000)
@@ -200,10 +207,13 @@ class VideoWriter:
 
     def _opened(self, image: Image) -> tuple[av.VideoStream, OutputContainer]:
         if self._container is None or self._stream is None:
-            container = av.open(str(self._part), "w", format="mp4", options={"movflags": "faststart"})
-            stream = container.add_stream("libx264", rate=self._rate, options=self._options)
+            # a first frame later than zero is told in the file's own timescale, which would be milliseconds
+            flags = {"movflags": "faststart", "movie_timescale": str(_TICKS)}
+            container = av.open(str(self._part), "w", format="mp4", options=flags)
+            codec = "libx264rgb" if self._lossless else "libx264"
+            stream = container.add_stream(codec, rate=self._rate, options=self._options)
             stream.height, stream.width = image.shape[:2]
-            stream.pix_fmt = "yuv420p"
+            stream.pix_fmt = "rgb24" if self._lossless else "yuv420p"
             stream.time_base = stream.codec_context.time_base = Fraction(1, _TICKS)
             self._container, self._stream, self._size = container, stream, image.shape[:2]
         return self._stream, self._container
@@ -237,9 +247,16 @@ def _even(image: Image) -> Image:
 
 
 def write_video(
-    path: Path | str, frames: Iterable[Frame], fps: float, preset: str = "veryfast", threads: int = 0
+    path: Path | str,
+    frames: Iterable[Frame],
+    fps: float,
+    preset: str = "veryfast",
+    threads: int = 0,
+    *,
+    lossless: bool = False,
+    zero_ns: int | None = None,
 ) -> None:
     """All ``frames`` as an ``.mp4``: see `VideoWriter`."""
-    with VideoWriter(path, fps, preset=preset, threads=threads) as video:
+    with VideoWriter(path, fps, preset=preset, threads=threads, lossless=lossless, zero_ns=zero_ns) as video:
         for frame in frames:
             video.write(frame)

@@ -2,6 +2,7 @@
 
 from ._bench import TwinBench
 from ._files import WriteSession, simulate
+from ._logs import write_logs
 from ._settings import PRESETS, TwinSettings
 from ._sidecar import Truth, read_truth, truth_of, truth_path, write_truth
 
@@ -15,5 +16,6 @@ __all__ = [
     "simulate",
     "truth_of",
     "truth_path",
+    "write_logs",
     "write_truth",
 ]

@@ -1,4 +1,4 @@
-"""Sessions as recordings, with the truth beside each."""
+"""Many sessions as files, with the truth beside each."""
 
 from collections.abc import Callable
 from functools import partial
@@ -12,18 +12,24 @@ from ._sidecar import read_truth, truth_of, truth_path, write_truth
 __all__ = ["WriteSession", "simulate"]
 
 WriteSession = Callable[[TwinBench, Path, Callable[[], None]], None]
-"""Writes a session's recording to a path that does not exist yet, whole or not at all; calls the function after every
-frame. Must be importable by another process."""
+"""Writes a session to a path that does not exist yet, whole or not at all; calls the function after every frame. Must
+be importable by another process."""
 
 
-def _place(root: Path, number: int) -> Path:
-    return root / f"session_{number:02d}.mcap"
+def _place(root: Path, suffix: str, number: int) -> Path:
+    return root / f"session_{number:02d}{suffix}"
 
 
 def _work(
-    settings: TwinSettings, seed: int, root: Path, write: WriteSession, number: int, tick: Callable[[], None]
+    settings: TwinSettings,
+    seed: int,
+    root: Path,
+    suffix: str,
+    write: WriteSession,
+    number: int,
+    tick: Callable[[], None],
 ) -> None:
-    bench, target = TwinBench(settings, seed, number), _place(root, number)
+    bench, target = TwinBench(settings, seed, number), _place(root, suffix, number)
     write_truth(truth_of(bench), truth_path(target))
     write(bench, target, tick)
 
@@ -41,21 +47,25 @@ def simulate(
     write: WriteSession,
     settings: TwinSettings | None = None,
     *,
+    suffix: str = ".mcap",
     sessions: int = 8,
     seed: int = 0,
     workers: int | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> list[Path]:
-    """``sessions`` sessions in ``folder``: ``session_00.mcap`` and ``session_00.truth.npz``, and so on.
+    """``sessions`` sessions in ``folder``: what ``write`` makes of each, and ``session_00.truth.npz`` and so on beside.
 
-    Those that stand there already are kept. Works in ``workers`` processes, as many as there are cores by default; a
+    ``suffix``: of the paths that ``write`` gets, as in ``session_00.mcap``; empty for a session that is a folder. Those
+    that stand there already are kept. Works in ``workers`` processes, as many as there are cores by default; a
     single one is this process. Returns the paths, old and new. Raises InputError where a file holds a session of other
     settings.
     """
     settings = settings or TwinSettings()
     root = Path(folder)
-    wanted = [number for number in range(sessions) if not _is_done(_place(root, number), settings, seed, number)]
+    places = [_place(root, suffix, number) for number in range(sessions)]
+    wanted = [number for number, place in enumerate(places) if not _is_done(place, settings, seed, number)]
     root.mkdir(parents=True, exist_ok=True)
     frames = round(settings.world.seconds * settings.world.clock.fps)
-    write_sessions(partial(_work, settings, seed, root, write), wanted, frames, workers=workers, progress=progress)
-    return [_place(root, number) for number in range(sessions)]
+    work = partial(_work, settings, seed, root, suffix, write)
+    write_sessions(work, wanted, frames, workers=workers, progress=progress)
+    return places

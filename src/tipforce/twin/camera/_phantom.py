@@ -137,7 +137,8 @@ def _sprite(canvas: Canvas, channels: int, sigma_px: float) -> tuple[Picture, np
     planes.append(canvas.left)
     # Sampling between half pixels blurs a little too: up to 1/16 px^2, on average 1/24.
     sigma = FINER * max(0.0, sigma_px**2 - 1 / 24 - 1 / 48) ** 0.5
-    planes = [cv2.GaussianBlur(plane, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for plane in planes]
+    if sigma > 0.0:  # in small pictures the sampling's own is all there is
+        planes = [cv2.GaussianBlur(plane, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for plane in planes]
     rows, columns = planes[0].shape[0] // FINER, planes[0].shape[1] // FINER
     sprite = np.empty((FINER, FINER, channels + 1, rows, columns), np.float32)
     for k, plane in enumerate(planes):
