@@ -1,20 +1,22 @@
 """The world of the twin: waves, drives, drift, sensor, and whole sessions."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tipforce.errors import InputError
-from tipforce.twin.world import Axis, AxisLimits, Load, read_sensor, run_session, smooth_lines
+from tipforce.mechanics import HEART_WAVES, HeartMotion
+from tipforce.twin.world import Axis, AxisModel, Drive, Load, read_sensor, run_session, smooth_lines
 from tipforce.twin.world._draw import slow_drift
-from tipforce.twin.world._waves import WAVES
 from tipforce.twin.world.settings import ClockSettings, MotionSettings, SensorSettings, WorldSettings
 
 SHORT = WorldSettings(seconds=14.0, tare_s=2.0)
 
 
-@pytest.mark.parametrize("wave", WAVES.values())
+@pytest.mark.parametrize("wave", HEART_WAVES.values())
 def test_waves_fill_the_span_and_repeat(wave):
     cycles = np.linspace(0, 1, 2001)
     assert wave(cycles).min() == pytest.approx(-1.0, abs=1e-3)
@@ -23,7 +25,7 @@ def test_waves_fill_the_span_and_repeat(wave):
 
 
 def test_a_half_wave_rests_longer_than_it_pushes():
-    values = WAVES["half-wave PQRST"](np.linspace(0, 1, 1000, endpoint=False))
+    values = HEART_WAVES["half-wave PQRST"](np.linspace(0, 1, 1000, endpoint=False))
     assert (values < 0).mean() > 0.6
 
 
@@ -31,26 +33,69 @@ def test_a_half_wave_rests_longer_than_it_pushes():
     goals=st.lists(st.floats(-0.02, 0.02), min_size=1, max_size=5),
     speed=st.floats(0.02, 0.3),
     acceleration=st.floats(0.5, 10.0),
+    lag=st.sampled_from([0.0, 5e-3, 30e-3]),
 )
-def test_an_axis_never_exceeds_its_limits_and_arrives(goals, speed, acceleration):
-    axis = Axis(AxisLimits(1e-5, speed, acceleration, low=-0.015, high=0.015), dt_s=1e-3)
-    wait = int(1000 * (0.04 / speed + 2 * speed / acceleration + 0.2))
+def test_an_axis_never_exceeds_its_limits_and_arrives(goals, speed, acceleration, lag):
+    axis = Axis(AxisModel(1e-5, speed, acceleration, lag_s=lag, low=-0.015, high=0.015), dt_s=1e-3)
+    wait = int(1000 * (0.04 / speed + 2 * speed / acceleration + 10 * lag + 0.2))
     place = axis.follow(np.repeat(goals, wait))
+    assert np.abs(place).max() <= 0.015
     velocity = np.diff(np.concatenate([[0.0], place])) / 1e-3
     assert np.abs(velocity).max() <= speed * (1 + 1e-9)
     assert np.abs(np.diff(velocity)).max() <= acceleration * 1e-3 * (1 + 1e-6)
     assert place[-1] == pytest.approx(np.clip(goals[-1], -0.015, 0.015), abs=2e-5)
 
 
-def test_an_axis_is_late_by_its_delay_and_reads_whole_steps():
-    limits = AxisLimits(step=1e-4, max_speed=1.0, max_acceleration=50.0, delay_s=0.01)
-    t = np.arange(0, 1, 1e-3)
-    command = 1e-2 * np.sin(2 * np.pi * t)
-    whole, single = Axis(limits, 1e-3), Axis(limits, 1e-3)
-    place = whole.follow(command)
-    assert [single.move(c) for c in command.tolist()] == place.tolist()
-    np.testing.assert_allclose(place[100:], command[90:-10], atol=1e-5)
-    assert np.unique(np.round(whole.resolved(place) / 1e-4 % 1.0, 6) % 1.0).tolist() == [0.0]
+def test_a_drive_is_late_by_its_delay_and_reads_whole_steps():
+    model = AxisModel(step=1e-4, max_speed=1.0, max_acceleration=50.0, delay_s=0.01)
+    programme = 1e-2 * np.sin(2 * np.pi * np.arange(0, 1, 1e-3))
+    told, smooth, places = Drive(model, 1e-3, programme, by_hand=False).run(0, 1000)
+    np.testing.assert_array_equal(told, programme)
+    np.testing.assert_allclose(smooth[100:], programme[90:-10], atol=1e-5)
+    np.testing.assert_allclose(places, smooth, atol=0.5001e-4)
+    assert np.unique(np.round(places / 1e-4 % 1.0, 6) % 1.0).tolist() == [0.0]
+
+
+@given(
+    cuts=st.lists(st.integers(1, 400), max_size=6),
+    orders=st.lists(st.tuples(st.integers(0, 399), st.sampled_from([-3e-3, 2e-3, 4e-3, np.nan])), max_size=4),
+    by_hand=st.booleans(),
+)
+def test_a_drive_does_the_same_however_its_time_is_cut(cuts, orders, by_hand):
+    model = AxisModel(step=1e-5, max_speed=0.05, max_acceleration=2.0, delay_s=5e-3, lag_s=4e-3)
+    programme = 1e-3 * np.sin(2 * np.pi * np.arange(0, 0.4, 1e-3))
+
+    def run(edges):
+        drive = Drive(model, 1e-3, programme, by_hand=by_hand)
+        for order in sorted(orders, key=lambda order: order[0]):
+            drive.command(*order)
+        return np.hstack([drive.run(*edge) for edge in pairwise(edges)])
+
+    np.testing.assert_array_equal(run(sorted({0, 400, *cuts})), run([0, 400]))
+
+
+@given(at=st.integers(5, 300), speed=st.floats(-0.04, 0.04))
+def test_a_stop_brakes_as_fast_as_the_axis_may_and_then_holds(at, speed):
+    model = AxisModel(step=1e-6, max_speed=0.05, max_acceleration=2.0, delay_s=5e-3)
+    drive = Drive(model, 1e-3, speed * np.arange(0, 0.4, 1e-3), by_hand=True)
+    drive.command(at, np.nan)
+    _, smooth, _ = drive.run(0, 400)
+    velocity = np.diff(smooth) / 1e-3
+    np.testing.assert_allclose(velocity[: at + 4], speed, atol=1e-9)  # as before, until the command has come through
+    rests = at + 5 + int(np.ceil(abs(speed) / 2.0 / 1e-3))
+    assert np.abs(velocity[rests:]).max(initial=0.0) < 1e-9
+    assert np.abs(np.diff(velocity)).max() <= 2.0 * 1e-3 * (1 + 1e-6)
+
+
+def test_a_heart_motion_is_what_the_thesis_bench_was_told():
+    heart = HeartMotion(5e-3, 1.25, "half-wave PQRST", lateral_share=0.5, respiration_m=1e-3, standoff_m=2e-3)
+    times = np.arange(0, 4.0, 0.01)
+    forward, across = np.transpose([list(heart.command(t).values()) for t in times.tolist()])
+    assert heart.command(0.0).keys() == {"stage_forward_mm", "stage_across_mm"}
+    np.testing.assert_allclose(np.ptp(across), 5.0, atol=0.01)
+    np.testing.assert_allclose(forward, 2 * across + np.sin(2 * np.pi * 0.25 * times) - 2.0, atol=2e-4)
+    with pytest.raises(ValueError, match="wave: expected one of sine, half-wave PQRST, got square"):
+        HeartMotion(5e-3, 1.0, "square")
 
 
 def test_drift_has_its_size_and_its_memory():

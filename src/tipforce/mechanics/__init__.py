@@ -4,6 +4,7 @@ from ._contact import Contact, Wall, press
 from ._continuation import Branch
 from ._derivatives import derivatives
 from ._free import Shape, Shapes, bend, bend_many
+from ._heart import HEART_WAVES, HeartMotion
 from ._information import Bound, CentrelineNoise, Information, Priors, cramer_rao, fisher_information
 from ._rod import Rod
 from ._sensitivity import Derivatives
@@ -26,6 +27,7 @@ from .baselines import (
 )
 
 __all__ = [
+    "HEART_WAVES",
     "Bent",
     "BentShape",
     "Bound",
@@ -35,6 +37,7 @@ __all__ = [
     "Contact",
     "Derivatives",
     "Elastica",
+    "HeartMotion",
     "Hysteresis",
     "Information",
     "KnobMap",

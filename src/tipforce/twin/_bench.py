@@ -127,8 +127,11 @@ class TwinBench:
     def lines_m(self, time_s: FloatArray) -> FloatArray:
         """(k, points, 3): the centreline at ``time_s`` (k,), base frame, base to apex, uniform in arc length."""
         low, share = self._place(time_s)
-        contact, rod = self.session.course.contact, self.session.rig.rod
-        before, after = (smooth_lines(rod, contact.quaternions[rows], _POINTS) for rows in (low, low + 1))
+        course, rod = self.session.course, self.session.rig.rod
+        before, after = (
+            smooth_lines(rod, course.contact.quaternions[rows], _POINTS, course.advance_m[rows])
+            for rows in (low, low + 1)
+        )
         return before + share[:, None, None] * (after - before)
 
     def _exposure(self, index: int, shares: FloatArray) -> tuple[FloatArray, TissueState]:

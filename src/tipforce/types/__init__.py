@@ -6,22 +6,30 @@ Force = what the tissue does to the tip, in the base frame.
 """
 
 from ._arrays import BoolArray, FloatArray, Image, IntArray, frozen
+from ._axes import ADVANCE, KNOB, STAGE_ACROSS, STAGE_FORWARD, AxisLimits, Commanded
 from ._device import Catheter, Context
 from ._estimate import ForceEstimate, Status
-from ._seams import Clock, SimulatedClock, Source, SystemClock
+from ._seams import Actuators, Clock, SimulatedClock, Source, SystemClock
 from ._shape import BasePose, CentrelineM, CentrelinePx
 from ._streams import JOINTS, STAGE, Actuation, Event, Frame, Observation, ShapeFeatures, View, Wrench
 
 __all__ = [
+    "ADVANCE",
     "JOINTS",
+    "KNOB",
     "STAGE",
+    "STAGE_ACROSS",
+    "STAGE_FORWARD",
     "Actuation",
+    "Actuators",
+    "AxisLimits",
     "BasePose",
     "BoolArray",
     "Catheter",
     "CentrelineM",
     "CentrelinePx",
     "Clock",
+    "Commanded",
     "Context",
     "Event",
     "FloatArray",

@@ -1,20 +1,24 @@
 """The world of a simulated bench: catheter, tissue, stage, force sensor, clocks. Knows nothing of pictures."""
 
-from ._axis import Axis, AxisLimits
-from ._course import LEAD_S, STEP_S, Course, Motion, Rig
+from ._axis import Axis, AxisModel, Drive
+from ._course import Course, CourseRun
 from ._draw import Device, Draw
 from ._lines import smooth_lines
+from ._rig import Rig
 from ._sensor import Load, SensorLog, read_sensor
 from ._session import Session, run_session
+from ._tune import LEAD_S, STEP_S, Motion
 
 __all__ = [
     "LEAD_S",
     "STEP_S",
     "Axis",
-    "AxisLimits",
+    "AxisModel",
     "Course",
+    "CourseRun",
     "Device",
     "Draw",
+    "Drive",
     "Load",
     "Motion",
     "Rig",

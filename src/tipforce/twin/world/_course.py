@@ -1,81 +1,35 @@
-"""What happens in one session, instant by instant: knob, stage and wall move, the rod follows."""
+"""What happens in one session, instant by instant: knob, clamp, stage and wall move, the rod follows."""
 
-import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ...mechanics import Play, SpatialContact, SpatialRod, SpatialWall, damping_of_loss_factor, press_spatial
+from ...mechanics import Play, SpatialContact, SpatialPress
 from ...types import FloatArray
-from ._axis import Axis, AxisLimits
-from ._draw import Draw, knob_course, slow_drift
-from ._waves import WAVES
+from ._axis import AxisModel, Drive
+from ._rig import Rig
+from ._tune import Motion, Tune
 from .settings import WorldSettings
 
-__all__ = ["LEAD_S", "STEP_S", "Course", "Motion", "Rig", "build_rig", "run_course"]
+__all__ = ["Course", "CourseRun", "run_course"]
 
-STEP_S = 1e-3
-"""Between instants of a session."""
-LEAD_S, TRAIL_S = 0.5, 0.3
-"""Simulated before the first frame and after the last: the force log's clock lies off by less."""
-APPROACH_S = 1.5
-CLEARANCE_M = 3e-3
-"""Between tip and wall where they are closest while the sensor is tared."""
-_SEGMENT_M = 1e-3
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """What is solved for: amplitude along the normal, and how far the stage stands off."""
-
-    amplitude_m: float
-    standoff_m: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Rig:
-    """A session's rod and wall, and where they meet. Directions in the base frame.
-
-    ``forward``, ``across`` (3,): the stage's axes; ``forward`` points into the nominal wall, so the tissue comes
-    forward against it. ``touch_m`` (3,): a point of the wall's surface when it just meets the tip as it hangs under
-    ``touch_curvature_per_m``. ``support_m``: how far the unloaded dome reaches along the wall's normal, over
-    ``support_curvature_per_m``, both (k,).
-    """
-
-    draw: Draw
-    rod: SpatialRod
-    wall: SpatialWall
-    forward: FloatArray
-    across: FloatArray
-    touch_m: FloatArray
-    touch_reach_m: float
-    support_curvature_per_m: FloatArray
-    support_m: FloatArray
-    settings: WorldSettings
-
-    @property
-    def radius_m(self) -> float:
-        """Of the electrode and its dome."""
-        return 0.5 * self.draw.device.diameter_m
-
-    def reach_m(self, curvature_per_m: FloatArray) -> FloatArray:
-        """(m,) curvature of the unloaded shaft -> (m,) how far its dome reaches beyond first touch, along the stage."""
-        reach = np.interp(curvature_per_m, self.support_curvature_per_m, self.support_m)
-        return (reach - self.touch_reach_m) / float(self.forward @ self.wall.normal)
+_BLOCK = 4096
+"""Instants at once: enough for nothing but the rod to cost time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
     """A session instant by instant.
 
-    ``time_s`` (m,) on the camera's clock; ``knob_deg`` (m,); ``curvature_per_m`` (m,) of the unloaded shaft in its
-    plane of bending; ``command_m``, ``stage_m`` (m, 2): the stage's axes, told and come to, forward positive against
-    the tip; ``acceleration_m_per_s2`` (m, 3) of the stage, base frame; ``wall_m`` (m, 3): where the point of the
-    undented surface that was touched first is.
+    ``time_s`` (m,) on the camera's clock; ``knob_deg``, ``advance_m`` (m,); ``curvature_per_m`` (m,) of the unloaded
+    shaft in its plane of bending; ``command_m``, ``stage_m`` (m, 2): the stage's axes, told and come to, forward
+    positive against the tip; ``acceleration_m_per_s2`` (m, 3) of the stage, base frame; ``wall_m`` (m, 3): where the
+    point of the undented surface that was touched first is.
     """
 
     time_s: FloatArray
     knob_deg: FloatArray
+    advance_m: FloatArray
     curvature_per_m: FloatArray
     command_m: FloatArray
     stage_m: FloatArray
@@ -84,135 +38,149 @@ class Course:
     contact: SpatialContact
 
 
-def _tip_of(rod: SpatialRod, curvature_per_m: float, radius_m: float) -> tuple[FloatArray, FloatArray]:
-    """Middle of the dome and the electrode's direction, of the rod without load."""
-    strain = np.asarray(rod.precurvature_per_m) + np.array([0.0, 0.0, curvature_per_m])
-    nodes = rod.nodes_m(replace(rod, precurvature_per_m=strain).unloaded_quaternions)
-    axis = nodes[-1] - nodes[-2]
-    axis /= np.linalg.norm(axis)
-    return nodes[-1] - radius_m * axis, axis
-
-
-def build_rig(settings: WorldSettings, draw: Draw) -> Rig:
-    """Rod and wall of a session; raises ValueError where a drawn value has no physical meaning."""
-    shaft, device = settings.shaft, draw.device
-    segments = max(20, round(device.flexible_length_m / _SEGMENT_M))
-    joints = np.linspace(0.0, 1.0, segments + 1)
-    relaxed = device.stiffness_nm2 / (1.0 + shaft.creep_share)  # EI is what answers at once
-    rod = SpatialRod(
-        flexible_length_m=device.flexible_length_m,
-        bending_stiffness_nm2=relaxed,
-        rigid_length_m=shaft.rigid_length_m,
-        torsional_stiffness_nm2=shaft.torsion_over_bending * relaxed,
-        precurvature_per_m=np.array([0.0, draw.out_of_plane_per_m, 0.0]),
-        stiffening_curvature_per_m=shaft.stiffening_curvature_per_m,
-        stiffness_profile=np.where(joints < 1 / 3, 1.0 + shaft.proximal_stiffer, 1.0),
-        segments=segments,
+def _drives(settings: WorldSettings, tune: Tune, programme_m: FloatArray) -> tuple[Drive, Drive, Drive, Drive]:
+    """Clamp, knob, and the stage's two axes: what a session does by itself is their programme."""
+    dt = float(tune.time_s[1] - tune.time_s[0])
+    clamp, knob, motion = settings.clamp, settings.knob_drive, settings.motion
+    stage = AxisModel(
+        motion.step_m,
+        motion.max_speed_m_per_s,
+        motion.max_acceleration_m_per_s2,
+        motion.delay_s,
+        motion.lag_s,
+        *motion.travel_m,
     )
-    gain = settings.actuation.gain_per_m_deg * draw.knob_factor
-    start = gain * (draw.knob_low_deg + draw.play_start_deg)
-    radius = 0.5 * device.diameter_m
-    centre, axis = _tip_of(rod, start, radius)
-    angle = math.atan2(axis[1], axis[0]) + math.radians(draw.contact_angle_deg)
-    forward = np.array([math.cos(angle), math.sin(angle), 0.0])
-    tilt = math.radians(draw.tilt_deg)
-    normal = math.cos(tilt) * forward + np.array([0.0, 0.0, math.sin(tilt)])
-    spread = 0.2 * abs(gain) * max(draw.knob_high_deg, 1.0) + 5.0
-    curvatures = np.linspace(gain * draw.knob_low_deg - spread, gain * draw.knob_high_deg + spread, 60)
-    support = np.array([_tip_of(rod, float(c), radius)[0] @ normal for c in curvatures])
-    stiffness = draw.wall_stiffness_n_per_m
-    return Rig(
-        draw=draw,
-        rod=rod,
-        wall=SpatialWall(
-            normal=normal,
-            stiffness_n_per_m=stiffness,
-            damping_ns_per_m=damping_of_loss_factor(stiffness, settings.wall.loss_factor, settings.wall.loss_hz),
-            friction=draw.friction,
+    return (
+        Drive(
+            AxisModel(
+                clamp.step_m,
+                clamp.max_speed_m_per_s,
+                clamp.max_acceleration_m_per_s2,
+                clamp.delay_s,
+                clamp.lag_s,
+                *clamp.travel_m,
+            ),
+            dt,
+            np.zeros(tune.time_s.size),
+            by_hand=True,
         ),
-        forward=forward,
-        across=np.array([-forward[1], forward[0], 0.0]),
-        touch_m=centre + radius * normal,
-        touch_reach_m=float(centre @ normal),
-        support_curvature_per_m=curvatures,
-        support_m=support,
-        settings=settings,
+        Drive(
+            AxisModel(
+                knob.step_deg,
+                knob.max_speed_deg_per_s,
+                knob.max_acceleration_deg_per_s2,
+                knob.delay_s,
+                knob.lag_s,
+                *knob.travel_deg,
+            ),
+            dt,
+            tune.knob_deg,
+            by_hand=True,
+        ),
+        Drive(stage, dt, programme_m[:, 0], by_hand=False),
+        Drive(stage, dt, programme_m[:, 1], by_hand=False),
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Tune:
-    """What a session's motion is made of before its amplitude is known: (m,) each."""
+class CourseRun:
+    """A session that is made to happen as far as it is asked for, while its drives may be commanded.
 
-    time_s: FloatArray
-    knob_deg: FloatArray
-    curvature_per_m: FloatArray
-    wave: FloatArray
-    lateral: FloatArray
-    breath_m: FloatArray
+    ``clamp``, ``knob``, ``forward``, ``across``: the drives, in m and degrees. ``course``: its rows are true up to
+    ``done``, their accelerations up to ``settled``. However it is cut into pieces, the same comes out.
+    """
 
-    def thinned(self, step: int, start_s: float, end_s: float) -> "Tune":
-        """Every ``step``-th instant from ``start_s`` to ``end_s``."""
-        rows = np.flatnonzero((self.time_s >= start_s) & (self.time_s <= end_s))[::step]
-        return Tune(*(getattr(self, field.name)[rows] for field in fields(self)))
+    def __init__(self, rig: Rig, tune: Tune, motion: Motion) -> None:
+        settings = rig.settings
+        self.rig, self._tune = rig, tune
+        self.drives = self.clamp, self.knob, self.forward, self.across = _drives(
+            settings, tune, tune.programme_m(rig, motion)
+        )
+        self._dt = float(tune.time_s[1] - tune.time_s[0])
+        self._press = SpatialPress(
+            rig.rod,
+            rig.wall,
+            self._dt,
+            rig.radius_m,
+            creep=settings.shaft.creep_share,
+            creep_time_s=settings.shaft.creep_s,
+        )
+        self._play: Play | None = None
+        count = tune.time_s.size
+        self._smooth = np.zeros((count, 2))
+        self.done = self.settled = 0
+        self.course = Course(
+            time_s=tune.time_s,
+            knob_deg=np.zeros(count),
+            advance_m=np.zeros(count),
+            curvature_per_m=np.zeros(count),
+            command_m=np.zeros((count, 2)),
+            stage_m=np.zeros((count, 2)),
+            acceleration_m_per_s2=np.zeros((count, 3)),
+            wall_m=np.zeros((count, 3)),
+            contact=_room(self._press.run(np.zeros((0, 3))), count),
+        )
 
-    def push_m(self, rig: Rig, amplitude_m: float) -> FloatArray:
-        """How far the wall would stand beyond first touch without standing off."""
-        return amplitude_m * self.wave + self.breath_m + rig.reach_m(self.curvature_per_m)
+    def advance(self, end: int) -> None:
+        """Let it happen up to the instant ``end``, exclusive, where that has not been done."""
+        end = min(end, self.course.time_s.size)
+        while self.done < end:
+            self._happen(self.done, min(end, self.done + _BLOCK))
+            self._accelerate()
 
-    def standoff_m(self, rig: Rig, amplitude_m: float) -> float:
-        """What frees the tip for the wanted share of the beats."""
-        beating = self.time_s > rig.settings.tare_s + APPROACH_S
-        return float(np.quantile(self.push_m(rig, amplitude_m)[beating], rig.draw.free_share))
+    def _happen(self, first: int, end: int) -> None:
+        rows, course, rig = slice(first, end), self.course, self.rig
+        _, _, course.advance_m[rows] = self.clamp.run(first, end)
+        _, _, course.knob_deg[rows] = self.knob.run(first, end)
+        for k, drive in enumerate((self.forward, self.across)):
+            course.command_m[rows, k], self._smooth[rows, k], course.stage_m[rows, k] = drive.run(first, end)
+        course.curvature_per_m[rows] = rig.curvature_per_m(self._transmitted(first, end), self._tune.drift[rows])
+        course.wall_m[rows] = rig.touch_m + rig.directed(course.stage_m[rows])
+        zero = np.zeros(end - first)
+        contact = self._press.run(
+            course.wall_m[rows],
+            np.stack([zero, zero, course.curvature_per_m[rows]], axis=1),
+            course.advance_m[rows],
+        )
+        for name in _ROWS:
+            getattr(course.contact, name)[rows] = getattr(contact, name)
+        self.done = end
+
+    def _transmitted(self, first: int, end: int) -> FloatArray:
+        """(m,) what the knob's play lets through: as planned until the knob's drive takes over."""
+        transmitted, taken = self._tune.transmitted_deg[first:end], self.knob.taken_over
+        if taken is None or taken >= end:
+            return transmitted
+        if self._play is None:
+            first = max(first, taken)
+            before = float(self._tune.transmitted_deg[max(0, first - 1)])
+            self._play = Play(self.rig.settings.actuation.play_deg, output=before)
+        own = self._play.run(self.course.knob_deg[first:end])
+        return np.concatenate([transmitted[: transmitted.size - own.size], own])
+
+    def _accelerate(self) -> None:
+        """The stage's acceleration, by central differences: it is known two instants after the position."""
+        first, whole = self.settled, self.done == self.course.time_s.size
+        end = self.done if whole else self.done - 2
+        start = max(0, first - 2)
+        if end <= first or self.done - start < 2:
+            return
+        smooth = self._smooth[start : self.done]
+        twice = np.gradient(np.gradient(smooth, self._dt, axis=0), self._dt, axis=0)
+        self.course.acceleration_m_per_s2[first:end] = self.rig.directed(twice[first - start : end - start])
+        self.settled = end
 
 
-def compose(rig: Rig, time_s: FloatArray, rng: np.random.Generator) -> Tune:
-    """Knob, drift and waves over ``time_s``, evenly spaced."""
-    draw, settings = rig.draw, rig.settings
-    knob = knob_course(draw, time_s, rng)
-    actuation = settings.actuation
-    transmitted = Play(actuation.play_deg, output=float(knob[0]) + draw.play_start_deg).run(knob)
-    drift = slow_drift(actuation.drift_rms, actuation.drift_s, time_s, rng)
-    cycles = draw.beat_hz * time_s
-    return Tune(
-        time_s=time_s,
-        knob_deg=knob,
-        curvature_per_m=actuation.gain_per_m_deg * draw.knob_factor * transmitted * (1.0 + drift),
-        wave=WAVES[draw.wave](cycles),
-        lateral=draw.lateral_share * WAVES[draw.wave](cycles + draw.lateral_phase / (2 * math.pi)),
-        breath_m=draw.respiration_m
-        * np.sin(2 * math.pi * settings.motion.respiration_hz * time_s + draw.respiration_phase),
-    )
+_ROWS = tuple(field.name for field in fields(SpatialContact) if field.name not in ("rod", "wall"))
+
+
+def _room(none: SpatialContact, count: int) -> SpatialContact:
+    """Room for ``count`` instants, shaped as in a contact of no instants."""
+    rows = {name: getattr(none, name) for name in _ROWS}
+    return replace(none, **{name: np.zeros((count, *row.shape[1:]), row.dtype) for name, row in rows.items()})
 
 
 def run_course(rig: Rig, tune: Tune, motion: Motion) -> Course:
-    """Drive the stage and let the rod follow: at the spacing of ``tune``'s instants."""
-    settings, t = rig.settings, tune.time_s
-    dt = float(t[1] - t[0])
-    push = tune.push_m(rig, motion.amplitude_m)
-    near = np.clip((t - settings.tare_s) / APPROACH_S, 0.0, 1.0)
-    away = (1.0 - near * near * (3.0 - 2.0 * near)) * (push.max() - motion.standoff_m + CLEARANCE_M)
-    forward = motion.amplitude_m * tune.wave + tune.breath_m - motion.standoff_m - away
-    command = np.stack([forward, motion.amplitude_m * tune.lateral], axis=1)
-    drives = settings.motion
-    limits = AxisLimits(drives.step_m, drives.max_speed_m_per_s, drives.max_acceleration_m_per_s2, drives.delay_s)
-    axes = [Axis(limits, dt, start=float(command[0, k])) for k in range(2)]
-    smooth = np.stack([axis.follow(command[:, k]) for k, axis in enumerate(axes)], axis=1)
-    stage = np.stack([axis.resolved(smooth[:, k]) for k, axis in enumerate(axes)], axis=1)
-    directions = np.stack([-rig.forward, rig.across])
-    wall = rig.touch_m + stage @ directions
-    contact = press_spatial(
-        rig.rod, rig.wall, wall, dt, rig.radius_m,
-        precurvature_change_per_m=np.stack([0 * t, 0 * t, tune.curvature_per_m], axis=1),
-        creep=settings.shaft.creep_share, creep_time_s=settings.shaft.creep_s,
-    )  # fmt: skip
-    return Course(
-        time_s=t,
-        knob_deg=tune.knob_deg,
-        curvature_per_m=tune.curvature_per_m,
-        command_m=command,
-        stage_m=stage,
-        acceleration_m_per_s2=np.gradient(np.gradient(smooth, dt, axis=0), dt, axis=0) @ directions,
-        wall_m=wall,
-        contact=contact,
-    )
+    """The session from its beginning to its end, with nobody commanding: at the spacing of ``tune``'s instants."""
+    run = CourseRun(rig, tune, motion)
+    run.advance(tune.time_s.size)
+    return run.course

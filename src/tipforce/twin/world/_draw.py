@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
+from ...mechanics import HEART_WAVES
 from ...types import FloatArray
 from .._ranges import Range
-from ._waves import WAVES
 from .settings import WorldSettings
 
 __all__ = ["Device", "Draw", "draw_device", "draw_session", "knob_course", "slow_drift"]
@@ -82,7 +82,7 @@ def draw_session(settings: WorldSettings, device: Device, rng: np.random.Generat
     actuation, wall, motion = settings.actuation, settings.wall, settings.motion
     knob = sorted(rng.uniform(*actuation.knob_deg, 2).tolist())
     side = -1.0 if wall.either_side and rng.random() < 0.5 else 1.0
-    names = list(WAVES)
+    names = list(HEART_WAVES)
     return Draw(
         device=device,
         out_of_plane_per_m=one(settings.shaft.out_of_plane_per_m),

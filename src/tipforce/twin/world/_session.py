@@ -8,8 +8,10 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ...errors import InputError
-from ._course import APPROACH_S, LEAD_S, STEP_S, TRAIL_S, Course, Motion, Rig, Tune, build_rig, compose, run_course
+from ._course import Course, CourseRun, run_course
 from ._draw import draw_device, draw_session
+from ._rig import Rig, build_rig
+from ._tune import APPROACH_S, LEAD_S, STEP_S, TRAIL_S, Motion, Tune, compose
 from .settings import WorldSettings
 
 __all__ = ["Session", "run_session"]
@@ -22,12 +24,20 @@ _SAME_ANGLE = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """What is true of one session. ``redraws``: by reason, how often its values were drawn again."""
+    """What is true of one session. ``redraws``: by reason, how often its values were drawn again.
+
+    ``course``: what happens where nobody commands a drive.
+    """
 
     rig: Rig
+    tune: Tune
     motion: Motion
     course: Course
     redraws: dict[str, int]
+
+    def begin(self) -> CourseRun:
+        """The same session before its first instant, to be made to happen again, commanded."""
+        return CourseRun(self.rig, self.tune, self.motion)
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
@@ -76,6 +86,8 @@ def _objection(rig: Rig, course: Course) -> str:
 
 def _lies_down(rig: Rig, course: Course) -> str:
     """The objection that the dome does not touch, or empty."""
+    if rig.wall.side_stiffness_n_per_m2 > 0.0:
+        return ""  # the side touches too
     contact = course.contact
     axis = contact.frames()[:, -1, :, 0]
     steepest = float((axis @ rig.wall.normal)[contact.touching].min(initial=1.0))
@@ -105,7 +117,7 @@ def run_session(settings: WorldSettings, seed: int, number: int) -> Session:
             course = run_course(rig, tune, found)
             why = _objection(rig, course)
             if not why:
-                return Session(rig, found, course, redraws)
+                return Session(rig, tune, found, course, redraws)
         redraws[why] = redraws.get(why, 0) + 1
     worst = max(redraws, key=lambda reason: redraws[reason])
     raise InputError(

@@ -1,5 +1,6 @@
 """What a simulated bench is made of, part by part; the defaults are the preset ``bench-2021``."""
 
+import operator
 from typing import Annotated
 
 from pydantic import Field
@@ -8,7 +9,9 @@ from .._ranges import NotNegative, Positive, Range, Settings, Share
 
 __all__ = [
     "ActuationSettings",
+    "ClampSettings",
     "ClockSettings",
+    "KnobDriveSettings",
     "MotionSettings",
     "SensorSettings",
     "ShaftSettings",
@@ -77,6 +80,8 @@ class WallSettings(Settings):
     loss_factor: NotNegative = 0.175
     loss_hz: Positive = 1.2
     friction: Range = (0.05, 0.3)
+    side_stiffness_n_per_m2: NotNegative = Field(default=0.0, exclude_if=operator.not_)
+    """Spring for each metre of the shaft's side that touches the tissue; 0: only the electrode's dome touches."""
 
 
 class MotionSettings(Settings):
@@ -100,6 +105,36 @@ class MotionSettings(Settings):
     max_acceleration_m_per_s2: Positive = 10.0
     delay_s: NotNegative = 4e-3
     """From a command to its movement."""
+    lag_s: NotNegative = Field(default=0.0, exclude_if=operator.not_)
+    """Time constant with which the tissue follows the motor."""
+    travel_m: Range = Field(default=(-0.1, 0.1), exclude_if=lambda travel: travel == (-0.1, 0.1))
+    """Of both axes, from where the tissue just meets the tip."""
+
+
+class ClampSettings(Settings):
+    """The motor that advances the catheter's clamp along the base tangent; the free length stays."""
+
+    step_m: Positive = 2.5e-6
+    travel_m: Range = (-20e-3, 20e-3)
+    """From where the clamp stands while nobody commands it."""
+    max_speed_m_per_s: Positive = 0.05
+    max_acceleration_m_per_s2: Positive = 1.0
+    delay_s: NotNegative = 8e-3
+    """From a command to its movement."""
+    lag_s: NotNegative = 10e-3
+    """Time constant with which the clamp follows the motor: belt, coupling and catheter give way."""
+
+
+class KnobDriveSettings(Settings):
+    """The motor at the knob; it takes over from the hand that set it when it is first commanded."""
+
+    step_deg: Positive = 0.1125
+    """One of 3,200 microsteps a turn."""
+    travel_deg: Range = (-90.0, 90.0)
+    max_speed_deg_per_s: Positive = 90.0
+    max_acceleration_deg_per_s2: Positive = 1800.0
+    delay_s: NotNegative = 8e-3
+    lag_s: NotNegative = 20e-3
 
 
 class SensorSettings(Settings):
@@ -131,6 +166,10 @@ class ClockSettings(Settings):
     force_drift_ppm: Range = (-20.0, 20.0)
 
 
+def _is_default(part: Settings) -> bool:
+    return part == type(part)()
+
+
 class WorldSettings(Settings):
     """A catheter held at its base presses on a wall that beats; a force sensor sits under the wall."""
 
@@ -142,5 +181,7 @@ class WorldSettings(Settings):
     actuation: ActuationSettings = ActuationSettings()
     wall: WallSettings = WallSettings()
     motion: MotionSettings = MotionSettings()
+    clamp: ClampSettings = Field(default=ClampSettings(), exclude_if=_is_default)
+    knob_drive: KnobDriveSettings = Field(default=KnobDriveSettings(), exclude_if=_is_default)
     sensor: SensorSettings = SensorSettings()
     clock: ClockSettings = ClockSettings()

@@ -1,0 +1,97 @@
+"""How the heart's wall moves: waveforms over a cycle, from -1 to 1, and what a stage is told to move like it."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from ..types import STAGE_ACROSS, STAGE_FORWARD, FloatArray
+
+__all__ = ["HEART_WAVES", "HeartMotion", "half_wave", "sine"]
+
+Wave = Callable[[FloatArray], FloatArray]
+
+# Centre and width in degrees of the cycle, and height: what is left of P, R and T when only the half-waves above the
+# base line are moved, widened to what a stage on a spindle can follow.
+_BUMPS = ((-110.0, 34.0, 0.20), (0.0, 40.0, 1.0), (125.0, 42.0, 0.35))
+
+
+def sine(cycles: FloatArray) -> FloatArray:
+    """(n,) time in cycles -> (n,)."""
+    return np.sin(2 * np.pi * cycles)
+
+
+def _bumps(cycles: FloatArray) -> FloatArray:
+    total = np.zeros(np.shape(cycles))
+    for centre, width, height in _BUMPS:
+        away = np.remainder(360.0 * cycles - centre + 180.0, 360.0) - 180.0
+        total += height * np.exp(-0.5 * (away / width) ** 2)
+    return total
+
+
+@cache
+def _span() -> tuple[float, float]:
+    values = _bumps(np.linspace(0.0, 1.0, 4001))
+    return float(values.min()), float(values.max())
+
+
+def half_wave(cycles: FloatArray) -> FloatArray:
+    """(n,) time in cycles -> (n,): the half-waves of a PQRST course that lie above its base line (thesis fig. 20b).
+
+    >>> bool(half_wave(np.zeros(1))[0] > 0.999)
+    True
+    """
+    low, high = _span()
+    return 2.0 * (_bumps(cycles) - low) / (high - low) - 1.0
+
+
+HEART_WAVES: dict[str, Wave] = {"sine": sine, "half-wave PQRST": half_wave}
+
+
+@dataclass(frozen=True, slots=True)
+class HeartMotion:
+    """Beat forward and lateral, as of the thesis's heart simulator (fig. 20), and respiration: for any `Actuators`.
+
+    ``wave``: one of `HEART_WAVES`. ``amplitude_m``: forward, half of peak to peak; the lateral one is
+    ``lateral_share`` of it and ``lateral_phase_rad`` ahead. Respiration moves forward, as a sine of ``respiration_m``.
+    ``standoff_m``: how far back from the stage's zero all of it happens. Raises ValueError for another wave.
+
+    >>> HeartMotion(5e-3, beat_hz=1.2, lateral_share=0.5).command(1 / 4.8)
+    {'stage_forward_mm': 5.0, 'stage_across_mm': 2.5}
+    """
+
+    amplitude_m: float
+    beat_hz: float
+    wave: str = "sine"
+    lateral_share: float = 0.0
+    lateral_phase_rad: float = 0.0
+    respiration_m: float = 0.0
+    respiration_hz: float = 0.25
+    respiration_phase_rad: float = 0.0
+    standoff_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.wave not in HEART_WAVES:
+            raise ValueError(f"wave: expected one of {', '.join(HEART_WAVES)}, got {self.wave}")
+
+    def forward(self, time_s: FloatArray) -> FloatArray:
+        """(n,) s -> (n,): the beat forward, over the amplitude."""
+        return HEART_WAVES[self.wave](self.beat_hz * time_s)
+
+    def lateral(self, time_s: FloatArray) -> FloatArray:
+        """(n,) s -> (n,): the beat to the side, over the amplitude."""
+        turned = self.lateral_phase_rad / (2 * math.pi)
+        return self.lateral_share * HEART_WAVES[self.wave](self.beat_hz * time_s + turned)
+
+    def respiration(self, time_s: FloatArray) -> FloatArray:
+        """(n,) s -> (n,): how far forward breathing moves the wall, in m."""
+        return self.respiration_m * np.sin(2 * math.pi * self.respiration_hz * time_s + self.respiration_phase_rad)
+
+    def command(self, time_s: float) -> dict[str, float]:
+        """Where a stage should be ``time_s`` after the motion began: to be given to it again and again."""
+        now = np.array([time_s])
+        forward = self.amplitude_m * self.forward(now) + self.respiration(now) - self.standoff_m
+        across = self.amplitude_m * self.lateral(now)
+        return {STAGE_FORWARD: round(1e3 * float(forward[0]), 4), STAGE_ACROSS: round(1e3 * float(across[0]), 4)}
