@@ -8,20 +8,17 @@ from typing import Any, Self
 
 import numpy as np
 
-from ..types import STAGE, Actuation, Catheter, Context, Event, FloatArray, Frame, IntArray, SimulatedClock, Wrench
+from ..types import Catheter, Clock, Context, Event, FloatArray, Frame, IntArray, SimulatedClock
+from ._readings import Readings
 from ._settings import TwinSettings
 from .camera import CameraRenderer, CameraScene, PictureTruth, TissueHome, TissueState, draw_scene
-from .world import LEAD_S, STEP_S, Load, SensorLog, Session, read_sensor, run_session, smooth_lines
+from .world import LEAD_S, STEP_S, Course, SensorLog, Session, run_session, smooth_lines
 
 __all__ = ["TwinBench"]
 
-_STAGE_HZ = 100.0
-_KNOB_HZ = 50.0
 _POINTS = 97
 """Of the true centreline: half a millimetre apart."""
 _EXPOSURE_SHAPES = 9
-_SENSOR_BELOW_M = 0.02
-"""From the tissue's surface to the sensor's origin."""
 
 
 class TwinBench:
@@ -36,7 +33,7 @@ class TwinBench:
     def __init__(self, settings: TwinSettings | None = None, seed: int = 0, session: int = 0) -> None:
         self.settings = settings or TwinSettings()
         self.seed, self.number = seed, session
-        self.clock = SimulatedClock()
+        self.clock: Clock = SimulatedClock()
         """Simulated time on the camera's clock; stands at the event that was yielded last."""
 
     def __enter__(self) -> Self:
@@ -60,6 +57,11 @@ class TwinBench:
         """What is drawn and what happens: the truth."""
         return run_session(self.settings.world, self.seed, self.number)
 
+    @property
+    def course(self) -> Course:
+        """What happens, instant by instant."""
+        return self.session.course
+
     @cached_property
     def scene(self) -> CameraScene:
         """What the camera looks at."""
@@ -81,15 +83,16 @@ class TwinBench:
         )
 
     @cached_property
+    def readings(self) -> Readings:
+        """All that is read but the pictures."""
+        readings = Readings(self.session.rig, self._place, self._rng(3))
+        readings.take(self.course, self.course.time_s.size)
+        return readings
+
+    @property
     def log(self) -> SensorLog:
         """All readings of the force sensor, on its own clock."""
-        rig, course = self.session.rig, self.session.course
-        origin = course.wall_m + _SENSOR_BELOW_M * rig.forward
-        contact = course.contact
-        load = Load(course.time_s, -contact.force_n, contact.touch_m - origin, course.acceleration_m_per_s2)
-        world = self.settings.world
-        angle = float(np.arctan2(rig.forward[1], rig.forward[0]))
-        return read_sensor(world.sensor, world.clock, load, angle, world.seconds + 0.2, self._rng(3))
+        return self.readings.log
 
     @cached_property
     def frame_s(self) -> FloatArray:
@@ -110,7 +113,7 @@ class TwinBench:
     def _place(self, time_s: FloatArray) -> tuple[IntArray, FloatArray]:
         """Instant before each time, and how far it is from there to the next."""
         place = (time_s + LEAD_S) / STEP_S
-        low = np.clip(np.floor(place).astype(np.int64), 0, self.session.course.time_s.size - 2)
+        low = np.clip(np.floor(place).astype(np.int64), 0, self.course.time_s.size - 2)
         return low, place - low
 
     def nearest(self, time_s: FloatArray) -> IntArray:
@@ -127,7 +130,7 @@ class TwinBench:
     def lines_m(self, time_s: FloatArray) -> FloatArray:
         """(k, points, 3): the centreline at ``time_s`` (k,), base frame, base to apex, uniform in arc length."""
         low, share = self._place(time_s)
-        course, rod = self.session.course, self.session.rig.rod
+        course, rod = self.course, self.session.rig.rod
         before, after = (
             smooth_lines(rod, course.contact.quaternions[rows], _POINTS, course.advance_m[rows])
             for rows in (low, low + 1)
@@ -138,7 +141,7 @@ class TwinBench:
         """Shapes and tissue at ``shares`` (m,) of half the exposure before (-1) to after (1) the middle of a frame."""
         middle = float(self.frame_s[index])
         times = middle + 0.5 * self.scene.exposure_s * shares
-        course, rig = self.session.course, self.session.rig
+        course, rig = self.course, self.session.rig
         now = np.array([middle])
         tissue = TissueState(
             shift_m=self.at(course.wall_m, times) - rig.touch_m,
@@ -160,38 +163,46 @@ class TwinBench:
 
     def stage_log(self) -> tuple[IntArray, dict[str, FloatArray]]:
         """Stamps (k,) and the commanded positions of the stage's axes in mm."""
-        course = self.session.course
-        times = np.arange(round(self.settings.world.seconds * _STAGE_HZ)) / _STAGE_HZ
-        command = 1e3 * self.at(course.command_m, times)
-        return np.round(times * 1e9).astype(np.int64), {
-            "stage_forward_mm": np.round(command[:, 0], 4),
-            "stage_across_mm": np.round(command[:, 1], 4),
-        }
+        stage = self.readings.stage
+        return stage.stamp_ns, dict(zip(stage.names, stage.values.T, strict=True))
 
     def knob_log(self) -> tuple[IntArray, FloatArray]:
         """Stamps (k,) and the knob's reading in degrees (k,)."""
-        times = np.arange(round(self.settings.world.seconds * _KNOB_HZ)) / _KNOB_HZ
-        return np.round(times * 1e9).astype(np.int64), np.round(self.at(self.session.course.knob_deg, times), 2)
+        joints = self.readings.joints
+        return joints.stamp_ns, joints.values[:, 0]
+
+    def schedule(self) -> list[tuple[int, int, int]]:
+        """All events in their order: when, on this bench's clock in ns, which stream's, and its place in that."""
+        readings = self.readings
+        force_ns = np.round(readings.log.true_s * 1e9).astype(np.int64)
+        stamps = (force_ns, readings.stage.stamp_ns, readings.joints.stamp_ns, self.stamp_ns)
+        arrival = np.concatenate([own + late for own, late in zip(stamps, self._delays_ns(), strict=True)])
+        stream = np.repeat(np.arange(len(stamps)), [len(own) for own in stamps])
+        row = np.concatenate([np.arange(len(own)) for own in stamps])
+        order = np.argsort(arrival, kind="stable")
+        return list(zip(arrival[order].tolist(), stream[order].tolist(), row[order].tolist(), strict=True))
+
+    def _delays_ns(self) -> tuple[int, ...]:
+        """By stream: in a recording all stands when it happened."""
+        return (0, 0, 0, 0)
+
+    def event(self, stream: int, row: int) -> Event:
+        """The event at a place of `schedule`."""
+        readings = self.readings
+        match stream:
+            case 0:
+                return readings.wrench(row)
+            case 1:
+                return readings.actuation(readings.stage, row)
+            case 2:
+                return readings.actuation(readings.joints, row)
+            case _:
+                return self.frame(row)
 
     def __iter__(self) -> Iterator[Event]:
-        log = self.log
-        stage_ns, stage = self.stage_log()
-        knob_ns, knob = self.knob_log()
-        arrival = np.concatenate([np.round(log.true_s * 1e9).astype(np.int64), stage_ns, knob_ns, self.stamp_ns])
-        kind = np.repeat(np.arange(4), [len(log.stamp_ns), len(stage_ns), len(knob_ns), len(self.stamp_ns)])
-        row = np.concatenate([np.arange(len(s)) for s in (log.stamp_ns, stage_ns, knob_ns, self.stamp_ns)])
-        for k in np.argsort(arrival, kind="stable").tolist():
-            self.clock.sleep_until_ns(int(arrival[k]))
-            i = int(row[k])
-            match int(kind[k]):
-                case 0:
-                    yield Wrench(int(log.stamp_ns[i]), log.force_n[i], log.torque_nm[i], frame="sensor")
-                case 1:
-                    yield Actuation(int(stage_ns[i]), {name: float(v[i]) for name, v in stage.items()}, STAGE)
-                case 2:
-                    yield Actuation(int(knob_ns[i]), {"knob_deg": float(knob[i])})
-                case _:
-                    yield self.frame(i)
+        for at_ns, stream, row in self.schedule():
+            self.clock.sleep_until_ns(at_ns)
+            yield self.event(stream, row)
 
     @property
     def context(self) -> Context:

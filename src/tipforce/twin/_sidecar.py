@@ -88,8 +88,8 @@ def truth_path(recording: Path) -> Path:
 
 def truth_of(bench: TwinBench) -> Truth:
     """Collect the truth of ``bench``, frame by frame."""
-    session, log, times = bench.session, bench.log, bench.frame_s
-    contact, course = session.course.contact, session.course
+    log, times = bench.log, bench.frame_s
+    contact, course = bench.course.contact, bench.course
     pictures = [bench.picture_truth(index) for index in range(len(times))]
     packed = [zlib.compress(np.packbits(picture.mask).tobytes(), 1) for picture in pictures]
     row = bench.nearest(times)

@@ -5,7 +5,7 @@ from ._course import Course, CourseRun
 from ._draw import Device, Draw
 from ._lines import smooth_lines
 from ._rig import Rig
-from ._sensor import Load, SensorLog, read_sensor
+from ._sensor import ForceSensor, Load, SensorLog, read_sensor
 from ._session import Session, run_session
 from ._tune import LEAD_S, STEP_S, Motion
 
@@ -19,6 +19,7 @@ __all__ = [
     "Device",
     "Draw",
     "Drive",
+    "ForceSensor",
     "Load",
     "Motion",
     "Rig",

@@ -24,7 +24,7 @@ class Course:
     ``time_s`` (m,) on the camera's clock; ``knob_deg``, ``advance_m`` (m,); ``curvature_per_m`` (m,) of the unloaded
     shaft in its plane of bending; ``command_m``, ``stage_m`` (m, 2): the stage's axes, told and come to, forward
     positive against the tip; ``acceleration_m_per_s2`` (m, 3) of the stage, base frame; ``wall_m`` (m, 3): where the
-    point of the undented surface that was touched first is.
+    point of the undented surface that was touched first is. ``radius_m``: of dome and shaft.
     """
 
     time_s: FloatArray
@@ -36,6 +36,17 @@ class Course:
     acceleration_m_per_s2: FloatArray
     wall_m: FloatArray
     contact: SpatialContact
+    radius_m: float
+
+    def side_touch_m(self, rows: slice) -> FloatArray:
+        """(m, 3): where the force on the shaft's side acts; where it does not touch, a point of the wall."""
+        contact, wall = self.contact, self.contact.wall
+        nodes = contact.rod.nodes_m(contact.quaternions[rows], contact.advance_m[rows])[:, 1:-1]
+        normal = np.asarray(wall.normal)
+        depth = np.maximum((nodes - self.wall_m[rows, None]) @ normal + self.radius_m, 0.0)
+        total = depth.sum(axis=1, keepdims=True)
+        centre = (depth[..., None] * nodes).sum(axis=1) / np.maximum(total, 1e-30)
+        return np.where(total > 0.0, centre + self.radius_m * normal, self.wall_m[rows])
 
 
 def _drives(settings: WorldSettings, tune: Tune, programme_m: FloatArray) -> tuple[Drive, Drive, Drive, Drive]:
@@ -118,6 +129,7 @@ class CourseRun:
             acceleration_m_per_s2=np.zeros((count, 3)),
             wall_m=np.zeros((count, 3)),
             contact=_room(self._press.run(np.zeros((0, 3))), count),
+            radius_m=rig.radius_m,
         )
 
     def advance(self, end: int) -> None:

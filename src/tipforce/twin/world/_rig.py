@@ -8,6 +8,7 @@ import numpy as np
 from ...mechanics import SpatialRod, SpatialWall, damping_of_loss_factor
 from ...types import FloatArray
 from ._draw import Draw
+from ._rows import times
 from .settings import WorldSettings
 
 __all__ = ["Rig", "build_rig"]
@@ -43,10 +44,7 @@ class Rig:
 
     def directed(self, stage: FloatArray) -> FloatArray:
         """(m, 2) of the stage's axes -> (m, 3) in the base frame. Forward, the tissue comes against the tip."""
-        rows = len(stage)
-        # The library that multiplies matrices rounds one row alone in another way than two and more.
-        many = stage if rows != 1 else np.repeat(stage, 2, axis=0)
-        return (many @ np.stack([-self.forward, self.across]))[:rows]
+        return times(stage, np.stack([-self.forward, self.across]))
 
     def curvature_per_m(self, transmitted_deg: FloatArray, drift: FloatArray) -> FloatArray:
         """(m,) of the unloaded shaft in its plane of bending, from the knob behind its play and the relative drift."""

@@ -123,6 +123,8 @@ class ClampSettings(Settings):
     """From a command to its movement."""
     lag_s: NotNegative = 10e-3
     """Time constant with which the clamp follows the motor: belt, coupling and catheter give way."""
+    logged: bool = False
+    """Whether recordings hold ``advance_mm`` beside ``knob_deg``."""
 
 
 class KnobDriveSettings(Settings):
@@ -161,6 +163,11 @@ class ClockSettings(Settings):
     jitter_s: NotNegative = 2e-3
     """Standard deviation of a frame's instant about its place in the row, cut at three of them."""
     dropped_share: Share = 0.005
+    camera_delay_s: NotNegative = Field(default=15e-3, exclude_if=lambda delay: delay == 15e-3)
+    """From the end of an exposure until its picture is there to be worked on; a live bench only."""
+    force_delay_s: NotNegative = Field(default=3e-3, exclude_if=lambda delay: delay == 3e-3)
+    drive_delay_s: NotNegative = Field(default=5e-3, exclude_if=lambda delay: delay == 5e-3)
+    """The same of force readings, and of the readings of stage and knob."""
     force_offset_ms: Range = (-80.0, 80.0)
     """Camera time = time in the force log + this, at the log's start."""
     force_drift_ppm: Range = (-20.0, 20.0)
