@@ -2,10 +2,13 @@
 
 from ._dataset import Dataset, RowStore
 from ._draw import draw, leave_out, thin
+from ._growing_images import GrowingImages
+from ._growing_shards import GrowingShards
 from ._open import open_dataset
 from ._protocols import THESIS_SESSIONS, Protocol, splits, standard_split, thesis_split
 from ._recordings import open_recordings
 from ._replacing import replacing_folder
+from ._samples import Growing, SessionSamples
 from ._splits import (
     LEAVE_ONE_OUT_SESSIONS,
     Split,
@@ -22,8 +25,12 @@ __all__ = [
     "LEAVE_ONE_OUT_SESSIONS",
     "THESIS_SESSIONS",
     "Dataset",
+    "Growing",
+    "GrowingImages",
+    "GrowingShards",
     "Protocol",
     "RowStore",
+    "SessionSamples",
     "Split",
     "blocked_folds",
     "blocked_split",

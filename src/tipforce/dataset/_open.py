@@ -5,6 +5,7 @@ from pathlib import Path
 from ..errors import FileFormatError
 from ._dataset import Dataset
 from ._folder import METADATA, open_folder
+from ._parquet import SUFFIX, open_shards
 from ._recordings import open_recordings
 from .layouts import LAYOUTS
 
@@ -12,7 +13,7 @@ __all__ = ["open_dataset"]
 
 
 def open_dataset(path: str | Path) -> Dataset:
-    """The samples in ``path``: a dataset folder, a recording, a folder of recordings, or a published layout.
+    """The samples in ``path``: a dataset folder, Parquet shards, one or many recordings, or a published layout.
 
     Images are read when they are used. Raises FileFormatError for a path that is none of these, TableError and
     TimeError for a table that cannot be used.
@@ -25,12 +26,17 @@ def open_dataset(path: str | Path) -> Dataset:
             return open_recordings([path], path.stem)
         if path.name == METADATA:
             return open_folder(path.parent)
+        if path.suffix == SUFFIX:
+            return open_shards([path], path.stem)
         raise FileFormatError(
             f"{path}: is no dataset; expected a recording (.mcap) or a folder; make a recording of a video and a force "
             "log with `tipforce import`"
         )
     if (path / METADATA).exists():
         return open_folder(path)
+    shards = sorted(path.glob(f"*{SUFFIX}"))
+    if shards:
+        return open_shards(shards, path.resolve().name)
     recordings = sorted(path.glob("*.mcap"))
     if recordings:
         return open_recordings(recordings, path.resolve().name)
@@ -38,6 +44,6 @@ def open_dataset(path: str | Path) -> Dataset:
         if recognises(path):
             return open_layout(path)
     raise FileFormatError(
-        f"{path}: holds no samples; expected {METADATA} beside images, recordings (.mcap), or a published layout "
-        f"({', '.join(LAYOUTS)})"
+        f"{path}: holds no samples; expected {METADATA} beside images, Parquet shards, recordings (.mcap), or a "
+        f"published layout ({', '.join(LAYOUTS)})"
     )

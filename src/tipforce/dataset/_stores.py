@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -13,53 +13,56 @@ from ..errors import FileFormatError
 from ..recording import RecordingReader
 from ..types import FloatArray, Image, IntArray, Observation, ShapeFeatures, View
 
-__all__ = ["ImageArray", "ImageFiles", "Recordings", "ShapeTable", "read_image"]
+__all__ = ["ImageArray", "ImageFiles", "Recordings", "ShapeTable", "Table", "decode_image", "read_image"]
 
 
 def read_image(path: Path) -> Image:
     """(h, w) grey or (h, w, 3) RGB, 8 bit. Raises FileFormatError."""
-    data = path.read_bytes() if path.is_file() else b""
+    return decode_image(path.read_bytes() if path.is_file() else b"", str(path))
+
+
+def decode_image(data: bytes, where: str) -> Image:
+    """As `read_image`, of a file's content; ``where`` it comes from."""
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR) if data else None
     if image is None:
-        raise FileFormatError(f"{path}: the image is missing, empty or damaged; expected PNG, JPEG, TIFF or BMP")
+        raise FileFormatError(f"{where}: the image is missing, empty or damaged; expected PNG, JPEG, TIFF or BMP")
     return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True, eq=False)
-class _Table:
+class Table:
     """``stamp_ns`` (n,), ``actuation``: name -> (n,), NaN where a reading is absent."""
 
     stamp_ns: IntArray
     actuation: Mapping[str, FloatArray]
-    view: str = field(default="camera", kw_only=True)
 
-    def _observation(self, row: int, view: View) -> Observation:
+    def _observation(self, row: int, views: Mapping[str, View]) -> Observation:
         actuation = {name: float(values[row]) for name, values in self.actuation.items() if values[row] == values[row]}
-        return Observation(int(self.stamp_ns[row]), {self.view: view}, actuation)
+        return Observation(int(self.stamp_ns[row]), views, actuation)
 
 
 @dataclass(frozen=True, eq=False)
-class _RowByRow(_Table, ABC):
+class _RowByRow(Table, ABC):
     """Stores whose views are had one by one, in any order."""
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
         """The observations of ``rows``, in the order given."""
         for row in rows.tolist():
-            yield self._observation(row, self._view(row))
+            yield self._observation(row, self._views(row))
 
     @abstractmethod
-    def _view(self, row: int) -> View:
-        """The picture, or the coefficients in its place, of one row."""
+    def _views(self, row: int) -> Mapping[str, View]:
+        """The pictures of one row by view, or the coefficients in their place."""
 
 
 @dataclass(frozen=True, eq=False)
 class ImageFiles(_RowByRow):
-    """Images in files: ``paths`` (n,)."""
+    """Images in files: ``paths``: view -> (n,)."""
 
-    paths: tuple[Path, ...]
+    paths: Mapping[str, tuple[Path, ...]]
 
-    def _view(self, row: int) -> View:
-        return read_image(self.paths[row])
+    def _views(self, row: int) -> Mapping[str, View]:
+        return {view: read_image(paths[row]) for view, paths in self.paths.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +71,8 @@ class ImageArray(_RowByRow):
 
     images: Image
 
-    def _view(self, row: int) -> View:
-        return self.images[row]
+    def _views(self, row: int) -> Mapping[str, View]:
+        return {"camera": self.images[row]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,18 +81,20 @@ class ShapeTable(_RowByRow):
 
     names: tuple[str, ...]
     values: FloatArray
+    view: str = "camera"
 
-    def _view(self, row: int) -> View:
-        return ShapeFeatures(self.names, self.values[row])
+    def _views(self, row: int) -> Mapping[str, View]:
+        return {self.view: ShapeFeatures(self.names, self.values[row])}
 
 
 @dataclass(frozen=True, eq=False)
-class Recordings(_Table):
+class Recordings(Table):
     """Frames in recordings: ``recording`` (n,) index into ``paths``, ``frame`` (n,) index of the picture in it."""
 
     paths: tuple[Path, ...]
     recording: npt.NDArray[np.int64]
     frame: IntArray
+    view: str = "camera"
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
         """The observations of ``rows``, in the order given; one recording is open at a time."""
@@ -101,7 +106,8 @@ class Recordings(_Table):
                     if reader is not None:
                         reader.close()
                     reader, current = RecordingReader(self.paths[place]), place
-                yield self._observation(row, reader.frame_at(int(self.frame[row]), self.view).image)
+                picture = reader.frame_at(int(self.frame[row]), self.view)
+                yield self._observation(row, {self.view: picture.image})
         finally:
             if reader is not None:
                 reader.close()

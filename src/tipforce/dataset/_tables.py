@@ -44,6 +44,10 @@ class CsvTable:
     def __len__(self) -> int:
         return len(self._rows)
 
+    def place(self, row: int) -> str:
+        """What a spreadsheet calls the ``row``-th row."""
+        return f"row {row + 2}"
+
     def require(self, names: Sequence[str]) -> None:
         """Raises TableError that names the first missing column and those there are."""
         for name in names:

@@ -1,19 +1,19 @@
 """Writing the folder layout: images (or shape columns), ``metadata.csv``, ``dataset.json``."""
 
 import csv
-import json
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 
 import cv2
-import numpy as np
 
 from ..errors import InputError
 from ..types import Image, Observation, ShapeFeatures
 from ._dataset import Dataset
-from ._folder import FACTS, FORCES, METADATA
+from ._facts import FACTS, facts_text
+from ._folder import FILE, METADATA
+from ._growing_images import cell
 from ._replacing import replacing_folder
+from ._rows import FORCES
 
 __all__ = ["write_dataset"]
 
@@ -28,8 +28,7 @@ def write_dataset(
     """Write ``dataset`` as a dataset folder (images lossless, as PNG) that `open_dataset` reads back; returns it.
 
     Whole or not at all: everything is written beside ``folder`` and renamed at the end. Raises InputError where
-    ``folder`` is there already (unless ``overwrite``, and then only a dataset folder is replaced) or the observations
-    have more than one view.
+    ``folder`` is there already (unless ``overwrite``, and then only a dataset folder is replaced).
     """
     folder = Path(folder)
     _refuse(folder, overwrite=overwrite)
@@ -37,7 +36,8 @@ def write_dataset(
         raise InputError(f"{dataset.title}: has no samples to write")
     with replacing_folder(folder) as part:
         view = _write_rows(dataset, part, progress)
-        _write_facts(dataset, part / FACTS, view)
+        contexts = [dataset.contexts[name] for name in dataset.sessions]
+        (part / FACTS).write_text(facts_text(dataset.title, contexts, view), encoding="utf-8")
     return folder
 
 
@@ -56,71 +56,43 @@ def _refuse(folder: Path, *, overwrite: bool) -> None:
 
 
 def _write_rows(dataset: Dataset, part: Path, progress: Callable[[str, float], None] | None) -> str:
+    """Pictures and ``metadata.csv``; returns the only view's name, "camera" where there are several."""
     forces = [axis for axis in range(3) if dataset.known[axis]]
     view_name = "camera"
     with (part / METADATA).open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         for row, observation in enumerate(dataset.observations()):
-            view_name, view = _only_view(dataset, observation)
-            if isinstance(view, ShapeFeatures):
-                head, cells = [f"shape_{name}" for name in view.names], [repr(v) for v in view.values.tolist()]
-            else:
-                head, cells = ["file_name"], [_write_image(view, part, row)]
+            seen = _seen(dataset, observation, part, row)
             if row == 0:
-                writer.writerow([*head, "session", "stamp_ns", *dataset.actuation, *(FORCES[axis] for axis in forces)])
-            writer.writerow(
-                [
-                    *cells,
-                    str(dataset.session[row]),
-                    int(dataset.stamp_ns[row]),
-                    *(
-                        "" if np.isnan(values[row]) else repr(float(values[row]))
-                        for values in dataset.actuation.values()
-                    ),
-                    *(repr(float(dataset.force_n[row, axis])) for axis in forces),
-                ]
-            )
+                view_name = next(iter(observation.views)) if len(observation.views) == 1 else view_name
+                names = [*seen, "session", "stamp_ns", *dataset.actuation, *(FORCES[axis] for axis in forces)]
+                writer.writerow(names)
+            values = [*seen.values(), str(dataset.session[row]), int(dataset.stamp_ns[row])]
+            values += [float(column[row]) for column in dataset.actuation.values()]
+            values += [float(dataset.force_n[row, axis]) for axis in forces]
+            writer.writerow([cell(value) for value in values])
             if progress is not None:
                 progress("writing samples", (row + 1) / len(dataset))
     return view_name
 
 
-def _only_view(dataset: Dataset, observation: Observation) -> tuple[str, Image | ShapeFeatures]:
-    if len(observation.views) != 1:
-        raise InputError(
-            f"{dataset.title}: a dataset folder holds one view a sample, these have {', '.join(observation.views)}"
-        )
-    return next(iter(observation.views.items()))
+def _seen(dataset: Dataset, observation: Observation, part: Path, row: int) -> dict[str, str | float]:
+    """Column -> cell of what is seen; pictures are written."""
+    found: dict[str, str | float] = {}
+    several = len(observation.views) > 1
+    for name, view in observation.views.items():
+        if not isinstance(view, ShapeFeatures):
+            found[f"{name}_{FILE}" if several else FILE] = _write_image(view, part, row, name if several else "")
+        elif several:
+            raise InputError(f"{dataset.title}: a dataset folder holds shape numbers of one view only")
+        else:
+            found |= zip([f"shape_{number}" for number in view.names], view.values.tolist(), strict=True)
+    return found
 
 
-def _write_image(image: Image, part: Path, row: int) -> str:
-    name = f"images/{row:06d}.png"
+def _write_image(image: Image, part: Path, row: int, view: str) -> str:
+    name = f"images/{row:06d}{view and f'-{view}'}.png"
     (part / "images").mkdir(exist_ok=True)
     shown = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     (part / name).write_bytes(cv2.imencode(".png", shown)[1].tobytes())
     return name
-
-
-def _write_facts(dataset: Dataset, path: Path, view: str) -> None:
-    contexts = [dataset.contexts[name] for name in dataset.sessions]
-    first = contexts[0]
-    if any(c.catheter != first.catheter or c.metres_per_px != first.metres_per_px for c in contexts):
-        raise InputError(
-            f"{dataset.title}: its sessions differ in catheter or scale; a dataset folder has one of each: "
-            "write the sessions into folders of their own"
-        )
-    notes = [dict(context.notes) for context in contexts]
-    shared = {key: text for key, text in notes[0].items() if all(other.get(key) == text for other in notes)}
-    facts = {
-        "title": dataset.title,
-        "frame": shared.pop("force_frame", "base"),
-        "view": view,
-        "metres_per_px": first.metres_per_px,
-        "catheter": asdict(first.catheter),
-        "notes": shared,
-        "sessions": {
-            name: {key: text for key, text in own.items() if key not in shared and key != "force_frame"}
-            for name, own in zip(dataset.sessions, notes, strict=True)
-        },
-    }
-    path.write_text(json.dumps(facts, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -4,7 +4,7 @@ from ._describe import describe
 from ._facts import ClockOffset, Inertia, Reads, SensorPose, Tare
 from ._files import refuse_picture
 from ._import import ForceColumns, import_run
-from ._labels import Labels, labels
+from ._labels import Labels, label_log, labels
 from ._look import Look, frame_count, is_picture, look_at, look_through, save_picture
 from ._observations import observations
 from ._reader import RecordingInfo, RecordingReader, StreamInfo
@@ -14,7 +14,7 @@ from ._summary import RecordingSummary, plot_summary, summarise
 from ._tare import find_tare, stated_tare
 from ._timing import estimate_offset, shape_coordinates
 from ._video import VideoWriter, write_video
-from ._writer import RecordingWriter, write_force_csv
+from ._writer import RecordingWriter, encode, write_force_csv
 
 __all__ = [
     "ClockOffset",
@@ -33,11 +33,13 @@ __all__ = [
     "Tare",
     "VideoWriter",
     "describe",
+    "encode",
     "estimate_offset",
     "find_tare",
     "frame_count",
     "import_run",
     "is_picture",
+    "label_log",
     "labels",
     "look_at",
     "look_through",

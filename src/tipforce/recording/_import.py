@@ -10,9 +10,10 @@ from ..errors import InputError, TimeError
 from ..types import JOINTS, STAGE, Context, Event
 from ..vision import VisionSettings
 from ._facts import SensorPose
+from ._find import OffsetChoice, TareChoice
 from ._forcelog import ForceColumns, ForceLog, read_force_log, read_knob_log
 from ._merge import Readings, merged
-from ._record import OffsetChoice, RunReport, TareChoice, refuse_target, write_run
+from ._record import RunReport, refuse_target, write_run
 from ._sources import FileSource
 from ._summary import summarise
 from ._tare import stated_tare

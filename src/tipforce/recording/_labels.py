@@ -1,15 +1,19 @@
 """The force at each picture's mid-exposure."""
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, IntArray
+from ._facts import ClockOffset, SensorPose
+from ._find import RunFacts, TareChoice, find_level
+from ._inertia import StageCourse
 from ._reader import RecordingReader
 
-__all__ = ["Labels", "labels"]
+__all__ = ["Labels", "label_log", "labels"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,12 +36,47 @@ def labels(reader: RecordingReader, *, camera: str = "camera", force: str = "for
     read chunk by chunk. Raises InputError where readings are in the sensor's frame and nobody stated its pose.
     """
     info = reader.info
-    frames = reader.stamps(camera)
+    stage = reader.stage if info.inertia.axes else StageCourse.of([])
+    facts = RunFacts(info.sensor, info.tare, info.inertia, stage)
+    blocks = ((times, wrench[:, :3], frame) for times, wrench, frame in reader.wrench_blocks(force))
+    return _label(reader.stamps(camera), blocks, facts, info.clock_offset, max_gap_s, str(reader.path))
+
+
+def label_log(
+    frame_ns: IntArray,
+    readings: tuple[IntArray, FloatArray],
+    stage: tuple[IntArray, Mapping[str, FloatArray]],
+    *,
+    sensor: SensorPose,
+    tare: TareChoice,
+    offset_ms: float,
+    max_gap_s: float = 0.05,
+) -> Labels:
+    """Labels at ``frame_ns`` (n,) of a run that is at hand as arrays: those that `record` and `labels` would give.
+
+    ``readings``: stamps (m,) and force (m, 3) in the sensor's frame; ``stage``: stamps (k,) and commanded positions,
+    NAME_m or NAME_mm -> (k,), may be empty. Raises InputError as `record` does.
+    """
+    stamps, force = readings
+    course = StageCourse(*stage)
+    facts = RunFacts(sensor, *find_level(stamps, force, course, tare, []), course)
+    offset = ClockOffset(round(offset_ms * 1e6), "stated")
+    return _label(frame_ns, [(stamps, force, "sensor")], facts, offset, max_gap_s, "the readings")
+
+
+def _label(
+    frames: IntArray,
+    blocks: Iterable[tuple[IntArray, FloatArray, str]],
+    facts: RunFacts,
+    offset: ClockOffset,
+    max_gap_s: float,
+    where: str,
+) -> Labels:
     values = np.full((len(frames), 3), math.nan)
     last_time, last_value = np.empty(0, np.int64), np.empty((0, 3))
-    for times, wrench, frame in reader.wrench_blocks(force):
-        here = times + info.clock_offset.offset_ns
-        readings = _in_base(wrench[:, :3] - _carried(reader, times), frame, reader)
+    for times, force, frame in blocks:
+        here = times + offset.offset_ns
+        readings = _in_base(force - facts.carried(times), frame, facts, where)
         here, readings = np.concatenate([last_time, here]), np.concatenate([last_value, readings])
         if np.any(np.diff(here) < 0):
             order = np.argsort(here, kind="stable")
@@ -53,24 +92,16 @@ def labels(reader: RecordingReader, *, camera: str = "camera", force: str = "for
     return Labels(frames, values, known)
 
 
-def _carried(reader: RecordingReader, stamps_ns: IntArray) -> FloatArray:
-    """(n, 3) or 0: what the readings show of the mass that the sensor carries on a moving stage."""
-    inertia = reader.info.inertia
-    if not inertia.axes:
-        return np.zeros(3)
-    return reader.stage.acceleration(stamps_ns + inertia.lag_ns, inertia.axes) @ inertia.gain_kg
-
-
-def _in_base(force: FloatArray, frame: str, reader: RecordingReader) -> FloatArray:
+def _in_base(force: FloatArray, frame: str, facts: RunFacts, where: str) -> FloatArray:
+    tared = force - facts.tare.force_n
     if frame == "base":
-        return force - reader.info.tare.force_n
-    pose = reader.info.sensor
+        return tared
+    pose = facts.sensor
     if pose is None:
         raise InputError(
-            f"{reader.path}: forces are in the frame {frame!r}, whose pose the recording does not state; import it "
+            f"{where}: forces are in the frame {frame!r}, whose pose the recording does not state; import it "
             "again with --sensor-angle-deg and --reads"
         )
-    tared = force - reader.info.tare.force_n
     unknown = np.isnan(tared)
     # a planar sensor's unknown axis must not spoil the others: 0 * NaN is NaN
     turned = np.where(unknown, 0.0, tared) @ pose.matrix.T

@@ -5,30 +5,21 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from ..errors import InputError, TimeError
 from ..types import STAGE, Clock, Context, Event, FloatArray, Frame, Image, IntArray, Source, Wrench
 from ..vision import Sighting, Vision, VisionSettings, settle
-from ._facts import ClockOffset, Inertia, SensorPose, Tare
+from ._facts import SensorPose
 from ._files import refuse_existing
-from ._inertia import StageCourse, fit_inertia
+from ._find import OffsetChoice, RunFacts, TareChoice, find_level, find_offset
+from ._inertia import StageCourse
 from ._summary import RecordingSummary, summarise
-from ._tare import find_tare, stated_tare
-from ._timing import estimate_offset, shape_coordinates
 from ._writer import RecordingWriter
 
-__all__ = ["OffsetChoice", "RunReport", "TareChoice", "record", "refuse_target", "write_run"]
+__all__ = ["RunReport", "record", "refuse_target", "write_run"]
 
-TareChoice = Literal["auto", "none"] | tuple[float, float]
-"""Found; nothing subtracted; or from and to, in seconds of the force log."""
-OffsetChoice = Literal["auto", "none"] | float
-"""Estimated; taken as zero; or stated in milliseconds (positive: the camera's clock is ahead)."""
-
-_LOOK_S = 0.3
-"""Largest clock offset that is looked for."""
 _LARGE_N = 10.0
 """A catheter buckles long before; what is more is another unit or a slip of the pen."""
 _FIRST = 50
@@ -111,15 +102,14 @@ def write_run(
     pose = sensor or SensorPose()
     writer.state(pose)
     stage = run.stage
-    level, inertia = _level(stamps, force, stage, tare, remarks)
+    level, inertia = find_level(stamps, force, stage, tare, remarks)
     writer.state(level)
     writer.state(inertia)
     most_n = float(np.nanmax(np.abs(force - level.force_n)))
     if most_n > _LARGE_N:
         remarks.append(f"the force log holds up to {most_n:.3g} N: check --force-unit and its rows")
-    carried = stage.acceleration(stamps + inertia.lag_ns, inertia.axes) @ inertia.gain_kg
-    tared = np.nan_to_num(force - level.force_n - carried) @ pose.matrix.T
-    writer.state(_offset(run, context, stamps, tared, offset_ms, remarks))
+    found = RunFacts(pose, level, inertia, stage)
+    writer.state(find_offset(run.stamp_ns, run.sightings, context, stamps, force, found, offset_ms, remarks, run.blind))
     return remarks
 
 
@@ -199,46 +189,3 @@ def _check_overlap(names: tuple[str, str], frames: IntArray, force: IntArray) ->
             f"{frames[0] * 1e-9:.3f} to {frames[-1] * 1e-9:.3f} s; check --time-unit, or state --align-start where "
             "both began together"
         )
-
-
-def _level(
-    stamps: IntArray, force: FloatArray, stage: StageCourse, choice: TareChoice, remarks: list[str]
-) -> tuple[Tare, Inertia]:
-    """Tare and inertia."""
-    if choice == "none":
-        return Tare(), Inertia()
-    if not isinstance(choice, str):
-        if not stage.names:
-            return stated_tare(stamps, force, *choice), Inertia()
-        tare, inertia = fit_inertia(stamps, force, stage, choice)
-        if inertia.how == "none":
-            remarks.append(inertia.detail)
-        return tare, inertia
-    tare = find_tare(stamps, force)
-    if tare.how == "none":
-        remarks.append(f"the force is not tared: {tare.detail}")
-    elif stage.names:
-        return fit_inertia(stamps, force, stage, max(tare.stretches_s, key=lambda stretch: stretch[1] - stretch[0]))
-    return tare, Inertia()
-
-
-def _offset(
-    run: _Run, context: Context, stamps: IntArray, force: FloatArray, choice: OffsetChoice, remarks: list[str]
-) -> ClockOffset:
-    if choice == "none":
-        return ClockOffset()
-    if not isinstance(choice, str):
-        return ClockOffset(round(choice * 1e6), "stated")
-    if run.blind:
-        remarks.append(f"the clock offset is taken as 0, for it could not be told: {run.blind}; see --offset-ms")
-        return ClockOffset(how="refused", detail=run.blind)
-    catheter, share = context.catheter, 1.0
-    if catheter.flexible_length_m and catheter.rigid_length_m:
-        share = catheter.flexible_length_m / (catheter.flexible_length_m + catheter.rigid_length_m)
-    shape = shape_coordinates(run.sightings, flexible_share=share)
-    offset = estimate_offset(run.stamp_ns, shape, stamps, force, window_s=_LOOK_S)
-    if offset.how == "refused":
-        remarks.append(f"the clock offset is taken as 0, for it could not be told: {offset.detail}; see --offset-ms")
-    elif offset.detail:
-        remarks.append(offset.detail)
-    return offset

@@ -3,19 +3,25 @@
 from ._bench import TwinBench
 from ._files import WriteSession, simulate
 from ._logs import write_logs
+from ._samples import SampleSet, sample_set
+from ._sessions import refuse_other, write_sessions
 from ._settings import PRESETS, TwinSettings
 from ._sidecar import Truth, read_truth, truth_of, truth_path, write_truth
 
 __all__ = [
     "PRESETS",
+    "SampleSet",
     "Truth",
     "TwinBench",
     "TwinSettings",
     "WriteSession",
     "read_truth",
+    "refuse_other",
+    "sample_set",
     "simulate",
     "truth_of",
     "truth_path",
     "write_logs",
+    "write_sessions",
     "write_truth",
 ]

@@ -12,7 +12,7 @@ from ..types import Catheter, Clock, Context, Event, FloatArray, Frame, IntArray
 from ._readings import Readings
 from ._settings import TwinSettings
 from .camera import CameraRenderer, CameraScene, PictureTruth, TissueHome, TissueState, draw_scene
-from .world import LEAD_S, STEP_S, Course, SensorLog, Session, run_session, smooth_lines
+from .world import FINE, LEAD_S, STEP_S, Course, Pace, SensorLog, Session, run_session, smooth_lines
 
 __all__ = ["TwinBench"]
 
@@ -27,12 +27,22 @@ class TwinBench:
     A `Source` and context manager. Camera, knob and stage are stamped by the camera's clock, whose zero is where the
     first frame would be without jitter; the force sensor stamps by its own, and reads tip-on-tissue in the frame
     "sensor". `context` holds what a person at the bench would know, `truth` what only an evaluation may see. The same
-    three arguments give the same bytes. Nothing is computed before it is asked for.
+    arguments give the same bytes. Nothing is computed before it is asked for. ``pace``: how finely the world is run;
+    ``name``: what the session is called, session_00 and so on by default.
     """
 
-    def __init__(self, settings: TwinSettings | None = None, seed: int = 0, session: int = 0) -> None:
+    def __init__(
+        self,
+        settings: TwinSettings | None = None,
+        seed: int = 0,
+        session: int = 0,
+        *,
+        pace: Pace = FINE,
+        name: str = "",
+    ) -> None:
         self.settings = settings or TwinSettings()
-        self.seed, self.number = seed, session
+        self.seed, self.number, self.pace = seed, session, pace
+        self.name = name or f"session_{session:02d}"
         self.clock: Clock = SimulatedClock()
         """Simulated time on the camera's clock; stands at the event that was yielded last."""
 
@@ -47,15 +57,10 @@ class TwinBench:
     def _rng(self, purpose: int) -> np.random.Generator:
         return np.random.default_rng([self.seed, self.number, purpose])
 
-    @property
-    def name(self) -> str:
-        """What the session is called."""
-        return f"session_{self.number:02d}"
-
     @cached_property
     def session(self) -> Session:
         """What is drawn and what happens: the truth."""
-        return run_session(self.settings.world, self.seed, self.number)
+        return run_session(self.settings.world, self.seed, self.number, self.pace)
 
     @property
     def course(self) -> Course:
@@ -112,7 +117,7 @@ class TwinBench:
 
     def _place(self, time_s: FloatArray) -> tuple[IntArray, FloatArray]:
         """Instant before each time, and how far it is from there to the next."""
-        place = (time_s + LEAD_S) / STEP_S
+        place = (time_s + LEAD_S) / (STEP_S * self.pace.every)
         low = np.clip(np.floor(place).astype(np.int64), 0, self.course.time_s.size - 2)
         return low, place - low
 

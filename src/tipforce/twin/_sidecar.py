@@ -86,17 +86,18 @@ def truth_path(recording: Path) -> Path:
     return recording.with_name(recording.name.removesuffix(".mcap") + _SUFFIX)
 
 
-def truth_of(bench: TwinBench) -> Truth:
-    """Collect the truth of ``bench``, frame by frame."""
-    log, times = bench.log, bench.frame_s
+def truth_of(bench: TwinBench, frames: IntArray | None = None) -> Truth:
+    """Collect the truth of ``bench``, frame by frame: of all, or of those at ``frames`` (n,)."""
+    chosen = np.arange(len(bench.frame_s)) if frames is None else frames
+    log, times = bench.log, bench.frame_s[chosen]
     contact, course = bench.course.contact, bench.course
-    pictures = [bench.picture_truth(index) for index in range(len(times))]
+    pictures = [bench.picture_truth(index) for index in chosen.tolist()]
     packed = [zlib.compress(np.packbits(picture.mask).tobytes(), 1) for picture in pictures]
     row = bench.nearest(times)
     camera = bench.renderer.camera
     return Truth(
         session=bench.name,
-        stamp_ns=bench.stamp_ns,
+        stamp_ns=bench.stamp_ns[chosen],
         force_n=bench.at(contact.force_n, times),
         touch_m=bench.at(contact.touch_m, times),
         touching=contact.touching[row],

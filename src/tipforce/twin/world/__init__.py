@@ -6,12 +6,15 @@ from ._draw import Device, Draw
 from ._lines import smooth_lines
 from ._rig import Rig
 from ._sensor import ForceSensor, Load, SensorLog, read_sensor
-from ._session import Session, run_session
-from ._tune import LEAD_S, STEP_S, Motion
+from ._session import FINE, SWIFT, Pace, Session, run_session
+from ._tune import APPROACH_S, LEAD_S, STEP_S, Motion
 
 __all__ = [
+    "APPROACH_S",
+    "FINE",
     "LEAD_S",
     "STEP_S",
+    "SWIFT",
     "Axis",
     "AxisModel",
     "Course",
@@ -22,6 +25,7 @@ __all__ = [
     "ForceSensor",
     "Load",
     "Motion",
+    "Pace",
     "Rig",
     "SensorLog",
     "Session",

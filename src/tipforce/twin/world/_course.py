@@ -97,12 +97,13 @@ class CourseRun:
     """A session that is made to happen as far as it is asked for, while its drives may be commanded.
 
     ``clamp``, ``knob``, ``forward``, ``across``: the drives, in m and degrees. ``course``: its rows are true up to
-    ``done``, their accelerations up to ``settled``. However it is cut into pieces, the same comes out.
+    ``done``, their accelerations up to ``settled``. However it is cut into pieces, the same comes out. ``every``: the
+    rod follows at every so many instants only, and other rows of the contact stay empty; the drives move at all.
     """
 
-    def __init__(self, rig: Rig, tune: Tune, motion: Motion) -> None:
+    def __init__(self, rig: Rig, tune: Tune, motion: Motion, every: int = 1) -> None:
         settings = rig.settings
-        self.rig, self._tune = rig, tune
+        self.rig, self._tune, self._every = rig, tune, every
         self.drives = self.clamp, self.knob, self.forward, self.across = _drives(
             settings, tune, tune.programme_m(rig, motion)
         )
@@ -110,7 +111,7 @@ class CourseRun:
         self._press = SpatialPress(
             rig.rod,
             rig.wall,
-            self._dt,
+            every * self._dt,
             rig.radius_m,
             creep=settings.shaft.creep_share,
             creep_time_s=settings.shaft.creep_s,
@@ -147,14 +148,16 @@ class CourseRun:
             course.command_m[rows, k], self._smooth[rows, k], course.stage_m[rows, k] = drive.run(first, end)
         course.curvature_per_m[rows] = rig.curvature_per_m(self._transmitted(first, end), self._tune.drift[rows])
         course.wall_m[rows] = rig.touch_m + rig.directed(course.stage_m[rows])
-        zero = np.zeros(end - first)
+        pressed = slice(first + -first % self._every, end, self._every)
+        curvature = course.curvature_per_m[pressed]
+        zero = np.zeros(curvature.size)
         contact = self._press.run(
-            course.wall_m[rows],
-            np.stack([zero, zero, course.curvature_per_m[rows]], axis=1),
-            course.advance_m[rows],
+            course.wall_m[pressed],
+            np.stack([zero, zero, curvature], axis=1),
+            course.advance_m[pressed],
         )
         for name in _ROWS:
-            getattr(course.contact, name)[rows] = getattr(contact, name)
+            getattr(course.contact, name)[pressed] = getattr(contact, name)
         self.done = end
 
     def _transmitted(self, first: int, end: int) -> FloatArray:
@@ -191,8 +194,18 @@ def _room(none: SpatialContact, count: int) -> SpatialContact:
     return replace(none, **{name: np.zeros((count, *row.shape[1:]), row.dtype) for name, row in rows.items()})
 
 
-def run_course(rig: Rig, tune: Tune, motion: Motion) -> Course:
-    """The session from its beginning to its end, with nobody commanding: at the spacing of ``tune``'s instants."""
-    run = CourseRun(rig, tune, motion)
+def run_course(rig: Rig, tune: Tune, motion: Motion, every: int = 1) -> Course:
+    """The session from its beginning to its end, with nobody commanding: at the spacing of ``tune``'s instants.
+
+    ``every``: only so many of them are run for the rod and told of.
+    """
+    run = CourseRun(rig, tune, motion, every)
     run.advance(tune.time_s.size)
-    return run.course
+    return run.course if every == 1 else _thinned(run.course, every)
+
+
+def _thinned(course: Course, every: int) -> Course:
+    rows = {name: getattr(course.contact, name)[::every] for name in _ROWS}
+    others = [field.name for field in fields(Course) if field.name not in ("contact", "radius_m")]
+    plain = {name: getattr(course, name)[::every] for name in others}
+    return replace(course, contact=replace(course.contact, **rows), **plain)

@@ -1,5 +1,6 @@
 """One session: drawn, its motion solved, run; drawn again where it cannot be had."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import cast
@@ -14,12 +15,32 @@ from ._rig import Rig, build_rig
 from ._tune import APPROACH_S, LEAD_S, STEP_S, TRAIL_S, Motion, Tune, compose
 from .settings import WorldSettings
 
-__all__ = ["Session", "run_session"]
+__all__ = ["FINE", "SWIFT", "Pace", "Session", "run_session"]
 
 _COARSE_S = 4e-3
 _DRAWS = 400
 _SAME_ANGLE = 4
 """Draws in a row that share their contact angle: steep ones fail more often and would be rare with an angle a draw."""
+_TRIALS = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How finely a session is run. The stage always moves at every instant.
+
+    ``every``: the rod follows at every so many. ``trial_every``: in the trials that solve the motion; 0: stage and rod
+    every 4 ms. ``peak_n``: how near the largest force then comes to the drawn one; 0: the amplitude to 10 um.
+    """
+
+    every: int = 1
+    trial_every: int = 0
+    peak_n: float = 0.0
+
+
+FINE = Pace()
+"""What recordings are made with."""
+SWIFT = Pace(every=5, trial_every=10, peak_n=2e-3)
+"""For single pictures: the force is within 0.5 mN rms of `FINE`'s on the same motion, in a fraction of the time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,26 +66,60 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
     return float(cast("float", brentq(function, low, high, xtol=1e-5)))
 
 
-def _solve(rig: Rig, tune: Tune) -> Motion | str:
+_LITTLE = "too little force at the largest amplitude"
+_MUCH = "too much force at the smallest amplitude"
+
+
+def _approach(excess: Callable[[float], float], low: float, high: float, wanted_n: float, near_n: float) -> float | str:
+    """Where ``excess`` is at most ``near_n``; or that it lies below ``low`` or above ``high``.
+
+    From where the force would be in proportion to the amplitude, then by the line through the nearest on either side.
+    """
+    at, below, above = math.sqrt(low * high), (low, math.nan), (high, math.nan)
+    for _ in range(_TRIALS):
+        now = excess(at)
+        if abs(now) <= near_n:
+            return at
+        if now < 0.0:
+            if at >= high:
+                return _LITTLE
+            below = at, now
+        else:
+            if at <= low:
+                return _MUCH
+            above = at, now
+        if math.isnan(below[1]) or math.isnan(above[1]):
+            at = min(max(at * wanted_n / max(wanted_n + now, 0.1 * wanted_n), low), high)
+        else:
+            share = below[1] / (below[1] - above[1])
+            # kept off the ends, where the line of a bent curve would stay for long
+            at = below[0] + min(max(share, 0.1), 0.9) * (above[0] - below[0])
+    return at
+
+
+def _solve(rig: Rig, tune: Tune, pace: Pace) -> Motion | str:
     """The amplitude that gives the peak force, with the stand-off that frees the tip long enough; or why not."""
     settings = rig.settings
     # Two breaths show all that happens while the knob stands still.
     span = APPROACH_S + 2.0 / settings.motion.respiration_hz
     end = settings.tare_s + span if settings.actuation.knob_deg_per_s == 0.0 else settings.seconds
-    coarse = tune.thinned(round(_COARSE_S / STEP_S), settings.tare_s, end)
+    coarse = tune.thinned(1 if pace.trial_every else round(_COARSE_S / STEP_S), settings.tare_s, end)
 
     def motion(amplitude: float) -> Motion:
         return Motion(amplitude, tune.standoff_m(rig, amplitude))
 
     def excess(amplitude: float) -> float:
-        force = run_course(rig, coarse, motion(amplitude)).contact.force_n
+        force = run_course(rig, coarse, motion(amplitude), max(pace.trial_every, 1)).contact.force_n
         return float(np.linalg.norm(force, axis=1).max()) - rig.draw.peak_force_n
 
     low, high = settings.motion.amplitude_m
+    if pace.peak_n > 0.0:
+        near = _approach(excess, low, high, rig.draw.peak_force_n, pace.peak_n)
+        return near if isinstance(near, str) else motion(near)
     if excess(low) > 0.0:
-        return "too much force at the smallest amplitude"
+        return _MUCH
     if excess(high) < 0.0:
-        return "too little force at the largest amplitude"
+        return _LITTLE
     found = motion(_root(excess, low, high))
     return _lies_down(rig, run_course(rig, coarse, found)) or found
 
@@ -94,7 +149,7 @@ def _lies_down(rig: Rig, course: Course) -> str:
     return "the electrode's side, not its dome, would touch" if steepest < 0.05 else ""
 
 
-def run_session(settings: WorldSettings, seed: int, number: int) -> Session:
+def run_session(settings: WorldSettings, seed: int, number: int, pace: Pace = FINE) -> Session:
     """The session ``number`` of ``seed``: the same arguments give the same values.
 
     Raises InputError where the settings leave no session that can be had.
@@ -111,10 +166,10 @@ def run_session(settings: WorldSettings, seed: int, number: int) -> Session:
             angle_deg = draw.contact_angle_deg
         rig = build_rig(settings, replace(draw, contact_angle_deg=angle_deg))
         tune = compose(rig, whole, rng)
-        found = _solve(rig, tune)
+        found = _solve(rig, tune, pace)
         why = found if isinstance(found, str) else ""
         if isinstance(found, Motion):
-            course = run_course(rig, tune, found)
+            course = run_course(rig, tune, found, pace.every)
             why = _objection(rig, course)
             if not why:
                 return Session(rig, tune, found, course, redraws)

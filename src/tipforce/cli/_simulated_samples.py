@@ -1,0 +1,136 @@
+"""How simulated sessions become labelled samples: the label is what importing the recording would give."""
+
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ..dataset import Growing, GrowingImages, GrowingShards, SessionSamples
+from ..errors import InputError
+from ..recording import SensorPose, encode, label_log, observations
+from ..twin import SampleSet, TwinBench, refuse_other, truth_of, truth_path, write_sessions, write_truth
+from ..types import Actuation, Frame, IntArray, Observation
+
+__all__ = ["write_samples"]
+
+_BYTES_PER_PX = {False: 0.2, True: 2.6}
+"""Of a picture, lossless or not, with a margin."""
+_LARGE = 1e9
+
+
+def write_samples(
+    folder: Path,
+    wanted: SampleSet,
+    *,
+    shards: bool,
+    masks: bool,
+    lossless: bool,
+    say: Callable[[str], None],
+    progress: Callable[[str, float], None],
+    workers: int | None = None,
+) -> None:
+    """``wanted`` as a dataset in ``folder``, the truth in ``folder / "truth"``; finished sessions are kept.
+
+    Raises InputError where something else is in ``folder``, or the disk has too little room.
+    """
+    made = {**wanted.model_dump(mode="json"), "shards": shards, "masks": masks, "lossless": lossless}
+    told = folder / "simulated.json"
+    if told.exists():
+        refuse_other(folder, json.loads(told.read_text(encoding="utf-8")), made)
+    elif folder.exists() and any(folder.iterdir()):
+        raise InputError(f"{folder}: is there already and no set of simulated samples; choose another folder with -o")
+    else:
+        _check_room(folder, wanted, lossless, say)
+    into = (
+        GrowingShards(folder, wanted.sessions, wanted.per_session) if shards else GrowingImages(folder, wanted.sessions)
+    )
+    if into.whole:
+        return
+    todo = [number for number in range(wanted.sessions) if not into.has(number)]
+    (folder / "truth").mkdir(parents=True, exist_ok=True)
+    told.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+    work = partial(_write_session, wanted, into, masks, lossless)
+    write_sessions(work, todo, wanted.per_session, workers=workers, progress=progress)
+    settings = wanted.settings
+    into.finish(f"{settings.preset}, seed {wanted.seed}, {wanted.samples} simulated samples")
+
+
+def _check_room(folder: Path, wanted: SampleSet, lossless: bool, say: Callable[[str], None]) -> None:
+    settings = wanted.settings
+    need = wanted.samples * settings.width * settings.height * _BYTES_PER_PX[lossless]
+    place = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    free = shutil.disk_usage(place).free
+    if need > free:
+        raise InputError(
+            f"{folder}: some {need / 1e9:.1f} GB are needed and {free / 1e9:.1f} GB are free; take fewer --samples or "
+            "another disk"
+        )
+    if need > _LARGE:
+        say(f"some {need / 1e9:.1f} GB will be written to {folder}")
+
+
+def _write_session(
+    wanted: SampleSet, into: Growing, masks: bool, lossless: bool, number: int, tick: Callable[[], None]
+) -> None:
+    cv2.setNumThreads(1)  # there is a process for every core
+    bench = wanted.bench(number)
+    frames = wanted.frames(bench, number)
+    truth = truth_of(bench, frames)
+    write_truth(truth, truth_path(into.folder / "truth" / bench.name))
+    shown = [truth.mask(k).astype(np.uint8) * np.uint8(255) for k in range(len(frames) if masks else 0)]
+    hidden = [encode(mask, lossless=True, jpeg_quality=0)[1] for mask in shown]
+    seen = _observed(bench, frames, tick)
+    into.add(number, _labelled(bench, frames, seen, wanted.offset_ms(bench, number), hidden, lossless))
+
+
+def _observed(bench: TwinBench, frames: IntArray, tick: Callable[[], None]) -> list[Observation]:
+    """What an estimator would have seen at ``frames``."""
+    readings, joints = bench.readings, bench.readings.joints
+    events: list[Actuation | Frame] = [readings.actuation(joints, row) for row in range(len(joints.stamp_ns))]
+    for index in frames.tolist():
+        events.append(bench.frame(index))
+        tick()
+    return list(observations(sorted(events, key=lambda event: event.stamp_ns)))
+
+
+def _labelled(
+    bench: TwinBench,
+    frames: IntArray,
+    seen: Sequence[Observation],
+    offset_ms: float,
+    masks: Sequence[bytes],
+    lossless: bool,
+) -> SessionSamples:
+    context, log = bench.context, bench.log
+    start, end = context.notes["no_contact_s"].split(":")
+    found = label_log(
+        bench.stamp_ns[frames],
+        (log.stamp_ns, log.force_n),
+        bench.stage_log(),
+        sensor=SensorPose(float(context.notes["sensor_angle_deg"]), "tip-on-tissue"),
+        tare=(float(start), float(end)),
+        offset_ms=offset_ms,
+    )
+    if not np.isfinite(found.force_n[:, found.known]).all():
+        raise InputError(f"{bench.name}: the force sensor's readings are too rare to label its pictures")
+    names = dict.fromkeys(name for observation in seen for name in observation.actuation)
+    quality = bench.scene.jpeg_quality
+    encoded = {
+        view: [encode(each.views[view], lossless=lossless, jpeg_quality=quality)[1] for each in seen]  # type: ignore[arg-type]
+        for view in seen[0].views
+    }
+    return SessionSamples(
+        context=context,
+        frame=frames,
+        stamp_ns=found.stamp_ns,
+        actuation={name: np.array([each.actuation.get(name, np.nan) for each in seen]) for name in names},
+        force_n=found.force_n,
+        known=found.known,
+        pictures=encoded,
+        suffix=".png" if lossless else ".jpg",
+        masks=masks,
+    )

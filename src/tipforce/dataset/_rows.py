@@ -1,0 +1,103 @@
+"""From the columns of a table to a dataset: the same for a CSV file beside images and for Parquet shards."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from ..errors import TableError
+from ..types import FloatArray, IntArray
+from ._dataset import Dataset, RowStore
+from ._facts import FolderFacts, contexts_of
+from ._tables import check_stamps
+
+__all__ = ["FORCES", "UNITS", "LabelTable", "dataset_of"]
+
+FORCES = ("fx_n", "fy_n", "fz_n")
+UNITS = ("deg", "rad", "mm", "um", "m", "px", "kpa", "pa", "bar", "v", "a", "ma", "n", "mn", "nmm", "count", "steps")
+"""What the name of an actuation column may end in."""
+
+
+class LabelTable(Protocol):
+    """Columns of numbers and text; reading one raises TableError where a cell is none."""
+
+    path: Path
+    columns: list[str]
+
+    def __len__(self) -> int: ...
+
+    def require(self, names: Sequence[str]) -> None:
+        """Raises TableError that names the first missing column and those there are."""
+        ...
+
+    def text(self, name: str) -> list[str]:
+        """The cells of one column."""
+        ...
+
+    def numbers(self, name: str, *, may_be_empty: bool = False) -> FloatArray:
+        """(n,) of one column, NaN for an empty cell where that is allowed."""
+        ...
+
+    def integers(self, name: str) -> IntArray:
+        """(n,) of one column of whole numbers."""
+        ...
+
+    def place(self, row: int) -> str:
+        """What a person calls the ``row``-th row."""
+        ...
+
+
+Stored = Callable[[IntArray, Mapping[str, FloatArray]], tuple[RowStore, list[str]]]
+"""Stamps (n,) and actuation in the table's own order -> where the views are, and the samples' names."""
+
+
+def dataset_of(table: LabelTable, facts: FolderFacts, name: str, views: Sequence[str], stored: Stored) -> Dataset:
+    """The samples of ``table`` in the order of sessions and stamps. ``views``: columns that hold what is seen.
+
+    ``name``: of the session and the dataset where they have no other. Raises TableError and TimeError.
+    """
+    table.require(["stamp_ns"])
+    measured = np.array([column in table.columns for column in FORCES])
+    if not measured.any():
+        raise TableError(f"{table.path}: has no force column; expected at least one of {', '.join(FORCES)}")
+    session = np.array(table.text("session") if "session" in table.columns else [name] * len(table))
+    for row in np.flatnonzero(session == "").tolist():
+        raise TableError(f"{table.path}, {table.place(row)}, column session: is empty")
+    stamps = table.integers("stamp_ns")
+    _, first, number = np.unique(session, return_index=True, return_inverse=True)
+    appearance = np.argsort(np.argsort(first))[number]  # sessions in the order in which they appear
+    order = np.lexsort((stamps, appearance))
+    sessions = [str(session[row]) for row in np.sort(first).tolist()]
+    ends = np.searchsorted(appearance[order], np.arange(1, len(sessions)))
+    for own, part in zip(sessions, np.split(stamps[order], ends), strict=True):
+        check_stamps(str(table.path), own, part)
+    force = np.full((len(table), 3), np.nan)
+    for axis in np.flatnonzero(measured).tolist():
+        force[:, axis] = table.numbers(FORCES[axis])
+    actuation = {column: table.numbers(column, may_be_empty=True) for column in _actuation(table, views)}
+    store, names = stored(stamps, actuation)
+    return Dataset(
+        store=store,
+        session=session[order],
+        stamp_ns=stamps[order],
+        actuation={column: values[order] for column, values in actuation.items()},
+        force_n=force[order],
+        known=measured,
+        names=np.array(names)[order],
+        contexts=contexts_of(facts, sessions),
+        rows=order,
+        title=facts.title or name,
+    )
+
+
+def _actuation(table: LabelTable, views: Sequence[str]) -> list[str]:
+    taken = {"session", "stamp_ns", *FORCES, *views}
+    names = [name for name in table.columns if name not in taken and name.split("_")[0] != "note"]
+    for name in names:
+        if "_" not in name or name.rsplit("_", 1)[1].lower() not in UNITS:
+            raise TableError(
+                f"{table.path}: the column {name!r} does not say its unit; an actuation column ends in one of "
+                f"_{', _'.join(UNITS)}, and a column that is not to be read starts with note_"
+            )
+    return names

@@ -1,0 +1,97 @@
+"""What a run tells of its own force log: tare, inertia and clock offset, found or as a person states them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..types import Context, FloatArray, IntArray
+from ..vision import Sighting
+from ._facts import ClockOffset, Inertia, SensorPose, Tare
+from ._inertia import StageCourse, fit_inertia
+from ._tare import find_tare, stated_tare
+from ._timing import estimate_offset, shape_coordinates
+
+__all__ = ["OffsetChoice", "RunFacts", "TareChoice", "find_level", "find_offset"]
+
+TareChoice = Literal["auto", "none"] | tuple[float, float]
+"""Found; nothing subtracted; or from and to, in seconds of the force log."""
+OffsetChoice = Literal["auto", "none"] | float
+"""Estimated; taken as zero; or stated in milliseconds (positive: the camera's clock is ahead)."""
+
+_LOOK_S = 0.3
+"""Largest clock offset that is looked for."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunFacts:
+    """How the force log of a run is read: everything but its clock. ``sensor``: None where nobody stated its pose."""
+
+    sensor: SensorPose | None
+    tare: Tare
+    inertia: Inertia
+    stage: StageCourse
+
+    def carried(self, stamps_ns: IntArray) -> FloatArray:
+        """(n, 3), or (3,) zeros: what readings at ``stamps_ns`` show of the mass that the sensor carries."""
+        if not self.inertia.axes:
+            return np.zeros(3)
+        return self.stage.acceleration(stamps_ns + self.inertia.lag_ns, self.inertia.axes) @ self.inertia.gain_kg
+
+
+def find_level(
+    stamps: IntArray, force: FloatArray, stage: StageCourse, choice: TareChoice, remarks: list[str]
+) -> tuple[Tare, Inertia]:
+    """Tare and inertia of the readings (n, 3); adds to ``remarks`` what a person should know of them."""
+    if choice == "none":
+        return Tare(), Inertia()
+    if not isinstance(choice, str):
+        if not stage.names:
+            return stated_tare(stamps, force, *choice), Inertia()
+        tare, inertia = fit_inertia(stamps, force, stage, choice)
+        if inertia.how == "none":
+            remarks.append(inertia.detail)
+        return tare, inertia
+    tare = find_tare(stamps, force)
+    if tare.how == "none":
+        remarks.append(f"the force is not tared: {tare.detail}")
+    elif stage.names:
+        return fit_inertia(stamps, force, stage, max(tare.stretches_s, key=lambda stretch: stretch[1] - stretch[0]))
+    return tare, Inertia()
+
+
+def find_offset(
+    frame_ns: IntArray,
+    sightings: Sequence[Sighting],
+    context: Context,
+    stamps: IntArray,
+    force: FloatArray,
+    facts: RunFacts,
+    choice: OffsetChoice,
+    remarks: list[str],
+    blind: str = "",
+) -> ClockOffset:
+    """From the deflection in ``sightings`` (n) at ``frame_ns`` (n,) against ``force`` (m, 3) at ``stamps`` (m,).
+
+    ``blind``: why no catheter is seen at all, or empty. Adds to ``remarks``.
+    """
+    if choice == "none":
+        return ClockOffset()
+    if not isinstance(choice, str):
+        return ClockOffset(round(choice * 1e6), "stated")
+    if blind:
+        remarks.append(f"the clock offset is taken as 0, for it could not be told: {blind}; see --offset-ms")
+        return ClockOffset(how="refused", detail=blind)
+    catheter, share = context.catheter, 1.0
+    if catheter.flexible_length_m and catheter.rigid_length_m:
+        share = catheter.flexible_length_m / (catheter.flexible_length_m + catheter.rigid_length_m)
+    matrix = (facts.sensor or SensorPose()).matrix
+    tared = np.nan_to_num(force - facts.tare.force_n - facts.carried(stamps)) @ matrix.T
+    shape = shape_coordinates(sightings, flexible_share=share)
+    offset = estimate_offset(frame_ns, shape, stamps, tared, window_s=_LOOK_S)
+    if offset.how == "refused":
+        remarks.append(f"the clock offset is taken as 0, for it could not be told: {offset.detail}; see --offset-ms")
+    elif offset.detail:
+        remarks.append(offset.detail)
+    return offset
