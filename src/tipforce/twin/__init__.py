@@ -2,6 +2,7 @@
 
 from ._bench import TwinBench
 from ._files import WriteSession, simulate
+from ._live import LiveTwin
 from ._logs import write_logs
 from ._samples import SampleSet, sample_set
 from ._sessions import refuse_other, write_sessions
@@ -10,6 +11,7 @@ from ._sidecar import Truth, read_truth, truth_of, truth_path, write_truth
 
 __all__ = [
     "PRESETS",
+    "LiveTwin",
     "SampleSet",
     "Truth",
     "TwinBench",

@@ -91,8 +91,12 @@ class TwinBench:
     def readings(self) -> Readings:
         """All that is read but the pictures."""
         readings = Readings(self.session.rig, self._place, self._rng(3))
-        readings.take(self.course, self.course.time_s.size)
+        readings.take(self.course, self._rows_known())
         return readings
+
+    def _rows_known(self) -> int:
+        """How many of the course's instants are known."""
+        return self.course.time_s.size
 
     @property
     def log(self) -> SensorLog:

@@ -7,7 +7,8 @@ from ._lines import smooth_lines
 from ._rig import Rig
 from ._sensor import ForceSensor, Load, SensorLog, read_sensor
 from ._session import FINE, SWIFT, Pace, Session, run_session
-from ._tune import APPROACH_S, LEAD_S, STEP_S, Motion
+from ._tune import APPROACH_S, LEAD_S, STEP_S, Motion, instants_until
+from .settings import WorldSettings
 
 __all__ = [
     "APPROACH_S",
@@ -29,6 +30,8 @@ __all__ = [
     "Rig",
     "SensorLog",
     "Session",
+    "WorldSettings",
+    "instants_until",
     "read_sensor",
     "run_session",
     "smooth_lines",

@@ -1,5 +1,6 @@
 """What a session's motion is made of before it happens: knob, drift and waves, and how they are composed."""
 
+import math
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -9,7 +10,7 @@ from ...types import FloatArray
 from ._draw import knob_course, slow_drift
 from ._rig import Rig
 
-__all__ = ["APPROACH_S", "LEAD_S", "STEP_S", "TRAIL_S", "Motion", "Tune", "compose"]
+__all__ = ["APPROACH_S", "LEAD_S", "STEP_S", "TRAIL_S", "Motion", "Tune", "compose", "instants_until"]
 
 STEP_S = 1e-3
 """Between instants of a session."""
@@ -18,6 +19,11 @@ LEAD_S, TRAIL_S = 0.5, 0.3
 APPROACH_S = 1.5
 CLEARANCE_M = 3e-3
 """Between tip and wall where they are closest while the sensor is tared."""
+
+
+def instants_until(time_s: float) -> int:
+    """How many instants of a session lie at or before ``time_s`` on the camera's clock."""
+    return math.floor((time_s + LEAD_S) / STEP_S + 1e-6) + 1
 
 
 @dataclass(frozen=True, slots=True)
