@@ -4,7 +4,7 @@ import json
 import zipfile
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,8 @@ class Truth:
     `mask`. ``curvature_per_m`` (n,): of the unloaded shaft in its plane of bending; ``knob_deg`` (n,).
     ``camera_from_base``, ``sensor_from_base``: poses. ``image_size``: (width, height). ``clock_offset_s``,
     ``clock_drift``: camera time = (1 + drift) time in the force log + offset. ``values``: what was drawn, by name with
-    unit. ``settings``: what it was drawn from.
+    unit. ``settings``: what it was drawn from. ``side_force_n`` (n, 3): of the tissue on the shaft's side, where that
+    can touch.
     """
 
     session: str
@@ -55,6 +56,7 @@ class Truth:
     clock_drift: float
     values: Mapping[str, float]
     settings: Mapping[str, Any]
+    side_force_n: FloatArray | None = None
 
     @property
     def force_camera_n(self) -> FloatArray:
@@ -116,6 +118,7 @@ def truth_of(bench: TwinBench, frames: IntArray | None = None) -> Truth:
         clock_drift=log.drift,
         values=bench.values(),
         settings=stated(bench.settings, bench.seed, bench.number),
+        side_force_n=bench.at(contact.side_force_n, times) if contact.wall.side_stiffness_n_per_m2 > 0.0 else None,
     )
 
 
@@ -130,7 +133,7 @@ def write_truth(truth: Truth, path: Path) -> None:
         value = getattr(truth, field.name)
         if field.name in _POSES:
             arrays[field.name] = np.column_stack([value.rotation, value.translation_m])
-        elif field.name not in _PLAIN:
+        elif field.name not in _PLAIN and value is not None:
             arrays[field.name] = value
     part = path.with_name(path.name + ".part")
     with part.open("wb") as file:
@@ -155,7 +158,7 @@ def read_truth(path: Path | str) -> Truth:
                 if field.name in _POSES:
                     matrix = arrays[field.name]
                     values[field.name] = Pose(matrix[:, :3], matrix[:, 3])
-                elif field.name not in _PLAIN:
+                elif field.name in arrays or (field.name not in _PLAIN and field.default is MISSING):
                     values[field.name] = arrays[field.name]
             return Truth(**values)
     except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
