@@ -119,7 +119,7 @@ def arc(*, tilt_rad: float = 0.0, tip_px: float = 0.0, bend: float = 0.5, diamet
 
 def test_a_tip_that_is_seen_sideways_moves_the_bend_by_nothing() -> None:
     true, seen = shape_coordinates([arc(), arc(tip_px=0.3)])
-    assert seen[0] == pytest.approx(true[0], abs=1e-6)
+    assert seen[0] == pytest.approx(true[0], abs=1e-4)  # both are brought to one length
     np.testing.assert_allclose(seen[1:], true[1:], atol=0.3)
 
 

@@ -83,12 +83,12 @@ def find_offset(
     if blind:
         remarks.append(f"the clock offset is taken as 0, for it could not be told: {blind}; see --offset-ms")
         return ClockOffset(how="refused", detail=blind)
-    catheter, share = context.catheter, 1.0
-    if catheter.flexible_length_m and catheter.rigid_length_m:
-        share = catheter.flexible_length_m / (catheter.flexible_length_m + catheter.rigid_length_m)
+    flexible, rigid = context.catheter.flexible_length_m, context.catheter.rigid_length_m
+    share = flexible / (flexible + rigid) if flexible and rigid else 1.0
+    length = (flexible + (rigid or 0.0)) / context.metres_per_px if flexible and context.metres_per_px else None
     matrix = (facts.sensor or SensorPose()).matrix
     tared = np.nan_to_num(force - facts.tare.force_n - facts.carried(stamps)) @ matrix.T
-    shape = shape_coordinates(sightings, flexible_share=share)
+    shape = shape_coordinates(sightings, flexible_share=share, length_px=length)
     offset = estimate_offset(frame_ns, shape, stamps, tared, window_s=_LOOK_S)
     if offset.how == "refused":
         remarks.append(f"the clock offset is taken as 0, for it could not be told: {offset.detail}; see --offset-ms")
