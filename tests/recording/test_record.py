@@ -106,6 +106,13 @@ def test_a_sensor_that_carries_nothing_has_no_inertia(tmp_path):
     np.testing.assert_allclose(report.summary.info.tare.force_n, BIAS, atol=1e-3)
 
 
+def test_a_light_load_that_the_noise_nearly_hides_is_found(tmp_path):
+    """5 g show as 2 mN in noise of 3 mN."""
+    report = record(Bench(mass_kg=5e-3), tmp_path / "run.mcap", tare=(0.0, 1.8), offset_ms="none")
+    assert report.summary.info.inertia.how == "estimated"
+    np.testing.assert_allclose(np.linalg.norm(report.summary.info.inertia.gain_kg, axis=1), 5e-3, rtol=0.2)
+
+
 def test_the_offset_is_found_from_the_deflection_once_the_inertia_is_out(tmp_path):
     report = record(
         Bench(seconds=20.0), tmp_path / "run.mcap", sensor=SensorPose(0.0, "tissue-on-tip"), tare=(0.0, 1.8)

@@ -5,6 +5,7 @@ import pytest
 
 from tipforce.errors import InputError
 from tipforce.recording import ClockOffset, estimate_offset, find_tare, shape_coordinates, stated_tare
+from tipforce.recording._timing_fit import Force
 from tipforce.types import BasePose, CentrelinePx, Status
 from tipforce.vision import Sighting
 
@@ -254,3 +255,45 @@ def test_the_standard_error_of_the_tare_is_honest() -> None:
 
 def test_an_offset_keeps_its_sign_in_the_file() -> None:
     assert ClockOffset.of(ClockOffset(-12_345_678, "estimated", 0.5, 0.9, "").record()).offset_ms == -12.345678
+
+
+def with_rigid_tip(cut_px: float = 0.0, bend: float = 0.5) -> Sighting:
+    """An arc of 160 px and 40 px of rigid tip, of which the last ``cut_px`` are not seen; less than 0: too much is."""
+    s = np.arange(0.0, 200.0 - cut_px + 1e-9, 0.5)
+    angle = bend * np.minimum(s, 160.0) / 160.0 + np.where(s > 200.0, 1.2, 0.0)
+    points = np.cumsum(np.stack([np.cos(angle), np.sin(angle)], axis=1), axis=0) * 0.5
+    pose = BasePose(np.array([10.0, 300.0]), 0.3)
+    return Sighting(Status.VALID, centreline=CentrelinePx(pose.to_image(points)), base=pose, diameter_px=12.0)
+
+
+def test_pictures_that_lack_the_rigid_tip_or_follow_something_behind_it_count_as_the_others() -> None:
+    seen = [with_rigid_tip(), with_rigid_tip(), with_rigid_tip(cut_px=36.0), with_rigid_tip(cut_px=-50.0)]
+    whole, _, short, long = shape_coordinates(seen, flexible_share=0.8)
+    np.testing.assert_allclose(short, whole, rtol=0.02, atol=0.05)
+    np.testing.assert_allclose(long, whole, rtol=0.02, atol=0.05)
+    usual_is_short = [with_rigid_tip(cut_px=36.0)] * 3 + [with_rigid_tip()]
+    np.testing.assert_allclose(
+        shape_coordinates(usual_is_short, flexible_share=0.8, length_px=205.0)[0], whole, rtol=0.02, atol=0.05
+    )
+    assert np.isnan(shape_coordinates([*seen, with_rigid_tip(cut_px=80.0)], flexible_share=0.8)[-1]).all()
+
+
+def test_a_shaft_that_drifts_slowly_leaves_the_offset_alone() -> None:
+    frames, shape, stamps, force = elastic(0.03)
+    seconds = (frames - frames[0]) * 1e-9
+    shape[:, 0] += 0.3 * np.ptp(shape[:, 0]) * np.sin(2 * np.pi * seconds / 14.0 + 0.4)
+    found = estimate_offset(frames, shape, stamps, force)
+    assert found.offset_ms == pytest.approx(30, abs=3.0)
+    assert found.stderr_ms < 2.5
+
+
+def test_noise_in_the_force_is_told_from_the_log() -> None:
+    rng = np.random.default_rng(0)
+    stamps = np.arange(20_000) * 1_000_000
+    push = 0.1 * np.sin(2 * np.pi * 1.2 * stamps * 1e-9)
+    noise = rng.normal(0, [2e-3, 5e-3], (20_000, 2))
+    still, smooth = (Force(stamps, push[:, None] + part, 0) for part in (noise, 0.0 * noise))
+    left = still.at(stamps[200:-200] * 1e-9) - smooth.at(stamps[200:-200] * 1e-9)
+    np.testing.assert_allclose(np.sqrt(np.diag(still.noise)), left.std(axis=1), rtol=0.1)
+    assert abs(still.noise[0, 1]) < 0.05 * still.noise[1, 1]
+    assert smooth.noise.max() < 1e-3 * still.noise.min(where=np.eye(2, dtype=bool), initial=1.0)

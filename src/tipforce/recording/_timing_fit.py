@@ -88,8 +88,10 @@ class Data:
     def slow(self) -> FloatArray:
         """(n, k): an orthonormal basis of what changes slowly."""
         span = max(float(np.ptp(self.time)), 1e-9)
-        waves = np.arange(1 + int(2.0 * _SLOW_HZ * span))
-        return np.linalg.qr(np.cos(np.pi * waves * ((self.time - self.time[0]) / span)[:, None]))[0]
+        place = ((self.time - self.time[0]) / span)[:, None]
+        waves = np.cos(np.pi * np.arange(1 + int(2.0 * _SLOW_HZ * span)) * place)
+        # cosines are level at both ends, a drift is not
+        return np.linalg.qr(np.hstack([waves, place, place**2]))[0]
 
     def unit(self) -> float:
         """A moment that makes powers of it comparable."""
