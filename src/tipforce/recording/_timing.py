@@ -3,12 +3,13 @@
 An elastic shaft takes its shape at once: shape and force belong to the same instant, friction and contact or not. The
 bending moment at s is the lever from s to the tip times the force, and both lever and bend are in the picture. So
 
-    B = c0 + c1 G + c2 G^2 + c3 G^3,    B = integral w(s) dtheta,    G(t) = integral w(s) [lever(s) x F(t)]_z ds,
+    B = c0(t) + c1 G + c2 G^2 + c3 G^3,    B = integral w(s) dtheta,    G(t) = integral w(s) [lever(s) x F(t)]_z ds,
 
-with theta the shaft's angle, w a bell over the part that bends and c's that hold the unknown stiffness. The force is
-shifted by trial offsets; the most likely one leaves the smallest residual. A free regression on both components of the
-force is worse by milliseconds: friction goes with the wall's velocity, so its coefficient can stand for a shift in
-time. Physics binds the two components, up to an error of the sensor's angle that is fitted with a prior of two degrees.
+with theta the shaft's angle, w a bell over the part that bends, c's that hold the unknown stiffness, and a c0 that
+follows the shaft's slow drift. The force is shifted by trial offsets; the most likely one leaves the smallest residual.
+A free regression on both components of the force is worse by milliseconds: friction goes with the wall's velocity, so
+its coefficient can stand for a shift in time. Physics binds the two components, up to an error of the sensor's angle
+that is fitted with a prior of two degrees.
 
 The bell keeps out what is seen badly: w and its slope vanish at both ends, so no single point of the centreline counts
 for much, and the dome, where one flank turns into the other, does not count at all but for the lever. The levers are
