@@ -1,6 +1,5 @@
 """Following the unloaded shape's branch: all loads are raised together, with a tangent ahead of Newton's method."""
 
-import math
 from enum import IntEnum
 
 import numpy as np
@@ -9,7 +8,7 @@ from numba import njit
 from ..types import FloatArray
 from ._newton import NO_SPRINGS, SCRATCH, TOLERANCE, Elastic, Load, Outcome, relax_in, solve_for
 
-__all__ = ["Branch", "settle_rows"]
+__all__ = ["Branch", "follow"]
 
 
 class Branch(IntEnum):
@@ -52,18 +51,25 @@ def _tangent(rod: Elastic, load: Load, scratch: FloatArray, way: FloatArray) -> 
 
 
 @njit(cache=True, error_model="numpy")
-def _follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: FloatArray) -> tuple[Outcome, bool]:
+def _copy(source: FloatArray, target: FloatArray) -> None:
+    """Copy (n,); a slice's assignment would cost the compiler seconds, for the message of its error."""
+    for i in range(source.size):
+        target[i] = source[i]
+
+
+@njit(cache=True, error_model="numpy")
+def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: FloatArray) -> tuple[Outcome, bool]:
     """From the unloaded ``theta`` to the whole load; True where the branch was followed without a jump.
 
-    A branch that loses its stability without a fold (a straight rod pushed along its axis) is followed on.
+    A branch that loses its stability without a fold (a straight rod pushed along its axis) is followed on. ``scratch``
+    (SCRATCH + 4, n).
     """
     n = theta.size
     work, before, way, way_before = scratch[:SCRATCH], scratch[12], scratch[13], scratch[14]
-    way_last, carried = scratch[15], scratch[16:18].reshape(n, 2)
-    carried[:] = 0.0
+    way_last, carried = scratch[15], np.zeros((n, 2))
     outcome = relax_in(theta, rod, Load(0.0, 0.0, 0.0, carried), NO_SPRINGS, _ON_THE_WAY, work)
     _tangent(rod, load, work, way)
-    way_last[:] = way
+    _copy(way, way_last)
     stable = outcome.stable
     iterations = outcome.iterations
     followed = True
@@ -76,8 +82,8 @@ def _follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: 
             step = max(_SHORTEST, min(step, _LONGEST / (longest + 1e-300)))
         target = min(1.0, share + step)
         step = target - share
-        before[:] = theta
-        way_before[:] = way
+        _copy(theta, before)
+        _copy(way, way_before)
         if stable:
             # The tangent, and its change over the last step.
             bent = 0.5 * step * step / last_step if last_step > 0.0 else 0.0
@@ -98,7 +104,7 @@ def _follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: 
             miss = max(miss, abs(theta[i] - before[i] - 0.5 * step * (way[i] + way_before[i])))
         if stable and was_stable and outcome.converged and miss <= _MISMATCH:
             share, last_step = target, step
-            way_last[:] = way_before
+            _copy(way_before, way_last)
             if miss < 0.125 * _MISMATCH:
                 step *= 2.0
         elif not was_stable or step < 1.5 * _SHORTEST:
@@ -106,52 +112,9 @@ def _follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: 
             followed = followed and outcome.converged and moved <= _MISMATCH
             share, step, last_step = target, _ANEW, 0.0
         else:
-            theta[:] = before
-            way[:] = way_before
+            _copy(before, theta)
+            _copy(way_before, way)
             stable = True
             step = max(0.3 * step, _SHORTEST)
     whole = Outcome(iterations, outcome.converged, outcome.stable, outcome.energy, outcome.residual, 0.0, 0.0)
     return whole, followed
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def settle_rows(
-    angles: FloatArray,
-    warm: bool,
-    rod: Elastic,
-    k0: FloatArray,
-    force: FloatArray,
-    moment: FloatArray,
-    carried: FloatArray,
-    numbers: FloatArray,
-) -> None:
-    """Fill ``angles`` (m, n) with the shapes under m loads; where ``warm``, it holds what to start from.
-
-    ``k0`` (m, n) or (1, n) for all; ``carried`` (n, 2) for all; ``numbers`` (m, 6) receives energy, residual,
-    converged, stable, branch, iterations. A start from which no equilibrium is found gives way to the unloaded shape.
-    """
-    rows, n = angles.shape
-    last = n - 1
-    scratch = np.empty((SCRATCH + 6, n))
-    length = rod.h * last + rod.lever
-    for row in range(rows):
-        theta = angles[row]
-        curved = k0[row if k0.shape[0] > 1 else 0]
-        own = Elastic(rod.h, rod.lever, rod.ei, curved, rod.soft, rod.scale)
-        load = Load(force[row, 0], force[row, 1], moment[row], carried)
-        branch = 2.0
-        outcome = Outcome(0, False, False, 0.0, 0.0, 0.0, 0.0)
-        if warm:
-            outcome = relax_in(theta, own, load, NO_SPRINGS, TOLERANCE, scratch[:SCRATCH])
-        if not outcome.converged:
-            previous = 0.0
-            for i in range(n):
-                previous += curved[i] * (rod.h if 0 < i < last else 0.5 * rod.h)
-                theta[i] = previous
-            x, y = load.fx + carried[0, 0], load.fy + carried[0, 1]
-            size = math.hypot(x, y) * length + abs(load.m)
-            outcome, followed = _follow(theta, own, load, min(1.0, rod.scale / (size + 1e-300)), scratch)
-            branch = 0.0 if followed else 1.0
-        numbers[row, 0], numbers[row, 1] = outcome.energy, outcome.residual
-        numbers[row, 2], numbers[row, 3] = outcome.converged, outcome.stable
-        numbers[row, 4], numbers[row, 5] = branch, outcome.iterations

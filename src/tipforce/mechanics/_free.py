@@ -5,11 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..types import BoolArray, FloatArray, IntArray, frozen
-from ._continuation import Branch, settle_rows
+from ._continuation import Branch
 from ._newton import elastic_of
 from ._rod import Rod
+from ._rows import settle_rows
 
 __all__ = ["Shape", "Shapes", "bend", "bend_many", "carried_n"]
+
+_ONE, _MANY = (0.0,), (0.0,) * 8
+"""Lanes for one load and for many: eight of them fill the time that one waits for its pivots."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,7 +176,7 @@ def bend_many(
     numbers = np.empty((rows, 6))
     elastic = elastic_of(rod, rod.rigid_length_m)
     carried = carried_n(rod, distributed_n_per_m)
-    settle_rows(angles, start is not None, elastic, k0, force, moment, carried, numbers)
+    settle_rows(angles, start is not None, elastic, k0, force, moment, carried, numbers, _ONE if rows == 1 else _MANY)
     return Shapes(
         rod=rod,
         angles_rad=angles,

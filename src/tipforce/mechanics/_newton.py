@@ -23,6 +23,7 @@ __all__ = [
     "Load",
     "Outcome",
     "Springs",
+    "bending_density",
     "elastic_of",
     "energy_at",
     "hessian_bands",
@@ -111,6 +112,15 @@ def elastic_of(rod: Rod, lever_m: float) -> Elastic:
 
 
 @njit(cache=True, error_model="numpy")
+def bending_density(k: float, k0: float, soft: float) -> float:
+    """Energy per metre over EI, at curvature ``k`` against the pre-curvature ``k0``; ``soft``: 1 / k_s^2."""
+    density = 0.5 * (k - k0) ** 2
+    if soft > 0.0:  # the integral of (k / k_s)^2 (k - k_0) from k_0
+        density += soft * (k**4 / 4 - k0 * k**3 / 3 + k0**4 / 12)
+    return density
+
+
+@njit(cache=True, error_model="numpy")
 def energy_at(
     theta: FloatArray, cosine: FloatArray, sine: FloatArray, rod: Elastic, load: Load, springs: Springs
 ) -> tuple[float, float, float]:
@@ -122,11 +132,7 @@ def energy_at(
         span = rod.h if 0 < i < last else 0.5 * rod.h
         k = (theta[i] - previous) / span
         previous = theta[i]
-        k0 = rod.k0[i]
-        density = 0.5 * (k - k0) ** 2
-        if rod.soft > 0.0:  # the integral of (k / k_s)^2 (k - k_0) from k_0
-            density += rod.soft * (k**4 / 4 - k0 * k**3 / 3 + k0**4 / 12)
-        bend += span * rod.ei[i] * density
+        bend += span * rod.ei[i] * bending_density(k, rod.k0[i], rod.soft)
         reach = rod.h if i < last else rod.lever
         x += reach * cosine[i]
         y += reach * sine[i]
@@ -302,7 +308,8 @@ def relax_in(
                 energy, depth, slide = energy_at(theta, cosine, sine, rod, load, springs)
                 return Outcome(iteration, False, stable, energy, residual, depth, slide)
         energy = tried
-        theta[:] = trial
+        for i in range(n):  # a slice's assignment would cost the compiler seconds, for the message of its error
+            theta[i] = trial[i]
 
 
 @njit(cache=True, error_model="numpy")
