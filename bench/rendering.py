@@ -1,27 +1,28 @@
-"""Frames a second of the twin's camera, beside the plain NumPy and OpenCV way of the same picture, in the same run.
+"""``python -m bench.rendering``: frames a second of the twin's camera, beside the plain NumPy and OpenCV way.
 
-    OMP_NUM_THREADS=1 python bench/rendering.py [--frames N] [--json FILE]
-
-Both draw one session of each preset: a beating wall, a moving catheter, motion blur, noise. The plain way has its still
-ground for nothing too; it draws the catheter as thick lines at four times the size, moves the phantom by warping,
-blurs the picture, and takes its noise from NumPy's generators. Ways are timed in turn, each figure is of the best
-block; milliseconds of processor time tell what a busy machine hides.
+Both draw one session of a preset in the same run: a beating wall, a moving catheter, motion blur, noise. The plain way
+has its still ground for nothing too; it draws the catheter as thick lines at four times the size, moves the phantom by
+warping, blurs the picture, and takes its noise from NumPy's generators. "written": with JPEG and truth, on disk.
 """
 
-import argparse
-import json
 import math
-import pathlib
-import time
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import cv2
 import numpy as np
+from bench.parts import run_alone
+from bench.timing import interleaved
+from bench.written import Packed, pack, write
 
 from tipforce.twin.camera import BENCH_2021, GENERALISE, CameraRenderer, TissueHome, TissueState, draw_scene
 
 LENGTH_M = 0.048
-FRAMES = 96
+FRAMES = 48
+"""Of a block."""
+SIZES = ((320, 240), (640, 480), (1280, 960), (1920, 1440))
+LONGER = (24, 96, 384)
+"""Frames of one go, at 640x480."""
 
 
 class Session:
@@ -53,12 +54,9 @@ class Session:
     def ours(self, job) -> np.ndarray:
         return self.renderer.render(job[0], job[1], frame=job[2], time_s=job[2] / 24)
 
-    def all_of_it(self, job) -> int:
-        picture = self.ours(job)
+    def whole(self, job) -> Packed:
         truth = self.renderer.truth(job[0], job[1], time_s=job[2] / 24)
-        quality = [cv2.IMWRITE_JPEG_QUALITY, self.renderer.scene.jpeg_quality]
-        data = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), quality)[1]
-        return data.size + int(truth.visible.sum())
+        return pack(self.ours(job), truth, self.renderer.scene.jpeg_quality)
 
     def plain_parts(self) -> None:
         """What the plain way may prepare: a still ground, and the phantom cut out of a picture with it."""
@@ -97,51 +95,59 @@ class Session:
         return np.clip(np.rint(shot + self.rng.normal(0, noise.read_grey, total.shape)), 0, 255).astype(np.uint8)
 
 
-def best(work, jobs, blocks: int) -> dict[str, float]:
-    """Frames a second and processor time a frame of the fastest of ``blocks`` equal parts of ``jobs``."""
-    size = len(jobs) // blocks
-    rates, costs = [], []
-    for k in range(blocks):
-        begin, spent = time.perf_counter(), time.process_time()
-        work(jobs[k * size : (k + 1) * size])
-        rates.append(size / (time.perf_counter() - begin))
-        costs.append((time.process_time() - spent) / size * 1e3)
-    return {"frames_per_s": max(rates), "cpu_ms": min(costs)}
-
-
-def measure(preset, size: tuple[int, int], frames: int) -> dict[str, dict[str, float]]:
+def of_preset(preset, size: tuple[int, int], plainly: bool, blocks: int = 4) -> dict[str, float]:
+    """Frames a second of the best block, by way."""
     session = Session(preset, 4, size)
-    jobs = [session.jobs[k % FRAMES] for k in range(frames)]
-    session.plain_parts()
-    session.all_of_it(jobs[0])
-    session.plain(jobs[0])
+    jobs = session.jobs
     with ThreadPoolExecutor(2) as pool:
-        list(pool.map(session.all_of_it, jobs[:4]))
-        return {
-            "render_1_thread": best(lambda part: [session.ours(job) for job in part], jobs, 6),
-            "plain_1_thread": best(lambda part: [session.plain(job) for job in part], jobs[:12], 3),
-            "render_2_threads": best(lambda part: list(pool.map(session.ours, part)), jobs, 6),
-            "render_truth_jpeg_2_threads": best(lambda part: list(pool.map(session.all_of_it, part)), jobs, 6),
-            "render_1_thread_again": best(lambda part: [session.ours(job) for job in part], jobs, 6),
+        ways = {
+            "rendered, 1 thread": lambda: [session.ours(job) for job in jobs],
+            "rendered, 2 threads": lambda: list(pool.map(session.ours, jobs)),
+            "written, 2 threads": lambda: write(pool.map(session.whole, jobs)),
         }
+        frames = dict.fromkeys(ways, len(jobs))
+        if plainly:
+            session.plain_parts()
+            ways["plain, 1 thread"] = lambda: [session.plain(job) for job in jobs[:4]]
+            frames["plain, 1 thread"] = 4
+        return {name: frames[name] / t for name, t in interleaved(ways, blocks).items()}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--frames", type=int, default=240)
-    parser.add_argument("--json", type=pathlib.Path)
-    given = parser.parse_args()
+def by_length(blocks: int = 2) -> dict[str, float]:
+    """Frames a second of goes of different lengths, written, two threads."""
+    session = Session(BENCH_2021, 4, (640, 480))
+    with ThreadPoolExecutor(2) as pool:
+
+        def work(count: int):
+            jobs = [session.jobs[k % FRAMES] for k in range(count)]
+            return lambda: write(pool.map(session.whole, jobs))
+
+        times = interleaved({str(count): work(count) for count in LONGER}, blocks)
+    return {count: int(count) / t for count, t in times.items()}
+
+
+def measure() -> dict[str, Any]:
     cv2.setNumThreads(1)
-    results = {}
-    for name, preset in (("bench-2021", BENCH_2021), ("generalise", GENERALISE)):
-        for size in ((320, 240), (640, 480), (1280, 960)) if name == "bench-2021" else ((640, 480),):
-            figures = results[f"{name} {size[0]}x{size[1]}"] = measure(preset, size, given.frames)
-            print(f"{name} {size[0]}x{size[1]}, frames a second, processor time a frame (best block)")
-            for key, row in figures.items():
-                print(f"  {key.replace('_', ' '):30} {row['frames_per_s']:8.1f} {row['cpu_ms']:9.2f} ms")
-    if given.json:
-        given.json.write_text(json.dumps(results, indent=2) + "\n")
+    figures: dict[str, Any] = {f"bench-2021 {w}x{h}": of_preset(BENCH_2021, (w, h), plainly=w == 640) for w, h in SIZES}
+    figures["generalise 640x480"] = of_preset(GENERALISE, (640, 480), plainly=False)
+    figures["by length"] = by_length()
+    return figures
+
+
+def show(figures: dict[str, Any]) -> None:
+    print("camera, frames a second:")
+    for name, row in figures.items():
+        if name != "by length":
+            print(f"  {name:22} " + ", ".join(f"{way} {rate:.1f}" for way, rate in row.items()))
+    row = figures["bench-2021 640x480"]
+    print(f"  rendered on one thread: {row['rendered, 1 thread'] / row['plain, 1 thread']:.0f} x the plain way")
+    pixels = [w * h for w, h in SIZES]
+    cost = [
+        1e9 / figures[f"bench-2021 {w}x{h}"]["rendered, 1 thread"] / n for (w, h), n in zip(SIZES, pixels, strict=True)
+    ]
+    print("  rendering, ns a pixel by size: " + ", ".join(f"{c:.1f}" for c in cost))
+    print("  written, by frames in one go: " + ", ".join(f"{n}: {r:.0f}" for n, r in figures["by length"].items()))
 
 
 if __name__ == "__main__":
-    main()
+    run_alone("camera", measure, show, __doc__)

@@ -1,23 +1,21 @@
-"""Frames a second of the twin's fluoroscope, beside the plain NumPy and SciPy way, and what else a frame costs.
-
-    OMP_NUM_THREADS=1 python bench/rendering_xray.py [--blocks N] [--json FILE]
+"""``python -m bench.rendering_xray``: frames a second of the twin's fluoroscope, beside the plain NumPy and SciPy way.
 
 Both draw the same session: one catheter that moves during the pulse, the session's other instruments, anatomy that
-beats and breathes, scatter, glare, Poisson noise, lag, blur, electronic noise, display curve. Best block. "cpu":
-frames for a second of processor time, which other programs on the machine disturb less than the clock's.
+beats and breathes, scatter, glare, Poisson noise, lag, blur, electronic noise, display curve. "written": with JPEG and
+truth, on disk.
 """
 
-import argparse
-import json
 import math
-import pathlib
-import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
+from itertools import chain, pairwise
+from typing import Any
 
 import cv2
 import numpy as np
+from bench.parts import run_alone
+from bench.timing import interleaved
+from bench.written import Packed, pack, write
 from scipy.ndimage import gaussian_filter, shift, zoom
 
 from tipforce.twin.xray import FLUORO, Pulse, XrayRenderer, draw_xray_scene
@@ -106,72 +104,55 @@ def lay(tubes: np.ndarray, pixels: np.ndarray, tube: Tube) -> None:
     tubes[v0:v1, u0:u1] += np.interp(nearest, np.arange(table.size) / 16.0, table, right=0.0)
 
 
-def best(run: Callable[[], int], blocks: int) -> tuple[float, float]:
-    """Frames a second of the best block: by the clock, and by the process's own time."""
-    clock, own = 0.0, 0.0
-    for _ in range(blocks):
-        a, b = time.perf_counter(), time.process_time()
-        count = run()
-        clock = max(clock, count / (time.perf_counter() - a))
-        own = max(own, count / (time.process_time() - b))
-    return clock, own
-
-
-def measure(size: int, blocks: int, frames: int, plainly: bool) -> dict[str, float]:
+def of_size(size: int, plainly: bool, blocks: int = 4, frames: int = 24) -> dict[str, float]:
+    """Frames a second of the best block, by way."""
     scene = draw_xray_scene(FLUORO, np.random.default_rng(6))
-    started = time.process_time()
     renderer = XrayRenderer(scene, LENGTH_M, width=size, height=size)
-    result = {"set_up_s": time.process_time() - started, "devices": float(len(scene.devices))}
     run = pulses(frames)
 
-    def alone() -> int:
-        return sum(1 for _ in renderer.run(run))
-
-    def half(part: list[Pulse]) -> int:
+    def drawn(part: list[Pulse]) -> int:
         return sum(1 for _ in renderer.run(part))
 
-    def whole() -> int:
-        for pulse, picture in zip(run, renderer.run(run), strict=True):
-            cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 90])
-            renderer.truth(pulse.shapes_m)
-        return frames
+    def whole(part: list[Pulse]) -> list[Packed]:
+        shown = zip(part, renderer.run(part), strict=True)
+        return [pack(picture, renderer.truth(pulse.shapes_m), 90) for pulse, picture in shown]
 
-    plain = Plain(renderer)
-
-    def textbook() -> int:
-        plain.frame(run[0])
-        return 1
-
-    alone()
+    parts = [run[: frames // 2], run[frames // 2 :]]
     with ThreadPoolExecutor(2) as pool:
-        parts = [run[: frames // 2], run[frames // 2 :]]
 
-        def together() -> int:
-            return sum(pool.map(half, parts))
+        def both() -> Iterator[Packed]:
+            return chain.from_iterable(pool.map(whole, parts))
 
-        together()
-        for name, way in (("one", alone), ("two_threads", together), ("one_jpeg_truth", whole)):
-            result[f"{name}_per_s"], result[f"{name}_per_cpu_s"] = best(way, blocks)
-    if plainly:
-        result["plain_per_s"], result["plain_per_cpu_s"] = best(textbook, max(2, blocks // 3))
-        result["times_faster"] = result["one_per_cpu_s"] / result["plain_per_cpu_s"]
-    return result
+        ways = {
+            "rendered, 1 thread": lambda: drawn(run),
+            "rendered, 2 threads": lambda: list(pool.map(drawn, parts)),
+            "written, 2 threads": lambda: write(both()),
+        }
+        counts = dict.fromkeys(ways, frames)
+        if plainly:
+            plain = Plain(renderer)
+            ways["plain, 1 thread"] = lambda: plain.frame(run[0])
+            counts["plain, 1 thread"] = 1
+        return {name: counts[name] / t for name, t in interleaved(ways, blocks).items()}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--blocks", type=int, default=8)
-    parser.add_argument("--frames", type=int, default=40, help="a block")
-    parser.add_argument("--json", type=pathlib.Path)
-    given = parser.parse_args()
+SIZES = (256, 512, 1024)
+
+
+def measure() -> dict[str, Any]:
     cv2.setNumThreads(1)
-    results = {}
-    for size in (512, 256, 1024):
-        results[str(size)] = measured = measure(size, given.blocks, given.frames, plainly=size == 512)
-        print(f"{size} x {size}: " + ", ".join(f"{name} {value:.1f}" for name, value in measured.items()), flush=True)
-    if given.json:
-        given.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    return {f"{size}x{size}": of_size(size, plainly=size == 512) for size in SIZES}
+
+
+def show(figures: dict[str, Any]) -> None:
+    print("fluoroscope, frames a second:")
+    for name, row in figures.items():
+        print(f"  {name:10} " + ", ".join(f"{way} {rate:.1f}" for way, rate in row.items()))
+    row = figures["512x512"]
+    print(f"  rendered on one thread: {row['rendered, 1 thread'] / row['plain, 1 thread']:.0f} x the plain way")
+    cost = [1e9 / figures[f"{n}x{n}"]["rendered, 1 thread"] / n**2 for n in SIZES]
+    print("  rendering, ns a pixel by size: " + ", ".join(f"{c:.1f}" for c in cost))
 
 
 if __name__ == "__main__":
-    main()
+    run_alone("fluoroscope", measure, show, __doc__)

@@ -1,26 +1,34 @@
-"""Speed of the rod solvers against SciPy's boundary value solver, in one process on one thread.
+"""``python -m bench.rods``: the planar rod against SciPy's boundary value solver, one thread.
 
-``python bench/rods.py``: microseconds a solve and the ratios. Blocks are short and many, and the quickest one counts:
-what else the machine does hits the others.
+Both solve the same rods under the same loads. `solve_bvp` begins with 11 nodes at the unloaded shape, with and without
+its Jacobian given, at the coarsest tolerance at which its tips are as exact as the rod's; only loads count where it
+finds the shape of the rod's branch. "batched": all loads in one call of `bend_many`; "singly": the same solver, one
+load after the other; "from Python": one call of `bend` each.
 """
 
-import argparse
-import json
 import math
-import time
 from collections.abc import Callable
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench.parts import run_alone
+from bench.timing import interleaved
+from numba import njit
 from scipy.integrate import solve_bvp
 from threadpoolctl import threadpool_limits
 
 from tipforce.mechanics import CentrelineNoise, Rod, bend, bend_many, derivatives, fisher_information
+from tipforce.mechanics._free import carried_n
+from tipforce.mechanics._newton import elastic_of
+from tipforce.mechanics._rows import settle_rows
 
 SHAFT, TIP, STIFFNESS, CURVATURE = 0.057, 0.008, 4.3e-4, 10.0
 LENGTH = SHAFT + TIP
+TOLERANCES = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-5)
+
+
+def rod_of(segments: int) -> Rod:
+    return Rod(SHAFT, STIFFNESS, TIP, CURVATURE, segments=segments)
 
 
 def random_loads(count: int, largest: float, seed: int = 0) -> np.ndarray:
@@ -65,86 +73,128 @@ def tip_of(solution: Any) -> np.ndarray:
     return np.array([x + TIP * math.cos(angle), y + TIP * math.sin(angle)])
 
 
-def best_us(works: list[Callable[[], Any]], solves: int, blocks: int) -> float:
-    """Microseconds a solve, of ``solves`` in all: of each piece of work the quickest of ``blocks`` runs counts."""
-    total = 0.0
-    for work in works:
-        times = []
-        for _ in range(blocks):
-            before = time.perf_counter()
-            work()
-            times.append(time.perf_counter() - before)
-        total += min(times)
-    return 1e6 * total / solves
+@njit
+def _singly(angles, warm, rod, k0, force, moment, carried, numbers):
+    for row in range(angles.shape[0]):
+        part = slice(row, row + 1)
+        settle_rows(angles[part], warm, rod, k0, force[part], moment[part], carried, numbers[part], (0.0,))
 
 
-def planar(blocks: int, segments: int) -> dict[str, float]:
-    """Figures of the planar rod; alpha is |F| L^2 / EI."""
-    rod = Rod(SHAFT, STIFFNESS, TIP, CURVATURE, segments=segments)
-    figures: dict[str, float] = {"segments": segments}
-    for largest in (5, 12):
-        loads = random_loads(1000, largest).reshape(10, 100, 2)
-        starts = [bend_many(rod, block) for block in loads]
-        assert all(shapes.converged.all() for shapes in starts)
-        figures[f"rod, cold, alpha to {largest}"] = best_us([partial(bend_many, rod, b) for b in loads], 1000, blocks)
-        for change in (0.02, 0.1):
-            works = [partial(bend_many, rod, b * (1 + change), start=s) for b, s in zip(loads, starts, strict=True)]
-            figures[f"rod, warm, alpha to {largest}, load {change:.0%} off"] = best_us(works, 1000, blocks)
+def singly(rod: Rod, loads: np.ndarray, start: np.ndarray | None = None) -> Callable[[], None]:
+    """All ``loads`` one after the other, by the solver that `bend` calls; warm where ``start`` (m, n) is given."""
+    rows = len(loads)
+    angles = np.empty((rows, rod.segments + 1)) if start is None else start.copy()
+    numbers = np.empty((rows, 6))
+    elastic, k0 = elastic_of(rod, rod.rigid_length_m), rod.precurvatures_per_m[None]
+    carried, moment = carried_n(rod, None), np.zeros(rows)
 
-    loads = random_loads(60, 5.0)
-    first = [bend(rod, load) for load in loads]
-    seen, noise = derivatives(first[0], 20), CentrelineNoise(2e-4)
-    for name, works in {
-        "one call of bend, cold": [partial(bend, rod, load) for load in loads],
-        "one call of bend, warm, load 2% off": [
-            partial(bend, rod, 1.02 * load, start=shape) for load, shape in zip(loads, first, strict=True)
+    def run() -> None:
+        if start is not None:
+            angles[:] = start
+        _singly(angles, start is not None, elastic, k0, loads, moment, carried, numbers)
+
+    return run
+
+
+def as_exact(loads: np.ndarray, exact: np.ndarray, error: float) -> tuple[float, float]:
+    """Coarsest tolerance at which no tip of `solve_bvp` is off by more than ``error``, and by how much one is."""
+    for tolerance in TOLERANCES:
+        found = [by_boundary_value_solver(load, tolerance=tolerance) for load in loads]
+        off = max(
+            np.linalg.norm(tip_of(s) - tip) if s.success else math.inf for s, tip in zip(found, exact, strict=True)
+        )
+        if off <= error:
+            return tolerance, float(off)
+    raise RuntimeError("no tolerance is as exact as the rod")
+
+
+def against_bvp(segments: int, loads: np.ndarray, blocks: int = 12) -> dict[str, float]:
+    """Microseconds a solve, |F| L^2 / EI to 5."""
+    rod = rod_of(segments)
+    tips = bend_many(rod, loads).tip_m
+    usual = [by_boundary_value_solver(load) for load in loads]
+    same = [s.success and np.linalg.norm(tip_of(s) - t) < 1e-3 * LENGTH for s, t in zip(usual, tips, strict=True)]
+    loads, tips, usual = loads[same], tips[same], [s for s, kept in zip(usual, same, strict=True) if kept]
+    exact = np.array([tip_of(by_boundary_value_solver(f, s, 1e-9)) for f, s in zip(loads, usual, strict=True)])
+    error = float(np.linalg.norm(tips - exact, axis=1).max())
+    tolerance, theirs = as_exact(loads, exact, error)
+    near = bend_many(rod, loads / 1.02)
+    found = [by_boundary_value_solver(load / 1.02, tolerance=tolerance) for load in loads]
+    ways: dict[str, Callable[[], Any]] = {
+        "rod, cold, batched": lambda: bend_many(rod, loads),
+        "rod, cold, singly": singly(rod, loads),
+        "rod, warm, batched": lambda: bend_many(rod, loads, start=near),
+        "rod, warm, singly": singly(rod, loads, near.angles_rad),
+        "solve_bvp, cold": lambda: [
+            by_boundary_value_solver(load, tolerance=tolerance, jacobian_given=False) for load in loads
         ],
-        "derivatives at 20 points": [partial(derivatives, shape, 20) for shape in first],
-        "Fisher information": [partial(fisher_information, seen, noise)],
-    }.items():
-        figures[name] = best_us(works, len(works), blocks)
+        "solve_bvp, cold, Jacobian given": lambda: [
+            by_boundary_value_solver(load, tolerance=tolerance) for load in loads
+        ],
+        "solve_bvp, warm, Jacobian given": lambda: [
+            by_boundary_value_solver(load, s, tolerance) for load, s in zip(loads, found, strict=True)
+        ],
+    }
+    times = {name: 1e6 * t / len(loads) for name, t in interleaved(ways, blocks).items()}
+    return {
+        "loads": len(loads),
+        "of": len(same),
+        "rod, worst tip / L": error / LENGTH,
+        "solve_bvp, worst tip / L": theirs / LENGTH,
+        "solve_bvp, tolerance": tolerance,
+        **times,
+    }
 
-    solved = [by_boundary_value_solver(load) for load in loads]
-    ok = [k for k, s in enumerate(solved) if s.success]
-    exact = {k: tip_of(by_boundary_value_solver(loads[k], solved[k], 1e-10)) for k in ok}
-    same = [k for k in ok if np.linalg.norm(exact[k] - first[k].tip_m) < 1e-3 * LENGTH]
-    figures["solve_bvp, solved, of 60 with alpha to 5"] = len(ok)
-    figures["solve_bvp, of these on the same branch"] = len(same)
-    figures["rod, largest error of the tip / L"] = max(np.linalg.norm(first[k].tip_m - exact[k]) for k in same) / LENGTH
-    figures["solve_bvp, largest error of the tip / L"] = (
-        max(np.linalg.norm(tip_of(solved[k]) - exact[k]) for k in same) / LENGTH
+
+def beyond(segments: int = 50, blocks: int = 20) -> dict[str, float]:
+    """Microseconds a solve: loads to 12 EI / L^2, and what a call from Python costs."""
+    rod, loads = rod_of(segments), random_loads(400, 12.0)
+    near = bend_many(rod, loads)
+    few = loads[:60]
+    shapes = [bend(rod, load) for load in few]
+    seen, noise = derivatives(shapes[0], 20), CentrelineNoise(2e-4)
+    times = interleaved(
+        {
+            "cold, batched": lambda: bend_many(rod, loads),
+            "warm, load 2 % off, batched": lambda: bend_many(rod, 1.02 * loads, start=near),
+            "warm, load 10 % off, batched": lambda: bend_many(rod, 1.1 * loads, start=near),
+            "cold, singly": singly(rod, loads),
+            "cold, from Python": lambda: [bend(rod, load) for load in few],
+            "warm, from Python": lambda: [bend(rod, 1.02 * f, start=s) for f, s in zip(few, shapes, strict=True)],
+            "derivatives at 20 points": lambda: [derivatives(s, 20) for s in shapes],
+            "Fisher information": lambda: [fisher_information(seen, noise) for _ in few],
+        },
+        blocks,
     )
-    for name, works in {
-        "cold": [partial(by_boundary_value_solver, loads[k], jacobian_given=False) for k in same],
-        "cold, Jacobian given": [partial(by_boundary_value_solver, loads[k]) for k in same],
-        "warm, Jacobian given, load 2% off": [
-            partial(by_boundary_value_solver, 1.02 * loads[k], solved[k]) for k in same
-        ],
-    }.items():
-        figures[f"solve_bvp, {name}"] = best_us(works, len(same), max(3, blocks // 10))
-    cold, warm = figures["rod, cold, alpha to 5"], figures["rod, warm, alpha to 5, load 2% off"]
-    figures["times faster, cold"] = figures["solve_bvp, cold"] / cold
-    figures["times faster, cold, Jacobian given"] = figures["solve_bvp, cold, Jacobian given"] / cold
-    figures["times faster, warm, Jacobian given"] = figures["solve_bvp, warm, Jacobian given, load 2% off"] / warm
-    return figures
+    many = ("batched", "singly")
+    return {name: 1e6 * t / (400 if name.endswith(many) else 60) for name, t in times.items()}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--blocks", type=int, default=100, help="how often a piece of work is timed")
-    parser.add_argument("--segments", type=int, default=50)
-    parser.add_argument("--json", type=Path, help="where the figures go")
-    chosen = parser.parse_args()
+def measure() -> dict[str, Any]:
     with threadpool_limits(1):
-        figures = {"planar": planar(chosen.blocks, chosen.segments)}
-    for part, rows in figures.items():
-        print(f"{part}, in microseconds a solve where nothing else is said")
-        for name, value in rows.items():
-            print(f"  {name:42} {value:12.4g}")
-    if chosen.json is not None:
-        chosen.json.parent.mkdir(parents=True, exist_ok=True)
-        chosen.json.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+        loads = random_loads(60, 5.0)
+        return {"against": {str(n): against_bvp(n, loads) for n in (50, 64, 128)}, "to 12 EI / L^2": beyond()}
+
+
+def show(figures: dict[str, Any]) -> None:
+    for segments, row in figures["against"].items():
+        print(
+            f"planar rod, {segments} segments, {row['loads']} of {row['of']} loads to 5 EI / L^2; tips within "
+            f"{row['rod, worst tip / L']:.1e} L, solve_bvp at tolerance {row['solve_bvp, tolerance']:g} within "
+            f"{row['solve_bvp, worst tip / L']:.1e} L; us a solve, and how many times that solve_bvp takes:"
+        )
+        plain, given, warm = (
+            row[f"solve_bvp, {way}"] for way in ("cold", "cold, Jacobian given", "warm, Jacobian given")
+        )
+        print(f"  solve_bvp: cold {plain:.0f}, with its Jacobian {given:.0f}; warm, with its Jacobian {warm:.0f}")
+        for way in ("batched", "singly"):
+            t = row[f"rod, cold, {way}"]
+            print(f"  cold, {way:8} {t:6.2f}: {plain / t:5.0f} x, Jacobian given {given / t:5.0f} x", end="")
+            t = row[f"rod, warm, {way}"]
+            print(f";  warm, {way:8} {t:6.2f}: {warm / t:5.0f} x")
+    print("planar rod, 50 segments, loads to 12 EI / L^2, us:")
+    print("  " + ", ".join(f"{name} {value:.1f}" for name, value in figures["to 12 EI / L^2"].items()))
 
 
 if __name__ == "__main__":
-    main()
+    run_alone("planar", measure, show, __doc__)

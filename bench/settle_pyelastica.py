@@ -6,6 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tipforce.mechanics import SpatialRod, bend_spatial
+
+LOADS = {
+    "across": ((0.0, 0.0, 0.0), (0.0, 2.0, 1.0)),
+    "against a bent and twisted shaft": ((0.0, 1.0, 0.5), (-1.0, 1.5, 2.0)),
+    "along and across": ((0.7, 1.2, -0.6), (1.0, -2.0, 2.0)),
+}
+"""Strain without load and force, as `settle` takes them."""
+
 
 def settle(rest: np.ndarray, force: np.ndarray, elements: int = 20) -> Iterator[tuple[np.ndarray, float, float, float]]:
     """Yields, from time to time until it rests: the tip (3,), CPU seconds, GJ / EI, length that is clamped.
@@ -52,3 +61,10 @@ def settle(rest: np.ndarray, force: np.ndarray, elements: int = 20) -> Iterator[
         if now > 4 / slowest and np.linalg.norm(tip - last) < 1e-5:
             return
         last = tip
+
+
+def apart(strain: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Tip where PyElastica's rod settles, and that of ours under the same load, (3,) each."""
+    tip, _, torsion, held = list(settle(strain, force))[-1]
+    shape = bend_spatial(SpatialRod(1 - 2 * held, 1.0, held, torsion, strain, segments=100), force)
+    return tip - [held, 0, 0], shape.tip_m

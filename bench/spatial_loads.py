@@ -6,6 +6,7 @@ A share of them is raised again in 400 small steps, each a warm start: does the 
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,26 +37,20 @@ def crawl(rod: SpatialRod, force: np.ndarray, steps: int = 400) -> tuple[np.ndar
     return shape.quaternions, smooth
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m bench.spatial_loads", description=__doc__)
-    parser.add_argument("--count", type=int, default=20_000)
-    parser.add_argument("--crawled", type=int, default=300)
-    parser.add_argument("--largest", type=float, default=8.0, help="|F| L^2 / EI")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", default="build/spatial_loads.json")
-    chosen = parser.parse_args()
-    rng = np.random.default_rng(chosen.seed)
-    shapes = [bend_spatial(*random_case(rng, chosen.largest)) for _ in range(chosen.count)]
+def measure(count: int = 20_000, crawled: int = 300, largest: float = 8.0, seed: int = 0) -> dict[str, Any]:
+    """Of ``count`` loads: how many converged, their residuals, branches, and what a crawl says of the branches."""
+    rng = np.random.default_rng(seed)
+    shapes = [bend_spatial(*random_case(rng, largest)) for _ in range(count)]
     agree = differ = jumped = 0
-    for shape in shapes[: chosen.crawled]:
+    for shape in shapes[:crawled]:
         end, smooth = crawl(shape.rod, shape.force_n)
         same = 1 - np.abs(np.sum(end * shape.quaternions, axis=1)).min() < 1e-8
         jumped += not smooth
         agree += smooth and same and shape.branch is Branch.UNLOADED
         differ += smooth and not (same and shape.branch is Branch.UNLOADED)
     steps = np.array([shape.iterations for shape in shapes])
-    figures = {
-        "count": chosen.count,
+    return {
+        "count": count,
         "unconverged": sum(not shape.converged for shape in shapes),
         "worst_residual": max(shape.residual for shape in shapes),
         "stable": sum(shape.stable for shape in shapes),
@@ -66,6 +61,17 @@ def main() -> None:
         "crawled_and_differed": differ,
         "crawl_jumped": jumped,
     }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m bench.spatial_loads", description=__doc__)
+    parser.add_argument("--count", type=int, default=20_000)
+    parser.add_argument("--crawled", type=int, default=300)
+    parser.add_argument("--largest", type=float, default=8.0, help="|F| L^2 / EI")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", default="build/spatial_loads.json")
+    chosen = parser.parse_args()
+    figures = measure(chosen.count, chosen.crawled, chosen.largest, chosen.seed)
     target = Path(chosen.json)
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")

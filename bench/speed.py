@@ -1,25 +1,24 @@
-"""Frame in memory -> force, against reading the frame once and against the textbook chain; one process, one thread.
+"""``python -m bench.speed``: frame in memory -> force, against reading it once and against the textbook chain.
 
-Frames come from a pool that is larger than the caches, as a camera's frame would: what is timed starts in main memory.
+One process, one thread. Frames come from a pool that is larger than the caches, as a camera's frame would: what is
+timed starts in main memory.
 The three are timed in turn, block by block, so that whatever else the machine does hits them alike; ratios are those of
 each one's least disturbed block.
 """
 
-import platform
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import cv2
 import numba
 import numpy as np
-import sklearn
+from bench.parts import run_alone
 from bench.tubes import Look, Tube, distance_to_curve, draw, shape
 from sklearn.svm import SVR
+from threadpoolctl import threadpool_limits
 
-import tipforce
 from tipforce.dataset import Dataset
 from tipforce.estimators import Estimator, create
 from tipforce.types import Context, ForceEstimate, Observation, ShapeFeatures
@@ -28,6 +27,8 @@ from tipforce.vision import Vision, VisionSettings, feature_names, settle, shape
 POOL_BYTES = 96 * 2**20
 """Of frames; the last-level caches of today's processors hold less."""
 SHAPES = 24
+BLOCKS = 8
+"""How often the ways are timed in turn."""
 SIZES = ((640, 480), (1280, 1024))
 LOOKS = {
     "clean": Look(noise=0.0, blur=0.7, rings=0, gradient=0.0, turning=1.2),
@@ -177,7 +178,7 @@ def timed(work: Callable[[int], Any], count: int, start: int) -> np.ndarray:
     return times * 1e-3
 
 
-def measure(case: Case, blocks: int, progress: Callable[[str], None]) -> dict[str, Any]:
+def measure_case(case: Case, blocks: int) -> dict[str, Any]:
     """Microseconds, p50 and p99, of reading, of seeing, of the whole way to the force, and of the textbook chain."""
     pool, words, n = case.pool, case.words, len(case.pool)
     estimator = trained(case)
@@ -211,7 +212,6 @@ def measure(case: Case, blocks: int, progress: Callable[[str], None]) -> dict[st
     answers.clear()
     times: dict[str, list[np.ndarray]] = {name: [] for name in ways}
     for block in range(blocks):
-        progress(f"{case.name} {case.size[0]}x{case.size[1]}, block {block + 1} of {blocks}")
         for name, (work, count) in ways.items():
             # Starting half a pool further on each time: nothing that was just touched is touched again.
             times[name].append(timed(work, count, (block * n) // 2))
@@ -240,25 +240,29 @@ def measure(case: Case, blocks: int, progress: Callable[[str], None]) -> dict[st
     }
 
 
-def machine() -> dict[str, Any]:
-    """What the figures were measured on and with."""
-    from importlib.metadata import version
+def measure() -> list[dict[str, Any]]:
+    """Of each kind of frame at each size."""
+    cv2.setNumThreads(1)
+    with threadpool_limits(1):
+        return [measure_case(make_case(name, size), BLOCKS) for size in SIZES for name in LOOKS]
 
-    cpu = platform.processor() or platform.machine()
-    try:
-        with Path("/proc/cpuinfo").open(encoding="utf-8") as lines:
-            cpu = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), cpu)
-    except OSError:
-        pass  # not Linux: the processor's name as Python knows it
-    return {
-        "cpu": cpu,
-        "system": platform.platform(),
-        "python": platform.python_version(),
-        "tipforce": tipforce.__version__,
-        "numpy": np.__version__,
-        "numba": numba.__version__,
-        "opencv": cv2.__version__,
-        "scikit-learn": sklearn.__version__,
-        "scikit-image": version("scikit-image"),
-        "threads": 1,
-    }
+
+def show(figures: list[dict[str, Any]]) -> None:
+    for result in figures:
+        width, height = result["size"]
+        print(f"frame -> force, {result['frames']}, {width}x{height} RGB, pool of {result['pool_mib']} MiB")
+        for name, row in result["times"].items():
+            print(
+                f"  {name:26} p50 {row['p50_us']:9.1f} us, p99 {row['p99_us']:9.1f} us, best block's p50 "
+                f"{row['best_block_p50_us']:9.1f} us"
+            )
+        ratio = result["textbook_over_force"]
+        book = "the textbook chain does not see this shape" if ratio is None else f"the textbook chain {ratio:.0f} x"
+        print(
+            f"  {result['force_over_read']:.2f} x reading once; {book}; force on {result['valid']:.0%} of the frames, "
+            f"shape lost in {result['lost']:.0%}, by the textbook chain in {result['textbook_lost']:.0%}"
+        )
+
+
+if __name__ == "__main__":
+    run_alone("force", measure, show, __doc__)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from bench.published import CANTILEVER
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -17,15 +18,6 @@ from tipforce.mechanics import (
     RigidLinks,
     Rod,
 )
-
-CANTILEVER = {
-    0.5: (0.16214, 0.01592),
-    1.0: (0.30172, 0.05643),
-    2.0: (0.49346, 0.16064),
-    5.0: (0.71379, 0.38763),
-    10.0: (0.81061, 0.55500),
-}
-"""alpha = P L^2 / EI: deflection / L, shortening / L (Bisshopp and Drucker 1945; Mattiasson 1981)."""
 
 UNIT = Rod(1.0, 1.0)
 SLIM = 0.02

@@ -2,20 +2,11 @@ import math
 
 import numpy as np
 import pytest
+from bench.published import CANTILEVER
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tipforce.mechanics import Rod, bend, bend_many
-
-# Cantilever with a transverse dead load, alpha = P L^2 / EI: deflection / L, shortening / L, tip angle in rad
-# (Bisshopp and Drucker 1945; Mattiasson 1981).
-CANTILEVER = {
-    0.5: (0.16214, 0.01592, 0.24453),
-    1.0: (0.30172, 0.05643, 0.46135),
-    2.0: (0.49346, 0.16064, 0.78175),
-    5.0: (0.71379, 0.38763, 1.21537),
-    10.0: (0.81061, 0.55500, 1.43029),
-}
 
 forces = st.tuples(st.floats(-0.25, 0.25), st.floats(-0.25, 0.25)).map(np.array)
 rods = st.builds(

@@ -31,7 +31,7 @@ SPAN, EI, REACH = 0, 1, 2
 K0, PX, PY, MOMENT, SHARE = 3, 4, 5, 6, 7
 # Angles; their cosines and sines; curvature, moment and its slope in the joints.
 THETA, COSINE, SINE, CURVATURE, HELD, SLOPE = 8, 9, 10, 11, 12, 13
-# Moment of the whole force on an element, and minus its slope with the angle; the Hessian and its factors; Newton's step.
+# Moment of the whole force on an element, and minus its slope with the angle; the Hessian, its factors, Newton's step.
 PULL, TURN, DIAGONAL, FACTOR, INVERSE, STEP = 14, 15, 16, 17, 18, 19
 # Series of the branch at the angles (`look_ahead`), ORDER rows; angles that the branch was followed to, series there.
 NEXT, BASE, WAY = 20, 24, 25

@@ -1,4 +1,4 @@
-"""Many loads on one planar rod: each takes the next free lane, and goes the careful way alone where the quick one fails.
+"""Many loads on one planar rod: each takes the next free lane, or goes the careful way alone where the quick one fails.
 
 Cold, a load is raised from nothing along its branch's own power series (`look_ahead`), in steps for which the series
 holds; after each of them Newton's method takes out what is missing. Warm, Newton's method begins at what is given.
@@ -123,7 +123,7 @@ def _aim(w: FloatArray, c: _Course, lane: int, lanes: tuple[float, ...], step: f
 
 @compiled
 def _go_on(w: FloatArray, c: _Course, lane: int, lanes: tuple[float, ...]) -> int:
-    """From a shape that was reached: is it on the branch still, and how long may the next step be?"""
+    """From a shape that was reached, if it is on the branch still: how long may the next step be."""
     width = len(lanes)
     mine, tip = width + lane, w.shape[1] - 2 * width + lane
     if c.phase[lane] == _CORRECT:
@@ -241,7 +241,7 @@ def settle_rows(
         busy = False
         for lane in range(width):
             if c.row[lane] < 0 and waiting < rows:
-                load = Load(force[waiting, 0], force[waiting, 1], moment[waiting], carried)
+                load = Load(force[waiting, 0], force[waiting, 1], float(moment[waiting]), carried)
                 _seat(w, c, lane, lanes, waiting, load, k0[own * waiting], angles[waiting], warm)
                 waiting += 1
             busy = busy or c.row[lane] >= 0
@@ -269,7 +269,7 @@ def settle_rows(
     for k in range(rest):
         row = left[k]
         alone = Elastic(rod.h, rod.lever, rod.ei, k0[own * row], rod.soft, rod.scale)
-        load = Load(force[row, 0], force[row, 1], moment[row], carried)
+        load = Load(force[row, 0], force[row, 1], float(moment[row]), carried)
         outcome, branch = _carefully(angles[row], alone, load, warm, scratch)
         numbers[row, 0], numbers[row, 1] = outcome.energy, outcome.residual
         numbers[row, 2], numbers[row, 3] = outcome.converged, outcome.stable

@@ -1,16 +1,27 @@
-"""The planar rod under 100,000 random loads from a cold start: none is lost, and each says on which branch it lies."""
+"""The planar rod under many random loads from a cold start, all in one call; does each know on which branch it lies?
 
+``python -m bench.planar_loads``. Those that fell at a fold, and a part of the rest, are raised again in 500 equal steps
+from shape to shape, without any look ahead.
+"""
+
+import argparse
+import json
 import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pytest
 
 from tipforce.mechanics import Branch, Rod, Shapes, bend_many
 
-pytestmark = pytest.mark.slow
-
 LENGTH, STIFFNESS = 0.065, 4.3e-4
-COUNT = 100_000
+RODS = {
+    "constant stiffness": (Rod(LENGTH - 0.008, STIFFNESS, 0.008), 0),
+    "stiffening": (Rod(LENGTH - 0.008, STIFFNESS, 0.008, stiffening_curvature_per_m=40.0), 1),
+}
+"""With the seed of their loads."""
+JUMP_RAD = 0.1
+"""A step of 1/500 of the load turns no angle of a branch by more than this, but close to a fold."""
 
 
 def loads(count: int, seed: int) -> dict[str, np.ndarray]:
@@ -49,34 +60,42 @@ def walked(rod: Rod, given: dict[str, np.ndarray], steps: int) -> tuple[np.ndarr
     return shapes.angles_rad, largest
 
 
-@pytest.mark.parametrize(
-    ("rod", "seed"),
-    [
-        (Rod(LENGTH - 0.008, STIFFNESS, 0.008), 0),
-        (Rod(LENGTH - 0.008, STIFFNESS, 0.008, stiffening_curvature_per_m=40.0), 1),
-    ],
-    ids=["constant stiffness", "stiffening"],
-)
-def test_no_load_is_lost_and_each_shape_knows_its_branch(rod: Rod, seed: int) -> None:
-    given = loads(COUNT, seed)
+def measure(rod: Rod, seed: int, count: int = 100_000, walked_too: int = 3000) -> dict[str, Any]:
+    """Of ``count`` loads: how many converged, their residuals, branches, and what a walk says of the branches."""
+    given = loads(count, seed)
     shapes = bend_many(rod, **given)
-    assert shapes.converged.all()
-    assert unbalanced(shapes).max() < 1e-9
-    assert shapes.residual.max() < 1e-9
-    assert shapes.stable.all()
     fallen = shapes.branch == Branch.FALLEN
-    assert np.isin(shapes.branch, [Branch.UNLOADED, Branch.FALLEN]).all()
-
-    # Many small steps without any look ahead: all fallen ones and a part of the rest. They fall where it is said.
-    rows = np.append(np.flatnonzero(fallen), np.flatnonzero(~fallen)[:3000])
+    rows = np.append(np.flatnonzero(fallen), np.flatnonzero(~fallen)[:walked_too])
     angles, largest = walked(rod, {name: value[rows] for name, value in given.items()}, 500)
     away = np.abs(angles - shapes.angles_rad[rows]).max(axis=1)
-    fell = fallen[rows]
-    # A step of 1/500 turns no angle of a branch by more than 0.1 rad, but close to a fold.
-    assert (largest[fell] > 0.1).all()
-    assert (away[~fell & (largest < 0.1)] < 1e-6).all()
-    assert (largest[~fell] > 0.1).mean() < 0.003
-    print(
-        f"{COUNT} loads: {shapes.residual.max():.1e} largest residual, {fallen.sum()} fell at a fold, "
-        f"{away[~fell].max():.1e} rad off a walk in 500 steps, {(largest[~fell] > 0.1).sum()} of them walked too fast"
-    )
+    fell, plain = fallen[rows], largest < JUMP_RAD
+    return {
+        "count": count,
+        "unconverged": int((~shapes.converged).sum()),
+        "worst_residual": float(shapes.residual.max()),
+        "worst_residual_by_numpy": float(unbalanced(shapes).max()),
+        "stable": int(shapes.stable.sum()),
+        "unloaded_branch": int((shapes.branch == Branch.UNLOADED).sum()),
+        "fallen": int(fallen.sum()),
+        "fallen_without_a_jump_in_the_walk": int((fell & plain).sum()),
+        "walked": int((~fell).sum()),
+        "walked_with_a_jump": int((~fell & ~plain).sum()),
+        "walked_to_another_shape": int((~fell & plain & (away >= 1e-6)).sum()),
+        "off_the_walk_rad": float(away[~fell & plain].max(initial=0.0)),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m bench.planar_loads", description=__doc__)
+    parser.add_argument("--count", type=int, default=100_000)
+    parser.add_argument("--json", default="build/planar_loads.json")
+    chosen = parser.parse_args()
+    figures = {name: measure(rod, seed, chosen.count) for name, (rod, seed) in RODS.items()}
+    target = Path(chosen.json)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    print(json.dumps(figures, indent=2))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""A drawn session on disk, as the twin writes it: JPEG pictures and a compressed file of their truth."""
+
+import tempfile
+import zlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from tipforce.twin.camera import PictureTruth
+
+
+class Packed(NamedTuple):
+    """One frame, ready to be written."""
+
+    picture: bytes
+    mask: bytes
+    centreline_px: np.ndarray
+    visible: float
+
+
+def pack(picture: np.ndarray, truth: PictureTruth, quality: int) -> Packed:
+    """Encode a grey or RGB picture and its mask."""
+    ordered = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+    data = cv2.imencode(".jpg", ordered, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    mask = zlib.compress(np.packbits(truth.mask).tobytes(), 1)
+    return Packed(data.tobytes(), mask, truth.centreline_px, truth.visible_share)
+
+
+def write(frames: Iterable[Packed]) -> int:
+    """Write all of them to a folder that is removed again; returns how many bytes that were."""
+    kept = []
+    with tempfile.TemporaryDirectory() as folder:
+        pictures, truth = Path(folder) / "pictures.bin", Path(folder) / "truth.npz"
+        with pictures.open("wb") as file:
+            for frame in frames:
+                file.write(frame.picture)
+                kept.append(frame)
+        np.savez_compressed(
+            truth,
+            mask=np.frombuffer(b"".join(f.mask for f in kept), np.uint8),
+            ends=np.cumsum([len(f.mask) for f in kept]),
+            centreline_px=np.array([f.centreline_px for f in kept]),
+            visible=np.array([f.visible for f in kept]),
+        )
+        return pictures.stat().st_size + truth.stat().st_size
