@@ -67,7 +67,7 @@ def deflection(model, alpha):
 )
 def test_models_of_large_bending_meet_the_published_cantilever(model, tolerance, alpha):
     x, y = model.bend(np.array([0.0, alpha])).tip_m
-    np.testing.assert_allclose([y, 1 - x], CANTILEVER[alpha], atol=tolerance)
+    np.testing.assert_allclose([y, 1 - x], CANTILEVER[alpha][:2], atol=tolerance)
 
 
 @pytest.mark.parametrize("alpha", [0.01, 2.0, 10.0])
