@@ -180,7 +180,6 @@ def force_balance(r: Run, rows: np.ndarray) -> dict[str, float]:
         "tie where it sticks": worst(tie[sticks]) / size,
         "force sensor": worst(read + force) / size,
         "clamp's force, from the shaft's strain": worst(inside - force) / size,
-        "clamp's reaction as reported": worst(contact.reaction_force_n[rows] + force) / size,
         "clamp's moment, strain against reported": worst(clamp + contact.reaction_moment_nm[rows]) / moments,
         "clamp's moment, against the force's lever": worst(clamp - about) / moments,
     }
