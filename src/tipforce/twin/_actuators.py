@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from ..types import ADVANCE, KNOB, STAGE_ACROSS, STAGE_FORWARD, Actuation, AxisLimits, Clock, Commanded
+from ..types import ADVANCE, KNOB, STAGE_ACROSS, STAGE_FORWARD, Actuation, AxisLimits, Clock, Commanded, refuse_unknown
 from .world import CourseRun, Drive, WorldSettings, instants_until
 
 __all__ = ["TwinActuators"]
@@ -19,11 +20,18 @@ class TwinActuators:
 
     Each plays the session's own programme until it is commanded or stopped. A command counts from the first instant
     after ``clock``'s time; its effect begins after the axis's delay. ``reach`` lets the course happen up to an instant,
-    exclusive.
+    exclusive, and holds ``lock`` meanwhile, so that another thread than the one that takes events may command.
     """
 
-    def __init__(self, settings: WorldSettings, run: CourseRun, clock: Clock, reach: Callable[[int], None]) -> None:
-        self._run, self._clock, self._reach = run, clock, reach
+    def __init__(
+        self,
+        settings: WorldSettings,
+        run: CourseRun,
+        clock: Clock,
+        reach: Callable[[int], None],
+        lock: AbstractContextManager[Any],
+    ) -> None:
+        self._run, self._clock, self._reach, self._lock = run, clock, reach, lock
         drives = {ADVANCE: run.clamp, KNOB: run.knob, STAGE_FORWARD: run.forward, STAGE_ACROSS: run.across}
         if settings.actuation.gain_per_m_deg == 0.0:
             del drives[KNOB]
@@ -38,11 +46,11 @@ class TwinActuators:
 
     def command(self, targets: Mapping[str, float]) -> Commanded:
         """Send axes on their way; see `Actuators.command`. Raises RuntimeError once the bench is closed."""
-        now = self._now_ns()
-        taken = Commanded.of(now, targets, self._limits)
-        for name, target in taken.targets.items():
-            self._tell(name, now, target / _PER_UNIT[name])
-        return taken
+        with self._lock:
+            taken = Commanded.of(self._now_ns(), targets, self._limits)
+            for name, target in taken.targets.items():
+                self._tell(name, taken.stamp_ns, target / _PER_UNIT[name])
+            return taken
 
     def read(self) -> Actuation:
         """Where the axes are at the clock's time, in whole steps."""
@@ -61,10 +69,11 @@ class TwinActuators:
 
     def stop(self, *axes: str) -> None:
         """Bring these axes, or all, to rest; see `Actuators.stop`."""
-        now = self._now_ns()
-        Commanded.of(now, dict.fromkeys(axes, 0.0), self._limits)  # none of them unknown
-        for name in axes or self._drives:
-            self._tell(name, now, math.nan)
+        refuse_unknown(axes, self._limits)
+        with self._lock:
+            now = self._now_ns()
+            for name in axes or self._drives:
+                self._tell(name, now, math.nan)
 
     def __enter__(self) -> Self:
         return self

@@ -28,7 +28,7 @@ class _LiveSource(TwinBench):
         super().__init__(plan.settings, plan.seed, plan.number)
         self._plan, self.run, self._pictures = plan, run, pictures
         self._next = 0
-        self._lock = threading.RLock()
+        self.lock = threading.RLock()
         self._late = min(drive.late for drive in run.drives)
         self._order = self.schedule()
         start_ns = min(0, self._order[0][0])
@@ -63,7 +63,7 @@ class _LiveSource(TwinBench):
 
     def reach(self, rows: int, now_ns: int | None = None) -> None:
         """Let the first ``rows`` instants happen, and those besides that no command from ``now_ns`` on can change."""
-        with self._lock:
+        with self.lock:
             if rows > self.run.done:
                 now = self.clock.now_ns() if now_ns is None else now_ns
                 self.run.advance(max(rows, instants_until(now * 1e-9) + self._late))
@@ -96,11 +96,7 @@ class LiveTwin:
     While nobody commands a drive the events are those of `TwinBench`, each of them the same bytes. A command changes
     what happens from its own time on, after the drive's delay. On simulated time the same commands after the same
     events give the same bytes. Entering it again begins the session anew; the first time takes some seconds, for the
-    session is drawn and tried out before.
-
-    >>> with LiveTwin(seed=3, pictures=False) as bench:  # doctest: +SKIP
-    ...     for event in bench.source:
-    ...         bench.actuators.command({"advance_mm": 1.0})
+    session is drawn and tried out before. docs/twin.md has a closed loop.
     """
 
     def __init__(
@@ -119,7 +115,7 @@ class LiveTwin:
     def __enter__(self) -> Self:
         run = self._plan.session.begin()
         source = _LiveSource(self._plan, run, real_time=self._real_time, pictures=self._pictures)
-        self._begun = source, TwinActuators(self._plan.settings.world, run, source.clock, source.reach)
+        self._begun = source, TwinActuators(self._plan.settings.world, run, source.clock, source.reach, source.lock)
         return self
 
     def __exit__(

@@ -6,7 +6,7 @@ Force = what the tissue does to the tip, in the base frame.
 """
 
 from ._arrays import BoolArray, FloatArray, Image, IntArray, frozen
-from ._axes import ADVANCE, KNOB, STAGE_ACROSS, STAGE_FORWARD, AxisLimits, Commanded
+from ._axes import ADVANCE, KNOB, STAGE_ACROSS, STAGE_FORWARD, AxisLimits, Commanded, refuse_unknown
 from ._device import Catheter, Context
 from ._estimate import ForceEstimate, Status
 from ._seams import Actuators, Clock, SimulatedClock, Source, SystemClock
@@ -46,4 +46,5 @@ __all__ = [
     "View",
     "Wrench",
     "frozen",
+    "refuse_unknown",
 ]

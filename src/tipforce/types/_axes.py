@@ -1,10 +1,10 @@
 """Driven axes: what they can do, and what became of a command."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-__all__ = ["ADVANCE", "KNOB", "STAGE_ACROSS", "STAGE_FORWARD", "AxisLimits", "Commanded"]
+__all__ = ["ADVANCE", "KNOB", "STAGE_ACROSS", "STAGE_FORWARD", "AxisLimits", "Commanded", "refuse_unknown"]
 
 ADVANCE = "advance_mm"
 """The catheter's clamp, along the base tangent; the free length stays."""
@@ -37,6 +37,13 @@ class AxisLimits:
         return min(max(target, self.low), self.high)
 
 
+def refuse_unknown(names: Iterable[str], limits: Mapping[str, AxisLimits]) -> None:
+    """Raise ValueError where one of ``names`` is not an axis of ``limits``."""
+    for name in names:
+        if name not in limits:
+            raise ValueError(f"{name}: there is no such axis; there are {', '.join(limits)}")
+
+
 @dataclass(frozen=True, slots=True)
 class Commanded:
     """What became of a command: ``targets``, where the axes are going now, and since when.
@@ -57,9 +64,8 @@ class Commanded:
         >>> Commanded.of(0, {"knob_deg": 99.0}, {"knob_deg": AxisLimits(0.0, 90.0, 60.0, 600.0)})
         Commanded(stamp_ns=0, targets={'knob_deg': 90.0}, clipped={'knob_deg': 99.0})
         """
+        refuse_unknown(wanted, limits)
         for name, value in wanted.items():
-            if name not in limits:
-                raise ValueError(f"{name}: there is no such axis; there are {', '.join(limits)}")
             if not math.isfinite(value):
                 raise ValueError(f"{name}: expected a finite number, got {value}")
         targets = {name: limits[name].clipped(float(value)) for name, value in wanted.items()}
