@@ -10,7 +10,7 @@ import numpy.typing as npt
 from ...types import FloatArray
 from ._scene import CameraScene, Colour
 
-__all__ = ["FINER", "Canvas", "Picture", "band", "multi_scale_noise", "soften"]
+__all__ = ["FINER", "Canvas", "Picture", "around", "band", "multi_scale_noise", "soften"]
 
 Picture = npt.NDArray[np.float32]
 
@@ -52,7 +52,7 @@ def band(start: FloatArray, end: FloatArray, half: float) -> FloatArray:
     return np.stack([start - side, end - side, end + side, start + side])
 
 
-def _around(cover: Picture, reach: float) -> tuple[slice, slice]:
+def around(cover: Picture, reach: float) -> tuple[slice, slice]:
     """The rows and columns where there is any ``cover``, ``reach`` px more on every side."""
     parts: list[slice] = []
     for axis in (1, 0):
@@ -103,7 +103,7 @@ class Canvas:
         """Lay something of ``colour`` times ``shading`` over what is there, after its shadow where it is high."""
         if height_m > 0.0:
             self.darken(cover, height_m)
-        part = _around(cover, 0.0)
+        part = around(cover, 0.0)
         paint = colour[part] if isinstance(colour, np.ndarray) else np.asarray(colour, np.float32)
         bright = shading[part][..., None] if isinstance(shading, np.ndarray) else np.float32(shading)
         self.levels[part] += cover[part][..., None] * (paint * bright - self.levels[part])
@@ -111,7 +111,7 @@ class Canvas:
 
     def bevel(self, cover: Picture, width_px: float) -> Picture:
         """(h, w) shading around 1 of a thing with rounded edges: brighter where they face the lamps."""
-        part = _around(cover, 4.0 * width_px)
+        part = around(cover, 4.0 * width_px)
         soft = soften(cover[part], max(0.8, width_px))
         lean_u = cv2.Sobel(soft, cv2.CV_32F, 1, 0, scale=0.125) * np.float32(width_px * 2.5)
         lean_v = cv2.Sobel(soft, cv2.CV_32F, 0, 1, scale=0.125) * np.float32(width_px * 2.5)
@@ -127,7 +127,7 @@ class Canvas:
         corner = max(1.0, 0.5 * height_m * self.px_per_m)
         falls = self.scene.shadow_falls_m(height_m)
         farthest = max((abs(x) for right, down, _ in falls for x in (right, down)), default=0.0) * self.px_per_m
-        part = _around(cover, max(farthest + 3.0 * soft, 3.0 * corner))
+        part = around(cover, max(farthest + 3.0 * soft, 3.0 * corner))
         near = cover[part]
         left = np.ones(near.shape, np.float32)
         for right_m, down_m, strength in falls:

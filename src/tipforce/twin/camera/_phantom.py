@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ...geometry import CameraModel
 from ...types import FloatArray
-from ._canvas import FINER, Canvas, Picture, multi_scale_noise, soften
+from ._canvas import FINER, Canvas, Picture, around, multi_scale_noise, soften
 from ._scene import CameraScene
 
 __all__ = ["MARGIN_M", "Phantom", "TissueHome", "paint_phantom"]
@@ -71,10 +71,12 @@ def paint_phantom(
     shape = box(0.0, pad, look.pad_m[1], look.corner_m)
     # All parts are about as high as one another: their shadow falls on the ground, and hardly on their neighbours.
     canvas.darken(np.maximum(np.maximum(arm, drum), np.maximum(disc, shape)), scene.ground.depth_m)
-    groove = 0.10 * np.exp(-((_aside(canvas, origin, along) / (0.18 * look.arm_half_m * unit)) ** 2))
-    bright = (canvas.bevel(arm, 3.0) * (1 - groove)).astype(np.float32)
+    bright, part = canvas.bevel(arm, 3.0), around(arm, 0.0)
+    groove = 0.10 * np.exp(-((_aside(part, origin, along) / (0.18 * look.arm_half_m * unit)) ** 2))
+    bright[part] = (bright[part] * (1 - groove)).astype(np.float32)
     canvas.lay(arm, (look.arm_grey, look.arm_grey, look.arm_grey), shading=bright)
-    bright = canvas.bevel(drum, 2.0) * _cylinder(canvas, origin, along, look.body_m[1] * unit)
+    bright, part = canvas.bevel(drum, 2.0), around(drum, 0.0)
+    bright[part] *= _cylinder(scene, part, origin, along, look.body_m[1] * unit)
     canvas.lay(drum, (look.body_grey, look.body_grey, 1.02 * look.body_grey), height_m=_STEP_M, shading=bright)
     plate_colour = (look.plate_grey, look.plate_grey, look.plate_grey)
     canvas.lay(disc, plate_colour, height_m=_STEP_M, shading=canvas.bevel(disc, 1.8))
@@ -85,24 +87,36 @@ def paint_phantom(
         canvas.lay(head, (dark, dark, dark), height_m=0.5e-3, shading=canvas.bevel(head, 1.2))
     mottle = 1.0 + look.mottle * multi_scale_noise(rng, shape.shape, (8.0, 30.0, 90.0), 0.7)
     # Light comes out again near the edges of silicone, and its wet skin mirrors the lamps in soft patches.
-    inner = soften(shape, 1.1e-3 * unit)
+    part = around(shape, 0.0)
+    inner = soften(shape, 1.1e-3 * unit)[part]
     glow = 1.0 + 0.22 * np.clip(1.6 - 1.6 * inner, 0.0, 1.0)
-    shine = np.clip(multi_scale_noise(rng, shape.shape, (16.0, 50.0), 0.8) - 2.0, 0.0, 1.0)
-    paint = np.asarray(look.colour, np.float32) * (mottle * glow * canvas.bevel(shape, 5.0))[..., None]
-    canvas.lay(shape, (paint + np.float32(60.0) * shine[..., None]).astype(np.float32), height_m=_STEP_M)
+    shine = np.clip(multi_scale_noise(rng, shape.shape, (16.0, 50.0), 0.8)[part] - 2.0, 0.0, 1.0)
+    lit = mottle[part] * glow * canvas.bevel(shape, 5.0)[part]
+    paint = np.zeros((*shape.shape, 3), np.float32)
+    paint[part] = np.asarray(look.colour, np.float32) * lit[..., None] + np.float32(60.0) * shine[..., None]
+    canvas.lay(shape, paint, height_m=_STEP_M)
     return Phantom(*_sprite(canvas, channels, sigma_px), margin + 0.25, home.surface_m, into, px_per_m)
 
 
-def _aside(canvas: Canvas, origin: FloatArray, along: FloatArray) -> Picture:
-    h, w = canvas.left.shape
-    v, u = np.mgrid[0:h, 0:w].astype(np.float32)
-    return (u - np.float32(origin[0])) * np.float32(along[0]) + (v - np.float32(origin[1])) * np.float32(along[1])
+Part = tuple[slice, slice]
+"""Rows and columns of the canvas; what is painted is looked for there only."""
 
 
-def _cylinder(canvas: Canvas, origin: FloatArray, along: FloatArray, radius: float) -> Picture:
+def _places(part: Part, origin: FloatArray) -> tuple[Picture, Picture]:
+    """(1, w) and (h, 1): u and v of the part's pixels, from ``origin``."""
+    v, u = (np.arange(side.start, side.stop).astype(np.float32) for side in part)
+    return (u - np.float32(origin[0]))[None], (v - np.float32(origin[1]))[:, None]
+
+
+def _aside(part: Part, origin: FloatArray, along: FloatArray) -> Picture:
+    u, v = _places(part, origin)
+    return u * np.float32(along[0]) + v * np.float32(along[1])
+
+
+def _cylinder(scene: CameraScene, part: Part, origin: FloatArray, along: FloatArray, radius: float) -> Picture:
     """Shading of a turned metal cylinder seen from its side."""
-    x = np.clip(_aside(canvas, origin, along) / np.float32(radius), -1.0, 1.0)
-    lamp = canvas.scene.light.lamps[0].direction
+    x = np.clip(_aside(part, origin, along) / np.float32(radius), -1.0, 1.0)
+    lamp = scene.light.lamps[0].direction
     lean = np.float32(lamp[0] * along[0] + lamp[1] * along[1])
     bright = 0.62 + 0.38 * np.sqrt(1 - x**2) + 0.35 * np.exp(-(((x - 0.6 * lean) / 0.13) ** 2)) + 0.15 * x * lean
     return bright.astype(np.float32)
@@ -117,16 +131,21 @@ def _rounded(
     unit: float,
 ) -> Picture:
     """(h, w) cover of a box with rounded corners in the wall's own directions, anti-aliased."""
-    h, w = canvas.left.shape
+    cover = np.zeros(canvas.left.shape, np.float32)
+    corners = origin + unit * np.array([deep * into + side * along for deep in box[:2] for side in box[2:4]])
+    least, most = np.floor(corners.min(axis=0)) - 2.0, np.ceil(corners.max(axis=0)) + 3.0
+    part = tuple(
+        slice(int(min(max(least[k], 0.0), size)), int(min(max(most[k], 0.0), size)))
+        for k, size in ((1, cover.shape[0]), (0, cover.shape[1]))
+    )
     low, high, left, right, corner = (np.float32(x * unit) for x in box)
-    v, u = np.mgrid[0:h, 0:w].astype(np.float32)
-    u -= np.float32(origin[0])
-    v -= np.float32(origin[1])
+    u, v = _places((part[0], part[1]), origin)
     deep = np.abs(u * np.float32(into[0]) + v * np.float32(into[1]) - 0.5 * (low + high)) - 0.5 * (high - low) + corner
     side = np.abs(u * np.float32(along[0]) + v * np.float32(along[1]) - 0.5 * (left + right))
     side += corner - 0.5 * (right - left)
     away = np.hypot(np.maximum(deep, 0), np.maximum(side, 0)) + np.minimum(np.maximum(deep, side), 0) - corner
-    return np.clip(np.float32(0.5) - away, 0.0, 1.0)
+    cover[part] = np.clip(np.float32(0.5) - away, 0.0, 1.0)
+    return cover
 
 
 def _sprite(canvas: Canvas, channels: int, sigma_px: float) -> tuple[Picture, npt.NDArray[np.int64]]:
