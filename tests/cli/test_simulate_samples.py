@@ -19,7 +19,7 @@ from tipforce.types import SimulatedClock
 
 SMALL = PRESETS["bench-2021"].model_copy(update={"width": 320, "height": 240})
 SMALL = SMALL.model_copy(update={"world": SMALL.world.model_copy(update={"tare_s": 2.0})})
-WANTED = sample_set(SMALL, seed=3, samples=22, per_session=8, seconds=8.0)
+WANTED = sample_set(SMALL, seed=3, samples=30, per_session=11, seconds=8.0)
 write = partial(write_samples, say=print, progress=lambda what, share: None, lossless=False)
 
 
@@ -40,13 +40,13 @@ def made(tmp_path_factory) -> Path:
 
 def test_as_many_samples_as_asked_for_from_sessions_that_differ(made):
     data = open_dataset(made)
-    assert len(data) == 22
-    assert [int((data.session == name).sum()) for name in data.sessions] == [8, 8, 6]
+    assert len(data) == 30
+    assert [int((data.session == name).sum()) for name in data.sessions] == [11, 11, 8]
     assert len({context.metres_per_px for context in data.contexts.values()}) == 3
     assert all(name.startswith("bench-2021-samples-3-0000") for name in data.sessions)
     assert {tuple(each.views["camera"].shape) for each in data.observations()} == {(240, 320, 3)}
     before = data.stamp_ns < 3.5e9
-    assert 0 < before.sum() < 22
+    assert 0 < before.sum() < 30
     assert np.abs(data.force_n[before]).max() < 0.03 < np.abs(data.force_n[~before]).max()
 
 
@@ -93,10 +93,16 @@ def test_the_truth_lies_apart_and_fits_pictures_and_masks(made):
         assert f"{truth.values[key]:.5g}" not in told, key
 
 
-def test_shards_hold_the_same_samples(made, tmp_path):
+@pytest.fixture(scope="module")
+def sharded(tmp_path_factory) -> Path:
     pytest.importorskip("pyarrow")
-    write(tmp_path / "set", WANTED, shards=True, masks=False, workers=1)
-    images, shards = open_dataset(made), open_dataset(tmp_path / "set")
+    folder = tmp_path_factory.mktemp("shards") / "set"
+    write(folder, WANTED, shards=True, masks=False, workers=1)
+    return folder
+
+
+def test_shards_hold_the_same_samples(made, sharded):
+    images, shards = open_dataset(made), open_dataset(sharded)
     assert shards.fingerprint() == images.fingerprint()
     assert dict(shards.contexts) == dict(images.contexts)
     assert shards.names.tolist() == images.names.tolist()
@@ -104,8 +110,25 @@ def test_shards_hold_the_same_samples(made, tmp_path):
         assert np.array_equal(one.views["camera"], other.views["camera"])
 
 
+def test_inspect_train_and_evaluate_take_shards_like_any_dataset(sharded, tmp_path):
+    figures = tmp_path / "figures.json"
+    result = run("inspect", sharded, "-o", tmp_path / "sheet.png", "--json", figures)
+    assert result.exit_code == 0, result.output
+    told = json.loads(figures.read_text())
+    assert (told["samples"], told["sessions"], told["frames"]) == (30, 3, 30)
+    assert told["share_found"] > 0.9
+    assert told["forces"]["magnitude_n"]["max"] > 0.03
+    svr = ["--set", "vision.base_side=left", "--set", "folds=3", "--set", "c=[1]"]
+    result = run("train", sharded, "-o", tmp_path / "svr", *svr, "--json", figures)
+    assert result.exit_code == 0, result.output
+    report = tmp_path / "report"
+    result = run("evaluate", "svr", "--data", sharded, "--truth", sharded, "--protocol", "random", "-o", report, *svr)
+    assert result.exit_code == 0, result.output
+    assert "truth" in (report / "metrics.json").read_text()
+
+
 def test_two_processes_write_the_same_bytes_and_a_whole_set_is_kept(made, tmp_path):
-    options = ["--dataset", "--samples", 22, "--samples-per-session", 8, "--seconds", 8, "--seed", 3, "--masks"]
+    options = ["--dataset", "--samples", 30, "--samples-per-session", 11, "--seconds", 8, "--seed", 3, "--masks"]
     options += ["--set", "width=320", "--set", "height=240", "--set", "world.tare_s=2"]
     for _ in range(2):
         result = run("simulate", "-o", tmp_path / "set", "--json", tmp_path / "figures.json", *options)

@@ -94,7 +94,10 @@ def _truths(folder: Path) -> "dict[str, tuple[IntArray, FloatArray]]":
     from ..errors import InputError
     from ..twin import read_truth
 
-    found = [read_truth(path) for path in sorted(folder.rglob("*.truth.npz"))]
+    found: dict[str, tuple[IntArray, FloatArray]] = {}
+    for path in sorted(folder.rglob("*.truth.npz")):
+        truth = read_truth(path)  # of which little is kept: a set at scale has thousands
+        found[truth.session] = truth.stamp_ns, truth.force_n
     if not found:
         raise InputError(f"--truth {folder}: there is no truth in it; only what `tipforce simulate` wrote has one")
-    return {truth.session: (truth.stamp_ns, truth.force_n) for truth in found}
+    return found

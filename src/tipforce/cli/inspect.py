@@ -1,5 +1,6 @@
 """``tipforce inspect``: what is seen in a picture or a video, and what a recording holds."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,7 +13,7 @@ __all__ = ["command"]
 
 
 def command(
-    file: Annotated[Path, typer.Argument(metavar="IMAGE|VIDEO|FOLDER|RUN.MCAP", help="What to look at.")],
+    file: Annotated[Path, typer.Argument(metavar="IMAGE|VIDEO|FOLDER|RUN.MCAP|DATASET", help="What to look at.")],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE.png", help="The drawing; default NAME-inspect.png.")
     ] = None,
@@ -34,7 +35,8 @@ def command(
     """Draw what is seen of the catheter, or show what a recording holds.
 
     A picture: mask, centreline, base frame, fitted curve. A video: the share of frames in which the catheter is found,
-    and a sheet of them. A recording: streams, rates, drops, clock offset, tare, ranges and a plot.
+    and a sheet of them. A recording: streams, rates, drops, clock offset, tare, ranges and a plot. A dataset of several
+    sessions (a folder of images, Parquet shards): samples, ranges, the share found, and a sheet.
 
     Example:
         tipforce inspect frame.png --set base_side=bottom --figures
@@ -43,10 +45,12 @@ def command(
 
         tipforce inspect run.mcap
     """
+    from ..dataset import dataset_at, describe_dataset, pictures
     from ..recording import (
         describe,
         is_picture,
         look_at,
+        look_over,
         look_through,
         plot_summary,
         refuse_picture,
@@ -69,7 +73,15 @@ def command(
     refuse_picture(target)
     vision = settings_from(VisionSettings, settings)
     shape = ShapeFeatureSettings(kind=features, degree=degree)
-    if is_picture(file):
+    dataset = dataset_at(file)
+    if dataset is not None:
+        lines, facts = describe_dataset(dataset)
+        with progress_bar() as progress:
+            seen = pictures(dataset, vision.view, every)
+            total = -(-len(dataset) // every)
+            look = look_over(seen, vision, shape, title=str(file), room=sheet, progress=progress, total=total)
+        look = replace(look, text="\n".join([*lines, look.text]), figures={"file": str(file), **facts, **look.figures})
+    elif is_picture(file):
         look = look_at(file, vision, shape)
     else:
         with progress_bar() as progress:

@@ -1,6 +1,7 @@
 """Labelled samples, sessions and splits."""
 
 from ._dataset import Dataset, RowStore
+from ._describe import dataset_at, describe_dataset, pictures
 from ._draw import draw, leave_out, thin
 from ._growing_images import GrowingImages
 from ._growing_shards import GrowingShards
@@ -34,10 +35,13 @@ __all__ = [
     "Split",
     "blocked_folds",
     "blocked_split",
+    "dataset_at",
+    "describe_dataset",
     "draw",
     "leave_out",
     "open_dataset",
     "open_recordings",
+    "pictures",
     "random_folds",
     "random_split",
     "replacing_folder",

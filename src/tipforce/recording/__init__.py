@@ -5,7 +5,7 @@ from ._facts import ClockOffset, Inertia, Reads, SensorPose, Tare
 from ._files import refuse_picture
 from ._import import ForceColumns, import_run
 from ._labels import Labels, label_log, labels
-from ._look import Look, frame_count, is_picture, look_at, look_through, save_picture
+from ._look import Look, frame_count, is_picture, look_at, look_over, look_through, save_picture
 from ._observations import observations
 from ._reader import RecordingInfo, RecordingReader, StreamInfo
 from ._record import RunReport, record
@@ -42,6 +42,7 @@ __all__ = [
     "label_log",
     "labels",
     "look_at",
+    "look_over",
     "look_through",
     "observations",
     "open_source",

@@ -1,7 +1,7 @@
 """Looking through the pictures of a file: is the catheter seen, and in how many frames."""
 
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -32,7 +32,7 @@ from ._sources import FileSource, open_source
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Look", "frame_count", "is_picture", "look_at", "look_through", "save_picture"]
+__all__ = ["Look", "frame_count", "is_picture", "look_at", "look_over", "look_through", "save_picture"]
 
 _PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 
@@ -96,6 +96,34 @@ def look_through(
         raise InputError(f"{path}: there is no frame of the view {vision.view!r} in it")
     figures = {"file": str(path), "every": every, **tally.figures(), "vision": settled.model_dump()}
     return Look(f"{_stated(settled, vision)}\n{tally.text()}", figures, tally.sheet(), first.image, settled)
+
+
+def look_over(
+    sessions: Iterable[Sequence[tuple[str, Image]]],
+    vision: VisionSettings,
+    features: ShapeFeatureSettings,
+    *,
+    title: str,
+    room: int = 12,
+    progress: Callable[[str, float], None] | None = None,
+    total: int = 0,
+) -> Look:
+    """Named pictures, session by session: what is left open in ``vision`` is settled on each session's own.
+
+    ``total``: of the pictures, for ``progress``. Raises InputError where there is none.
+    """
+    tally, first, settled = Tally(room), None, vision
+    for session in sessions:
+        settled = _settled(vision, [image for _, image in session[:: max(1, len(session) // 5)]])
+        see = Vision(settled).see
+        for name, image in session:
+            first = image if first is None else first
+            tally.add(Path(name).stem, inspect_picture(image, see, settled, features))
+            if progress:
+                progress(f"picture {tally.looked_at}", min(1.0, tally.looked_at / max(1, total)))
+    if first is None:
+        raise InputError(f"{title}: there is no picture of the view {vision.view!r} in it")
+    return Look(tally.text(), tally.figures(), tally.sheet(), first, settled)
 
 
 def frame_count(source: Source, view: str = "camera") -> int:

@@ -105,12 +105,14 @@ Part = tuple[slice, slice]
 def _places(part: Part, origin: FloatArray) -> tuple[Picture, Picture]:
     """(1, w) and (h, 1): u and v of the part's pixels, from ``origin``."""
     v, u = (np.arange(side.start, side.stop).astype(np.float32) for side in part)
-    return (u - np.float32(origin[0]))[None], (v - np.float32(origin[1]))[:, None]
+    across: Picture = u - np.float32(origin[0])
+    down: Picture = v - np.float32(origin[1])
+    return across[None], down[:, None]
 
 
 def _aside(part: Part, origin: FloatArray, along: FloatArray) -> Picture:
     u, v = _places(part, origin)
-    return u * np.float32(along[0]) + v * np.float32(along[1])
+    return np.asarray(u * np.float32(along[0]) + v * np.float32(along[1]), np.float32)
 
 
 def _cylinder(scene: CameraScene, part: Part, origin: FloatArray, along: FloatArray, radius: float) -> Picture:
@@ -133,13 +135,12 @@ def _rounded(
     """(h, w) cover of a box with rounded corners in the wall's own directions, anti-aliased."""
     cover = np.zeros(canvas.left.shape, np.float32)
     corners = origin + unit * np.array([deep * into + side * along for deep in box[:2] for side in box[2:4]])
-    least, most = np.floor(corners.min(axis=0)) - 2.0, np.ceil(corners.max(axis=0)) + 3.0
-    part = tuple(
-        slice(int(min(max(least[k], 0.0), size)), int(min(max(most[k], 0.0), size)))
-        for k, size in ((1, cover.shape[0]), (0, cover.shape[1]))
-    )
+    ends = np.array(cover.shape[::-1])
+    first = np.clip(np.floor(corners.min(axis=0)) - 2.0, 0, ends).astype(int)
+    last = np.clip(np.ceil(corners.max(axis=0)) + 3.0, 0, ends).astype(int)
+    part = slice(int(first[1]), int(last[1])), slice(int(first[0]), int(last[0]))
     low, high, left, right, corner = (np.float32(x * unit) for x in box)
-    u, v = _places((part[0], part[1]), origin)
+    u, v = _places(part, origin)
     deep = np.abs(u * np.float32(into[0]) + v * np.float32(into[1]) - 0.5 * (low + high)) - 0.5 * (high - low) + corner
     side = np.abs(u * np.float32(along[0]) + v * np.float32(along[1]) - 0.5 * (left + right))
     side += corner - 0.5 * (right - left)
