@@ -1,5 +1,6 @@
 """Judging methods: metrics, protocols, the constant predictor, figures and the report."""
 
+from ._bounds import CONTACT_ANGLE_BINS_DEG, FORCE_BOUND_BINS_N, bound_at, bound_figures
 from ._candidates import candidates_from, truth_at
 from ._constant import Constant
 from ._evaluate import evaluate
@@ -13,8 +14,10 @@ from ._summary import summary, verdict
 
 __all__ = [
     "AS_SAVED",
+    "CONTACT_ANGLE_BINS_DEG",
     "CONTACT_N",
     "FORCE_BINS_N",
+    "FORCE_BOUND_BINS_N",
     "PROTOCOLS",
     "Candidate",
     "Constant",
@@ -22,6 +25,8 @@ __all__ = [
     "Outcome",
     "Row",
     "ShowsFeatures",
+    "bound_at",
+    "bound_figures",
     "candidates_from",
     "check_folder",
     "error_figures",

@@ -13,7 +13,7 @@ from ..estimators import ESTIMATORS, create, load_model, read_manifest
 from ..types import FloatArray, IntArray
 from ._evaluation import Candidate
 
-__all__ = ["candidates_from", "truth_at"]
+__all__ = ["candidates_from", "truth_at", "values_at"]
 
 _NEAR_NS = 5_000_000
 """A truth belongs to a sample when their stamps differ by no more: a quarter of a frame at 50 Hz."""
@@ -49,8 +49,23 @@ def truth_at(dataset: Dataset, truths: Mapping[str, tuple[IntArray, FloatArray]]
 
     ``truths``: session -> stamps (m,) and forces (m, 3) in the base frame. Raises InputError where no sample has one.
     """
-    found = np.full((len(dataset), 3), np.nan)
-    for session, (stamps, force) in truths.items():
+    found = values_at(dataset, truths, 3)
+    if np.isnan(found).all():
+        ours, theirs = ", ".join(dataset.sessions[:5]), ", ".join(list(truths)[:5]) or "none"
+        raise InputError(
+            f"no sample of {dataset.title} has a truth: its sessions are {ours}, the truth is of {theirs}; "
+            "give --truth the folder that `tipforce simulate` wrote for these data"
+        )
+    return found
+
+
+def values_at(dataset: Dataset, values: Mapping[str, tuple[IntArray, FloatArray]], width: int) -> FloatArray:
+    """(n, width): of every sample, what ``values`` (session -> stamps (m,), rows (m, width)) hold at its stamp.
+
+    NaN where they hold nothing within 5 ms.
+    """
+    found = np.full((len(dataset), width), np.nan)
+    for session, (stamps, rows_there) in values.items():
         rows = np.flatnonzero(dataset.session == session)
         if not len(rows) or not len(stamps):
             continue
@@ -60,13 +75,7 @@ def truth_at(dataset: Dataset, truths: Mapping[str, tuple[IntArray, FloatArray]]
         wanted = dataset.stamp_ns[rows]
         nearest = np.where(np.abs(stamps[before] - wanted) <= np.abs(stamps[after] - wanted), before, after)
         near = np.abs(stamps[nearest] - wanted) <= _NEAR_NS
-        found[rows[near]] = force[nearest[near]]
-    if np.isnan(found).all():
-        ours, theirs = ", ".join(dataset.sessions[:5]), ", ".join(list(truths)[:5]) or "none"
-        raise InputError(
-            f"no sample of {dataset.title} has a truth: its sessions are {ours}, the truth is of {theirs}; "
-            "give --truth the folder that `tipforce simulate` wrote for these data"
-        )
+        found[rows[near]] = rows_there[nearest[near]]
     return found
 
 

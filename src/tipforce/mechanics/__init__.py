@@ -1,11 +1,14 @@
 """Statics of the catheter, in the plane and in space: large bending under loads, and contact with a soft wall."""
 
 from ._contact import Contact, Wall, press
+from ._contact_derivatives import ContactDerivatives, contact_derivatives
 from ._continuation import Branch
 from ._derivatives import derivatives
 from ._free import Shape, Shapes, bend, bend_many
 from ._heart import HEART_WAVES, HeartMotion
 from ._information import Bound, CentrelineNoise, Information, Priors, cramer_rao, fisher_information
+from ._line_noise import LineNoise
+from ._posterior import posterior_covariance, posterior_covariance_along
 from ._rod import Rod
 from ._sensitivity import Derivatives
 from ._spatial_contact import SpatialContact, SpatialPress, press_spatial
@@ -35,6 +38,7 @@ __all__ = [
     "CentrelineNoise",
     "ConstantCurvature",
     "Contact",
+    "ContactDerivatives",
     "Derivatives",
     "Elastica",
     "HeartMotion",
@@ -42,6 +46,7 @@ __all__ = [
     "Information",
     "KnobMap",
     "LargeDeflection",
+    "LineNoise",
     "LinearBeam",
     "MassSpring",
     "Play",
@@ -63,10 +68,13 @@ __all__ = [
     "bend",
     "bend_many",
     "bend_spatial",
+    "contact_derivatives",
     "cramer_rao",
     "damping_of_loss_factor",
     "derivatives",
     "fisher_information",
+    "posterior_covariance",
+    "posterior_covariance_along",
     "press",
     "press_spatial",
 ]

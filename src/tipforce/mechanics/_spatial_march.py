@@ -13,7 +13,7 @@ from ._spatial_joint import joint_moment, log_factors, log_scale
 from ._spatial_newton import TOLERANCE, Outcome, copy_turns, relax
 from ._spatial_parts import Elastic, Load, Touch, Work
 
-__all__ = ["NUMBERS", "History", "Law", "make_history", "march"]
+__all__ = ["NUMBERS", "History", "Law", "creep_on", "make_history", "march"]
 
 NUMBERS = 15
 """A row of numbers: force on the dome (3), touching point (3), moment carried at the clamp (3), force of the side
@@ -126,7 +126,7 @@ def _strain(q: FloatArray, rod: Elastic, i: int) -> tuple[float, float, float]:
 
 
 @compiled
-def _creep(q: FloatArray, rod: Elastic, relaxing: float) -> None:
+def creep_on(q: FloatArray, rod: Elastic, relaxing: float) -> None:
     """The Maxwell springs' dashpots follow the strain, by implicit Euler; at once where ``relaxing`` is infinite."""
     share = 1.0 if relaxing == math.inf else relaxing / (1.0 + relaxing)
     for i in range(q.shape[0]):
@@ -232,7 +232,7 @@ def march(
             slack = Elastic(rod.span, rod.bend, rod.twist, rod.rest, rod.soft, rod.reach, rod.memory, 0.0, rod.small)
             nowhere = Touch(False, axes, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zero, arm, drag, -1.0, 0.0, 0.0)
             relax(q, slack, load, nowhere, work, TOLERANCE)
-            _creep(q, rod, math.inf)
+            creep_on(q, rod, math.inf)
             copy_turns(q, history.before)
             px, py, pz = tip_at(q, rod, work.tangent)
             history.centre[0], history.centre[1], history.centre[2] = px + advance[row], py, pz
@@ -280,7 +280,7 @@ def march(
         numbers[row, 6], numbers[row, 7], numbers[row, 8] = _base_moment(q, rod)
         numbers[row, 9] = _side_force(rod, touch, work.tangent) if law.side > 0.0 else 0.0
         if rod.maxwell > 0.0:
-            _creep(q, rod, law.relaxing)
+            creep_on(q, rod, law.relaxing)
         copy_turns(q, shapes[row])
         for k in range(3):
             numbers[row, k] = t1 * axes[1, k] + t2 * axes[2, k] - normal * axes[0, k]

@@ -140,6 +140,19 @@ class Lens:
     sharpest_m: float
     defocus_px_per_m: float
 
+    def camera(self, width: int = 640, height: int = 480) -> CameraModel:
+        """The camera; the scale is for 640 columns and shrinks with more of them. World = base frame."""
+        scale = self.scale_m_per_px * 640.0 / width
+        centre = np.array([0.5 * (width - 1), 0.5 * (height - 1)])
+        origin = np.array([-0.5, centre[1]]) + np.array(self.base_at_m) / scale
+        square = CameraModel.facing(
+            BasePose(origin, self.base_turn_rad), scale, self.distance_m, centre, self.distortion
+        )
+        about = np.array([0.0, 0.0, self.distance_m])
+        turn = Pose.from_euler([self.pitch_rad, self.yaw_rad, 0.0], np.zeros(3))
+        held = Pose(turn.rotation, about - turn.rotate(about))
+        return square.seen_from(held @ square.camera_from_world)
+
 
 @dataclass(frozen=True, slots=True)
 class CameraScene:
@@ -162,18 +175,8 @@ class CameraScene:
     covers: tuple[Cover, ...]
 
     def camera(self, width: int = 640, height: int = 480) -> CameraModel:
-        """The camera of this scene; the scale is for 640 columns and shrinks with more of them. World = base frame."""
-        lens = self.lens
-        scale = lens.scale_m_per_px * 640.0 / width
-        centre = np.array([0.5 * (width - 1), 0.5 * (height - 1)])
-        origin = np.array([-0.5, centre[1]]) + np.array(lens.base_at_m) / scale
-        square = CameraModel.facing(
-            BasePose(origin, lens.base_turn_rad), scale, lens.distance_m, centre, lens.distortion
-        )
-        about = np.array([0.0, 0.0, lens.distance_m])
-        turn = Pose.from_euler([lens.pitch_rad, lens.yaw_rad, 0.0], np.zeros(3))
-        held = Pose(turn.rotation, about - turn.rotate(about))
-        return square.seen_from(held @ square.camera_from_world)
+        """The camera of this scene; see `Lens.camera`."""
+        return self.lens.camera(width, height)
 
     def shadow_falls_m(self, depth_m: float) -> list[tuple[float, float, float]]:
         """For each lamp: how far right and down the shadow of something ``depth_m`` above lies, and its strength."""

@@ -4,7 +4,7 @@ from ._axis import Axis, AxisModel, Drive
 from ._course import Course, CourseRun
 from ._draw import Device, Draw
 from ._lines import smooth_lines
-from ._rig import Rig
+from ._rig import Rig, build_rig
 from ._sensor import ForceSensor, Load, SensorLog, read_sensor
 from ._session import FINE, SWIFT, Pace, Session, run_session
 from ._tune import APPROACH_S, LEAD_S, STEP_S, Motion, instants_until
@@ -31,6 +31,7 @@ __all__ = [
     "SensorLog",
     "Session",
     "WorldSettings",
+    "build_rig",
     "instants_until",
     "read_sensor",
     "run_session",

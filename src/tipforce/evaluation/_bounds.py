@@ -1,0 +1,87 @@
+"""Errors held against the smallest that are possible: the ratio to the Cramer-Rao bound, by contact angle and force."""
+
+import math
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ..dataset import Dataset
+from ..errors import InputError
+from ..types import BoolArray, FloatArray, IntArray
+from ._candidates import values_at
+from ._outcome import Outcome
+
+__all__ = ["CONTACT_ANGLE_BINS_DEG", "FORCE_BOUND_BINS_N", "bound_at", "bound_figures"]
+
+CONTACT_ANGLE_BINS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+"""Edges of the bins of the angle between the tip's axis and the direction into the tissue."""
+FORCE_BOUND_BINS_N = (0.01, 0.05, 0.1, 0.2, 0.35)
+"""Edges of the bins of the force's magnitude in which ratios to the bound are told; contact begins at the first."""
+
+_GAUSS_MEDIAN = 0.6744897501960817
+"""Median of the absolute value of a Gaussian, over its standard deviation."""
+_QUANTITIES = ("x", "y", "magnitude")
+
+
+def bound_at(dataset: Dataset, bounds: Mapping[str, tuple[IntArray, FloatArray]]) -> FloatArray:
+    """(n, 3): of every sample the bound on fx, fy and the magnitude, standard deviations in newtons; NaN: none known.
+
+    ``bounds``: session -> stamps (m,) and (m, 3), as `twin.bound.ForceBound` has them (``stamp_ns`` and
+    ``fx_fy_magnitude_n``). Raises InputError where no sample has one.
+    """
+    found = values_at(dataset, bounds, 3)
+    if np.isnan(found).all():
+        ours, theirs = ", ".join(dataset.sessions[:5]), ", ".join(list(bounds)[:5]) or "none"
+        raise InputError(
+            f"no sample of {dataset.title} has a bound: its sessions are {ours}, the bounds are of {theirs}; "
+            "make them from the truth beside these recordings"
+        )
+    return found
+
+
+def bound_figures(outcome: Outcome, bound_n: FloatArray, contact_angle_deg: FloatArray | None = None) -> dict[str, Any]:
+    """Errors over their bounds, for x, y and magnitude: frames in contact that were answered and have a bound.
+
+    ``bound_n`` (len(dataset), 3): see `bound_at`; ``contact_angle_deg`` (len(dataset),). Each ratio is the median of
+    |error| / bound, divided by a Gaussian's 0.674: 1 is what an efficient method reaches. Keys: ``x``, ``y`` and
+    ``magnitude``, each with ``all``, ``by_contact_angle`` and ``by_force``: ``n``, ``ratio``, ``median_error_n`` and
+    ``median_bound_n``.
+    """
+    bound = bound_n[outcome.index]
+    figures: dict[str, Any] = {}
+    for place, quantity in enumerate(_QUANTITIES):
+        reference, estimate, _ = outcome.column(quantity)
+        error = np.abs(estimate - reference)
+        use = outcome.contact & np.isfinite(error) & (bound[:, place] > 0)
+        parts: dict[str, Any] = {"all": _ratio(error, bound[:, place], use)}
+        if contact_angle_deg is not None:
+            angle = contact_angle_deg[outcome.index]
+            parts["by_contact_angle"] = _binned(error, bound[:, place], use, angle, CONTACT_ANGLE_BINS_DEG, "deg")
+        size = outcome.reference_magnitude_n
+        parts["by_force"] = _binned(error, bound[:, place], use, size, FORCE_BOUND_BINS_N, "n")
+        figures[quantity] = parts
+    return figures
+
+
+def _binned(
+    error: FloatArray, bound: FloatArray, use: BoolArray, by: FloatArray, edges: tuple[float, ...], unit: str
+) -> list[dict[str, float | int]]:
+    bins: list[dict[str, float | int]] = []
+    for low, high in pairwise(edges):
+        inside = use & (by >= low) & (by < high)
+        bins.append({f"from_{unit}": low, f"below_{unit}": high, **_ratio(error, bound, inside)})
+    return bins
+
+
+def _ratio(error: FloatArray, bound: FloatArray, use: BoolArray) -> dict[str, float | int]:
+    """NaN where nothing is left."""
+    if not use.any():
+        return {"n": 0, "ratio": math.nan, "median_error_n": math.nan, "median_bound_n": math.nan}
+    return {
+        "n": int(use.sum()),
+        "ratio": float(np.median(error[use] / bound[use])) / _GAUSS_MEDIAN,
+        "median_error_n": float(np.median(error[use])),
+        "median_bound_n": float(np.median(bound[use])),
+    }

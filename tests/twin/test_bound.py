@@ -1,0 +1,118 @@
+"""The bound of the twin's sessions: what it stands on, and how it answers to more and less knowledge."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tipforce.twin import PRESETS, TwinBench, TwinSettings, truth_of
+from tipforce.twin.bound import FORCES_N2, LASTING, MEASURED, SeenNoise, SessionBound, changed_lens, facts_of, seen_rows
+from tipforce.twin.world.settings import ClockSettings, WorldSettings
+
+SHORT = TwinSettings(world=WorldSettings(seconds=9.0, tare_s=2.0, clock=ClockSettings(fps=8.0)))
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return TwinBench(SHORT, 3, 0)
+
+
+@pytest.fixture(scope="module")
+def session(bench):
+    return SessionBound.of(bench)
+
+
+def test_the_truth_of_a_recording_gives_the_bound_of_the_bench(bench, session):
+    from_truth = SessionBound.of(truth_of(bench))
+    assert from_truth.unknowns == session.unknowns
+    np.testing.assert_allclose(from_truth.slopes, session.slopes, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(from_truth.along().covariance_n2, session.along().covariance_n2, rtol=1e-5, atol=1e-12)
+
+
+def test_the_slopes_are_taken_at_the_true_shape(bench, session):
+    assert session.stable.all()
+    facts = facts_of(bench)
+    camera = facts.lens.camera(SHORT.width, SHORT.height)
+    np.testing.assert_allclose(camera.project(facts.lines_m[5]), bench.picture_truth(5).centreline_px, atol=1e-6)
+
+
+def test_a_base_moved_in_the_picture_moves_every_point_alike(bench):
+    facts = facts_of(bench)
+    straight = replace(facts, lens=replace(facts.lens, distortion=(0.0,) * 5, yaw_rad=0.0, pitch_rad=0.0))
+    rows, arc, _ = seen_rows(straight)
+    right, down = rows["base, right"], rows["base, down"]
+    # a unit move: across and along the line at the tip it adds up to one
+    np.testing.assert_allclose(np.hypot(right[:, -2], right[:, -1]), 1.0, atol=5e-3)
+    np.testing.assert_allclose(right[:, -2] ** 2 + down[:, -2] ** 2, 1.0, atol=1e-2)
+    assert arc[-1] == pytest.approx(facts.rig.rod.length_m, abs=4e-3)
+
+
+def test_a_changed_lens_has_one_number_changed(bench):
+    lens = facts_of(bench).lens
+    assert changed_lens(lens, "scale", 0.01).scale_m_per_px == pytest.approx(1.01 * lens.scale_m_per_px)
+    assert changed_lens(lens, "lens, p2", 1e-4).distortion[3] == pytest.approx(lens.distortion[3] + 1e-4)
+
+
+def test_frames_before_help_and_so_does_all_that_is_known(session):
+    each, along = session.each(), session.along()
+    touching = session.touching
+    assert touching.any()
+    assert not touching.all()
+    assert (along.std_n <= each.std_n * (1 + 1e-9)).all()
+    assert (session.along(free_known="none").std_n[touching] >= along.std_n[touching] * (1 - 1e-9)).all()
+    for group in {unknown.group for unknown in session.unknowns} - {"force"} | {LASTING}:
+        assert (session.each([group]).std_n <= each.std_n * (1 + 1e-9)).all(), group
+        assert (session.along([group]).std_n <= along.std_n * (1 + 1e-9)).all(), group
+    finer = replace(session, noise=SeenNoise(session.noise.fresh.scaled(0.5), session.noise.lasting))
+    assert (finer.each().std_n[touching] < each.std_n[touching]).all()
+
+
+def test_the_bound_lies_between_the_noise_and_what_was_known_before(session):
+    pressed = np.linalg.norm(session.force_n, axis=1) > 0.05
+    for bound in (session.each(), session.along()):
+        found = bound.fx_fy_magnitude_n[pressed]
+        assert (found > 2e-4).all()
+        assert (found < 0.3).all()
+    assert np.median(session.each().std_n[pressed, 1]) < 0.03  # lateral, in the plane of bending
+
+
+def test_who_knows_what_forces_there_are_knows_more(session):
+    learnt = FORCES_N2["bench-2021"]
+    for found, broad in ((session.each((), learnt), session.each()), (session.along((), learnt), session.along())):
+        assert (found.std_n[:, :2] <= broad.std_n[:, :2] * (1 + 1e-9)).all()
+        assert (found.std_n <= np.sqrt(np.diag(learnt)) * (1 + 1e-9)).all()
+    assert not session.each(["depth"], learnt).std_n[:, 2].any()
+
+
+def test_without_contact_nothing_is_left_to_find_and_without_force_there_is_no_magnitude(session):
+    bound = session.along()
+    assert not bound.std_n[~session.touching].any()
+    none = np.linalg.norm(bound.force_n, axis=1) == 0
+    assert np.isnan(bound.magnitude_std_n[none]).all()
+    assert (session.along(free_known="none").std_n > 0).all()
+
+
+def test_what_is_known_is_named_by_its_group(session):
+    with pytest.raises(ValueError, match=r"known: expected some of .*length"):
+        session.each(["lenght"])
+    with pytest.raises(ValueError, match="known"):
+        session.along(["force"])
+
+
+def test_a_known_depth_leaves_two_components(session):
+    assert not session.each(["depth"]).std_n[:, 2].any()
+
+
+def test_only_presets_that_were_measured_have_a_noise(bench):
+    other = TwinBench(SHORT.model_copy(update={"preset": "mine"}), 3, 0)
+    with pytest.raises(ValueError, match="preset 'mine'"):
+        SessionBound.of(other)
+    assert set(MEASURED) == set(FORCES_N2) == set(PRESETS)
+
+
+def test_a_knob_that_has_crossed_its_backlash_is_known_to_have(session):
+    assert session.play_open.all()  # it stands still
+    moved = replace(session, play_open=np.zeros_like(session.play_open))
+    one, two = (which.along(free_known="none").std_n for which in (moved, session))
+    assert (one <= two * (1 + 1e-9)).all()
+    assert (one[0] < 0.99 * two[0]).any()
