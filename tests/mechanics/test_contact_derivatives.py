@@ -106,6 +106,15 @@ def test_creep_bends_what_was_bent_further():
     np.testing.assert_allclose(found.centreline_m[-1], settled.centreline_m(POINTS), atol=2e-6)
 
 
+def test_a_rod_without_an_electrode_has_derivatives_too():
+    rod = replace(ROD, rigid_length_m=0.0)
+    shape = bend_spatial(rod, FORCES[1])
+    line = shape.centreline_m(49)[None]
+    found = contact_derivatives(rod, line, FORCES[1:2], line[:, -1], POINTS)
+    expected = derivatives(shape, POINTS).force
+    np.testing.assert_allclose(found["force"][0], expected, atol=1e-6 * np.abs(expected).max())
+
+
 def test_points_may_stand_in_any_order_and_wrong_shapes_are_refused(lines):
     arc = np.array([0.048, 0.0, 0.02])
     mixed = contact_derivatives(ROD, lines, FORCES, lines[:, -1], arc)

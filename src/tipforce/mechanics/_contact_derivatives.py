@@ -132,6 +132,8 @@ def orientations_along(rod: SpatialRod, lines_m: FloatArray) -> FloatArray:
     share = (place - low)[:, None]
     nodes = lines_m[:, low] * (1 - share) + lines_m[:, low + 1] * share
     tangents = np.diff(nodes, axis=1)
+    if rod.rigid_length_m == 0.0:
+        tangents[:, -1] = tangents[:, -2]  # no length has no direction: the shaft's end has
     tangents /= np.linalg.norm(tangents, axis=2, keepdims=True)
     q = np.empty((len(lines_m), rod.segments + 1, 4))
     now, before = np.tile([1.0, 0.0, 0.0, 0.0], (len(lines_m), 1)), np.tile([1.0, 0.0, 0.0], (len(lines_m), 1))
