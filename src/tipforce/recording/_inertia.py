@@ -24,6 +24,7 @@ __all__ = ["StageCourse", "fit_inertia"]
 _GRID_S = 0.01
 _WINDOW, _DEGREE = 9, 4
 _BIN_S = 4e-3
+_EDGE_S = 0.05
 _MIN_GAIN = 60.0
 """By so many variances of a binned reading the fit must lower the sum of squares, or else the stage's movement is not
 seen: some ten for each number that is fitted, for many lags are tried. A mass of which 1.7 mN are seen in noise of 3 mN
@@ -41,8 +42,8 @@ class StageCourse:
 
     def __init__(self, stamp_ns: IntArray, positions: Mapping[str, FloatArray]) -> None:
         self.names = tuple(positions)
-        self._start = int(stamp_ns[0]) if len(stamp_ns) else 0
-        seconds = (stamp_ns - self._start) * 1e-9
+        self.start_ns = int(stamp_ns[0]) if len(stamp_ns) else 0
+        seconds = (stamp_ns - self.start_ns) * 1e-9
         count = 1 + round(seconds[-1] / _GRID_S) if len(stamp_ns) else 0
         self._grid: FloatArray = np.arange(count, dtype=np.float64) * _GRID_S
         self._values = np.zeros((len(self.names), count))
@@ -62,7 +63,7 @@ class StageCourse:
 
     def acceleration(self, stamp_ns: IntArray, axes: Sequence[str]) -> FloatArray:
         """(n,) stamps on the stage's clock -> (n, axes) m/s^2; 0 outside of the stage's time."""
-        seconds = (stamp_ns - self._start) * 1e-9
+        seconds = (stamp_ns - self.start_ns) * 1e-9
         rows = [np.interp(seconds, self._grid, self._values[self.names.index(axis)], 0.0, 0.0) for axis in axes]
         return np.stack(rows, axis=-1) if rows else np.zeros((len(stamp_ns), 0))
 
@@ -95,6 +96,9 @@ def fit_inertia(
     known = np.stack([np.bincount(place, column) / filled for column in force_n[inside][:, axes].T], axis=1)
     middle = np.bincount(place, (stamps_ns[inside] - stamps_ns[0]).astype(np.float64)) / filled
     at = stamps_ns[0] + np.round(middle).astype(np.int64)
+    told = at >= stage.start_ns + round((window_s + _EDGE_S) * 1e9)  # at every lag that is tried the stage has spoken
+    if told.sum() * _BIN_S >= 0.5 * span:
+        at, known = at[told], known[told]
 
     def fit(lag_s: float) -> tuple[FloatArray, float]:
         columns = np.column_stack([np.ones(len(at)), stage.acceleration(at + round(lag_s * 1e9), stage.names)])
