@@ -63,7 +63,7 @@ def main() -> None:
     print(f"{'quantiles at':<34}" + "  ".join(f"{x:8.2f}" for x in AT))
     preset = PRESETS[options.preset]
     for label, seconds in (("samples", None), ("whole sessions", preset.world.seconds)):
-        made = sample_set(preset, seed=options.seed, samples=10**9, per_session=240, seconds=seconds)
+        made = sample_set(preset, seed=options.seed, samples=10**9, per_session=150, seconds=seconds)
         started = time.process_time()
         force, angle, knob = collect(made, options.sessions)
         took = time.process_time() - started

@@ -40,7 +40,7 @@ class Pace:
 FINE = Pace()
 """What recordings are made with."""
 SWIFT = Pace(every=5, trial_every=10, peak_n=2e-3)
-"""For single pictures: the force is within 0.5 mN rms of `FINE`'s on the same motion, in a fraction of the time."""
+"""For single pictures: on the same motion the force is mostly within 0.2 mN rms of that of `FINE`, in less time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
