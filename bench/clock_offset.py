@@ -41,7 +41,7 @@ def load(path: Path, truth: Truth) -> Session:
     """See all pictures of a recording, and read its force as an import does."""
     with RecordingReader(path) as reader:
         first = [reader.frame_at(k).image for k in range(0, FIRST, 5)]
-        vision = Vision(settle(VisionSettings(base_side="left"), first))
+        vision = Vision(settle(VisionSettings(), first, reader.context))
         seen = [vision.see(event.image) for event in reader.events("camera") if isinstance(event, Frame)]
         stamps, force, _ = reader.wrenches()
         info, catheter = reader.info, reader.context.catheter

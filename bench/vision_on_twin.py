@@ -1,10 +1,11 @@
 """What `fine` sees in recordings of the twin, held against their hidden truth, session by session.
 
-    python bench/vision_on_twin.py RUNS [--every 20] [--auto] [--sheet worst.png] [--json FILE]
+    python -m bench.vision_on_twin RUNS [RUNS ...] [--every 12] [--blind] [--sheet worst.png] [--json FILE]
 
-RUNS holds what `tipforce simulate` wrote. The settings are settled on each session's own first frames; the base's side
-is stated, as a bench knows it (--auto: it is not). Wrong: given as valid, but with a tip more than 5 px off along the
-shaft, or a point more than 2 px beside the true centreline. Errors are those of the frames that are right.
+Each RUNS holds what `tipforce simulate` wrote. The settings are settled on each session's own first frames and on its
+public sheet (nominal size, scale, the base's side); with --blind on the pictures alone. Wrong: given as valid, but with
+a tip more than 5 px off along the shaft, or a point more than 2 px beside the true centreline. Errors are those of the
+frames that are right. Covered: something hides more than 3 % of what the picture would show of the catheter.
 """
 
 import argparse
@@ -14,23 +15,26 @@ from typing import Any
 
 import cv2
 import numpy as np
+from bench.tubes import distance_to_curve
 
-import tubes
+from tipforce.errors import InputError
 from tipforce.recording import RecordingReader
 from tipforce.twin import Truth, read_truth
 from tipforce.vision import Vision, VisionSettings, settle
 
 FIRST = 50
+HIDDEN = 0.03
 
 
 def look(vision: Vision, image: np.ndarray, curve: np.ndarray) -> dict[str, Any]:
     """One frame: what was found, and how far off."""
     sight = vision.see(image)
     if sight.centreline is None:
-        return {"found": False, "why": f"{sight.status}: {sight.detail}", "bad": 1e3, "points": None}
+        why = f"{sight.status}: {sight.detail}"
+        return {"found": False, "wrong": False, "why": why, "bad": 1e3, "points": None}
     points = sight.centreline.points
     inside = (curve[:, 0] > -2) & (curve[:, 0] < image.shape[1] + 1)
-    beside = tubes.distance_to_curve(points, curve[max(0, int(np.argmax(inside)) - 1) :])
+    beside = distance_to_curve(points, curve[max(0, int(np.argmax(inside)) - 1) :])
     axis = curve[-1] - curve[-2]
     tip = abs(float((points[-1] - curve[-1]) @ axis / np.linalg.norm(axis)))
     wrong = tip > 5 or float(beside.max()) > 2
@@ -42,26 +46,37 @@ def look(vision: Vision, image: np.ndarray, curve: np.ndarray) -> dict[str, Any]
     }
 
 
-def session(path: Path, truth: Truth, every: int, auto: bool) -> list[dict[str, Any]]:
+def covered(curve: np.ndarray, visible: float, size: tuple[int, int]) -> bool:
+    """Whether something lies over the catheter where the picture would show it."""
+    inside = ((curve > -0.5) & (curve < np.array(size) - 0.5)).all(axis=1)
+    return visible < float(inside.mean()) - HIDDEN
+
+
+def session(path: Path, truth: Truth, every: int, blind: bool) -> list[dict[str, Any]]:
     """Every ``every``-th frame of a recording."""
     with RecordingReader(path) as reader:
         count = len(truth.stamp_ns)
         first = [reader.frame_at(k).image for k in range(0, min(FIRST, count), 5)]
-        vision = Vision(settle(VisionSettings() if auto else VisionSettings(base_side="left"), first))
+        try:
+            vision = Vision(settle(VisionSettings(), first, None if blind else reader.context))
+        except InputError as error:
+            print(f"{path.stem}: {error}")
+            vision = Vision(VisionSettings())
         rows = []
         for k in range(0, count, every):
             image = reader.frame_at(k).image
-            row = look(vision, image, truth.centreline_px[k])
-            if not row["found"] or row["wrong"]:
-                row["image"], row["curve"] = image, truth.centreline_px[k]
-            rows.append(row | {"name": f"{path.stem} frame {k}"})
+            curve = truth.centreline_px[k]
+            row = look(vision, image, curve)
+            row |= {"covered": covered(curve, float(truth.visible[k]), truth.image_size)}
+            row |= {"image": image, "curve": curve} if row["bad"] > 1.0 else {}
+            rows.append(row | {"name": f"{path.parent.name} {path.stem} frame {k}"})
     return rows
 
 
 def sheet(rows: list[dict[str, Any]], path: Path) -> None:
     """The worst frames: truth in green, what was seen in red."""
     tiles = []
-    for row in rows[:16]:
+    for row in rows[:12]:
         tile = cv2.cvtColor(row["image"], cv2.COLOR_RGB2BGR)
         cv2.polylines(tile, [np.rint(row["curve"] * 16).astype(np.int32)], False, (60, 200, 60), 1, cv2.LINE_AA, 4)
         if row["points"] is not None:
@@ -79,8 +94,13 @@ def sheet(rows: list[dict[str, Any]], path: Path) -> None:
 def figures(rows: list[dict[str, Any]]) -> dict[str, float]:
     """Shares in percent, errors in px."""
     right = [row for row in rows if row["found"] and not row["wrong"]]
-    out = {"frames": len(rows), "refused": 100 * np.mean([not row["found"] for row in rows])}
-    out["wrong"] = 100 * np.mean([row["found"] and row["wrong"] for row in rows])
+    out = {"frames": len(rows), "right": 100 * len(right) / len(rows)}
+    out["refused"] = 100 * np.mean([not row["found"] for row in rows])
+    out["wrong"] = 100 * np.mean([row["wrong"] for row in rows])
+    clear = [row for row in rows if not row["covered"]]
+    out["covered"] = 100 * (1 - len(clear) / len(rows))
+    if 0 < len(clear) < len(rows):
+        out["right of the others"] = 100 * np.mean([row["found"] and not row["wrong"] for row in clear])
     for key in ("side", "worst", "tip"):
         values = [row[key] for row in right] or [float("nan")]
         out |= {f"{key} median": float(np.median(values)), f"{key} 99 %": float(np.percentile(values, 99))}
@@ -90,29 +110,36 @@ def figures(rows: list[dict[str, Any]]) -> dict[str, float]:
 def main() -> None:
     """Look, print, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", type=Path)
-    parser.add_argument("--every", type=int, default=20)
-    parser.add_argument("--auto", action="store_true", help="the base's side is not stated")
-    parser.add_argument("--sheet", type=Path)
+    parser.add_argument("runs", type=Path, nargs="+")
+    parser.add_argument("--every", type=int, default=12)
+    parser.add_argument("--blind", action="store_true", help="nothing is known but the pictures")
+    parser.add_argument("--sheet", type=Path, help="draw the twelve worst frames")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    paths = sorted(options.runs.glob("*.mcap"))
-    if not paths:
-        parser.error(f"{options.runs}: no recording; write some with `tipforce simulate`")
-    results, everything = {}, []
-    for path in paths:
-        rows = session(path, read_truth(path), options.every, options.auto)
-        results[path.stem] = figures(rows)
-        everything += rows
-        shown = ", ".join(f"{key} {value:.3g}" for key, value in results[path.stem].items())
-        print(f"{path.stem}: {shown}", flush=True)
-    results["all"] = figures(everything)
-    print("all: " + ", ".join(f"{key} {value:.3g}" for key, value in results["all"].items()))
+    results: dict[str, dict[str, float]] = {}
+    everything: list[dict[str, Any]] = []
+    for folder in options.runs:
+        paths = sorted(folder.glob("*.mcap"))
+        if not paths:
+            parser.error(f"{folder}: no recording; write some with `tipforce simulate`")
+        together: list[dict[str, Any]] = []
+        for path in paths:
+            rows = session(path, read_truth(path), options.every, options.blind)
+            together += rows
+            report(results, f"{folder.name}/{path.stem}", rows)
+        report(results, f"{folder.name}, all", together)
+        everything += together
     if options.json:
         options.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
     bad = sorted((row for row in everything if "image" in row), key=lambda row: -row["bad"])
     if options.sheet and bad:
         sheet(bad, options.sheet)
+
+
+def report(results: dict[str, dict[str, float]], name: str, rows: list[dict[str, Any]]) -> None:
+    """Keep and print the figures of ``rows``."""
+    results[name] = figures(rows)
+    print(f"{name}: " + ", ".join(f"{key} {value:.3g}" for key, value in results[name].items()), flush=True)
 
 
 if __name__ == "__main__":

@@ -7,8 +7,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import angle_matrix, turning_angles
-from ..types import FloatArray, Image, Observation, ShapeFeatures, Status
-from ..vision import NoFeatures, ShapeFeatureSettings, Vision, feature_names, shape_features
+from ..types import Context, FloatArray, Image, Observation, ShapeFeatures, Status
+from ..vision import NoFeatures, ShapeFeatureSettings, Vision, feature_names, in_session, shape_features
 from ._settings import AngleSettings, SvrSettings
 
 __all__ = ["Inputs", "Refusal", "angles_of_polynomial"]
@@ -27,12 +27,14 @@ class Refusal:
 class Inputs:
     """Reads observations; one for each session, because `Vision` keeps its working memory.
 
-    ``actuation``: the names wanted, in order. ``shape``: names that ready-made shape numbers must have, in order; None
-    where it is not settled yet (training).
+    ``context``: of that session. ``actuation``: the names wanted, in order. ``shape``: names that ready-made shape
+    numbers must have, in order; None where it is not settled yet (training).
     """
 
-    def __init__(self, settings: SvrSettings, actuation: Sequence[str], shape: Sequence[str] | None = None) -> None:
-        self._settings, self._view = settings, settings.vision.view
+    def __init__(
+        self, settings: SvrSettings, actuation: Sequence[str], context: Context, shape: Sequence[str] | None = None
+    ) -> None:
+        self._settings, self._view, self._context = settings, settings.vision.view, context
         self._actuation = tuple(actuation)
         self._vision: Vision | None = None
         self._angles = None
@@ -66,7 +68,7 @@ class Inputs:
 
     def _picture(self, image: Image) -> FloatArray | Refusal:
         if self._vision is None:
-            self._vision = Vision(self._settings.vision)
+            self._vision = Vision(in_session(self._settings.vision, self._context))
         sighting = self._vision.see(image)
         if not sighting.found:
             return Refusal(sighting.status, sighting.detail)

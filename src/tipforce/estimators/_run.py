@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..recording import VideoWriter, frame_count, observations, require_actuation
-from ..types import FloatArray, ForceEstimate, Frame, Image, Observation, ShapeFeatures, Source, Status
+from ..types import Context, FloatArray, ForceEstimate, Frame, Image, Observation, ShapeFeatures, Source, Status
 from ..units import newtons_to_grams
 from ..vision import Reasons, VisionSettings, draw_estimate
 from ._base import Estimator, Progress
@@ -101,7 +101,9 @@ def write_estimates(
     report = RunReport()
     with ExitStack() as stack:
         table = stack.enter_context(_replacing(forces)) if isinstance(forces, Path) else forces
-        video = stack.enter_context(_Overlay(overlay, estimator, view, full_scale_n)) if overlay else None
+        video = (
+            stack.enter_context(_Overlay(overlay, estimator, source.context, view, full_scale_n)) if overlay else None
+        )
         rows = csv.writer(table, lineterminator="\n")
         rows.writerow(COLUMNS)
         for observation in observations(source, view):
@@ -157,10 +159,11 @@ def _replacing(path: Path) -> Generator[TextIO]:
 class _Overlay:
     """The video with the force in it; its rate is that of the first two frames."""
 
-    def __init__(self, path: Path, estimator: Estimator, view: str, full_scale_n: float) -> None:
+    def __init__(self, path: Path, estimator: Estimator, context: Context, view: str, full_scale_n: float) -> None:
         if not path.parent.is_dir():
             raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
         self.path, self.estimator, self.view, self.full_scale_n = path, estimator, view, full_scale_n
+        self.context = context
         self.first: Frame | None = None
         self.writer: VideoWriter | None = None
         self.stack = ExitStack()
@@ -185,7 +188,7 @@ class _Overlay:
         image = observation.views[self.view]
         if isinstance(image, ShapeFeatures):
             raise InputError("an overlay needs pictures, and these data are ready-made shape coefficients")
-        sighting = self.estimator.look(observation)[0] if isinstance(self.estimator, ShowsShape) else None
+        sighting = self.estimator.look(observation, self.context)[0] if isinstance(self.estimator, ShowsShape) else None
         return draw_estimate(image, sighting, estimate, full_scale_n=self.full_scale_n)
 
     def __enter__(self) -> "_Overlay":

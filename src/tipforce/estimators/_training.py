@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -51,10 +52,9 @@ def gather_rows(
     wanted = _needed(settings, dataset, source)
     frames = source if wanted.all() else source.subset(wanted)
     names: tuple[str, ...] | None = None
-    inputs = Inputs(settings, actuation)
     done = 0
 
-    def read(observation: Observation) -> tuple[tuple[str, ...], FloatArray | Refusal]:
+    def read(observation: Observation, inputs: Inputs) -> tuple[tuple[str, ...], FloatArray | Refusal]:
         nonlocal done
         done += 1
         report(done / len(frames))
@@ -62,7 +62,10 @@ def gather_rows(
         return (() if view is None else inputs.names(view)), inputs.read(observation)
 
     recipe = settings.model_dump_json(include={"vision", "features", "angles"}) + repr(tuple(actuation))
-    seen = frames.derive(f"svr inputs {recipe}", read)
+    seen: list[tuple[tuple[str, ...], FloatArray | Refusal]] = []
+    for name in frames.sessions:
+        inputs = Inputs(settings, actuation, frames.contexts[name])
+        seen += frames.subset(frames.session == name).derive(f"svr inputs {recipe}", partial(read, inputs=inputs))
     found: dict[int, FloatArray] = {}
     why_not = ""
     window, session = Window(settings.window), None

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ..dataset import Dataset
 from ..errors import InputError, ModelError, NotFittedError
-from ..types import BoolArray, Context, FloatArray, ForceEstimate, Observation
+from ..types import BoolArray, Context, FloatArray, ForceEstimate, Image, Observation
 from ..vision import Sighting, settle
 from ._answers import Answers, Interval
 from ._base import Estimator, Progress
@@ -32,7 +32,7 @@ __all__ = ["MIN_SAMPLES", "PARITY_N", "Svr"]
 MIN_SAMPLES = 20
 """Fewer samples cannot be trained and cross-validated on."""
 
-SETTLING_SAMPLES = 5
+SETTLING_SAMPLES = 10
 """So many pictures decide what the vision's settings leave open."""
 
 PARITY_N = 1e-6
@@ -156,24 +156,28 @@ class Svr(Estimator):
         """The settings with the vision's "auto" decided on pictures spread over the dataset."""
         some = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, SETTLING_SAMPLES).astype(np.int64)))
         warn_of_sizes(dataset, self.settings.vision.view)
-        views = [o.views.get(self.settings.vision.view) for o in some.observations()]
-        images = [view for view in views if isinstance(view, np.ndarray)]
+        images: list[Image] = []
+        contexts: list[Context] = []
+        for session, observation in zip(some.session.tolist(), some.observations(), strict=True):
+            view = observation.views.get(self.settings.vision.view)
+            if isinstance(view, np.ndarray):
+                images.append(view)
+                contexts.append(dataset.contexts[session])
         if not images:
             return self.settings
         try:
-            settled = settle(self.settings.vision, images)
+            settled = settle(self.settings.vision, images, contexts)
         except InputError as error:
             raise InputError(f"{dataset.title}: {error}") from None
         return self.settings.model_copy(update={"vision": settled})
 
     def start(self, context: Context) -> "SvrStream":
-        """A stream for one session; ``context`` is not needed. Raises NotFittedError before ``fit``."""
-        del context
-        return SvrStream(self.settings, self._known())
+        """A stream for one session; ``context`` tells scale and catheter. Raises NotFittedError before ``fit``."""
+        return SvrStream(self.settings, self._known(), context)
 
-    def look(self, observation: Observation) -> tuple[Sighting, FloatArray | None]:
+    def look(self, observation: Observation, context: Context) -> tuple[Sighting, FloatArray | None]:
         """What is seen in the picture, and the fitted curve (n, 2) in image points: see `ShowsShape`."""
-        return look_with(self.settings.vision, self.settings.features, observation)
+        return look_with(self.settings.vision, self.settings.features, observation, context)
 
     def normalised(self, dataset: Dataset) -> tuple[tuple[str, ...], FloatArray, tuple[str, ...], FloatArray]:
         """Thesis table 3: names (k,) and scaled values (m, k) of the features, then (t,) and (m, t) of the forces.
@@ -273,8 +277,8 @@ class Svr(Estimator):
 class SvrStream:
     """One session, frame after frame."""
 
-    def __init__(self, settings: SvrSettings, fitted: _Fitted) -> None:
-        self._inputs = Inputs(settings, fitted.actuation, fitted.shape)
+    def __init__(self, settings: SvrSettings, fitted: _Fitted, context: Context) -> None:
+        self._inputs = Inputs(settings, fitted.actuation, context, fitted.shape)
         self._window = Window(settings.window) if settings.window.used else None
         self._machines = fitted.machines
         self._answers = Answers(fitted.known, fitted.interval)

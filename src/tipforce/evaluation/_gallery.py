@@ -81,7 +81,7 @@ def _card(outcome: Outcome, place: int, observation: Observation, estimator: Est
             session = dataset.subset(np.flatnonzero(dataset.session == outcome.session[place]))
             svg = _curve_svg(view, _session_curves(session), str(outcome.names[place]))
         else:
-            uri = _photo(picture_of(estimator, observation, view))
+            uri = _photo(picture_of(estimator, observation, view, dataset.contexts[str(outcome.session[place])]))
         break
     return Card(str(outcome.names[place]), str(outcome.session[place]), text, svg, uri)
 

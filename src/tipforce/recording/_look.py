@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from ..errors import InputError
-from ..types import Frame, Image, Source
+from ..types import Context, Frame, Image, Source
 from ..vision import (
     ClassicChain,
     Inspection,
@@ -61,7 +61,7 @@ def is_picture(path: Path) -> bool:
 def look_at(path: Path, vision: VisionSettings, features: ShapeFeatureSettings) -> Look:
     """One picture file in detail. Raises FileFormatError for what is no picture."""
     image = read_image(path)
-    settled = _settled(vision, [image])
+    settled = _settled(vision, [image], Context())
     seen: Inspection = inspect_picture(image, Vision(settled).see, settled, features)
     figures = {"file": str(path), **seen.figures(), "vision": settled.model_dump()}
     return Look(f"{_stated(settled, vision)}\n{seen.text()}", figures, seen.drawing, image, settled)
@@ -83,7 +83,8 @@ def look_through(
     tally, first = Tally(room), None
     with open_source(path) as source:
         total = frame_count(source, vision.view)
-        settled = _settled(vision, [frame.image for frame in islice(_frames(source, vision.view), 0, 50, 5)])
+        opening = [frame.image for frame in islice(_frames(source, vision.view), 0, 50, 5)]
+        settled = _settled(vision, opening, source.context)
         see = Vision(settled).see
         for count, frame in enumerate(_frames(source, vision.view)):
             first = frame if first is None else first
@@ -134,10 +135,10 @@ def frame_count(source: Source, view: str = "camera") -> int:
     return source.frame_count if isinstance(source, FileSource) else 0
 
 
-def _settled(vision: VisionSettings, images: list[Image]) -> VisionSettings:
+def _settled(vision: VisionSettings, images: list[Image], context: Context) -> VisionSettings:
     """``vision`` with what it leaves open decided on ``images``; as it is where they show no catheter."""
     try:
-        return settle(vision, images)
+        return settle(vision, images, context)
     except InputError:
         return vision  # to look at a file without a catheter is no mistake: each picture says why
 

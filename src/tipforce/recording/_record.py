@@ -92,7 +92,7 @@ def write_run(
 ) -> list[str]:
     """Write ``events`` and the facts found; returns remarks. ``names`` of pictures and force log, for TimeError."""
     remarks: list[str] = []
-    run = _Run(events, vision, look=offset_ms == "auto", progress=progress)
+    run = _Run(events, context, vision, look=offset_ms == "auto", progress=progress)
     for event in run:
         writer.write(event)
     stamps, force = run.force
@@ -117,9 +117,17 @@ class _Run:
     """Passes events on; remembers the frames' stamps, readings, the stage, and, where asked, the catheter's shape."""
 
     def __init__(
-        self, events: Iterable[Event], settings: VisionSettings, *, look: bool, progress: Callable[[int], None] | None
+        self,
+        events: Iterable[Event],
+        context: Context,
+        settings: VisionSettings,
+        *,
+        look: bool,
+        progress: Callable[[int], None] | None,
     ) -> None:
-        self._events, self._settings, self._look, self._progress = events, settings, look, progress
+        self._events, self._context, self._settings, self._look, self._progress = (
+            events, context, settings, look, progress,
+        )  # fmt: skip
         self.blind = ""
         """Why no catheter is seen at all, or empty."""
         self.sightings: list[Sighting] = []
@@ -133,7 +141,7 @@ class _Run:
             head = _head(events)
             try:
                 pictures = [event.image for event in head if isinstance(event, Frame)]
-                see = Vision(settle(self._settings, pictures[::5])).see
+                see = Vision(settle(self._settings, pictures[::5], self._context)).see
             except InputError as error:  # the recording is worth having without its clock offset
                 self.blind = str(error)
             events = chain(head, events)

@@ -6,6 +6,7 @@ from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_c
 from ._figures import figure_17, figure_18
 from ._fine import FineTracer
 from ._inspect import Inspection, Reasons, Tally, inspect_picture
+from ._nominal import in_session
 from ._see import Vision
 from ._settings import BaseSide, Polarity, VisionSettings
 from ._settle import is_settled, settle
@@ -32,6 +33,7 @@ __all__ = [
     "figure_17",
     "figure_18",
     "fitted_curve",
+    "in_session",
     "inspect_picture",
     "is_settled",
     "settle",

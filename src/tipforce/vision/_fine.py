@@ -31,6 +31,8 @@ _SCATTER, _THIN_PX = 0.026, 6.0
 """The centres may lie off a smooth curve by this share of the diameter; on thinner shafts whole pixels show."""
 _PALE = 40.0
 """While the diameter is open, a shaft of this contrast counts half as much as one of the strongest."""
+_LEAST_GIVE = 0.4
+"""No length is known better than to this share of the radius."""
 _OBLIQUE = 1.6
 """A shaft that enters at 50 degrees is this much wider along the border than across its axis."""
 
@@ -81,7 +83,7 @@ class FineTracer:
         self._result = np.zeros(RESULT_SIZE)
         self._points = np.zeros((settings.points, 2))
         self._best = np.zeros((settings.points, 2))
-        self._plan = np.zeros(10)
+        self._plan = np.zeros(12)
         self._work = np.zeros(WORK_SIZE + 2 * settings.points)
         self._size = (0, 0)
         self._area = (0, 0, 0, 0)
@@ -166,11 +168,14 @@ class FineTracer:
         contrast: float, known: float, depth: int,
     ) -> Trace:  # fmt: skip
         settings = self.settings
+        expected = settings.length_px or 0.0
+        give = max(settings.length_tolerance * expected, _LEAST_GIVE * 0.5 * known)
         start = self._start
         u = float(start[0] + at * start[2])
         v = float(start[1] + at * start[3])
         self._plan[:] = (
-            sign, u, v, heading, width, contrast, known, settings.max_gap_px, depth, settings.base_columns
+            sign, u, v, heading, width, contrast, known, settings.max_gap_px, depth, settings.base_columns,
+            expected, give,
         )  # fmt: skip
         n, end = solve_shaft(
             pixels, row, channels, self._box, self._plan, self._stations, self._result, self._points, self._work
@@ -203,6 +208,10 @@ class FineTracer:
             status = Status.CUT_OFF
             side = self._side_near(last_u, last_v)
             detail = f"the catheter leaves the picture at the {side}, near {where}, before its tip is seen"
+            score *= 0.2
+        elif expected and abs(length - expected) > 1.4 * give:
+            status = Status.CUT_OFF
+            detail = f"what is seen ends at {where} after {length:.0f} px; the catheter is {expected:.0f} px long"
             score *= 0.2
         elif doubt > _DOUBT:
             status = Status.CUT_OFF

@@ -206,7 +206,7 @@ def look_beyond(
         _, _, au, av = spline_at(coefficients, intervals, length, s0 - 3.0 * half)
         angle = math.atan2(dv, du)
         bend = (du * av - dv * au) / -(math.hypot(du, dv) * math.hypot(au, av) * 3.0 * half) * 0.7
-        rows = straighten(pixels, row, channels, box, sign, u, v, angle, bend, size, strip)
+        rows = straighten(pixels, row, channels, box, sign, u, v, angle, bend, size, -1, strip)
         blocks = flank_evidence(strip, rows, left, right)
         floor = max(FLOOR, 0.7 * roughness(left, right, blocks, bins))
         if n == began and size == half:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ._fine_pixels import edge_near, fast, grey_between, measure_pair
 
-__all__ = ["TIP_BACK", "fit_spline", "measure_ends", "resample", "spline_at", "tip_place"]
+__all__ = ["TIP_BACK", "axis_at", "fit_spline", "measure_ends", "resample", "spline_at", "tip_place"]
 
 _BASE_N, _BASE_STEP = 5, 0.4
 """Stations measured anew at the base, and the way between them in radii of the shaft."""
@@ -262,10 +262,13 @@ def measure_ends(
 
 
 @fast
-def _axis_at(coefficients: np.ndarray, intervals: int, length: float, straight: float, s: float) -> tuple[float, float]:
+def axis_at(
+    coefficients: np.ndarray, intervals: int, length: float, straight: float, s: float
+) -> tuple[float, float, float, float]:
+    """As `spline_at`, but straight on behind ``straight``."""
     u, v, du, dv = spline_at(coefficients, intervals, length, min(s, straight))
     over = max(0.0, s - straight)
-    return u + over * du, v + over * dv
+    return u + over * du, v + over * dv, du, dv
 
 
 @fast
@@ -285,11 +288,11 @@ def resample(
     """
     n = out.shape[0]
     m = work.shape[0]
-    pu, pv = _axis_at(coefficients, intervals, length, straight, first)
+    pu, pv, _, _ = axis_at(coefficients, intervals, length, straight, first)
     total = 0.0
     work[0] = 0.0
     for i in range(1, m):
-        u, v = _axis_at(coefficients, intervals, length, straight, first + (last - first) * i / (m - 1))
+        u, v, _, _ = axis_at(coefficients, intervals, length, straight, first + (last - first) * i / (m - 1))
         total += math.sqrt((u - pu) ** 2 + (v - pv) ** 2)
         work[i] = total
         pu, pv = u, v
@@ -299,7 +302,7 @@ def resample(
         while k < m - 2 and work[k + 1] < want:
             k += 1
         part = (want - work[k]) / (work[k + 1] - work[k])
-        u, v = _axis_at(coefficients, intervals, length, straight, first + (last - first) * (k + part) / (m - 1))
+        u, v, _, _ = axis_at(coefficients, intervals, length, straight, first + (last - first) * (k + part) / (m - 1))
         out[i, 0] = u
         out[i, 1] = v
     return total

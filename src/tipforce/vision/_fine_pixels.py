@@ -10,7 +10,7 @@ import numpy as np
 
 from .._compile import STEADY, compiled_together
 
-__all__ = ["edge_near", "fast", "grey_at", "grey_between", "measure_pair"]
+__all__ = ["colour_between", "edge_near", "fast", "grey_at", "grey_between", "measure_pair"]
 
 fast = compiled_together(__file__, "_fine*.py", STEADY)
 
@@ -52,6 +52,23 @@ def grey_between(pixels: np.ndarray, row: int, channels: int, u: float, v: float
     d = _grey256(pixels, channels, j + channels)
     top = a + fu * (b - a)
     return (top + fv * (c + fu * (d - c) - top)) * 0.00390625
+
+
+@fast
+def colour_between(pixels: np.ndarray, row: int, channels: int, channel: int, u: float, v: float) -> float:
+    """One channel between pixels, bilinear; the place as for `grey_between`."""
+    iu = int(u)
+    iv = int(v)
+    fu = u - iu
+    fv = v - iv
+    i = iv * row + iu * channels + channel
+    j = i + row
+    a = float(pixels[np.uint64(i)])
+    b = float(pixels[np.uint64(i + channels)])
+    c = float(pixels[np.uint64(j)])
+    d = float(pixels[np.uint64(j + channels)])
+    top = a + fu * (b - a)
+    return top + fv * (c + fu * (d - c) - top)
 
 
 @fast

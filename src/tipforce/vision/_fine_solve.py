@@ -5,7 +5,10 @@ import math
 import numpy as np
 
 from ._fine_beyond import AHEAD_SIZE, NO_ELECTRODE, count_solid, goes_on, look_beyond
+from ._fine_end import END_SIZE
 from ._fine_fit import TIP_BACK, fit_spline, measure_ends, resample, spline_at, tip_place
+from ._fine_follow import FOLLOW_SIZE
+from ._fine_length import base_offset, end_at_length
 from ._fine_pixels import fast
 from ._fine_trace import END_BORDER, END_LOST, END_SHORT, END_TIP, trace_shaft
 
@@ -19,7 +22,7 @@ _CLEAN_LOW, _CLEAN_HIGH = 0.6, 1.25
 """A tip whose edge has less or more than these shares of the shaft's contrast is looked at a second time."""
 _OWN_LOW, _OWN_HIGH = 0.6, 1.6
 """The same against the flanks just before the end: a tip whose edge lies within is believed whatever lies beyond."""
-WORK_SIZE = 728 + 1200 + 32 + AHEAD_SIZE
+WORK_SIZE = 728 + 1200 + 32 + max(AHEAD_SIZE, END_SIZE, FOLLOW_SIZE)
 
 RESULT_SIZE = 16
 """Stations, diameter, contrast, level, gap, blind length, length, drop at the tip, base u, v, angle, rms, last u, v,
@@ -41,11 +44,12 @@ def solve_shaft(
     """Trace, fit, find the tip, resample; returns (number of stations, way it ended) and fills the buffers.
 
     ``plan``: sign, entry u, v, heading, width, contrast, known diameter, longest gap, how far inside the base line the
-    entry was found (the curve is continued back to the line), length of the base's line fit. ``work``: scratch of
-    `WORK_SIZE` + twice the number of points.
+    entry was found (the curve is continued back to the line), length of the base's line fit, the catheter's length (0:
+    nobody knows), which is right within so much. ``work``: scratch of `WORK_SIZE` + twice the number of points.
     """
     sign, entry_u, entry_v, heading, width = plan[0], plan[1], plan[2], plan[3], plan[4]
     contrast, known, max_gap, depth, base_length = plan[5], plan[6], plan[7], plan[8], plan[9]
+    known_length, give = plan[10], plan[11]
     scratch = work[:128]
     coefficients = work[128:328].reshape((100, 2))
     band = work[328:728].reshape((100, 4))
@@ -84,10 +88,28 @@ def solve_shaft(
         tip = last
     solid = count_solid(stations, n, half)
     unclear = end == END_LOST or solid < n or not _CLEAN_LOW * typical < drop < _CLEAN_HIGH * typical
-    if not unclear:
+    straight = goal = math.inf
+    if known_length > 0.0:
+        goal = known_length + base_offset(coefficients, intervals, length, heading, entry_u, entry_v, depth)
+        unclear = unclear or abs(tip - goal) > give
+    elif not unclear:
         least = max(6.0, 0.06 * typical)
         unclear = goes_on(pixels, row, channels, box, coefficients, intervals, length, tip, half, least)
-    if unclear and (end != END_BORDER or gap > max_gap):
+    if unclear and known_length > 0.0:
+        if end != END_BORDER or last > goal - give:
+            n, intervals, tip, drop, hidden = end_at_length(
+                pixels, row, channels, box, half, goal, give, ahead, coefficients, band, weights, beyond, stations,
+                solid,
+            )  # fmt: skip
+            last = straight = stations[n - 1, 2]
+            length = last + ahead + 6.0
+            end = END_LOST if hidden > 0.0 else END_TIP
+            result[4] = hidden
+            result[5] = blind + max(0.0, tip - last)
+            result[0] = n
+            result[12] = stations[n - 1, 0]
+            result[13] = stations[n - 1, 1]
+    elif unclear and (end != END_BORDER or gap > max_gap):
         n, hole, rest, own = look_beyond(
             pixels, row, channels, box, sign, half, typical, max_gap, scratch, coefficients, band, weights, beyond,
             stations, solid, n,
@@ -132,22 +154,16 @@ def solve_shaft(
         weights[i] = stations[i, 4]
     rms = fit_spline(stations, more, length, intervals, 0.05, coefficients, band, weights)
     # back to the base line, straight along the first tangent
-    u, v, du, dv = spline_at(coefficients, intervals, length, 0.0)
-    inward_u, inward_v = math.cos(heading), math.sin(heading)
-    rate = du * inward_u + dv * inward_v
-    inside = (u - entry_u) * inward_u + (v - entry_v) * inward_v + depth
-    first = -inside / rate if rate > 0.3 else 0.0
-    first = min(max(first, -depth - 3.0), 3.0)
-    total = resample(
-        coefficients, intervals, length, first, tip, tip - _STRAIGHT * half if drop > 0.0 else tip, lengths, points
-    )
+    first = base_offset(coefficients, intervals, length, heading, entry_u, entry_v, depth)
+    straight = min(straight, tip - _STRAIGHT * half if drop > 0.0 else tip)
+    total = resample(coefficients, intervals, length, first, tip, straight, lengths, points)
     # the base tangent: the line through the first part of the shaft, as thesis algorithm 1 has it
     reach = min(base_length, 0.25 * total)
     mean_s = first + 0.5 * reach
     su = sv = 0.0
     for i in range(16):
         s = first + reach * i / 15.0
-        u, v, du, dv = spline_at(coefficients, intervals, length, s)
+        u, v, _, _ = spline_at(coefficients, intervals, length, s)
         su += (s - mean_s) * u
         sv += (s - mean_s) * v
     result[6] = total

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ._fine_pixels import fast, grey_between
+from ._fine_pixels import colour_between, fast, grey_between
 
 __all__ = [
     "BEHIND", "BINS", "BLOCK", "BLOCKS", "CELL", "COLUMNS", "FLOOR", "MIDDLE", "ROWS",
@@ -42,9 +42,12 @@ _MOST = 3.5
 @fast
 def straighten(
     pixels: np.ndarray, row: int, channels: int, box: np.ndarray, sign: float, u: float, v: float, angle: float,
-    bend: float, half: float, strip: np.ndarray,
+    bend: float, half: float, channel: int, strip: np.ndarray,
 ) -> int:  # fmt: skip
-    """Fill ``strip`` (rows, columns) along the arc from (u, v) with ``angle`` and ``bend``; returns rows inside."""
+    """Fill ``strip`` (rows, columns) along the arc from (u, v) with ``angle`` and ``bend``; returns rows inside.
+
+    With grey levels times ``sign``, or with those of a ``channel`` from 0 on.
+    """
     cell = CELL * half
     rows = 0
     for r in range(strip.shape[0]):
@@ -58,7 +61,10 @@ def straighten(
         for c in range(strip.shape[1]):
             a = min(max(pu + (c - MIDDLE) * nu, box[0]), box[2] - 1.001)
             b = min(max(pv + (c - MIDDLE) * nv, box[1]), box[3] - 1.001)
-            strip[r, c] = sign * grey_between(pixels, row, channels, a, b)
+            if channel < 0:
+                strip[r, c] = sign * grey_between(pixels, row, channels, a, b)
+            else:
+                strip[r, c] = colour_between(pixels, row, channels, channel, a, b)
         rows += 1
     return rows
 

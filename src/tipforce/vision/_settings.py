@@ -37,6 +37,14 @@ class VisionSettings(BaseModel):
     """Columns (rows for a base at the top or bottom) scanned for base points: thesis algorithm 1, ``BS = N``."""
     diameter_px: Annotated[float, Field(gt=1)] | None = None
     """The shaft's diameter in the picture: a check on what is found."""
+    length_px: Annotated[float, Field(gt=1)] | None = None
+    """The catheter's length from the base line to its tip in the picture. None: nobody knows."""
+    length_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.08
+    """``length_px`` is right within this share of it."""
+    nominal_px: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] | None = None
+    """Length and diameter that the catheter should have in the pictures these settings were settled on, by its nominal
+    size and their scale. In a session of another scale or catheter ``length_px`` and ``diameter_px`` follow in
+    proportion; see `in_session`."""
     max_gap_px: Annotated[float, Field(ge=0)] = 12.0
     """Longest stretch of shaft without visible flanks (rings, highlights, gaps) that is bridged."""
     points: Annotated[int, Field(ge=8)] = 64

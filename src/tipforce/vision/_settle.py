@@ -2,20 +2,21 @@
 
 import math
 import statistics
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import islice, product
 
 import numpy as np
 
 from ..errors import InputError
-from ..types import FloatArray, Image, Status
+from ..types import Context, FloatArray, Image, Status
 from ._fine import FineTracer, Trace
+from ._nominal import in_session, learn_length, with_nominal
 from ._settings import BaseSide, Polarity, VisionSettings
 from ._sighting import Sighting
 
 __all__ = ["is_settled", "settle"]
 
-_FRAMES = 5
+_FRAMES = 10
 _STOUT_PX = 12.0
 _SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
 _POLARITIES: tuple[Polarity, ...] = ("dark", "light")
@@ -49,16 +50,18 @@ def _convincing(trace: Trace, noise: float) -> bool:
     )
 
 
-def _threshold(settings: VisionSettings, frames: list[Image]) -> int:
+def _threshold(settings: VisionSettings, frames: Sequence[Image], contexts: Sequence[Context]) -> int:
     """The grey level half-way from the shaft to what lies beside it, or as little further as loses no frame."""
-    tracer = FineTracer(settings)
-    levels = [_levels(frame, seen) for frame in frames if (seen := tracer.see(frame)).found]
+
+    def seen(tried: VisionSettings) -> list[Sighting]:
+        return [FineTracer(in_session(tried, c)).see(frame) for frame, c in zip(frames, contexts, strict=True)]
+
+    levels = [_levels(frame, sight) for frame, sight in zip(frames, seen(settings), strict=True) if sight.found]
     shaft, ground = (statistics.median(values) for values in zip(*levels, strict=True))
     threshold = 0
     for share in (0.5, 0.75, 1.0):
         threshold = round(shaft + share * (ground - shaft))
-        again = FineTracer(settings.model_copy(update={"threshold": threshold}))
-        if sum(again.see(frame).found for frame in frames) >= len(levels):
+        if sum(sight.found for sight in seen(settings.model_copy(update={"threshold": threshold}))) >= len(levels):
             break
     return threshold
 
@@ -84,46 +87,74 @@ def _levels(image: Image, sighting: Sighting) -> tuple[float, float]:
     return median(np.linspace(-0.4, 0.4, 9)), median(np.array([-1.3, -1.1, -0.9, 0.9, 1.1, 1.3]))
 
 
-def settle(settings: VisionSettings, images: Iterable[Image]) -> VisionSettings:
+def _best_way(
+    settings: VisionSettings, frames: Sequence[Image], contexts: Sequence[Context], reasons: list[str]
+) -> tuple[VisionSettings, list[Trace | None]] | None:
+    """The side and polarity with the best shafts, and what is convincing of each frame's; ``reasons`` if none is."""
+    noise = [_noise(frame) for frame in frames]
+    sides = _SIDES if settings.base_side == "auto" else (settings.base_side,)
+    polarities = _POLARITIES if settings.polarity == "auto" else (settings.polarity,)
+    best: tuple[float, VisionSettings, list[Trace | None]] | None = None
+    for side, polarity in product(sides, polarities):
+        tried = settings.model_copy(update={"base_side": side, "polarity": polarity})
+        looks = [FineTracer(in_session(tried, c)).look(frame) for frame, c in zip(frames, contexts, strict=True)]
+        traces = [
+            trace if trace and _convincing(trace, n) else None for (trace, _), n in zip(looks, noise, strict=True)
+        ]
+        reasons += [trace.detail if trace else why for trace, why in looks[:1]]
+        # of two shafts that end inside the picture the stouter, clearer one is the catheter, the other a cable
+        score = sum(
+            trace.score * min(1.0, trace.contrast / 40.0) * min(1.0, trace.diameter_px / _STOUT_PX)
+            for trace in traces
+            if trace
+        )
+        if score > 0.0 and (best is None or score > best[0]):
+            best = (score, tried, traces)
+    return best and best[1:]
+
+
+def settle(
+    settings: VisionSettings, images: Iterable[Image], contexts: Context | Sequence[Context] | None = None
+) -> VisionSettings:
     """``settings`` with polarity, base side, threshold and diameter fixed on the first few of ``images``.
 
     Every open combination of side and polarity is traced; the one with the longest, best seen shaft that ends inside
-    the picture wins. What is already set stays. Raises InputError where no frame shows a catheter.
+    the picture wins. What is already set stays. ``contexts``: the session's, or one for each image; where they tell
+    the catheter's size and the scale, only a shaft of such a size counts, and its length is learnt too. Raises
+    InputError where no frame shows a catheter.
     """
-    if is_settled(settings):
+    if is_settled(settings) and (contexts is None or settings.length_px is not None):
         return settings
     frames = list(islice(images, _FRAMES))
     if not frames:
         raise InputError("there is no frame to settle the vision settings on; give at least one")
-    noise = [_noise(frame) for frame in frames]
-    sides = _SIDES if settings.base_side == "auto" else (settings.base_side,)
-    polarities = _POLARITIES if settings.polarity == "auto" else (settings.polarity,)
-    best: tuple[float, VisionSettings, list[Trace]] | None = None
+    sheets = [contexts or Context()] * len(frames) if contexts is None or isinstance(contexts, Context) else contexts
     reasons: list[str] = []
-    for side, polarity in product(sides, polarities):
-        tried = settings.model_copy(update={"base_side": side, "polarity": polarity})
-        tracer = FineTracer(tried)
-        looks = [tracer.look(frame) for frame in frames]
-        valid = [trace for (trace, _), n in zip(looks, noise, strict=True) if trace and _convincing(trace, n)]
-        reasons += [trace.detail if trace else why for trace, why in looks[:1]]
-        # of two shafts that end inside the picture the stouter, clearer one is the catheter, the other a cable
-        score = sum(
-            trace.score * min(1.0, trace.contrast / 40.0) * min(1.0, trace.diameter_px / _STOUT_PX) for trace in valid
-        )
-        if valid and (best is None or score > best[0]):
-            best = (score, tried, valid)
-    if best is None:
+    found = None
+    sized = with_nominal(settings, sheets[0])
+    # a view of a part of the catheter only must not hide what is there
+    for start in dict.fromkeys((sized, sized.model_copy(update={"length_px": settings.length_px}))):
+        found = found or _best_way(start, frames, sheets[: len(frames)], reasons)
+    if found is None:
         different = list(dict.fromkeys(reason for reason in reasons if reason))
-        what = different[0] if len(different) == 1 else f"{len(sides) * len(polarities)} ways of looking tried"
+        what = different[0] if len(different) == 1 else f"{len(reasons)} ways of looking tried"
         first = "the first frame" if len(frames) == 1 else f"the first {len(frames)} frames"
         raise InputError(
             f"no catheter was found in {first} ({what}): "
             "set polarity and base_side, or mark the shaft's base with base_region"
         )
-    _, found, traces = best
-    update: dict[str, object] = {}
-    if found.threshold is None:
-        update["threshold"] = _threshold(found, frames)
-    if found.diameter_px is None:
-        update["diameter_px"] = round(statistics.median(trace.diameter_px for trace in traces), 2)
-    return found.model_copy(update=update)
+    chosen, traces = found
+    sheets = list(sheets[: len(frames)])
+    if settings.length_px is None and chosen.length_px is not None:
+        chosen = learn_length(chosen, sheets, [trace.length_px if trace else None for trace in traces])
+    if chosen.threshold is None:
+        chosen = chosen.model_copy(update={"threshold": _threshold(chosen, frames, sheets)})
+    if settings.diameter_px is None:
+        scales = [in_session(chosen, sheet).nominal_px for sheet in sheets]
+        widths = [
+            trace.diameter_px * (chosen.nominal_px[1] / scale[1] if chosen.nominal_px and scale else 1.0)
+            for trace, scale in zip(traces, scales, strict=True)
+            if trace
+        ]
+        chosen = chosen.model_copy(update={"diameter_px": round(statistics.median(widths), 2)})
+    return chosen

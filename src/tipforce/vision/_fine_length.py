@@ -1,0 +1,76 @@
+"""The end of a catheter whose length is known: followed just so far, and its tip looked for there."""
+
+import math
+
+import numpy as np
+
+from ._fine_end import end_place
+from ._fine_fit import fit_spline, spline_at
+from ._fine_follow import follow_to
+from ._fine_pixels import fast
+
+__all__ = ["base_offset", "end_at_length"]
+
+_UNSEEN = 4.0
+"""So many radii before its tip a catheter may be seen for the last time."""
+_HIDDEN = 12.0
+"""So many radii of it may be hidden, where what comes to light again has the right length."""
+_STANDS = 5.0
+"""Grey levels by which the tip's front must part what is before and behind it."""
+_DEVIATION = 0.45
+"""Standard deviation of the length in shares of what it may be off."""
+
+
+@fast
+def base_offset(
+    coefficients: np.ndarray, intervals: int, length: float, heading: float, entry_u: float, entry_v: float,
+    depth: float,
+) -> float:  # fmt: skip
+    """Arc length at which the curve, straight along its first tangent, meets the base line."""
+    u, v, du, dv = spline_at(coefficients, intervals, length, 0.0)
+    inward_u, inward_v = math.cos(heading), math.sin(heading)
+    rate = du * inward_u + dv * inward_v
+    inside = (u - entry_u) * inward_u + (v - entry_v) * inward_v + depth
+    first = -inside / rate if rate > 0.3 else 0.0
+    return min(max(first, -depth - 3.0), 3.0)
+
+
+@fast
+def end_at_length(
+    pixels: np.ndarray, row: int, channels: int, box: np.ndarray, half: float, goal: float, give: float, ahead: float,
+    coefficients: np.ndarray, band: np.ndarray, weights: np.ndarray, work: np.ndarray, stations: np.ndarray, n: int,
+) -> tuple[int, int, float, float, float]:  # fmt: skip
+    """Follow the shaft from its station ``n`` - 1 to where it must end: arc length ``goal``, within ``give``.
+
+    The spline is left fitted over the last station's arc length + ``ahead`` + 6. Returns stations; their intervals;
+    the tip; what it stands out by, 0 where it is not seen; the length of a hidden stretch that is too long, or 0.
+    """
+    while n > 6 and stations[n - 1, 2] > goal - give - half:
+        n -= 1
+    n, gap = follow_to(pixels, row, channels, box, half, goal, work, stations, n)
+    tip, stands, hidden = goal, 0.0, 0.0
+    intervals = 0
+    for again in range(2):
+        last = stations[n - 1, 2]
+        length = last + ahead + 6.0
+        intervals = int(min(max(length / max(2.4 * half, 8.0), 6.0), 80.0))
+        for i in range(n):
+            weights[i] = stations[i, 4]
+        fit_spline(stations, n, length, intervals, 0.05, coefficients, band, weights)
+        if again == 1:
+            break
+        if gap > _HIDDEN * half or goal - give - last > _UNSEEN * half:
+            hidden = max(gap, goal - last)
+            break
+        tip, stands = end_place(
+            pixels, row, channels, box, coefficients, intervals, length, last, goal, _DEVIATION * give, half, work
+        )
+        if stands < _STANDS:
+            # a length alone is no proof: what ends before may be another thing, or this one broken off
+            stands, hidden = 0.0, max(goal - last, 1.0)
+        if n <= 6 or stations[n - 1, 2] <= tip - 0.3 * half:
+            break
+        # what was measured behind the tip lies on something else
+        while n > 6 and stations[n - 1, 2] > tip - 0.3 * half:
+            n -= 1
+    return n, intervals, tip, stands, hidden

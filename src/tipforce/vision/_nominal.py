@@ -1,0 +1,93 @@
+"""What the sheet beside the bench says of the catheter's size in the picture, and how settings follow it."""
+
+import statistics
+from collections.abc import Sequence
+
+from ..types import Context
+from ._settings import VisionSettings
+
+__all__ = ["in_session", "learn_length", "with_nominal"]
+
+_SIDES = ("left", "right", "top", "bottom")
+_WIDER = 1.03
+"""Flanks are seen so much further apart than the catheter is thick: blur and the rim's lustre."""
+_SHOWN, _GIVE = 0.97, 0.08
+"""Share of the nominal length that the picture shows of a catheter that enters at its border, and how sure that is."""
+_FRAMES = 3
+"""Fewer lengths than these teach nothing."""
+_ONE, _MANY, _MOST = 0.015, 0.03, 0.08
+"""Least tolerance of a length that was learnt in one session, in many, and the most."""
+
+
+def _nominal_px(context: Context) -> tuple[float, float] | None:
+    catheter, scale = context.catheter, context.metres_per_px
+    if scale is None or catheter.diameter_m is None or catheter.flexible_length_m is None:
+        return None
+    length_m = catheter.flexible_length_m + (catheter.rigid_length_m or 0.0)
+    return round(length_m / scale, 2), round(catheter.diameter_m / scale, 3)
+
+
+def with_nominal(settings: VisionSettings, context: Context) -> VisionSettings:
+    """``settings`` with the size and the base's side that ``context`` states, where they leave these open."""
+    side = context.notes.get("base_side")
+    if settings.base_side == "auto" and side in _SIDES:
+        settings = settings.model_copy(update={"base_side": side})
+    nominal = _nominal_px(context)
+    if nominal is None or settings.nominal_px is not None or settings.length_px is not None:
+        return settings
+    update: dict[str, object] = {
+        "nominal_px": nominal,
+        "length_px": round(_SHOWN * nominal[0], 2),
+        "length_tolerance": _GIVE,
+    }
+    if settings.diameter_px is None:
+        update["diameter_px"] = round(_WIDER * nominal[1], 2)
+    return settings.model_copy(update=update)
+
+
+def in_session(settings: VisionSettings, context: Context) -> VisionSettings:
+    """``settings`` for the catheter and the scale of another session; as they are where its sheet tells neither.
+
+    >>> from tipforce.types import Catheter
+    >>> settled = VisionSettings(length_px=230.0, diameter_px=12.0, nominal_px=(240.0, 11.7))
+    >>> nearer = Context("day 2", Catheter("7F", 2.34e-3, 40e-3, 8e-3), metres_per_px=0.1e-3)
+    >>> in_session(settled, nearer).length_px
+    460.0
+    """
+    nominal = _nominal_px(context)
+    if nominal is None or settings.nominal_px is None or nominal == settings.nominal_px:
+        return settings
+    update: dict[str, object] = {"nominal_px": nominal}
+    for name, now, then in zip(("length_px", "diameter_px"), nominal, settings.nominal_px, strict=True):
+        value = getattr(settings, name)
+        if value is not None:
+            update[name] = round(value * now / then, 2)
+    return settings.model_copy(update=update)
+
+
+def learn_length(
+    settings: VisionSettings, contexts: Sequence[Context], lengths_px: Sequence[float | None]
+) -> VisionSettings:
+    """``settings`` with the length that was seen: the median over the sessions, each by the median of its frames.
+
+    ``lengths_px``: of each frame, None where it was not seen. A session's length is its own and well known; several
+    sessions differ by how far the catheter stands out of its sheath.
+    """
+    ratios: dict[str, list[float]] = {}
+    for context, length in zip(contexts, lengths_px, strict=True):
+        expected = in_session(settings, context).length_px
+        if length is not None and expected is not None:
+            ratios.setdefault(context.session, []).append(length / expected)
+    seen = [ratio for session in ratios.values() for ratio in session]
+    if settings.length_px is None or len(seen) < _FRAMES:
+        return settings
+    own = seen if len(ratios) == 1 else [statistics.median(session) for session in ratios.values()]
+    middle = statistics.median(own)
+    spread = 3.0 * 1.4826 * statistics.median(abs(ratio - middle) for ratio in own)
+    least = _ONE if len(ratios) == 1 else _MANY
+    return settings.model_copy(
+        update={
+            "length_px": round(middle * settings.length_px, 2),
+            "length_tolerance": round(min(max(spread, least), _MOST), 4),
+        }
+    )
