@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..types import FloatArray, Image
+from ..types import Context, FloatArray, Image
 from ..units import newtons_to_grams
 from ._dataset import Dataset
 from ._folder import METADATA
@@ -56,9 +56,12 @@ def _spread(values: FloatArray) -> tuple[float, float, float]:
     return low, middle, high
 
 
-def pictures(dataset: Dataset, view: str, every: int = 1) -> Iterator[list[tuple[str, Image]]]:
-    """Session by session: name and picture of every ``every``-th sample that has one in ``view``."""
+def pictures(dataset: Dataset, view: str, every: int = 1) -> Iterator[tuple[Context, list[tuple[str, Image]]]]:
+    """Session by session: what is known of it; name and picture of every ``every``-th sample with one in ``view``."""
     for name in dataset.sessions:
         part = dataset.subset(np.flatnonzero(dataset.session == name)[::every])
         seen = zip(part.names.tolist(), part.observations(), strict=True)
-        yield [(own, image) for own, each in seen if isinstance(image := each.views.get(view), np.ndarray)]
+        yield (
+            dataset.contexts[name],
+            [(own, image) for own, each in seen if isinstance(image := each.views.get(view), np.ndarray)],
+        )

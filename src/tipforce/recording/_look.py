@@ -100,7 +100,7 @@ def look_through(
 
 
 def look_over(
-    sessions: Iterable[Sequence[tuple[str, Image]]],
+    sessions: Iterable[tuple[Context, Sequence[tuple[str, Image]]]],
     vision: VisionSettings,
     features: ShapeFeatureSettings,
     *,
@@ -109,13 +109,13 @@ def look_over(
     progress: Callable[[str, float], None] | None = None,
     total: int = 0,
 ) -> Look:
-    """Named pictures, session by session: what is left open in ``vision`` is settled on each session's own.
+    """Named pictures, session by session with what is known of each; what ``vision`` leaves open is settled on its own.
 
     ``total``: of the pictures, for ``progress``. Raises InputError where there is none.
     """
     tally, first, settled = Tally(room), None, vision
-    for session in sessions:
-        settled = _settled(vision, [image for _, image in session[:: max(1, len(session) // 5)]])
+    for context, session in sessions:
+        settled = _settled(vision, [image for _, image in session[:: max(1, len(session) // 5)]], context)
         see = Vision(settled).see
         for name, image in session:
             first = image if first is None else first
