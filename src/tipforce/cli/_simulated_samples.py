@@ -90,11 +90,12 @@ def _write_session(
 def _observed(bench: TwinBench, frames: IntArray, tick: Callable[[], None]) -> list[Observation]:
     """What an estimator would have seen at ``frames``."""
     readings, joints = bench.readings, bench.readings.joints
-    events: list[Actuation | Frame] = [readings.actuation(joints, row) for row in range(len(joints.stamp_ns))]
+    rows = range(len(joints.stamp_ns) if bench.has_joints else 0)
+    events: list[Actuation | Frame] = [readings.actuation(joints, row) for row in rows]
     for index in frames.tolist():
-        events.append(bench.frame(index))
+        events += [bench.frame(index, view) for view in bench.views]
         tick()
-    return list(observations(sorted(events, key=lambda event: event.stamp_ns)))
+    return list(observations(sorted(events, key=lambda event: event.stamp_ns), bench.views))
 
 
 def _labelled(
@@ -118,7 +119,7 @@ def _labelled(
     if not np.isfinite(found.force_n[:, found.known]).all():
         raise InputError(f"{bench.name}: the force sensor's readings are too rare to label its pictures")
     names = dict.fromkeys(name for observation in seen for name in observation.actuation)
-    quality = bench.scene.jpeg_quality
+    quality = bench.imaging.jpeg_quality
     encoded = {
         view: [encode(each.views[view], lossless=lossless, jpeg_quality=quality)[1] for each in seen]  # type: ignore[arg-type]
         for view in seen[0].views

@@ -41,7 +41,9 @@ class Reads(StrEnum):
 def command(
     inputs: Annotated[
         list[Path],
-        typer.Argument(help="A video or a folder of images, then its force log; or recordings (.mcap) for a dataset."),
+        typer.Argument(
+            help="A video (or DICOM) or a folder of images, then its force log; or recordings (.mcap) for a dataset."
+        ),
     ],
     output: Annotated[
         Path, typer.Option("-o", "--output", help="The recording (.mcap); a dataset folder for .mcap inputs.")

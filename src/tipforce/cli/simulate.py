@@ -11,17 +11,26 @@ from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._settings import SetOption, settings_from
 
 if TYPE_CHECKING:
-    from ..twin import TwinSettings
+    from ..twin import AnyTwinSettings
 
 __all__ = ["command"]
 
 
 def command(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the sessions go.")],
-    preset: Annotated[str, typer.Option(help="Which bench: bench-2021, generalise.")] = "bench-2021",
+    preset: Annotated[
+        str,
+        typer.Option(
+            help="Which bench: bench-2021, generalise; under X-ray: fluoro, biplane; other devices: guidewire, "
+            "catheter-5f."
+        ),
+    ] = "bench-2021",
     form: Annotated[
-        Literal["recording", "files"] | None,
-        typer.Option("--as", help="One recording a session (default); or a folder of video and logs, to be imported."),
+        Literal["recording", "files", "dicom"] | None,
+        typer.Option(
+            "--as",
+            help="One recording a session (default); or a folder of video (or DICOM) and logs, to be imported.",
+        ),
     ] = None,
     sessions: Annotated[int | None, typer.Option(min=1, max=999, help="Number of sessions; default 8.")] = None,
     seconds: Annotated[float | None, typer.Option(help="Length of each session; else the preset's.")] = None,
@@ -48,8 +57,9 @@ def command(
 
     A session is a recording (session_00.mcap) that holds what a bench would know, or with --as files a folder
     (session_00) of video.mp4, force.csv, stage.csv, bench.json and, where the knob moves, knob.csv; and
-    session_00.truth.npz for evaluation only. Sessions that stand there already are kept. A preset that is changed by
-    --set or --seconds is none any more: the sessions say so.
+    session_00.truth.npz for evaluation only. --as dicom, for X-ray, leaves run.dcm (XA, multi-frame) instead of the
+    video. A biplane session has two views, a and b, and a file of each. Sessions that stand there already are kept. A
+    preset that is changed by --set or --seconds is none any more: the sessions say so.
 
     With --dataset: pictures at random instants of as many short sessions as needed, labelled as the force sensor and
     an import would; the truth lies in truth/. What a kill interrupted goes on with the same command.
@@ -62,10 +72,12 @@ def command(
         tipforce simulate --preset bench-2021 --set world.wall.friction=[0,0] --set scene.objects=[0,0] -o easy/
 
         tipforce simulate --as files --sessions 2 --seconds 30 -o bench/
+
+        tipforce simulate --preset fluoro --as dicom --sessions 2 -o angio/
     """
     from ..errors import InputError
     from ..twin import PRESETS, read_truth, sample_set, simulate
-    from ._simulated import FORMS
+    from ._simulated import FORMS, refuse_form
     from ._simulated_samples import write_samples
 
     check_outputs([], json_file)
@@ -90,6 +102,7 @@ def command(
         write_json({**figures, "wall_time_s": round(took, 2)}, json_file)
         return
     chosen = _chosen(preset, [*([] if seconds is None else [f"world.seconds={seconds}"]), *(settings or [])])
+    refuse_form(form or "recording", chosen)
     suffix, write = FORMS[form or "recording"]
     with progress_bar() as report:
         paths = simulate(
@@ -111,7 +124,8 @@ def command(
     }
     say(f"{len(paths)} sessions, {frames} frames in {output} ({took:.0f} s)")
     first = paths[0]
-    say(f"next: tipforce inspect {first}" if first.is_file() else f"next: tipforce import {first}/video.mp4 --help")
+    video = first if first.is_file() else sorted(path for path in first.iterdir() if path.suffix in (".mp4", ".dcm"))[0]
+    say(f"next: tipforce inspect {video}" if first.is_file() else f"next: tipforce import {video} --help")
     write_json(figures, json_file)
 
 
@@ -130,11 +144,11 @@ def _refuse_strays(dataset: bool, of_sessions: dict[str, object], of_samples: di
         raise InputError("--masks: Parquet shards hold none; leave out --shards, or read them from truth/")
 
 
-def _chosen(preset: str, changes: list[str] | None) -> "TwinSettings":
+def _chosen(preset: str, changes: list[str] | None) -> "AnyTwinSettings":
     """The preset with ``changes``, and another name where there are any."""
-    from ..twin import PRESETS, TwinSettings
+    from ..twin import PRESETS
 
-    chosen = settings_from(TwinSettings, changes, PRESETS[preset])
+    chosen = settings_from(type(PRESETS[preset]), changes, PRESETS[preset])
     if chosen != PRESETS[preset] and chosen.preset == preset:
         chosen = chosen.model_copy(update={"preset": f"{preset} changed"})
     return chosen

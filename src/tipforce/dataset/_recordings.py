@@ -14,9 +14,11 @@ from ._stores import Recordings
 __all__ = ["open_recordings"]
 
 
-def open_recordings(paths: Sequence[Path], title: str, *, camera: str = "camera", force: str = "force") -> Dataset:
+def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = None, force: str = "force") -> Dataset:
     """The frames of ``paths`` that have a force; frames outside the force log's time are left out.
 
+    ``camera``: the view whose frames are the samples; None: the first of the first recording, and the pictures that
+    its other views took at the same instants come with them.
     Raises InputError for a recording without pictures or forces, or when no frame has a force.
     """
     stamps: list[IntArray] = []
@@ -25,13 +27,14 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str = "camera"
     actuation: list[dict[str, FloatArray]] = []
     contexts: dict[str, Context] = {}
     known = np.ones(3, np.bool_)
+    views = (camera,) if camera else _views_of(paths[0])
     for path in paths:
         with RecordingReader(path) as reader:
-            for stream in (camera, force):
+            for stream in (*views, force):
                 if stream not in reader.info.streams:
                     there = ", ".join(reader.info.streams) or "none"
                     raise InputError(f"{path}: to learn from it, a recording needs a stream {stream!r}; it has {there}")
-            found = labels(reader, camera=camera, force=force)
+            found = labels(reader, camera=views[0], force=force)
             rows = np.flatnonzero(np.isfinite(found.force_n[:, found.known]).all(axis=1) & found.known.any())
             known &= found.known
             stamps.append(found.stamp_ns[rows])
@@ -56,7 +59,7 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str = "camera"
     recording, frame = np.repeat(np.arange(len(paths)), counts), np.concatenate(frames)
     stamp_ns = np.concatenate(stamps)
     return Dataset(
-        store=Recordings(stamp_ns, gathered, tuple(paths), recording, frame, view=camera),
+        store=Recordings(stamp_ns, gathered, tuple(paths), recording, frame, views[0], views[1:]),
         session=np.repeat(list(contexts), counts),
         stamp_ns=stamp_ns,
         actuation=gathered,
@@ -67,3 +70,8 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str = "camera"
         rows=np.arange(len(stamp_ns)),
         title=title,
     )
+
+
+def _views_of(path: Path) -> tuple[str, ...]:
+    with RecordingReader(path) as reader:
+        return reader.views or ("camera",)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FileFormatError
-from ..recording import RecordingReader
+from ..recording import RecordingReader, nearest_frames
 from ..types import FloatArray, Image, IntArray, Observation, ShapeFeatures, View
 
 __all__ = ["ImageArray", "ImageFiles", "Recordings", "ShapeTable", "Table", "decode_image", "read_image"]
@@ -89,12 +89,16 @@ class ShapeTable(_RowByRow):
 
 @dataclass(frozen=True, eq=False)
 class Recordings(Table):
-    """Frames in recordings: ``recording`` (n,) index into ``paths``, ``frame`` (n,) index of the picture in it."""
+    """Frames in recordings: ``recording`` (n,) index into ``paths``, ``frame`` (n,) index of the picture in it.
+
+    ``others``: views whose picture of the same instant comes with each; absent where it was dropped.
+    """
 
     paths: tuple[Path, ...]
     recording: npt.NDArray[np.int64]
     frame: IntArray
     view: str = "camera"
+    others: tuple[str, ...] = ()
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
         """The observations of ``rows``, in the order given; one recording is open at a time."""
@@ -107,7 +111,15 @@ class Recordings(Table):
                         reader.close()
                     reader, current = RecordingReader(self.paths[place]), place
                 picture = reader.frame_at(int(self.frame[row]), self.view)
-                yield self._observation(row, {self.view: picture.image})
+                yield self._observation(row, {self.view: picture.image, **self._beside(reader, row)})
         finally:
             if reader is not None:
                 reader.close()
+
+    def _beside(self, reader: RecordingReader, row: int) -> dict[str, View]:
+        found: dict[str, View] = {}
+        for view in self.others:
+            place = int(nearest_frames(self.stamp_ns[row : row + 1], reader.stamps(view))[0])
+            if place >= 0:
+                found[view] = reader.frame_at(place, view).image
+        return found

@@ -7,6 +7,7 @@ from ._import import ForceColumns, import_run
 from ._labels import Labels, label_log, labels
 from ._look import Look, frame_count, is_picture, look_at, look_over, look_through, save_picture
 from ._observations import observations
+from ._pairing import nearest_frames
 from ._reader import RecordingInfo, RecordingReader, StreamInfo
 from ._record import RunReport, record
 from ._sources import open_source, require_actuation
@@ -44,6 +45,7 @@ __all__ = [
     "look_at",
     "look_over",
     "look_through",
+    "nearest_frames",
     "observations",
     "open_source",
     "plot_summary",

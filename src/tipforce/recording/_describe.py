@@ -22,6 +22,8 @@ def describe(summary: RecordingSummary) -> list[str]:
         lost = f", {stream.dropped} dropped" if stream.dropped else ""
         rate = f" at {_rate(stream.rate_hz)} Hz" if stream.rate_hz else ""
         lines.append(f"{stream.name:<13} {stream.count} {_NOUNS.get(stream.kind, 'messages')}{rate}{lost}")
+    for view, count in summary.paired.items():
+        lines.append(f"paired        {count} frames of the first view have one of {view} at the same instant")
     for name, (low, high) in summary.actuation_range.items():
         lines.append(f"{name:<13} {low:g}" if low == high else f"{name:<13} {low:g} to {high:g}")
     if any(stream.kind == "wrench" for stream in info.streams.values()):
@@ -57,6 +59,11 @@ def _offset(offset: ClockOffset) -> str:
         )
     if offset.how == "stated":
         return f"{offset.offset_ms:+.1f} ms (stated; camera time = force stamp + offset)"
+    if offset.how == "stage":
+        return (
+            f"{offset.offset_ms:+.1f} ms (from the stage's movement, good to some milliseconds; the pictures do not "
+            f"tell: {offset.detail})"
+        )
     return f"0 ms (could not be told: {offset.detail})" if offset.how == "refused" else "0 ms (one clock)"
 
 

@@ -28,13 +28,14 @@ class ClockOffset:
     """How far the force log's clock lies from the camera's: camera time = force stamp + ``offset_ns``.
 
     ``how``: "estimated" from deflection against force, "stated" by a person, "none" where the clocks are taken as one,
-    "refused" where it could not be told (``offset_ns`` is then 0, ``detail`` the reason). ``stderr_ms``: one standard
-    error, NaN unless estimated. ``explained``: share of the deflection's variance that the force explains at this
-    offset, NaN unless tried.
+    "refused" where it could not be told (``offset_ns`` is then 0, ``detail`` the reason), "stage" where the pictures do
+    not tell (``detail``: why) and it was taken from when the stage's movement shows in the force, early by as much as
+    the stage lags behind its commands: some milliseconds. ``stderr_ms``: one standard error, NaN unless estimated.
+    ``explained``: share of the deflection's variance that the force explains at this offset, NaN unless tried.
     """
 
     offset_ns: int = 0
-    how: Literal["estimated", "stated", "none", "refused"] = "none"
+    how: Literal["estimated", "stated", "stage", "none", "refused"] = "none"
     stderr_ms: float = math.nan
     explained: float = math.nan
     detail: str = ""
@@ -61,7 +62,7 @@ class ClockOffset:
         how = record.get("how", "none")
         return cls(
             offset_ns=int(record.get("offset_ns", "0")),
-            how=how if how in ("estimated", "stated", "refused") else "none",
+            how=how if how in ("estimated", "stated", "stage", "refused") else "none",
             stderr_ms=float(record.get("stderr_ms", "nan")),
             explained=float(record.get("explained", "nan")),
             detail=record.get("detail", ""),

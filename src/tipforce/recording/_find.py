@@ -74,24 +74,41 @@ def find_offset(
 ) -> ClockOffset:
     """From the deflection in ``sightings`` (n) at ``frame_ns`` (n,) against ``force`` (m, 3) at ``stamps`` (m,).
 
+    Where that does not tell it: from the lag at which the stage's movement shows in the force, if it does.
     ``blind``: why no catheter is seen at all, or empty. Adds to ``remarks``.
     """
     if choice == "none":
         return ClockOffset()
     if not isinstance(choice, str):
         return ClockOffset(round(choice * 1e6), "stated")
-    if blind:
-        remarks.append(f"the clock offset is taken as 0, for it could not be told: {blind}; see --offset-ms")
-        return ClockOffset(how="refused", detail=blind)
+    offset = ClockOffset(how="refused", detail=blind)
+    if not blind:
+        offset = _by_sight(frame_ns, sightings, context, stamps, force, facts)
+    if offset.how == "refused" and facts.inertia.how == "estimated":
+        offset = ClockOffset(facts.inertia.lag_ns, "stage", detail=offset.detail)
+        remarks.append(
+            f"the clock offset, {offset.offset_ms:+.1f} ms, is taken from the stage's movement, good to some "
+            f"milliseconds, for the pictures do not tell: {offset.detail}"
+        )
+    elif offset.how == "refused":
+        remarks.append(f"the clock offset is taken as 0, for it could not be told: {offset.detail}; see --offset-ms")
+    elif offset.detail:
+        remarks.append(offset.detail)
+    return offset
+
+
+def _by_sight(
+    frame_ns: IntArray,
+    sightings: Sequence[Sighting],
+    context: Context,
+    stamps: IntArray,
+    force: FloatArray,
+    facts: RunFacts,
+) -> ClockOffset:
     flexible, rigid = context.catheter.flexible_length_m, context.catheter.rigid_length_m
     share = flexible / (flexible + rigid) if flexible and rigid else 1.0
     length = (flexible + (rigid or 0.0)) / context.metres_per_px if flexible and context.metres_per_px else None
     matrix = (facts.sensor or SensorPose()).matrix
     tared = np.nan_to_num(force - facts.tare.force_n - facts.carried(stamps)) @ matrix.T
     shape = shape_coordinates(sightings, flexible_share=share, length_px=length)
-    offset = estimate_offset(frame_ns, shape, stamps, tared, window_s=_LOOK_S)
-    if offset.how == "refused":
-        remarks.append(f"the clock offset is taken as 0, for it could not be told: {offset.detail}; see --offset-ms")
-    elif offset.detail:
-        remarks.append(offset.detail)
-    return offset
+    return estimate_offset(frame_ns, shape, stamps, tared, window_s=_LOOK_S)

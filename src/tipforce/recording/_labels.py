@@ -29,17 +29,21 @@ class Labels:
     known: BoolArray
 
 
-def labels(reader: RecordingReader, *, camera: str = "camera", force: str = "force", max_gap_s: float = 0.05) -> Labels:
+def labels(
+    reader: RecordingReader, *, camera: str | None = None, force: str = "force", max_gap_s: float = 0.05
+) -> Labels:
     """Force at every frame, linear in time: offset applied, tare and inertia subtracted, turned into the base frame.
 
-    NaN where the readings around a frame lie more than ``max_gap_s`` apart or on one side only. The force series is
-    read chunk by chunk. Raises InputError where readings are in the sensor's frame and nobody stated its pose.
+    ``camera``: None for the first view. NaN where the readings around a frame lie more than ``max_gap_s`` apart or on
+    one side only. The force series is read chunk by chunk. Raises InputError where readings are in the sensor's frame
+    and nobody stated its pose.
     """
     info = reader.info
     stage = reader.stage if info.inertia.axes else StageCourse.of([])
     facts = RunFacts(info.sensor, info.tare, info.inertia, stage)
     blocks = ((times, wrench[:, :3], frame) for times, wrench, frame in reader.wrench_blocks(force))
-    return _label(reader.stamps(camera), blocks, facts, info.clock_offset, max_gap_s, str(reader.path))
+    frames = reader.stamps(camera or next(iter(reader.views), "camera"))
+    return _label(frames, blocks, facts, info.clock_offset, max_gap_s, str(reader.path))
 
 
 def label_log(

@@ -94,7 +94,7 @@ def look_through(
             if progress:
                 progress(f"frame {count}", min(1.0, count / total) if total else 0.0)
     if first is None:
-        raise InputError(f"{path}: there is no frame of the view {vision.view!r} in it")
+        raise InputError(f"{path}: there is no frame of the view {vision.view!r} in it{_views_in(path)}")
     figures = {"file": str(path), "every": every, **tally.figures(), "vision": settled.model_dump()}
     return Look(f"{_stated(settled, vision)}\n{tally.text()}", figures, tally.sheet(), first.image, settled)
 
@@ -133,6 +133,14 @@ def frame_count(source: Source, view: str = "camera") -> int:
         stream = source.info.streams.get(view)
         return stream.count if stream else 0
     return source.frame_count if isinstance(source, FileSource) else 0
+
+
+def _views_in(path: Path) -> str:
+    if path.suffix != ".mcap":
+        return ""
+    with RecordingReader(path) as reader:
+        views = reader.views
+    return f"; there is {', '.join(views)}: state --set view={views[0]}" if views else ""
 
 
 def _settled(vision: VisionSettings, images: list[Image], context: Context) -> VisionSettings:

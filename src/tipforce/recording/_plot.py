@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from ..types import FloatArray
+from ..types import FloatArray, Image
 from ..units import newtons_to_grams
 from ._files import part_of
 from ._labels import Labels
@@ -20,25 +20,36 @@ _COLOURS = ("#0072b2", "#d55e00", "#009e73")
 _POINTS = 4000
 
 
-def plot_run(reader: RecordingReader, frames: str | None, found: Labels | None, path: Path) -> None:
-    """Three panels: force at the frames, the middle frame, and the intervals between frames."""
+def plot_run(reader: RecordingReader, found: Labels | None, path: Path) -> None:
+    """Three panels: force at the frames, the middle frame of each view, and the intervals between the first's."""
     figure = Figure(figsize=(10.5, 3.6), dpi=120, layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(2.6, 1.0), height_ratios=(2.2, 1.0))
     force, picture, steps = (figure.add_subplot(grid[place]) for place in ((slice(None), 0), (0, 1), (1, 1)))
     _force(force, reader, found)
-    if frames is None:
+    if not reader.views:
         picture.axis("off")
         steps.axis("off")
     else:
-        stamps = reader.stamps(frames)
+        stamps = reader.stamps(reader.views[0])
         middle = len(stamps) // 2
-        picture.imshow(reader.frame_at(middle, frames).image, cmap="gray", vmin=0, vmax=255)
+        picture.imshow(_together(reader, int(stamps[middle])), cmap="gray", vmin=0, vmax=255)
         picture.set_title(f"frame {middle} of {len(stamps)}", fontsize=9, color=_INK, loc="left")
         picture.axis("off")
         _intervals(steps, (stamps - stamps[0]) * 1e-9)
     part = part_of(path)
     figure.savefig(part, format=path.suffix.lstrip(".").lower())
     part.replace(path)
+
+
+def _together(reader: RecordingReader, stamp_ns: int) -> Image:
+    """The picture of each view that is nearest to ``stamp_ns``, side by side."""
+    places = (int(np.argmin(np.abs(reader.stamps(view) - stamp_ns))) for view in reader.views)
+    images = [reader.frame_at(place, view).image for place, view in zip(places, reader.views, strict=True)]
+    if len(images) == 1:
+        return images[0]
+    tall = max(image.shape[0] for image in images)
+    grey = [image if image.ndim == 2 else image.mean(axis=2).astype(np.uint8) for image in images]
+    return np.hstack([np.pad(image, ((0, tall - image.shape[0]), (0, 4)), constant_values=255) for image in grey])
 
 
 def _force(axes: Axes, reader: RecordingReader, found: Labels | None) -> None:
@@ -65,7 +76,9 @@ def _force(axes: Axes, reader: RecordingReader, found: Labels | None) -> None:
     grams.tick_params(colors=_INK, labelsize=9)
     offset = info.clock_offset
     said = (
-        f"clock offset {offset.offset_ms:+.1f} ms" if offset.how in ("estimated", "stated") else f"offset {offset.how}"
+        f"clock offset {offset.offset_ms:+.1f} ms"
+        if offset.how in ("estimated", "stated", "stage")
+        else f"offset {offset.how}"
     )
     if offset.how == "estimated":
         said += f" ± {offset.stderr_ms:.1f}"

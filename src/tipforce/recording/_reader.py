@@ -128,6 +128,12 @@ class RecordingReader:
             recovered=self.recovered or metadata.get("tipforce.recovered", {}).get("detail", ""),
         )
 
+    @property
+    def views(self) -> tuple[str, ...]:
+        """Names of the streams of pictures: "camera" first, which stands for all where there is one, then by name."""
+        names = [stream.name for stream in self.info.streams.values() if stream.kind == "frame" and stream.count]
+        return tuple(sorted(names, key=lambda name: (name != "camera", name)))
+
     def __iter__(self) -> Iterator[Event]:
         return self.events()
 

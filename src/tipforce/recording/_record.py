@@ -1,6 +1,7 @@
 """Events -> one recording: everything is kept as it came; offset, tare and inertia are found and stored beside it."""
 
 from array import array
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
@@ -131,7 +132,9 @@ class _Run:
         self.blind = ""
         """Why no catheter is seen at all, or empty."""
         self.sightings: list[Sighting] = []
+        self._view = settings.view
         self._frames: list[int] = []
+        self._count = 0
         self._force_ns, self._force_n = array("q"), array("d")  # an hour at 1 kHz takes 115 MB
         self._stage: list[tuple[int, Mapping[str, float]]] = []
 
@@ -140,7 +143,8 @@ class _Run:
         if self._look:
             head = _head(events)
             try:
-                pictures = [event.image for event in head if isinstance(event, Frame)]
+                self._view = _view_among(head, self._settings.view)
+                pictures = [event.image for event in head if isinstance(event, Frame) and event.view == self._view]
                 see = Vision(settle(self._settings, pictures[::5], self._context)).see
             except InputError as error:  # the recording is worth having without its clock offset
                 self.blind = str(error)
@@ -148,23 +152,25 @@ class _Run:
         for event in events:
             yield event
             if isinstance(event, Frame):
-                self._picture(event.stamp_ns, event.image, see)
+                self._picture(event, see)
             elif isinstance(event, Wrench):
                 self._force_ns.append(event.stamp_ns)
                 self._force_n.extend(event.force_n)
             elif event.stream == STAGE:
                 self._stage.append((event.stamp_ns, event.values))
 
-    def _picture(self, stamp_ns: int, image: Image, see: Callable[[Image], Sighting] | None) -> None:
-        self._frames.append(stamp_ns)
-        if see is not None:
-            self.sightings.append(see(image))
+    def _picture(self, frame: Frame, see: Callable[[Image], Sighting] | None) -> None:
+        self._count += 1
+        if see is None or frame.view == self._view:
+            self._frames.append(frame.stamp_ns)
+        if see is not None and frame.view == self._view:
+            self.sightings.append(see(frame.image))
         if self._progress:
-            self._progress(len(self._frames))
+            self._progress(self._count)
 
     @property
     def stamp_ns(self) -> IntArray:
-        """(n,) stamps of the frames so far."""
+        """(n,) stamps of the frames so far: of those that were looked at, or of all."""
         return np.array(self._frames, dtype=np.int64)
 
     @property
@@ -179,15 +185,22 @@ class _Run:
 
 
 def _head(events: Iterator[Event]) -> list[Event]:
-    """Events up to the frame that completes those on which vision settles."""
+    """Events up to the frame that completes those on which vision settles, of whatever view."""
     head: list[Event] = []
-    count = 0
+    counts: Counter[str] = Counter()
     for event in events:
         head.append(event)
-        count += isinstance(event, Frame)
-        if count == _FIRST:
-            break
+        if isinstance(event, Frame):
+            counts[event.view] += 1
+            if counts[event.view] == _FIRST:
+                break
     return head
+
+
+def _view_among(head: Iterable[Event], wanted: str) -> str:
+    """The view that is looked at: ``wanted``, or where no picture is of it the one that came first."""
+    views = dict.fromkeys(event.view for event in head if isinstance(event, Frame))
+    return wanted if wanted in views else next(iter(views), wanted)
 
 
 def _check_overlap(names: tuple[str, str], frames: IntArray, force: IntArray) -> None:

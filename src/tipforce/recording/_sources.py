@@ -7,6 +7,7 @@ from typing import Self
 
 from ..errors import FileFormatError, InputError
 from ..types import STAGE, Actuation, Context, Event, Source
+from ._dicom import dicom_size, is_dicom, read_dicom
 from ._folder import frames_of, read_folder
 from ._reader import RecordingReader
 from ._video import read_video, video_size
@@ -15,7 +16,7 @@ __all__ = ["FileSource", "open_source", "require_actuation"]
 
 
 class FileSource:
-    """A video or a folder of images as a `Source`: may be iterated again, and reads as it is asked.
+    """A video, a DICOM file or a folder of images as a `Source`: may be iterated again, and reads as it is asked.
 
     ``frame_count``: as far as the file says, 0 where it does not.
     """
@@ -23,7 +24,11 @@ class FileSource:
     def __init__(self, path: Path, actuation: Mapping[str, float], context: Context | None) -> None:
         self.path, self._actuation = path, dict(actuation)
         self._folder = read_folder(path) if path.is_dir() else None
-        self.frame_count = len(self._folder.files) if self._folder else video_size(path)
+        self._dicom = is_dicom(path)
+        if self._folder:
+            self.frame_count = len(self._folder.files)
+        else:
+            self.frame_count = dicom_size(path) if self._dicom else video_size(path)
         self.context = context or Context(session=path.stem)
         if self._folder:
             clash = set(self._folder.actuation) & set(self._actuation)
@@ -36,7 +41,10 @@ class FileSource:
         return [name for name in names if name not in self._actuation and name not in columns]
 
     def __iter__(self) -> Iterator[Event]:
-        frames = frames_of(self._folder, "camera") if self._folder else read_video(self.path)
+        if self._folder:
+            frames = frames_of(self._folder, "camera")
+        else:
+            frames = read_dicom(self.path) if self._dicom else read_video(self.path)
         columns = self._folder.actuation if self._folder else {}
         for place, frame in enumerate(frames):
             if place == 0 and self._actuation:
@@ -57,7 +65,7 @@ class FileSource:
 def open_source(
     path: Path | str, *, actuation: Mapping[str, float] | None = None, context: Context | None = None
 ) -> Source:
-    """A video, a folder of images or a recording as a `Source`; a context manager that can be iterated again.
+    """A video, a DICOM file, a folder of images or a recording as a `Source`; a context manager, may be iterated again.
 
     ``actuation``: constant values (``knob_deg``) for files that carry none. ``context``: instead of what the file
     knows. Raises InputError where ``actuation`` has a name that the file carries itself.

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..types import Context, FloatArray
 from ._files import refuse_picture
 from ._labels import Labels, labels
+from ._pairing import nearest_frames
 from ._reader import RecordingInfo, RecordingReader
 
 __all__ = ["RecordingSummary", "plot_summary", "summarise"]
@@ -21,8 +22,9 @@ __all__ = ["RecordingSummary", "plot_summary", "summarise"]
 class RecordingSummary:
     """What a person wants to know of a recording.
 
-    ``duration_s``: from the first to the last stamp of all streams; ``image_size``: (width, height);
-    ``labelled``: frames that have a force; ``force_range_n``: "fx", "fy", "fz", "magnitude" -> (smallest, largest)
+    ``duration_s``: from the first to the last stamp of all streams; ``image_size``: (width, height) of the first view;
+    ``paired``: of each further view, how many frames of the first have a partner in it; ``labelled``: frames of all
+    views that have a force; ``force_range_n``: "fx", "fy", "fz", "magnitude" -> (smallest, largest)
     label; ``unlabelled_because``: why there is no label at all, or empty.
     """
 
@@ -35,6 +37,7 @@ class RecordingSummary:
     force_range_n: Mapping[str, tuple[float, float]]
     actuation_range: Mapping[str, tuple[float, float]]
     unlabelled_because: str = ""
+    paired: Mapping[str, int] = field(default_factory=dict[str, int])
 
     def figures(self) -> dict[str, Any]:
         """All of it as JSON values; unknown numbers are None."""
@@ -58,6 +61,7 @@ class RecordingSummary:
             "inertia": asdict(info.inertia) | {"gain_kg": info.inertia.gain_kg.tolist()},
             "sensor": None if info.sensor is None else asdict(info.sensor),
             "labelled_frames": self.labelled,
+            **({"paired_frames": dict(self.paired)} if self.paired else {}),
             "unlabelled_because": self.unlabelled_because,
             "force_range_n": self.force_range_n,
             "actuation_range": self.actuation_range,
@@ -81,7 +85,7 @@ def summarise(path: Path | str) -> RecordingSummary:
     with RecordingReader(path) as reader:
         info = reader.info
         streams = [stream for stream in info.streams.values() if stream.count]
-        frames = next((stream.name for stream in streams if stream.kind == "frame"), None)
+        frames = next(iter(reader.views), None)
         size, labelled, ranges, drives, why = None, 0, {}, {}, ""
         if frames is not None:
             image = reader.frame_at(0, frames).image
@@ -93,7 +97,8 @@ def summarise(path: Path | str) -> RecordingSummary:
             }
         found, why = _labels(reader, frames)
         if found is not None:
-            labelled = int(np.sum(~np.isnan(found.force_n).all(axis=1)))
+            everywhere = [found, *(labels(reader, camera=view) for view in reader.views[1:])]
+            labelled = sum(int(np.sum(~np.isnan(each.force_n).all(axis=1))) for each in everywhere)
             ranges = _ranges(found) if labelled else {}
         return RecordingSummary(
             path=reader.path,
@@ -105,7 +110,14 @@ def summarise(path: Path | str) -> RecordingSummary:
             force_range_n=ranges,
             actuation_range=drives,
             unlabelled_because=why,
+            paired=_paired(reader),
         )
+
+
+def _paired(reader: RecordingReader) -> dict[str, int]:
+    first, *others = (reader.stamps(view) for view in reader.views) if reader.views else (np.empty(0, np.int64),)
+    counts = (int((nearest_frames(first, stamps) >= 0).sum()) for stamps in others)
+    return dict(zip(reader.views[1:], counts, strict=True))
 
 
 def _labels(reader: RecordingReader, frames: str | None) -> tuple[Labels | None, str]:
@@ -136,6 +148,5 @@ def plot_summary(summary: RecordingSummary, path: Path | str) -> None:
     from ._plot import plot_run  # matplotlib takes a third of a second to load
 
     with RecordingReader(summary.path) as reader:
-        frames = next((name for name, stream in reader.info.streams.items() if stream.kind == "frame"), None)
-        found, _ = _labels(reader, frames)
-        plot_run(reader, frames, found, Path(path))
+        found, _ = _labels(reader, next(iter(reader.views), None))
+        plot_run(reader, found, Path(path))

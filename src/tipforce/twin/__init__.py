@@ -6,16 +6,19 @@ from ._live import LiveTwin
 from ._logs import write_logs
 from ._samples import SampleSet, sample_set
 from ._sessions import refuse_other, write_sessions
-from ._settings import PRESETS, TwinSettings
-from ._sidecar import Truth, read_truth, truth_of, truth_path, write_truth
+from ._settings import PRESETS, AnyTwinSettings, FluoroSettings, TwinSettings
+from ._sidecar import Truth, ViewTruth, read_truth, truth_of, truth_path, write_truth
 
 __all__ = [
     "PRESETS",
+    "AnyTwinSettings",
+    "FluoroSettings",
     "LiveTwin",
     "SampleSet",
     "Truth",
     "TwinBench",
     "TwinSettings",
+    "ViewTruth",
     "WriteSession",
     "read_truth",
     "refuse_other",

@@ -1,5 +1,6 @@
 """One session of the twin as a source of events."""
 
+import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from functools import cached_property
@@ -8,17 +9,17 @@ from typing import Any, Self
 
 import numpy as np
 
-from ..types import Catheter, Clock, Context, Event, FloatArray, Frame, IntArray, SimulatedClock
+from ..types import BoolArray, Catheter, Clock, Context, Event, FloatArray, Frame, IntArray, SimulatedClock
+from ._imaging import Imaging, imaging_of, views_of
 from ._readings import Readings
-from ._settings import TwinSettings
-from .camera import CameraRenderer, CameraScene, PictureTruth, TissueHome, TissueState, draw_scene
+from ._settings import AnyTwinSettings, TwinSettings
+from .camera import PictureTruth, TissueState
 from .world import FINE, LEAD_S, STEP_S, Course, Pace, SensorLog, Session, run_session, smooth_lines
 
 __all__ = ["TwinBench"]
 
 _POINTS = 97
 """Of the true centreline: half a millimetre apart."""
-_EXPOSURE_SHAPES = 9
 
 
 class TwinBench:
@@ -33,7 +34,7 @@ class TwinBench:
 
     def __init__(
         self,
-        settings: TwinSettings | None = None,
+        settings: AnyTwinSettings | None = None,
         seed: int = 0,
         session: int = 0,
         *,
@@ -68,24 +69,26 @@ class TwinBench:
         return self.session.course
 
     @cached_property
-    def scene(self) -> CameraScene:
-        """What the camera looks at."""
-        rig = self.session.rig
-        ranges = self.settings.scene.model_copy(update={"diameter_m": rig.draw.device.diameter_m})
-        return draw_scene(ranges, self._rng(2), length_m=rig.rod.length_m)
+    def imaging(self) -> Imaging:
+        """What looks at the bench."""
+        times, kept = self._exposures
+        shown = np.flatnonzero(kept.any(axis=1))
+        return imaging_of(self.settings, self.session.rig, self._rng(2), self._exposure, times, shown)
 
-    @cached_property
-    def renderer(self) -> CameraRenderer:
-        """Draws the pictures."""
-        rig, settings = self.session.rig, self.settings
-        return CameraRenderer(
-            scene=self.scene,
-            camera=self.scene.camera(settings.width, settings.height),
-            length_m=rig.rod.length_m,
-            tissue=TissueHome(rig.touch_m, np.asarray(rig.wall.normal)),
-            width=settings.width,
-            height=settings.height,
-        )
+    @property
+    def views(self) -> tuple[str, ...]:
+        """Names of the pictures' streams."""
+        return views_of(self.settings)
+
+    @property
+    def has_knob(self) -> bool:
+        """Whether the device can be steered; a guidewire cannot."""
+        return self.settings.world.actuation.gain_per_m_deg > 0.0
+
+    @property
+    def has_joints(self) -> bool:
+        """Whether any drive of the device is read."""
+        return self.has_knob or self.settings.world.clamp.logged
 
     @cached_property
     def readings(self) -> Readings:
@@ -104,15 +107,33 @@ class TwinBench:
         return self.readings.log
 
     @cached_property
-    def frame_s(self) -> FloatArray:
-        """(n,) middle of each exposure, of the frames that were not dropped."""
+    def _exposures(self) -> tuple[FloatArray, BoolArray]:
+        """(m,) middle of each exposure, and (m, views) whether its picture arrived."""
         clock, rng = self.settings.world.clock, self._rng(4)
         count = round(self.settings.world.seconds * clock.fps)
         most = min(3.0 * clock.jitter_s, 0.45 / clock.fps)  # no frame comes before the one ahead of it
         jitter = np.clip(rng.standard_normal(count) * clock.jitter_s, -most, most)
         jitter[0] = abs(jitter[0])  # no stamp lies before zero
-        kept = rng.random(count) >= clock.dropped_share
-        return (np.arange(count) / clock.fps + jitter)[kept]
+        kept = rng.random((len(self.views), count)) >= clock.dropped_share
+        return np.arange(count) / clock.fps + jitter, kept.T
+
+    @property
+    def _shown(self) -> BoolArray:
+        """(m,): exposures of which at least one view's picture arrived."""
+        return np.asarray(self._exposures[1].any(axis=1), np.bool_)
+
+    @cached_property
+    def frame_s(self) -> FloatArray:
+        """(n,) middle of each exposure, of the frames that were not dropped in all views."""
+        return self._exposures[0][self._shown]
+
+    def arrived(self, view: str) -> IntArray:
+        """(k,): which of the frames (0 to n - 1) were not dropped in ``view``."""
+        return self._arrived[self.views.index(view)]
+
+    @cached_property
+    def _arrived(self) -> tuple[IntArray, ...]:
+        return tuple(np.flatnonzero(column) for column in self._exposures[1][self._shown].T)
 
     @property
     def stamp_ns(self) -> IntArray:
@@ -146,12 +167,11 @@ class TwinBench:
         )
         return before + share[:, None, None] * (after - before)
 
-    def _exposure(self, index: int, shares: FloatArray) -> tuple[FloatArray, TissueState]:
-        """Shapes and tissue at ``shares`` (m,) of half the exposure before (-1) to after (1) the middle of a frame."""
-        middle = float(self.frame_s[index])
-        times = middle + 0.5 * self.scene.exposure_s * shares
+    def _exposure(self, middle_s: float, length_s: float, count: int) -> tuple[FloatArray, TissueState]:
+        """Shapes (count, points, 3) and tissue, evenly over an exposure; of one instant: its middle."""
+        times = middle_s + 0.5 * length_s * (np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1))
         course, rig = self.course, self.session.rig
-        now = np.array([middle])
+        now = np.array([middle_s])
         tissue = TissueState(
             shift_m=self.at(course.wall_m, times) - rig.touch_m,
             dent_m=float(self.at(course.contact.indentation_m, now)[0]),
@@ -159,16 +179,14 @@ class TwinBench:
         )
         return self.lines_m(times), tissue
 
-    def frame(self, index: int) -> Frame:
-        """The ``index``-th picture."""
-        shapes, tissue = self._exposure(index, np.linspace(-1.0, 1.0, _EXPOSURE_SHAPES))
-        image = self.renderer.render(shapes, tissue, frame=index, time_s=float(self.frame_s[index]))
-        return Frame(int(self.stamp_ns[index]), image)
+    def frame(self, index: int, view: str = "") -> Frame:
+        """The ``index``-th picture; of the first view where none is named."""
+        view = view or self.views[0]
+        return Frame(int(self.stamp_ns[index]), self.imaging.image(view, index), view)
 
-    def picture_truth(self, index: int) -> PictureTruth:
+    def picture_truth(self, index: int, view: str = "") -> PictureTruth:
         """What frame ``index`` shows of the catheter."""
-        shapes, tissue = self._exposure(index, np.zeros(1))
-        return self.renderer.truth(shapes, tissue, time_s=float(self.frame_s[index]))
+        return self.imaging.truth(view or self.views[0], index)
 
     def stage_log(self) -> tuple[IntArray, dict[str, FloatArray]]:
         """Stamps (k,) and the commanded positions of the stage's axes in mm."""
@@ -184,15 +202,19 @@ class TwinBench:
         """All events in their order: when, on this bench's clock in ns, which stream's, and its place in that."""
         readings = self.readings
         force_ns = np.round(readings.log.true_s * 1e9).astype(np.int64)
-        stamps = (force_ns, readings.stage.stamp_ns, readings.joints.stamp_ns, self.stamp_ns)
-        arrival = np.concatenate([own + late for own, late in zip(stamps, self._delays_ns(), strict=True)])
+        joints_ns = readings.joints.stamp_ns if self.has_joints else np.empty(0, np.int64)
+        pictures = [self.stamp_ns[self.arrived(view)] for view in self.views]
+        stamps = (force_ns, readings.stage.stamp_ns, joints_ns, *pictures)
+        *drives, camera = self._delays_ns()
+        delays = (*drives, *(camera for _ in pictures))
+        arrival = np.concatenate([own + late for own, late in zip(stamps, delays, strict=True)])
         stream = np.repeat(np.arange(len(stamps)), [len(own) for own in stamps])
         row = np.concatenate([np.arange(len(own)) for own in stamps])
         order = np.argsort(arrival, kind="stable")
         return list(zip(arrival[order].tolist(), stream[order].tolist(), row[order].tolist(), strict=True))
 
     def _delays_ns(self) -> tuple[int, ...]:
-        """By stream: in a recording all stands when it happened."""
+        """Of force, stage, joints and pictures: in a recording all stands when it happened."""
         return (0, 0, 0, 0)
 
     def event(self, stream: int, row: int) -> Event:
@@ -206,7 +228,8 @@ class TwinBench:
             case 2:
                 return readings.actuation(readings.joints, row)
             case _:
-                return self.frame(row)
+                view = self.views[stream - 3]
+                return self.frame(int(self.arrived(view)[row]), view)
 
     def __iter__(self) -> Iterator[Event]:
         for at_ns, stream, row in self.schedule():
@@ -221,8 +244,8 @@ class TwinBench:
     @cached_property
     def _sheet(self) -> Context:
         world, device = self.settings.world, self.session.rig.draw.device
-        off = self.settings.scale_error
-        scale = self.scene.lens.scale_m_per_px * (1.0 + float(self._rng(5).uniform(-off, off)))
+        imaging, gain = self.imaging, world.actuation.gain_per_m_deg
+        knots = world.shaft.stiffness_knots
         return Context(
             session=self.name,
             catheter=Catheter(
@@ -232,12 +255,13 @@ class TwinBench:
                 rigid_length_m=world.shaft.rigid_length_m,
                 bending_stiffness_nm2=device.nominal_stiffness_nm2,
             ),
-            metres_per_px=float(f"{scale * 640.0 / self.settings.width:.4g}"),
+            metres_per_px=float(f"{imaging.measured_scale_m_per_px(self._rng(5)):.4g}"),
             notes={
                 "simulated": "true",
                 "preset": self.settings.preset,
-                "base_side": "left",
-                "knob_gain_per_m_deg": f"{world.actuation.gain_per_m_deg:g}",
+                **imaging.notes(),
+                **({"knob_gain_per_m_deg": f"{gain:g}"} if gain else {}),
+                **({"stiffness_knots": json.dumps(knots)} if knots else {}),
                 "sensor_angle_deg": f"{self.log.nominal_angle_deg:g}",
                 "reads": "tip-on-tissue",
                 "moving_mass_kg": f"{world.sensor.moving_mass_kg:g}",
@@ -258,5 +282,5 @@ class TwinBench:
             "bias_n": log.bias_n.tolist(),
             "drift_n_per_s": log.drift_n_per_s.tolist(),
             "redraws": session.redraws,
-            "lens": asdict(self.scene.lens),
+            **self.imaging.values(),
         }

@@ -5,8 +5,9 @@ from functools import partial
 from pathlib import Path
 
 from ._bench import TwinBench
+from ._imaging import views_of
 from ._sessions import refuse_other, stated, write_sessions
-from ._settings import TwinSettings
+from ._settings import AnyTwinSettings, TwinSettings
 from ._sidecar import read_truth, truth_of, truth_path, write_truth
 
 __all__ = ["WriteSession", "simulate"]
@@ -21,7 +22,7 @@ def _place(root: Path, suffix: str, number: int) -> Path:
 
 
 def _work(
-    settings: TwinSettings,
+    settings: AnyTwinSettings,
     seed: int,
     root: Path,
     suffix: str,
@@ -34,7 +35,7 @@ def _work(
     write(bench, target, tick)
 
 
-def _is_done(target: Path, settings: TwinSettings, seed: int, number: int) -> bool:
+def _is_done(target: Path, settings: AnyTwinSettings, seed: int, number: int) -> bool:
     """Whether ``target`` holds this very session; InputError where it holds another."""
     if not target.exists():
         return False
@@ -45,7 +46,7 @@ def _is_done(target: Path, settings: TwinSettings, seed: int, number: int) -> bo
 def simulate(
     folder: Path | str,
     write: WriteSession,
-    settings: TwinSettings | None = None,
+    settings: AnyTwinSettings | None = None,
     *,
     suffix: str = ".mcap",
     sessions: int = 8,
@@ -65,7 +66,7 @@ def simulate(
     places = [_place(root, suffix, number) for number in range(sessions)]
     wanted = [number for number, place in enumerate(places) if not _is_done(place, settings, seed, number)]
     root.mkdir(parents=True, exist_ok=True)
-    frames = round(settings.world.seconds * settings.world.clock.fps)
+    frames = round(settings.world.seconds * settings.world.clock.fps) * len(views_of(settings))
     work = partial(_work, settings, seed, root, suffix, write)
     write_sessions(work, wanted, frames, workers=workers, progress=progress)
     return places

@@ -9,7 +9,7 @@ from ..errors import InputError
 from ..types import IntArray
 from ._bench import TwinBench
 from ._ranges import Settings, Share
-from ._settings import TwinSettings
+from ._settings import AnyTwinSettings
 from .world import APPROACH_S, SWIFT
 
 __all__ = ["SampleSet", "sample_set"]
@@ -23,7 +23,7 @@ _OFFSET_MS = 0.5
 class SampleSet(Settings):
     """``samples`` pictures of sessions with ``settings``, ``per_session`` of each."""
 
-    settings: TwinSettings
+    settings: AnyTwinSettings
     seed: Annotated[int, Field(ge=0)]
     samples: Annotated[int, Field(ge=1)]
     per_session: Annotated[int, Field(ge=1)]
@@ -47,6 +47,8 @@ class SampleSet(Settings):
         world = self.settings.world
         before = bench.frame_s < world.tare_s + APPROACH_S
         logged = (bench.frame_s > bench.log.true_s[0] + 0.01) & (bench.frame_s < bench.log.true_s[-1] - 0.01)
+        for view in bench.views:
+            logged &= np.isin(np.arange(len(logged)), bench.arrived(view))
         early, late = np.flatnonzero(before & logged), np.flatnonzero(~before & logged)
         some = int(np.clip(rng.binomial(count, self.before_share), count - len(late), len(early)))
         chosen = [rng.choice(early, some, replace=False), rng.choice(late, count - some, replace=False)]
@@ -64,7 +66,7 @@ class SampleSet(Settings):
 
 
 def sample_set(
-    settings: TwinSettings, *, seed: int, samples: int, per_session: int, seconds: float | None = None
+    settings: AnyTwinSettings, *, seed: int, samples: int, per_session: int, seconds: float | None = None
 ) -> SampleSet:
     """A set of single pictures of a preset's (or other) bench, from sessions of ``seconds``.
 

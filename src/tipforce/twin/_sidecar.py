@@ -4,7 +4,7 @@ import json
 import zipfile
 import zlib
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,34 @@ from ..types import BasePose, BoolArray, FloatArray, IntArray
 from ._bench import TwinBench
 from ._sessions import stated
 
-__all__ = ["Truth", "read_truth", "truth_of", "truth_path", "write_truth"]
+__all__ = ["Truth", "ViewTruth", "read_truth", "truth_of", "truth_path", "write_truth"]
 
 _SUFFIX = ".truth.npz"
+Bytes = npt.NDArray[np.uint8]
+
+
+def _unpacked(packed: Bytes, ends: IntArray, index: int, size: tuple[int, int]) -> BoolArray:
+    """(h, w): the ``index``-th of the masks; ``size``: (width, height)."""
+    width, height = size
+    start = int(ends[index - 1]) if index else 0
+    row = np.frombuffer(zlib.decompress(packed[start : int(ends[index])].tobytes()), np.uint8)
+    return np.unpackbits(row, count=width * height).reshape(height, width).astype(np.bool_)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewTruth:
+    """What another view of the same instants shows: as the fields of the same names in `Truth`."""
+
+    centreline_px: FloatArray
+    visible: FloatArray
+    mask_bytes: Bytes
+    mask_ends: IntArray
+    camera_from_base: Pose
+    image_size: tuple[int, int]
+
+    def mask(self, index: int) -> BoolArray:
+        """(h, w): where the catheter covers at least half of a pixel in frame ``index``."""
+        return _unpacked(self.mask_bytes, self.mask_ends, index, self.image_size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +58,8 @@ class Truth:
     ``camera_from_base``, ``sensor_from_base``: poses. ``image_size``: (width, height). ``clock_offset_s``,
     ``clock_drift``: camera time = (1 + drift) time in the force log + offset. ``values``: what was drawn, by name with
     unit. ``settings``: what it was drawn from. ``side_force_n`` (n, 3): of the tissue on the shaft's side, where that
-    can touch.
+    can touch. ``others``: the views beyond the first, whose pictures show the same instants; a picture that was dropped
+    in one view has its truth all the same.
     """
 
     session: str
@@ -45,7 +71,7 @@ class Truth:
     centreline_m: FloatArray
     centreline_px: FloatArray
     visible: FloatArray
-    mask_bytes: npt.NDArray[np.uint8]
+    mask_bytes: Bytes
     mask_ends: IntArray
     curvature_per_m: FloatArray
     knob_deg: FloatArray
@@ -57,6 +83,7 @@ class Truth:
     values: Mapping[str, float]
     settings: Mapping[str, Any]
     side_force_n: FloatArray | None = None
+    others: Mapping[str, ViewTruth] = field(default_factory=dict[str, ViewTruth])
 
     @property
     def force_camera_n(self) -> FloatArray:
@@ -76,11 +103,7 @@ class Truth:
 
     def mask(self, index: int) -> BoolArray:
         """(h, w): where the catheter covers at least half of a pixel in frame ``index``."""
-        width, height = self.image_size
-        start = int(self.mask_ends[index - 1]) if index else 0
-        packed = zlib.decompress(self.mask_bytes[start : int(self.mask_ends[index])].tobytes())
-        bits = np.unpackbits(np.frombuffer(packed, np.uint8), count=width * height)
-        return bits.reshape(height, width).astype(np.bool_)
+        return _unpacked(self.mask_bytes, self.mask_ends, index, self.image_size)
 
 
 def truth_path(recording: Path) -> Path:
@@ -93,10 +116,8 @@ def truth_of(bench: TwinBench, frames: IntArray | None = None) -> Truth:
     chosen = np.arange(len(bench.frame_s)) if frames is None else frames
     log, times = bench.log, bench.frame_s[chosen]
     contact, course = bench.course.contact, bench.course
-    pictures = [bench.picture_truth(index) for index in chosen.tolist()]
-    packed = [zlib.compress(np.packbits(picture.mask).tobytes(), 1) for picture in pictures]
+    first, *rest = (_seen(bench, view, chosen) for view in bench.views)
     row = bench.nearest(times)
-    camera = bench.renderer.camera
     return Truth(
         session=bench.name,
         stamp_ns=bench.stamp_ns[chosen],
@@ -105,20 +126,34 @@ def truth_of(bench: TwinBench, frames: IntArray | None = None) -> Truth:
         touching=contact.touching[row],
         slipping=contact.slipping[row],
         centreline_m=bench.lines_m(times),
-        centreline_px=np.array([picture.centreline_px for picture in pictures]),
-        visible=np.array([picture.visible_share for picture in pictures]),
-        mask_bytes=np.frombuffer(b"".join(packed), np.uint8),
-        mask_ends=np.cumsum([len(part) for part in packed]),
+        centreline_px=first.centreline_px,
+        visible=first.visible,
+        mask_bytes=first.mask_bytes,
+        mask_ends=first.mask_ends,
         curvature_per_m=bench.at(course.curvature_per_m, times),
         knob_deg=bench.at(course.knob_deg, times),
-        camera_from_base=camera.camera_from_world,
+        camera_from_base=first.camera_from_base,
         sensor_from_base=Pose(log.rotation, np.zeros(3)),
-        image_size=(bench.settings.width, bench.settings.height),
+        image_size=first.image_size,
         clock_offset_s=log.offset_s,
         clock_drift=log.drift,
         values=bench.values(),
         settings=stated(bench.settings, bench.seed, bench.number),
         side_force_n=bench.at(contact.side_force_n, times) if contact.wall.side_stiffness_n_per_m2 > 0.0 else None,
+        others=dict(zip(bench.views[1:], rest, strict=True)),
+    )
+
+
+def _seen(bench: TwinBench, view: str, frames: IntArray) -> ViewTruth:
+    pictures = [bench.picture_truth(index, view) for index in frames.tolist()]
+    packed = [zlib.compress(np.packbits(picture.mask).tobytes(), 1) for picture in pictures]
+    return ViewTruth(
+        centreline_px=np.array([picture.centreline_px for picture in pictures]),
+        visible=np.array([picture.visible_share for picture in pictures]),
+        mask_bytes=np.frombuffer(b"".join(packed), np.uint8),
+        mask_ends=np.cumsum([len(part) for part in packed]),
+        camera_from_base=bench.imaging.camera(view).camera_from_world,
+        image_size=(bench.settings.width, bench.settings.height),
     )
 
 
@@ -126,19 +161,41 @@ _POSES = ("camera_from_base", "sensor_from_base")
 _PLAIN = ("session", "image_size", "clock_offset_s", "clock_drift", "values", "settings")
 
 
+def _arrays(truth: Truth | ViewTruth) -> dict[str, npt.NDArray[Any]]:
+    arrays: dict[str, npt.NDArray[Any]] = {}
+    for name in (each.name for each in fields(truth)):
+        value = getattr(truth, name)
+        if name in _POSES:
+            arrays[name] = np.column_stack([value.rotation, value.translation_m])
+        elif name not in _PLAIN and name != "others" and value is not None:
+            arrays[name] = value
+    return arrays
+
+
 def write_truth(truth: Truth, path: Path) -> None:
     """Write ``path``, whole or not at all."""
-    arrays = {"about": np.array(json.dumps({name: getattr(truth, name) for name in _PLAIN}))}
-    for field in fields(Truth):
-        value = getattr(truth, field.name)
-        if field.name in _POSES:
-            arrays[field.name] = np.column_stack([value.rotation, value.translation_m])
-        elif field.name not in _PLAIN and value is not None:
-            arrays[field.name] = value
+    about = {name: getattr(truth, name) for name in _PLAIN}
+    if truth.others:
+        about["others"] = list(truth.others)
+    arrays = {"about": np.array(json.dumps(about)), **_arrays(truth)}
+    for view, seen in truth.others.items():
+        arrays |= {f"{view}.{name}": value for name, value in _arrays(seen).items()}
     part = path.with_name(path.name + ".part")
     with part.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
     part.replace(path)
+
+
+def _read_arrays(kind: type[Truth | ViewTruth], arrays: Mapping[str, npt.NDArray[Any]], before: str) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for each in fields(kind):
+        name = before + each.name
+        if each.name in _POSES:
+            matrix = arrays[name]
+            values[each.name] = Pose(matrix[:, :3], matrix[:, 3])
+        elif name in arrays or (each.name not in _PLAIN and each.default is MISSING and each.name != "others"):
+            values[each.name] = arrays[name]
+    return values
 
 
 def read_truth(path: Path | str) -> Truth:
@@ -153,14 +210,12 @@ def read_truth(path: Path | str) -> Truth:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             values: dict[str, Any] = json.loads(str(arrays["about"]))
-            values["image_size"] = tuple(values["image_size"])
-            for field in fields(Truth):
-                if field.name in _POSES:
-                    matrix = arrays[field.name]
-                    values[field.name] = Pose(matrix[:, :3], matrix[:, 3])
-                elif field.name in arrays or (field.name not in _PLAIN and field.default is MISSING):
-                    values[field.name] = arrays[field.name]
-            return Truth(**values)
+            size = tuple(values.pop("image_size"))
+            others = {
+                view: ViewTruth(image_size=size, **_read_arrays(ViewTruth, arrays, f"{view}."))
+                for view in values.pop("others", ())
+            }
+            return Truth(image_size=size, others=others, **values, **_read_arrays(Truth, arrays, ""))
     except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise FileFormatError(
             f"{path}: no readable truth ({error}); delete it with its recording and run `tipforce simulate` again"

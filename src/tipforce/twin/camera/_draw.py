@@ -142,7 +142,7 @@ def _catheter(ranges: SceneRanges, rng: np.random.Generator, radius_m: float) ->
     return CatheterLook(
         radius_m=radius_m,
         electrode_m=ranges.electrode_m,
-        rings_m=tuple((first + k * step, first + k * step + ranges.ring_m) for k in range(3)),
+        rings_m=tuple((first + k * step, first + k * step + ranges.ring_m) for k in range(ranges.rings)),
         finish=finish,
         seam=rng.uniform(0.2, 0.9),
         wear=_of(rng, ranges.wear),

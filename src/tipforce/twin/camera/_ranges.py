@@ -2,6 +2,8 @@
 
 from typing import Literal
 
+from pydantic import Field
+
 from .._ranges import NotNegative, Positive, Range, Settings, Share
 
 __all__ = ["BENCH_2021", "GENERALISE", "SceneRanges"]
@@ -74,6 +76,8 @@ class SceneRanges(Settings):
     electrode_m: Positive = 8e-3
     ring_m: Positive = 2e-3
     ring_gap_m: Positive = 2.5e-3
+    rings: int = Field(default=3, ge=0, le=12, exclude_if=(3).__eq__)
+    """Metal rings behind the electrode."""
     shaft_grey: Range = (28.0, 62.0)
     shaft_tint: NotNegative = 0.25
     metal_grey: Range = (105.0, 165.0)

@@ -54,10 +54,11 @@ class Draw:
     free_share: float
 
 
-def draw_device(settings: WorldSettings, seed: int, session: int) -> Device:
-    """The catheter of a session: the same for ``sessions_per_catheter`` of them in a row."""
+def draw_device(settings: WorldSettings, seed: int, session: int, redraw: int = 0) -> Device:
+    """The catheter of a session: the same for ``sessions_per_catheter`` of them in a row; ``redraw``: the next one."""
     shaft = settings.shaft
-    rng = np.random.default_rng([seed, session // shaft.sessions_per_catheter, 0])
+    key = [seed, session // shaft.sessions_per_catheter, 0]
+    rng = np.random.default_rng([*key, redraw] if redraw else key)
     length, stiffness = rng.uniform(*shaft.flexible_length_m), rng.uniform(*shaft.stiffness_nm2)
     diameter = rng.uniform(*shaft.diameter_m)
     off = 1.0 + rng.uniform(-shaft.known_to, shaft.known_to, 2)

@@ -9,7 +9,7 @@ from ...mechanics import SpatialRod, SpatialWall, damping_of_loss_factor
 from ...types import FloatArray
 from ._draw import Draw
 from ._rows import times
-from .settings import WorldSettings
+from .settings import ShaftSettings, WorldSettings
 
 __all__ = ["Rig", "build_rig"]
 
@@ -65,6 +65,15 @@ def _tip_of(rod: SpatialRod, curvature_per_m: float, radius_m: float) -> tuple[F
     return nodes[-1] - radius_m * axis, axis
 
 
+def _profile(shaft: ShaftSettings, joints: FloatArray) -> FloatArray:
+    """Factors on EI at ``joints`` (k,), shares of the flexible length."""
+    profile = np.where(joints < 1 / 3, 1.0 + shaft.proximal_stiffer, 1.0)
+    if shaft.stiffness_knots:
+        places, factors = np.transpose(shaft.stiffness_knots)
+        profile = profile * np.interp(joints, places, factors)
+    return profile
+
+
 def build_rig(settings: WorldSettings, draw: Draw) -> Rig:
     """Rod and wall of a session; raises ValueError where a drawn value has no physical meaning."""
     shaft, device = settings.shaft, draw.device
@@ -78,7 +87,7 @@ def build_rig(settings: WorldSettings, draw: Draw) -> Rig:
         torsional_stiffness_nm2=shaft.torsion_over_bending * relaxed,
         precurvature_per_m=np.array([0.0, draw.out_of_plane_per_m, 0.0]),
         stiffening_curvature_per_m=shaft.stiffening_curvature_per_m,
-        stiffness_profile=np.where(joints < 1 / 3, 1.0 + shaft.proximal_stiffer, 1.0),
+        stiffness_profile=_profile(shaft, joints),
         segments=segments,
     )
     gain = settings.actuation.gain_per_m_deg * draw.knob_factor

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import cast
 
 import numpy as np
@@ -10,7 +11,8 @@ from scipy.optimize import brentq
 
 from ...errors import InputError
 from ._course import Course, CourseRun, run_course
-from ._draw import draw_device, draw_session
+from ._device import catheter_of
+from ._draw import draw_session
 from ._rig import Rig, build_rig
 from ._tune import APPROACH_S, LEAD_S, STEP_S, TRAIL_S, Motion, Tune, compose
 from .settings import WorldSettings
@@ -41,13 +43,14 @@ FINE = Pace()
 """What recordings are made with."""
 SWIFT = Pace(every=5, trial_every=10, peak_n=2e-3)
 """For single pictures: on the same motion the force is mostly within 0.2 mN rms of that of `FINE`, in less time."""
+UNFIT_CATHETER = "no motion brings the catheter to the forces"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
     """What is true of one session. ``redraws``: by reason, how often its values were drawn again.
 
-    ``course``: what happens where nobody commands a drive.
+    Of the catheter's own draws `UNFIT_CATHETER` counts. ``course``: what happens where nobody commands a drive.
     """
 
     rig: Rig
@@ -108,6 +111,7 @@ def _solve(rig: Rig, tune: Tune, pace: Pace) -> Motion | str:
     def motion(amplitude: float) -> Motion:
         return Motion(amplitude, tune.standoff_m(rig, amplitude))
 
+    @cache  # the search begins at the two ends, which are looked at before it
     def excess(amplitude: float) -> float:
         force = run_course(rig, coarse, motion(amplitude), max(pace.trial_every, 1)).contact.force_n
         return float(np.linalg.norm(force, axis=1).max()) - rig.draw.peak_force_n
@@ -154,14 +158,14 @@ def run_session(settings: WorldSettings, seed: int, number: int, pace: Pace = FI
 
     Raises InputError where the settings leave no session that can be had.
     """
-    device = draw_device(settings, seed, number)
+    catheter = catheter_of(settings, seed, number)
+    redraws = {UNFIT_CATHETER: catheter.redraws} if catheter.redraws else {}
     angle_deg = 0.0
-    redraws: dict[str, int] = {}
     instants = round((settings.seconds + LEAD_S + TRAIL_S) / STEP_S)
     whole = np.arange(instants, dtype=np.float64) * STEP_S - LEAD_S
     for attempt in range(_DRAWS):
         rng = np.random.default_rng([seed, number, 1, attempt])
-        draw = draw_session(settings, device, rng)
+        draw = draw_session(settings, catheter.device, rng)
         if attempt % _SAME_ANGLE == 0:
             angle_deg = draw.contact_angle_deg
         rig = build_rig(settings, replace(draw, contact_angle_deg=angle_deg))
@@ -174,6 +178,7 @@ def run_session(settings: WorldSettings, seed: int, number: int, pace: Pace = FI
             if not why:
                 return Session(rig, tune, found, course, redraws)
         redraws[why] = redraws.get(why, 0) + 1
+    redraws.pop(UNFIT_CATHETER, None)
     worst = max(redraws, key=lambda reason: redraws[reason])
     raise InputError(
         f"session {number} of seed {seed}: none of {_DRAWS} draws could be had, most often: {worst}; widen "

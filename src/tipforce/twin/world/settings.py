@@ -38,6 +38,8 @@ class ShaftSettings(Settings):
     """EI grows as 1 + (curvature / this)^2."""
     proximal_stiffer: NotNegative = 0.05
     """EI is higher by this share over the third next to the sheath."""
+    stiffness_knots: tuple[tuple[Share, Positive], ...] = Field(default=(), exclude_if=operator.not_)
+    """What EI is multiplied with along the flexible part: (share of its length, factor), linear between; none: 1."""
     torsion_over_bending: Positive = 1.0
     """GJ / EI."""
     out_of_plane_per_m: Range = (-1.5, 1.5)
@@ -57,7 +59,7 @@ class ActuationSettings(Settings):
     knob_deg_per_s: NotNegative = 0.0
     """Fastest movement of the knob during a session; 0: it stands still."""
     gain_per_m_deg: NotNegative = 0.533
-    """Nominal map: curvature for each degree; 90 degrees are a full bend."""
+    """Nominal map: curvature for each degree; 90 degrees are a full bend. 0: a device without a knob."""
     play_deg: NotNegative = 1.0
     """Width of the backlash."""
     factor: Range = (0.98, 1.02)

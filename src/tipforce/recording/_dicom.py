@@ -1,0 +1,84 @@
+"""A multi-frame DICOM file (XA, or any other with grey or RGB pixels) as a row of frames with their own stamps."""
+
+import importlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import FileFormatError, MissingExtraError, TimeError
+from ..types import Frame, Image
+
+__all__ = ["dicom_size", "is_dicom", "read_dicom"]
+
+_MAGIC_AT = 128
+
+
+def is_dicom(path: Path) -> bool:
+    """Whether the file says of itself that it is DICOM, whatever its name."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        return stream.read(_MAGIC_AT + 4)[_MAGIC_AT:] == b"DICM"
+
+
+def _read(path: Path, *, pixels: bool) -> Any:
+    try:
+        pydicom: Any = importlib.import_module("pydicom")
+    except ImportError:
+        raise MissingExtraError("pydicom", extra="dicom") from None
+    try:
+        return pydicom.dcmread(path, stop_before_pixels=not pixels)
+    except (pydicom.errors.InvalidDicomError, OSError, EOFError, ValueError) as error:
+        raise FileFormatError(f"{path}: cannot be read as DICOM ({error}); copy it again from its archive") from None
+
+
+def dicom_size(path: Path) -> int:
+    """Frames that the file says it holds. Raises MissingExtraError without pydicom, FileFormatError."""
+    return int(_read(path, pixels=False).get("NumberOfFrames", 1))
+
+
+def read_dicom(path: Path, view: str = "camera") -> Iterator[Frame]:
+    """All frames, 8 bit, the first at 0; grey where the file is, else RGB.
+
+    Of more bits the upper eight of those stored are kept. Stamps come from FrameTimeVector, FrameTime or CineRate, in
+    this order. Raises MissingExtraError without pydicom (or without the decoder of a compressed file), FileFormatError
+    for what holds no pictures, TimeError where the file does not say when its frames were taken.
+    """
+    data = _read(path, pixels=True)
+    try:
+        pixels: npt.NDArray[Any] = data.pixel_array
+    except (AttributeError, ValueError, NotImplementedError, RuntimeError) as error:
+        raise FileFormatError(f"{path}: its pictures cannot be decoded ({error}); save it uncompressed") from None
+    coloured = int(data.get("SamplesPerPixel", 1)) == 3
+    frames = pixels[None] if pixels.ndim == (3 if coloured else 2) else pixels
+    for stamp, picture in zip(_stamps_ns(path, data, len(frames)), frames, strict=True):
+        yield Frame(stamp, _eight_bit(picture, int(data.BitsStored), str(data.PhotometricInterpretation)), view)
+
+
+def _eight_bit(picture: npt.NDArray[Any], stored: int, shown: str) -> Image:
+    small = picture >> (stored - 8) if stored > 8 else picture
+    image = np.ascontiguousarray(small).astype(np.uint8)
+    return 255 - image if shown == "MONOCHROME1" else image
+
+
+def _stamps_ns(path: Path, data: Any, count: int) -> list[int]:
+    if count == 1:
+        return [0]
+    vector = data.get("FrameTimeVector")
+    if vector is not None and len(vector) == count:
+        steps_ms = np.array([0.0, *(float(step) for step in vector[1:])])  # the first is 0 by definition
+    elif float(data.get("FrameTime") or 0) > 0:
+        steps_ms = np.array([0.0] + [float(data.FrameTime)] * (count - 1))
+    elif float(data.get("CineRate") or 0) > 0:
+        steps_ms = np.array([0.0] + [1e3 / float(data.CineRate)] * (count - 1))
+    else:
+        raise TimeError(
+            f"{path}: does not say when its {count} frames were taken (FrameTimeVector, FrameTime or CineRate); save "
+            "it as a folder of images with a stamps.csv"
+        )
+    if (steps_ms[1:] <= 0).any():
+        raise TimeError(f"{path}: FrameTimeVector does not rise; save it as a folder of images with a stamps.csv")
+    return np.round(np.cumsum(steps_ms) * 1e6).astype(np.int64).tolist()
