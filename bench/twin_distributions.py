@@ -20,7 +20,11 @@ import numpy as np
 from tipforce.twin import PRESETS
 from tipforce.twin.world import run_session
 
-FORCE_EDGES_N = np.arange(0.0, 0.401, 0.02)
+
+def force_edges_n(preset: str) -> np.ndarray:
+    """Twenty bins up to a little more than the preset's largest peak; 20 mN wide for the presets of the yardstick."""
+    most = 0.4 * PRESETS[preset].world.motion.peak_force_n[1] / 0.35
+    return np.linspace(0.0, round(most, 3), 21)
 
 
 def one(preset: str, seed: int, number: int) -> dict[str, Any]:
@@ -29,7 +33,7 @@ def one(preset: str, seed: int, number: int) -> dict[str, Any]:
     session = run_session(settings, seed, number)
     course, rig = session.course, session.rig
     contact = course.contact
-    rows = np.flatnonzero(course.time_s >= settings.tare_s + 1.5)[::42]
+    rows = np.flatnonzero(course.time_s >= settings.tare_s + 1.5)[:: round(1000 / settings.clock.fps)]
     size = np.linalg.norm(contact.force_n[rows], axis=1)
     touching = contact.touching[rows]
     axis = contact.frames()[rows][touching][:, -1, :, 0]
@@ -64,7 +68,7 @@ def draw(rows: list[dict[str, Any]], preset: str, path: Path) -> None:
     """Histograms of what matters."""
     together = {key: np.concatenate([row[key] for row in rows]) for key in ("force_n", "contact_angle_deg")}
     panels = [
-        (together["force_n"], FORCE_EDGES_N, "force in contact, N", "frames"),
+        (together["force_n"], force_edges_n(preset), "force in contact, N", "frames"),
         (together["contact_angle_deg"], np.arange(0, 91, 5), "angle between tip and wall's normal, degrees", "frames"),
         ([100 * row["free_share"] for row in rows], np.arange(4, 22, 1), "time without contact, %", "sessions"),
         ([100 * row["slip_share"] for row in rows], np.arange(0, 101, 5), "of contact: slipping, %", "sessions"),
@@ -99,7 +103,7 @@ def main() -> None:
         "seed": options.seed,
         "sessions": len(rows),
         "force_n": spread(force),
-        "force_histogram": np.histogram(force, FORCE_EDGES_N)[0].tolist(),
+        "force_histogram": np.histogram(force, force_edges_n(options.preset))[0].tolist(),
         "force_std_n": float(force.std()),
         "peak_n": spread([row["peak_n"] for row in rows]),
         "free_share": spread([row["free_share"] for row in rows]),

@@ -32,8 +32,8 @@ def test_two_views_show_the_same_catheter_in_space(biplane):
         lines = [biplane.picture_truth(index, view).centreline_px for view in biplane.views]
         cameras = [biplane.imaging.camera(view) for view in biplane.views]
         truth = biplane.lines_m(biplane.frame_s[index : index + 1])[0]
-        found = triangulate(cameras, np.stack(lines))
-        np.testing.assert_allclose(getattr(found, "points_m", found), truth, atol=1e-9)
+        found = triangulate(cameras, np.stack(lines, axis=1))
+        np.testing.assert_allclose(found.points_m, truth, atol=1e-9)
         for view, line in zip(biplane.views, lines, strict=True):
             image = biplane.frame(index, view).image
             assert image.shape == (256, 256)

@@ -42,6 +42,11 @@ class Imaging(Protocol):
         """Of the pictures as recorded."""
         ...
 
+    @property
+    def exposure_s(self) -> float:
+        """How long the light of one picture is gathered."""
+        ...
+
     def camera(self, view: str) -> CameraModel:
         """How a view truly sees; world = base frame."""
         ...
@@ -110,6 +115,11 @@ class CameraImaging:
     def jpeg_quality(self) -> int:
         """Of the pictures as recorded."""
         return self.scene.jpeg_quality
+
+    @property
+    def exposure_s(self) -> float:
+        """The shutter's time."""
+        return self.scene.exposure_s
 
     def camera(self, view: str = "camera") -> CameraModel:
         """How it truly sees; world = base frame."""
@@ -197,6 +207,11 @@ class XrayImaging:
     def jpeg_quality(self) -> int:
         """Of the pictures as recorded."""
         return self.settings.jpeg_quality
+
+    @property
+    def exposure_s(self) -> float:
+        """The pulse's time."""
+        return self.scene.views[0].beam.pulse_s
 
     def camera(self, view: str) -> CameraModel:
         """How a view truly sees; world = base frame."""

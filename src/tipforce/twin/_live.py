@@ -49,7 +49,7 @@ class _LiveSource(TwinBench):
 
     def _delays_ns(self) -> tuple[int, ...]:
         clock = self.settings.world.clock
-        picture = 0.5 * self.scene.exposure_s + clock.camera_delay_s
+        picture = 0.5 * self.imaging.exposure_s + clock.camera_delay_s
         delays = (clock.force_delay_s, clock.drive_delay_s, clock.drive_delay_s, picture)
         return tuple(round(1e9 * delay) for delay in delays)
 
@@ -57,7 +57,7 @@ class _LiveSource(TwinBench):
     def _needs(self) -> tuple[IntArray, ...]:
         """By stream: how many instants of the course must have happened for each event."""
         readings = self.readings
-        low, _ = self._place(self.frame_s + 0.5 * self.scene.exposure_s)
+        low, _ = self._place(self.frame_s + 0.5 * self.imaging.exposure_s)
         settled = (readings.need_force, readings.stage.need, readings.joints.need)
         return *(need + 2 for need in settled), low + 2
 
