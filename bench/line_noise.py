@@ -85,7 +85,7 @@ def line_errors(seen: np.ndarray, true: np.ndarray, width: int, height: int) -> 
 def session_errors(preset: str, seed: int, frames: int, number: int) -> dict[str, Any]:
     """Errors (k, POINTS + 1) in px of the frames that were seen rightly, their numbers (k,), and how many were not."""
     bench = TwinBench(PRESETS[preset], seed, number)
-    quality, camera = bench.scene.jpeg_quality, bench.renderer.camera
+    quality, camera = bench.imaging.scene.jpeg_quality, bench.imaging.renderer.camera
     first = [through_jpeg(bench.frame(k).image, quality) for k in range(0, 50, 5)]
     try:
         vision = Vision(settle(VisionSettings(base_side="left"), first))

@@ -57,7 +57,7 @@ def test_a_sample_is_what_importing_the_recording_would_give(made, tmp_path):
     angle = float(bench.context.notes["sensor_angle_deg"])
     record(
         bench, path, sensor=SensorPose(angle, "tip-on-tissue"), tare=(0.0, 2.0), clock=SimulatedClock(),
-        offset_ms=WANTED.offset_ms(bench, 1), jpeg_quality=bench.scene.jpeg_quality,
+        offset_ms=WANTED.offset_ms(bench, 1), jpeg_quality=bench.imaging.jpeg_quality,
     )  # fmt: skip
     own = data.subset(data.session == bench.name)
     with RecordingReader(path) as reader:

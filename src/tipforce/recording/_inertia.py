@@ -16,7 +16,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from ..errors import InputError
-from ..types import BoolArray, FloatArray, IntArray
+from ..types import FloatArray, IntArray
 from ._facts import Inertia, Tare
 
 __all__ = ["StageCourse", "fit_inertia"]
@@ -61,13 +61,6 @@ class StageCourse:
             {name: np.array([values[name] for _, values in readings]) for name in names},
         )
 
-    def covers(self, stamp_ns: IntArray, margin_s: float) -> BoolArray:
-        """(n,): whether the accelerations of all moments within ``margin_s`` of a stamp are known well."""
-        seconds = (stamp_ns - self._start) * 1e-9
-        edge = margin_s + 0.5 * _WINDOW * _GRID_S
-        end = float(self._grid[-1]) if len(self._grid) else 0.0
-        return np.asarray((seconds >= edge) & (seconds <= end - edge), np.bool_)
-
     def acceleration(self, stamp_ns: IntArray, axes: Sequence[str]) -> FloatArray:
         """(n,) stamps on the stage's clock -> (n, axes) m/s^2; 0 outside of the stage's time."""
         seconds = (stamp_ns - self.start_ns) * 1e-9
@@ -91,9 +84,6 @@ def fit_inertia(
     """
     seconds = (stamps_ns - stamps_ns[0]) * 1e-9
     inside = (seconds >= stretch_s[0]) & (seconds <= stretch_s[1])
-    # at every lag that is tried, the stage must have been watched: else lags that ask for what nobody saw fit worse
-    watched = inside & stage.covers(stamps_ns, window_s)
-    inside = watched if watched.any() and float(np.ptp(seconds[watched])) >= 1.0 else inside
     span = float(np.ptp(seconds[inside])) if inside.any() else 0.0
     if span < 1.0:
         raise InputError(

@@ -170,7 +170,7 @@ def test_every_range_changes_the_scene():
         elif isinstance(value, tuple):
             other = tuple(sorted(type(x)(2 * x + (x == 0)) for x in value))
         else:
-            other = 1.5 * value
+            other = type(value)(1.5 * value)
         update = {"second_instrument": 1.0} | {name: other}
         assert scene_of(GENERALISE.model_copy(update=update), 3) != base, name
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...types import BoolArray, FloatArray, IntArray
 from .._bench import TwinBench
+from .._imaging import CameraImaging
 from .._settings import TwinSettings
 from .._sidecar import Truth
 from ..camera import Lens
@@ -65,12 +66,14 @@ def facts_of(source: Truth | TwinBench) -> Facts:
             curvature_per_m=source.curvature_per_m,
             knob_deg=source.knob_deg,
         )
+    if not isinstance(source.settings, TwinSettings) or not isinstance(source.imaging, CameraImaging):
+        raise ValueError(f"the bound is of what one camera sees; {source.settings.preset} is seen by X-ray")
     times, course = source.frame_s, source.session.course
     return Facts(
         session=source.name,
         settings=source.settings,
         rig=source.session.rig,
-        lens=source.scene.lens,
+        lens=source.imaging.scene.lens,
         stamp_ns=source.stamp_ns,
         force_n=source.at(course.contact.force_n, times),
         touch_m=source.at(course.contact.touch_m, times),
