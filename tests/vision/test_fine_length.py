@@ -6,7 +6,7 @@ import pytest
 from tipforce.types import Catheter, Context, Status
 from tipforce.vision import FineTracer, VisionSettings, in_session, settle
 
-from .conftest import load  # type: ignore[import-not-found]
+from .conftest import judge, load  # type: ignore[import-not-found]
 
 tubes = load("tubes")
 LENGTH = (260.0, 260.0)
@@ -17,22 +17,6 @@ SHEET = Context("monday", Catheter("test tube", 0.012, 0.234, 0.04), 1e-3, {"bas
 """274 px, of which the picture shows 97 %."""
 NO_METAL = tubes.Look(length=LENGTH, turning=0.12, electrode=190.0, electrode_length=40.0)
 """The metal end has the ground's own grey: only a faint lustre shows."""
-
-
-def judge(look: object, seeds: range, settings: VisionSettings) -> tuple[int, int]:
-    """Frames that are right, and frames that are wrong but valid."""
-    right = wrong = 0
-    for seed in seeds:
-        tube = tubes.draw(np.random.default_rng(seed), look)
-        sight = FineTracer(settings).see(tube.image)
-        if sight.centreline is None:
-            assert sight.status in (Status.CUT_OFF, Status.NO_CATHETER)
-            continue
-        away = tubes.distance_to_curve(sight.centreline.points, tube.curve).max()
-        fine = away < 2 and abs(tubes.tip_along(sight.centreline.points, tube)) < 5
-        right += fine
-        wrong += not fine
-    return right, wrong
 
 
 def test_an_end_of_the_grounds_own_grey_is_found_by_the_length() -> None:

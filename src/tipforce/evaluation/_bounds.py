@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ..dataset import Dataset
-from ..errors import InputError
 from ..types import BoolArray, FloatArray, IntArray
 from ._candidates import values_at
 from ._outcome import Outcome
@@ -31,14 +30,7 @@ def bound_at(dataset: Dataset, bounds: Mapping[str, tuple[IntArray, FloatArray]]
     ``bounds``: session -> stamps (m,) and (m, 3), as `twin.bound.ForceBound` has them (``stamp_ns`` and
     ``fx_fy_magnitude_n``). Raises InputError where no sample has one.
     """
-    found = values_at(dataset, bounds, 3)
-    if np.isnan(found).all():
-        ours, theirs = ", ".join(dataset.sessions[:5]), ", ".join(list(bounds)[:5]) or "none"
-        raise InputError(
-            f"no sample of {dataset.title} has a bound: its sessions are {ours}, the bounds are of {theirs}; "
-            "make them from the truth beside these recordings"
-        )
-    return found
+    return values_at(dataset, bounds, "bound", "make it from the truth beside these recordings")
 
 
 def bound_figures(outcome: Outcome, bound_n: FloatArray, contact_angle_deg: FloatArray | None = None) -> dict[str, Any]:

@@ -49,22 +49,18 @@ def truth_at(dataset: Dataset, truths: Mapping[str, tuple[IntArray, FloatArray]]
 
     ``truths``: session -> stamps (m,) and forces (m, 3) in the base frame. Raises InputError where no sample has one.
     """
-    found = values_at(dataset, truths, 3)
-    if np.isnan(found).all():
-        ours, theirs = ", ".join(dataset.sessions[:5]), ", ".join(list(truths)[:5]) or "none"
-        raise InputError(
-            f"no sample of {dataset.title} has a truth: its sessions are {ours}, the truth is of {theirs}; "
-            "give --truth the folder that `tipforce simulate` wrote for these data"
-        )
-    return found
+    remedy = "give --truth the folder that `tipforce simulate` wrote for these data"
+    return values_at(dataset, truths, "truth", remedy)
 
 
-def values_at(dataset: Dataset, values: Mapping[str, tuple[IntArray, FloatArray]], width: int) -> FloatArray:
-    """(n, width): of every sample, what ``values`` (session -> stamps (m,), rows (m, width)) hold at its stamp.
+def values_at(
+    dataset: Dataset, values: Mapping[str, tuple[IntArray, FloatArray]], what: str, remedy: str
+) -> FloatArray:
+    """(n, 3): of every sample, what ``values`` (session -> stamps (m,), rows (m, 3)) hold at its stamp.
 
-    NaN where they hold nothing within 5 ms.
+    NaN where they hold nothing within 5 ms. Raises InputError, which calls them ``what``, where no sample has any.
     """
-    found = np.full((len(dataset), width), np.nan)
+    found = np.full((len(dataset), 3), np.nan)
     for session, (stamps, rows_there) in values.items():
         rows = np.flatnonzero(dataset.session == session)
         if not len(rows) or not len(stamps):
@@ -76,6 +72,11 @@ def values_at(dataset: Dataset, values: Mapping[str, tuple[IntArray, FloatArray]
         nearest = np.where(np.abs(stamps[before] - wanted) <= np.abs(stamps[after] - wanted), before, after)
         near = np.abs(stamps[nearest] - wanted) <= _NEAR_NS
         found[rows[near]] = rows_there[nearest[near]]
+    if np.isnan(found).all():
+        ours, theirs = ", ".join(dataset.sessions[:5]), ", ".join(list(values)[:5]) or "none"
+        raise InputError(
+            f"no sample of {dataset.title} has a {what}: its sessions are {ours}, the {what} is of {theirs}; {remedy}"
+        )
     return found
 
 

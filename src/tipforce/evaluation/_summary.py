@@ -92,6 +92,7 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
             "seed": evaluation.seed,
             "samples": evaluation.samples,
             "folds": evaluation.folds,
+            "every": evaluation.every,
             "rows": [_row(row, evaluation) for row in evaluation.rows],
             "methods": {
                 candidate.label: {

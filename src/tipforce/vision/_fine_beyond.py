@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from ._fine_fit import fit_spline, spline_at
-from ._fine_pixels import fast, grey_between, measure_pair
+from ._fine_pixels import add_station, fast, grey_between, measure_pair
 from ._fine_strip import (
     BEHIND,
     BINS,
@@ -122,13 +122,7 @@ def _add_stations(
             continue
         if abs(off) > reach:
             continue
-        stations[n, 0] = pu + off * nu
-        stations[n, 1] = pv + off * nv
-        stations[n, 2] = s0 + s
-        stations[n, 3] = 2.0 * half
-        stations[n, 4] = weight
-        stations[n, 5] = 2.0
-        n += 1
+        n = add_station(stations, n, pu + off * nu, pv + off * nv, s0 + s, half, weight)
     return n
 
 

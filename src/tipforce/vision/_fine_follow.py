@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ._fine_pixels import fast
+from ._fine_pixels import add_station, fast
 from ._fine_strip import (
     BEHIND,
     BINS,
@@ -140,13 +140,8 @@ def _go_straight(
         if n == stations.shape[0]:
             break
         s = (goal - last) * k / count
-        stations[n, 0] = u + (back + s) * math.cos(angle)
-        stations[n, 1] = v + (back + s) * math.sin(angle)
-        stations[n, 2] = last + s
-        stations[n, 3] = 2.0 * half
-        stations[n, 4] = _WEIGHT
-        stations[n, 5] = 2.0
-        n += 1
+        way_u, way_v = (back + s) * math.cos(angle), (back + s) * math.sin(angle)
+        n = add_station(stations, n, u + way_u, v + way_v, last + s, half, _WEIGHT)
     return n
 
 
@@ -213,11 +208,7 @@ def follow_to(
             halfway = angle + 0.5 * bend * s
             x = BLOCK * (b - BEHIND - 0.5)
             x = (way * x + 0.5 * arc * CELL * x * x) * cell
-            stations[n, 0] = u + s * math.cos(halfway) - x * math.sin(turned)
-            stations[n, 1] = v + s * math.sin(halfway) + x * math.cos(turned)
-            stations[n, 2] = s0 + s
-            stations[n, 3] = 2.0 * half
-            stations[n, 4] = _WEIGHT
-            stations[n, 5] = 2.0
-            n += 1
+            at_u = u + s * math.cos(halfway) - x * math.sin(turned)
+            at_v = v + s * math.sin(halfway) + x * math.cos(turned)
+            n = add_station(stations, n, at_u, at_v, s0 + s, half, _WEIGHT)
     return n, max(widest, goal - taken - _STRAIGHT_ON * half)

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._compile import STEADY, compiled_together
 
-__all__ = ["colour_between", "edge_near", "fast", "grey_at", "grey_between", "measure_pair"]
+__all__ = ["add_station", "colour_between", "edge_near", "fast", "grey_at", "grey_between", "measure_pair"]
 
 fast = compiled_together(__file__, "_fine*.py", STEADY)
 
@@ -183,3 +183,15 @@ def measure_pair(
     _read_side(pixels, row, channels, box, sign, u, v, nu, nv, first, n, scratch)
     right, right_drop = edge_near(scratch, n, first, half, reach, narrow, 0.55)
     return left, left_drop, right, right_drop
+
+
+@fast
+def add_station(stations: np.ndarray, n: int, u: float, v: float, s: float, half: float, weight: float) -> int:
+    """One more station of the second look, behind the first ``n``: at (u, v), arc length ``s``; returns n + 1."""
+    stations[n, 0] = u
+    stations[n, 1] = v
+    stations[n, 2] = s
+    stations[n, 3] = 2.0 * half
+    stations[n, 4] = weight
+    stations[n, 5] = 2.0
+    return n + 1
