@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
-from tipforce.errors import TipforceError
+from tipforce.errors import InputError, TipforceError
 
 QUICK = ["--set", "c=[10]", "--set", "epsilon=[0.01]", "--set", "sigma=[1]"]
 
@@ -174,4 +174,42 @@ def test_the_truth_of_the_simulated_bench_is_scored_beside_the_sensor(rows, tmp_
     for session in ("s0", "s2"):
         biases = (scores["by_session"][session]["quantities"]["y"]["bias_n"] for scores in (true, sensor))
         assert next(biases) - next(biases) == pytest.approx(0.03, abs=1e-9)
+    assert figures["bound"] is None
+    assert [note for note in figures["notes"] if note.startswith("No bound for 2 sessions: the error of seen")]
     assert "Against the truth" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
+
+
+def test_errors_on_the_simulated_bench_are_held_against_the_smallest_possible(tmp_path, monkeypatch):
+    from tipforce.twin import PRESETS, TwinBench, truth_of, truth_path, write_truth
+
+    preset = PRESETS["bench-2021"]
+    world = preset.world.model_copy(update={"seconds": 9.0})
+    lines = ["session,stamp_ns,shape_A1,shape_A2,shape_A3,shape_A4,knob_deg,fx_n,fy_n"]
+    (tmp_path / "runs").mkdir()
+    bench = TwinBench(preset.model_copy(update={"preset": "bench-2021 changed", "world": world}), 5, 0)
+    truth = truth_of(bench, np.arange(0, len(bench.frame_s), 3))
+    write_truth(truth, truth_path(tmp_path / "runs" / f"{bench.name}.mcap"))
+    for stamp, (fx, fy, _) in zip(truth.stamp_ns, truth.force_n, strict=True):
+        lines.append(f"{bench.name},{stamp},{0.1 * fx:.6f},{0.2 * fy:.6f},{fx:.6f},0.02,10,{fx:.6f},{fy:.6f}")
+    (tmp_path / "rows").mkdir()
+    (tmp_path / "rows" / "metadata.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    words = ("svr", "--data", tmp_path / "rows", "--truth", tmp_path / "runs", "--protocol", "random", *QUICK)
+    result = run(*words, "-o", tmp_path / "r")
+    assert result.exception is None, result.exception
+    figures = json.loads((tmp_path / "r" / "metrics.json").read_text(encoding="utf-8"))
+    held = figures["rows"][0]["against_bound"]
+    each, along = (held[way]["magnitude"]["all"] for way in ("one_frame", "all_frames"))
+    assert each["n"] == along["n"] > 2
+    assert 0 < each["ratio"] < along["ratio"]
+    assert "stiffness EI" in figures["bound"]["nuisances"][0]
+    assert (tmp_path / "r" / "figures" / "bound.svg").exists()
+
+    def judge(*_, bounds, **__):
+        raise InputError(f"bounds: {bounds}")
+
+    monkeypatch.setattr("tipforce.evaluation.evaluate", judge)
+    assert refusal(*words, "-o", tmp_path / "r", "--no-bound") == "bounds: None"
+
+
+def test_a_bound_needs_the_truth(rows, tmp_path):
+    assert "--truth" in refusal("svr", "--data", rows, "-o", tmp_path / "r", "--bound")

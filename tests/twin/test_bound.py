@@ -1,12 +1,26 @@
 """The bound of the twin's sessions: what it stands on, and how it answers to more and less knowledge."""
 
+import pickle
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tipforce.twin import PRESETS, TwinBench, TwinSettings, truth_of
-from tipforce.twin.bound import FORCES_N2, LASTING, MEASURED, SeenNoise, SessionBound, changed_lens, facts_of, seen_rows
+from tipforce.twin import PRESETS, TwinBench, TwinSettings, truth_of, truth_path, write_truth
+from tipforce.twin.bound import (
+    FORCES_N2,
+    LASTING,
+    MEASURED,
+    SeenNoise,
+    SessionBound,
+    bounds_beside,
+    changed_lens,
+    facts_of,
+    measured_on,
+    nuisances,
+    seen_rows,
+)
 from tipforce.twin.world.settings import ClockSettings, WorldSettings
 
 SHORT = TwinSettings(world=WorldSettings(seconds=9.0, tare_s=2.0, clock=ClockSettings(fps=8.0)))
@@ -108,6 +122,81 @@ def test_only_presets_that_were_measured_have_a_noise(bench):
     with pytest.raises(ValueError, match="preset 'mine'"):
         SessionBound.of(other)
     assert set(MEASURED) == set(FORCES_N2) == {"bench-2021", "generalise"} <= set(PRESETS)
+
+
+def test_sessions_of_another_length_look_like_their_presets_and_all_other_changes_do_not():
+    generalise = PRESETS["generalise"]
+    short = generalise.model_copy(
+        update={"preset": "generalise changed", "world": generalise.world.model_copy(update={"seconds": 20.0})}
+    )
+    assert measured_on(short) == "generalise"
+    assert measured_on({**short.model_dump(mode="json"), "seed": 1, "number": 2}) == "generalise"
+    assert measured_on(short.model_copy(update={"scale_error": 0.02})) is None
+    assert all(measured_on(settings) is None for name, settings in PRESETS.items() if name not in MEASURED)
+    assert measured_on({}) is None
+
+
+@pytest.fixture(scope="module")
+def truths(bench, tmp_path_factory):
+    """One session that has a bound, one of an X-ray preset, one of settings from elsewhere."""
+    folder, truth = tmp_path_factory.mktemp("truths"), truth_of(bench)
+    fluoro = {**PRESETS["fluoro"].model_dump(mode="json"), "seed": 0, "number": 0}
+    others = {"xray": fluoro, "strange": {**truth.settings, "tilt": 3.0}, "unwanted": truth.settings}
+    for name, settings in {"good": truth.settings, **others}.items():
+        write_truth(replace(truth, session=name, settings=settings), truth_path(folder / f"{name}.mcap"))
+    return sorted(folder.iterdir())
+
+
+def test_the_truths_beside_recordings_give_the_bounds_or_say_why_not(session, truths):
+    found = {each.session: each for each in bounds_beside(truths, ["good", "xray", "strange"], workers=1)}
+    assert list(found) == ["good", "strange", "xray"]
+    good = found["good"]
+    assert (good.preset, good.refused) == ("bench-2021", "")
+    np.testing.assert_array_equal(good.stamp_ns, session.stamp_ns)
+    np.testing.assert_allclose(good.contact_angle_deg, session.contact_angle_deg, rtol=1e-6)
+    learnt = FORCES_N2["bench-2021"]
+    for way, wanted in {
+        "one_frame": session.each((), learnt),
+        "all_frames": session.along((), learnt),
+        "one_frame_broad": session.each(),
+        "all_frames_broad": session.along(),
+    }.items():
+        np.testing.assert_allclose(good.std_n[way], wanted.fx_fy_magnitude_n, rtol=1e-4, atol=1e-9)
+    assert "measured on pictures of bench-2021 and generalise only, not of preset 'fluoro'" in found["xray"].refused
+    assert "tilt" in found["strange"].refused
+    assert not found["xray"].std_n
+
+
+class Crew(ThreadPoolExecutor):
+    """Threads in place of processes, which take seconds to start; what goes to and fro is sent as between processes."""
+
+    def __init__(self, workers, mp_context):
+        assert mp_context.get_start_method() == "spawn"
+        super().__init__(workers)
+
+    def map(self, work, todo):
+        work = pickle.loads(pickle.dumps(work))
+        return map(pickle.loads, super().map(lambda path: pickle.dumps(work(path)), todo))
+
+
+def test_several_processes_find_the_same_bounds_in_the_same_order(truths, monkeypatch):
+    monkeypatch.setattr("tipforce.twin.bound._beside.ProcessPoolExecutor", Crew)
+    steps = []
+    one = bounds_beside(truths, ["good", "xray"], workers=1)
+    several = bounds_beside(truths * 2, ["good", "xray"], workers=2, progress=lambda _, share: steps.append(share))
+    assert [each.session for each in several] == 2 * [each.session for each in one]
+    np.testing.assert_array_equal(several[0].std_n["all_frames"], one[0].std_n["all_frames"])
+    assert steps == pytest.approx(np.arange(1, 9) / 8)
+
+
+def test_a_bound_is_told_with_all_that_it_takes_for_unknown(session, truths):
+    (said,) = nuisances(bounds_beside(truths, ["good", "xray"], workers=1))
+    assert "bench-2021" in said
+    assert said.count(". ") == 0
+    for unknown in session.unknowns:
+        assert (unknown.name.replace(",", "") in said) == (unknown.group != "force"), unknown.name
+    assert "free length (0.58 mm)" in said
+    assert "73, 56, 5.6 mN" in said
 
 
 def test_a_knob_that_has_crossed_its_backlash_is_known_to_have(session):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from ._bounds import bounds_from
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._settings import SetOption, settings_from
 
@@ -38,6 +39,14 @@ def command(
     truth: Annotated[
         Path | None, typer.Option(help="Folder that simulate wrote: score against its hidden truth too.")
     ] = None,
+    bound: Annotated[
+        bool | None,
+        typer.Option(
+            "--bound/--no-bound",
+            help="With --truth: also tell how close each error comes to the smallest possible one (posterior "
+            "Cramer-Rao bound); half a second of a core for a minute's session. Default: yes.",
+        ),
+    ] = None,
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -62,6 +71,8 @@ def command(
     named = [model for model in models if model in ESTIMATORS and not Path(model).is_dir()]
     if settings and not named:
         raise InputError("--set changes the settings of a method that is named, such as svr; a saved model has its own")
+    if bound and truth is None:
+        raise InputError("--bound needs the truth: give --truth the folder that `tipforce simulate` wrote")
     candidates = candidates_from(
         models, {name: settings_from(ESTIMATORS[name].settings_type, settings) for name in named}
     )
@@ -70,6 +81,7 @@ def command(
     if truth is not None:
         true_n = truth_at(dataset, _truths(truth))
     with progress_bar() as report:
+        bounds = bounds_from(dataset, truth, report) if truth is not None and bound is not False else None
         result = evaluate(
             dataset,
             candidates,
@@ -79,6 +91,7 @@ def command(
             every=every,
             seed=seed,
             truth_n=true_n,
+            bounds=bounds,
             progress=report,
         )
         report("report", 1.0)

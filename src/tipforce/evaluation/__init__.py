@@ -1,6 +1,6 @@
 """Judging methods: metrics, protocols, the constant predictor, figures and the report."""
 
-from ._bounds import CONTACT_ANGLE_BINS_DEG, FORCE_BOUND_BINS_N, bound_at, bound_figures
+from ._bounds import CONTACT_ANGLE_BINS_DEG, FORCE_BOUND_BINS_N, WAYS, Bounds, bound_at, bound_figures
 from ._candidates import candidates_from, truth_at
 from ._constant import Constant
 from ._evaluate import evaluate
@@ -19,6 +19,8 @@ __all__ = [
     "FORCE_BINS_N",
     "FORCE_BOUND_BINS_N",
     "PROTOCOLS",
+    "WAYS",
+    "Bounds",
     "Candidate",
     "Constant",
     "Evaluation",

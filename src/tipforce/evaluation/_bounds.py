@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -9,26 +10,64 @@ import numpy as np
 
 from ..dataset import Dataset
 from ..types import BoolArray, FloatArray, IntArray
-from ._candidates import values_at
 from ._outcome import Outcome
+from ._stamps import values_at
 
-__all__ = ["CONTACT_ANGLE_BINS_DEG", "FORCE_BOUND_BINS_N", "bound_at", "bound_figures"]
+__all__ = ["CONTACT_ANGLE_BINS_DEG", "FORCE_BOUND_BINS_N", "WAYS", "Bounds", "bound_at", "bound_figures"]
 
 CONTACT_ANGLE_BINS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 """Edges of the bins of the angle between the tip's axis and the direction into the tissue."""
 FORCE_BOUND_BINS_N = (0.01, 0.05, 0.1, 0.2, 0.35)
 """Edges of the bins of the force's magnitude in which ratios to the bound are told; contact begins at the first."""
 
+WAYS = {
+    "one_frame": "one frame",
+    "all_frames": "all frames until then",
+    "one_frame_broad": "one frame, forces unknown",
+    "all_frames_broad": "all frames, forces unknown",
+}
+"""What a bound has seen and knows of the preset's forces beforehand, and how that is called in a report."""
+
 _GAUSS_MEDIAN = 0.6744897501960817
 """Median of the absolute value of a Gaussian, over its standard deviation."""
 _QUANTITIES = ("x", "y", "magnitude")
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """The smallest possible errors of all samples of a dataset, and what they take for unknown.
+
+    ``std_n``: one of `WAYS` -> (n, 3), see `bound_at`; ``contact_angle_deg`` (n,). ``nuisances``: sentences without
+    which no bound may be told; ``notes``: for which sessions there is none, and why.
+    """
+
+    std_n: Mapping[str, FloatArray]
+    contact_angle_deg: FloatArray
+    nuisances: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        count = len(self.contact_angle_deg)
+        for way, std in self.std_n.items():
+            if way not in WAYS or std.shape != (count, 3):
+                ways = ", ".join(WAYS)
+                raise ValueError(f"std_n: expected some of {ways}, of shape {(count, 3)}; got {way!r}, {std.shape}")
+
+    def at(self, places: IntArray) -> "Bounds":
+        """Of the samples at ``places`` only."""
+        std = {way: values[places] for way, values in self.std_n.items()}
+        return replace(self, std_n=std, contact_angle_deg=self.contact_angle_deg[places])
+
+    def figures(self, outcome: Outcome) -> dict[str, Any]:
+        """Way -> `bound_figures` of the outcome, which must be scored against the truth."""
+        return {way: bound_figures(outcome, std, self.contact_angle_deg) for way, std in self.std_n.items()}
 
 
 def bound_at(dataset: Dataset, bounds: Mapping[str, tuple[IntArray, FloatArray]]) -> FloatArray:
     """(n, 3): of every sample the bound on fx, fy and the magnitude, standard deviations in newtons; NaN: none known.
 
     ``bounds``: session -> stamps (m,) and (m, 3), as `twin.bound.ForceBound` has them (``stamp_ns`` and
-    ``fx_fy_magnitude_n``). Raises InputError where no sample has one.
+    ``fx_fy_magnitude_n``); more columns come too. Raises InputError where no sample has one.
     """
     return values_at(dataset, bounds, "bound", "make it from the truth beside these recordings")
 
@@ -37,9 +76,10 @@ def bound_figures(outcome: Outcome, bound_n: FloatArray, contact_angle_deg: Floa
     """Errors over their bounds, for x, y and magnitude: frames in contact that were answered and have a bound.
 
     ``bound_n`` (len(dataset), 3): see `bound_at`; ``contact_angle_deg`` (len(dataset),). Each ratio is the median of
-    |error| / bound, divided by a Gaussian's 0.674: 1 is what an efficient method reaches. Keys: ``x``, ``y`` and
-    ``magnitude``, each with ``all``, ``by_contact_angle`` and ``by_force``: ``n``, ``ratio``, ``median_error_n`` and
-    ``median_bound_n``.
+    |error| / bound, divided by a Gaussian's 0.674: 1 is what an efficient method reaches. ``rms_ratio``: root mean
+    square error over root mean square bound, which is what the bound bounds; a few large errors rule it. Keys: ``x``,
+    ``y`` and ``magnitude``, each with ``all``, ``by_contact_angle`` and ``by_force``: ``n``, ``ratio``, ``rms_ratio``,
+    ``median_error_n`` and ``median_bound_n``.
     """
     bound = bound_n[outcome.index]
     figures: dict[str, Any] = {}
@@ -70,10 +110,11 @@ def _binned(
 def _ratio(error: FloatArray, bound: FloatArray, use: BoolArray) -> dict[str, float | int]:
     """NaN where nothing is left."""
     if not use.any():
-        return {"n": 0, "ratio": math.nan, "median_error_n": math.nan, "median_bound_n": math.nan}
+        return {"n": 0} | dict.fromkeys(("ratio", "rms_ratio", "median_error_n", "median_bound_n"), math.nan)
     return {
         "n": int(use.sum()),
         "ratio": float(np.median(error[use] / bound[use])) / _GAUSS_MEDIAN,
+        "rms_ratio": float(np.sqrt(np.mean(error[use] ** 2) / np.mean(bound[use] ** 2))),
         "median_error_n": float(np.median(error[use])),
         "median_bound_n": float(np.median(bound[use])),
     }

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import BaseModel
 
 from ..dataset import Dataset
@@ -12,11 +11,9 @@ from ..errors import InputError
 from ..estimators import ESTIMATORS, create, load_model, read_manifest
 from ..types import FloatArray, IntArray
 from ._evaluation import Candidate
+from ._stamps import values_at
 
-__all__ = ["candidates_from", "truth_at", "values_at"]
-
-_NEAR_NS = 5_000_000
-"""A truth belongs to a sample when their stamps differ by no more: a quarter of a frame at 50 Hz."""
+__all__ = ["candidates_from", "truth_at"]
 
 
 def candidates_from(models: Sequence[str], settings: Mapping[str, BaseModel] | None = None) -> list[Candidate]:
@@ -51,33 +48,6 @@ def truth_at(dataset: Dataset, truths: Mapping[str, tuple[IntArray, FloatArray]]
     """
     remedy = "give --truth the folder that `tipforce simulate` wrote for these data"
     return values_at(dataset, truths, "truth", remedy)
-
-
-def values_at(
-    dataset: Dataset, values: Mapping[str, tuple[IntArray, FloatArray]], what: str, remedy: str
-) -> FloatArray:
-    """(n, 3): of every sample, what ``values`` (session -> stamps (m,), rows (m, 3)) hold at its stamp.
-
-    NaN where they hold nothing within 5 ms. Raises InputError, which calls them ``what``, where no sample has any.
-    """
-    found = np.full((len(dataset), 3), np.nan)
-    for session, (stamps, rows_there) in values.items():
-        rows = np.flatnonzero(dataset.session == session)
-        if not len(rows) or not len(stamps):
-            continue
-        after = np.clip(np.searchsorted(stamps, dataset.stamp_ns[rows]), 1, max(1, len(stamps) - 1))
-        before = after - 1
-        after = np.minimum(after, len(stamps) - 1)
-        wanted = dataset.stamp_ns[rows]
-        nearest = np.where(np.abs(stamps[before] - wanted) <= np.abs(stamps[after] - wanted), before, after)
-        near = np.abs(stamps[nearest] - wanted) <= _NEAR_NS
-        found[rows[near]] = rows_there[nearest[near]]
-    if np.isnan(found).all():
-        ours, theirs = ", ".join(dataset.sessions[:5]), ", ".join(list(values)[:5]) or "none"
-        raise InputError(
-            f"no sample of {dataset.title} has a {what}: its sessions are {ours}, the {what} is of {theirs}; {remedy}"
-        )
-    return found
 
 
 def _saved(folder: str) -> Candidate:

@@ -1,6 +1,7 @@
 """Judging methods on data: every protocol, every method, the constant predictor beside them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from ..dataset import Dataset, Protocol, Split, draw, splits, thin
 from ..errors import InputError
 from ..estimators import Progress
 from ..types import BoolArray, FloatArray
+from ._bounds import Bounds
 from ._constant import Constant
 from ._evaluation import AS_SAVED, PROTOCOLS, Candidate, Evaluation, Row
 from ._metrics import score
@@ -34,6 +36,7 @@ def evaluate(
     every: int = 1,
     seed: int = 0,
     truth_n: FloatArray | None = None,
+    bounds: Bounds | None = None,
     progress: Progress | None = None,
 ) -> Evaluation:
     """Train and score every candidate under every one of ``protocols`` (None: all that the data allow).
@@ -41,7 +44,8 @@ def evaluate(
     ``every``: of each session every so many-th frame is taken; methods that remember still see those between.
     ``samples``: as many are then drawn with ``seed``; under the protocol "thesis" from its sessions, 220 unless stated.
     ``truth_n`` (len(dataset), 3): the twin's truth in the base frame; scores against it stand beside those against the
-    sensor. Raises InputError where a protocol that was asked for cannot be run on these data, or none can be.
+    sensor; ``bounds``, of ``dataset`` too: how close each method's error against the truth comes to the smallest
+    possible. Raises InputError where a protocol that was asked for cannot be run on these data, or none can be.
     """
     if not candidates:
         raise InputError("there is no method to evaluate; name one, for example: tipforce evaluate svr --data runs/")
@@ -52,13 +56,18 @@ def evaluate(
         )
     if truth_n is not None and truth_n.shape != dataset.force_n.shape:
         raise ValueError(f"truth_n: expected shape {dataset.force_n.shape}, got {truth_n.shape}")
+    if bounds is not None and (truth_n is None or len(bounds.contact_angle_deg) != len(dataset)):
+        raise ValueError(
+            "bounds: expected those of all samples, beside truth_n: errors against the truth are held to them"
+        )
     everything = dataset
     whole_truth_n = truth_n
     dataset = thin(everything, every) if every != 1 else everything
     if samples is not None and "thesis" not in (protocols or ()):
         dataset = draw(dataset, samples, seed)
     if truth_n is not None:
-        truth_n = truth_n[places_in(everything, dataset)]
+        places = places_in(everything, dataset)
+        truth_n, bounds = truth_n[places], None if bounds is None else bounds.at(places)
     contact = _in_contact(dataset, truth_n)
     notes: list[str] = []
     plans: dict[Protocol, list[Split]] = {}
@@ -78,17 +87,18 @@ def evaluate(
             )
         except InputError as error:
             left_out(protocol, error)
+    judge = partial(_row, truth_n=truth_n, bounds=bounds)
     steps = _Steps(progress, sum(len(plan) for plan in plans.values()) * len(candidates))
     rows: list[Row] = []
     for protocol, plan in plans.items():
         try:
-            rows += _under(protocol, plan, candidates, dataset, everything, contact, truth_n, steps)
+            rows += _under(protocol, plan, candidates, dataset, everything, contact, judge, steps)
         except InputError as error:
             left_out(protocol, error)
     if not rows:
         raise refusals[next(name for name in PROTOCOLS if name in refusals)]
     for candidate in candidates:
-        row = _as_saved(candidate, dataset, everything, contact, truth_n, notes)
+        row = _as_saved(candidate, dataset, everything, contact, judge, notes)
         if row is not None:
             rows.append(row)
 
@@ -115,6 +125,7 @@ def evaluate(
         folds=folds,
         every=every,
         truth_n=whole_truth_n,
+        bounds=bounds,
     )
 
 
@@ -125,7 +136,7 @@ def _under(
     dataset: Dataset,
     everything: Dataset,
     contact: BoolArray,
-    truth_n: FloatArray | None,
+    judge: Callable[..., Row],
     steps: "_Steps",
 ) -> list[Row]:
     """The rows of one protocol: the candidates in their order, then the constant predictor."""
@@ -136,8 +147,8 @@ def _under(
         outcome, trained = run_splits(
             candidate.recipe, candidate.label, protocol, plan, dataset, everything, contact, progress
         )
-        rows.append(_row(outcome, constant, truth_n, trained))
-    return [*rows, _row(constant, constant, truth_n, fits)]
+        rows.append(judge(outcome, constant, trained))
+    return [*rows, judge(constant, constant, fits)]
 
 
 class _Steps:
@@ -166,10 +177,21 @@ def _in_contact(dataset: Dataset, truth_n: FloatArray | None) -> BoolArray:
     return np.where(np.isfinite(magnitude), magnitude, dataset.magnitude_n) > CONTACT_N
 
 
-def _row(outcome: Outcome, constant: Outcome | None, truth_n: FloatArray | None, fits: Sequence[Trained] = ()) -> Row:
-    fallback = None if constant is None else constant.magnitude_n
-    true_figures = None if truth_n is None else score(against(outcome, truth_n))
-    return Row(outcome, score(outcome, fallback), true_figures, tuple(fits))
+def _row(
+    outcome: Outcome,
+    constant: Outcome | None,
+    fits: Sequence[Trained] = (),
+    *,
+    truth_n: FloatArray | None,
+    bounds: Bounds | None,
+) -> Row:
+    """The outcome scored against the sensor and, where they are known, against the truth and the bounds."""
+    figures = score(outcome, None if constant is None else constant.magnitude_n)
+    if truth_n is None:
+        return Row(outcome, figures, fits=tuple(fits))
+    true = against(outcome, truth_n)
+    held = None if bounds is None or not bounds.std_n else bounds.figures(true)
+    return Row(outcome, figures, score(true), held, tuple(fits))
 
 
 def _as_saved(
@@ -177,7 +199,7 @@ def _as_saved(
     dataset: Dataset,
     everything: Dataset,
     contact: BoolArray,
-    truth_n: FloatArray | None,
+    judge: Callable[..., Row],
     notes: list[str],
 ) -> Row | None:
     """The saved model on the sessions it was not trained on; adds to ``notes`` why some or all were left out."""
@@ -198,4 +220,4 @@ def _as_saved(
         )
     index = np.flatnonzero(~np.isin(dataset.session, seen))
     found = answers(candidate.saved, dataset, index, everything)
-    return _row(gather(candidate.label, AS_SAVED, AS_SAVED, dataset, index, found, contact), None, truth_n)
+    return judge(gather(candidate.label, AS_SAVED, AS_SAVED, dataset, index, found, contact), None)

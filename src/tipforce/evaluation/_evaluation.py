@@ -6,6 +6,7 @@ from typing import Any
 from ..dataset import Dataset, Protocol
 from ..estimators import Estimator
 from ..types import FloatArray
+from ._bounds import Bounds
 from ._outcome import Outcome
 from ._protocols import Trained
 
@@ -40,11 +41,12 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One line of the table: a method under a protocol, against the sensor and, where it is known, the truth."""
+    """One line of the table: a method under a protocol, against the sensor and, where known, truth and bound."""
 
     outcome: Outcome
     figures: dict[str, Any]
     truth_figures: dict[str, Any] | None = None
+    bound_figures: dict[str, Any] | None = None
     fits: tuple[Trained, ...] = ()
 
     @property
@@ -70,7 +72,7 @@ class Evaluation:
     ``rows``: by protocol, within it the candidates in their order and the constant predictor last. ``fitted``: method
     -> its answers on the part it was trained on (thesis fig. 24). ``timing``: method -> microseconds a frame.
     ``notes``: what could not be done, and why. ``dataset``: the samples that were scored, drawn from ``everything``;
-    ``truth_n`` (len(everything), 3) or None.
+    ``truth_n`` (len(everything), 3) or None; ``bounds``: of ``dataset``, or None.
     """
 
     dataset: Dataset
@@ -85,6 +87,7 @@ class Evaluation:
     folds: int | None
     every: int = 1
     truth_n: FloatArray | None = field(default=None, repr=False)
+    bounds: Bounds | None = field(default=None, repr=False)
 
     def row(self, method: str, protocol: str) -> Row | None:
         """The line of one method under one protocol, None where there is none."""

@@ -37,7 +37,24 @@ def report_lines(figures: dict[str, Any]) -> list[str]:
         )
     first = max(len(cells[0]) for cells in table)
     lines = [_line(_HEAD, first), *(_line(cells, first) for cells in table)]
-    return [" ".join(figures["verdict"]), *figures["notes"], "", *lines, ""]
+    return [" ".join(figures["verdict"]), *figures["notes"], "", *lines, "", *_bound_lines(figures)]
+
+
+def _bound_lines(figures: dict[str, Any]) -> list[str]:
+    """Each method's error over the smallest possible under the strictest protocol, and what that takes for unknown."""
+    if figures["bound"] is None:
+        return []
+    fixed, lines = FILTERS["fixed"], list[str]()
+    for row in figures["rows"]:
+        held = row["against_bound"]
+        if held is None or row["protocol"] != figures["strictest_protocol"] or row["method"] == Constant.name:
+            continue
+        ratios = [
+            f"{fixed(held[way]['magnitude']['all']['ratio'], 2)} ({name})"
+            for way, name in figures["bound"]["ways"].items()
+        ]
+        lines.append(f"{row['method']}, magnitude, error over the smallest possible: {', '.join(ratios)}")
+    return [*lines, *figures["bound"]["nuisances"], ""]
 
 
 def _line(cells: tuple[str, ...], first: int) -> str:

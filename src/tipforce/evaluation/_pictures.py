@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from ..types import FloatArray
 from ._constant import Constant
 from ._evaluation import BY_SESSION, Evaluation, Row
+from ._figure_bound import figure_bound
 from ._figures import figure_23a, figure_23b, figure_24
 from ._figures_beyond import figure_residuals, figure_sessions, figure_splits, figure_trace, typical_session
 from ._outcome import CONTACT_N, Outcome, gather
@@ -15,7 +16,7 @@ from ._protocols import answers, places_in
 from ._style import METHOD_COLOURS, page_svg, standalone_svg, to_svg
 from ._wording import WORDS
 
-__all__ = ["Picture", "method_pictures", "overview"]
+__all__ = ["Picture", "bound_picture", "method_pictures", "overview"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,23 @@ def overview(evaluation: Evaluation) -> Picture:
         "of one recording leak into a random split; only the sessions never seen show what a new recording will get."
     )
     return _picture("splits", caption, figure_splits(maes, evaluation.protocols))
+
+
+def bound_picture(evaluation: Evaluation) -> Picture | None:
+    """All methods' errors over their bounds under the strictest protocol; None where nothing has a bound."""
+    rows = [row for row in evaluation.rows if row.protocol == evaluation.honest and row.bound_figures]
+    held = {row.method: row.bound_figures or {} for row in rows}
+    quantities = [
+        name for name in ("magnitude", "x", "y") if any(f["one_frame"][name]["all"]["n"] for f in held.values())
+    ]
+    if not quantities:
+        return None
+    caption = (
+        "Median of error over bound in each bin, divided by the 0.674 of a Gaussian; forces of the preset known "
+        "beforehand. One frame: the measure of a method that sees each picture on its own. All frames until then: of "
+        "one that remembers. Bins of fewer than 10 samples are left out."
+    )
+    return _picture("bound", caption, figure_bound(held, quantities))
 
 
 def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:

@@ -11,6 +11,7 @@ import numpy as np
 from .. import __version__
 from ..types import ShapeFeatures
 from ..units import newtons_to_grams
+from ._bounds import WAYS
 from ._constant import Constant
 from ._evaluation import BY_SESSION, Evaluation, Row
 from ._features import five_samples
@@ -75,7 +76,7 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
             "verdict": verdict(evaluation),
             "best_method": best_method(evaluation),
             "strictest_protocol": evaluation.honest,
-            "notes": evaluation.notes,
+            "notes": [*evaluation.notes, *(evaluation.bounds.notes if evaluation.bounds else ())],
             "data": {
                 "title": data.title,
                 "samples": len(data),
@@ -89,6 +90,7 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
                 "fingerprint": evaluation.everything.fingerprint(),
                 "truth": evaluation.truth_n is not None,
             },
+            "bound": _bound(evaluation),
             "seed": evaluation.seed,
             "samples": evaluation.samples,
             "folds": evaluation.folds,
@@ -111,6 +113,14 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
             "machine": f"{platform.system()} {platform.machine()}",
         }
     )  # fmt: skip
+
+
+def _bound(evaluation: Evaluation) -> dict[str, Any] | None:
+    """What the bounds that errors were held against have seen, and what they take for unknown."""
+    bounds = evaluation.bounds
+    if bounds is None or not bounds.std_n:
+        return None
+    return {"ways": {way: WAYS[way] for way in bounds.std_n}, "nuisances": bounds.nuisances}
 
 
 def _interval_basis(evaluation: Evaluation, method: str) -> str | None:
@@ -139,6 +149,7 @@ def _row(row: Row, evaluation: Evaluation) -> dict[str, Any]:
         "splits": _splits(row),
         "against_sensor": row.figures,
         "against_truth": row.truth_figures,
+        "against_bound": row.bound_figures,
     }
 
 

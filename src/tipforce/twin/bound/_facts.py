@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from ...types import BoolArray, FloatArray, IntArray
 from .._bench import TwinBench
@@ -47,10 +48,19 @@ class Facts:
 
 
 def facts_of(source: Truth | TwinBench) -> Facts:
-    """Of a session's truth, or of the bench itself, which need not draw a single picture for it."""
+    """Of a session's truth, or of the bench itself, which need not draw a single picture for it.
+
+    Raises ValueError for X-ray sessions, and for a truth of settings that are not those of this version.
+    """
     if isinstance(source, Truth):
         stated = {name: value for name, value in source.settings.items() if name not in ("seed", "number")}
-        settings = TwinSettings.model_validate(stated)
+        try:
+            settings = TwinSettings.model_validate(stated)
+        except ValidationError as error:
+            key = ".".join(str(part) for part in error.errors()[0]["loc"])
+            raise ValueError(
+                f"its truth was made with settings that one camera's bench does not have ({key})"
+            ) from None
         values: Mapping[str, Any] = source.values
         draw = Draw(device=Device(**_part(Device, values)), **_part(Draw, values))
         return Facts(

@@ -1,13 +1,17 @@
 """What was measured on the presets: the error of seen centrelines, and what forces there are."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ...mechanics import LineNoise
 from ...types import FloatArray
+from .._ranges import Settings
+from .._settings import PRESETS
 
-__all__ = ["FORCES_N2", "MEASURED", "SeenNoise"]
+__all__ = ["FORCES_N2", "MEASURED", "SeenNoise", "measured_on"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,3 +60,23 @@ FORCES_N2: dict[str, FloatArray] = {
 }
 """(3, 3) by preset: covariance of the force in contact, base frame, over sessions 40 to 79 of seed 0: what those know
 beforehand who have learnt from other sessions what forces there are. ``python -m bench.bound`` measures it."""
+
+
+def measured_on(settings: Settings | Mapping[str, Any]) -> str | None:
+    """The preset on whose pictures `MEASURED` stands for those of ``settings``; None where that was not measured.
+
+    ``settings`` as they are or as a truth states them. Sessions of another length look the same.
+
+    >>> measured_on(PRESETS["generalise"])
+    'generalise'
+    """
+    stated = settings.model_dump(mode="json") if isinstance(settings, Settings) else settings
+    if stated.get("preset") in MEASURED:
+        return str(stated["preset"])
+    return next((name for name in MEASURED if _look(stated) == _look(PRESETS[name].model_dump(mode="json"))), None)
+
+
+def _look(stated: Mapping[str, Any]) -> dict[str, Any]:
+    """What a session's pictures and forces are drawn from."""
+    look = {name: value for name, value in stated.items() if name not in ("preset", "seed", "number")}
+    return look | {"world": {name: value for name, value in look.get("world", {}).items() if name != "seconds"}}

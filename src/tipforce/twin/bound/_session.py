@@ -12,7 +12,7 @@ from ...types import BoolArray, FloatArray, IntArray, frozen
 from .._bench import TwinBench
 from .._sidecar import Truth
 from ._facts import facts_of
-from ._noise import MEASURED, SeenNoise
+from ._noise import MEASURED, SeenNoise, measured_on
 from ._rows import seen_rows
 from ._unknowns import LASTING, Unknown, unknowns_of
 
@@ -78,15 +78,18 @@ class SessionBound:
     def of(cls, source: Truth | TwinBench, noise: SeenNoise | None = None) -> Self:
         """Of a session of the twin. ``noise``: of the seen line; None: what was measured on its preset.
 
-        Raises ValueError where nothing was measured on pictures of its preset, and where the tissue touches the shaft's
-        side too.
+        Raises ValueError where nothing was measured on pictures of its preset and no ``noise`` is given, where they are
+        X-ray pictures, and where the tissue touches the shaft's side too.
         """
-        preset = source.settings.preset if isinstance(source, TwinBench) else str(source.settings["preset"])
-        if noise is None and preset not in MEASURED:
-            raise ValueError(
-                f"no error of seen centrelines was measured for preset {preset!r}; give `noise`, "
-                f"or use one of {', '.join(MEASURED)}"
-            )
+        preset = measured_on(source.settings)
+        if noise is None:
+            if preset is None:
+                name = source.settings.preset if isinstance(source, TwinBench) else source.settings.get("preset")
+                raise ValueError(
+                    f"the error of seen centrelines was measured on pictures of {' and '.join(MEASURED)} only, "
+                    f"not of preset {str(name)!r}"
+                )
+            noise = MEASURED[preset]
         facts = facts_of(source)
         settings = facts.settings
         if settings.world.wall.side_stiffness_n_per_m2 > 0:
@@ -109,7 +112,7 @@ class SessionBound:
             unknowns=unknowns,
             slopes=slopes,
             arc_m=arc,
-            noise=noise or MEASURED[preset],
+            noise=noise,
         )
 
     def each(self, known: Iterable[str] = (), force_n2: FloatArray | None = None) -> ForceBound:
