@@ -74,11 +74,14 @@ def direct_light(
     blocks[:] = none
     mean = np.float32(1.0 / (BLOCK * BLOCK))
     for v in range(h):
-        a, b = chest[v + i], chest[v + i + 1]
+        # Slices, and few of them in a loop: an index that might be negative keeps the compiler from vector code.
+        a, b = chest[v + i, j : j + w], chest[v + i, j + 1 : j + w + 1]
+        c, d = chest[v + i + 1, j : j + w], chest[v + i + 1, j + 1 : j + w + 1]
         base, veil, tube, out = still[v], soft[v], taken[v], light[v]
         for u in range(w):
-            x = w00 * a[u + j] + w01 * a[u + j + 1] + w10 * b[u + j] + w11 * b[u + j + 1]
-            x = min(max((x + base[u] + veil[u]) * over, -half), half)
+            out[u] = w00 * a[u] + w01 * b[u] + w10 * c[u] + w11 * d[u]
+        for u in range(w):
+            x = min(max((out[u] + base[u] + veil[u]) * over, -half), half)
             out[u] = left_of(x) * (one - tube[u])
         row = blocks[v // BLOCK]
         for k in range(row.size):

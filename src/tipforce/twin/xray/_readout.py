@@ -111,6 +111,7 @@ def read_out(
         for u in range(w):
             row[u] = min(np.sqrt(max(values[u] + sigma * row[u] + line, none)) * scale, last)
         for u in range(w):
-            k = int(row[u])
-            part = row[u] - np.float32(k)
-            out[u] = int(levels[k] + (levels[k + 1] - levels[k]) * part + half)
+            k = np.int32(row[u])
+            part, at = row[u] - np.float32(k), np.uint32(k)
+            below, above = levels[at], levels[at + np.uint32(1)]
+            out[u] = np.int32(below + (above - below) * part + half)

@@ -376,11 +376,12 @@ def fold_instant(drawn: Picture, spans: IntArray, mean: Picture, weight: float) 
     """Add ``weight`` times what ``drawn`` takes from the light, 1 - exp(-drawn), to ``mean``; empty ``drawn``."""
     share, over = np.float32(weight), np.float32(1.0 / 64.0)
     for v in range(drawn.shape[0]):
-        row, out = drawn[v], mean[v]
-        for u in range(spans[v, 0], spans[v, 1]):
-            x = row[u] * over
-            out[u] += share * (np.float32(1.0) - left_of(x))
-            row[u] = np.float32(0.0)
+        first, end = spans[v, 0], spans[v, 1]
+        if first < end:
+            row, out = drawn[v, first:end], mean[v, first:end]
+            for u in range(row.size):
+                out[u] += share * (np.float32(1.0) - left_of(row[u] * over))
+                row[u] = np.float32(0.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
