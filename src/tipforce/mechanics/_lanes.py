@@ -2,16 +2,19 @@
 
 The mechanics are those of `_newton`, without springs. One load alone waits most of the time: each pivot of the
 tridiagonal Hessian needs the one before it. Here every row of the work array holds, for element after element, the
-numbers of all lanes, one lane a load, and every loop runs along a whole row. What one element needs of the next lies
-``width`` places off, so the compiler makes vector instructions of all of them, recurrences too. A row begins and ends
-with the zeros of an element that does not exist.
+numbers of all lanes, one lane a load. Where elements do not wait for each other, loops run along a whole row, and the
+compiler makes vector instructions of them; where one waits for the next, all lanes go together (`_octet`), from both
+ends of the rod at once. A row begins and ends with the zeros of an element that does not exist.
 """
+
+from typing import Any
 
 import numpy as np
 
 from .._compile import compiled_together
 from ..types import FloatArray
 from ._newton import Elastic, bending_density
+from ._octet import fma, inverse, larger, magnitude, minus, nothing, put, take, times
 from ._sincos import sincos
 
 __all__ = [
@@ -95,41 +98,91 @@ def evaluate(w: FloatArray, soft: float, lanes: tuple[float, ...]) -> None:
 
 @compiled
 def factorise(w: FloatArray, lanes: tuple[float, ...]) -> None:
-    """Hessian = L D L'; solves for Newton's step.
+    """Hessian = L D L', eliminated from both ends at once; solves for Newton's step.
 
-    ``lanes``: as many numbers as there are lanes. The compiler then knows how many, and may run over them at once.
+    Either end's chain of pivots has half the length, and one is reckoned while the other waits. FACTOR belongs to the
+    joint before an element. Off the diagonal stands minus the slope.
     """
-    width = len(lanes)
-    size = w.shape[1] - 2 * width
-    slope, diagonal, inverse, factor, step = w[SLOPE], w[DIAGONAL], w[INVERSE], w[FACTOR], w[STEP]
-    residual, lowest, longest = w[RESIDUAL], w[LOWEST], w[LONGEST]
-    # j: the element before, j + width: this one. Off the diagonal stands minus the slope.
-    for j in range(size):
-        residual[j + width] = max(residual[j], abs(step[j + width]))
-    for j in range(size):
-        inverse[j + width] = 1.0 / (diagonal[j + width] - slope[j + width] * slope[j + width] * inverse[j])
-    for j in range(size):
-        factor[j + width] = -slope[j + width] * inverse[j]
-    for j in range(size):
-        lowest[j + width] = max(lowest[j], -inverse[j + width])
-    _solve(w, STEP, lanes)
-    for j in range(size):
-        longest[j + width] = max(longest[j], abs(step[j + width]))
+    n = w.shape[1] // len(lanes) - 2
+    slope, diagonal, inverted, factor, step = w[SLOPE], w[DIAGONAL], w[INVERSE], w[FACTOR], w[STEP]
+    middle = n // 2 + 1
+    low = high = low_side = high_side = residual = nothing(lanes)
+    lowest = take(w[LOWEST], 0, lanes)  # what no pivot is below
+    for k in range(1, middle):
+        joint = take(slope, k, lanes)
+        share = times(joint, low)
+        low = inverse(fma(minus(joint), share, take(diagonal, k, lanes)))
+        side = take(step, k, lanes)
+        low_side = fma(share, low_side, side)
+        put(factor, k, share)
+        put(inverted, k, low)
+        put(step, k, low_side)
+        residual, lowest = larger(residual, magnitude(side)), larger(lowest, minus(low))
+        j = n + 1 - k
+        if j == middle:
+            continue
+        joint = take(slope, j + 1, lanes)
+        share = times(joint, high)
+        high = inverse(fma(minus(joint), share, take(diagonal, j, lanes)))
+        side = take(step, j, lanes)
+        high_side = fma(share, high_side, side)
+        put(factor, j + 1, share)
+        put(inverted, j, high)
+        put(step, j, high_side)
+        residual, lowest = larger(residual, magnitude(side)), larger(lowest, minus(high))
+    joint, other = take(slope, middle, lanes), take(slope, middle + 1, lanes)
+    share, part = times(joint, low), times(other, high)
+    both = inverse(fma(minus(joint), share, fma(minus(other), part, take(diagonal, middle, lanes))))
+    side = take(step, middle, lanes)
+    put(factor, middle, share)
+    put(factor, middle + 1, part)
+    put(inverted, middle, both)
+    put(step, middle, fma(share, low_side, fma(part, high_side, side)))
+    put(w[RESIDUAL], n, larger(residual, magnitude(side)))
+    put(w[LOWEST], n, larger(lowest, minus(both)))
+    put(w[LONGEST], n, _back(w, STEP, lanes))
 
 
 @compiled
 def _solve(w: FloatArray, row: int, lanes: tuple[float, ...]) -> None:
-    """Overwrite a row by the solution, with the factors of `factorise`."""
-    width = len(lanes)
-    size = w.shape[1] - 2 * width
-    side, factor, inverse = w[row], w[FACTOR], w[INVERSE]
-    for j in range(size):
-        side[j + width] -= factor[j + width] * side[j]
-    for j in range(size):
-        side[j + width] *= inverse[j + width]
-    for k in range(size):
-        j = size - 1 - k
-        side[j + width] -= factor[j + 2 * width] * side[j + 2 * width]
+    """Overwrite a row by the solution, with the factors of `factorise`; the largest of it goes into its SIZES."""
+    n = w.shape[1] // len(lanes) - 2
+    answer, factor = w[row], w[FACTOR]
+    middle = n // 2 + 1
+    low, high = nothing(lanes), nothing(lanes)
+    for k in range(1, middle):
+        low = fma(take(factor, k, lanes), low, take(answer, k, lanes))
+        put(answer, k, low)
+        j = n + 1 - k
+        if j == middle:
+            continue
+        high = fma(take(factor, j + 1, lanes), high, take(answer, j, lanes))
+        put(answer, j, high)
+    side = fma(take(factor, middle, lanes), low, take(answer, middle, lanes))
+    put(answer, middle, fma(take(factor, middle + 1, lanes), high, side))
+    put(w[SIZES + row - NEXT], n, _back(w, row, lanes))
+
+
+@compiled
+def _back(w: FloatArray, row: int, lanes: tuple[float, ...]) -> Any:
+    """The second half of a solution, from the middle to both ends; returns the largest of it."""
+    n = w.shape[1] // len(lanes) - 2
+    answer, factor, inverted = w[row], w[FACTOR], w[INVERSE]
+    middle = n // 2 + 1
+    low = times(take(answer, middle, lanes), take(inverted, middle, lanes))
+    put(answer, middle, low)
+    high, largest = low, magnitude(low)
+    for k in range(middle - 1, 0, -1):
+        low = fma(take(factor, k + 1, lanes), low, times(take(answer, k, lanes), take(inverted, k, lanes)))
+        put(answer, k, low)
+        largest = larger(largest, magnitude(low))
+        j = n + 1 - k
+        if j == middle:
+            continue
+        high = fma(take(factor, j, lanes), high, times(take(answer, j, lanes), take(inverted, j, lanes)))
+        put(answer, j, high)
+        largest = larger(largest, magnitude(high))
+    return largest
 
 
 @compiled
@@ -196,21 +249,20 @@ def _stiffen(w: FloatArray, soft: float, order: int, lanes: tuple[float, ...]) -
 
 @compiled
 def measure_way(w: FloatArray, lanes: tuple[float, ...]) -> None:
-    """Largest of each term of the next series, and how far its slope is off the one that the last series ends with."""
+    """How far the slope of the next series is off the one that the last series ends with, at most."""
     width = len(lanes)
-    size = w.shape[1] - 2 * width
-    own = slice(width, width + size)
-    for k in range(ORDER):
-        largest, term = w[SIZES + k], w[NEXT + k]
-        for j in range(size):
-            largest[j + width] = max(largest[j], abs(term[j + width]))
-    h, miss, one = w[CARRY, own], w[MISS], w[NEXT, own]
+    length = w.shape[1] - 2 * width
+    own = slice(width, width + length)
+    h, miss, one = w[CARRY, own], w[MISS, own], w[NEXT, own]
     w1, w2, w3, w4 = w[WAY, own], w[WAY + 1, own], w[WAY + 2, own], w[WAY + 3, own]
-    for j in range(size):
+    for j in range(length):
         slope = w1[j] + h[j] * (2.0 * w2[j] + h[j] * (3.0 * w3[j] + 4.0 * h[j] * w4[j]))
-        miss[j + width] = abs(one[j] - slope)
-    for j in range(size):
-        miss[j + width] = max(miss[j], miss[j + width])
+        miss[j] = abs(one[j] - slope)
+    n = length // width
+    largest = nothing(lanes)
+    for i in range(n):
+        largest = larger(largest, take(miss, i, lanes))
+    put(miss, n - 1, largest)
 
 
 @compiled
