@@ -1,24 +1,35 @@
-"""Numbers that go through one instruction together, in compiled loops: eight lanes as one, or a single lane.
+"""Eight numbers that go through one instruction together, as one number of compiled loops.
 
-Loops whose every turn needs the last one's result are made of these: the compiler keeps such a number in a register,
-where a row of eight would be written and read back between two turns. ``lanes``, a tuple of as many numbers as there
-are lanes, one or eight, tells which kind is meant; a single lane is a plain float.
+What a loop makes of such numbers stays in registers, where a row of eight would be written and read back between two
+turns, and nothing is left to the compiler's guess of which rows may overlap. ``lanes``, a tuple of as many numbers as
+there are lanes, one or eight, tells which kind is meant; a single lane is a plain float. Octets can be added,
+subtracted and multiplied as floats can.
 """
 
+import operator
 from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
 from numba import extending
 from numba.core import types
+from numba.core.typing import templates
 
-__all__ = ["fma", "inverse", "larger", "magnitude", "minus", "nothing", "put", "take", "times"]
+__all__ = [
+    "EIGHT", "alike", "choose", "fma", "inverse", "larger", "largest_of", "magnitude", "nothing", "put", "take",
+    "whole",
+]  # fmt: skip
+
+EIGHT = (0.0,) * 8
+"""For ``lanes``: eight of them."""
 
 _intrinsic: Any = extending.intrinsic
+_infer_global: Any = templates.infer_global
 _Build = Callable[[Any, Any, Any], Any]
 
-_LANES = 8
-_VECTOR = ir.VectorType(ir.DoubleType(), _LANES)
+_LANES = len(EIGHT)
+_INT = ir.IntType(32)
+_VECTOR, _ZEROS = ir.VectorType(ir.DoubleType(), _LANES), ir.VectorType(_INT, _LANES)
 
 
 class _Octet(types.Type):
@@ -48,11 +59,24 @@ def _low(kind: Any) -> Any:
 
 
 def _place(context: Any, builder: Any, array: Any, values: Any, kind: Any) -> Any:
-    """Where lanes of element ``i`` begin in a row, as a pointer to all of them."""
-    data = context.make_array(array)(context, builder, values[0]).data
-    width = 1 if kind == types.float64 else _LANES
-    first = builder.gep(data, [builder.mul(values[1], ir.Constant(ir.IntType(64), width))])
+    """Place ``j`` of a row, as a pointer to all lanes from there on."""
+    first = builder.gep(context.make_array(array)(context, builder, values[0]).data, [values[1]])
     return builder.bitcast(first, _low(kind).as_pointer())
+
+
+def _add_operator(symbol: Any, name: str) -> None:
+    class _Typed(templates.ConcreteTemplate):
+        cases = (templates.signature(_OCTET, _OCTET, _OCTET),)
+
+    def build(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        return getattr(builder, name)(*values)
+
+    _infer_global(symbol)(_Typed)
+    extending.lower_builtin(symbol, _OCTET, _OCTET)(build)
+
+
+for _symbol, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
+    _add_operator(_symbol, _name)
 
 
 @_intrinsic
@@ -67,25 +91,25 @@ def nothing(_: Any, lanes: Any) -> Any:
 
 
 @_intrinsic
-def take(_: Any, row: Any, i: Any, lanes: Any) -> Any:
-    """The lanes of element ``i`` of a contiguous row."""
+def take(_: Any, row: Any, j: Any, lanes: Any) -> Any:
+    """The lanes from place ``j`` of a contiguous row on."""
     kind = _kind(lanes)
 
     def build(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
         return builder.load(_place(context, builder, row, values, kind), align=8)
 
-    return (kind(row, types.int64, lanes), build) if isinstance(i, types.Integer) else None
+    return (kind(row, types.int64, lanes), build) if isinstance(j, types.Integer) else None
 
 
 @_intrinsic
-def put(_: Any, row: Any, i: Any, value: Any) -> Any:
-    """``value`` into the lanes of element ``i`` of a contiguous row."""
+def put(_: Any, row: Any, j: Any, value: Any) -> Any:
+    """``value`` to place ``j`` of a contiguous row and on."""
 
     def build(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
         builder.store(values[2], _place(context, builder, row, values, value), align=8)
         return context.get_dummy_value()
 
-    return (types.void(row, types.int64, value), build) if isinstance(i, types.Integer) else None
+    return (types.void(row, types.int64, value), build) if isinstance(j, types.Integer) else None
 
 
 def _call(builder: Any, name: str, kind: Any, values: Any) -> Any:
@@ -115,18 +139,6 @@ def fma(_: Any, a: Any, b: Any, c: Any) -> Any:
 
 
 @_intrinsic
-def times(_: Any, a: Any, b: Any) -> Any:
-    """``a`` ``b``."""
-    return _same(2, lambda builder, _, values: builder.fmul(*values), (a, b))
-
-
-@_intrinsic
-def minus(_: Any, a: Any) -> Any:
-    """-``a``."""
-    return _same(1, lambda builder, _, values: builder.fneg(*values), (a,))
-
-
-@_intrinsic
 def inverse(_: Any, a: Any) -> Any:
     """1 / ``a``."""
 
@@ -140,10 +152,57 @@ def inverse(_: Any, a: Any) -> Any:
 @_intrinsic
 def larger(_: Any, a: Any, b: Any) -> Any:
     """The larger one; ``b`` where that is not a number."""
-    return _same(2, lambda builder, _, values: builder.select(builder.fcmp_ordered(">=", *values), *values), (a, b))
+    return _same(2, lambda builder, _, values: builder.select(builder.fcmp_ordered(">", *values), *values), (a, b))
 
 
 @_intrinsic
 def magnitude(_: Any, a: Any) -> Any:
     """``a`` without its sign."""
     return _same(1, lambda builder, kind, values: _call(builder, "fabs", kind, values), (a,))
+
+
+@_intrinsic
+def whole(_: Any, a: Any) -> Any:
+    """The largest whole number that is not above ``a``."""
+    return _same(1, lambda builder, kind, values: _call(builder, "floor", kind, values), (a,))
+
+
+@_intrinsic
+def choose(_: Any, test: Any, a: Any, b: Any) -> Any:
+    """``a`` where ``test`` > 0, else ``b``."""
+
+    def build(builder: Any, kind: Any, values: Any) -> Any:
+        return builder.select(builder.fcmp_ordered(">", values[0], ir.Constant(_low(kind), None)), *values[1:])
+
+    return _same(3, build, (test, a, b))
+
+
+@_intrinsic
+def alike(_: Any, value: Any, like: Any) -> Any:
+    """A float, in every lane of what is of the kind of ``like``."""
+
+    def build(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        if like is not _OCTET:
+            return values[0]
+        empty = ir.Constant(_VECTOR, ir.Undefined)
+        first = builder.insert_element(empty, values[0], ir.Constant(_INT, 0))
+        return builder.shuffle_vector(first, empty, ir.Constant(_ZEROS, None))
+
+    return (like(types.float64, like), build) if isinstance(value, types.Float) else None
+
+
+@_intrinsic
+def largest_of(_: Any, octet: Any, lanes: Any) -> Any:
+    """The largest in each lane of eight places of a row: of a single lane, the largest of all eight."""
+    kind = _kind(lanes)
+
+    def build(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        if kind is _OCTET:
+            return values[0]
+        largest = builder.extract_element(values[0], ir.Constant(_INT, 0))
+        for k in range(1, _LANES):
+            other = builder.extract_element(values[0], ir.Constant(_INT, k))
+            largest = builder.select(builder.fcmp_ordered(">", largest, other), largest, other)
+        return largest
+
+    return kind(octet, lanes), build

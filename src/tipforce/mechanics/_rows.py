@@ -31,6 +31,7 @@ from ._lanes import (
     THETA,
     advance,
     compiled,
+    elements,
     energy_in,
     evaluate,
     factorise,
@@ -81,7 +82,7 @@ class _Course(NamedTuple):
 def _judge(w: FloatArray, c: _Course, lane: int, lanes: tuple[float, ...], small: float) -> int:
     """What has come of a lane; tells `advance` to make Newton's step where there is one. NaN is never plain."""
     width = len(lanes)
-    mine, tip = width + lane, w.shape[1] - 2 * width + lane
+    mine, tip = width + lane, elements(w, lanes) * width + lane
     firm, quiet, longest = w[LOWEST, tip] < 0.0, w[RESIDUAL, tip] <= small, w[LONGEST, tip]
     if c.phase[lane] == _START:
         return _ARRIVED if firm else _NOT_PLAIN
@@ -125,7 +126,7 @@ def _aim(w: FloatArray, c: _Course, lane: int, lanes: tuple[float, ...], step: f
 def _go_on(w: FloatArray, c: _Course, lane: int, lanes: tuple[float, ...]) -> int:
     """From a shape that was reached, if it is on the branch still: how long may the next step be."""
     width = len(lanes)
-    mine, tip = width + lane, w.shape[1] - 2 * width + lane
+    mine, tip = width + lane, elements(w, lanes) * width + lane
     if c.phase[lane] == _CORRECT:
         if not w[CARRY, mine] * w[MISS, tip] <= _MISMATCH:
             return _BACK
@@ -161,8 +162,8 @@ def _seat(
         w[PY, j] = w[REACH, j] * (load.fy + load.carried[i, 1])
         angle += k0[i] / w[SPAN, j]
         w[THETA, j] = start[i] if warm else angle
-        w[SHARE, j] = 1.0 if warm else 0.0
     w[MOMENT, j] = load.m
+    w[SHARE, width + lane] = 1.0 if warm else 0.0
     w[GO, width + lane] = w[CARRY, width + lane] = 0.0
     c.row[lane], c.phase[lane], c.steps[lane], c.tries[lane] = row, _WARM if warm else _START, 0, 0
     c.at[lane] = c.moved[lane] = 0.0
@@ -234,7 +235,7 @@ def settle_rows(
     own = 1 if k0.shape[0] > 1 else 0
     waiting, rest = 0, 0
     left = np.empty(rows, np.int64)
-    tip = w.shape[1] - 2 * width
+    tip = n * width
     for lane in range(width):
         c.row[lane] = -1
     while True:
