@@ -14,9 +14,9 @@ from numba import njit
 
 from ..._compile import STEADY
 from ...types import FloatArray, IntArray
-from .._columns import columns
 from ._left import left_of
 from ._profile import POINTS_PER_M, STEPS_PER_PX
+from ._slabs import add_slabs
 
 __all__ = ["add_tube", "fold_instant", "join_taken", "no_spans"]
 
@@ -235,114 +235,6 @@ def _part(nodes: FloatArray, discs: FloatArray) -> tuple[bool, bool]:
     return discs.max() > 0.0, discs.min() < 1.0
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
-def _add_slabs(
-    drawn: Picture,
-    spans: IntArray,
-    focal: float,
-    nodes: FloatArray,
-    discs: FloatArray,
-    radius_m: float,
-    table: Picture,
-    half_px: float,
-    reach_px: float,
-    amount: FloatArray,
-    size: FloatArray,
-) -> None:
-    """`add_tube` for tubes that are seen from the side: planes across the axis at the nodes part the pixels.
-
-    What changes along the tube is smeared over the aperture and over how far its discs lean.
-    """
-    h, w = drawn.shape
-    n = nodes.shape[0]
-    materials = table.shape[0]
-    last, top = table.shape[1] - 2, size.size - 2
-    active = np.empty(materials, np.int64)
-    s = 0.0
-    for i in range(n - 1):
-        j = i + 1
-        dx, dy, dz = nodes[j, 0] - nodes[i, 0], nodes[j, 1] - nodes[i, 1], nodes[j, 2] - nodes[i, 2]
-        length_m = math.sqrt(dx * dx + dy * dy + dz * dz)
-        px_per_m = focal * 2.0 / (nodes[i, 2] + nodes[j, 2])
-        start_s = s
-        s += length_m
-        if discs[i] + discs[j] == 2.0:
-            continue
-        wide = radius_m * px_per_m
-        far = reach_px * wide / half_px
-        ax, ay, bx, by = nodes[i, 3], nodes[i, 4], nodes[j, 3], nodes[j, 4]
-        if max(ax, bx) < -far or min(ax, bx) > w + far or max(ay, by) < -far or min(ay, by) > h + far:
-            continue
-        chord = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
-        p, q = math.sqrt(nodes[i, 5] ** 2 + nodes[i, 6] ** 2), math.sqrt(nodes[j, 5] ** 2 + nodes[j, 6] ** 2)
-        tx, ty, ox, oy = nodes[i, 5] / p, nodes[i, 6] / p, nodes[j, 5] / q, nodes[j, 6] / q
-        metres = length_m / chord  # along the tube, a pixel of the picture
-        thicker = metres * px_per_m
-        lean = wide * math.sqrt(max(1.0 - 1.0 / (thicker * thicker), 0.0))
-        before, after = (2.0 if i == 0 else 0.0), (2.0 if j == n - 1 else 0.0)  # the ends' blurred edges
-        # Only what there is of materials on this stretch is looked up; the smear reaches over its ends.
-        margin = (0.6 + lean + 2.0) * metres
-        first = min(max(int((start_s - margin) * POINTS_PER_M), 0), top)
-        final = min(max(int((s + margin) * POINTS_PER_M) + 1, 0), top + 1)
-        count = 0
-        for m in range(materials):
-            if amount[m, final] != amount[m, first]:
-                active[count] = m
-                count += 1
-        if count == 0:
-            continue
-        # The axis is a cubic of the share of the way: Horner's coefficients.
-        x1, y1 = nodes[i, 5], nodes[i, 6]
-        x2, y2 = 3 * (bx - ax) - 2 * x1 - nodes[j, 5], 3 * (by - ay) - 2 * y1 - nodes[j, 6]
-        x3, y3 = 2 * (ax - bx) + x1 + nodes[j, 5], 2 * (ay - by) + y1 + nodes[j, 6]
-        mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
-        cx, cy = (bx - ax) / chord, (by - ay) / chord
-        bow = 0.15 * chord * abs(tx * oy - ty * ox) + 0.5
-        for v in range(max(0, int(min(ay, by) - far - 2.0)), min(h, int(max(ay, by) + far + 2.0) + 2)):
-            low, high = max(0, int(min(ax, bx) - far - 2.0)), min(w, int(max(ax, bx) + far + 2.0) + 2)
-            low, high = columns(low, high, tx, (v - ay) * ty - ax * tx + before)
-            low, high = columns(low, high, -ox, (by - v) * oy + bx * ox + after)
-            level = (v - my) * cx + mx * cy
-            low, high = columns(low, high, -cy, level + far + bow)
-            low, high = columns(low, high, cy, far + bow - level)
-            if low >= high:
-                continue
-            spans[v, 0] = min(spans[v, 0], low)
-            spans[v, 1] = max(spans[v, 1], high)
-            for u in range(low, high):
-                ahead, left = (u - ax) * tx + (v - ay) * ty, (bx - u) * ox + (by - v) * oy
-                if ahead < -before or left <= -after:
-                    continue
-                # Exact for a circle's arc: the share of the way at which the axis passes beside the pixel.
-                t = ahead / (ahead + left)
-                c = min(max(t, 0.0), 1.0)
-                qx, qy = ((x3 * c + x2) * c + x1) * c + ax, ((y3 * c + y2) * c + y1) * c + ay
-                gx, gy = (3 * x3 * c + 2 * x2) * c + x1, (3 * y3 * c + 2 * y2) * c + y1
-                across = ((v - qy) * gx - (u - qx) * gy) / math.sqrt(gx * gx + gy * gy)
-                at = start_s + t * length_m
-                a = min(max(int(at * POINTS_PER_M), 0), top)
-                thick = size[a]
-                column = abs(across) * half_px / (wide * max(thick, 0.2)) * STEPS_PER_PX
-                k = int(column)
-                if k > last:
-                    continue
-                part = column - k
-                share = across / wide
-                smear = (0.6 + lean * math.sqrt(max(1.0 - share * share, 0.0))) * metres * POINTS_PER_M
-                middle = at * POINTS_PER_M
-                low_s, high_s = max(middle - smear, 0.0), max(middle + smear, 0.0)
-                e, f = min(int(low_s), top), min(int(high_s), top)
-                fe, ff = min(low_s - e, 1.0), min(high_s - f, 1.0)
-                value = 0.0
-                for g in range(count):
-                    m = active[g]
-                    much = amount[m, f] + (amount[m, f + 1] - amount[m, f]) * ff
-                    much -= amount[m, e] + (amount[m, e + 1] - amount[m, e]) * fe
-                    value += much * (table[m, k] + (table[m, k + 1] - table[m, k]) * part)
-                value *= 1.0 - discs[i] - c * (discs[j] - discs[i])
-                drawn[v, u] += value * thick * thicker * POINTS_PER_M / (2.0 * smear)
-
-
 @njit(cache=True, error_model="numpy", nogil=True)
 def add_tube(
     drawn: Picture,
@@ -368,7 +260,7 @@ def add_tube(
     if some:
         _add_discs(drawn, spans, camera[1], nodes, discs, radius_m, table, half_px, reach_px, amount, size)
     if others:
-        _add_slabs(drawn, spans, camera[1], nodes, discs, radius_m, table, half_px, reach_px, amount, size)
+        add_slabs(drawn, spans, camera[1], nodes, discs, radius_m, table, half_px, reach_px, amount, size)
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
