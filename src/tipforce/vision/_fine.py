@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..types import BasePose, CentrelinePx, Image, Status
+from ..types import BasePose, CentrelinePx, Image, IntArray, Status
 from ._fine_entry import find_entries
 from ._fine_solve import RESULT_SIZE, WORK_SIZE, solve_shaft
 from ._fine_trace import END_BORDER, END_LOST, END_SHORT
@@ -87,6 +87,9 @@ class FineTracer:
         self._work = np.zeros(WORK_SIZE + 2 * settings.points)
         self._size = (0, 0)
         self._area = (0, 0, 0, 0)
+        # of the base line: its pixels, the heading into the picture; the lines that are searched (`_resize`)
+        self._base = 0, 0.0
+        self._lines: list[tuple[int, int, IntArray]] = []
 
     def see(self, image: Image) -> Sighting:
         """The catheter in ``image`` (h, w) or (h, w, 3) RGB, uint8; or the reason why it was not found."""
@@ -115,9 +118,7 @@ class FineTracer:
         row = image.shape[1] * channels
         sign = 1.0 if settings.polarity == "light" else -1.0
         known = settings.diameter_px or 0.0
-        region = settings.base_region or self._area
-        start, heading = base_line(self._clip(region), settings.base_side)
-        n_line = start[4]
+        n_line, heading = self._base
         if known:
             low, high = max(2.0, 0.72 * known - 1.0), _OBLIQUE * 1.1 * known + 1.0
         else:
@@ -125,19 +126,10 @@ class FineTracer:
         threshold = -1.0 if settings.threshold is None else float(settings.threshold)
         best: Trace | None = None
         wrong = 0.0
-        depth_limit = self._depth(region, start)
-        # a stout shaft is not overlooked by reading every second pixel only; what fails is looked for in all of them
-        coarse = min(4, max(1, int(known / 6.0)))
-        passes = _PASSES if coarse == 1 else ((0, coarse), *_PASSES)
-        for depth, every in passes:
-            if depth > depth_limit:
-                break
-            self._start[:] = (
-                start[0] + start[5] * depth, start[1] + start[6] * depth, start[2] * every, start[3] * every,
-                n_line // every, start[5], start[6],
-            )  # fmt: skip
+        for depth, every, line in self._lines:
+            self._start = line
             count = find_entries(
-                pixels, row, channels, self._start, sign, low if known == 0.0 else 2.0,
+                pixels, row, channels, line, sign, low if known == 0.0 else 2.0,
                 high / every, threshold, 12.0, self._line, self._slope, self._edges, self._entries,
             )  # fmt: skip
             traced = 0
@@ -239,9 +231,9 @@ class FineTracer:
         u0, v0, u1, v1 = self._area
         return min((u - u0, "left"), (v - v0, "top"), (u1 - u, "right"), (v1 - v, "bottom"))[1]
 
-    def _depth(self, region: tuple[int, int, int, int], start: tuple[int, ...]) -> int:
+    def _depth(self, region: tuple[int, int, int, int], along_u: int) -> int:
         u0, v0, u1, v1 = self._clip(region)
-        inward = u1 - u0 if start[5] else v1 - v0
+        inward = u1 - u0 if along_u else v1 - v0
         return max(0, inward - 4)
 
     def _clip(self, box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
@@ -254,6 +246,17 @@ class FineTracer:
         if self.settings.roi:
             self._area = self._clip(self.settings.roi)
         self._box[:] = self._area
+        region = self.settings.base_region or self._area
+        (u, v, du, dv, n_line, eu, ev), heading = base_line(self._clip(region), self.settings.base_side)
+        self._base = n_line, heading
+        # a stout shaft is not overlooked by reading every second pixel only; what fails is looked for in all of them
+        coarse = min(4, max(1, int((self.settings.diameter_px or 0.0) / 6.0)))
+        passes = _PASSES if coarse == 1 else ((0, coarse), *_PASSES)
+        self._lines = [
+            (depth, every, np.array([u + eu * depth, v + ev * depth, du * every, dv * every, n_line // every, eu, ev]))
+            for depth, every in passes
+            if depth <= self._depth(region, eu)
+        ]
         longest = max(height, width)
         self._line = np.zeros(longest)
         self._slope = np.zeros(longest)

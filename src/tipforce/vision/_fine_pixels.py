@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 
 from .._compile import STEADY, compiled_together
+from ._fine_prefetch import prefetch
 
-__all__ = ["add_station", "colour_between", "edge_near", "fast", "grey_at", "grey_between", "measure_pair"]
+__all__ = [
+    "add_station", "colour_between", "edge_near", "fast", "fetch_pair", "grey_at", "grey_between", "measure_pair",
+]  # fmt: skip
 
 fast = compiled_together(__file__, "_fine*.py", STEADY)
 
@@ -155,6 +158,26 @@ def edge_near(
 
 
 @fast
+def _reach_of(half: float, reach: float) -> tuple[float, int]:
+    """Where the profile of a flank begins, outward from the axis, and its pixels."""
+    extra = 2.0 if half < 3.5 else 3.0
+    first = max(half - reach - extra, -0.3 * half)
+    return first, int(half + reach + extra - first) + 1
+
+
+@fast
+def fetch_pair(
+    pixels: np.ndarray, row: int, channels: int, u: float, v: float, nu: float, nv: float, half: float, reach: float
+) -> None:
+    """Begin to bring what `measure_pair` would read there into the caches. It may lie outside the picture."""
+    first, n = _reach_of(half, reach)
+    for j in range(n):
+        du, dv = (first + j) * nu, (first + j) * nv
+        prefetch(pixels, int(v - dv) * row + int(u - du) * channels)
+        prefetch(pixels, int(v + dv) * row + int(u + du) * channels)
+
+
+@fast
 def measure_pair(
     pixels: np.ndarray,
     row: int,
@@ -175,9 +198,8 @@ def measure_pair(
     ``sign`` is +1 for a light shaft and -1 for a dark one; drops are positive for a shaft of that kind.
     """
     narrow = half < 3.5
-    extra = 2.0 if narrow else 3.0
-    first = max(half - reach - extra, -0.3 * half)
-    n = min(int(half + reach + extra - first) + 1, scratch.shape[0])
+    first, n = _reach_of(half, reach)
+    n = min(n, scratch.shape[0])
     _read_side(pixels, row, channels, box, sign, u, v, -nu, -nv, first, n, scratch)
     left, left_drop = edge_near(scratch, n, first, half, reach, narrow, 0.55)
     _read_side(pixels, row, channels, box, sign, u, v, nu, nv, first, n, scratch)

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ._fine_pixels import fast, grey_between, measure_pair
+from ._fine_pixels import fast, fetch_pair, grey_between, measure_pair
 
 __all__ = ["END_BORDER", "END_LOST", "END_SHORT", "END_TIP", "trace_shaft"]
 
@@ -22,6 +22,8 @@ END_LOST = 2
 """It goes on behind a gap that is longer than allowed."""
 END_SHORT = 3
 """Not even a few stations hang together: this is no shaft."""
+_FETCH = 20.0
+"""How far ahead of a station its pixels are asked for, px."""
 
 
 @fast
@@ -108,6 +110,10 @@ def trace_shaft(
             reach = max(reach, min(0.5 * half, 3.5))
         if gap > 0.0:
             reach = min(1.3 * reach + 0.12 * gap, max(0.7 * half, 2.0))
+        # A line of the caches holds some 20 pixels in colour: what is read next comes while this is looked at.
+        fetch_pair(
+            pixels, row, channels, pu + _FETCH * math.cos(turned), pv + _FETCH * math.sin(turned), nu, nv, half, reach
+        )
         left, left_drop, right, right_drop = measure_pair(
             pixels, row, channels, box, sign, pu, pv, nu, nv, half / slant, reach, scratch
         )
