@@ -26,7 +26,7 @@ def figures(bench: TwinBench, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     times = bench.frame_s[rows]
     contact, near = bench.course.contact, bench.nearest(times)
     touching = near[contact.touching[near]]
-    axis = contact.frames()[touching][:, -1, :, 0]
+    axis = contact.tip_axes(touching)
     angle = np.degrees(np.arccos(np.clip(axis @ bench.session.rig.wall.normal, -1.0, 1.0)))
     return np.linalg.norm(bench.at(contact.force_n, times), axis=1), angle, bench.at(bench.course.knob_deg, times)
 

@@ -36,7 +36,7 @@ def one(preset: str, seed: int, number: int) -> dict[str, Any]:
     rows = np.flatnonzero(course.time_s >= settings.tare_s + 1.5)[:: round(1000 / settings.clock.fps)]
     size = np.linalg.norm(contact.force_n[rows], axis=1)
     touching = contact.touching[rows]
-    axis = contact.frames()[rows][touching][:, -1, :, 0]
+    axis = contact.tip_axes(rows)[touching]
     angle = np.degrees(np.arccos(np.clip(axis @ rig.wall.normal, -1.0, 1.0)))
     force = contact.force_n[rows][touching]
     axial = np.abs(np.sum(force * axis, axis=1)) / np.linalg.norm(force, axis=1)

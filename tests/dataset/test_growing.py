@@ -40,7 +40,7 @@ def samples(number: int, views: tuple[str, ...] = ("camera",), masks: bool = Fal
         known=np.ones(3, np.bool_),
         pictures={view: [png(40 * place + 8 * number + k) for k in range(EACH)] for place, view in enumerate(views)},
         suffix=".png",
-        masks=[png(255)] * EACH if masks else (),
+        masks={view: [png(255 - place)] * EACH for place, view in enumerate(views)} if masks else {},
     )
 
 
@@ -157,6 +157,16 @@ def test_masks_lie_beside_the_images_under_the_same_names(tmp_path: Path) -> Non
     for name in data.names.tolist():
         assert (tmp_path / name.replace("images", "masks", 1)).is_file()
     assert "masks" not in (tmp_path / "metadata.csv").read_text()
+
+
+def test_every_view_has_masks_of_its_own(tmp_path: Path) -> None:
+    grow(make_images(tmp_path), list(range(SESSIONS)), views=("a", "b"), masks=True)
+    shown = {path.relative_to(tmp_path / "images").with_suffix("") for path in (tmp_path / "images").rglob("*.png")}
+    masks = {path.relative_to(tmp_path / "masks").with_suffix("") for path in (tmp_path / "masks").rglob("*.png")}
+    assert shown == masks
+    assert len(masks) == 2 * SESSIONS * EACH
+    assert next((tmp_path / "masks").rglob("*-a.png")).read_bytes() == png(255)
+    assert next((tmp_path / "masks").rglob("*-b.png")).read_bytes() == png(254)
 
 
 def test_facts_that_all_sessions_share_are_stated_once(tmp_path: Path) -> None:

@@ -27,10 +27,10 @@ def frames_of(path):
 
 
 @pytest.mark.parametrize("bits", [8, 12])
-def test_frames_come_with_their_own_times_from_the_first(tmp_path, bits):
+def test_frames_come_with_their_own_times(tmp_path, bits):
     frames = written(tmp_path / "no_suffix", bits)  # DICOM files are called anything
     found = frames_of(tmp_path / "no_suffix")
-    assert [frame.stamp_ns for frame in found] == [stamp - STAMPS[0] for stamp in STAMPS]
+    assert [frame.stamp_ns for frame in found] == STAMPS
     for frame, true in zip(found, frames, strict=True):
         np.testing.assert_array_equal(frame.image, (true >> (bits - 8)).astype(np.uint8))
 
@@ -48,9 +48,16 @@ def changed(path, **tags):
 def test_a_constant_frame_time_does_and_so_does_the_rate(tmp_path):
     written(tmp_path / "run.dcm")
     changed(tmp_path / "run.dcm", FrameTimeVector=None, FrameTime="66.5")
-    assert [frame.stamp_ns for frame in frames_of(tmp_path / "run.dcm")] == [0, 66_500_000, 133_000_000, 199_500_000]
+    stamps = [frame.stamp_ns for frame in frames_of(tmp_path / "run.dcm")]
+    assert stamps == [5_000_000, 71_500_000, 138_000_000, 204_500_000]
     changed(tmp_path / "run.dcm", FrameTime=None, CineRate=10)
-    assert [frame.stamp_ns for frame in frames_of(tmp_path / "run.dcm")][-1] == 300_000_000
+    assert [frame.stamp_ns for frame in frames_of(tmp_path / "run.dcm")][-1] == 305_000_000
+
+
+def test_without_a_delay_the_first_frame_is_at_zero(tmp_path):
+    written(tmp_path / "run.dcm")
+    changed(tmp_path / "run.dcm", FrameDelay=None)
+    assert [frame.stamp_ns for frame in frames_of(tmp_path / "run.dcm")] == [stamp - STAMPS[0] for stamp in STAMPS]
 
 
 def test_pictures_stored_bright_for_dark_are_turned_round(tmp_path):

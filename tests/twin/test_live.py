@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tipforce.mechanics import bend_spatial
-from tipforce.twin import LiveTwin, TwinBench, TwinSettings, truth_of
+from tipforce.twin import PRESETS, FluoroSettings, LiveTwin, TwinBench, TwinSettings, truth_of
 from tipforce.types import Actuators, Frame, Source, Wrench
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "twin.md"
@@ -43,7 +43,7 @@ def twin():
 def told(event):
     """Kind and content of an event."""
     if isinstance(event, Frame):
-        return "frame", (event.stamp_ns, event.image.tobytes())
+        return event.view, (event.stamp_ns, event.image.tobytes())
     if isinstance(event, Wrench):
         return "wrench", (event.stamp_ns, event.frame, event.force_n.tobytes(), event.torque_nm.tobytes())
     return event.stream, (event.stamp_ns, dict(event.values))
@@ -70,7 +70,7 @@ def test_without_commands_each_stream_is_the_recorded_one_to_the_byte():
         for event in running.source:
             kind, content = told(event)
             live[kind].append(content)
-            if kind == "frame":  # an exposure must have ended, and its picture must have come through
+            if isinstance(event, Frame):  # an exposure must have ended, and its picture must have come through
                 assert running.clock.now_ns() >= event.stamp_ns + 15_000_000
         assert live == recorded
         assert running.source.context == bench.context
@@ -79,6 +79,28 @@ def test_without_commands_each_stream_is_the_recorded_one_to_the_byte():
         truth, whole = running.truth(), truth_of(bench)
         np.testing.assert_array_equal(truth.force_n, whole.force_n)
         np.testing.assert_array_equal(truth.mask_bytes, whole.mask_bytes)
+
+
+def test_two_views_are_the_recorded_ones_to_the_byte_where_pictures_of_either_are_dropped():
+    clock = {"fps": 6.0, "dropped_share": 0.2}
+    small = PRESETS["biplane"].model_dump() | {"width": 128, "height": 128}
+    small["world"] |= {"seconds": 8.0, "tare_s": 1.0, "clock": clock}
+    biplane = FluoroSettings.model_validate(small)
+    recorded, live = defaultdict(list), defaultdict(list)
+    bench = TwinBench(biplane, seed=2)
+    for event in bench:
+        kind, content = told(event)
+        recorded[kind].append(content)
+    assert bench.arrived("a").tolist() != bench.arrived("b").tolist()
+    with LiveTwin(biplane, seed=2) as running:
+        for event in running.source:
+            kind, content = told(event)
+            live[kind].append(content)
+        assert {"a", "b"} <= set(live)
+        assert live == recorded
+        truth, whole = running.truth(), truth_of(bench)
+        np.testing.assert_array_equal(truth.stamp_ns, whole.stamp_ns)
+        np.testing.assert_array_equal(truth.others["b"].mask_bytes, whole.others["b"].mask_bytes)
 
 
 def test_truth_is_there_of_what_has_happened_only(twin):

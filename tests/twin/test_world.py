@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tipforce.errors import InputError
 from tipforce.mechanics import HEART_WAVES, HeartMotion
-from tipforce.twin.world import Axis, AxisModel, Drive, Load, read_sensor, run_session, smooth_lines
+from tipforce.twin.world import SWIFT, Axis, AxisModel, Drive, Load, read_sensor, run_session, smooth_lines
 from tipforce.twin.world._draw import slow_drift
 from tipforce.twin.world.settings import ClockSettings, MotionSettings, SensorSettings, WorldSettings
 
@@ -191,3 +191,13 @@ def test_the_drawn_line_goes_through_the_rods_nodes_and_is_smooth(sessions):
         away = np.linalg.norm(line[:, None] - node[None], axis=2).min(axis=0)
         assert away.max() < 0.55 * rod.length_m / 960
         np.testing.assert_allclose(line[[0, -1]], node[[0, -1]], atol=1e-12)
+
+
+def test_a_session_in_haste_comes_to_the_forces_that_were_drawn_all_the_same():
+    for number in range(4):
+        session = run_session(SHORT, 17, number, SWIFT)
+        peak = float(np.linalg.norm(session.course.contact.force_n, axis=1).max())
+        assert peak == pytest.approx(session.rig.draw.peak_force_n, abs=12e-3)
+        beating = session.course.time_s > SHORT.tare_s + 1.5
+        low, high = SHORT.motion.free_share
+        assert low <= 1.0 - session.course.contact.touching[beating].mean() <= high

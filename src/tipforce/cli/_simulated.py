@@ -57,21 +57,17 @@ def leave_files(bench: TwinBench, target: Path, tick: Callable[[], None], lossle
 
 
 def leave_dicom(bench: TwinBench, target: Path, tick: Callable[[], None], lossless: bool = False) -> None:
-    """``run.dcm``, of each view, and the logs beside it in the folder ``target``; the pictures lose nothing.
-
-    A DICOM file counts its frames' times from the first: the logs of what runs on the same clock do so too.
-    """
+    """``run.dcm``, of each view, and the logs beside it in the folder ``target``; the pictures lose nothing."""
     del lossless
     scene = bench.imaging.scene
     assert isinstance(scene, XrayScene)  # `refuse_form` lets no other come here
-    first_ns = int(bench.stamp_ns[bench.arrived(bench.views[0])[0]])
     with replacing_folder(target) as part:
         for place, view in enumerate(bench.views):
             frames = list(_frames(bench, view, tick))
             stamps = [frame.stamp_ns for frame in frames]
             path = part / _named("run", bench, view, ".dcm")
             write_dicom(path, [frame.image for frame in frames], stamps, scene, view=place)
-        write_logs(bench, part, zero_ns=first_ns)
+        write_logs(bench, part)
 
 
 def refuse_form(form: str, settings: AnyTwinSettings) -> None:

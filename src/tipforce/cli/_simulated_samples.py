@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 from ..dataset import Growing, GrowingImages, GrowingShards, SessionSamples
 from ..errors import InputError
 from ..recording import SensorPose, encode, label_log, observations
-from ..twin import SampleSet, TwinBench, refuse_other, truth_of, truth_path, write_sessions, write_truth
+from ..twin import SampleSet, Truth, TwinBench, refuse_other, truth_of, truth_path, write_sessions, write_truth
 from ..types import Actuation, Frame, IntArray, Observation
 
 __all__ = ["write_samples"]
@@ -61,7 +61,7 @@ def write_samples(
 
 def _check_room(folder: Path, wanted: SampleSet, lossless: bool, say: Callable[[str], None]) -> None:
     settings = wanted.settings
-    need = wanted.samples * settings.width * settings.height * _BYTES_PER_PX[lossless]
+    need = wanted.samples * len(wanted.views) * settings.width * settings.height * _BYTES_PER_PX[lossless]
     place = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     free = shutil.disk_usage(place).free
     if need > free:
@@ -81,10 +81,21 @@ def _write_session(
     frames = wanted.frames(bench, number)
     truth = truth_of(bench, frames)
     write_truth(truth, truth_path(into.folder / "truth" / bench.name))
-    shown = [truth.mask(k).astype(np.uint8) * np.uint8(255) for k in range(len(frames) if masks else 0)]
-    hidden = [encode(mask, lossless=True, jpeg_quality=0)[1] for mask in shown]
+    hidden = _masks(bench, truth) if masks else {}
     seen = _observed(bench, frames, tick)
     into.add(number, _labelled(bench, frames, seen, wanted.offset_ms(bench, number), hidden, lossless))
+
+
+def _masks(bench: TwinBench, truth: Truth) -> dict[str, list[bytes]]:
+    """The true masks of every view as PNGs, 255 where the catheter is."""
+    shown = dict(zip(bench.views, (truth, *truth.others.values()), strict=True))
+    return {
+        view: [
+            encode(each.mask(k).astype(np.uint8) * np.uint8(255), lossless=True, jpeg_quality=0)[1]
+            for k in range(len(truth.stamp_ns))
+        ]
+        for view, each in shown.items()
+    }
 
 
 def _observed(bench: TwinBench, frames: IntArray, tick: Callable[[], None]) -> list[Observation]:
@@ -103,7 +114,7 @@ def _labelled(
     frames: IntArray,
     seen: Sequence[Observation],
     offset_ms: float,
-    masks: Sequence[bytes],
+    masks: Mapping[str, Sequence[bytes]],
     lossless: bool,
 ) -> SessionSamples:
     context, log = bench.context, bench.log

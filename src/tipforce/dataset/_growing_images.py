@@ -23,7 +23,7 @@ def cell(value: Any) -> str:
 
 
 class GrowingImages(Growing):
-    """``images/SESSION/FRAME.jpg``; where there are masks, ``masks/SESSION/FRAME.png``."""
+    """``images/SESSION/FRAME.jpg``, where there are masks ``masks/SESSION/FRAME.png``; FRAME-VIEW for several views."""
 
     def _part(self, number: int) -> Path:
         return self.parts / f"{number:07d}.json"
@@ -34,14 +34,11 @@ class GrowingImages(Growing):
 
     def add(self, number: int, samples: SessionSamples) -> None:
         """Write its pictures, then its rows, which say that it is whole."""
-        files = {
-            name: data
-            for view, pictures in samples.pictures.items()
-            for name, data in zip(samples.names(view), pictures, strict=True)
-        }
-        session = samples.context.session
-        masks = zip(samples.frame.tolist() if samples.masks else [], samples.masks, strict=True)
-        files |= {f"masks/{session}/{frame:05d}.png": data for frame, data in masks}
+        files: dict[str, bytes] = {}
+        for view, pictures in samples.pictures.items():
+            files.update(zip(samples.names(view), pictures, strict=True))
+        for view, masks in samples.masks.items():
+            files.update(zip(samples.mask_names(view), masks, strict=True))
         for place in {Path(name).parent for name in files}:
             self._fill(place, {Path(name).name: data for name, data in files.items() if Path(name).parent == place})
         heads = [FILE] if len(samples.pictures) == 1 else [f"{view}_{FILE}" for view in samples.pictures]

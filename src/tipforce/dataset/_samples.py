@@ -4,7 +4,7 @@ import json
 import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,8 @@ class SessionSamples:
     """Labelled pictures of one session: n samples.
 
     ``frame`` (n,): their numbers in it; ``stamp_ns`` (n,), ``actuation``: name -> (n,); ``force_n`` (n, 3), NaN where
-    ``known`` (3,) is False. ``pictures``: view -> n encoded pictures; ``suffix``: of their files. ``masks``: n PNGs, or
-    none.
+    ``known`` (3,) is False. ``pictures``: view -> n encoded pictures; ``suffix``: of their files. ``masks``: view ->
+    n PNGs, or nothing.
     """
 
     context: Context
@@ -32,7 +32,7 @@ class SessionSamples:
     known: BoolArray
     pictures: Mapping[str, Sequence[bytes]]
     suffix: str
-    masks: Sequence[bytes] = ()
+    masks: Mapping[str, Sequence[bytes]] = field(default_factory=dict[str, Sequence[bytes]])
 
     def columns(self) -> dict[str, list[Any]]:
         """Name -> n values, of all columns but the pictures."""
@@ -45,8 +45,15 @@ class SessionSamples:
 
     def names(self, view: str) -> list[str]:
         """Path of each picture of ``view``, from the dataset's folder."""
+        return self._paths("images", view, self.suffix)
+
+    def mask_names(self, view: str) -> list[str]:
+        """Path of the mask of each picture of ``view``."""
+        return self._paths("masks", view, ".png")
+
+    def _paths(self, kind: str, view: str, suffix: str) -> list[str]:
         more = f"-{view}" if len(self.pictures) > 1 else ""
-        return [f"images/{self.context.session}/{number:05d}{more}{self.suffix}" for number in self.frame.tolist()]
+        return [f"{kind}/{self.context.session}/{number:05d}{more}{suffix}" for number in self.frame.tolist()]
 
 
 class Growing(ABC):

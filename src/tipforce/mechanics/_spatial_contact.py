@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..types import BoolArray, FloatArray
+from ..types import BoolArray, FloatArray, IntArray
 from ._spatial_march import NUMBERS, Law, make_history, march
 from ._spatial_parts import Load, elastic_of, line_of, make_work
 from ._spatial_rod import SpatialRod, frames_of
@@ -47,6 +47,10 @@ class SpatialContact:
     def frames(self) -> FloatArray:
         """(m, segments + 1, 3, 3): material frames of the segments and of the electrode, in columns."""
         return frames_of(self.quaternions)
+
+    def tip_axes(self, rows: BoolArray | IntArray) -> FloatArray:
+        """(k, 3): the electrode's direction at ``rows``."""
+        return frames_of(self.quaternions[rows, -1])[..., 0]
 
 
 class SpatialPress:

@@ -41,11 +41,12 @@ def dicom_size(path: Path) -> int:
 
 
 def read_dicom(path: Path, view: str = "camera") -> Iterator[Frame]:
-    """All frames, 8 bit, the first at 0; grey where the file is, else RGB.
+    """All frames, 8 bit; grey where the file is, else RGB.
 
     Of more bits the upper eight of those stored are kept. Stamps come from FrameTimeVector, FrameTime or CineRate, in
-    this order. Raises MissingExtraError without pydicom (or without the decoder of a compressed file), FileFormatError
-    for what holds no pictures, TimeError where the file does not say when its frames were taken.
+    this order; the first frame is at FrameDelay, at 0 where there is none (DICOM PS3.3 C.7.6.5.1). Raises
+    MissingExtraError without pydicom (or without the decoder of a compressed file), FileFormatError for what holds no
+    pictures, TimeError where the file does not say when its frames were taken.
     """
     data = _read(path, pixels=True)
     try:
@@ -65,8 +66,9 @@ def _eight_bit(picture: npt.NDArray[Any], stored: int, shown: str) -> Image:
 
 
 def _stamps_ns(path: Path, data: Any, count: int) -> list[int]:
+    delay_ms = float(data.get("FrameDelay") or 0)
     if count == 1:
-        return [0]
+        return [round(delay_ms * 1e6)]
     vector = data.get("FrameTimeVector")
     if vector is not None and len(vector) == count:
         steps_ms = np.array([0.0, *(float(step) for step in vector[1:])])  # the first is 0 by definition
@@ -81,4 +83,4 @@ def _stamps_ns(path: Path, data: Any, count: int) -> list[int]:
         )
     if (steps_ms[1:] <= 0).any():
         raise TimeError(f"{path}: FrameTimeVector does not rise; save it as a folder of images with a stamps.csv")
-    return np.round(np.cumsum(steps_ms) * 1e6).astype(np.int64).tolist()
+    return np.round((delay_ms + np.cumsum(steps_ms)) * 1e6).astype(np.int64).tolist()

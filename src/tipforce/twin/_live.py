@@ -11,7 +11,7 @@ import numpy as np
 from ..types import Clock, Event, IntArray, SimulatedClock, SystemClock
 from ._actuators import TwinActuators
 from ._bench import TwinBench
-from ._settings import TwinSettings
+from ._settings import AnyTwinSettings
 from ._sidecar import Truth, truth_of
 from .world import Course, CourseRun, Session, instants_until
 
@@ -57,9 +57,14 @@ class _LiveSource(TwinBench):
     def _needs(self) -> tuple[IntArray, ...]:
         """By stream: how many instants of the course must have happened for each event."""
         readings = self.readings
-        low, _ = self._place(self.frame_s + 0.5 * self.imaging.exposure_s)
         settled = (readings.need_force, readings.stage.need, readings.joints.need)
-        return *(need + 2 for need in settled), low + 2
+        return *(need + 2 for need in settled), *(self._frames_need[self.arrived(view)] for view in self.views)
+
+    @cached_property
+    def _frames_need(self) -> IntArray:
+        """(n,): how many instants must have happened for each frame, whichever view it arrives in."""
+        low, _ = self._place(self.frame_s + 0.5 * self.imaging.exposure_s)
+        return low + 2
 
     def reach(self, rows: int, now_ns: int | None = None) -> None:
         """Let the first ``rows`` instants happen, and those besides that no command from ``now_ns`` on can change."""
@@ -71,7 +76,7 @@ class _LiveSource(TwinBench):
 
     def frames_so_far(self) -> IntArray:
         """(n,): the frames whose exposure has happened."""
-        return np.flatnonzero(self._needs[_PICTURES] <= self.run.done)
+        return np.flatnonzero(self._frames_need <= self.run.done)
 
     def __iter__(self) -> Iterator[Event]:
         while self._next < len(self._order):
@@ -101,7 +106,7 @@ class LiveTwin:
 
     def __init__(
         self,
-        settings: TwinSettings | None = None,
+        settings: AnyTwinSettings | None = None,
         seed: int = 0,
         session: int = 0,
         *,

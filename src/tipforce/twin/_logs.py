@@ -14,39 +14,24 @@ from ._bench import TwinBench
 __all__ = ["write_logs"]
 
 
-def write_logs(bench: TwinBench, folder: Path, *, zero_ns: int = 0) -> None:
+def write_logs(bench: TwinBench, folder: Path) -> None:
     """``force.csv``, ``stage.csv`` and ``bench.json`` of a session, and ``knob.csv`` where the knob moves.
 
     Force readings are tip-on-tissue in the sensor's frame, on the sensor's own clock; the stage's commands and the knob
-    are on the camera's, from ``zero_ns`` of it on. ``bench.json``: what a person at the bench would write down, nothing
-    of the truth.
+    are on the camera's. ``bench.json``: what a person at the bench would write down, nothing of the truth.
     """
     log = bench.log
     wrench = {f"f{axis}_n": log.force_n[:, place] for place, axis in enumerate("xyz")}
     wrench |= {f"t{axis}_nm": log.torque_nm[:, place] for place, axis in enumerate("xyz")}
     _table(folder / "force.csv", log.stamp_ns, wrench)
-    _table(folder / "stage.csv", *_since(zero_ns, *bench.stage_log()))
-    stamp_ns, knob = _since(zero_ns, *_knob(bench))
-    knob_deg = knob["knob_deg"]
+    _table(folder / "stage.csv", *bench.stage_log())
+    stamp_ns, knob_deg = bench.knob_log()
     facts = _facts(bench)
     if np.ptp(knob_deg) > 0.0:
         _table(folder / "knob.csv", stamp_ns, {"knob_deg": knob_deg})
     elif bench.has_knob:
         facts["knob_deg"] = float(knob_deg[0])
     (folder / "bench.json").write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
-
-
-def _knob(bench: TwinBench) -> tuple[IntArray, dict[str, FloatArray]]:
-    stamp_ns, knob_deg = bench.knob_log()
-    return stamp_ns, {"knob_deg": knob_deg}
-
-
-def _since(
-    zero_ns: int, stamp_ns: IntArray, columns: Mapping[str, FloatArray]
-) -> tuple[IntArray, dict[str, FloatArray]]:
-    """Rows from ``zero_ns`` on, counted from there."""
-    kept = stamp_ns >= zero_ns
-    return stamp_ns[kept] - zero_ns, {name: values[kept] for name, values in columns.items()}
 
 
 def _facts(bench: TwinBench) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Random numbers as a hash of (key, pixel): any frame can be drawn alone, in any order, on any thread."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,7 @@ Picture = npt.NDArray[np.float32]
 _TABLE_BITS = 12
 
 
+@lru_cache(maxsize=1)
 def gauss_table() -> Picture:
     """(4096,) quantiles of a Gaussian, bent at the ends so that moments 2, 4 and 6 are a Gaussian's (1, 3, 15).
 
@@ -31,7 +33,9 @@ def gauss_table() -> Picture:
         miss = np.array([(bent**k).mean() for k in (2, 4, 6)]) - (1.0, 3.0, 15.0)
         slope = np.array([[(k * bent ** (k - 1) * p).mean() for p in powers] for k in (2, 4, 6)])
         weights -= np.linalg.solve(slope, miss)
-    return (weights @ powers).astype(np.float32)
+    table = (weights @ powers).astype(np.float32)
+    table.flags.writeable = False  # it is handed out again
+    return table
 
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)

@@ -8,6 +8,7 @@ from pydantic import Field
 from ..errors import InputError
 from ..types import IntArray
 from ._bench import TwinBench
+from ._imaging import views_of
 from ._ranges import Settings, Share
 from ._settings import AnyTwinSettings
 from .world import APPROACH_S, SWIFT
@@ -34,6 +35,11 @@ class SampleSet(Settings):
     def sessions(self) -> int:
         """How many are needed."""
         return -(-self.samples // self.per_session)
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """Of each sample."""
+        return views_of(self.settings)
 
     def bench(self, number: int) -> TwinBench:
         """The ``number``-th session, from 0; the name tells preset, seed and number."""

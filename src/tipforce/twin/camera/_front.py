@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from ...geometry import CameraModel
-from ._canvas import FINER, Canvas, Picture, band, multi_scale_noise, soften
+from ._canvas import FINER, Canvas, band, multi_scale_noise, soften
+from ._patch import Patch, Picture
 from ._scene import CameraScene, Cover
 
 __all__ = ["paint_front"]
@@ -39,12 +40,16 @@ def _lay_cover(canvas: Canvas, camera: CameraModel, cover: Cover, rng: np.random
     if cover.kind == "cable":
         bright = canvas.bevel(shape, 0.6 * half)
     elif cover.kind == "tape":
-        bright = canvas.bevel(shape, 1.2) * (1 + 0.04 * multi_scale_noise(rng, shape.shape, (4.0, 25.0), 0.8))
+        worn = multi_scale_noise(rng, shape.shape, (4.0, 25.0), 0.8)[shape.part]
+        bright = canvas.bevel(shape, 1.2) * (1 + 0.04 * worn)
     else:
-        bright = canvas.bevel(shape, 2.5) * (1 + 0.02 * multi_scale_noise(rng, shape.shape, (3.0, 60.0), 0.9))
+        worn = multi_scale_noise(rng, shape.shape, (3.0, 60.0), 0.9)[shape.part]
+        bright = canvas.bevel(shape, 2.5) * (1 + 0.02 * worn)
     canvas.lay(shape, cover.colour, height_m=_HEIGHT_M, shading=bright.astype(np.float32))
     if cover.kind == "bracket":
         for end in seen + (0.2, -0.2) * np.diff(seen, axis=0).repeat(2, axis=0):
             head = canvas.disc(end, min(0.6 * half, 2e-3 * canvas.px_per_m))
             canvas.lay(head, (95, 95, 98), height_m=1e-3, shading=canvas.bevel(head, 1.5))
-            canvas.lay(soften(canvas.disc(end, 0.3 * half), 1.0), (25, 25, 25))
+            hole = canvas.disc(end, 0.3 * half)
+            part = hole.around(8.0)
+            canvas.lay(Patch.of(hole.shape, part, soften(hole.within(part), 1.0)), (25, 25, 25))

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 
 from ...types import FloatArray
-from ._canvas import Canvas, Picture, multi_scale_noise
+from ._canvas import Canvas, multi_scale_noise
 from ._objects import lay_objects
+from ._patch import Picture
 from ._scene import CameraScene, GroundLook
 
 __all__ = ["GROUNDS", "illumination", "paint_ground"]
@@ -32,10 +33,10 @@ def _board(canvas: Canvas, look: GroundLook, rng: np.random.Generator) -> Pictur
         way = np.linspace(0, length, 12)[:, None] * np.array([math.cos(turn), math.sin(turn)])
         bend = rng.uniform(-0.08, 0.08) * np.linspace(0, 1, 12)[:, None] ** 2 * length
         line = canvas.outline(start + way + bend * np.array([-math.sin(turn), math.cos(turn)]), closed=False)
-        level += line * rng.uniform(-1.0, 0.7) * (look.lines_grey * 0.5)
+        level[line.part] += line.values * rng.uniform(-1.0, 0.7) * (look.lines_grey * 0.5)
     for _ in range(int(rng.integers(10, 70))):
         spot = canvas.disc(rng.uniform((0, 0), (w, h)), rng.uniform(0.5, 2.2))
-        level += spot * rng.uniform(-1.0, 0.4) * look.lines_grey
+        level[spot.part] += spot.values * rng.uniform(-1.0, 0.4) * look.lines_grey
     return level
 
 

@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from ...types import FloatArray
 from ._canvas import FINER, Canvas
+from ._patch import Patch
 
 __all__ = ["lay_objects"]
 
@@ -66,8 +67,11 @@ def _cable(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
     canvas.lay(cover, colour, height_m=width / canvas.px_per_m, shading=canvas.bevel(cover, 0.3 * width))
     lamp = canvas.scene.light.lamps[0].direction
     shine = canvas.outline(path + 0.25 * width * np.array(lamp[:2]), closed=False, width=0.22 * width)
-    shine = cv2.GaussianBlur(shine, (0, 0), max(0.7, 0.12 * width)) * cover
-    canvas.lay(shine * np.float32(rng.uniform(0.15, 0.6)), (225, 225, 220))
+    sigma = max(0.7, 0.12 * width)
+    part = cover.joined(shine).around(5.0 * sigma + 2.0)
+    soft = np.asarray(cv2.GaussianBlur(shine.within(part), (0, 0), sigma), np.float32)
+    soft = Patch.of(cover.shape, part, soft * cover.within(part))
+    canvas.lay(soft.times(rng.uniform(0.15, 0.6)), (225, 225, 220))
 
 
 def _ruler(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
@@ -108,6 +112,7 @@ def _stroke(canvas: Canvas, points: FloatArray, width: float, level: float) -> N
     cover = np.clip(width / 2 + 0.5 - off, 0.0, min(1.0, width))[..., None].astype(np.float32)
     patch = canvas.levels[v0:v1, u0:u1]
     patch += cover * (np.float32(level) - patch)
+    canvas.changed.append((slice(v0, v1), slice(u0, u1)))
 
 
 def _write(canvas: Canvas, text: str, at: FloatArray, turn: float, tall: float) -> None:
@@ -120,8 +125,11 @@ def _write(canvas: Canvas, text: str, at: FloatArray, turn: float, tall: float) 
     small = cv2.GaussianBlur(small, (0, 0), max(0.5, 0.4 / shrink))
     c, s = shrink * math.cos(turn), shrink * math.sin(turn)
     to_canvas = np.array([[c, -s, at[0]], [s, c, at[1]]])
-    ink = cv2.warpAffine(small, to_canvas, canvas.left.shape[::-1]).astype(np.float32) / np.float32(255.0)
-    canvas.lay(ink * np.float32(0.9), (35, 35, 40))
+    h, w = small.shape
+    part = canvas.box(np.array([[0, 0, 1], [w, 0, 1], [w, h, 1], [0, h, 1]]) @ to_canvas.T, 2.0)
+    if part[0].start < part[0].stop and part[1].start < part[1].stop:
+        ink = cv2.warpAffine(small, to_canvas, (part[1].stop, part[0].stop))[part].astype(np.float32)
+        canvas.lay(Patch.of(canvas.shape, part, ink / np.float32(255.0)).times(0.9), (35, 35, 40))
 
 
 def _label(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
@@ -152,9 +160,7 @@ def _tape(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
     cover = canvas.outline(_turned(np.concatenate([right, left]), turn, at))
     colours: tuple[Colour, ...] = ((205, 195, 160), (60, 62, 66), (215, 213, 205), (60, 90, 140))
     thick = rng.uniform(0.35, 0.95)
-    canvas.lay(
-        cover * np.float32(thick), colours[int(rng.integers(4))], height_m=0.15e-3, shading=canvas.bevel(cover, 1.2)
-    )
+    canvas.lay(cover.times(thick), colours[int(rng.integers(4))], height_m=0.15e-3, shading=canvas.bevel(cover, 1.2))
 
 
 def _block(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
@@ -175,7 +181,7 @@ def _pen(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
     way = np.array([math.cos(turn), math.sin(turn)])
     line = at + np.linspace(-0.5, 0.5, 30)[:, None] * length * way + np.cumsum(rng.normal(0, 0.6, (30, 2)), axis=0)
     ink = canvas.outline(line, closed=False, width=rng.uniform(1.5, 4.0))
-    canvas.lay(ink * np.float32(rng.uniform(0.5, 0.9)), (40, 42, 60))
+    canvas.lay(ink.times(rng.uniform(0.5, 0.9)), (40, 42, 60))
 
 
 _OBJECTS: tuple[Callable[[Canvas, np.random.Generator, FloatArray], None], ...] = (
@@ -195,14 +201,18 @@ def lay_objects(canvas: Canvas, rng: np.random.Generator, axis_px: FloatArray) -
     way = end - start
     share = np.clip(((u - start[0]) * way[0] + (v - start[1]) * way[1]) / (way @ way), 0.0, 1.0)
     near = np.hypot(u - start[0] - share * way[0], v - start[1] - share * way[1]) < clear
+    before = canvas.levels.copy()
     for _ in range(canvas.scene.ground.objects):
         paint = _OBJECTS[int(rng.integers(len(_OBJECTS)))]
         for _ in range(_ATTEMPTS):
-            before = canvas.levels.copy()
             canvas.left[:] = 1.0
+            canvas.changed.clear()
             paint(canvas, rng, rng.uniform((0.0, 0.0), (w, h)))
             # A shadow leaves some of the light of what it falls on; the object itself leaves nothing.
-            if not (canvas.left[::4, ::4][near] < _COVERED).any():
+            done = not (canvas.left[::4, ::4][near] < _COVERED).any()
+            new, old = (before, canvas.levels) if done else (canvas.levels, before)
+            for part in canvas.changed:
+                new[part] = old[part]
+            if done:
                 break
-            canvas.levels[:] = before
     canvas.left[:] = 0.0

@@ -9,13 +9,15 @@ import numpy.typing as npt
 
 from ...geometry import CameraModel
 from ...types import FloatArray
-from ._canvas import FINER, Canvas, Picture, around, multi_scale_noise, soften
+from ._canvas import FINER, Canvas, multi_scale_noise, soften
+from ._patch import Part, Patch, Picture
 from ._scene import CameraScene
 
 __all__ = ["MARGIN_M", "Phantom", "TissueHome", "paint_phantom"]
 
 MARGIN_M = 24e-3
 """How far the phantom may move from its home and still be whole."""
+_VECTOR = 32
 _STEP_M = 1e-3
 """By how much one part stands out over the next."""
 
@@ -59,7 +61,7 @@ def paint_phantom(
     along = np.array([-into[1], into[0]])
     unit = canvas.px_per_m
 
-    def box(deep_from: float, deep_to: float, half: float, corner: float, aside: float = 0.0) -> Picture:
+    def box(deep_from: float, deep_to: float, half: float, corner: float, aside: float = 0.0) -> Patch:
         return _rounded(canvas, origin, into, along, (deep_from, deep_to, aside - half, aside + half, corner), unit)
 
     pad, plate = look.pad_m[0], look.pad_m[0] + look.plate_m[0]
@@ -70,13 +72,11 @@ def paint_phantom(
     disc = box(pad - 1e-3, plate, look.plate_m[1], 0.6e-3)
     shape = box(0.0, pad, look.pad_m[1], look.corner_m)
     # All parts are about as high as one another: their shadow falls on the ground, and hardly on their neighbours.
-    canvas.darken(np.maximum(np.maximum(arm, drum), np.maximum(disc, shape)), scene.ground.depth_m)
-    bright, part = canvas.bevel(arm, 3.0), around(arm, 0.0)
-    groove = 0.10 * np.exp(-((_aside(part, origin, along) / (0.18 * look.arm_half_m * unit)) ** 2))
-    bright[part] = (bright[part] * (1 - groove)).astype(np.float32)
+    canvas.darken(arm.joined(drum).joined(disc.joined(shape)), scene.ground.depth_m)
+    groove = 0.10 * np.exp(-((_aside(arm.part, origin, along) / (0.18 * look.arm_half_m * unit)) ** 2))
+    bright = (canvas.bevel(arm, 3.0) * (1 - groove)).astype(np.float32)
     canvas.lay(arm, (look.arm_grey, look.arm_grey, look.arm_grey), shading=bright)
-    bright, part = canvas.bevel(drum, 2.0), around(drum, 0.0)
-    bright[part] *= _cylinder(scene, part, origin, along, look.body_m[1] * unit)
+    bright = canvas.bevel(drum, 2.0) * _cylinder(scene, drum.part, origin, along, look.body_m[1] * unit)
     canvas.lay(drum, (look.body_grey, look.body_grey, 1.02 * look.body_grey), height_m=_STEP_M, shading=bright)
     plate_colour = (look.plate_grey, look.plate_grey, look.plate_grey)
     canvas.lay(disc, plate_colour, height_m=_STEP_M, shading=canvas.bevel(disc, 1.8))
@@ -85,21 +85,16 @@ def paint_phantom(
         head = canvas.disc(at, min(1.6e-3, 0.42 * look.plate_m[0]) * unit)
         dark = 0.55 * look.plate_grey
         canvas.lay(head, (dark, dark, dark), height_m=0.5e-3, shading=canvas.bevel(head, 1.2))
-    mottle = 1.0 + look.mottle * multi_scale_noise(rng, shape.shape, (8.0, 30.0, 90.0), 0.7)
+    mottle = 1.0 + look.mottle * multi_scale_noise(rng, shape.shape, (8.0, 30.0, 90.0), 0.7)[shape.part]
     # Light comes out again near the edges of silicone, and its wet skin mirrors the lamps in soft patches.
-    part = around(shape, 0.0)
-    inner = soften(shape, 1.1e-3 * unit)[part]
+    part = shape.part
+    inner = soften(shape.within((slice(0, canvas.shape[0]), slice(0, canvas.shape[1]))), 1.1e-3 * unit)[part]
     glow = 1.0 + 0.22 * np.clip(1.6 - 1.6 * inner, 0.0, 1.0)
     shine = np.clip(multi_scale_noise(rng, shape.shape, (16.0, 50.0), 0.8)[part] - 2.0, 0.0, 1.0)
-    lit = mottle[part] * glow * canvas.bevel(shape, 5.0)[part]
-    paint = np.zeros((*shape.shape, 3), np.float32)
-    paint[part] = np.asarray(look.colour, np.float32) * lit[..., None] + np.float32(60.0) * shine[..., None]
-    canvas.lay(shape, paint, height_m=_STEP_M)
+    lit = mottle * glow * canvas.bevel(shape, 5.0)
+    paint = np.asarray(look.colour, np.float32) * lit[..., None] + np.float32(60.0) * shine[..., None]
+    canvas.lay(shape, paint.astype(np.float32, copy=False), height_m=_STEP_M)
     return Phantom(*_sprite(canvas, channels, sigma_px), margin + 0.25, home.surface_m, into, px_per_m)
-
-
-Part = tuple[slice, slice]
-"""Rows and columns of the canvas; what is painted is looked for there only."""
 
 
 def _places(part: Part, origin: FloatArray) -> tuple[Picture, Picture]:
@@ -131,44 +126,59 @@ def _rounded(
     along: FloatArray,
     box: tuple[float, float, float, float, float],
     unit: float,
-) -> Picture:
-    """(h, w) cover of a box with rounded corners in the wall's own directions, anti-aliased."""
-    cover = np.zeros(canvas.left.shape, np.float32)
+) -> Patch:
+    """Cover of a box with rounded corners in the wall's own directions, anti-aliased."""
     corners = origin + unit * np.array([deep * into + side * along for deep in box[:2] for side in box[2:4]])
-    ends = np.array(cover.shape[::-1])
-    first = np.clip(np.floor(corners.min(axis=0)) - 2.0, 0, ends).astype(int)
-    last = np.clip(np.ceil(corners.max(axis=0)) + 3.0, 0, ends).astype(int)
-    part = slice(int(first[1]), int(last[1])), slice(int(first[0]), int(last[0]))
+    part = canvas.box(corners, 2.0)
     low, high, left, right, corner = (np.float32(x * unit) for x in box)
     u, v = _places(part, origin)
     deep = np.abs(u * np.float32(into[0]) + v * np.float32(into[1]) - 0.5 * (low + high)) - 0.5 * (high - low) + corner
     side = np.abs(u * np.float32(along[0]) + v * np.float32(along[1]) - 0.5 * (left + right))
     side += corner - 0.5 * (right - left)
     away = np.hypot(np.maximum(deep, 0), np.maximum(side, 0)) + np.minimum(np.maximum(deep, side), 0) - corner
-    cover[part] = np.clip(np.float32(0.5) - away, 0.0, 1.0)
-    return cover
+    return Patch.of(canvas.shape, part, np.clip(np.float32(0.5) - away, 0.0, 1.0))
 
 
 def _sprite(canvas: Canvas, channels: int, sigma_px: float) -> tuple[Picture, npt.NDArray[np.int64]]:
     """Half-pixel phases, blurred; where each of their rows has something, and where it has light of its own."""
-    planes = [canvas.levels[..., k] for k in range(3)]
-    if channels == 1:
-        planes = [cv2.cvtColor(canvas.levels, cv2.COLOR_RGB2GRAY)]
-    planes.append(canvas.left)
     # Sampling between half pixels blurs a little too: up to 1/16 px^2, on average 1/24.
     sigma = FINER * max(0.0, sigma_px**2 - 1 / 24 - 1 / 48) ** 0.5
+    part = _painted_part(canvas, math.ceil(8.0 * sigma) + 4)
+    levels, left = np.ascontiguousarray(canvas.levels[part]), np.ascontiguousarray(canvas.left[part])
+    planes = [cv2.cvtColor(levels, cv2.COLOR_RGB2GRAY)] if channels == 1 else list(cv2.split(levels))
+    planes.append(left)
     if sigma > 0.0:  # in small pictures the sampling's own is all there is
         planes = [cv2.GaussianBlur(plane, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for plane in planes]
-    rows, columns = planes[0].shape[0] // FINER, planes[0].shape[1] // FINER
-    sprite = np.empty((FINER, FINER, channels + 1, rows, columns), np.float32)
+    rows, columns = canvas.shape[0] // FINER, canvas.shape[1] // FINER
+    sprite = np.zeros((FINER, FINER, channels + 1, rows, columns), np.float32)
+    sprite[:, :, -1] = 1.0
+    top, bottom, first, last = (end // FINER for side in part for end in (side.start, side.stop))
     for k, plane in enumerate(planes):
         for y in range(FINER):
             for x in range(FINER):
-                sprite[y, x, k] = plane[y::FINER, x::FINER]
+                sprite[y, x, k, top:bottom, first:last] = plane[y::FINER, x::FINER]
     spans = np.zeros((rows, 4), np.int64)
-    for part, phases in enumerate((sprite[:, :, -1] < 0.998, sprite[:, :, 0] > 0.02)):
+    inside = sprite[..., top:bottom, first:last]
+    for place, phases in enumerate((inside[:, :, -1] < 0.998, inside[:, :, 0] > 0.02)):
         there = phases[0, 0] | phases[0, 1] | phases[1, 0] | phases[1, 1]
         some = there.any(axis=1)
-        spans[some, 2 * part] = there[some].argmax(axis=1)
-        spans[some, 2 * part + 1] = columns - there[some, ::-1].argmax(axis=1)
+        found = top + np.flatnonzero(some)
+        spans[found, 2 * place] = first + there[some].argmax(axis=1)
+        spans[found, 2 * place + 1] = last - there[some, ::-1].argmax(axis=1)
     return sprite, spans
+
+
+def _painted_part(canvas: Canvas, reach: int) -> Part:
+    """Where anything was painted and ``reach`` px more, to whole pixels of the picture.
+
+    It begins at a multiple of the vector instructions' width, so that a blur of it rounds as one of the whole would.
+    """
+    ends = [
+        (min(part[axis].start for part in canvas.changed), max(part[axis].stop for part in canvas.changed))
+        for axis in (0, 1)
+    ]
+    rows, columns = (
+        slice(max(0, low - reach) // _VECTOR * _VECTOR, min(size, -(-(high + reach) // FINER) * FINER))
+        for (low, high), size in zip(ends, canvas.shape, strict=True)
+    )
+    return rows, columns

@@ -6,7 +6,8 @@ from ._draw import Device, Draw
 from ._lines import smooth_lines
 from ._rig import Rig, build_rig
 from ._sensor import ForceSensor, Load, SensorLog, read_sensor
-from ._session import FINE, SWIFT, Pace, Session, run_session
+from ._session import Session, run_session
+from ._solve import FINE, SWIFT, Pace
 from ._tune import APPROACH_S, LEAD_S, STEP_S, Motion, instants_until
 from .settings import WorldSettings
 

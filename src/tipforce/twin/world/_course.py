@@ -11,7 +11,7 @@ from ._rig import Rig
 from ._tune import Motion, Tune
 from .settings import WorldSettings
 
-__all__ = ["Course", "CourseRun", "run_course"]
+__all__ = ["Course", "CourseRun", "run_course", "thinned"]
 
 _BLOCK = 4096
 """Instants at once: enough for nothing but the rod to cost time."""
@@ -201,10 +201,11 @@ def run_course(rig: Rig, tune: Tune, motion: Motion, every: int = 1) -> Course:
     """
     run = CourseRun(rig, tune, motion, every)
     run.advance(tune.time_s.size)
-    return run.course if every == 1 else _thinned(run.course, every)
+    return run.course if every == 1 else thinned(run.course, every)
 
 
-def _thinned(course: Course, every: int) -> Course:
+def thinned(course: Course, every: int) -> Course:
+    """Every so many of its instants."""
     rows = {name: getattr(course.contact, name)[::every] for name in _ROWS}
     others = [field.name for field in fields(Course) if field.name not in ("contact", "radius_m")]
     plain = {name: getattr(course, name)[::every] for name in others}

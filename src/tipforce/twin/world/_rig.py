@@ -74,10 +74,13 @@ def _profile(shaft: ShaftSettings, joints: FloatArray) -> FloatArray:
     return profile
 
 
-def build_rig(settings: WorldSettings, draw: Draw) -> Rig:
-    """Rod and wall of a session; raises ValueError where a drawn value has no physical meaning."""
+def build_rig(settings: WorldSettings, draw: Draw, segment_m: float = _SEGMENT_M) -> Rig:
+    """Rod, in segments of about so much, and wall of a session.
+
+    Raises ValueError where a drawn value has no physical meaning.
+    """
     shaft, device = settings.shaft, draw.device
-    segments = max(20, round(device.flexible_length_m / _SEGMENT_M))
+    segments = max(20, round(device.flexible_length_m / segment_m))
     joints = np.linspace(0.0, 1.0, segments + 1)
     relaxed = device.stiffness_nm2 / (1.0 + shaft.creep_share)  # EI is what answers at once
     rod = SpatialRod(

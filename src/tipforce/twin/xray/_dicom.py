@@ -29,8 +29,10 @@ def write_dicom(
 ) -> None:
     """Write ``frames`` (n of (h, w), of one `XrayRenderer` with ``bits``) with their stamps as one multi-frame file.
 
-    Geometry is the calibration as stated, never the truth; the frame times are the stamps' differences. Planes of one
-    scene share study, series and frame of reference. The same arguments give the same bytes. Lossless, not compressed.
+    Geometry is the calibration as stated, never the truth. Times are the stamps: ContentTime is their zero, FrameDelay
+    and FrameTimeVector count from there, so planes of one run stay on one clock whichever frames were dropped. Planes
+    of one scene share study, series and frame of reference. The same arguments give the same bytes. Lossless, not
+    compressed.
 
     Raises MissingExtraError without pydicom, InputError for frames of different shapes or stamps that do not rise.
     """
@@ -76,7 +78,8 @@ def _identity(pydicom: Any, scene: XrayScene, view: int, stamps: npt.NDArray[np.
     data.StudyID, data.AccessionNumber, data.SeriesNumber, data.InstanceNumber = "1", "", 1, view + 1
     data.Modality, data.Manufacturer, data.ManufacturerModelName = "XA", "tipforce", "twin"
     data.DeviceSerialNumber, data.SoftwareVersions = "0", "tipforce"
-    data.ContentDate, data.ContentTime, data.PatientOrientation = "", "", ""
+    # no day, for nobody was there; the time is the zero that the stamps of all planes count from
+    data.ContentDate, data.ContentTime, data.PatientOrientation = "", "000000.000000", ""
     planes = "SINGLE PLANE" if len(scene.views) == 1 else ("BIPLANE A", "BIPLANE B")[view]
     data.ImageType = ["ORIGINAL", "PRIMARY", planes]
     data.SeriesDescription = "Simulated cardiac fluoroscopy"
@@ -115,7 +118,8 @@ def _add_pixels(
     """Multi-frame, cine and image pixel modules."""
     data.NumberOfFrames = len(frames)
     data.FrameIncrementPointer = pydicom.tag.Tag("FrameTimeVector")
-    # The first increment is 0 by definition; the others come from the stamps, in milliseconds.
+    # The first increment is 0 by definition, and what lies before the first frame is the delay; all in milliseconds.
+    data.FrameDelay = f"{int(stamps[0]) / 1e6:.6f}"
     data.FrameTimeVector = [f"{step:.6f}" for step in np.diff(stamps, prepend=stamps[:1]) / 1e6]
     data.Rows, data.Columns = frames[0].shape
     data.SamplesPerPixel, data.PhotometricInterpretation = 1, "MONOCHROME2"

@@ -1,0 +1,102 @@
+"""``tipforce simulate`` under X-ray: DICOM of two views on one clock, and labelled pictures of them."""
+
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from tipforce.cli import app
+from tipforce.cli._simulated import leave_dicom
+from tipforce.cli._simulated_samples import write_samples
+from tipforce.dataset import open_dataset
+from tipforce.recording import RecordingReader, import_run, open_source
+from tipforce.twin import PRESETS, FluoroSettings, TwinBench, read_truth, sample_set
+from tipforce.types import Frame
+
+
+def brief(preset: str, fps: float) -> FluoroSettings:
+    settings = PRESETS[preset]
+    assert isinstance(settings, FluoroSettings)
+    clock = settings.world.clock.model_copy(update={"fps": fps, "dropped_share": 0.1})
+    world = settings.world.model_copy(update={"seconds": 8.0, "tare_s": 2.0, "clock": clock})
+    return settings.model_copy(update={"world": world, "width": 256, "height": 256})
+
+
+def run(verb, *arguments):
+    return CliRunner().invoke(app, [verb, *map(str, arguments)], catch_exceptions=True)
+
+
+@pytest.fixture(scope="module")
+def late() -> TwinBench:
+    """Its very first picture of view b was dropped."""
+    benches = (TwinBench(brief("biplane", 3.0), seed, 0) for seed in range(100))
+    return next(bench for bench in benches if bench.arrived("a")[0] == 0 < bench.arrived("b")[0])
+
+
+def test_two_views_as_dicom_stay_on_one_clock_where_the_first_picture_of_one_was_dropped(late, tmp_path):
+    pytest.importorskip("pydicom")
+    leave_dicom(late, tmp_path / "session", lambda: None)
+    for view in late.views:
+        path = tmp_path / "session" / f"run_{view}.dcm"
+        with open_source(path) as source:
+            stamps = [event.stamp_ns for event in source if isinstance(event, Frame)]
+        assert stamps == late.stamp_ns[late.arrived(view)].tolist()
+        target = tmp_path / f"{view}.mcap"
+        knob_log = tmp_path / "session" / "knob.csv"
+        import_run(path, tmp_path / "session" / "force.csv", target, knob_log=knob_log, offset_ms="none", tare="none")
+        with RecordingReader(target) as reader:
+            found_deg = reader.actuation_at(reader.stamps())["knob_deg"]
+        true_deg = late.at(late.course.knob_deg, late.frame_s[late.arrived(view)])
+        assert np.abs(found_deg - true_deg).max() < 0.02
+
+
+@pytest.fixture(scope="module", params=["fluoro", "biplane"])
+def wanted(request):
+    return sample_set(brief(request.param, 15.0), seed=5, samples=4, per_session=2, seconds=8.0)
+
+
+write = partial(write_samples, say=print, progress=lambda what, share: None, lossless=False, workers=1)
+
+
+@pytest.fixture(scope="module")
+def made(wanted, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("samples") / "set"
+    write(folder, wanted, shards=False, masks=True)
+    return folder
+
+
+def test_labelled_pictures_have_true_masks_of_every_view(wanted, made):
+    data = open_dataset(made)
+    assert len(data) == 4
+    for name in data.sessions:
+        truth = read_truth(made / "truth" / name)
+        seen = {wanted.views[0]: truth, **truth.others}
+        own = data.subset(data.session == name)
+        for k, observation in enumerate(own.observations()):
+            assert set(observation.views) == set(wanted.views)
+            for view, picture in observation.views.items():
+                shown = picture_path(made, own.names[k], view, wanted.views)
+                np.testing.assert_array_equal(cv2.imread(str(shown), cv2.IMREAD_UNCHANGED), picture)
+                path = made / "masks" / name / f"{shown.stem}.png"
+                mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) > 0
+                np.testing.assert_array_equal(mask, seen[view].mask(k))
+                ring = cv2.dilate(mask.astype(np.uint8), np.ones((15, 15), np.uint8)) > 0
+                assert picture[mask].mean() < picture[ring & ~mask].mean() - 5  # the catheter is dark there
+
+
+def picture_path(folder: Path, name: str, view: str, views) -> Path:
+    return folder / (name if len(views) == 1 else name.replace(f"-{views[0]}.", f"-{view}."))
+
+
+def test_shards_of_every_view_are_the_same_samples(wanted, made, tmp_path):
+    pytest.importorskip("pyarrow")
+    write(tmp_path / "shards", wanted, shards=True, masks=False)
+    images, shards = open_dataset(made), open_dataset(tmp_path / "shards")
+    assert shards.fingerprint() == images.fingerprint()
+    for one, other in zip(images.observations(), shards.observations(), strict=True):
+        assert set(one.views) == set(other.views) == set(wanted.views)
+        for view in one.views:
+            np.testing.assert_array_equal(one.views[view], other.views[view])
