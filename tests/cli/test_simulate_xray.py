@@ -12,6 +12,7 @@ from tipforce.cli import app
 from tipforce.cli._simulated import leave_dicom
 from tipforce.cli._simulated_samples import write_samples
 from tipforce.dataset import open_dataset
+from tipforce.errors import InputError
 from tipforce.recording import RecordingReader, import_run, open_source
 from tipforce.twin import PRESETS, FluoroSettings, TwinBench, read_truth, sample_set
 from tipforce.types import Frame
@@ -100,3 +101,13 @@ def test_shards_of_every_view_are_the_same_samples(wanted, made, tmp_path):
         assert set(one.views) == set(other.views) == set(wanted.views)
         for view in one.views:
             np.testing.assert_array_equal(one.views[view], other.views[view])
+
+
+def test_of_two_views_inspect_looks_at_the_one_that_is_named_and_asks_for_it(wanted, made, tmp_path):
+    if len(wanted.views) > 1:
+        result = run("inspect", made, "-o", tmp_path / "sheet.png")
+        assert isinstance(result.exception, InputError)
+        assert "its views are a, b: state --set view=a" in str(result.exception)
+    result = run("inspect", made, "-o", tmp_path / "sheet.png", "--set", f"view={wanted.views[-1]}")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "sheet.png").is_file()

@@ -44,7 +44,7 @@ def command(
     ] = None,
     per_session: Annotated[
         int | None,
-        typer.Option("--samples-per-session", min=1, help="With --dataset: pictures of each session; default 64."),
+        typer.Option("--samples-per-session", min=1, help="With --dataset: pictures of each session; default 80."),
     ] = None,
     shards: Annotated[
         bool, typer.Option("--shards", help="With --dataset: Parquet files instead of a folder of images.")
@@ -92,7 +92,7 @@ def command(
     if dataset:
         samples = samples or 1000
         chosen = _chosen(preset, settings)
-        wanted = sample_set(chosen, seed=seed, samples=samples, per_session=per_session or 64, seconds=seconds)
+        wanted = sample_set(chosen, seed=seed, samples=samples, per_session=per_session or 80, seconds=seconds)
         with progress_bar() as report:
             write_samples(output, wanted, shards=shards, masks=masks, lossless=lossless, say=say, progress=report)
         took = time.monotonic() - started

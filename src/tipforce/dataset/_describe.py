@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import InputError
 from ..types import Context, FloatArray, Image
 from ..units import newtons_to_grams
 from ._dataset import Dataset
@@ -57,11 +58,23 @@ def _spread(values: FloatArray) -> tuple[float, float, float]:
 
 
 def pictures(dataset: Dataset, view: str, every: int = 1) -> Iterator[tuple[Context, list[tuple[str, Image]]]]:
-    """Session by session: what is known of it; name and picture of every ``every``-th sample with one in ``view``."""
+    """Session by session: what is known of it; name and picture of every ``every``-th sample with one in ``view``.
+
+    Raises InputError where there are pictures of other views only.
+    """
+    others, found = set[str](), False
     for name in dataset.sessions:
         part = dataset.subset(np.flatnonzero(dataset.session == name)[::every])
-        seen = zip(part.names.tolist(), part.observations(), strict=True)
-        yield (
-            dataset.contexts[name],
-            [(own, image) for own, each in seen if isinstance(image := each.views.get(view), np.ndarray)],
+        shown: list[tuple[str, Image]] = []
+        for own, each in zip(part.names.tolist(), part.observations(), strict=True):
+            others |= each.views.keys() - {view}
+            if isinstance(image := each.views.get(view), np.ndarray):
+                shown.append((own, image))
+        found = found or bool(shown)
+        yield dataset.contexts[name], shown
+    if others and not found:
+        there = sorted(others)
+        raise InputError(
+            f"{dataset.title}: has no picture of the view {view!r}; its views are {', '.join(there)}: state --set "
+            f"view={there[0]}"
         )

@@ -53,7 +53,9 @@ class Inputs:
         view = observation.views.get(self._view)
         if view is None:
             there = ", ".join(observation.views) or "none"
-            return Refusal(Status.MISSING_INPUT, f"there is no view {self._view!r}; there is {there}")
+            return Refusal(
+                Status.MISSING_INPUT, f"there is no view {self._view!r}, as vision.view says; there is {there}"
+            )
         values = self._table(view) if isinstance(view, ShapeFeatures) else self._picture(view)
         if isinstance(values, Refusal):
             return values
