@@ -89,7 +89,8 @@ def end_place(
         for m in range(cells):
             apart = sums[j, m] - sums[j - 2, m] - sums[j + 3, m] + sums[j + 1, m]
             total += apart * apart
-        slope[j] = math.sqrt(total / cells)
+        far = (start + j * step - expected) / spread
+        slope[j] = math.sqrt(total / cells) * math.exp(-0.5 * far * far)
     low, high = max(3, at - window // 2), min(seen - 4, at + int(_RIM * half / step + 0.5))
     steepest = plain = 0.0
     for j in range(low, high + 1):

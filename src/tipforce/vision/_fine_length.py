@@ -48,29 +48,34 @@ def end_at_length(
     while n > 6 and stations[n - 1, 2] > goal - give - half:
         n -= 1
     n, gap = follow_to(pixels, row, channels, box, half, goal, work, stations, n)
-    tip, stands, hidden = goal, 0.0, 0.0
-    intervals = 0
-    for again in range(2):
-        last = stations[n - 1, 2]
-        length = last + ahead + 6.0
-        intervals = int(min(max(length / max(2.4 * half, 8.0), 6.0), 80.0))
-        for i in range(n):
-            weights[i] = stations[i, 4]
-        fit_spline(stations, n, length, intervals, 0.05, coefficients, band, weights)
-        if again == 1:
-            break
-        if gap > _HIDDEN * half or goal - give - last > _UNSEEN * half:
-            hidden = max(gap, goal - last)
-            break
-        tip, stands = end_place(
-            pixels, row, channels, box, coefficients, intervals, length, last, goal, _DEVIATION * give, half, work
-        )
-        if stands < _STANDS:
-            # a length alone is no proof: what ends before may be another thing, or this one broken off
-            stands, hidden = 0.0, max(goal - last, 1.0)
-        if n <= 6 or stations[n - 1, 2] <= tip - 0.3 * half:
-            break
+    last, length, intervals = _fit(stations, n, half, ahead, coefficients, band, weights)
+    if gap > _HIDDEN * half or goal - give - last > _UNSEEN * half:
+        return n, intervals, goal, 0.0, max(gap, goal - last)
+    tip, stands = end_place(
+        pixels, row, channels, box, coefficients, intervals, length, last, goal, _DEVIATION * give, half, work
+    )
+    hidden = 0.0
+    if stands < _STANDS:
+        # a length alone is no proof: what ends before may be another thing, or this one broken off
+        stands, hidden = 0.0, max(goal - last, 1.0)
+    if n > 6 and last > tip - 0.3 * half:
         # what was measured behind the tip lies on something else
         while n > 6 and stations[n - 1, 2] > tip - 0.3 * half:
             n -= 1
+        _, _, intervals = _fit(stations, n, half, ahead, coefficients, band, weights)
     return n, intervals, tip, stands, hidden
+
+
+@fast
+def _fit(
+    stations: np.ndarray, n: int, half: float, ahead: float, coefficients: np.ndarray, band: np.ndarray,
+    weights: np.ndarray,
+) -> tuple[float, float, int]:  # fmt: skip
+    """Fit the spline to ``n`` stations; the last one's arc length, the length it is fitted over, its intervals."""
+    last = stations[n - 1, 2]
+    length = last + ahead + 6.0
+    intervals = int(min(max(length / max(2.4 * half, 8.0), 6.0), 80.0))
+    for i in range(n):
+        weights[i] = stations[i, 4]
+    fit_spline(stations, n, length, intervals, 0.05, coefficients, band, weights)
+    return last, length, intervals

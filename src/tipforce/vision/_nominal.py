@@ -1,9 +1,13 @@
 """What the sheet beside the bench says of the catheter's size in the picture, and how settings follow it."""
 
+import math
 import statistics
 from collections.abc import Sequence
 
-from ..types import Context
+import numpy as np
+
+from ..types import Context, FloatArray, Image
+from ._common_end import common_end
 from ._settings import VisionSettings
 
 __all__ = ["in_session", "learn_length", "with_nominal"]
@@ -15,7 +19,9 @@ _SHOWN, _GIVE = 0.97, 0.08
 """Share of the nominal length that the picture shows of a catheter that enters at its border, and how sure that is."""
 _FRAMES = 3
 """Fewer lengths than these teach nothing."""
-_ONE, _MANY, _MOST = 0.015, 0.03, 0.08
+_DEVIATION = 0.45
+"""Standard deviation of the length in shares of its tolerance."""
+_ONE, _MANY, _MOST = 0.01, 0.03, 0.08
 """Least tolerance of a length that was learnt in one session, in many, and the most."""
 
 
@@ -66,25 +72,41 @@ def in_session(settings: VisionSettings, context: Context) -> VisionSettings:
 
 
 def learn_length(
-    settings: VisionSettings, contexts: Sequence[Context], lengths_px: Sequence[float | None]
+    settings: VisionSettings, contexts: Sequence[Context], images: Sequence[Image], lines: Sequence[FloatArray | None]
 ) -> VisionSettings:
-    """``settings`` with the length that was seen: the median over the sessions, each by the median of its frames.
+    """``settings`` with the length that was seen: the median over the sessions, each by all of its pictures together.
 
-    ``lengths_px``: of each frame, None where it was not seen. A session's length is its own and well known; several
-    sessions differ by how far the catheter stands out of its sheath.
+    ``lines``: the centreline of each picture, None where it was not seen. A session's length is its own and well
+    known; several sessions differ by how far the catheter stands out of its sheath.
     """
-    ratios: dict[str, list[float]] = {}
-    for context, length in zip(contexts, lengths_px, strict=True):
-        expected = in_session(settings, context).length_px
-        if length is not None and expected is not None:
-            ratios.setdefault(context.session, []).append(length / expected)
-    seen = [ratio for session in ratios.values() for ratio in session]
-    if settings.length_px is None or len(seen) < _FRAMES:
+    sessions: dict[str, list[int]] = {}
+    for k, (context, line) in enumerate(zip(contexts, lines, strict=True)):
+        if line is not None:
+            sessions.setdefault(context.session, []).append(k)
+    if sum(map(len, sessions.values())) < _FRAMES:
         return settings
-    own = seen if len(ratios) == 1 else [statistics.median(session) for session in ratios.values()]
-    middle = statistics.median(own)
-    spread = 3.0 * 1.4826 * statistics.median(abs(ratio - middle) for ratio in own)
-    least = _ONE if len(ratios) == 1 else _MANY
+    ratios: list[float] = []
+    spreads: list[float] = []
+    for members in sessions.values():
+        own = in_session(settings, contexts[members[0]])
+        if own.length_px is None or own.diameter_px is None:
+            return settings
+        found = common_end(
+            [images[k] for k in members],
+            [line for k in members if (line := lines[k]) is not None],
+            0.5 * own.diameter_px,
+            own.length_px,
+            _DEVIATION * own.length_tolerance * own.length_px,
+        )
+        if found is not None:
+            ratios.append(found[0] / own.length_px)
+            spreads.append(float(np.median(np.abs(found[1] - found[0]))) / own.length_px)
+    if settings.length_px is None or not ratios:
+        return settings
+    middle = statistics.median(ratios)
+    apart = statistics.median(abs(ratio - middle) for ratio in ratios)
+    spread = 3.0 * 1.4826 * math.hypot(apart, statistics.median(spreads))
+    least = _ONE if len(sessions) == 1 else _MANY
     return settings.model_copy(
         update={
             "length_px": round(middle * settings.length_px, 2),

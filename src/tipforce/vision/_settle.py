@@ -16,7 +16,7 @@ from ._sighting import Sighting
 
 __all__ = ["is_settled", "settle"]
 
-_FRAMES = 10
+_FRAMES = 16
 _STOUT_PX = 12.0
 _SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
 _POLARITIES: tuple[Polarity, ...] = ("dark", "light")
@@ -113,6 +113,17 @@ def _best_way(
     return best and best[1:]
 
 
+def _lines(
+    settings: VisionSettings, frames: Sequence[Image], contexts: Sequence[Context], traces: Sequence[Trace | None]
+) -> list[FloatArray | None]:
+    """The centreline in each frame whose trace convinced."""
+    seen = [
+        FineTracer(in_session(settings, c)).see(frame).centreline if trace else None
+        for frame, c, trace in zip(frames, contexts, traces, strict=True)
+    ]
+    return [line.points if line else None for line in seen]
+
+
 def settle(
     settings: VisionSettings, images: Iterable[Image], contexts: Context | Sequence[Context] | None = None
 ) -> VisionSettings:
@@ -146,7 +157,7 @@ def settle(
     chosen, traces = found
     sheets = list(sheets[: len(frames)])
     if settings.length_px is None and chosen.length_px is not None:
-        chosen = learn_length(chosen, sheets, [trace.length_px if trace else None for trace in traces])
+        chosen = learn_length(chosen, sheets, frames, _lines(chosen, frames, sheets, traces))
     if chosen.threshold is None:
         chosen = chosen.model_copy(update={"threshold": _threshold(chosen, frames, sheets)})
     if settings.diameter_px is None:
