@@ -1,11 +1,13 @@
 """What `fine` sees in recordings of the twin, held against their hidden truth, session by session.
 
-    python -m bench.vision_on_twin RUNS [RUNS ...] [--every 12] [--blind] [--sheet worst.png] [--json FILE]
+    python -m bench.vision_on_twin RUNS [RUNS ...] [--every 12] [--live | --blind] [--sheet worst.jpg] [--json FILE]
 
-Each RUNS holds what `tipforce simulate` wrote. The settings are settled on each session's own first frames and on its
-public sheet (nominal size, scale, the base's side); with --blind on the pictures alone. Wrong: given as valid, but with
-a tip more than 5 px off along the shaft, or a point more than 2 px beside the true centreline. Errors are those of the
-frames that are right. Covered: something hides more than 3 % of what the picture would show of the catheter.
+Each RUNS holds what `tipforce simulate` wrote; every view of a session is looked at. The settings are settled on 16
+frames spread over the session and on its public sheet (nominal size, scale, the base's side); with --live on frames
+of its first two seconds, in which the catheter stands still; with --blind on the spread pictures alone. Wrong: given
+as valid, but with a tip more than 5 px off along the shaft, or a point more than 2 px beside the true centreline.
+Errors are those of the frames that are right. Covered: something hides more than 3 % of what the picture would show
+of the catheter.
 """
 
 import argparse
@@ -22,7 +24,7 @@ from tipforce.recording import RecordingReader
 from tipforce.twin import Truth, read_truth
 from tipforce.vision import Vision, VisionSettings, settle
 
-FIRST = 50
+FIRST, SPREAD = 50, 16
 HIDDEN = 0.03
 
 
@@ -33,7 +35,7 @@ def look(vision: Vision, image: np.ndarray, curve: np.ndarray) -> dict[str, Any]
         why = f"{sight.status}: {sight.detail}"
         return {"found": False, "wrong": False, "why": why, "bad": 1e3, "points": None}
     points = sight.centreline.points
-    inside = (curve[:, 0] > -2) & (curve[:, 0] < image.shape[1] + 1)
+    inside = ((curve > -2) & (curve < np.array(image.shape[1::-1]) + 1)).all(axis=1)
     beside = distance_to_curve(points, curve[max(0, int(np.argmax(inside)) - 1) :])
     axis = curve[-1] - curve[-2]
     tip = abs(float((points[-1] - curve[-1]) @ axis / np.linalg.norm(axis)))
@@ -52,24 +54,38 @@ def covered(curve: np.ndarray, visible: float, size: tuple[int, int]) -> bool:
     return visible < float(inside.mean()) - HIDDEN
 
 
-def session(path: Path, truth: Truth, every: int, blind: bool) -> list[dict[str, Any]]:
-    """Every ``every``-th frame of a recording."""
+def session(path: Path, truth: Truth, options: argparse.Namespace) -> list[dict[str, Any]]:
+    """Every so many frames of each view of a recording."""
     with RecordingReader(path) as reader:
-        count = len(truth.stamp_ns)
-        first = [reader.frame_at(k).image for k in range(0, min(FIRST, count), 5)]
-        try:
-            vision = Vision(settle(VisionSettings(), first, None if blind else reader.context))
-        except InputError as error:
-            print(f"{path.stem}: {error}")
-            vision = Vision(VisionSettings())
-        rows = []
-        for k in range(0, count, every):
-            image = reader.frame_at(k).image
-            curve = truth.centreline_px[k]
-            row = look(vision, image, curve)
-            row |= {"covered": covered(curve, float(truth.visible[k]), truth.image_size)}
-            row |= {"image": image, "curve": curve} if row["bad"] > 1.0 else {}
-            rows.append(row | {"name": f"{path.parent.name} {path.stem} frame {k}"})
+        return [row for view in reader.views for row in one_view(reader, view, path, truth, options)]
+
+
+def one_view(
+    reader: RecordingReader, view: str, path: Path, truth: Truth, options: argparse.Namespace
+) -> list[dict[str, Any]]:
+    """Every so many frames of one view."""
+    of_view = truth.others.get(view, truth)
+    stamps = reader.stamps(view)
+    count = len(stamps)
+    if options.live:
+        settling = range(0, min(FIRST, count), 5)
+    else:
+        settling = np.unique(np.linspace(0, count - 1, SPREAD).astype(int)).tolist()
+    pictures = [reader.frame_at(k, view).image for k in settling]
+    try:
+        vision = Vision(settle(VisionSettings(), pictures, None if options.blind else reader.context))
+    except InputError as error:
+        print(f"{path.stem} {view}: {error}")
+        vision = Vision(VisionSettings())
+    rows = []
+    for k in range(0, count, options.every):
+        image = reader.frame_at(k, view).image
+        at = int(np.argmin(np.abs(truth.stamp_ns - stamps[k])))
+        curve = of_view.centreline_px[at]
+        row = look(vision, image, curve)
+        row |= {"covered": covered(curve, float(of_view.visible[at]), of_view.image_size)}
+        row |= {"image": image, "curve": curve} if row["bad"] > 1.0 else {}
+        rows.append(row | {"name": f"{path.parent.name} {path.stem} {view} frame {k}"})
     return rows
 
 
@@ -77,7 +93,8 @@ def sheet(rows: list[dict[str, Any]], path: Path) -> None:
     """The worst frames: truth in green, what was seen in red."""
     tiles = []
     for row in rows[:12]:
-        tile = cv2.cvtColor(row["image"], cv2.COLOR_RGB2BGR)
+        grey = row["image"].ndim == 2
+        tile = cv2.cvtColor(row["image"], cv2.COLOR_GRAY2BGR if grey else cv2.COLOR_RGB2BGR)
         cv2.polylines(tile, [np.rint(row["curve"] * 16).astype(np.int32)], False, (60, 200, 60), 1, cv2.LINE_AA, 4)
         if row["points"] is not None:
             points = np.rint(row["points"] * 16).astype(np.int32)
@@ -88,13 +105,14 @@ def sheet(rows: list[dict[str, Any]], path: Path) -> None:
         tiles.append(tile)
     while len(tiles) % 4:
         tiles.append(np.zeros_like(tiles[0]))
-    cv2.imwrite(str(path), np.vstack([np.hstack(tiles[k : k + 4]) for k in range(0, len(tiles), 4)]))
+    drawn = np.vstack([np.hstack(tiles[k : k + 4]) for k in range(0, len(tiles), 4)])
+    cv2.imwrite(str(path), cv2.resize(drawn, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA))
 
 
 def figures(rows: list[dict[str, Any]]) -> dict[str, float]:
     """Shares in percent, errors in px."""
     right = [row for row in rows if row["found"] and not row["wrong"]]
-    out = {"frames": len(rows), "right": 100 * len(right) / len(rows)}
+    out: dict[str, float] = {"frames": len(rows), "right": 100 * len(right) / len(rows)}
     out["refused"] = 100 * np.mean([not row["found"] for row in rows])
     out["wrong"] = 100 * np.mean([row["wrong"] for row in rows])
     clear = [row for row in rows if not row["covered"]]
@@ -112,7 +130,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", type=Path, nargs="+")
     parser.add_argument("--every", type=int, default=12)
-    parser.add_argument("--blind", action="store_true", help="nothing is known but the pictures")
+    start = parser.add_mutually_exclusive_group()
+    start.add_argument("--live", action="store_true", help="settle on the first two seconds")
+    start.add_argument("--blind", action="store_true", help="nothing is known but the pictures")
     parser.add_argument("--sheet", type=Path, help="draw the twelve worst frames")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
@@ -124,7 +144,7 @@ def main() -> None:
             parser.error(f"{folder}: no recording; write some with `tipforce simulate`")
         together: list[dict[str, Any]] = []
         for path in paths:
-            rows = session(path, read_truth(path), options.every, options.blind)
+            rows = session(path, read_truth(path), options)
             together += rows
             report(results, f"{folder.name}/{path.stem}", rows)
         report(results, f"{folder.name}, all", together)

@@ -5,17 +5,18 @@ import numpy as np
 import pytest
 
 from tipforce.types import Catheter, Context
-from tipforce.vision import FineTracer, VisionSettings, settle
+from tipforce.vision import FineTracer, Sighting, VisionSettings, in_session, settle
 
 LENGTH = 150.0
 SHEET = Context("monday", Catheter("test tube", 0.012, 0.156, 0.0), 1e-3, {"base_side": "left"})
 
 
-def _picture(turn: float, rail: float) -> np.ndarray:
+def _picture(turn: float, rail: float, cloth: float = 0.0) -> np.ndarray:
     """A straight shaft from the left border, its metal end little darker than the ground; a dark rail lies behind it.
 
     ``rail``: how far behind the end the rail begins. The rail is darker than the metal end, so its border stands out
-    more than the end itself.
+    more than the end itself. ``cloth``: angle to the shaft, in radians, of the border of a cloth of the shaft's own
+    grey, which lies under the last 90 px of it and to one side.
     """
     rng = np.random.default_rng(round(1e4 * (turn + 1.0)))
     scale = 4
@@ -30,10 +31,22 @@ def _picture(turn: float, rail: float) -> np.ndarray:
     aside = np.array([-way[1], way[0]])
     middle = tip + (rail + 12.0) * way
     bar(middle - 60 * aside, middle + 60 * aside, 12.0, 60.0)
+    if cloth:
+        border = np.array([np.cos(turn + cloth), np.sin(turn + cloth)])
+        first = tip - 90 * way - 7.0 * aside
+        corners = [first, first + 300 * border, first + 300 * border + 300 * aside, first + 300 * aside]
+        cv2.fillPoly(image, [np.rint((np.array(corners) + 0.5) * scale).astype(np.int32)], 60.0)
     bar(base, tip - 30 * way, 12.0, 60.0)
     bar(tip - 30 * way, tip, 12.0, 120.0)
     small = cv2.GaussianBlur(cv2.resize(image, (260, 200), interpolation=cv2.INTER_AREA), (0, 0), 0.8)
     return np.clip(np.rint(small + rng.normal(0.0, 2.0, small.shape)), 0, 255).astype(np.uint8)
+
+
+def _beside(sight: Sighting, turn: float) -> float:
+    """How far the line lies beside the shaft's axis at most, in px."""
+    assert sight.centreline is not None
+    aside = np.array([-np.sin(turn), np.cos(turn)])
+    return float(np.abs((sight.centreline.points - np.array([-6.0, 100.0])) @ aside).max())
 
 
 def test_an_edge_that_lies_elsewhere_in_every_picture_is_not_taken_for_the_end() -> None:
@@ -46,3 +59,22 @@ def test_an_edge_that_lies_elsewhere_in_every_picture_is_not_taken_for_the_end()
         seen = FineTracer(settled).see(picture).centreline
         assert seen is not None
         assert np.hypot(*np.diff(seen.points, axis=0).T).sum() == pytest.approx(LENGTH, abs=3.0)
+
+
+def test_a_shaft_lost_on_a_cloth_of_its_own_grey_is_found_again_by_the_look_of_its_end() -> None:
+    clear = [_picture(0.05 * k - 0.2, 40.0) for k in range(8)]
+    settled = settle(VisionSettings(), clear, SHEET)
+    assert settled.end_look is not None
+    unaware = settled.model_copy(update={"end_look": None})
+    for turn, cloth in ((-0.1, -0.15), (0.0, -0.05), (0.1, -0.1)):
+        picture = _picture(turn, 40.0, cloth)
+        assert _beside(FineTracer(unaware).see(picture), turn) > 5.0
+        assert _beside(FineTracer(settled).see(picture), turn) < 0.6
+
+
+def test_how_an_end_looks_is_not_carried_to_another_session_or_learnt_of_several() -> None:
+    pictures = [_picture(0.05 * k - 0.2, 40.0) for k in range(8)]
+    settled = settle(VisionSettings(), pictures, SHEET)
+    nearer = Context("tuesday", SHEET.catheter, 0.8e-3, SHEET.notes)
+    assert in_session(settled, nearer).end_look is None
+    assert settle(VisionSettings(), pictures, [SHEET] * 8).end_look is None

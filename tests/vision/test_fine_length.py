@@ -45,6 +45,14 @@ def test_a_shaft_that_ends_too_early_is_refused() -> None:
         assert sight.status is Status.CUT_OFF
 
 
+def test_a_shaft_that_goes_on_past_its_length_is_refused() -> None:
+    """At full contrast: it is another catheter, or another thing."""
+    look = tubes.Look(length=(310.0, 310.0), rings=0)
+    for seed in range(770, 776):
+        sight = FineTracer(KNOWN).see(tubes.draw(np.random.default_rng(seed), look).image)
+        assert not sight.found
+
+
 def test_a_clear_shaft_is_seen_alike_with_and_without_its_length() -> None:
     tube = tubes.draw(np.random.default_rng(780), tubes.Look(length=LENGTH))
     first, second = FineTracer(OPEN).see(tube.image), FineTracer(KNOWN).see(tube.image)

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Look", "frame_count", "is_picture", "look_at", "look_over", "look_through", "save_picture"]
 
+_SETTLING = 16
+"""Pictures on which vision settles."""
 _PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 
 
@@ -83,8 +85,7 @@ def look_through(
     tally, first = Tally(room), None
     with open_source(path) as source:
         total = frame_count(source, vision.view)
-        opening = [frame.image for frame in islice(_frames(source, vision.view), 0, 50, 5)]
-        settled = _settled(vision, opening, source.context)
+        settled = _settled(vision, _spread(source, vision.view, total), source.context)
         see = Vision(settled).see
         for count, frame in enumerate(_frames(source, vision.view)):
             first = frame if first is None else first
@@ -115,7 +116,7 @@ def look_over(
     """
     tally, first, settled = Tally(room), None, vision
     for context, session in sessions:
-        settled = _settled(vision, [image for _, image in session[:: max(1, len(session) // 5)]], context)
+        settled = _settled(vision, [image for _, image in session[:: -(-len(session) // _SETTLING)]], context)
         see = Vision(settled).see
         for name, image in session:
             first = image if first is None else first
@@ -141,6 +142,18 @@ def _views_in(path: Path) -> str:
     with RecordingReader(path) as reader:
         views = reader.views
     return f"; there is {', '.join(views)}: state --set view={views[0]}" if views else ""
+
+
+def _spread(source: Source, view: str, total: int) -> list[Image]:
+    """Pictures from all over ``source``, or from its first seconds where nobody knows how many there are.
+
+    What lies beneath the catheter's end must change, or it is taken for a part of it.
+    """
+    if isinstance(source, RecordingReader) and view in source.views:
+        places = np.unique(np.linspace(0, total - 1, _SETTLING).astype(np.int64))
+        return [source.frame_at(int(k), view).image for k in places]
+    step = max(1, total // _SETTLING) if total else 5
+    return [frame.image for frame in islice(_frames(source, view), 0, step * _SETTLING, step)]
 
 
 def _settled(vision: VisionSettings, images: list[Image], context: Context) -> VisionSettings:

@@ -23,8 +23,10 @@ __all__ = ["RunReport", "record", "refuse_target", "write_run"]
 
 _LARGE_N = 10.0
 """A catheter buckles long before; what is more is another unit or a slip of the pen."""
-_FIRST = 50
-"""Frames on which vision settles, every fifth of them."""
+_FIRST, _EVERY = 50, 5
+"""Frames on which vision settles first, every fifth of them."""
+_KEPT = 16
+"""Pictures from all over the run so far on which it settles again, whenever the run has doubled."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +135,8 @@ class _Run:
         """Why no catheter is seen at all, or empty."""
         self.sightings: list[Sighting] = []
         self._view = settings.view
+        self._kept: list[Image] = []
+        self._every = _EVERY
         self._frames: list[int] = []
         self._count = 0
         self._force_ns, self._force_n = array("q"), array("d")  # an hour at 1 kHz takes 115 MB
@@ -145,7 +149,7 @@ class _Run:
             try:
                 self._view = _view_among(head, self._settings.view)
                 pictures = [event.image for event in head if isinstance(event, Frame) and event.view == self._view]
-                see = Vision(settle(self._settings, pictures[::5], self._context)).see
+                see = Vision(settle(self._settings, pictures[::_EVERY], self._context)).see
             except InputError as error:  # the recording is worth having without its clock offset
                 self.blind = str(error)
             events = chain(head, events)
@@ -153,6 +157,8 @@ class _Run:
             yield event
             if isinstance(event, Frame):
                 self._picture(event, see)
+                if see is not None and event.view == self._view:
+                    see = self._settled_again(event.image) or see
             elif isinstance(event, Wrench):
                 self._force_ns.append(event.stamp_ns)
                 self._force_n.extend(event.force_n)
@@ -167,6 +173,18 @@ class _Run:
             self.sightings.append(see(frame.image))
         if self._progress:
             self._progress(self._count)
+
+    def _settled_again(self, image: Image) -> Callable[[Image], Sighting] | None:
+        """A way of looking that knows more of the run: while the catheter stands still, what lies beneath it does."""
+        if (len(self.sightings) - 1) % self._every == 0:
+            self._kept.append(image)
+        if len(self._kept) < 2 * _KEPT:
+            return None
+        self._kept, self._every = self._kept[::2], 2 * self._every
+        try:
+            return Vision(settle(self._settings, self._kept, self._context)).see
+        except InputError:
+            return None
 
     @property
     def stamp_ns(self) -> IntArray:

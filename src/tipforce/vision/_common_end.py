@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 
 from ..types import FloatArray, Image
+from ._fine_aim import ACROSS, ROWS, WIDTH
 
-__all__ = ["common_end"]
+__all__ = ["common_end", "common_look"]
 
 _STEP_PX = 0.5
 _ACROSS, _WIDTH = 9, 0.85
@@ -43,7 +44,11 @@ def common_end(
     at = np.arange(max(expected - reach, half), expected + reach, _STEP_PX)
     if len(at) < 3 * margin:
         return None
-    steps = np.array([_steps(_strip(image, line, half, at), window) for image, line in zip(images, lines, strict=True)])
+    beside = _WIDTH * np.linspace(-1.0, 1.0, _ACROSS)
+    back = 1.0 - np.sqrt(1.0 - beside**2)  # the front is round: beside the axis it lies further back
+    steps = np.array(
+        [_steps(_read(image, line, half, at, beside, back), window) for image, line in zip(images, lines, strict=True)]
+    )
     common = steps.mean(axis=0)
     clear = np.sqrt((common**2).mean(axis=1))
     clear[:margin] = clear[len(at) - margin :] = 0.0
@@ -66,10 +71,27 @@ def common_end(
     return float(at[end] - 0.5 * _STEP_PX), own - 0.5 * _STEP_PX
 
 
-def _strip(image: Image, line: FloatArray, half: float, at: FloatArray) -> FloatArray:
-    """(n, cells) grey levels along the line at arc lengths ``at``, straight on behind its end.
+def common_look(images: Sequence[Image], lines: Sequence[FloatArray], half: float, length: float) -> tuple[int, ...]:
+    """Grey levels over the last stretch of a catheter of known ``length``, as `FineTracer` wants to know them.
 
-    What lies beside the axis is read further back: the front is round.
+    The median over those half of the pictures that are most like all: in some the line lies beside the catheter, or
+    something over it.
+    """
+    at = length - half * (np.arange(ROWS, dtype=np.float64)[::-1] + 0.5)
+    beside = WIDTH * np.linspace(-1.0, 1.0, ACROSS)
+    back = np.zeros(ACROSS)
+    seen = np.array([_read(image, line, half, at, beside, back) for image, line in zip(images, lines, strict=True)])
+    off = np.abs(seen - np.median(seen, axis=0)).mean(axis=(1, 2))
+    common = np.median(seen[off <= np.median(off)], axis=0)
+    return tuple(np.rint(common[::-1]).astype(int).ravel().tolist())
+
+
+def _read(
+    image: Image, line: FloatArray, half: float, at: FloatArray, beside: FloatArray, back: FloatArray
+) -> FloatArray:
+    """(n, cells) grey levels at arc lengths ``at`` less ``back`` (k,), ``beside`` the line (k,), in radii.
+
+    The line goes straight on behind its end.
     """
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     beyond = np.maximum(at - arc[-1], 0.0)
@@ -79,9 +101,7 @@ def _strip(image: Image, line: FloatArray, half: float, at: FloatArray) -> Float
     tangent = np.gradient(axis, axis=0)
     tangent /= np.hypot(*tangent.T)[:, None]
     normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-    beside = _WIDTH * np.linspace(-1.0, 1.0, _ACROSS)
-    back = half * (1.0 - np.sqrt(1.0 - beside**2))
-    places = axis[:, None] + half * beside[:, None] * normal[:, None] - back[:, None] * tangent[:, None]
+    places = axis[:, None] + half * (beside[:, None] * normal[:, None] - back[:, None] * tangent[:, None])
     u, v = places.astype(np.float32).transpose(2, 0, 1)
     read = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return read.reshape(len(at), -1).astype(np.float64)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..types import BasePose, CentrelinePx, Image, IntArray, Status
+from ._fine_aim import ACROSS, ROWS
 from ._fine_entry import find_entries
 from ._fine_solve import RESULT_SIZE, WORK_SIZE, solve_shaft
 from ._fine_trace import END_BORDER, END_LOST, END_SHORT
@@ -33,6 +34,7 @@ _PALE = 40.0
 """While the diameter is open, a shaft of this contrast counts half as much as one of the strongest."""
 _LEAST_GIVE = 0.4
 """No length is known better than to this share of the radius."""
+_NO_LOOK = np.zeros((0, 0))
 _OBLIQUE = 1.6
 """A shaft that enters at 50 degrees is this much wider along the border than across its axis."""
 
@@ -85,6 +87,7 @@ class FineTracer:
         self._best = np.zeros((settings.points, 2))
         self._plan = np.zeros(12)
         self._work = np.zeros(WORK_SIZE + 2 * settings.points)
+        self._look = np.array(settings.end_look, dtype=np.float64).reshape(ROWS, -1) if settings.end_look else _NO_LOOK
         self._size = (0, 0)
         self._area = (0, 0, 0, 0)
         # of the base line: its pixels, the heading into the picture; the lines that are searched (`_resize`)
@@ -169,8 +172,9 @@ class FineTracer:
             sign, u, v, heading, width, contrast, known, settings.max_gap_px, depth, settings.base_columns,
             expected, give,
         )  # fmt: skip
+        look = self._look if self._look.shape[1] == ACROSS * channels else _NO_LOOK
         n, end = solve_shaft(
-            pixels, row, channels, self._box, self._plan, self._stations, self._result, self._points, self._work
+            pixels, row, channels, self._box, self._plan, look, self._stations, self._result, self._points, self._work
         )
         _, diameter, typical, _, gap, blind, length, drop, base_u, base_v, angle, rms, last_u, last_v, doubt = (
             self._result[:15].tolist()

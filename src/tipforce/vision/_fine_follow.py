@@ -26,7 +26,7 @@ from ._fine_strip import (
     straighten,
 )  # fmt: skip
 
-__all__ = ["FOLLOW_SIZE", "follow_to"]
+__all__ = ["FOLLOW_SIZE", "follow_to", "heading"]
 
 _GROUP = 4
 """Blocks that are averaged: a diameter of the shaft."""
@@ -80,7 +80,7 @@ def _arc_score(flanks: np.ndarray, channels: int, blocks: int, turn: float, bend
 
 
 @fast
-def _heading(stations: np.ndarray, n: int, half: float, back: float) -> tuple[float, float, float, float]:
+def heading(stations: np.ndarray, n: int, half: float, back: float) -> tuple[float, float, float, float]:
     """Where the shaft is ``back`` before its last station, its angle there and its bend: a robust parabola."""
     low = n - 1
     while low > 0 and stations[n - 1, 2] - stations[low - 1, 2] < _BEFORE * half:
@@ -166,7 +166,7 @@ def follow_to(
         if last > goal - half:
             break
         back = (BEHIND + 1) * BLOCK * cell
-        u, v, angle, bend = _heading(stations, n, half, back)
+        u, v, angle, bend = heading(stations, n, half, back)
         rest = goal - last
         bend *= max(0.0, 1.0 - (_STIFF * half / rest) ** 2)
         if rest < _STRAIGHT_ON * half:

@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 
+from ._fine_aim import aim_again
 from ._fine_end import end_place
 from ._fine_fit import fit_spline, spline_at
 from ._fine_follow import follow_to
 from ._fine_pixels import fast
 
-__all__ = ["base_offset", "end_at_length"]
+__all__ = ["base_offset", "end_at_length", "goes_through"]
 
 _UNSEEN = 4.0
 """So many radii before its tip a catheter may be seen for the last time."""
@@ -17,6 +18,10 @@ _HIDDEN = 12.0
 """So many radii of it may be hidden, where what comes to light again has the right length."""
 _STANDS = 5.0
 """Grey levels by which the tip's front must part what is before and behind it."""
+_PAST = 4.0
+"""A shaft that shows as clearly as ever so many radii past its length is not this catheter's."""
+_CLEAR = 0.5
+"""Least weight of a station where the shaft shows clearly."""
 _DEVIATION = 0.45
 """Standard deviation of the length in shares of what it may be off."""
 
@@ -36,9 +41,26 @@ def base_offset(
 
 
 @fast
+def goes_through(stations: np.ndarray, n: int, goal: float, give: float, half: float) -> bool:
+    """Whether the shaft was traced past the place where it must end, at full contrast and without a break."""
+    first, past = goal - give - half, goal + give + _PAST * half
+    if n == 0 or stations[n - 1, 2] < past:
+        return False
+    i = n - 1
+    while i > 0 and stations[i, 2] > past:
+        i -= 1
+    while i > 0 and stations[i, 2] > first:
+        if stations[i, 5] != 1.0 or stations[i, 4] < _CLEAR:
+            return False
+        i -= 1
+    return True
+
+
+@fast
 def end_at_length(
-    pixels: np.ndarray, row: int, channels: int, box: np.ndarray, half: float, goal: float, give: float, ahead: float,
-    coefficients: np.ndarray, band: np.ndarray, weights: np.ndarray, work: np.ndarray, stations: np.ndarray, n: int,
+    pixels: np.ndarray, row: int, channels: int, box: np.ndarray, look: np.ndarray, half: float, goal: float,
+    give: float, ahead: float, coefficients: np.ndarray, band: np.ndarray, weights: np.ndarray, work: np.ndarray,
+    stations: np.ndarray, n: int,
 ) -> tuple[int, int, float, float, float]:  # fmt: skip
     """Follow the shaft from its station ``n`` - 1 to where it must end: arc length ``goal``, within ``give``.
 
@@ -49,6 +71,13 @@ def end_at_length(
         n -= 1
     n, gap = follow_to(pixels, row, channels, box, half, goal, work, stations, n)
     last, length, intervals = _fit(stations, n, half, ahead, coefficients, band, weights)
+    if len(look):
+        better = aim_again(
+            pixels, row, channels, box, look, coefficients, intervals, length, last, goal, half, work, stations, n
+        )
+        if better > 0:
+            n, gap = better, 0.0
+            last, length, intervals = _fit(stations, n, half, ahead, coefficients, band, weights)
     if gap > _HIDDEN * half or goal - give - last > _UNSEEN * half:
         return n, intervals, goal, 0.0, max(gap, goal - last)
     tip, stands = end_place(

@@ -8,7 +8,7 @@ from ._fine_beyond import AHEAD_SIZE, NO_ELECTRODE, count_solid, goes_on, look_b
 from ._fine_end import END_SIZE
 from ._fine_fit import TIP_BACK, fit_spline, measure_ends, resample, spline_at, tip_place
 from ._fine_follow import FOLLOW_SIZE
-from ._fine_length import base_offset, end_at_length
+from ._fine_length import base_offset, end_at_length, goes_through
 from ._fine_pixels import fast
 from ._fine_trace import END_BORDER, END_LOST, END_SHORT, END_TIP, trace_shaft
 
@@ -36,6 +36,7 @@ def solve_shaft(
     channels: int,
     box: np.ndarray,
     plan: np.ndarray,
+    look: np.ndarray,
     stations: np.ndarray,
     result: np.ndarray,
     points: np.ndarray,
@@ -46,6 +47,7 @@ def solve_shaft(
     ``plan``: sign, entry u, v, heading, width, contrast, known diameter, longest gap, how far inside the base line the
     entry was found (the curve is continued back to the line), length of the base's line fit, the catheter's length (0:
     nobody knows), which is right within so much. ``work``: scratch of `WORK_SIZE` + twice the number of points.
+    ``look``: of the catheter's end, for `aim_again`; empty where nobody knows it.
     """
     sign, entry_u, entry_v, heading, width = plan[0], plan[1], plan[2], plan[3], plan[4]
     contrast, known, max_gap, depth, base_length = plan[5], plan[6], plan[7], plan[8], plan[9]
@@ -96,10 +98,10 @@ def solve_shaft(
         least = max(6.0, 0.06 * typical)
         unclear = goes_on(pixels, row, channels, box, coefficients, intervals, length, tip, half, least)
     if unclear and known_length > 0.0:
-        if end != END_BORDER or last > goal - give:
+        if (end != END_BORDER or last > goal - give) and not goes_through(stations, n, goal, give, half):
             n, intervals, tip, drop, hidden = end_at_length(
-                pixels, row, channels, box, half, goal, give, ahead, coefficients, band, weights, beyond, stations,
-                solid,
+                pixels, row, channels, box, look, half, goal, give, ahead, coefficients, band, weights, beyond,
+                stations, solid,
             )  # fmt: skip
             last = straight = stations[n - 1, 2]
             length = last + ahead + 6.0

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..types import Context, FloatArray, Image
-from ._common_end import common_end
+from ._common_end import common_end, common_look
 from ._settings import VisionSettings
 
-__all__ = ["in_session", "learn_length", "with_nominal"]
+__all__ = ["in_session", "learn_length", "learn_look", "with_nominal"]
 
 _SIDES = ("left", "right", "top", "bottom")
 _WIDER = 1.03
@@ -63,7 +63,7 @@ def in_session(settings: VisionSettings, context: Context) -> VisionSettings:
     nominal = _nominal_px(context)
     if nominal is None or settings.nominal_px is None or nominal == settings.nominal_px:
         return settings
-    update: dict[str, object] = {"nominal_px": nominal}
+    update: dict[str, object] = {"nominal_px": nominal, "end_look": None}
     for name, now, then in zip(("length_px", "diameter_px"), nominal, settings.nominal_px, strict=True):
         value = getattr(settings, name)
         if value is not None:
@@ -113,3 +113,12 @@ def learn_length(
             "length_tolerance": round(min(max(spread, least), _MOST), 4),
         }
     )
+
+
+def learn_look(settings: VisionSettings, images: Sequence[Image], lines: Sequence[FloatArray | None]) -> VisionSettings:
+    """``settings`` with how the catheter's end looks in the pictures of one session; its length must be known."""
+    seen = [(image, line) for image, line in zip(images, lines, strict=True) if line is not None]
+    if settings.length_px is None or settings.diameter_px is None or len(seen) < _FRAMES:
+        return settings
+    look = common_look([i for i, _ in seen], [line for _, line in seen], 0.5 * settings.diameter_px, settings.length_px)
+    return settings.model_copy(update={"end_look": look})

@@ -45,6 +45,9 @@ class VisionSettings(BaseModel):
     """Length and diameter that the catheter should have in the pictures these settings were settled on, by its nominal
     size and their scale. In a session of another scale or catheter ``length_px`` and ``diameter_px`` follow in
     proportion; see `in_session`."""
+    end_look: tuple[int, ...] | None = None
+    """How the last stretch of the catheter looks in the session these settings were settled on: grey levels by rows
+    from the tip back, places across and channels. None: nobody knows."""
     max_gap_px: Annotated[float, Field(ge=0)] = 12.0
     """Longest stretch of shaft without visible flanks (rings, highlights, gaps) that is bridged."""
     points: Annotated[int, Field(ge=8)] = 64

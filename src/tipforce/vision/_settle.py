@@ -10,13 +10,15 @@ import numpy as np
 from ..errors import InputError
 from ..types import Context, FloatArray, Image, Status
 from ._fine import FineTracer, Trace
-from ._nominal import in_session, learn_length, with_nominal
+from ._nominal import in_session, learn_length, learn_look, with_nominal
 from ._settings import BaseSide, Polarity, VisionSettings
 from ._sighting import Sighting
 
 __all__ = ["is_settled", "settle"]
 
 _FRAMES = 16
+_LOOKS = 3
+"""The catheter's end is learnt so many times: where it is known how it looks, it is found more often."""
 _STOUT_PX = 12.0
 _SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
 _POLARITIES: tuple[Polarity, ...] = ("dark", "light")
@@ -127,12 +129,13 @@ def _lines(
 def settle(
     settings: VisionSettings, images: Iterable[Image], contexts: Context | Sequence[Context] | None = None
 ) -> VisionSettings:
-    """``settings`` with polarity, base side, threshold and diameter fixed on the first few of ``images``.
+    """``settings`` with polarity, base side, threshold and diameter fixed on the first 16 of ``images``.
 
     Every open combination of side and polarity is traced; the one with the longest, best seen shaft that ends inside
     the picture wins. What is already set stays. ``contexts``: the session's, or one for each image; where they tell
-    the catheter's size and the scale, only a shaft of such a size counts, and its length is learnt too. Raises
-    InputError where no frame shows a catheter.
+    the catheter's size and the scale, only a shaft of such a size counts, and its length is learnt too, and of one
+    session also how its end looks. That goes best with images from all over a session, for what lies beneath the end
+    must change. Raises InputError where no frame shows a catheter.
     """
     if is_settled(settings) and (contexts is None or settings.length_px is not None):
         return settings
@@ -157,7 +160,12 @@ def settle(
     chosen, traces = found
     sheets = list(sheets[: len(frames)])
     if settings.length_px is None and chosen.length_px is not None:
-        chosen = learn_length(chosen, sheets, frames, _lines(chosen, frames, sheets, traces))
+        guess = chosen
+        chosen = learn_length(guess, sheets, frames, _lines(guess, frames, sheets, traces))
+        if isinstance(contexts, Context) and chosen is not guess:
+            for _ in range(_LOOKS):
+                lines = _lines(chosen, frames, sheets, traces)
+                chosen = learn_look(learn_length(guess, sheets, frames, lines), frames, lines)
     if chosen.threshold is None:
         chosen = chosen.model_copy(update={"threshold": _threshold(chosen, frames, sheets)})
     if settings.diameter_px is None:
