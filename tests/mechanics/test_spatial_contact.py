@@ -237,6 +237,37 @@ def test_step_by_step_is_the_whole_march():
     assert whole.touching.any()
 
 
+def test_a_step_may_change_on_the_way():
+    wall = SpatialWall(NORMAL, 120.0, damping_ns_per_m=2.8, friction=0.2)
+    options = {"creep": 0.03, "creep_time_s": 0.2}
+    meet, ends = meeting_point(wall.normal), []
+    depth = np.linspace(-1e-3, 3e-3, 101)
+    for finer in (1, 4):  # from then on the wall stands still, and all that is left is the dashpots' time
+        live = SpatialPress(ROD, wall, 1e-3, RADIUS, **options)
+        live.run(meet - depth[:, None] * wall.normal)
+        live.change_step(4e-3 / finer)
+        ends.append(live.run(np.tile(meet - depth[-1] * wall.normal, (25 * finer, 1))))
+    coarse, fine = ends
+    np.testing.assert_allclose(coarse.force_n[-1], fine.force_n[-1], rtol=2e-3)
+    again = SpatialPress(ROD, wall, 1e-3, RADIUS, **options)
+    again.run(meet - depth[:, None] * wall.normal)
+    same = again.run(np.tile(meet - depth[-1] * wall.normal, (25, 1)))  # a quarter of the time: not yet there
+    gap = np.linalg.norm(same.force_n[-1] - fine.force_n[-1])
+    assert gap > 5 * np.linalg.norm(coarse.force_n[-1] - fine.force_n[-1])
+    with pytest.raises(ValueError, match="dt_s"):
+        again.change_step(0.0)
+
+
+def test_a_step_changed_to_itself_changes_nothing():
+    wall = SpatialWall(NORMAL, 120.0, damping_ns_per_m=2.8, friction=0.2)
+    push, along = beating(0.5)
+    way = meeting_point(wall.normal) - push[:, None] * wall.normal + along @ wall.axes[1:]
+    one, two = (SpatialPress(ROD, wall, 1e-3, RADIUS, creep=0.03) for _ in range(2))
+    two.change_step(7e-3)
+    two.change_step(1e-3)
+    np.testing.assert_array_equal(one.run(way).quaternions, two.run(way).quaternions)
+
+
 def test_advancing_the_clamp_is_the_wall_coming_closer():
     wall = SpatialWall(NORMAL, 120.0, 2.8, 0.2)
     ahead = np.linspace(-2e-3, 5e-3, 400)

@@ -23,8 +23,8 @@ FORCE_BOUND_BINS_N = (0.01, 0.05, 0.1, 0.2, 0.35)
 WAYS = {
     "one_frame": "one frame",
     "all_frames": "all frames until then",
-    "one_frame_broad": "one frame, forces unknown",
-    "all_frames_broad": "all frames, forces unknown",
+    "one_frame_broad": "one frame, force broad",
+    "all_frames_broad": "all frames, force broad",
 }
 """What a bound has seen and knows of the preset's forces beforehand, and how that is called in a report."""
 

@@ -48,7 +48,7 @@ def figure_bound(figures: Mapping[str, Mapping[str, Any]], quantities: Sequence[
         figure.legend(loc="outside lower left", ncols=2, fontsize=9)
 
     return make_figure(
-        draw, "Error over the smallest possible one (1: none is better)", 6.8, 1.9 + 2.2 * len(quantities)
+        draw, "Error over the smallest possible one (1: an efficient estimator)", 6.8, 1.9 + 2.2 * len(quantities)
     )
 
 

@@ -96,8 +96,8 @@ class SpatialPress:
         self._load = Load(np.zeros(3), np.zeros(3), line_of(rod, distributed_n_per_m))
         weight = np.zeros(3) if distributed_n_per_m is None else np.asarray(distributed_n_per_m)
         self._weight_n = (np.broadcast_to(weight, (rod.segments + 1, 3)) * rod.element_lengths_m[:, None]).sum(axis=0)
-        relaxing = dt_s / creep_time_s
-        self._elastic = elastic_of(rod, rod.rigid_length_m - tip_radius_m)._replace(maxwell=creep / (1 + relaxing))
+        self._creep, self._creep_time_s = creep, creep_time_s
+        self._elastic = elastic_of(rod, rod.rigid_length_m - tip_radius_m)
         self._law = Law(
             axes=wall.axes,
             radius=tip_radius_m,
@@ -108,11 +108,20 @@ class SpatialPress:
             friction=wall.friction,
             side=wall.side_stiffness_n_per_m2 * rod.flexible_length_m / rod.segments,
             dt_s=dt_s,
-            relaxing=relaxing,
+            relaxing=0.0,
             base_rest=np.array(rod.precurvature_per_m),
         )
+        self.change_step(dt_s)
         self._history = make_history(rod.unloaded_quaternions)
         self._work = make_work(rod.segments + 1, 3 + (rod.segments if wall.side_stiffness_n_per_m2 > 0 else 0))
+
+    def change_step(self, dt_s: float) -> None:
+        """From now on ``dt_s`` is the time between instants. Raises ValueError where it is not positive."""
+        if not dt_s > 0:
+            raise ValueError(f"expected positive dt_s, got {dt_s}")
+        relaxing = dt_s / self._creep_time_s
+        self._elastic = self._elastic._replace(maxwell=self._creep / (1 + relaxing))
+        self._law = self._law._replace(dt_s=dt_s, relaxing=relaxing)
 
     def run(
         self,
