@@ -201,3 +201,10 @@ def test_a_session_in_haste_comes_to_the_forces_that_were_drawn_all_the_same():
         beating = session.course.time_s > SHORT.tare_s + 1.5
         low, high = SHORT.motion.free_share
         assert low <= 1.0 - session.course.contact.touching[beating].mean() <= high
+
+
+def test_haste_says_in_the_same_words_what_cannot_be_had(monkeypatch):
+    monkeypatch.setattr("tipforce.twin.world._session._DRAWS", 3)
+    weak = SHORT.motion.model_copy(update={"amplitude_m": (0.0, 0.2e-3), "respiration_m": (0.0, 0.0)})
+    with pytest.raises(InputError, match="too little force at the largest amplitude"):
+        run_session(SHORT.model_copy(update={"motion": weak, "seconds": 6.0}), 17, 0, SWIFT)

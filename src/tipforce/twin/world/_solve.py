@@ -22,6 +22,7 @@ _CHUNK = 1000
 """Instants of a trial between two looks at its force."""
 _ENOUGH = 1.5
 """A trial that comes to so many times the wanted force says no more by going on."""
+_LEAST_N = 1e-3
 _RAMP_M = 0.3e-3
 """Steps in which the tip is first pressed on the wall at rest."""
 
@@ -119,13 +120,13 @@ def _near(rig: Rig, tune: Tune, coarse: Tune, pace: Pace) -> Motion | str:
             if at >= high:
                 return _LITTLE
             below = at
-        ratio = peak / max(float(np.interp(at, amplitudes, forces)), 1e-3)
+        ratio = max(peak, _LEAST_N) / max(float(np.interp(at, amplitudes, forces)), _LEAST_N)
     return "no amplitude gives the force"
 
 
 def _pressed(rig: Rig, coarse: Tune) -> tuple[FloatArray, FloatArray]:
     """(k,) amplitudes, and (k,) the force that the wall at rest gives where the stage then comes farthest."""
-    amplitudes = np.geomspace(*rig.settings.motion.amplitude_m, 12)
+    amplitudes = np.linspace(*rig.settings.motion.amplitude_m, 16)
     deepest = np.array([float(coarse.push_m(rig, a).max()) - coarse.standoff_m(rig, a) for a in amplitudes])
     depth = np.arange(-_RAMP_M, float(deepest.max()) + _RAMP_M, _RAMP_M)
     press = SpatialPress(rig.rod, rig.wall, 1.0, rig.radius_m)
