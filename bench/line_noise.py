@@ -32,6 +32,8 @@ from tipforce.vision import Vision, VisionSettings, settle
 
 POINTS = 33
 FIRST_FRAME = 24
+SPREAD = 16
+"""Frames over the session that vision is settled on, with the sheet of the session."""
 APART = 24
 """Frames from which on what two share is taken for lasting."""
 WRONG_PX, WRONG_TIP_PX = 2.0, 5.0
@@ -86,12 +88,13 @@ def session_errors(preset: str, seed: int, frames: int, number: int) -> dict[str
     """Errors (k, POINTS + 1) in px of the frames that were seen rightly, their numbers (k,), and how many were not."""
     bench = TwinBench(PRESETS[preset], seed, number)
     quality, camera = bench.imaging.scene.jpeg_quality, bench.imaging.renderer.camera
-    first = [through_jpeg(bench.frame(k).image, quality) for k in range(0, 50, 5)]
+    lines = bench.lines_m(bench.frame_s)
+    spread = np.linspace(0, len(lines) - 1, SPREAD).astype(int).tolist()
     try:
-        vision = Vision(settle(VisionSettings(base_side="left"), first))
+        pictures = [through_jpeg(bench.frame(k).image, quality) for k in spread]
+        vision = Vision(settle(VisionSettings(), pictures, bench.context))
     except InputError:  # nothing is seen in this session
         return {"number": number, "frames": [], "errors": [], "lengths": [], "lost": frames, "wrong": 0}
-    lines = bench.lines_m(bench.frame_s)
     right, rows, lengths, lost, wrong = [], [], [], 0, 0
     for k in np.linspace(FIRST_FRAME, len(lines) - 1, frames).astype(int).tolist():
         sight = vision.see(through_jpeg(bench.frame(k).image, quality))
