@@ -19,7 +19,7 @@ _SHOWN, _GIVE = 0.97, 0.08
 """Share of the nominal length that the picture shows of a catheter that enters at its border, and how sure that is."""
 _FRAMES = 3
 """Fewer lengths than these teach nothing."""
-_DEVIATION = 0.45
+_DEVIATION = 0.7
 """Standard deviation of the length in shares of its tolerance."""
 _ONE, _MANY, _MOST = 0.01, 0.03, 0.08
 """Least tolerance of a length that was learnt in one session, in many, and the most."""
