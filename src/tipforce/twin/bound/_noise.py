@@ -28,12 +28,12 @@ _PX_M = 0.2e-3
 MEASURED: dict[str, SeenNoise] = {
     "bench-2021": SeenNoise(
         fresh=LineNoise(
-            0.0283, 12.5, 0.414, base_std_m=0.0286, base_m=2.28, tip_std_m=0.151, tip_m=16.3,
-            white_share=0.001, common_share=0.123,
+            0.0257, 13.7, 0.287, base_std_m=0.0299, base_m=2.28, tip_std_m=0.176, tip_m=18.8,
+            white_share=0.001, common_share=0.0514,
         ).scaled(_PX_M),
         lasting=LineNoise(
-            0.0176, 67.9, 0.555, base_std_m=0.0187, base_m=13.1, tip_std_m=0.135, tip_m=16.3,
-            white_share=0.110, common_share=0.0001,
+            0.0264, 70.1, 1.022, base_std_m=0.0178, base_m=2.28, tip_std_m=0.249, tip_m=14.1,
+            white_share=0.143, common_share=0.0001,
         ).scaled(_PX_M),
     ),
     "generalise": SeenNoise(
