@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from tipforce import cli
+from tipforce import __version__, cli
 from tipforce.errors import InputError, TipforceError
 
 
@@ -81,3 +81,9 @@ def test_names_in_brackets_are_printed_as_they_are(
 @pytest.mark.parametrize("value", ["nan", "inf"])
 def test_a_knob_without_a_finite_angle_is_refused(model: Path, video: Path, tmp_path: Path, value: str) -> None:
     assert "--knob-deg" in refused("estimate", model, video, "-o", tmp_path / "f.csv", f"--knob-deg={value}")
+
+
+def test_the_version_is_told() -> None:
+    result = CliRunner().invoke(cli.app, ["--version"])
+    assert result.exit_code == 0
+    assert result.output == f"tipforce {__version__}\n"
