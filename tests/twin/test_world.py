@@ -180,6 +180,13 @@ def test_a_session_that_cannot_be_had_says_what_to_change(monkeypatch):
         run_session(weak, 0, 0)
 
 
+def test_a_session_without_a_second_of_beats_is_refused_in_a_sentence():
+    least = SHORT.model_copy(update={"seconds": 4.5})  # tare 2 s, approach 1.5 s
+    assert run_session(least, 3, 0).course.time_s[-1] > 4.5
+    with pytest.raises(InputError, match=r"world.seconds=4.4: .* state at least 4.5 s"):
+        run_session(SHORT.model_copy(update={"seconds": 4.4}), 3, 0)
+
+
 def test_the_drawn_line_goes_through_the_rods_nodes_and_is_smooth(sessions):
     contact, rod = sessions[0].course.contact, sessions[0].rig.rod
     rows = contact.quaternions[[0, 5000, 9000]]

@@ -34,6 +34,8 @@ def settings_from(model: type[M], pairs: list[str] | None, base: M | None = None
         *parents, leaf = key.split(".")
         for parent in parents:
             place = place.setdefault(parent, {})
+            if not isinstance(place, dict):
+                raise InputError(f"--set {pair}: {parent} is a value ({place}) and holds no settings")
         try:
             place[leaf] = json.loads(text)
         except json.JSONDecodeError:

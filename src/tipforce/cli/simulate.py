@@ -141,7 +141,10 @@ def _refuse_strays(dataset: bool, of_sessions: dict[str, object], of_samples: di
                 else f"{option}: goes with --dataset only; state that too"
             )
     if of_samples["--shards"] and of_samples["--masks"]:
-        raise InputError("--masks: Parquet shards hold none; leave out --shards, or read them from truth/")
+        raise InputError(
+            "--masks does not go with --shards: Parquet files hold no masks; leave out --shards for a folder of images "
+            "with masks/, or leave out --masks and take them from truth/ with tipforce.twin.read_truth"
+        )
 
 
 def _chosen(preset: str, changes: list[str] | None) -> "AnyTwinSettings":

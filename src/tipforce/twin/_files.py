@@ -9,6 +9,7 @@ from ._imaging import views_of
 from ._sessions import refuse_other, stated, write_sessions
 from ._settings import AnyTwinSettings, TwinSettings
 from ._sidecar import read_truth, truth_of, truth_path, write_truth
+from .world import refuse_short
 
 __all__ = ["WriteSession", "simulate"]
 
@@ -59,9 +60,10 @@ def simulate(
     ``suffix``: of the paths that ``write`` gets, as in ``session_00.mcap``; empty for a session that is a folder. Those
     that stand there already are kept. Works in ``workers`` processes, as many as there are cores by default; a
     single one is this process. Returns the paths, old and new. Raises InputError where a file holds a session of other
-    settings.
+    settings, or a session is too short.
     """
     settings = settings or TwinSettings()
+    refuse_short(settings.world)
     root = Path(folder)
     places = [_place(root, suffix, number) for number in range(sessions)]
     wanted = [number for number, place in enumerate(places) if not _is_done(place, settings, seed, number)]

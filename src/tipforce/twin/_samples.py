@@ -11,7 +11,7 @@ from ._bench import TwinBench
 from ._imaging import views_of
 from ._ranges import Settings, Share
 from ._settings import AnyTwinSettings
-from .world import APPROACH_S, SWIFT
+from .world import APPROACH_S, SWIFT, refuse_short
 
 __all__ = ["SampleSet", "sample_set"]
 
@@ -78,7 +78,7 @@ def sample_set(
 
     None: as long as the stretch in which the preset's own motion is solved, two breaths, where the knob stands still;
     the preset's length where it moves. As many pictures are from before the contact as in sessions of full length.
-    Raises InputError where a session has too few frames.
+    Raises InputError where a session is too short, or has too few frames.
     """
     world = settings.world
     before = (world.tare_s + APPROACH_S) / world.seconds
@@ -86,6 +86,7 @@ def sample_set(
         short = world.tare_s + APPROACH_S + 2.0 / world.motion.respiration_hz
         seconds = min(world.seconds, short) if world.actuation.knob_deg_per_s == 0.0 else world.seconds
     world = world.model_copy(update={"seconds": seconds})
+    refuse_short(world)
     most = int(0.8 * seconds * world.clock.fps)
     if per_session > most:
         raise InputError(

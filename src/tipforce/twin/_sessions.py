@@ -2,7 +2,6 @@
 
 import json
 import multiprocessing
-import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from multiprocessing.sharedctypes import Synchronized
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ._cores import cores
 from ._ranges import Settings
 
 __all__ = ["refuse_other", "stated", "write_sessions"]
@@ -72,8 +72,7 @@ def write_sessions(
         done_frames += 1
         report(done_frames)
 
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    crew = min(len(numbers), workers or cores)
+    crew = min(len(numbers), workers or cores())
     if crew <= 1:
         for number in numbers:
             work(number, one_more)

@@ -2,7 +2,6 @@
 
 import math
 import multiprocessing
-import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...types import FloatArray, IntArray
+from .._cores import cores
 from .._sidecar import read_truth
 from ._noise import FORCES_N2, measured_on
 from ._session import SessionBound
@@ -53,8 +53,7 @@ def bounds_beside(
     In ``workers`` processes: as many as there are cores by default. About 0.6 s of one core for a minute's session.
     """
     work, todo = partial(_beside, sessions=frozenset(sessions)), list(paths)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    crew = min(len(todo) // _FEW, workers or cores)
+    crew = min(len(todo) // _FEW, workers or cores())
 
     def collected(found: Iterable[BoundBeside | None]) -> list[BoundBeside]:
         kept: list[BoundBeside] = []

@@ -6,7 +6,7 @@ from ._draw import Device, Draw
 from ._lines import smooth_lines
 from ._rig import Rig, build_rig
 from ._sensor import ForceSensor, Load, SensorLog, read_sensor
-from ._session import Session, run_session
+from ._session import Session, refuse_short, run_session
 from ._solve import FINE, SWIFT, Pace
 from ._tune import APPROACH_S, LEAD_S, STEP_S, Motion, instants_until
 from .settings import WorldSettings
@@ -35,6 +35,7 @@ __all__ = [
     "build_rig",
     "instants_until",
     "read_sensor",
+    "refuse_short",
     "run_session",
     "smooth_lines",
 ]

@@ -10,16 +10,16 @@ from ._device import catheter_of
 from ._draw import draw_session
 from ._rig import Rig, build_rig
 from ._solve import FINE, Pace, objection, solve
-from ._tune import LEAD_S, STEP_S, TRAIL_S, Motion, Tune, compose
+from ._tune import APPROACH_S, LEAD_S, STEP_S, TRAIL_S, Motion, Tune, compose
 from .settings import WorldSettings
 
-__all__ = ["Session", "run_session"]
+__all__ = ["Session", "refuse_short", "run_session"]
 
 _DRAWS = 400
 _SAME_ANGLE = 4
 """Draws in a row that share their contact angle: steep ones fail more often and would be rare with an angle a draw."""
-
-
+_BEATING_S = 1.0
+"""Largest force and time without contact are solved for on what follows the approach: at least so much."""
 UNFIT_CATHETER = "no motion brings the catheter to the forces"
 
 
@@ -44,8 +44,9 @@ class Session:
 def run_session(settings: WorldSettings, seed: int, number: int, pace: Pace = FINE) -> Session:
     """The session ``number`` of ``seed``: the same arguments give the same values.
 
-    Raises InputError where the settings leave no session that can be had.
+    Raises InputError where the settings leave no session that can be had, or it is too short, see `refuse_short`.
     """
+    refuse_short(settings)
     catheter = catheter_of(settings, seed, number)
     redraws = {UNFIT_CATHETER: catheter.redraws} if catheter.redraws else {}
     angle_deg = 0.0
@@ -73,3 +74,13 @@ def run_session(settings: WorldSettings, seed: int, number: int, pace: Pace = FI
         f"session {number} of seed {seed}: none of {_DRAWS} draws could be had, most often: {worst}; widen "
         "motion.peak_force_n, motion.free_share or motion.amplitude_m"
     )
+
+
+def refuse_short(settings: WorldSettings) -> None:
+    """Raises InputError for a session that is over before the wall has beaten for a second: nothing can be solved."""
+    least = settings.tare_s + APPROACH_S + _BEATING_S
+    if settings.seconds < least:
+        raise InputError(
+            f"world.seconds={settings.seconds:g}: a session needs {settings.tare_s:g} s of tare (world.tare_s), "
+            f"{APPROACH_S:g} s of approach and {_BEATING_S:g} s of beats; state at least {least:g} s"
+        )
