@@ -37,8 +37,9 @@ _QUANTITIES = ("x", "y", "magnitude")
 class Bounds:
     """The smallest possible errors of all samples of a dataset, and what they take for unknown.
 
-    ``std_n``: one of `WAYS` -> (n, 3), see `bound_at`; ``contact_angle_deg`` (n,). ``nuisances``: sentences without
-    which no bound may be told; ``notes``: for which sessions there is none, and why.
+    ``std_n``: each of `WAYS` -> (n, 3), see `bound_at`, or nothing where no session has one; ``contact_angle_deg``
+    (n,). ``nuisances``: sentences without which no bound may be told; ``notes``: for which sessions there is none, and
+    why.
     """
 
     std_n: Mapping[str, FloatArray]
@@ -47,11 +48,10 @@ class Bounds:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        count = len(self.contact_angle_deg)
-        for way, std in self.std_n.items():
-            if way not in WAYS or std.shape != (count, 3):
-                ways = ", ".join(WAYS)
-                raise ValueError(f"std_n: expected some of {ways}, of shape {(count, 3)}; got {way!r}, {std.shape}")
+        shape = (len(self.contact_angle_deg), 3)
+        if self.std_n and (self.std_n.keys() != WAYS.keys() or any(std.shape != shape for std in self.std_n.values())):
+            got = ", ".join(f"{way} {std.shape}" for way, std in self.std_n.items())
+            raise ValueError(f"std_n: expected {', '.join(WAYS)}, each of shape {shape}, or nothing; got {got}")
 
     def at(self, places: IntArray) -> "Bounds":
         """Of the samples at ``places`` only."""

@@ -4,18 +4,16 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from ..dataset import Dataset, Protocol, Split, draw, splits, thin
 from ..errors import InputError
 from ..estimators import Progress
 from ..types import BoolArray, FloatArray
 from ._bounds import Bounds
 from ._constant import Constant
-from ._evaluation import AS_SAVED, PROTOCOLS, Candidate, Evaluation, Row
-from ._metrics import score
-from ._outcome import CONTACT_N, Outcome, against, gather
-from ._protocols import Trained, answers, places_in, run_splits
+from ._evaluation import PROTOCOLS, Candidate, Evaluation, Row
+from ._judging import in_contact, row_of, saved_row
+from ._outcome import Outcome, gather
+from ._protocols import answers, places_in, run_splits
 from ._timing import time_per_frame
 
 __all__ = ["evaluate"]
@@ -68,7 +66,7 @@ def evaluate(
     if truth_n is not None:
         places = places_in(everything, dataset)
         truth_n, bounds = truth_n[places], None if bounds is None else bounds.at(places)
-    contact = _in_contact(dataset, truth_n)
+    contact = in_contact(dataset, truth_n)
     notes: list[str] = []
     plans: dict[Protocol, list[Split]] = {}
     refusals: dict[str, InputError] = {}
@@ -87,7 +85,7 @@ def evaluate(
             )
         except InputError as error:
             left_out(protocol, error)
-    judge = partial(_row, truth_n=truth_n, bounds=bounds)
+    judge = partial(row_of, truth_n=truth_n, bounds=bounds)
     steps = _Steps(progress, sum(len(plan) for plan in plans.values()) * len(candidates))
     rows: list[Row] = []
     for protocol, plan in plans.items():
@@ -98,7 +96,7 @@ def evaluate(
     if not rows:
         raise refusals[next(name for name in PROTOCOLS if name in refusals)]
     for candidate in candidates:
-        row = _as_saved(candidate, dataset, everything, contact, judge, notes)
+        row = saved_row(candidate, dataset, everything, contact, judge, notes)
         if row is not None:
             rows.append(row)
 
@@ -167,57 +165,3 @@ class _Steps:
                 self._progress(what, (before + share * splits) / self._total)
 
         return report
-
-
-def _in_contact(dataset: Dataset, truth_n: FloatArray | None) -> BoolArray:
-    """(n,): by the truth where it is known, else by the sensor."""
-    if truth_n is None:
-        return dataset.magnitude_n > CONTACT_N
-    magnitude = np.sqrt(np.sum(truth_n[:, dataset.known] ** 2, axis=1))
-    return np.where(np.isfinite(magnitude), magnitude, dataset.magnitude_n) > CONTACT_N
-
-
-def _row(
-    outcome: Outcome,
-    constant: Outcome | None,
-    fits: Sequence[Trained] = (),
-    *,
-    truth_n: FloatArray | None,
-    bounds: Bounds | None,
-) -> Row:
-    """The outcome scored against the sensor and, where they are known, against the truth and the bounds."""
-    figures = score(outcome, None if constant is None else constant.magnitude_n)
-    if truth_n is None:
-        return Row(outcome, figures, fits=tuple(fits))
-    true = against(outcome, truth_n)
-    held = None if bounds is None or not bounds.std_n else bounds.figures(true)
-    return Row(outcome, figures, score(true), held, tuple(fits))
-
-
-def _as_saved(
-    candidate: Candidate,
-    dataset: Dataset,
-    everything: Dataset,
-    contact: BoolArray,
-    judge: Callable[..., Row],
-    notes: list[str],
-) -> Row | None:
-    """The saved model on the sessions it was not trained on; adds to ``notes`` why some or all were left out."""
-    if candidate.saved is None:
-        return None
-    seen = [name for name in dataset.sessions if name in candidate.trained_sessions]
-    if candidate.trained_fingerprint == everything.fingerprint() or len(seen) == len(dataset.sessions):
-        notes.append(
-            f"{candidate.label} is not scored as saved: it was trained on all sessions of these data; "
-            "its recipe, trained anew on every split, is."
-        )
-        return None
-    if seen:
-        more = f" and {len(seen) - 5} more" if len(seen) > 5 else ""
-        notes.append(
-            f"{candidate.label} as saved is scored without {len(seen)} of {len(dataset.sessions)} sessions, because it "
-            f"was trained on sessions of these names: {', '.join(seen[:5])}{more}."
-        )
-    index = np.flatnonzero(~np.isin(dataset.session, seen))
-    found = answers(candidate.saved, dataset, index, everything)
-    return judge(gather(candidate.label, AS_SAVED, AS_SAVED, dataset, index, found, contact), None)
