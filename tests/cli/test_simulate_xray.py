@@ -13,6 +13,8 @@ from tipforce.cli._simulated import leave_dicom
 from tipforce.cli._simulated_samples import write_samples
 from tipforce.dataset import open_dataset
 from tipforce.errors import InputError
+from tipforce.estimators import SvrSettings
+from tipforce.estimators._training import gather_rows
 from tipforce.recording import RecordingReader, import_run, open_source
 from tipforce.twin import PRESETS, FluoroSettings, TwinBench, read_truth, sample_set
 from tipforce.types import Frame
@@ -92,11 +94,23 @@ def picture_path(folder: Path, name: str, view: str, views) -> Path:
     return folder / (name if len(views) == 1 else name.replace(f"-{views[0]}.", f"-{view}."))
 
 
+def test_a_message_names_the_picture_of_the_view_that_was_looked_at(wanted, made, tmp_path):
+    view = wanted.views[-1]
+    data = open_dataset(made)
+    first = np.flatnonzero(data.session == data.sessions[-1])
+    for path, observation in zip(data.names_of(view)[first], data.subset(first).observations(), strict=True):
+        np.testing.assert_array_equal(cv2.imread(str(made / path), cv2.IMREAD_UNCHANGED), observation.views[view])
+    rows = gather_rows(SvrSettings(vision={"view": view}), ["there_is_none_deg"], data, lambda share: None)
+    assert rows.why_not.startswith(f"{data.names_of(view)[0]}: ")
+
+
 def test_shards_of_every_view_are_the_same_samples(wanted, made, tmp_path):
     pytest.importorskip("pyarrow")
     write(tmp_path / "shards", wanted, shards=True, masks=False)
     images, shards = open_dataset(made), open_dataset(tmp_path / "shards")
     assert shards.fingerprint() == images.fingerprint()
+    for view in wanted.views:
+        assert shards.names_of(view).tolist() == images.names_of(view).tolist()
     for one, other in zip(images.observations(), shards.observations(), strict=True):
         assert set(one.views) == set(other.views) == set(wanted.views)
         for view in one.views:

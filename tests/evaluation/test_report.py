@@ -1,7 +1,10 @@
+import base64
 import json
 import re
+from dataclasses import replace
 from xml.etree import ElementTree
 
+import cv2
 import numpy as np
 import pytest
 
@@ -11,7 +14,7 @@ from tipforce.evaluation import Candidate, evaluate, report_lines, summary, trut
 from tipforce.evaluation._gallery import worst_frames
 from tipforce.evaluation._pictures import Picture
 from tipforce.types import BasePose, CentrelinePx, ShapeFeatures, Status
-from tipforce.vision import Sighting
+from tipforce.vision import Sighting, VisionSettings
 
 
 @pytest.fixture(scope="module")
@@ -201,6 +204,38 @@ def test_the_gallery_shows_the_worst_frames_with_what_was_seen(make_bench, ridge
         evaluate(make_bench(sessions=3, views=views), [Candidate("bare", ridge_class())]), "bare", worst=1
     )
     assert bare[0].image_uri != cards[0].image_uri
+
+
+def test_of_several_views_the_gallery_shows_the_one_that_the_method_looks_at(make_bench, ridge_class):
+    class TwoViews:
+        def __init__(self, store):
+            self.store = store
+
+        def read(self, rows):
+            for each in self.store.read(rows):
+                yield replace(each, views={"a": np.zeros((48, 64), np.uint8), "b": np.full((48, 64), 200, np.uint8)})
+
+    class SeeingSettings(type(ridge_class().settings)):
+        vision: VisionSettings = VisionSettings(view="b")
+
+    class LooksAtB(ridge_class):
+        def __init__(self, settings=None):
+            super().__init__(settings or SeeingSettings())
+
+    data = make_bench(sessions=3)
+    names = np.char.add(data.names, " of b")
+    data = replace(data, store=TwoViews(data.store), view_names={"a": data.names, "b": names})
+    cards = {}
+    for method in (LooksAtB(), ridge_class()):
+        cards[type(method)] = worst_frames(evaluate(data, [Candidate("m", method)]), "m", worst=1)[0]
+    brightness = {
+        kind: cv2.imdecode(np.frombuffer(base64.b64decode(card.image_uri.partition(",")[2]), np.uint8), 0).mean()
+        for kind, card in cards.items()
+    }
+    assert brightness[LooksAtB] > 190
+    assert brightness[ridge_class] < 10
+    assert cards[LooksAtB].name.endswith(".png of b")
+    assert cards[ridge_class].name.endswith(".png")
 
 
 def test_the_table_of_samples_shows_what_the_method_is_fed(make_bench, ridge_class):

@@ -28,7 +28,8 @@ class Dataset:
     """Samples in the order of their sessions and stamps.
 
     ``session`` (n,) names, ``stamp_ns`` (n,), ``actuation``: name -> (n,); ``force_n`` (n, 3): what the tissue does to
-    the tip, base frame, NaN where ``known`` (3,) is False; ``names`` (n,): what a person calls each sample (its file).
+    the tip, base frame, NaN where ``known`` (3,) is False; ``names`` (n,): what a person calls each sample (its file,
+    of several views the first's); ``view_names``: view -> (n,) what its pictures are called where that is another name.
     ``contexts``: session -> public facts; ``rows`` (n,): the samples' places in ``store``.
     """
 
@@ -42,6 +43,7 @@ class Dataset:
     contexts: Mapping[str, Context]
     rows: IntArray
     title: str = ""
+    view_names: Mapping[str, npt.NDArray[np.str_]] = field(default_factory=dict[str, npt.NDArray[np.str_]])
     whole: "Dataset | None" = field(default=None, repr=False)
     """The dataset that this is a part of: a method with memory sees the frames before a sample, not their labels."""
     _memo: dict[tuple[str, int], object] = field(default_factory=dict, repr=False)
@@ -59,6 +61,10 @@ class Dataset:
         """(n,): magnitude of the known components."""
         return np.sqrt(np.sum(self.force_n[:, self.known] ** 2, axis=1))
 
+    def names_of(self, view: str) -> npt.NDArray[np.str_]:
+        """(n,): what a person calls each sample's picture of ``view``."""
+        return self.view_names.get(view, self.names)
+
     def subset(self, index: IntArray | BoolArray) -> "Dataset":
         """The samples at ``index`` (positions or a mask), sharing the store and everything derived so far."""
         return replace(
@@ -68,6 +74,7 @@ class Dataset:
             actuation={name: values[index] for name, values in self.actuation.items()},
             force_n=self.force_n[index],
             names=self.names[index],
+            view_names={view: names[index] for view, names in self.view_names.items()},
             rows=self.rows[index],
             whole=self.whole or self,
         )

@@ -66,7 +66,7 @@ def pictures(dataset: Dataset, view: str, every: int = 1) -> Iterator[tuple[Cont
     for name in dataset.sessions:
         part = dataset.subset(np.flatnonzero(dataset.session == name)[::every])
         shown: list[tuple[str, Image]] = []
-        for own, each in zip(part.names.tolist(), part.observations(), strict=True):
+        for own, each in zip(part.names_of(view).tolist(), part.observations(), strict=True):
             others |= each.views.keys() - {view}
             if isinstance(image := each.views.get(view), np.ndarray):
                 shown.append((own, image))

@@ -34,14 +34,14 @@ def open_folder(folder: Path) -> Dataset:
     if bool(files) == bool(shapes):
         raise TableError(f"{table.path}: expected either a column {FILE} or columns shape_NAME")
 
-    def stored(stamps: IntArray, actuation: Mapping[str, FloatArray]) -> tuple[RowStore, list[str]]:
+    def stored(stamps: IntArray, actuation: Mapping[str, FloatArray]) -> tuple[RowStore, dict[str, list[str]]]:
         if shapes:
             values = np.column_stack([table.numbers(name) for name in shapes])
             names = tuple(name.removeprefix("shape_") for name in shapes)
             store = ShapeTable(stamps, actuation, names, values, view=facts.view)
-            return store, [table.place(row) for row in range(len(table))]
+            return store, {facts.view: [table.place(row) for row in range(len(table))]}
         paths = {facts.view if name == FILE else name.removesuffix(f"_{FILE}"): table.text(name) for name in files}
-        return ImageFiles(stamps, actuation, _found(folder, table, paths)), table.text(files[0])
+        return ImageFiles(stamps, actuation, _found(folder, table, paths)), paths
 
     return dataset_of(table, facts, folder.resolve().name, [*files, *shapes], stored)
 

@@ -43,9 +43,11 @@ def open_shards(paths: Sequence[Path], name: str) -> Dataset:
     if not table.images:
         raise TableError(f"{paths[0]}: has no column of pictures (structs of bytes and path, such as {IMAGE!r})")
 
-    def stored(stamps: IntArray, actuation: Mapping[str, FloatArray]) -> tuple[RowStore, list[str]]:
+    def stored(stamps: IntArray, actuation: Mapping[str, FloatArray]) -> tuple[RowStore, dict[str, list[str]]]:
         views = {facts.view if column == IMAGE else column: column for column in table.images}
-        return Shards(stamps, actuation, tuple(paths), table.ends, views), table.names()
+        return Shards(stamps, actuation, tuple(paths), table.ends, views), {
+            view: table.names(column) for view, column in views.items()
+        }
 
     return dataset_of(table, facts, name, table.images, stored)
 
@@ -80,9 +82,9 @@ class ShardTable:
         shard = int(np.searchsorted(self.ends, row, side="right"))
         return f"{self._paths[shard].name} row {row - (int(self.ends[shard - 1]) if shard else 0)}"
 
-    def names(self) -> list[str]:
-        """(n,): what the first picture of each row is called."""
-        leaf = f"{self.images[0]}.path"
+    def names(self, column: str) -> list[str]:
+        """(n,): what each picture of ``column`` is called."""
+        leaf = f"{column}.path"
         found = [_read(path, [leaf]).column(0).combine_chunks().field("path").to_pylist() for path in self._paths]
         return [name or self.place(row) for row, name in enumerate(itertools.chain(*found))]
 

@@ -58,6 +58,7 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
     }
     recording, frame = np.repeat(np.arange(len(paths)), counts), np.concatenate(frames)
     stamp_ns = np.concatenate(stamps)
+    called = [f"{paths[k].name} frame {i}" for k, i in zip(recording.tolist(), frame.tolist(), strict=True)]
     return Dataset(
         store=Recordings(stamp_ns, gathered, tuple(paths), recording, frame, views[0], views[1:]),
         session=np.repeat(list(contexts), counts),
@@ -65,10 +66,11 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
         actuation=gathered,
         force_n=force_n,
         known=known,
-        names=np.array([f"{paths[k].name} frame {i}" for k, i in zip(recording.tolist(), frame.tolist(), strict=True)]),
+        names=np.array(called),
         contexts=contexts,
         rows=np.arange(len(stamp_ns)),
         title=title,
+        view_names={view: np.array([f"{name}, view {view} beside it" for name in called]) for view in views[1:]},
     )
 
 

@@ -48,8 +48,9 @@ class LabelTable(Protocol):
         ...
 
 
-Stored = Callable[[IntArray, Mapping[str, FloatArray]], tuple[RowStore, list[str]]]
-"""Stamps (n,) and actuation in the table's own order -> where the views are, and the samples' names."""
+Stored = Callable[[IntArray, Mapping[str, FloatArray]], tuple[RowStore, Mapping[str, list[str]]]]
+"""Stamps (n,) and actuation in the table's own order -> where the views are, and view -> names; the first's are the
+samples' too."""
 
 
 def dataset_of(table: LabelTable, facts: FolderFacts, name: str, views: Sequence[str], stored: Stored) -> Dataset:
@@ -76,7 +77,8 @@ def dataset_of(table: LabelTable, facts: FolderFacts, name: str, views: Sequence
     for axis in np.flatnonzero(measured).tolist():
         force[:, axis] = table.numbers(FORCES[axis])
     actuation = {column: table.numbers(column, may_be_empty=True) for column in _actuation(table, views)}
-    store, names = stored(stamps, actuation)
+    store, named = stored(stamps, actuation)
+    names = {view: np.array(own)[order] for view, own in named.items()}
     return Dataset(
         store=store,
         session=session[order],
@@ -84,10 +86,11 @@ def dataset_of(table: LabelTable, facts: FolderFacts, name: str, views: Sequence
         actuation={column: values[order] for column, values in actuation.items()},
         force_n=force[order],
         known=measured,
-        names=np.array(names)[order],
+        names=next(iter(names.values())),
         contexts=contexts_of(facts, sessions),
         rows=order,
         title=facts.title or name,
+        view_names=names if len(names) > 1 else {},
     )
 
 

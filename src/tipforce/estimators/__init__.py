@@ -7,7 +7,7 @@ from ._create import ESTIMATORS, create, method
 from ._onnx import export_onnx
 from ._run import RunReport, write_estimates
 from ._settings import AngleSettings, SvrSettings, WindowSettings
-from ._shows import ShowsShape
+from ._shows import ShowsShape, view_of
 from ._train import Training, train
 from .store import FORMAT_VERSION, check_target, load_model, read_manifest, save_model
 from .svr import Svr
@@ -35,5 +35,6 @@ __all__ = [
     "save_model",
     "train",
     "training_lines",
+    "view_of",
     "write_estimates",
 ]

@@ -17,9 +17,9 @@ from ..errors import InputError
 from ..recording import VideoWriter, frame_count, observations, require_actuation
 from ..types import Context, FloatArray, ForceEstimate, Frame, Image, Observation, ShapeFeatures, Source, Status
 from ..units import newtons_to_grams
-from ..vision import Reasons, VisionSettings, draw_estimate
+from ..vision import Reasons, draw_estimate
 from ._base import Estimator, Progress
-from ._shows import ShowsShape
+from ._shows import ShowsShape, view_of
 
 __all__ = ["COLUMNS", "RunReport", "write_estimates"]
 
@@ -95,7 +95,7 @@ def write_estimates(
     all. Raises InputError where ``source`` holds no frame, or lacks actuation that ``estimator`` needs.
     """
     require_actuation(source, estimator.needed_actuation)
-    view = _view_of(estimator)
+    view = view_of(estimator)
     total = frame_count(source, view)
     stream = estimator.start(source.context)
     report = RunReport()
@@ -135,11 +135,6 @@ def _cell(newtons: float) -> str:
 def _ends(interval: FloatArray) -> list[str]:
     """Both ends, or neither: an interval without an end says nothing."""
     return [_cell(end) for end in interval.tolist()] if np.isfinite(interval).all() else ["", ""]
-
-
-def _view_of(estimator: Estimator) -> str:
-    vision = getattr(estimator.settings, "vision", None)
-    return vision.view if isinstance(vision, VisionSettings) else VisionSettings().view
 
 
 @contextmanager

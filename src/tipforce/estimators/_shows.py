@@ -13,8 +13,9 @@ from ..vision import (
     in_session,
     shape_features,
 )
+from ._base import Estimator
 
-__all__ = ["ShowsShape", "look_with"]
+__all__ = ["ShowsShape", "look_with", "view_of"]
 
 
 @runtime_checkable
@@ -36,3 +37,9 @@ def look_with(
     sighting = Vision(in_session(vision, context)).see(image)
     values = shape_features(sighting, features)
     return sighting, None if isinstance(values, NoFeatures) else fitted_curve(sighting, features, values)
+
+
+def view_of(estimator: Estimator) -> str:
+    """Name of the view whose pictures ``estimator`` sees; the default of `VisionSettings` for one that states none."""
+    vision = getattr(estimator.settings, "vision", None)
+    return vision.view if isinstance(vision, VisionSettings) else VisionSettings().view

@@ -52,6 +52,7 @@ def gather_rows(
     wanted = _needed(settings, dataset, source)
     frames = source if wanted.all() else source.subset(wanted)
     names: tuple[str, ...] | None = None
+    called = frames.names_of(settings.vision.view)
     done = 0
 
     def read(observation: Observation, inputs: Inputs) -> tuple[tuple[str, ...], FloatArray | Refusal]:
@@ -76,11 +77,11 @@ def gather_rows(
         number = int(frames.rows[place])
         if isinstance(row, Refusal):
             if number in here and not why_not:
-                why_not = f"{frames.names[place]}: {row.detail} ({row.status})"
+                why_not = f"{called[place]}: {row.detail} ({row.status})"
             continue
         if names is not None and own != names:
             raise InputError(
-                f"{dataset.title}: the samples differ in their shape numbers: {frames.names[place]} has "
+                f"{dataset.title}: the samples differ in their shape numbers: {called[place]} has "
                 f"{', '.join(own)}, the first has {', '.join(names)}"
             )
         names = own

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..dataset import Dataset
-from ..estimators import Estimator
+from ..estimators import Estimator, view_of
 from ..types import FloatArray, Image, IntArray, Observation, ShapeFeatures
 from ..units import newtons_to_grams
 from ._evaluation import Evaluation
@@ -75,15 +75,16 @@ def _card(outcome: Outcome, place: int, observation: Observation, estimator: Est
         said = f"refused: {outcome.status[place].replace('_', ' ')}"
         said += f", {outcome.detail[place]}" if outcome.detail[place] else ""
     text = f"measured {_both(true)}, {said}"
+    wanted = view_of(estimator)
+    shown = wanted if wanted in observation.views else next(iter(observation.views), wanted)
+    name = str(dataset.names_of(shown)[outcome.index[place]])
+    view, session = observation.views.get(shown), str(outcome.session[place])
     svg = uri = ""
-    for view in observation.views.values():
-        if isinstance(view, ShapeFeatures):
-            session = dataset.subset(np.flatnonzero(dataset.session == outcome.session[place]))
-            svg = _curve_svg(view, _session_curves(session), str(outcome.names[place]))
-        else:
-            uri = _photo(picture_of(estimator, observation, view, dataset.contexts[str(outcome.session[place])]))
-        break
-    return Card(str(outcome.names[place]), str(outcome.session[place]), text, svg, uri)
+    if isinstance(view, ShapeFeatures):
+        svg = _curve_svg(view, _session_curves(dataset.subset(np.flatnonzero(dataset.session == session))), name)
+    elif view is not None:
+        uri = _photo(picture_of(estimator, observation, view, dataset.contexts[session]))
+    return Card(name, session, text, svg, uri)
 
 
 def _both(newtons: float) -> str:

@@ -116,6 +116,8 @@ def look_over(
     """
     tally, first, settled = Tally(room), None, vision
     for context, session in sessions:
+        if not session:
+            continue
         settled = _settled(vision, [image for _, image in session[:: -(-len(session) // _SETTLING)]], context)
         see = Vision(settled).see
         for name, image in session:
