@@ -211,5 +211,7 @@ def test_errors_on_the_simulated_bench_are_held_against_the_smallest_possible(tm
     assert refusal(*words, "-o", tmp_path / "r", "--no-bound") == "bounds: None"
 
 
-def test_a_bound_needs_the_truth(rows, tmp_path):
-    assert "--truth" in refusal("svr", "--data", rows, "-o", tmp_path / "r", "--bound")
+@pytest.mark.parametrize("option", ["--bound", "--no-bound"])
+def test_a_bound_needs_the_truth(rows, tmp_path, option):
+    said = refusal("svr", "--data", rows, "-o", tmp_path / "r", option)
+    assert said.startswith(f"{option} goes with --truth only")

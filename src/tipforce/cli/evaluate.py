@@ -71,8 +71,11 @@ def command(
     named = [model for model in models if model in ESTIMATORS and not Path(model).is_dir()]
     if settings and not named:
         raise InputError("--set changes the settings of a method that is named, such as svr; a saved model has its own")
-    if bound and truth is None:
-        raise InputError("--bound needs the truth: give --truth the folder that `tipforce simulate` wrote")
+    if bound is not None and truth is None:
+        raise InputError(
+            f"--{'' if bound else 'no-'}bound goes with --truth only: give --truth the folder that `tipforce simulate` "
+            "wrote, or leave it out"
+        )
     candidates = candidates_from(
         models, {name: settings_from(ESTIMATORS[name].settings_type, settings) for name in named}
     )
