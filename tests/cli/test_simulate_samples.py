@@ -161,15 +161,10 @@ def test_a_set_that_does_not_fit_the_disk_is_refused_before_the_work(tmp_path):
         (["--samples", 5], "--samples: goes with --dataset only"),
         (["--masks"], "--masks: goes with --dataset only"),
         (["--dataset", "--sessions", 5], "--sessions: does not go with --dataset"),
-        (
-            ["--dataset", "--shards", "--masks"],
-            "--masks does not go with --shards: Parquet files hold no masks; leave out",
-        ),
+        (["--dataset", "--shards", "--masks"], "--masks does not go with --shards: Parquet files hold no masks"),
         (["--set", "world.seconds.x=3"], "--set world.seconds.x=3: seconds is a value (60.0) and holds no settings"),
-        (
-            ["--dataset", "--seconds", 6],
-            "a session needs 5 s of tare (world.tare_s), 1.5 s of approach and 1 s",
-        ),
+        (["--set", "world.wall.angle=3"], "world.wall.angle: there is no such setting; there are contact_angle_deg"),
+        (["--dataset", "--seconds", 6], "a session needs 5 s of tare (world.tare_s), 1.5 s of approach and 1 s"),
         (["--seconds", 8, "--set", "world.tare_s=6"], "world.seconds=8: a session needs 6 s of tare"),
         (["--dataset", "--samples-per-session", 5000], "has pictures enough for 278; state --seconds"),
     ],

@@ -1,7 +1,8 @@
 """``--set key=value``: every setting of a method or preset from the command line, checked by its pydantic model."""
 
 import json
-from typing import Annotated, Any, TypeVar
+from collections.abc import Sequence
+from typing import Annotated, Any, TypeVar, get_args
 
 import typer
 from pydantic import BaseModel, ValidationError
@@ -46,6 +47,16 @@ def settings_from(model: type[M], pairs: list[str] | None, base: M | None = None
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         if first["type"] == "extra_forbidden":
-            known = ", ".join(model.model_fields)
+            known = ", ".join(_keys(model, first["loc"][:-1]))
             raise InputError(f"--set {key}: there is no such setting; there are {known}") from None
         raise InputError(f"--set {key}={first['input']}: {first['msg']}") from None
+
+
+def _keys(model: type[BaseModel], place: Sequence[int | str]) -> list[str]:
+    """Names of the settings that stand beside one another at ``place``, the keys that lead there."""
+    for part in place:
+        kind = model.model_fields[str(part)].annotation
+        for each in (kind, *get_args(kind)):  # what may be None too is a union
+            if isinstance(each, type) and issubclass(each, BaseModel):
+                model = each
+    return list(model.model_fields)

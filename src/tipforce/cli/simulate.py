@@ -97,7 +97,8 @@ def command(
             write_samples(output, wanted, shards=shards, masks=masks, lossless=lossless, say=say, progress=report)
         took = time.monotonic() - started
         say(f"{samples} samples of {wanted.sessions} sessions in {output} ({took:.0f} s)")
-        say(f"next: tipforce train {output} -o models/svr")
+        view = f" --set vision.view={wanted.views[0]}" if len(wanted.views) > 1 else ""
+        say(f"next: tipforce train {output} -o models/svr{view}")
         figures = {"folder": str(output), "samples": samples, "sessions": wanted.sessions}
         write_json({**figures, "wall_time_s": round(took, 2)}, json_file)
         return
