@@ -150,6 +150,8 @@ def test_a_dataset_of_such_recordings_gives_both_views(run):
     (one, without) = dataset.subset(np.array([0, 4])).observations()
     np.testing.assert_array_equal(one.views["b"], picture("b", 0))
     assert set(without.views) == {"a"}
+    assert dataset.names_of("a")[4] == dataset.names[4] == "run.mcap frame 4"
+    assert dataset.subset(np.array([4])).names_of("b").tolist() == ["run.mcap frame 4, view b beside it"]
 
 
 def test_looking_for_a_view_that_is_not_there_says_which_are(run):
