@@ -38,12 +38,12 @@ MEASURED: dict[str, SeenNoise] = {
     ),
     "generalise": SeenNoise(
         fresh=LineNoise(
-            0.0062, 10.0, 0.512, base_std_m=0.0775, base_m=151.0, tip_std_m=0.232, tip_m=23.9,
-            white_share=0.001, common_share=0.0001,
+            0.0254, 23.7, 0.661, base_std_m=0.0559, base_m=2.88, tip_std_m=0.424, tip_m=62.9,
+            white_share=0.0434, common_share=0.0001,
         ).scaled(_PX_M),
         lasting=LineNoise(
-            0.0454, 256.0, 0.314, base_std_m=0.0074, base_m=153.0, tip_std_m=0.324, tip_m=5.06,
-            white_share=0.210, common_share=0.267,
+            0.0522, 36.8, 1.063, base_std_m=0.0001, base_m=2.88, tip_std_m=0.594, tip_m=24.0,
+            white_share=0.0734, common_share=0.124,
         ).scaled(_PX_M),
     ),
 }  # fmt: skip
