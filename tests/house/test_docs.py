@@ -1,16 +1,19 @@
 """What is written down is true: verbs, links, and nothing that belongs to one machine."""
 
 import re
+import shlex
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from tipforce.cli import VERBS, app
 
 ROOT = Path(__file__).resolve().parents[2]
+COMMANDS = get_command(app).commands  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -42,6 +45,25 @@ def test_commands_named_in_the_docs_exist() -> None:
         assert verbs <= set(VERBS), f"{document.name} names verbs that do not exist"
         made = set(re.findall(r"(?:^|\n)make ([a-z]+)", code))
         assert made <= targets, f"{document.name} names make targets that do not exist"
+
+
+def written_commands() -> list[tuple[str, str]]:
+    """Where, and the command line: fenced code of the documents, examples of the verbs' help, longer inline code."""
+    found = [(verb, line) for verb, command in COMMANDS.items() for line in (command.help or "").split("\n")]
+    for document in documents():
+        text = document.read_text(encoding="utf-8")
+        fenced = "\n".join(re.findall(r"```[a-z]*\n(.*?)```", text, flags=re.S)).split("\n")
+        inline = [code for code in re.findall(r"`([^`\n]+)`", text) if len(code.split()) > 4]
+        found += [(document.name, line) for line in (*fenced, *inline)]
+    written = [(place, line.strip().removeprefix("Example: ")) for place, line in found]
+    typed = [(place, line) for place, line in written if re.match(r"tipforce [a-z]+ .", line)]
+    return [(place, line) for place, line in typed if not any(word.isupper() for word in line.split())]  # SEED: a gap
+
+
+@pytest.mark.parametrize(("place", "line"), written_commands())
+def test_a_command_that_is_written_down_can_be_typed(place: str, line: str) -> None:
+    verb, *words = shlex.split(line, comments=True)[1:]
+    assert COMMANDS[verb].make_context(verb, words).command is COMMANDS[verb], place
 
 
 def test_nothing_belongs_to_one_machine() -> None:
