@@ -71,7 +71,8 @@ def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[st
         grams_axis(axes)
         legend_above(axes)
 
-    return make_figure(draw, "Mean absolute error: the same methods, split three ways", 6.6, 4.2)
+    split = f"the same methods, split {len(protocols)} ways" if len(protocols) > 1 else "bars over all, dots by session"
+    return make_figure(draw, f"Mean absolute error: {split}", 6.6, 4.2)
 
 
 _LIGHT = {"#e69f00", "#56b4e9", "#cc79a7"}
