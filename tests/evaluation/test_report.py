@@ -254,7 +254,8 @@ def test_the_table_of_samples_shows_what_the_method_is_fed(make_bench, ridge_cla
 
 def test_truth_is_found_by_session_and_stamp(make_bench):
     data = make_bench(sessions=2, frames=4)
-    stamps = np.array([1_000_000, 100_000_000, 340_000_000])
+    first = data.stamp_ns[4:6]
+    stamps = np.array([*(first + 4_000), 340_000_000])
     force = np.arange(9.0).reshape(3, 3)
     found = truth_at(data, {"s1": (stamps, force), "elsewhere": (stamps, force)})
     assert np.isnan(found[:4]).all()
@@ -266,6 +267,14 @@ def test_truth_is_found_by_session_and_stamp(make_bench):
 def test_truth_of_other_data_is_refused(make_bench):
     with pytest.raises(InputError, match=r"no sample of bench of numbers has a truth"):
         truth_at(make_bench(), {"elsewhere": (np.array([0]), np.zeros((1, 3)))})
+
+
+def test_truth_of_another_session_of_the_same_name_is_refused(make_bench):
+    data = make_bench(sessions=1, frames=6)
+    jitter = np.array([2.2, -1.8, 0.4, -2.9, 3.3, -1.2])
+    beside = data.stamp_ns + (1e6 * jitter).astype(np.int64)
+    with pytest.raises(InputError, match=r"truth of s0 belongs to another recording .* lie 2.0 ms beside"):
+        truth_at(data, {"s0": (beside, np.zeros((6, 3)))})
 
 
 def test_the_lines_for_the_terminal_name_every_row(report):
