@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..types import Context, FloatArray, Image
+from ._common_axis import common_axis, turn_end
 from ._common_end import common_end, common_look
 from ._settings import VisionSettings
 
-__all__ = ["in_session", "learn_length", "learn_look", "with_nominal"]
+__all__ = ["in_session", "learn_length", "learn_look", "on_axis", "with_nominal"]
 
 _SIDES = ("left", "right", "top", "bottom")
 _WIDER = 1.03
@@ -122,3 +123,15 @@ def learn_look(settings: VisionSettings, images: Sequence[Image], lines: Sequenc
         return settings
     look = common_look([i for i, _ in seen], [line for _, line in seen], 0.5 * settings.diameter_px, settings.length_px)
     return settings.model_copy(update={"end_look": look})
+
+
+def on_axis(
+    settings: VisionSettings, images: Sequence[Image], lines: Sequence[FloatArray | None]
+) -> list[FloatArray | None]:
+    """The ``lines`` of one session's pictures, turned at the end by what all of them lie beside the catheter there."""
+    seen = [(image, line) for image, line in zip(images, lines, strict=True) if line is not None]
+    if settings.length_px is None or settings.diameter_px is None or len(seen) < _FRAMES:
+        return list(lines)
+    half = 0.5 * settings.diameter_px
+    aside = common_axis([i for i, _ in seen], [line for _, line in seen], half, settings.length_px)
+    return [None if line is None else turn_end(line, half, settings.length_px, aside) for line in lines]

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..types import Context, FloatArray, Image, Status
 from ._fine import FineTracer, Trace
-from ._nominal import in_session, learn_length, learn_look, with_nominal
+from ._nominal import in_session, learn_length, learn_look, on_axis, with_nominal
 from ._settings import BaseSide, Polarity, VisionSettings
 from ._sighting import Sighting
 
@@ -164,7 +164,7 @@ def settle(
         chosen = learn_length(guess, sheets, frames, _lines(guess, frames, sheets, traces))
         if isinstance(contexts, Context) and chosen is not guess:
             for _ in range(_LOOKS):
-                lines = _lines(chosen, frames, sheets, traces)
+                lines = on_axis(chosen, frames, _lines(chosen, frames, sheets, traces))
                 chosen = learn_look(learn_length(guess, sheets, frames, lines), frames, lines)
     if chosen.threshold is None:
         chosen = chosen.model_copy(update={"threshold": _threshold(chosen, frames, sheets)})
