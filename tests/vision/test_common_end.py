@@ -4,19 +4,21 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.types import Catheter, Context
+from tipforce.types import Catheter, Context, Status
 from tipforce.vision import FineTracer, Sighting, VisionSettings, in_session, settle
+from tipforce.vision._common_axis import common_axis, turn_end
 
 LENGTH = 150.0
 SHEET = Context("monday", Catheter("test tube", 0.012, 0.156, 0.0), 1e-3, {"base_side": "left"})
 
 
-def _picture(turn: float, rail: float, cloth: float = 0.0) -> np.ndarray:
+def _picture(turn: float, rail: float, cloth: float = 0.0, shadow: bool = False, patch: float = 0.0) -> np.ndarray:
     """A straight shaft from the left border, its metal end little darker than the ground; a dark rail lies behind it.
 
     ``rail``: how far behind the end the rail begins. The rail is darker than the metal end, so its border stands out
     more than the end itself. ``cloth``: angle to the shaft, in radians, of the border of a cloth of the shaft's own
     grey, which lies under the last 90 px of it and to one side.
+    ``shadow``: the metal end throws one to its right. ``patch``: grey of a thing that lies over one half of it.
     """
     rng = np.random.default_rng(round(1e4 * (turn + 1.0)))
     scale = 4
@@ -37,7 +39,11 @@ def _picture(turn: float, rail: float, cloth: float = 0.0) -> np.ndarray:
         corners = [first, first + 300 * border, first + 300 * border + 300 * aside, first + 300 * aside]
         cv2.fillPoly(image, [np.rint((np.array(corners) + 0.5) * scale).astype(np.int32)], 60.0)
     bar(base, tip - 30 * way, 12.0, 60.0)
+    if shadow:
+        bar(tip - 30 * way + 5 * aside, tip + 5 * aside, 12.0, 150.0)
     bar(tip - 30 * way, tip, 12.0, 120.0)
+    if patch:
+        bar(tip - 30 * way + 4 * aside, tip + 4 * aside, 8.0, patch)
     small = cv2.GaussianBlur(cv2.resize(image, (260, 200), interpolation=cv2.INTER_AREA), (0, 0), 0.8)
     return np.clip(np.rint(small + rng.normal(0.0, 2.0, small.shape)), 0, 255).astype(np.uint8)
 
@@ -70,6 +76,27 @@ def test_a_shaft_lost_on_a_cloth_of_its_own_grey_is_found_again_by_the_look_of_i
         picture = _picture(turn, 40.0, cloth)
         assert _beside(FineTracer(unaware).see(picture), turn) > 5.0
         assert _beside(FineTracer(settled).see(picture), turn) < 0.6
+
+
+@pytest.mark.parametrize("aside", [-3.0, 0.0, 3.0])
+def test_lines_that_run_beside_the_end_in_every_picture_are_put_on_its_axis(aside: float) -> None:
+    """Whichever side the end's shadow lies on."""
+    turns = [0.05 * k - 0.2 for k in range(8)]
+    pictures = [_picture(turn, 40.0, shadow=True) for turn in turns]
+    lines = []
+    for turn in turns:
+        axis = np.array([-6.0, 100.0]) + np.linspace(6.0, LENGTH, 64)[:, None] * [np.cos(turn), np.sin(turn)]
+        lines.append(turn_end(axis, 6.0, LENGTH - 6.0, aside))
+    assert common_axis(pictures, lines, 6.0, LENGTH - 6.0) == pytest.approx(-aside, abs=0.6)
+
+
+def test_an_end_that_does_not_look_like_that_of_the_other_pictures_is_refused() -> None:
+    settled = settle(VisionSettings(), [_picture(0.05 * k - 0.2, 40.0) for k in range(8)], SHEET)
+    for turn in (-0.1, 0.0, 0.1):
+        assert FineTracer(settled).see(_picture(turn, 40.0)).found
+        sight = FineTracer(settled).see(_picture(turn, 40.0, patch=250.0))
+        assert sight.status is Status.CUT_OFF
+        assert "something covers it" in sight.detail
 
 
 def test_how_an_end_looks_is_not_carried_to_another_session_or_learnt_of_several() -> None:

@@ -47,7 +47,10 @@ def common_end(
     beside = _WIDTH * np.linspace(-1.0, 1.0, _ACROSS)
     back = 1.0 - np.sqrt(1.0 - beside**2)  # the front is round: beside the axis it lies further back
     steps = np.array(
-        [_steps(read_along(image, line, half, at, beside, back), window) for image, line in zip(images, lines, strict=True)]
+        [
+            _steps(read_along(image, line, half, at, beside, back), window)
+            for image, line in zip(images, lines, strict=True)
+        ]
     )
     common = steps.mean(axis=0)
     clear = np.sqrt((common**2).mean(axis=1))
@@ -80,7 +83,9 @@ def common_look(images: Sequence[Image], lines: Sequence[FloatArray], half: floa
     at = length - half * (np.arange(ROWS, dtype=np.float64)[::-1] + 0.5)
     beside = WIDTH * np.linspace(-1.0, 1.0, ACROSS)
     back = np.zeros(ACROSS)
-    seen = np.array([read_along(image, line, half, at, beside, back) for image, line in zip(images, lines, strict=True)])
+    seen = np.array(
+        [read_along(image, line, half, at, beside, back) for image, line in zip(images, lines, strict=True)]
+    )
     off = np.abs(seen - np.median(seen, axis=0)).mean(axis=(1, 2))
     common = np.median(seen[off <= np.median(off)], axis=0)
     return tuple(np.rint(common[::-1]).astype(int).ravel().tolist())

@@ -28,6 +28,8 @@ _CLEAR_TIP = 0.35
 """Beside the border only a drop of this share of the shaft's contrast is taken for its tip."""
 _DOUBT = 15.0
 """Evidence of something that goes on beyond the end and was not followed, from which on the end is not believed."""
+_UNLIKE = 20.0
+"""Grey levels by which a metal end may be off, on average, from how it looks in the session's other pictures."""
 _SCATTER, _THIN_PX = 0.026, 6.0
 """The centres may lie off a smooth curve by this share of the diameter; on thinner shafts whole pixels show."""
 _PALE = 40.0
@@ -176,8 +178,8 @@ class FineTracer:
         n, end = solve_shaft(
             pixels, row, channels, self._box, self._plan, look, self._stations, self._result, self._points, self._work
         )
-        _, diameter, typical, _, gap, blind, length, drop, base_u, base_v, angle, rms, last_u, last_v, doubt = (
-            self._result[:15].tolist()
+        _, diameter, typical, _, gap, blind, length, drop, base_u, base_v, angle, rms, last_u, last_v, doubt, unlike = (
+            self._result.tolist()
         )
         confidence = max(0.0, 1.0 - blind / max(length, 1.0))
         status, detail = Status.VALID, ""
@@ -212,6 +214,13 @@ class FineTracer:
         elif doubt > _DOUBT:
             status = Status.CUT_OFF
             detail = f"the shaft ends at {where}, but something goes on there that cannot be told from the catheter"
+            score *= 0.2
+        elif unlike > _UNLIKE:
+            status = Status.CUT_OFF
+            detail = (
+                f"the end near {where} differs by {unlike:.0f} grey levels from how it looks in other pictures: "
+                "something covers it, or it lies elsewhere"
+            )
             score *= 0.2
         elif rms > _SCATTER * diameter and diameter > _THIN_PX:
             status = Status.NO_CATHETER

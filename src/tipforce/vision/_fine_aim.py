@@ -13,7 +13,7 @@ from ._fine_fit import axis_at
 from ._fine_follow import heading
 from ._fine_pixels import add_station, colour_between, fast
 
-__all__ = ["ACROSS", "ROWS", "WIDTH", "aim_again"]
+__all__ = ["ACROSS", "ROWS", "WIDTH", "aim_again", "end_unlike"]
 
 ROWS = 13
 """Rows of a look, a radius apart, the first half a radius before the tip."""
@@ -33,6 +33,8 @@ _TURNS, _TURN, _LIKELY_TURN = 8, 0.012, 0.06
 _BENDS, _BEND, _LIKELY_BEND = 5, 0.004, 0.012
 """Arcs that are tried to either side, how far apart, and how likely they are: radians, and 1 / radius."""
 _FINER = 3
+_TIP_ROWS = 6
+"""The metal end's share of the rows: further back rings are where they are to a few px only."""
 _WEIGHT = 0.2
 
 
@@ -41,9 +43,9 @@ def _off(
     pixels: np.ndarray, row: int, channels: int, box: np.ndarray, look: np.ndarray, nodes: np.ndarray, half: float,
     every: int,
 ) -> float:  # fmt: skip
-    """By how many grey levels places along ``nodes`` (`ROWS`, 4: u, v, du, dv) are off from ``look``, every so many."""
+    """By how many grey levels places along ``nodes`` (k, 4: u, v, du, dv) are off from ``look``, every so many."""
     total, count = 0.0, 0
-    for i in range(0, ROWS, every):
+    for i in range(0, nodes.shape[0], every):
         u, v, du, dv = nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3]
         for k in range(0, ACROSS, every):
             x = half * WIDTH * (2.0 * k / (ACROSS - 1) - 1.0)
@@ -79,6 +81,28 @@ def _lay(
 
 
 @fast
+def _rows_of(
+    coefficients: np.ndarray, intervals: int, length: float, straight: float, tip: float, half: float, nodes: np.ndarray
+) -> None:
+    """``nodes``: the rows of a look along a spline with its tip at ``tip``."""
+    for i in range(nodes.shape[0]):
+        u, v, du, dv = axis_at(coefficients, intervals, length, straight, tip - (i + 0.5) * half)
+        norm = math.sqrt(du * du + dv * dv)
+        nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3] = u, v, du / norm, dv / norm
+
+
+@fast
+def end_unlike(
+    pixels: np.ndarray, row: int, channels: int, box: np.ndarray, look: np.ndarray, coefficients: np.ndarray,
+    intervals: int, length: float, straight: float, tip: float, half: float, work: np.ndarray,
+) -> float:  # fmt: skip
+    """By how many grey levels the metal end before ``tip`` is off from ``look``, on average."""
+    nodes = work[: 4 * _TIP_ROWS].reshape((_TIP_ROWS, 4))
+    _rows_of(coefficients, intervals, length, straight, tip, half, nodes)
+    return _off(pixels, row, channels, box, look, nodes, half, 1)
+
+
+@fast
 def aim_again(
     pixels: np.ndarray, row: int, channels: int, box: np.ndarray, look: np.ndarray, coefficients: np.ndarray,
     intervals: int, length: float, straight: float, goal: float, half: float, work: np.ndarray, stations: np.ndarray,
@@ -90,10 +114,7 @@ def aim_again(
     ``work``: scratch of 4 x `ROWS`.
     """
     nodes = work[: 4 * ROWS].reshape((ROWS, 4))
-    for i in range(ROWS):
-        u, v, du, dv = axis_at(coefficients, intervals, length, straight, goal - (i + 0.5) * half)
-        norm = math.sqrt(du * du + dv * dv)
-        nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3] = u, v, du / norm, dv / norm
+    _rows_of(coefficients, intervals, length, straight, goal, half, nodes)
     kept = _off(pixels, row, channels, box, look, nodes, half, 1)
     cut = n
     while cut > 0 and stations[cut - 1, 2] > goal - _BACK * half:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ._fine_aim import aim_again
+from ._fine_aim import aim_again, end_unlike
 from ._fine_end import end_place
 from ._fine_fit import fit_spline, spline_at
 from ._fine_follow import follow_to
@@ -61,11 +61,12 @@ def end_at_length(
     pixels: np.ndarray, row: int, channels: int, box: np.ndarray, look: np.ndarray, half: float, goal: float,
     give: float, ahead: float, coefficients: np.ndarray, band: np.ndarray, weights: np.ndarray, work: np.ndarray,
     stations: np.ndarray, n: int,
-) -> tuple[int, int, float, float, float]:  # fmt: skip
+) -> tuple[int, int, float, float, float, float]:  # fmt: skip
     """Follow the shaft from its station ``n`` - 1 to where it must end: arc length ``goal``, within ``give``.
 
     The spline is left fitted over the last station's arc length + ``ahead`` + 6. Returns stations; their intervals;
-    the tip; what it stands out by, 0 where it is not seen; the length of a hidden stretch that is too long, or 0.
+    the tip; what it stands out by, 0 where it is not seen; the length of a hidden stretch that is too long, or 0; by
+    how many grey levels the end is off from its ``look``.
     """
     while n > 6 and stations[n - 1, 2] > goal - give - half:
         n -= 1
@@ -79,7 +80,7 @@ def end_at_length(
             n, gap = better, 0.0
             last, length, intervals = _fit(stations, n, half, ahead, coefficients, band, weights)
     if gap > _HIDDEN * half or goal - give - last > _UNSEEN * half:
-        return n, intervals, goal, 0.0, max(gap, goal - last)
+        return n, intervals, goal, 0.0, max(gap, goal - last), 0.0
     tip, stands = end_place(
         pixels, row, channels, box, coefficients, intervals, length, last, goal, _DEVIATION * give, half, work
     )
@@ -91,8 +92,11 @@ def end_at_length(
         # what was measured behind the tip lies on something else
         while n > 6 and stations[n - 1, 2] > tip - 0.3 * half:
             n -= 1
-        _, _, intervals = _fit(stations, n, half, ahead, coefficients, band, weights)
-    return n, intervals, tip, stands, hidden
+        last, length, intervals = _fit(stations, n, half, ahead, coefficients, band, weights)
+    unlike = 0.0
+    if len(look):
+        unlike = end_unlike(pixels, row, channels, box, look, coefficients, intervals, length, last, tip, half, work)
+    return n, intervals, tip, stands, hidden, unlike
 
 
 @fast

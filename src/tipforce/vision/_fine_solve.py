@@ -26,7 +26,7 @@ WORK_SIZE = 728 + 1200 + 32 + max(AHEAD_SIZE, END_SIZE, FOLLOW_SIZE)
 
 RESULT_SIZE = 16
 """Stations, diameter, contrast, level, gap, blind length, length, drop at the tip, base u, v, angle, rms, last u, v,
-and how much goes on beyond the end that was not followed."""
+how much goes on beyond the end that was not followed, and by how many grey levels the end is off from its look."""
 
 
 @fast
@@ -71,7 +71,7 @@ def solve_shaft(
     result[5] = blind
     result[6] = last
     result[7] = 0.0
-    result[14] = 0.0
+    result[14] = result[15] = 0.0
     result[12] = stations[max(n - 1, 0), 0]
     result[13] = stations[max(n - 1, 0), 1]
     if end == END_SHORT:
@@ -99,7 +99,7 @@ def solve_shaft(
         unclear = goes_on(pixels, row, channels, box, coefficients, intervals, length, tip, half, least)
     if unclear and known_length > 0.0:
         if (end != END_BORDER or last > goal - give) and not goes_through(stations, n, goal, give, half):
-            n, intervals, tip, drop, hidden = end_at_length(
+            n, intervals, tip, drop, hidden, result[15] = end_at_length(
                 pixels, row, channels, box, look, half, goal, give, ahead, coefficients, band, weights, beyond,
                 stations, solid,
             )  # fmt: skip
