@@ -38,30 +38,30 @@ def common_axis(images: Sequence[Image], lines: Sequence[FloatArray], half: floa
     beside = np.arange(-wide, wide + 1) / _CELLS
     back = np.zeros(len(beside))
     strips = [read_along(i, p, half, length - before, beside, back) for i, p in zip(images, lines, strict=True)]
-    strip = np.mean(strips, axis=0).reshape(len(before), len(beside), -1)
+    strip: FloatArray = np.mean(np.array(strips), axis=0).reshape(len(before), len(beside), -1)
     steps = np.zeros_like(strip)
     steps[:, 1:-1] = 0.5 * (strip[:, 2:] - strip[:, :-2])
     rows = np.arange(len(before))
+    groups = np.array_split(rows, _GROUPS)
     share = 1.0 - before / (_LONG * half)
     away = np.arange(_LOW, _HIGH + 1)
     moves = np.arange(-_MOST, _MOST + 1)
     mirrored = np.zeros(len(moves))
-    for k, move in enumerate(moves):
+    for k, move in enumerate(moves.tolist()):
         middle = wide + np.rint(move * share).astype(int)[:, None]
         left, right = steps[rows[:, None], middle - away], steps[rows[:, None], middle + away]
-        for group in np.array_split(rows, _GROUPS):
-            mirrored[k] -= (left[group].mean(axis=0) * right[group].mean(axis=0)).sum()
+        mirrored[k] = -sum(float((left[group].mean(axis=0) * right[group].mean(axis=0)).sum()) for group in groups)
     best = int(np.argmax(mirrored))
     if mirrored[best] < _BETTER * max(mirrored[_MOST], 0.0) or not 0 < best < len(moves) - 1:
         return 0.0
-    low, top, high = mirrored[best - 1 : best + 2]
-    return float(moves[best] + 0.5 * (low - high) / (low - 2.0 * top + high)) / _CELLS * half
+    low, top, high = mirrored[best - 1 : best + 2].tolist()
+    return (best - _MOST + 0.5 * (low - high) / (low - 2.0 * top + high)) / _CELLS * half
 
 
 def turn_end(line: FloatArray, half: float, length: float, aside: float) -> FloatArray:
     """The ``line`` (k, 2) with its last stretch turned so that its point at ``length`` moves by ``aside`` px."""
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     tangent = np.gradient(line, axis=0)
-    tangent /= np.hypot(*tangent.T)[:, None]
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
     share = np.maximum(arc - length + _LONG * half, 0.0) / (_LONG * half)
     return line + aside * share[:, None] * np.column_stack([-tangent[:, 1], tangent[:, 0]])
