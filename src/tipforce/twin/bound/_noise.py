@@ -38,12 +38,12 @@ MEASURED: dict[str, SeenNoise] = {
     ),
     "generalise": SeenNoise(
         fresh=LineNoise(
-            0.0254, 23.7, 0.661, base_std_m=0.0559, base_m=2.88, tip_std_m=0.424, tip_m=62.9,
-            white_share=0.0434, common_share=0.0001,
+            0.0130, 23.3, 0.561, base_std_m=0.0561, base_m=2.88, tip_std_m=0.415, tip_m=66.8,
+            white_share=0.0465, common_share=0.0001,
         ).scaled(_PX_M),
         lasting=LineNoise(
-            0.0522, 36.8, 1.063, base_std_m=0.0001, base_m=2.88, tip_std_m=0.594, tip_m=24.0,
-            white_share=0.0734, common_share=0.124,
+            0.0315, 33.2, 1.183, base_std_m=0.0409, base_m=6.13, tip_std_m=0.266, tip_m=59.6,
+            white_share=0.0724, common_share=0.131,
         ).scaled(_PX_M),
     ),
 }  # fmt: skip
