@@ -4,7 +4,19 @@ import numpy as np
 import pytest
 
 from tipforce.errors import FileFormatError, InputError, TimeError
-from tipforce.recording import RecordingReader, SensorPose, describe, import_run, labels, observations, record
+from tipforce.recording import (
+    ClockOffset,
+    RecordingReader,
+    SensorPose,
+    _find,
+    describe,
+    import_run,
+    labels,
+    observations,
+    record,
+)
+from tipforce.recording._facts import Inertia, Tare
+from tipforce.recording._inertia import StageCourse
 from tipforce.types import STAGE, Actuation, Catheter, Context, Frame, Wrench
 
 from .conftest import picture, push  # type: ignore[import-not-found]
@@ -162,3 +174,19 @@ def test_a_stage_log_beside_the_force_log_serves_an_import_too(run, tmp_path):
     np.testing.assert_allclose(inertia.gain_kg[:, :2], -MASS_KG * np.eye(2), atol=2e-3)
     assert inertia.lag_ns * 1e-9 == pytest.approx(OFFSET_S, abs=2e-3)
     assert any("taken out: 5" in line or "taken out: 4" in line for line in describe(done.summary))
+
+
+@pytest.mark.parametrize(
+    ("stderr_ms", "carried", "how"),
+    [(2.0, "estimated", "estimated"), (4.0, "estimated", "stage"), (4.0, "none", "estimated")],
+)
+def test_where_the_deflection_is_in_doubt_the_stage_tells_the_offset(monkeypatch, stderr_ms, carried, how):
+    seen = ClockOffset(40_000_000, "estimated", stderr_ms=stderr_ms)
+    monkeypatch.setattr(_find, "_by_sight", lambda *_: seen)
+    facts = _find.RunFacts(None, Tare(), Inertia(how=carried, lag_ns=45_000_000), StageCourse.of([]))
+    stamps = np.arange(10, dtype=np.int64)
+    remarks: list[str] = []
+    found = _find.find_offset(stamps, [], Context(), stamps, np.zeros((10, 3)), facts, "auto", remarks)
+    assert found.how == how
+    assert found.offset_ms == (45.0 if how == "stage" else 40.0)
+    assert bool(remarks) == (how == "stage")

@@ -22,6 +22,8 @@ OffsetChoice = Literal["auto", "none"] | float
 
 _LOOK_S = 0.3
 """Largest clock offset that is looked for."""
+_DOUBTFUL_MS = 3.0
+"""From this standard error on the stage's movement, where it shows, tells the offset better than the deflection."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +76,7 @@ def find_offset(
 ) -> ClockOffset:
     """From the deflection in ``sightings`` (n) at ``frame_ns`` (n,) against ``force`` (m, 3) at ``stamps`` (m,).
 
-    Where that does not tell it: from the lag at which the stage's movement shows in the force, if it does.
+    Where that does not tell it, or to more than 3 ms (one standard error) only: from the lag at which the stage's movement shows in the force, if it does.
     ``blind``: why no catheter is seen at all, or empty. Adds to ``remarks``.
     """
     if choice == "none":
@@ -84,6 +86,8 @@ def find_offset(
     offset = ClockOffset(how="refused", detail=blind)
     if not blind:
         offset = _by_sight(frame_ns, sightings, context, stamps, force, facts)
+    if facts.inertia.how == "estimated" and offset.stderr_ms > _DOUBTFUL_MS:
+        offset = ClockOffset(how="refused", detail=f"the deflection tells it to +-{offset.stderr_ms:.1f} ms only")
     if offset.how == "refused" and facts.inertia.how == "estimated":
         offset = ClockOffset(facts.inertia.lag_ns, "stage", detail=offset.detail)
         remarks.append(
