@@ -76,7 +76,8 @@ def find_offset(
 ) -> ClockOffset:
     """From the deflection in ``sightings`` (n) at ``frame_ns`` (n,) against ``force`` (m, 3) at ``stamps`` (m,).
 
-    Where that does not tell it, or to more than 3 ms (one standard error) only: from the lag at which the stage's movement shows in the force, if it does.
+    Where that does not tell it, or with a standard error above 3 ms only: from the lag at which the stage's movement
+    shows in the force, if it does.
     ``blind``: why no catheter is seen at all, or empty. Adds to ``remarks``.
     """
     if choice == "none":
