@@ -25,6 +25,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tipforce.errors import InputError
+from tipforce.geometry import arc_length
 from tipforce.mechanics import LineNoise
 from tipforce.twin import PRESETS, TwinBench
 from tipforce.twin.bound import SeenNoise
@@ -51,7 +52,7 @@ def line_grid(true: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np
 
     Returns places, directions along the line and to its left, (POINTS, 2) each, and its length from the border on.
     """
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(true, axis=0), axis=1))])
+    arc = arc_length(true)
     spline = CubicSpline(arc, true)
     fine = np.linspace(0.0, arc[-1], 2000)
     places = spline(fine)
@@ -73,7 +74,7 @@ def line_errors(seen: np.ndarray, true: np.ndarray, width: int, height: int) -> 
     Returns (POINTS + 1,), and the true line's length in the picture. Lines run from base to tip.
     """
     points, along, left, length = line_grid(true, width, height)
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(seen, axis=0), axis=1))])
+    way = arc_length(seen)
     spline = CubicSpline(way, seen)
     at = way[np.argmin(np.linalg.norm(seen[:, None] - points, axis=2), axis=0)]
     for _ in range(6):  # to where the seen line crosses the normal

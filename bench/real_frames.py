@@ -27,6 +27,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 from skimage.morphology import skeletonize
 
+from tipforce.geometry import arc_length
 from tipforce.vision import FineTracer, VisionSettings
 
 SETTINGS = VisionSettings(base_side="bottom", polarity="light", base_region=(280, 292, 330, 312), diameter_px=19.9)
@@ -89,7 +90,7 @@ def drawn(quartic: np.ndarray, origin: np.ndarray, unit: float, start: float, en
 
 
 def dense(points: np.ndarray, step: float = 0.05) -> np.ndarray:
-    s = np.r_[0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    s = arc_length(points)
     at = np.arange(0, s[-1], step)
     return np.stack([np.interp(at, s, points[:, k]) for k in (0, 1)], axis=1)
 

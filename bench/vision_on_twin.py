@@ -1,10 +1,12 @@
 """What `fine` sees in recordings of the twin, held against their hidden truth, session by session.
 
-    python -m bench.vision_on_twin RUNS [RUNS ...] [--every 12] [--live | --blind] [--sheet worst.jpg] [--json FILE]
+    python -m bench.vision_on_twin RUNS [RUNS ...] [--every 12] [--live | --blind | --together N]
+        [--sheet worst.jpg] [--json FILE]
 
 Each RUNS holds what `tipforce simulate` wrote; every view of a session is looked at. The settings are settled on 16
 frames spread over the session and on its public sheet (nominal size, scale, the base's side); with --live on frames
-of its first two seconds, in which the catheter stands still; with --blind on the spread pictures alone. Wrong: given
+of its first two seconds, in which the catheter stands still; with --blind on the spread pictures alone; with
+--together N once on pictures of the folder's first N sessions, as an estimator that trains on these does. Wrong: given
 as valid, but with a tip more than 5 px off along the shaft, or a point more than 2 px beside the true centreline.
 Errors are those of the frames that are right. Covered: something hides more than 3 % of what the picture would show
 of the catheter.
@@ -22,7 +24,8 @@ from bench.tubes import distance_to_curve
 from tipforce.errors import InputError
 from tipforce.recording import RecordingReader
 from tipforce.twin import Truth, read_truth
-from tipforce.vision import Vision, VisionSettings, settle
+from tipforce.types import Context
+from tipforce.vision import Vision, VisionSettings, in_session, settle
 
 FIRST, SPREAD = 50, 16
 HIDDEN = 0.03
@@ -54,14 +57,34 @@ def covered(curve: np.ndarray, visible: float, size: tuple[int, int]) -> bool:
     return visible < float(inside.mean()) - HIDDEN
 
 
-def session(path: Path, truth: Truth, options: argparse.Namespace) -> list[dict[str, Any]]:
+def settled_together(paths: list[Path]) -> dict[str, VisionSettings]:
+    """By view, settled once on `SPREAD` pictures spread over all recordings at ``paths``."""
+    images: dict[str, list[np.ndarray]] = {}
+    contexts: dict[str, list[Context]] = {}
+    for path in paths:
+        with RecordingReader(path) as reader:
+            for view in reader.views:
+                places = np.linspace(0, len(reader.stamps(view)) - 1, max(1, SPREAD // len(paths))).astype(int)
+                images.setdefault(view, []).extend(reader.frame_at(int(k), view).image for k in places)
+                contexts.setdefault(view, []).extend([reader.context] * len(places))
+    return {view: settle(VisionSettings(), images[view], contexts[view]) for view in images}
+
+
+def session(
+    path: Path, truth: Truth, shared: dict[str, VisionSettings], options: argparse.Namespace
+) -> list[dict[str, Any]]:
     """Every so many frames of each view of a recording."""
     with RecordingReader(path) as reader:
-        return [row for view in reader.views for row in one_view(reader, view, path, truth, options)]
+        return [row for view in reader.views for row in one_view(reader, view, path, truth, shared, options)]
 
 
 def one_view(
-    reader: RecordingReader, view: str, path: Path, truth: Truth, options: argparse.Namespace
+    reader: RecordingReader,
+    view: str,
+    path: Path,
+    truth: Truth,
+    shared: dict[str, VisionSettings],
+    options: argparse.Namespace,
 ) -> list[dict[str, Any]]:
     """Every so many frames of one view."""
     of_view = truth.others.get(view, truth)
@@ -71,12 +94,15 @@ def one_view(
         settling = range(0, min(FIRST, count), 5)
     else:
         settling = np.unique(np.linspace(0, count - 1, SPREAD).astype(int)).tolist()
-    pictures = [reader.frame_at(k, view).image for k in settling]
-    try:
-        vision = Vision(settle(VisionSettings(), pictures, None if options.blind else reader.context))
-    except InputError as error:
-        print(f"{path.stem} {view}: {error}")
-        vision = Vision(VisionSettings())
+    if view in shared:
+        vision = Vision(in_session(shared[view], reader.context))
+    else:
+        pictures = [reader.frame_at(k, view).image for k in settling]
+        try:
+            vision = Vision(settle(VisionSettings(), pictures, None if options.blind else reader.context))
+        except InputError as error:
+            print(f"{path.stem} {view}: {error}")
+            vision = Vision(VisionSettings())
     rows = []
     for k in range(0, count, options.every):
         image = reader.frame_at(k, view).image
@@ -133,6 +159,7 @@ def main() -> None:
     start = parser.add_mutually_exclusive_group()
     start.add_argument("--live", action="store_true", help="settle on the first two seconds")
     start.add_argument("--blind", action="store_true", help="nothing is known but the pictures")
+    start.add_argument("--together", type=int, default=0, help="settle once, on so many sessions")
     parser.add_argument("--sheet", type=Path, help="draw the twelve worst frames")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
@@ -143,8 +170,9 @@ def main() -> None:
         if not paths:
             parser.error(f"{folder}: no recording; write some with `tipforce simulate`")
         together: list[dict[str, Any]] = []
+        shared = settled_together(paths[: options.together]) if options.together else {}
         for path in paths:
-            rows = session(path, read_truth(path), options)
+            rows = session(path, read_truth(path), shared, options)
             together += rows
             report(results, f"{folder.name}/{path.stem}", rows)
         report(results, f"{folder.name}, all", together)

@@ -86,6 +86,20 @@ def test_truth_of_shape_and_mask_fits_the_picture(runs):
     )
 
 
+def test_the_truth_in_the_sensors_frame_is_what_the_sensor_reads(runs):
+    truth = read_truth(runs / "session_00.mcap")
+    with RecordingReader(runs / "session_00.mcap") as reader:
+        stamps, readings, _ = reader.wrenches()
+        carried = reader.stage.acceleration(stamps + reader.info.inertia.lag_ns, reader.info.inertia.axes)
+        readings = readings - carried @ reader.info.inertia.gain_kg
+    own = np.interp(truth.stamp_ns, stamps + 1e9 * truth.clock_offset_s, np.arange(len(stamps)))
+    mean = np.array([readings[max(0, int(k) - 5) : int(k) + 6].mean(axis=0) for k in own])
+    inside = (own > 6) & (own < len(stamps) - 7) & np.isfinite(mean).all(axis=1)
+    miss = (mean - truth.force_sensor_n)[inside]
+    assert np.abs(truth.force_sensor_n).max() > 0.05
+    assert miss.std(axis=0).max() < 8e-3  # what is left in the mean is the bias
+
+
 def test_the_same_seed_is_the_same_bytes_and_finished_sessions_are_kept(runs, tmp_path):
     before = (runs / "session_00.mcap").stat().st_mtime_ns
     assert run("-o", str(runs), *ARGUMENTS).exit_code == 0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..geometry import angle_matrix, turning_angles
+from ..geometry import angle_matrix, arc_length, turning_angles
 from ..types import Context, FloatArray, Image, Observation, ShapeFeatures, Status
 from ..vision import NoFeatures, ShapeFeatureSettings, Vision, feature_names, in_session, shape_features
 from ._settings import AngleSettings, SvrSettings
@@ -116,7 +116,7 @@ def angles_of_polynomial(coefficients: FloatArray, features: ShapeFeatureSetting
         raise InputError("an angle series of ready-made polynomials needs the setting angles.length, in their unit")
     x = np.linspace(0.0, angles.length, 4 * _CURVE_POINTS)
     y = np.polyval(coefficients if features.constant else np.append(coefficients, 0.0), x)
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    arc = arc_length(np.column_stack([x, y]))
     at = np.linspace(0.0, angles.length, _CURVE_POINTS)
     points = np.column_stack([np.interp(at, arc, x), np.interp(at, arc, y)])
     return angle_matrix(_CURVE_POINTS, angles.degree) @ turning_angles(points, 1.0, 0.0)

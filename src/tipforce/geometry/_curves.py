@@ -1,14 +1,16 @@
 """Two sets of numbers for a planar curve: the polynomial y(x), and the tangent angle over arc length."""
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 from numpy.polynomial import legendre
 
 from ..types import FloatArray
 
-__all__ = ["angle_matrix", "curve_from_angle", "fit_angle", "fit_polynomial", "turning_angles"]
+__all__ = ["angle_matrix", "arc_length", "curve_from_angle", "fit_angle", "fit_polynomial", "turning_angles"]
 
 
 @njit(cache=True, nogil=True)
@@ -77,6 +79,15 @@ def fit_polynomial(x: FloatArray, y: FloatArray, degree: int, constant: bool = T
     if not constant:
         total[0] = 0.0
     return total[::-1].copy()
+
+
+def arc_length(points: npt.NDArray[np.floating[Any]]) -> FloatArray:
+    """(n,): the way along the straight pieces from the first of ``points`` (n, d) to each, in their unit.
+
+    >>> arc_length(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 6.0]])).tolist()
+    [0.0, 5.0, 7.0]
+    """
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
 @njit(cache=True, nogil=True)

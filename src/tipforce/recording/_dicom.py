@@ -45,8 +45,8 @@ def read_dicom(path: Path, view: str = "camera") -> Iterator[Frame]:
 
     Of more bits the upper eight of those stored are kept. Stamps come from FrameTimeVector, FrameTime or CineRate, in
     this order; the first frame is at FrameDelay, at 0 where there is none (DICOM PS3.3 C.7.6.5.1). Raises
-    MissingExtraError without pydicom (or without the decoder of a compressed file), FileFormatError for what holds no
-    pictures, TimeError where the file does not say when its frames were taken.
+    MissingExtraError without pydicom, FileFormatError for what holds no pictures or none that can be decoded here,
+    TimeError where the file does not say when its frames were taken.
     """
     data = _read(path, pixels=True)
     try:

@@ -27,6 +27,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from ..geometry import arc_length
 from ..types import BasePose, FloatArray, IntArray
 from ..vision import Sighting
 from ._facts import ClockOffset
@@ -95,13 +96,9 @@ def shape_coordinates(
     return rows
 
 
-def _arc(points: FloatArray) -> FloatArray:
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-
-
 def _common_length(lines: Sequence[FloatArray], expected_px: float | None) -> float:
     """The usual length, of those that a catheter of ``expected_px`` may show where any do."""
-    lengths = np.array([float(_arc(points)[-1]) for points in lines])
+    lengths = np.array([float(arc_length(points)[-1]) for points in lines])
     if expected_px is not None:
         share = lengths / expected_px
         likely = lengths[(share > _LIKELY[0]) & (share < _LIKELY[1])]
@@ -111,7 +108,7 @@ def _common_length(lines: Sequence[FloatArray], expected_px: float | None) -> fl
 
 def _of_length(points: FloatArray, length: float, flexible_share: float) -> FloatArray | None:
     """``points`` cut, or drawn on straight where only rigid tip is missing, to ``length``; None where more is."""
-    arc = _arc(points)
+    arc = arc_length(points)
     if arc[-1] < length * min(_NEARLY, flexible_share - (1.0 - _NEARLY)):
         return None
     if arc[-1] < length:

@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ..geometry import arc_length
 from ..types import BoolArray, FloatArray, Image
 
 __all__ = ["BLACK", "FONT", "SHIFT", "WHITE", "Canvas", "Colour", "fixed", "plain", "rgb"]
@@ -55,7 +56,7 @@ class Canvas:
         at = self._at(points)
         pieces = [fixed(at)]
         if dashed:
-            along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(at, axis=0).T))])
+            along = arc_length(at)
             dash = 7.0 * self.unit
             ends = np.arange(0.0, along[-1], 2.0 * dash)[:, None] + np.linspace(0.0, dash, 4)
             pieces = [fixed(np.column_stack([np.interp(e, along, at[:, k]) for k in range(2)])) for e in ends]

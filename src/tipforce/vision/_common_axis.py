@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..geometry import arc_length
 from ..types import FloatArray, Image
 from ._common_end import read_along
 
@@ -60,7 +61,7 @@ def common_axis(images: Sequence[Image], lines: Sequence[FloatArray], half: floa
 
 def turn_end(line: FloatArray, half: float, length: float, aside: float) -> FloatArray:
     """The ``line`` (k, 2) with its last stretch turned so that its point at ``length`` moves by ``aside`` px."""
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    arc = arc_length(line)
     tangent = np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
     share = np.maximum(arc - length + _LONG * half, 0.0) / (_LONG * half)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from ..geometry import arc_length
 from ..types import FloatArray, Image
 from ._fine_aim import ACROSS, ROWS, WIDTH
 
@@ -98,7 +99,7 @@ def read_along(
 
     The line goes straight on behind its end.
     """
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    arc = arc_length(line)
     beyond = np.maximum(at - arc[-1], 0.0)
     ahead = line[-1] - line[-6]
     ahead /= np.hypot(*ahead)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from ...geometry import arc_length
 from ...mechanics import contact_derivatives
 from ...types import BoolArray, FloatArray
 from ..camera import Lens
@@ -118,7 +119,7 @@ def seen_rows(facts: Facts) -> tuple[dict[str, FloatArray], FloatArray, BoolArra
     for name, step in _CAMERA_STEPS.items():
         more, less = (changed_lens(lens, name, way).camera(width, height).project(places) for way in (step, -step))
         rows[name] = row(((more - less) / (2 * step)).reshape(m, POINTS, 2))
-    arc = scale * np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(pixels[0], axis=0), axis=1))])
+    arc = scale * arc_length(pixels[0])
     return rows, arc, found.stable
 
 

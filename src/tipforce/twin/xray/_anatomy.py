@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from ...geometry import arc_length
 from ...types import FloatArray
 from ._materials import ATTENUATION_PER_M as PER_M
 from ._profile import Layer
@@ -50,7 +51,7 @@ class Blob:
 
 
 def _bone(knots_mm: FloatArray, radius_mm: float, shell_mm: float, density: float, fade: bool = False) -> Part:
-    at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(knots_mm, axis=0), axis=1))])
+    at = arc_length(knots_mm)
     count = max(6, int(at[-1] / 3.0))
     points = 1e-3 * CubicSpline(at, knots_mm)(np.linspace(0.0, at[-1], count))
     inner = max(0.0, 1.0 - shell_mm / radius_mm)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ...geometry import CameraModel
+from ...geometry import CameraModel, arc_length
 from ...types import FloatArray, IntArray
 from ._materials import ATTENUATION_PER_M as PER_M
 from ._materials import loaded_polymer_per_m
@@ -129,10 +129,10 @@ def device_tube(device: Device, length_m: float, px_per_m: float, blur_px: float
 def device_course(device: Device) -> tuple[FloatArray, FloatArray, float]:
     """(n, 3) points along it at rest, patient's frame, uniform in arc length; (n,) how much each sways; length."""
     knots = np.array(device.knots)
-    at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))])
+    at = arc_length(knots)
     spline = CubicSpline(at, knots)
     fine = spline(np.linspace(0.0, at[-1], 2000))
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))])
+    arc = arc_length(fine)
     count = math.ceil(arc[-1] / 1.5e-3) + 1
     even = np.linspace(0.0, arc[-1], count)
     points = np.stack([np.interp(even, arc, fine[:, k]) for k in range(3)], axis=1)
