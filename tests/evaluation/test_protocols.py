@@ -1,9 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from tipforce.dataset import splits
 from tipforce.errors import InputError
 from tipforce.evaluation import AS_SAVED, Candidate, Constant, evaluate
 from tipforce.evaluation._pictures import whole_session
+from tipforce.types import Catheter
 
 
 def magnitude(row):
@@ -204,6 +208,44 @@ def test_the_standard_protocol_trains_calibrates_and_tests_on_sessions_apart(mak
     assert len(whole_session(result, row, "s5")) == 40
     with pytest.raises(InputError, match="at least four sessions"):
         evaluate(make_bench(sessions=3), [Candidate("ridge", make_ridge())], protocols=["standard"])
+
+
+def with_catheters(data, *names):
+    """The sessions of ``data``, each of the catheter of that name."""
+    contexts = {
+        session: replace(data.contexts[session], catheter=Catheter(name, flexible_length_m=0.06))
+        for session, name in zip(data.sessions, names, strict=True)
+    }
+    return replace(data, contexts=contexts)
+
+
+def test_the_catheter_protocol_trains_on_a_catheters_first_session_and_tests_on_its_others(make_bench, make_ridge):
+    data = with_catheters(make_bench(sessions=6), "a", "a", "b", "a", "b", "c")
+    result = evaluate(data, [Candidate("ridge", make_ridge())], protocols=["catheter"])
+    row = result.row("ridge", "catheter")
+    first, second = row.fits
+    assert first.estimator.trained_rows_.tolist() == list(range(40))
+    assert second.estimator.trained_rows_.tolist() == list(range(80, 120))
+    assert set(data.session[first.split.test]) == {"s1", "s3"}
+    assert set(row.outcome.session[row.outcome.fold == second.split.name]) == {"s4"}
+    assert len(row.outcome) == 120
+    assert row.mae_n < result.row("constant", "catheter").mae_n
+    assert result.notes == ("Protocol catheter passes over 40 samples of catheters with a single session.",)
+    assert len(whole_session(result, row, "s3")) == 40
+
+
+def test_catheters_of_other_nominal_values_are_others(make_bench):
+    data = with_catheters(make_bench(sessions=3), "a", "a", "a")
+    longer = Catheter("a", flexible_length_m=0.07)
+    contexts = {**data.contexts, "s1": replace(data.contexts["s1"], catheter=longer)}
+    (split,) = splits("catheter", replace(data, contexts=contexts))
+    assert set(data.session[split.train]) == {"s0"}
+    assert set(data.session[split.test]) == {"s2"}
+
+
+def test_catheters_with_one_session_each_cannot_be_judged_one_by_one(make_bench):
+    with pytest.raises(InputError, match="each of the 3 catheters has a single one; record more"):
+        splits("catheter", with_catheters(make_bench(sessions=3), "a", "b", "c"))
 
 
 def test_calibration_moves_the_constants_interval_and_not_its_answer(make_bench):

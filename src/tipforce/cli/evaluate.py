@@ -24,10 +24,11 @@ def command(
     data: Annotated[Path, typer.Option("--data", help="Recordings, a dataset folder, or a published layout.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for report.html, metrics.json and figures.")],
     protocol: Annotated[
-        Literal["random", "blocked", "session", "all", "thesis", "standard"],
+        Literal["random", "blocked", "session", "all", "thesis", "standard", "catheter"],
         typer.Option(
             help="What is held out for testing; all: the first three. thesis: 220 frames (or --samples) of the first "
-            "eight sessions, at random. standard: a quarter of the sessions trains, a quarter calibrates, half tests."
+            "eight sessions, at random. standard: a quarter of the sessions trains, a quarter calibrates, half tests. "
+            "catheter: each catheter's first session trains, its others test."
         ),
     ] = "all",
     samples: Annotated[

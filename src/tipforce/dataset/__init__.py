@@ -6,7 +6,7 @@ from ._draw import draw, leave_out, thin
 from ._growing_images import GrowingImages
 from ._growing_shards import GrowingShards
 from ._open import open_dataset
-from ._protocols import THESIS_SESSIONS, Protocol, splits, standard_split, thesis_split
+from ._protocols import THESIS_SESSIONS, Protocol, catheter_splits, splits, standard_split, thesis_split
 from ._recordings import open_recordings
 from ._replacing import replacing_folder
 from ._samples import Growing, SessionSamples
@@ -35,6 +35,7 @@ __all__ = [
     "Split",
     "blocked_folds",
     "blocked_split",
+    "catheter_splits",
     "dataset_at",
     "describe_dataset",
     "draw",

@@ -1,17 +1,18 @@
-"""The ways of holding out that have a name: three splits side by side, and the yardstick's two."""
+"""The ways of holding out that have a name: three splits side by side, the yardstick's two, catheter by catheter."""
 
 from typing import Literal
 
 import numpy as np
 
 from ..errors import InputError
+from ..types import Catheter
 from ._dataset import Dataset
 from ._draw import draw
 from ._splits import Split, blocked_folds, blocked_split, random_folds, random_split, session_folds
 
-__all__ = ["THESIS_SESSIONS", "Protocol", "splits", "standard_split", "thesis_split"]
+__all__ = ["THESIS_SESSIONS", "Protocol", "catheter_splits", "splits", "standard_split", "thesis_split"]
 
-Protocol = Literal["random", "blocked", "session", "thesis", "standard"]
+Protocol = Literal["random", "blocked", "session", "thesis", "standard", "catheter"]
 
 THESIS_SESSIONS = 8
 """The thesis protocol draws its samples from so many sessions."""
@@ -53,6 +54,33 @@ def standard_split(dataset: Dataset) -> Split:
     return Split(label, rows[0], rows[2], rows[1])
 
 
+def catheter_splits(dataset: Dataset) -> list[Split]:
+    """For every catheter: its first session trains, its others test. So a method is judged that starts from what it
+    learnt elsewhere and is given one session to know a catheter by.
+
+    Sessions have the same catheter where its name and nominal values are the same; one with a single session is left
+    out. Raises InputError where all have a single one.
+    """
+    groups: dict[Catheter, list[str]] = {}
+    for name in dataset.sessions:
+        groups.setdefault(dataset.contexts[name].catheter, []).append(name)
+    found = [
+        Split(
+            f"{catheter.name}, trained on {first}",
+            np.flatnonzero(dataset.session == first),
+            np.flatnonzero(np.isin(dataset.session, others)),
+        )
+        for catheter, (first, *others) in groups.items()
+        if others
+    ]
+    if not found:
+        raise InputError(
+            f"{dataset.title}: the catheter protocol trains on the first session of a catheter and tests on its "
+            f"others, but each of the {len(groups)} catheters has a single one; record more, or use --protocol random"
+        )
+    return found
+
+
 def splits(
     protocol: Protocol,
     dataset: Dataset,
@@ -65,7 +93,8 @@ def splits(
     """The splits of one protocol: a single one for "random" and "blocked" without ``folds``, else a cross-validation.
 
     "session" holds every session out once whatever ``folds`` is; ``folds`` only groups them. "thesis" and "standard"
-    are one split each; see `thesis_split`, of ``thesis_samples``, and `standard_split`.
+    are one split each; see `thesis_split`, of ``thesis_samples``, and `standard_split`. "catheter" is one a catheter:
+    `catheter_splits`.
     """
     match protocol:
         case "session":
@@ -78,3 +107,5 @@ def splits(
             return [thesis_split(dataset, thesis_samples, seed)]
         case "standard":
             return [standard_split(dataset)]
+        case "catheter":
+            return catheter_splits(dataset)

@@ -85,6 +85,10 @@ def evaluate(
             )
         except InputError as error:
             left_out(protocol, error)
+            continue
+        alone = len(dataset) - sum(len(split.train) + len(split.test) for split in plans[protocol])
+        if protocol == "catheter" and alone:
+            notes.append(f"Protocol catheter passes over {alone} samples of catheters with a single session.")
     judge = partial(row_of, truth_n=truth_n, bounds=bounds)
     steps = _Steps(progress, sum(len(plan) for plan in plans.values()) * len(candidates))
     rows: list[Row] = []

@@ -15,10 +15,10 @@ __all__ = ["AS_SAVED", "BY_SESSION", "PROTOCOLS", "Candidate", "Evaluation", "Ro
 PROTOCOLS: tuple[Protocol, ...] = ("random", "blocked", "session")
 """The thesis's split, contiguous blocks with a gap, and whole sessions held out: the one that counts."""
 
-BY_SESSION = ("session", "standard")
+BY_SESSION = ("catheter", "session", "standard")
 """Protocols whose test sessions were never seen."""
 
-_STRICTNESS: tuple[Protocol, ...] = ("thesis", *PROTOCOLS, "standard")
+_STRICTNESS: tuple[Protocol, ...] = ("thesis", "random", "blocked", "catheter", "session", "standard")
 
 AS_SAVED = "as saved"
 """Stands in place of a protocol where a saved model is scored without training it anew."""

@@ -58,6 +58,13 @@ WORDS = {
         "sessions never seen",
         "all of its frames",
     ),
+    "catheter": Words(
+        "new sessions of a known catheter",
+        "On new sessions of a catheter, trained on its first",
+        "new sessions\nof a known catheter",
+        "sessions never seen of a catheter known by one",
+        "all of its frames",
+    ),
     AS_SAVED: Words(
         "as saved, new sessions",
         "As saved, on new sessions",
