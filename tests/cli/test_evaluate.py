@@ -211,6 +211,12 @@ def test_errors_on_the_simulated_bench_are_held_against_the_smallest_possible(tm
     assert refusal(*words, "-o", tmp_path / "r", "--no-bound") == "bounds: None"
 
 
+def test_ready_made_shape_numbers_cannot_be_disturbed(rows, tmp_path):
+    said = refusal("svr", "--data", rows, "-o", tmp_path / "r", *QUICK, "--disturb")
+    assert "only pictures can be disturbed" in said
+    assert refusal("svr", "--data", rows, "-o", tmp_path / "r", "--disturb-frames", 9).endswith("or leave it out")
+
+
 @pytest.mark.parametrize("option", ["--bound", "--no-bound"])
 def test_a_bound_needs_the_truth(rows, tmp_path, option):
     said = refusal("svr", "--data", rows, "-o", tmp_path / "r", option)

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 __all__ = ["command"]
 
+DISTURBED_FRAMES = 500
+"""At most so many test samples are disturbed, unless stated otherwise."""
+
 
 def command(
     models: Annotated[
@@ -48,6 +51,13 @@ def command(
             "Cramer-Rao bound); half a second of a core for a minute's session. Default: yes.",
         ),
     ] = None,
+    disturb: Annotated[
+        bool,
+        typer.Option("--disturb", help="Also ask for pictures shifted, turned, zoomed, lit otherwise, blurred, noisy."),
+    ] = False,
+    disturb_frames: Annotated[
+        int | None, typer.Option(min=1, help="With --disturb: so many samples, spread over all (500).")
+    ] = None,
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -61,6 +71,8 @@ def command(
         tipforce evaluate models/svr --data runs/ --protocol session --truth runs/ -o report/ --json -
 
         tipforce evaluate svr --data runs/ --truth runs/ --protocol standard --every 4 -o report/
+
+        tipforce evaluate models/svr --data runs/ --disturb -o report/
     """
     from ..dataset import open_dataset
     from ..errors import InputError
@@ -77,6 +89,8 @@ def command(
             f"--{'' if bound else 'no-'}bound goes with --truth only: give --truth the folder that `tipforce simulate` "
             "wrote, or leave it out"
         )
+    if disturb_frames is not None and not disturb:
+        raise InputError("--disturb-frames goes with --disturb only: state that too, or leave it out")
     candidates = candidates_from(
         models, {name: settings_from(ESTIMATORS[name].settings_type, settings) for name in named}
     )
@@ -96,6 +110,7 @@ def command(
             seed=seed,
             truth_n=true_n,
             bounds=bounds,
+            disturbed_frames=(disturb_frames or DISTURBED_FRAMES) if disturb else None,
             progress=report,
         )
         report("report", 1.0)

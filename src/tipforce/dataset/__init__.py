@@ -2,10 +2,12 @@
 
 from ._dataset import Dataset, RowStore
 from ._describe import dataset_at, describe_dataset, pictures
+from ._disturb import DISTURBANCES, Disturbance, disturbed, held
 from ._draw import draw, leave_out, thin
 from ._growing_images import GrowingImages
 from ._growing_shards import GrowingShards
 from ._open import open_dataset
+from ._picture_operations import Blur, Light, Noise, PictureOperation, Warp
 from ._protocols import THESIS_SESSIONS, Protocol, catheter_splits, splits, standard_split, thesis_split
 from ._recordings import open_recordings
 from ._replacing import replacing_folder
@@ -23,22 +25,31 @@ from ._splits import (
 from ._write import write_dataset
 
 __all__ = [
+    "DISTURBANCES",
     "LEAVE_ONE_OUT_SESSIONS",
     "THESIS_SESSIONS",
+    "Blur",
     "Dataset",
+    "Disturbance",
     "Growing",
     "GrowingImages",
     "GrowingShards",
+    "Light",
+    "Noise",
+    "PictureOperation",
     "Protocol",
     "RowStore",
     "SessionSamples",
     "Split",
+    "Warp",
     "blocked_folds",
     "blocked_split",
     "catheter_splits",
     "dataset_at",
     "describe_dataset",
+    "disturbed",
     "draw",
+    "held",
     "leave_out",
     "open_dataset",
     "open_recordings",

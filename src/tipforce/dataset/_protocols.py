@@ -55,11 +55,11 @@ def standard_split(dataset: Dataset) -> Split:
 
 
 def catheter_splits(dataset: Dataset) -> list[Split]:
-    """For every catheter: its first session trains, its others test. So a method is judged that starts from what it
-    learnt elsewhere and is given one session to know a catheter by.
+    """For every catheter: its first session trains, its others test.
 
-    Sessions have the same catheter where its name and nominal values are the same; one with a single session is left
-    out. Raises InputError where all have a single one.
+    So a method is judged that starts from what it learnt elsewhere and gets one session to know a catheter by. Sessions
+    have the same catheter where its name and nominal values are the same; one with a single session is left out. Raises
+    InputError where all have a single one.
     """
     groups: dict[Catheter, list[str]] = {}
     for name in dataset.sessions:

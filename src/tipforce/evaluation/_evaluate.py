@@ -1,6 +1,7 @@
 """Judging methods on data: every protocol, every method, the constant predictor beside them."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -10,7 +11,8 @@ from ..estimators import Progress
 from ..types import BoolArray, FloatArray
 from ._bounds import Bounds
 from ._constant import Constant
-from ._evaluation import PROTOCOLS, Candidate, Evaluation, Row
+from ._disturbed import bear, require_pictures
+from ._evaluation import AS_SAVED, PROTOCOLS, Candidate, Evaluation, Row
 from ._judging import in_contact, row_of, saved_row
 from ._outcome import Outcome, gather
 from ._protocols import answers, places_in, run_splits
@@ -35,6 +37,7 @@ def evaluate(
     seed: int = 0,
     truth_n: FloatArray | None = None,
     bounds: Bounds | None = None,
+    disturbed_frames: int | None = None,
     progress: Progress | None = None,
 ) -> Evaluation:
     """Train and score every candidate under every one of ``protocols`` (None: all that the data allow).
@@ -43,7 +46,9 @@ def evaluate(
     ``samples``: as many are then drawn with ``seed``; under the protocol "thesis" from its sessions, 220 unless stated.
     ``truth_n`` (len(dataset), 3): the twin's truth in the base frame; scores against it stand beside those against the
     sensor; ``bounds``, of ``dataset`` too: how close each method's error against the truth comes to the smallest
-    possible. Raises InputError where a protocol that was asked for cannot be run on these data, or none can be.
+    possible. ``disturbed_frames``: each method, as saved where it was, else as fitted under the strictest protocol, is
+    also asked for so many test samples whose pictures were disturbed. Raises InputError where a protocol that was asked
+    for cannot be run on these data, or none can be.
     """
     if not candidates:
         raise InputError("there is no method to evaluate; name one, for example: tipforce evaluate svr --data runs/")
@@ -58,6 +63,8 @@ def evaluate(
         raise ValueError(
             "bounds: expected those of all samples, beside truth_n: errors against the truth are held to them"
         )
+    if disturbed_frames is not None:
+        require_pictures(dataset)
     everything = dataset
     whole_truth_n = truth_n
     dataset = thin(everything, every) if every != 1 else everything
@@ -114,7 +121,7 @@ def evaluate(
             candidate.label, first.protocol, first.split.name, dataset, index, found, contact
         )
         timing[candidate.label] = time_per_frame(first.estimator, everything)
-    return Evaluation(
+    result = Evaluation(
         dataset=dataset,
         everything=everything,
         candidates=tuple(candidates),
@@ -129,6 +136,24 @@ def evaluate(
         truth_n=whole_truth_n,
         bounds=bounds,
     )
+    if disturbed_frames is None:
+        return result
+    return replace(result, disturbed=_disturbed(result, disturbed_frames, progress))
+
+
+def _disturbed(result: Evaluation, frames: int, progress: Progress | None) -> dict[str, list[dict[str, Any]]]:
+    """What each method bears."""
+    constant = result.row(CONSTANT, result.honest)
+    assert constant is not None
+    found: dict[str, list[dict[str, Any]]] = {}
+    for candidate in result.candidates:
+        row = result.row(candidate.label, AS_SAVED) or result.row(candidate.label, result.honest)
+        assert row is not None
+        found[candidate.label] = bear(
+            candidate, row, constant, result.dataset, result.everything,
+            frames=frames, seed=result.seed, progress=progress,
+        )  # fmt: skip
+    return found
 
 
 def _under(

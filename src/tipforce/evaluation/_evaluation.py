@@ -1,5 +1,6 @@
 """What is judged, and everything that came out of it."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -72,7 +73,8 @@ class Evaluation:
     ``rows``: by protocol, within it the candidates in their order and the constant predictor last. ``fitted``: method
     -> its answers on the part it was trained on (thesis fig. 24). ``timing``: method -> microseconds a frame.
     ``notes``: what could not be done, and why. ``dataset``: the samples that were scored, drawn from ``everything``;
-    ``truth_n`` (len(everything), 3) or None; ``bounds``: of ``dataset``, or None.
+    ``truth_n`` (len(everything), 3) or None; ``bounds``: of ``dataset``, or None. ``disturbed``: method -> a table's
+    lines (see `bear`), empty where it was not asked for.
     """
 
     dataset: Dataset
@@ -88,6 +90,7 @@ class Evaluation:
     every: int = 1
     truth_n: FloatArray | None = field(default=None, repr=False)
     bounds: Bounds | None = field(default=None, repr=False)
+    disturbed: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict[str, Any], repr=False)
 
     def row(self, method: str, protocol: str) -> Row | None:
         """The line of one method under one protocol, None where there is none."""

@@ -37,7 +37,15 @@ def report_lines(figures: dict[str, Any]) -> list[str]:
         )
     first = max(len(cells[0]) for cells in table)
     lines = [_line(_HEAD, first), *(_line(cells, first) for cells in table)]
-    return [" ".join(figures["verdict"]), *figures["notes"], "", *lines, "", *_bound_lines(figures)]
+    return [
+        " ".join(figures["verdict"]),
+        *figures["notes"],
+        "",
+        *lines,
+        "",
+        *_bound_lines(figures),
+        *_disturbed_lines(figures),
+    ]
 
 
 def _bound_lines(figures: dict[str, Any]) -> list[str]:
@@ -55,6 +63,25 @@ def _bound_lines(figures: dict[str, Any]) -> list[str]:
         ]
         lines.append(f"{row['method']}, magnitude, error over the smallest possible: {', '.join(ratios)}")
     return [*lines, *figures["bound"]["nuisances"], ""]
+
+
+def _disturbed_lines(figures: dict[str, Any]) -> list[str]:
+    """Each method's error under the largest disturbance of each kind."""
+    if figures["disturbed"] is None:
+        return []
+    mn, share, said = FILTERS["mn"], FILTERS["share"], list[str]()
+    for method, (plain, *lines) in figures["disturbed"].items():
+        largest = {line["kind"]: line for line in lines}
+        told = [
+            f"{kind} {line['size']} {mn(line['mae_n'])} ({share(line['refused_share'])} % refused)"
+            for kind, line in largest.items()
+            if "," not in kind
+        ]
+        said.append(
+            f"{method}, disturbed, MAE in mN: none {mn(plain['mae_n'])}, {', '.join(told)}; "
+            f"a constant {mn(plain['constant']['mae_n'])}"
+        )
+    return [*said, ""]
 
 
 def _line(cells: tuple[str, ...], first: int) -> str:

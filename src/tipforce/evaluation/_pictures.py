@@ -9,6 +9,7 @@ from ..types import FloatArray
 from ._constant import Constant
 from ._evaluation import BY_SESSION, Evaluation, Row
 from ._figure_bound import figure_bound
+from ._figure_disturbed import figure_disturbed
 from ._figures import figure_23a, figure_23b, figure_24
 from ._figures_beyond import figure_residuals, figure_sessions, figure_splits, figure_trace, typical_session
 from ._outcome import CONTACT_N, Outcome, gather
@@ -16,7 +17,7 @@ from ._protocols import answers, places_in
 from ._style import METHOD_COLOURS, page_svg, standalone_svg, to_svg
 from ._wording import WORDS
 
-__all__ = ["Picture", "bound_picture", "method_pictures", "overview"]
+__all__ = ["Picture", "bound_picture", "disturbed_picture", "method_pictures", "overview"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +64,17 @@ def bound_picture(evaluation: Evaluation) -> Picture | None:
         "one that remembers. Bins of fewer than 10 samples are left out."
     )
     return _picture("bound", caption, figure_bound(held, quantities))
+
+
+def disturbed_picture(evaluation: Evaluation) -> Picture | None:
+    """What all methods bear; None where nobody asked."""
+    if not evaluation.disturbed:
+        return None
+    caption = (
+        "Above: mean absolute error of the samples that were answered. Below: share of those that were not. Every "
+        "panel begins with the same samples undisturbed; its ways (left, right, up, down) are taken together."
+    )
+    return _picture("disturbed", caption, figure_disturbed(evaluation.disturbed))
 
 
 def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:

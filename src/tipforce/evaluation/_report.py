@@ -12,7 +12,7 @@ from ..errors import InputError
 from ._evaluation import Evaluation
 from ._gallery import worst_frames
 from ._numbers import FILTERS
-from ._pictures import Picture, bound_picture, method_pictures, overview
+from ._pictures import Picture, bound_picture, disturbed_picture, method_pictures, overview
 from ._summary import summary
 
 __all__ = ["check_folder", "write_report"]
@@ -29,13 +29,13 @@ def write_report(evaluation: Evaluation, folder: str | Path, command: str = "") 
     folder = Path(folder)
     check_folder(folder)
     figures = summary(evaluation, command)
-    head, bound = overview(evaluation), bound_picture(evaluation)
+    head, bound, shaken = overview(evaluation), bound_picture(evaluation), disturbed_picture(evaluation)
     labels = [candidate.label for candidate in evaluation.candidates]
     drawn = {label: method_pictures(evaluation, label) for label in labels}
     sections = {label: {"pictures": drawn[label], "cards": worst_frames(evaluation, label)} for label in labels}
-    page = _environment().get_template("report.html").render(r=figures, overview=head, bound=bound, sections=sections)
-    heads = [head] if bound is None else [head, bound]
-    pictures = [*heads, *(picture for made in drawn.values() for picture in made)]
+    template = _environment().get_template("report.html")
+    page = template.render(r=figures, overview=head, bound=bound, shaken=shaken, sections=sections)
+    pictures = [*filter(None, (head, bound, shaken)), *(picture for made in drawn.values() for picture in made)]
     with replacing_folder(folder) as fresh:
         _fill(fresh, page, figures, pictures)
     return figures

@@ -91,6 +91,7 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
                 "truth": evaluation.truth_n is not None,
             },
             "bound": _bound(evaluation),
+            "disturbed": evaluation.disturbed or None,
             "seed": evaluation.seed,
             "samples": evaluation.samples,
             "folds": evaluation.folds,
