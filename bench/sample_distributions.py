@@ -24,11 +24,15 @@ AT = (0.1, 0.25, 0.5, 0.75, 0.9, 0.99)
 def figures(bench: TwinBench, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Force (k,), angle between tip and wall's normal where it touches (j,), knob (k,) at the frames ``rows``."""
     times = bench.frame_s[rows]
-    contact, near = bench.course.contact, bench.nearest(times)
+    contact, near = bench.course.contact, bench.instants.nearest(times)
     touching = near[contact.touching[near]]
     axis = contact.tip_axes(touching)
     angle = np.degrees(np.arccos(np.clip(axis @ bench.session.rig.wall.normal, -1.0, 1.0)))
-    return np.linalg.norm(bench.at(contact.force_n, times), axis=1), angle, bench.at(bench.course.knob_deg, times)
+    return (
+        np.linalg.norm(bench.instants.at(contact.force_n, times), axis=1),
+        angle,
+        bench.instants.at(bench.course.knob_deg, times),
+    )
 
 
 def collect(made: SampleSet, sessions: int) -> list[np.ndarray]:

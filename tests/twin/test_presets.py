@@ -31,7 +31,7 @@ def test_two_views_show_the_same_catheter_in_space(biplane):
     for index in shown.tolist():
         lines = [biplane.picture_truth(index, view).centreline_px for view in biplane.views]
         cameras = [biplane.imaging.camera(view) for view in biplane.views]
-        truth = biplane.lines_m(biplane.frame_s[index : index + 1])[0]
+        truth = biplane.instants.lines_m(biplane.frame_s[index : index + 1])[0]
         found = triangulate(cameras, np.stack(lines, axis=1))
         np.testing.assert_allclose(found.points_m, truth, atol=1e-9)
         for view, line in zip(biplane.views, lines, strict=True):
@@ -43,7 +43,7 @@ def test_two_views_show_the_same_catheter_in_space(biplane):
 
 def test_the_stated_calibration_is_off_by_half_a_pixel_and_no_truth(biplane):
     notes, values = biplane.context.notes, biplane.values()
-    points = biplane.lines_m(np.array([7.0]))[0]
+    points = biplane.instants.lines_m(np.array([7.0]))[0]
     pose = np.array(values["isocentre_from_base"])
     at_isocentre = points @ pose[:, :3].T + pose[:, 3]
     for view in biplane.views:

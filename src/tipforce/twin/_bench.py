@@ -11,15 +11,13 @@ import numpy as np
 
 from ..types import BoolArray, Catheter, Clock, Context, Event, FloatArray, Frame, IntArray, SimulatedClock
 from ._imaging import Imaging, imaging_of, views_of
+from ._instants import Instants
 from ._readings import Readings
 from ._settings import AnyTwinSettings, TwinSettings
-from .camera import PictureTruth, TissueState
-from .world import FINE, LEAD_S, STEP_S, Course, Pace, SensorLog, Session, run_session, smooth_lines
+from .camera import PictureTruth
+from .world import FINE, Course, Pace, SensorLog, Session, run_session
 
 __all__ = ["TwinBench"]
-
-_POINTS = 97
-"""Of the true centreline: half a millimetre apart."""
 
 
 class TwinBench:
@@ -73,7 +71,7 @@ class TwinBench:
         """What looks at the bench."""
         times, kept = self._exposures
         shown = np.flatnonzero(kept.any(axis=1))
-        return imaging_of(self.settings, self.session.rig, self._rng(2), self._exposure, times, shown)
+        return imaging_of(self.settings, self.session.rig, self._rng(2), self.instants.exposure, times, shown)
 
     @property
     def views(self) -> tuple[str, ...]:
@@ -93,7 +91,7 @@ class TwinBench:
     @cached_property
     def readings(self) -> Readings:
         """All that is read but the pictures."""
-        readings = Readings(self.session.rig, self._place, self._rng(3))
+        readings = Readings(self.session.rig, self.instants.place, self._rng(3))
         readings.take(self.course, self._rows_known())
         return readings
 
@@ -140,44 +138,10 @@ class TwinBench:
         """(n,) the frames' stamps."""
         return np.round(self.frame_s * 1e9).astype(np.int64)
 
-    def _place(self, time_s: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Instant before each time, and how far it is from there to the next."""
-        place = (time_s + LEAD_S) / (STEP_S * self.pace.every)
-        low = np.clip(np.floor(place).astype(np.int64), 0, self.course.time_s.size - 2)
-        return low, place - low
-
-    def nearest(self, time_s: FloatArray) -> IntArray:
-        """(k,) the course's instants nearest to ``time_s``."""
-        low, share = self._place(time_s)
-        return low + (share >= 0.5)
-
-    def at(self, values: FloatArray, time_s: FloatArray) -> FloatArray:
-        """``values`` (m, ...) of the course at ``time_s`` (k,): linear between instants."""
-        low, share = self._place(time_s)
-        part = share.reshape(-1, *[1] * (values.ndim - 1))
-        return values[low] * (1 - part) + values[low + 1] * part
-
-    def lines_m(self, time_s: FloatArray) -> FloatArray:
-        """(k, points, 3): the centreline at ``time_s`` (k,), base frame, base to apex, uniform in arc length."""
-        low, share = self._place(time_s)
-        course, rod = self.course, self.session.rig.rod
-        before, after = (
-            smooth_lines(rod, course.contact.quaternions[rows], _POINTS, course.advance_m[rows])
-            for rows in (low, low + 1)
-        )
-        return before + share[:, None, None] * (after - before)
-
-    def _exposure(self, middle_s: float, length_s: float, count: int) -> tuple[FloatArray, TissueState]:
-        """Shapes (count, points, 3) and tissue, evenly over an exposure; of one instant: its middle."""
-        times = middle_s + 0.5 * length_s * (np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1))
-        course, rig = self.course, self.session.rig
-        now = np.array([middle_s])
-        tissue = TissueState(
-            shift_m=self.at(course.wall_m, times) - rig.touch_m,
-            dent_m=float(self.at(course.contact.indentation_m, now)[0]),
-            touch_m=self.at(course.contact.touch_m, now)[0],
-        )
-        return self.lines_m(times), tissue
+    @cached_property
+    def instants(self) -> Instants:
+        """The course at any time."""
+        return Instants(self.course, self.session.rig, self.pace)
 
     def frame(self, index: int, view: str = "") -> Frame:
         """The ``index``-th picture; of the first view where none is named."""

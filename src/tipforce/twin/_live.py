@@ -63,7 +63,7 @@ class _LiveSource(TwinBench):
     @cached_property
     def _frames_need(self) -> IntArray:
         """(n,): how many instants must have happened for each frame, whichever view it arrives in."""
-        low, _ = self._place(self.frame_s + 0.5 * self.imaging.exposure_s)
+        low, _ = self.instants.place(self.frame_s + 0.5 * self.imaging.exposure_s)
         return low + 2
 
     def reach(self, rows: int, now_ns: int | None = None) -> None:

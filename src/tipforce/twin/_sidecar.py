@@ -115,23 +115,23 @@ def truth_of(bench: TwinBench, frames: IntArray | None = None) -> Truth:
     """Collect the truth of ``bench``, frame by frame: of all, or of those at ``frames`` (n,)."""
     chosen = np.arange(len(bench.frame_s)) if frames is None else frames
     log, times = bench.log, bench.frame_s[chosen]
-    contact, course = bench.course.contact, bench.course
+    contact, course, when = bench.course.contact, bench.course, bench.instants
     first, *rest = (_seen(bench, view, chosen) for view in bench.views)
-    row = bench.nearest(times)
+    row = when.nearest(times)
     return Truth(
         session=bench.name,
         stamp_ns=bench.stamp_ns[chosen],
-        force_n=bench.at(contact.force_n, times),
-        touch_m=bench.at(contact.touch_m, times),
+        force_n=when.at(contact.force_n, times),
+        touch_m=when.at(contact.touch_m, times),
         touching=contact.touching[row],
         slipping=contact.slipping[row],
-        centreline_m=bench.lines_m(times),
+        centreline_m=when.lines_m(times),
         centreline_px=first.centreline_px,
         visible=first.visible,
         mask_bytes=first.mask_bytes,
         mask_ends=first.mask_ends,
-        curvature_per_m=bench.at(course.curvature_per_m, times),
-        knob_deg=bench.at(course.knob_deg, times),
+        curvature_per_m=when.at(course.curvature_per_m, times),
+        knob_deg=when.at(course.knob_deg, times),
         camera_from_base=first.camera_from_base,
         sensor_from_base=Pose(log.rotation, np.zeros(3)),
         image_size=first.image_size,
@@ -139,7 +139,7 @@ def truth_of(bench: TwinBench, frames: IntArray | None = None) -> Truth:
         clock_drift=log.drift,
         values=bench.values(),
         settings=stated(bench.settings, bench.seed, bench.number),
-        side_force_n=bench.at(contact.side_force_n, times) if contact.wall.side_stiffness_n_per_m2 > 0.0 else None,
+        side_force_n=when.at(contact.side_force_n, times) if contact.wall.side_stiffness_n_per_m2 > 0.0 else None,
         others=dict(zip(bench.views[1:], rest, strict=True)),
     )
 

@@ -78,19 +78,19 @@ def facts_of(source: Truth | TwinBench) -> Facts:
         )
     if not isinstance(source.settings, TwinSettings) or not isinstance(source.imaging, CameraImaging):
         raise ValueError(f"the bound is of what one camera sees; {source.settings.preset} is seen by X-ray")
-    times, course = source.frame_s, source.session.course
+    times, course, when = source.frame_s, source.session.course, source.instants
     return Facts(
         session=source.name,
         settings=source.settings,
         rig=source.session.rig,
         lens=source.imaging.scene.lens,
         stamp_ns=source.stamp_ns,
-        force_n=source.at(course.contact.force_n, times),
-        touch_m=source.at(course.contact.touch_m, times),
-        touching=course.contact.touching[source.nearest(times)],
-        lines_m=source.lines_m(times),
-        curvature_per_m=source.at(course.curvature_per_m, times),
-        knob_deg=source.at(course.knob_deg, times),
+        force_n=when.at(course.contact.force_n, times),
+        touch_m=when.at(course.contact.touch_m, times),
+        touching=course.contact.touching[when.nearest(times)],
+        lines_m=when.lines_m(times),
+        curvature_per_m=when.at(course.curvature_per_m, times),
+        knob_deg=when.at(course.knob_deg, times),
     )
 
 
