@@ -57,8 +57,8 @@ class NotFittedError(TipforceError):
 class MissingExtraError(TipforceError):
     """An optional package is missing.
 
-    >>> str(MissingExtraError("onnxruntime", extra="onnx"))
-    "onnxruntime is not installed; install it with: pip install 'tipforce[onnx]'"
+    >>> str(MissingExtraError("torch", extra="train"))
+    "torch is not installed; install it with: pip install 'tipforce[train]'"
     """
 
     def __init__(self, package: str, *, extra: str) -> None:

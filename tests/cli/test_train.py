@@ -56,7 +56,6 @@ def test_the_thesis_s_samples_and_share(rows: Path, tmp_path: Path) -> None:
 
 
 def test_the_graph_for_other_programs(rows: Path, tmp_path: Path) -> None:
-    pytest.importorskip("onnxruntime")
     result = run(rows, "-o", tmp_path / "svr", *QUICK, "--onnx", tmp_path / "svr.onnx")
     assert result.exit_code == 0
     assert (tmp_path / "svr.onnx").stat().st_size > 500

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnxruntime
 import pytest
 
 from tipforce.dataset import Dataset
 from tipforce.errors import InputError, MissingExtraError, ModelError
-from tipforce.estimators import Svr, create, export_onnx, load_model, read_manifest, save_model
+from tipforce.estimators import Svr, _create, create, export_onnx, load_model, read_manifest, save_model
 from tipforce.estimators.store import _own_sha256
 
 World = Callable[..., Dataset]
@@ -61,6 +62,80 @@ def test_the_manifest_says_what_a_person_must_know(model: Path, data: Dataset) -
     card = (model / "README.md").read_text()
     for needed in ("Research use only", "too few for a guarantee", "A1, A2, A3, A4, A5, knob_deg", "| fx | 10 |"):
         assert needed in card
+
+
+class Filed(Svr):
+    """A method that leaves files of its own beside its arrays."""
+
+    own: dict[str, bytes]
+
+    def files(self) -> dict[str, bytes]:
+        return self.own
+
+    @classmethod
+    def from_state(cls, settings, values, arrays, files=None):
+        made = super().from_state(settings, values, arrays, files)
+        made.__class__ = cls
+        made.own = dict(files)
+        if b"wrong" in made.own["model.onnx"]:
+            raise ModelError("model.onnx: is damaged; copy the whole model folder again")
+        return made
+
+
+@pytest.fixture
+def filed(data: Dataset, monkeypatch: pytest.MonkeyPatch) -> Filed:
+    monkeypatch.setitem(_create.ESTIMATORS, "svr", Filed)
+    made = Filed(Svr.settings_type.model_validate(QUICK)).fit(data)
+    made.own = {"model.onnx": b"graph \x00\xff", "training.jsonl": b"{}\n"}
+    return made
+
+
+def test_a_methods_own_files_travel_with_the_model(filed: Filed, data: Dataset, tmp_path: Path) -> None:
+    folder = save_model(filed, tmp_path / "m", data)
+    assert (folder / "model.onnx").read_bytes() == b"graph \x00\xff"
+    assert set(read_manifest(folder)["sha256"]) == {
+        "arrays.npz", "README.md", "model.json", "model.onnx", "training.jsonl"
+    }  # fmt: skip
+    assert load_model(folder).files() == filed.own
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda f: os.remove(f / "model.onnx"), r"the file model\.onnx is missing; train the model again or copy"),
+        (lambda f: cut("model.onnx", 2)(f), r"model\.onnx: was altered or cut off after it was saved"),
+        (lambda f: (f / "training.jsonl").write_text("{}"), r"training\.jsonl: was altered or cut off"),
+    ],
+)
+def test_a_damaged_own_file_is_one_clear_sentence(
+    filed: Filed, data: Dataset, tmp_path: Path, damage: Callable[[Path], None], message: str
+) -> None:
+    folder = save_model(filed, tmp_path / "m", data)
+    damage(folder)
+    with pytest.raises(ModelError, match=message) as caught:
+        load_model(folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_a_method_says_of_its_files_names_the_folder(filed: Filed, data: Dataset, tmp_path: Path) -> None:
+    filed.own["model.onnx"] = b"wrong"
+    folder = save_model(filed, tmp_path / "m", data)
+    with pytest.raises(ModelError, match=r"m: model\.onnx: is damaged; copy the whole model folder again"):
+        load_model(folder)
+
+
+@pytest.mark.parametrize("name", ["model.json", "arrays.npz", "README.md", "../model.onnx", "a/b.onnx", "..", ".x"])
+def test_own_files_keep_to_the_folder(filed: Filed, data: Dataset, tmp_path: Path, name: str) -> None:
+    filed.own = {name: b""}
+    with pytest.raises(ValueError, match="no names for files of a model folder"):
+        save_model(filed, tmp_path / "m", data)
+    assert list(tmp_path.rglob("m")) == []
+
+
+def test_a_card_may_be_added_to(model: Path) -> None:
+    with (model / "README.md").open("a") as card:
+        card.write("Used on Monday.\n")
+    load_model(model)
 
 
 def test_saving_is_whole_or_not_at_all(
@@ -116,8 +191,8 @@ def edit(*, signed: bool = False, **changes: Any) -> Callable[[Path], None]:
     return change
 
 
-def cut(name: str) -> Callable[[Path], None]:
-    return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:-40])
+def cut(name: str, by: int = 40) -> Callable[[Path], None]:
+    return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:-by])
 
 
 @pytest.mark.parametrize(
@@ -125,7 +200,7 @@ def cut(name: str) -> Callable[[Path], None]:
     [
         (lambda f: os.remove(f / "model.json"), r"is no model folder, there is no model\.json; make one with"),
         (lambda f: os.remove(f / "arrays.npz"), r"the file arrays\.npz is missing"),
-        (cut("arrays.npz"), r"arrays\.npz: was altered after it was saved"),
+        (cut("arrays.npz"), r"arrays\.npz: was altered or cut off after it was saved"),
         (cut("model.json"), r"model\.json: is damaged"),
         (edit(seed=5), r"model\.json: was altered"),
         (edit(sha256={}), r"model\.json: was altered"),
@@ -148,15 +223,13 @@ def test_a_damaged_model_is_one_clear_sentence(model: Path, damage: Callable[[Pa
 
 @pytest.mark.parametrize("extra", [{}, {"linear": 1.0, "scaling": "standard"}], ids=["thesis", "linear"])
 def test_the_onnx_graph_answers_the_same(data: Dataset, tmp_path: Path, extra: dict[str, Any]) -> None:
-    runtime = pytest.importorskip("onnxruntime")
-    pytest.importorskip("onnx")
     svr = create("svr", {**QUICK, **extra}).fit(data)
     facts = export_onnx(svr, tmp_path / "svr.onnx")
     assert facts["parity_n"] < 1e-6
     assert facts["features"] == ["A1", "A2", "A3", "A4", "A5", "knob_deg"]
     shapes = [o.views["camera"].values for o in data.observations()]  # type: ignore[union-attr]
     rows = np.column_stack([shapes, data.actuation["knob_deg"]])
-    session = runtime.InferenceSession(tmp_path / "svr.onnx", providers=["CPUExecutionProvider"])
+    session = onnxruntime.InferenceSession(tmp_path / "svr.onnx", providers=["CPUExecutionProvider"])
     assert np.max(np.abs(session.run(None, {"features": rows})[0] - forces(svr, data)[:, :2])) < 1e-9
 
 

@@ -102,7 +102,7 @@ class Ridge(Estimator):
         return {}, {"weights": self.weights_, "sigma": self.sigma_}
 
     @classmethod
-    def from_state(cls, settings, values, arrays) -> Self:
+    def from_state(cls, settings, values, arrays, files=None) -> Self:
         made = cls(RidgeSettings.model_validate(settings))
         made.weights_, made.sigma_ = arrays["weights"], arrays["sigma"]
         return made

@@ -27,7 +27,7 @@ class Stream(Protocol):
 class Estimator(ABC):
     """A method: settings in, ``fit`` on a dataset, then one ``Stream`` a session. No logic in ``__init__``.
 
-    Fitted attributes end in ``_``. ``state`` / ``from_state`` are all that the model store needs.
+    Fitted attributes end in ``_``. ``state``, ``files`` and ``from_state`` are all that the model store needs.
     """
 
     name: ClassVar[str]
@@ -59,12 +59,20 @@ class Estimator(ABC):
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         """What was learnt, as JSON values and arrays."""
 
+    def files(self) -> dict[str, bytes]:
+        """What else was learnt, as whole files of the model folder: name -> content (a network's graph, a log)."""
+        return {}
+
     @classmethod
     @abstractmethod
     def from_state(
-        cls, settings: Mapping[str, Any], values: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]
+        cls,
+        settings: Mapping[str, Any],
+        values: Mapping[str, Any],
+        arrays: Mapping[str, npt.NDArray[Any]],
+        files: Mapping[str, bytes] | None = None,
     ) -> Self:
-        """The inverse of `state`."""
+        """The inverse of `state` and `files`."""
 
     def predict(self, dataset: Dataset) -> list[ForceEstimate]:
         """One stream a session over all samples, in the dataset's order."""

@@ -31,7 +31,11 @@ def export_onnx(estimator: Estimator, path: str | Path) -> dict[str, Any]:
     """
     if not isinstance(estimator, Svr):
         raise InputError(f"the method {estimator.name} has no ONNX export")
-    onnx, runtime = _package("onnx"), _package("onnxruntime")
+    try:
+        onnx: Any = importlib.import_module("onnx")
+    except ModuleNotFoundError:
+        raise MissingExtraError("onnx", extra="onnx") from None
+    runtime: Any = importlib.import_module("onnxruntime")  # here, for it takes its time
     values, _ = estimator.state()
     assert estimator.fitted_ is not None
     machines, path = estimator.fitted_.machines, Path(path)
@@ -51,13 +55,6 @@ def export_onnx(estimator: Estimator, path: str | Path) -> dict[str, Any]:
     finally:
         part.unlink(missing_ok=True)
     return {"parity_n": parity, "features": names, "targets": values["targets"], "opset": OPSET, "bytes": len(data)}
-
-
-def _package(name: str) -> Any:
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError:
-        raise MissingExtraError(name, extra="onnx") from None
 
 
 def _probes(machines: Machines) -> FloatArray:

@@ -1,4 +1,7 @@
-"""The model store: a folder with ``model.json``, ``arrays.npz`` and a model card, whole or not there at all."""
+"""The model store: a folder with ``model.json``, ``arrays.npz``, a model card and the method's own files.
+
+It is written whole or not at all. Every file but the card, which people may add to, is held to its SHA-256.
+"""
 
 import hashlib
 import io
@@ -45,12 +48,17 @@ def save_model(
     folder = Path(folder)
     check_target(folder, overwrite=overwrite)
     values, arrays = estimator.state()
+    files = estimator.files()
+    if unfit := [name for name in files if not _is_own(name)]:
+        raise ValueError(f"{estimator.name}: no names for files of a model folder: {', '.join(unfit)}")
     with replacing_folder(folder) as part:
         with (part / ARRAYS).open("wb") as stream:
             np.savez(stream, allow_pickle=False, **arrays)
+        for name, data in files.items():
+            (part / name).write_bytes(data)
         manifest = _manifest(estimator, training, metrics, values)
         (part / CARD).write_text(model_card(manifest), encoding="utf-8")
-        manifest["sha256"] = {name: _sha256((part / name).read_bytes()) for name in (ARRAYS, CARD)}
+        manifest["sha256"] = {name: _sha256((part / name).read_bytes()) for name in (ARRAYS, CARD, *files)}
         manifest["sha256"][MANIFEST] = _own_sha256(manifest)
         text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
         (part / MANIFEST).write_text(text + "\n", encoding="utf-8")
@@ -103,23 +111,38 @@ def load_model(folder: str | Path) -> Estimator:
     """The estimator in ``folder``. Raises ModelError for a missing or altered file, a newer model, another method."""
     folder = Path(folder)
     manifest = read_manifest(folder)
-    for name, expected in manifest["sha256"].items():
-        if not (folder / name).is_file():
-            raise ModelError(f"{folder}: the file {name} is missing; train the model again or copy the whole folder")
-        if name == ARRAYS and _sha256((folder / name).read_bytes()) != expected:
-            raise ModelError(
-                f"{folder / name}: was altered after it was saved (its SHA-256 is not the one in {MANIFEST}); train "
-                "the model again or copy the whole folder"
-            )
+    contents = {name: _checked(folder, name, expected) for name, expected in manifest["sha256"].items()}
+    files = {name: data for name, data in contents.items() if _is_own(name)}
     try:
-        arrays = _read_arrays((folder / ARRAYS).read_bytes())
-        return ESTIMATORS[manifest["method"]].from_state(manifest["settings"], manifest["state"], arrays)
+        arrays = _read_arrays(contents[ARRAYS])
+        return ESTIMATORS[manifest["method"]].from_state(manifest["settings"], manifest["state"], arrays, files)
     except (KeyError, TypeError, ValueError, ValidationError, zipfile.BadZipFile) as error:
         first = str(error).splitlines()[0] if str(error) else type(error).__name__
+        held = ", ".join([MANIFEST, ARRAYS, *files])
         raise ModelError(
-            f"{folder}: what {MANIFEST} and {ARRAYS} hold does not fit the method {manifest['method']} ({first}); "
+            f"{folder}: what its files hold ({held}) does not fit the method {manifest['method']} ({first}); "
             "train the model again"
         ) from None
+    except ModelError as error:
+        raise ModelError(f"{folder}: {error}") from None
+
+
+def _checked(folder: Path, name: str, expected: str) -> bytes:
+    """Content of a file of a model folder, that must be what was saved; the card may have been added to."""
+    if not (folder / name).is_file():
+        raise ModelError(f"{folder}: the file {name} is missing; train the model again or copy the whole folder")
+    data = (folder / name).read_bytes()
+    if name not in (MANIFEST, CARD) and _sha256(data) != expected:
+        raise ModelError(
+            f"{folder / name}: was altered or cut off after it was saved (its SHA-256 is not the one in {MANIFEST}); "
+            "train the model again or copy the whole folder"
+        )
+    return data
+
+
+def _is_own(name: str) -> bool:
+    """Whether it names a file of the method's own, within the folder."""
+    return name not in (MANIFEST, ARRAYS, CARD) and Path(name).name == name and not name.startswith(".")
 
 
 def read_manifest(folder: str | Path) -> dict[str, Any]:

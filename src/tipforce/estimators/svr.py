@@ -225,7 +225,11 @@ class Svr(Estimator):
 
     @classmethod
     def from_state(
-        cls, settings: Mapping[str, Any], values: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]
+        cls,
+        settings: Mapping[str, Any],
+        values: Mapping[str, Any],
+        arrays: Mapping[str, npt.NDArray[Any]],
+        files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
     ) -> "Svr":
         """The inverse of `state`."""
         svr = cls(SvrSettings.model_validate(settings))

@@ -109,7 +109,11 @@ class Constant(Estimator):
 
     @classmethod
     def from_state(
-        cls, settings: Mapping[str, Any], values: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]
+        cls,
+        settings: Mapping[str, Any],
+        values: Mapping[str, Any],
+        arrays: Mapping[str, npt.NDArray[Any]],
+        files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
     ) -> Self:
         """The inverse of `state`."""
         made = cls(_NoSettings.model_validate(dict(settings)))

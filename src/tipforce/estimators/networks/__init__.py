@@ -1,0 +1,5 @@
+"""Running trained networks, without what trained them."""
+
+from ._graph import Graph
+
+__all__ = ["Graph"]

@@ -1,0 +1,92 @@
+"""A graph behind a call: what goes in is checked, what is damaged is one clear sentence."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper
+
+from tipforce.errors import InputError, ModelError
+from tipforce.estimators.networks import Graph
+
+
+@pytest.fixture(scope="module")
+def data() -> bytes:
+    """force_n = the mean of the picture times the actuation."""
+    nodes = [
+        helper.make_node("Cast", ["picture"], ["bright"], to=TensorProto.FLOAT),
+        helper.make_node("ReduceMean", ["bright"], ["mean"], axes=[1, 2], keepdims=0),
+        helper.make_node("Reshape", ["mean", "column"], ["one"]),
+        helper.make_node("Mul", ["one", "actuation"], ["force_n"]),
+    ]
+    inputs = [
+        helper.make_tensor_value_info("picture", TensorProto.UINT8, ["n", 4, 6]),
+        helper.make_tensor_value_info("actuation", TensorProto.FLOAT, ["n", 2]),
+    ]
+    outputs = [helper.make_tensor_value_info("force_n", TensorProto.FLOAT, ["n", 2])]
+    column = onnx.numpy_helper.from_array(np.array([-1, 1]), "column")
+    graph = helper.make_graph(nodes, "g", inputs, outputs, [column])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    helper.set_model_props(model, {"unit": "N", "parity_n": "1e-05"})
+    return model.SerializeToString()
+
+
+PICTURE = np.full((3, 4, 6), 7, np.uint8)
+ACTUATION = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]], np.float32)
+
+
+def test_it_answers_and_knows_its_facts(data: bytes) -> None:
+    graph = Graph(data, "model.onnx", threads=1)
+    assert np.allclose(graph(picture=PICTURE, actuation=ACTUATION)["force_n"], 7 * ACTUATION)
+    assert np.allclose(graph(picture=PICTURE[:1], actuation=ACTUATION[:1])["force_n"], 7 * ACTUATION[:1])
+    assert graph.facts == {"unit": "N", "parity_n": "1e-05"}
+    assert graph.runtime.split()[0] in ("onnxruntime", "OpenVINO")
+
+
+def test_views_and_reversed_pictures_answer_the_same(data: bytes) -> None:
+    graph = Graph(data, "model.onnx")
+    wide = np.zeros((3, 4, 12), np.uint8)
+    wide[:, :, ::2] = np.arange(6)
+    answers = graph(picture=wide[::-1, ::-1, ::2], actuation=ACTUATION)["force_n"]
+    assert np.allclose(answers, 2.5 * ACTUATION)
+
+
+def test_several_threads_may_ask_at_once(data: bytes) -> None:
+    graph = Graph(data, "model.onnx", threads=1)
+
+    def ask(value: int) -> bool:
+        found = graph(picture=np.full((3, 4, 6), value, np.uint8), actuation=ACTUATION)["force_n"]
+        return np.allclose(found, value * ACTUATION)
+
+    with ThreadPoolExecutor(4) as pool:
+        assert all(pool.map(ask, range(200)))
+
+
+@pytest.mark.parametrize(
+    ("inputs", "message"),
+    [
+        ({}, r"model\.onnx: lacks the input actuation, lacks the input picture; it takes picture, actuation"),
+        ({"picture": PICTURE, "actuation": ACTUATION, "x": ACTUATION}, r"has no input x; it takes picture, actuation"),
+        (
+            {"picture": PICTURE[:, :3], "actuation": ACTUATION},
+            r"picture must be uint8 of the shape \(n, 4, 6\), got uint8 of the shape \(3, 3, 6\)",
+        ),
+        ({"picture": PICTURE[0], "actuation": ACTUATION}, r"got uint8 of the shape \(4, 6\)"),
+        ({"picture": PICTURE.astype(float), "actuation": ACTUATION}, r"must be uint8 .*, got float64"),
+        (
+            {"picture": PICTURE, "actuation": ACTUATION[:2]},
+            r"as many samples in each input, got picture 3, actuation 2",
+        ),
+    ],
+)
+def test_a_wrong_input_is_one_clear_sentence(data: bytes, inputs: dict[str, np.ndarray], message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        Graph(data, "model.onnx", threads=1)(**inputs)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("damage", [lambda d: d[:100], lambda d: b"", lambda d: b"hello", lambda d: d[: len(d) // 2]])
+def test_damaged_bytes_are_one_clear_sentence(data: bytes, damage) -> None:
+    with pytest.raises(ModelError, match=r"^model\.onnx: is damaged or no network's graph .*train the model again"):
+        Graph(damage(data), "model.onnx", threads=1)
