@@ -1,5 +1,32 @@
 """Training of networks on arrays: the only room that knows torch, which it imports when it is used."""
 
+from ._checkpoint import CHECKPOINT
 from ._export import export_graph, parity_n, weights_of
+from ._log import LOG, duration
+from ._loop import Learnt, Progress, learn
+from ._parts import Part, validation_part
+from ._recipe import Recipe
+from ._resnet import ResnetTask
+from ._samples import Samples
+from ._task import Task
+from ._weights import network_of, weights_in
 
-__all__ = ["export_graph", "parity_n", "weights_of"]
+__all__ = [
+    "CHECKPOINT",
+    "LOG",
+    "Learnt",
+    "Part",
+    "Progress",
+    "Recipe",
+    "ResnetTask",
+    "Samples",
+    "Task",
+    "duration",
+    "export_graph",
+    "learn",
+    "network_of",
+    "parity_n",
+    "validation_part",
+    "weights_in",
+    "weights_of",
+]
