@@ -12,7 +12,7 @@ from tipforce.errors import InputError
 from tipforce.estimators import ShowsShape
 from tipforce.evaluation import Candidate, evaluate, report_lines, summary, truth_at, verdict, write_report
 from tipforce.evaluation._gallery import worst_frames
-from tipforce.evaluation._pictures import Picture
+from tipforce.evaluation._picture import Picture
 from tipforce.types import BasePose, CentrelinePx, ShapeFeatures, Status
 from tipforce.vision import Sighting, VisionSettings
 
@@ -83,7 +83,7 @@ def test_metrics_are_json_without_nan_and_hold_every_row(report):
 
 def test_every_figure_is_a_drawing_of_its_own_too(report):
     names = {path.stem for path in (report[1] / "figures").iterdir()}
-    kinds = ("fig23a", "fig23b", "fig24", "residuals", "trace", "sessions")
+    kinds = ("fig23a", "fig23b", "fig24", "fig31", "fig32", "residuals", "trace", "sessions")
     assert names == {"splits", *(f"{m}-{kind}" for m in ("ridge", "-b-careful--b-") for kind in kinds)}
     for path in (report[1] / "figures").iterdir():
         root = ElementTree.fromstring(path.read_text(encoding="utf-8"))

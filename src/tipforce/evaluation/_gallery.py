@@ -1,6 +1,5 @@
 """The worst held-out frames, with the curve that was fitted to each."""
 
-import base64
 from dataclasses import dataclass
 
 import cv2
@@ -13,6 +12,7 @@ from ..types import FloatArray, Image, IntArray, Observation, ShapeFeatures
 from ..units import newtons_to_grams
 from ._evaluation import Evaluation
 from ._outcome import Outcome
+from ._picture import jpeg_uri
 from ._sketch import curve_of_features, picture_of
 from ._style import COLOURS, GREY, make_figure, page_svg, to_svg
 
@@ -95,9 +95,7 @@ def _photo(picture: Image) -> str:
     """An RGB or grey picture as a JPEG in a data URI."""
     scale = min(1.0, _WIDTH_PX / picture.shape[1])
     small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else picture
-    bgr = small if small.ndim == 2 else cv2.cvtColor(small, cv2.COLOR_RGB2BGR)
-    _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 88])
-    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+    return jpeg_uri(small)  # type: ignore[arg-type]
 
 
 def _session_curves(session: Dataset, most: int = 60) -> list[FloatArray]:

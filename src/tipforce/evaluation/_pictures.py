@@ -1,10 +1,11 @@
 """All figures of a report, in the order of its pages, each with a file name and a caption."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..estimators import view_of
 from ..types import FloatArray
 from ._constant import Constant
 from ._evaluation import BY_SESSION, Evaluation, Row
@@ -12,27 +13,14 @@ from ._figure_bound import figure_bound
 from ._figure_disturbed import figure_disturbed
 from ._figures import figure_23a, figure_23b, figure_24
 from ._figures_beyond import figure_residuals, figure_sessions, figure_splits, figure_trace, typical_session
+from ._figures_components import figure_31, figure_32, sample_sheet
 from ._outcome import CONTACT_N, Outcome, gather
+from ._picture import Picture, of_figure, of_image
 from ._protocols import answers, places_in
-from ._style import METHOD_COLOURS, page_svg, standalone_svg, to_svg
+from ._style import METHOD_COLOURS
 from ._wording import WORDS
 
-__all__ = ["Picture", "bound_picture", "disturbed_picture", "method_pictures", "overview"]
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """``slug``: the SVG file's name without ending; ``page``: SVG for the inside of the page; ``file``: on its own."""
-
-    slug: str
-    caption: str
-    page: str
-    file: str
-
-
-def _picture(slug: str, caption: str, figure: Figure) -> Picture:
-    svg = to_svg(figure)
-    return Picture(slug, caption, page_svg(svg, caption), standalone_svg(svg))
+__all__ = ["bound_picture", "disturbed_picture", "method_pictures", "overview"]
 
 
 def overview(evaluation: Evaluation) -> Picture:
@@ -46,7 +34,7 @@ def overview(evaluation: Evaluation) -> Picture:
         "Bars: mean absolute error of the magnitude over all test samples. Dots: single sessions. Neighbouring frames "
         "of one recording leak into a random split; only the sessions never seen show what a new recording will get."
     )
-    return _picture("splits", caption, figure_splits(maes, evaluation.protocols))
+    return of_figure("splits", caption, figure_splits(maes, evaluation.protocols))
 
 
 def bound_picture(evaluation: Evaluation) -> Picture | None:
@@ -63,7 +51,7 @@ def bound_picture(evaluation: Evaluation) -> Picture | None:
         "beforehand. One frame: the measure of a method that sees each picture on its own. All frames until then: of "
         "one that remembers. Bins of fewer than 10 samples are left out."
     )
-    return _picture("bound", caption, figure_bound(held, quantities))
+    return of_figure("bound", caption, figure_bound(held, quantities))
 
 
 def disturbed_picture(evaluation: Evaluation) -> Picture | None:
@@ -74,7 +62,7 @@ def disturbed_picture(evaluation: Evaluation) -> Picture | None:
         "Above: mean absolute error of the samples that were answered. Below: share of those that were not. Every "
         "panel begins with the same samples undisturbed; its ways (left, right, up, down) are taken together."
     )
-    return _picture("disturbed", caption, figure_disturbed(evaluation.disturbed))
+    return of_figure("disturbed", caption, figure_disturbed(evaluation.disturbed))
 
 
 def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:
@@ -89,41 +77,43 @@ def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:
     name = _file_name(method)
     panels = {WORDS[row.protocol].name: row.outcome for row in (first, strict)}
     made = [
-        _picture(
+        of_figure(
             f"{name}-fig23a",
             f"Thesis fig. 23(a): over-estimates are positive. Samples of the split “{WORDS[first.protocol].name}”; "
             "forces below 10 mN have no percentage.",
             figure_23a(first.outcome),
         ),
-        _picture(
+        of_figure(
             f"{name}-fig23b",
             "Thesis fig. 23(b): on the line y = x the estimate equals the sensor's force.",
             figure_23b(panels),
         ),
-        _picture(
+        of_figure(
             f"{name}-fig24",
             "Thesis fig. 24: the model on the very samples it was trained on, "
             f"split “{WORDS[evaluation.fitted[method].protocol].name}”. A good fit here says nothing of new data.",
             figure_24(evaluation.fitted[method]),
         ),
     ]
+    if len(first.outcome.quantities) > 1:
+        made += _of_components(evaluation, first, name)
     if not strict.outcome.answered.any():
         return made
     session = typical_session(strict.outcome)
     whole = whole_session(evaluation, strict, session)
     return [
         *made,
-        _picture(
+        of_figure(
             f"{name}-residuals",
             "Error over force. The band is the median of the 90 % intervals; a median error that leaves zero is bias.",
             figure_residuals(strict.outcome),
         ),
-        _picture(
+        of_figure(
             f"{name}-trace",
             f"Session {session}, the one with the median error of all sessions, {WORDS[evaluation.honest].held}.",
             figure_trace(whole, session, evaluation.truth_n),
         ),
-        _picture(
+        of_figure(
             f"{name}-sessions",
             "Every session by itself, "
             + ("when it was held out" if evaluation.honest in BY_SESSION else WORDS[evaluation.honest].name)
@@ -131,6 +121,29 @@ def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:
             _sessions(strict, constant, colour),
         ),
     ]
+
+
+def _of_components(evaluation: Evaluation, row: Row, name: str) -> list[Picture]:
+    """The thesis's figures 30, 31 and 32."""
+    split = f"Test samples of the split “{WORDS[row.protocol].name}”"
+    sheet = sample_sheet(evaluation.dataset, row.outcome, view_of(row.fits[0].estimator))
+    made = [
+        of_figure(
+            f"{name}-fig31",
+            f"Thesis fig. 31: box plots by direction, r measured and p estimated. {split}: median, quartiles, whiskers "
+            "to 1.5 times their distance, outliers.",
+            figure_31(row.outcome),
+        ),
+        of_figure(
+            f"{name}-fig32",
+            f"Thesis fig. 32: measured and estimated force by direction. {split}, in their order; a gap was refused.",
+            figure_32(row.outcome),
+        ),
+    ]
+    if sheet is None:
+        return made
+    told = "Thesis fig. 30: pictures of the test part as they come, before the method's own resizing."
+    return [of_image(f"{name}-fig30", told, sheet), *made]
 
 
 def whole_session(evaluation: Evaluation, row: Row, session: str) -> Outcome:

@@ -12,7 +12,8 @@ from ..errors import InputError
 from ._evaluation import Evaluation
 from ._gallery import worst_frames
 from ._numbers import FILTERS
-from ._pictures import Picture, bound_picture, disturbed_picture, method_pictures, overview
+from ._picture import Picture
+from ._pictures import bound_picture, disturbed_picture, method_pictures, overview
 from ._summary import summary
 
 __all__ = ["check_folder", "write_report"]
