@@ -28,7 +28,6 @@ from tipforce.evaluation._style import (
     GREY,
     METHOD_COLOURS,
     grams_axis,
-    legend_above,
     make_figure,
     standalone_svg,
     to_svg,
@@ -138,8 +137,8 @@ def figure(held: dict[str, Any]) -> Figure:
             axes.set_xlabel("training samples")
             if place == 0:
                 axes.set_ylabel("RMSE of the test part, N")
-                legend_above(axes, 2)
         grams_axis(panels[-1])
+        drawing.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
 
     title = f"{held['about']['estimator']}: error over the number of training samples"
     return make_figure(fill, title, 2.6 * len(found) + 1.6, 4.2)

@@ -11,6 +11,7 @@ from ._constant import Constant
 from ._evaluation import BY_SESSION, Evaluation, Row
 from ._figure_bound import figure_bound
 from ._figure_disturbed import figure_disturbed
+from ._figure_training import figure_training, training_log
 from ._figures import figure_23a, figure_23b, figure_24
 from ._figures_beyond import figure_residuals, figure_sessions, figure_splits, figure_trace, typical_session
 from ._figures_components import figure_31, figure_32, sample_sheet
@@ -95,6 +96,7 @@ def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:
             figure_24(evaluation.fitted[method]),
         ),
     ]
+    made += _of_training(evaluation, strict, name)
     if len(first.outcome.quantities) > 1:
         made += _of_components(evaluation, first, name)
     if not strict.outcome.answered.any():
@@ -121,6 +123,20 @@ def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:
             _sessions(strict, constant, colour),
         ),
     ]
+
+
+def _of_training(evaluation: Evaluation, row: Row, name: str) -> list[Picture]:
+    """The learning curve of the saved model, or of the first fit, where it keeps a log."""
+    saved = next(candidate.saved for candidate in evaluation.candidates if candidate.label == row.method)
+    rows = training_log(saved or row.fits[0].estimator)
+    if not rows:
+        return []
+    of = "the saved model" if saved else f"the split “{WORDS[row.protocol].name}: {row.fits[0].split.name}”"
+    caption = (
+        f"Learning curve of {of}: the epoch with the smallest error on the validation part was kept; {len(rows)} "
+        "epochs were run. The validation part chose it, so its error there flatters."
+    )
+    return [of_figure(f"{name}-training", caption, figure_training(rows, row.method))]
 
 
 def _of_components(evaluation: Evaluation, row: Row, name: str) -> list[Picture]:
