@@ -90,6 +90,13 @@ def test_a_saved_model_is_also_scored_as_saved_on_new_sessions(rows, tmp_path):
     assert list(saved["against_sensor"]["by_session"]) == ["s2"]
     assert figures["methods"]["model"]["settings"]["c"] == [10]
     assert any("s0, s1" in note for note in figures["notes"])
+    result = run(tmp_path / "model", "--data", rows, "-o", tmp_path / "r", "--protocol", "saved")
+    assert result.exception is None, result.exception
+    alone = json.loads((tmp_path / "r" / "metrics.json").read_text(encoding="utf-8"))
+    assert [row["protocol"] for row in alone["rows"]] == ["as saved", "as saved"]
+    assert alone["rows"][0]["against_sensor"] | {"mae_filled_n": 0, "mae_filled_g": 0} == saved["against_sensor"] | {
+        "mae_filled_n": 0, "mae_filled_g": 0,
+    }  # fmt: skip
 
 
 def test_one_session_cannot_be_held_out(tmp_path):

@@ -164,6 +164,9 @@ def test_a_saved_model_is_asked_as_saved(bright, mean_class):
     assert first["mae_n"] == pytest.approx(result.row("mean", "as saved").mae_n, rel=0.2)
     assert first["mae_n"] > 10 * result.row("mean", "random").mae_n
     assert first["samples"] == 30
+    alone = evaluate(data, [candidate], as_saved=True, disturbed_frames=30)
+    assert alone.disturbed["mean"][0]["mae_n"] == first["mae_n"]
+    assert alone.disturbed["mean"][0]["constant"]["mae_n"] == pytest.approx(alone.rows[1].mae_n, rel=0.2)
 
 
 def test_data_without_pictures_are_refused_before_the_work(make_bench, ridge_class):

@@ -5,7 +5,7 @@ import pytest
 
 from tipforce.dataset import splits
 from tipforce.errors import InputError
-from tipforce.evaluation import AS_SAVED, Candidate, Constant, evaluate
+from tipforce.evaluation import AS_SAVED, Candidate, Constant, evaluate, write_report
 from tipforce.evaluation._pictures import whole_session
 from tipforce.types import Catheter
 
@@ -103,6 +103,47 @@ def test_a_saved_model_is_not_scored_on_what_it_was_trained_on(make_bench, make_
         result = evaluate(data, [candidate], protocols=["random"])
         assert result.row("ridge", AS_SAVED) is None
         assert any("trained on all sessions" in note for note in result.notes)
+
+
+class Untrainable:
+    """Mixed into a method: it may not be trained anew."""
+
+    def fit(self, dataset, progress=None):
+        raise AssertionError("trained")
+
+
+def test_saved_models_alone_are_scored_without_any_training(make_bench, ridge_class, tmp_path):
+    data = make_bench(sessions=4)
+    learnt = ridge_class().fit(data.subset(data.session == "s0"))
+    kept = type("Kept", (Untrainable, ridge_class), {})()
+    kept.weights_, kept.sigma_ = learnt.weights_, learnt.sigma_
+    other = ridge_class().fit(data.subset(data.session == "s2"))
+    candidates = [
+        Candidate("kept", kept.unfitted(), kept, frozenset({"s0"})),
+        Candidate("other", other.unfitted(), other, frozenset({"s2"})),
+    ]
+    result = evaluate(data, candidates, as_saved=True, disturbed_frames=None)
+    assert (result.protocols, result.honest) == ((AS_SAVED,), AS_SAVED)
+    for row in result.rows:
+        assert set(row.outcome.session.tolist()) == {"s1", "s3"}
+    assert [row.method for row in result.rows] == ["kept", "other", "constant"]
+    tested = data.magnitude_n[np.isin(data.session, ["s1", "s3"])]
+    assert result.row("constant", AS_SAVED).outcome.magnitude_n == pytest.approx(tested.mean())
+    assert result.rows[0].mae_n < 0.5 * result.rows[2].mae_n
+    assert any("best that any constant could do" in note for note in result.notes)
+    figures = write_report(result, tmp_path / "r")
+    assert figures["verdict"][0].startswith("As saved, on new sessions, ")
+    assert not (tmp_path / "r" / "figures" / "kept-fig24.svg").exists()
+
+
+def test_without_training_a_method_or_a_model_that_knows_all_sessions_is_refused(make_bench, make_ridge):
+    data = make_bench(sessions=3)
+    with pytest.raises(InputError, match="ridge is a method, and without training only saved models"):
+        evaluate(data, [Candidate("ridge", make_ridge())], as_saved=True)
+    saved = make_ridge().fit(data)
+    candidate = Candidate("ridge", saved.unfitted(), saved, trained_fingerprint=data.fingerprint())
+    with pytest.raises(InputError, match="ridge learnt from all of its sessions"):
+        evaluate(data, [candidate], as_saved=True)
 
 
 def test_one_session_cannot_be_held_out(make_bench, make_ridge):

@@ -27,11 +27,12 @@ def command(
     data: Annotated[Path, typer.Option("--data", help="Recordings, a dataset folder, or a published layout.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for report.html, metrics.json and figures.")],
     protocol: Annotated[
-        Literal["random", "blocked", "session", "all", "thesis", "standard", "catheter"],
+        Literal["random", "blocked", "session", "all", "thesis", "standard", "catheter", "saved"],
         typer.Option(
             help="What is held out for testing; all: the first three. thesis: 220 frames (or --samples) of the first "
             "eight sessions, at random. standard: a quarter of the sessions trains, a quarter calibrates, half tests. "
-            "catheter: each catheter's first session trains, its others test."
+            "catheter: each catheter's first session trains, its others test. saved: models as "
+            "they are, nothing is trained."
         ),
     ] = "all",
     samples: Annotated[
@@ -103,7 +104,8 @@ def command(
         result = evaluate(
             dataset,
             candidates,
-            protocols=None if protocol == "all" else [protocol],
+            protocols=None if protocol in ("all", "saved") else [protocol],
+            as_saved=protocol == "saved",
             samples=samples,
             folds=folds,
             every=every,

@@ -96,7 +96,7 @@ def _fitted(
     candidate: Candidate, row: Row, constant: Row, dataset: Dataset
 ) -> tuple[Mapping[str, Estimator], Mapping[str, Estimator]]:
     """By split: the fitted method, and the constant that was fitted on the same samples."""
-    if row.protocol != AS_SAVED:
+    if row.fits:
         methods, means = ({fit.split.name: fit.estimator for fit in each.fits} for each in (row, constant))
         return methods, means
     assert candidate.saved is not None

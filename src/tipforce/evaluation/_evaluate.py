@@ -13,9 +13,10 @@ from ._bounds import Bounds
 from ._constant import Constant
 from ._disturbed import bear, require_pictures
 from ._evaluation import AS_SAVED, PROTOCOLS, Candidate, Evaluation, Row
-from ._judging import in_contact, row_of, saved_row
+from ._judging import in_contact, row_of
 from ._outcome import Outcome, gather
 from ._protocols import answers, places_in, run_splits
+from ._saved import saved_alone, saved_row
 from ._timing import time_per_frame
 
 __all__ = ["evaluate"]
@@ -37,6 +38,7 @@ def evaluate(
     seed: int = 0,
     truth_n: FloatArray | None = None,
     bounds: Bounds | None = None,
+    as_saved: bool = False,
     disturbed_frames: int | None = None,
     progress: Progress | None = None,
 ) -> Evaluation:
@@ -46,9 +48,10 @@ def evaluate(
     ``samples``: as many are then drawn with ``seed``; under the protocol "thesis" from its sessions, 220 unless stated.
     ``truth_n`` (len(dataset), 3): the twin's truth in the base frame; scores against it stand beside those against the
     sensor; ``bounds``, of ``dataset`` too: how close each method's error against the truth comes to the smallest
-    possible. ``disturbed_frames``: each method, as saved where it was, else as fitted under the strictest protocol, is
-    also asked for so many test samples whose pictures were disturbed. Raises InputError where a protocol that was asked
-    for cannot be run on these data, or none can be.
+    possible. ``as_saved``: nothing is trained, saved models alone are scored. ``disturbed_frames``: each method, as
+    saved where it was, else as fitted under the strictest protocol, is also asked for so many test samples whose
+    pictures were disturbed. Raises InputError where a protocol that was asked for cannot be run on these data, or none
+    can be.
     """
     if not candidates:
         raise InputError("there is no method to evaluate; name one, for example: tipforce evaluate svr --data runs/")
@@ -85,7 +88,7 @@ def evaluate(
         refusals[protocol] = error
         notes.append(f"Protocol {protocol} was left out: {error}.")
 
-    for protocol in protocols or PROTOCOLS:
+    for protocol in () if as_saved else protocols or PROTOCOLS:
         try:
             plans[protocol] = splits(
                 protocol, dataset, folds=folds, seed=seed, thesis_samples=samples or THESIS_SAMPLES
@@ -104,22 +107,23 @@ def evaluate(
             rows += _under(protocol, plan, candidates, dataset, everything, contact, judge, steps)
         except InputError as error:
             left_out(protocol, error)
-    if not rows:
+    if as_saved:
+        rows = saved_alone(candidates, dataset, everything, contact, judge, notes)
+    elif not rows:
         raise refusals[next(name for name in PROTOCOLS if name in refusals)]
-    for candidate in candidates:
-        row = saved_row(candidate, dataset, everything, contact, judge, notes)
-        if row is not None:
-            rows.append(row)
+    else:
+        found = [saved_row(candidate, dataset, everything, contact, judge, notes) for candidate in candidates]
+        rows += filter(None, found)
 
     fitted: dict[str, Outcome] = {}
     timing: dict[str, dict[str, Any]] = {}
     for candidate in candidates:
         first = next(row for row in rows if row.method == candidate.label).fits[0]
-        index = first.split.train
-        found = answers(first.estimator, dataset, index, everything)
-        fitted[candidate.label] = gather(
-            candidate.label, first.protocol, first.split.name, dataset, index, found, contact
-        )
+        if len(index := first.split.train):
+            fitted[candidate.label] = gather(
+                candidate.label, first.protocol, first.split.name, dataset, index,
+                answers(first.estimator, dataset, index, everything), contact,
+            )  # fmt: skip
         timing[candidate.label] = time_per_frame(first.estimator, everything)
     result = Evaluation(
         dataset=dataset,

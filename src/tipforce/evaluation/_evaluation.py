@@ -16,13 +16,14 @@ __all__ = ["AS_SAVED", "BY_SESSION", "PROTOCOLS", "Candidate", "Evaluation", "Ro
 PROTOCOLS: tuple[Protocol, ...] = ("random", "blocked", "session")
 """The thesis's split, contiguous blocks with a gap, and whole sessions held out: the one that counts."""
 
-BY_SESSION = ("catheter", "session", "standard")
-"""Protocols whose test sessions were never seen."""
-
-_STRICTNESS: tuple[Protocol, ...] = ("thesis", "random", "blocked", "catheter", "session", "standard")
-
 AS_SAVED = "as saved"
 """Stands in place of a protocol where a saved model is scored without training it anew."""
+
+BY_SESSION = (AS_SAVED, "catheter", "session", "standard")
+"""Protocols whose test sessions were never seen."""
+
+_STRICTNESS = (AS_SAVED, "thesis", "random", "blocked", "catheter", "session", "standard")
+"""A saved model alone cannot be told beside others: it leads where nothing else was run."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ class ShowsFeatures(Protocol):
 def five_samples(evaluation: Evaluation, method: str) -> dict[str, Any] | None:
     """Names and five rows of the first training part, from the largest force down to the smallest; None without."""
     first = next(row for row in evaluation.rows if row.method == method).fits[0]
-    if not isinstance(first.estimator, ShowsFeatures):
+    if not isinstance(first.estimator, ShowsFeatures) or not len(first.split.train):
         return None
     names, values, targets, force = first.estimator.normalised(evaluation.dataset.subset(first.split.train))
     order = np.argsort(-np.linalg.norm(force, axis=1), kind="stable")

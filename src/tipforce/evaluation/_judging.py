@@ -1,18 +1,18 @@
 """From answers to a line of the table: told apart by contact, scored against sensor, truth and bounds."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..dataset import Dataset
 from ..types import BoolArray, FloatArray
 from ._bounds import Bounds
-from ._evaluation import AS_SAVED, Candidate, Row
+from ._evaluation import Row
 from ._metrics import score
-from ._outcome import CONTACT_N, Outcome, against, gather
-from ._protocols import Trained, answers
+from ._outcome import CONTACT_N, Outcome, against
+from ._protocols import Trained
 
-__all__ = ["in_contact", "row_of", "saved_row"]
+__all__ = ["in_contact", "row_of"]
 
 
 def in_contact(dataset: Dataset, truth_n: FloatArray | None) -> BoolArray:
@@ -38,32 +38,3 @@ def row_of(
     true = against(outcome, truth_n)
     held = None if bounds is None or not bounds.std_n else bounds.figures(true)
     return Row(outcome, figures, score(true), held, tuple(fits))
-
-
-def saved_row(
-    candidate: Candidate,
-    dataset: Dataset,
-    everything: Dataset,
-    contact: BoolArray,
-    judge: Callable[..., Row],
-    notes: list[str],
-) -> Row | None:
-    """The saved model on the sessions it was not trained on; adds to ``notes`` why some or all were left out."""
-    if candidate.saved is None:
-        return None
-    seen = [name for name in dataset.sessions if name in candidate.trained_sessions]
-    if candidate.trained_fingerprint == everything.fingerprint() or len(seen) == len(dataset.sessions):
-        notes.append(
-            f"{candidate.label} is not scored as saved: it was trained on all sessions of these data; "
-            "its recipe, trained anew on every split, is."
-        )
-        return None
-    if seen:
-        more = f" and {len(seen) - 5} more" if len(seen) > 5 else ""
-        notes.append(
-            f"{candidate.label} as saved is scored without {len(seen)} of {len(dataset.sessions)} sessions, because it "
-            f"was trained on sessions of these names: {', '.join(seen[:5])}{more}."
-        )
-    index = np.flatnonzero(~np.isin(dataset.session, seen))
-    found = answers(candidate.saved, dataset, index, everything)
-    return judge(gather(candidate.label, AS_SAVED, AS_SAVED, dataset, index, found, contact), None)

@@ -89,13 +89,14 @@ def method_pictures(evaluation: Evaluation, method: str) -> list[Picture]:
             "Thesis fig. 23(b): on the line y = x the estimate equals the sensor's force.",
             figure_23b(panels),
         ),
-        of_figure(
-            f"{name}-fig24",
-            "Thesis fig. 24: the model on the very samples it was trained on, "
-            f"split “{WORDS[evaluation.fitted[method].protocol].name}”. A good fit here says nothing of new data.",
-            figure_24(evaluation.fitted[method]),
-        ),
     ]
+    if method in evaluation.fitted:
+        fitted = evaluation.fitted[method]
+        caption = (
+            f"Thesis fig. 24: the model on the very samples it was trained on, split “{WORDS[fitted.protocol].name}”. "
+            "A good fit here says nothing of new data."
+        )
+        made.append(of_figure(f"{name}-fig24", caption, figure_24(fitted)))
     made += _of_training(evaluation, strict, name)
     if len(first.outcome.quantities) > 1:
         made += _of_components(evaluation, first, name)
