@@ -1,12 +1,18 @@
-"""A small world with a known law: shape numbers and a knob -> two force components, in sessions."""
+"""Small worlds with a known law: shape numbers and a knob, or pictures -> two force components, in sessions."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any, ClassVar
 
+import cv2
 import numpy as np
 import pytest
 
 from tipforce.dataset import Dataset, open_dataset
+from tipforce.estimators import DcfeSettings, NetworkEstimator
+from tipforce.estimators import _create as methods
+from tipforce.estimators.networks import _network
+from tipforce.types import Context, Observation, Status
 
 
 @pytest.fixture
@@ -36,3 +42,129 @@ def world(tmp_path: Path) -> Callable[..., Dataset]:
         return open_dataset(folder)
 
     return make
+
+
+class Shown:
+    """A store of pictures in memory, that counts how often each is read."""
+
+    def __init__(self, pictures: list[Any], knob: np.ndarray) -> None:
+        self.pictures, self.knob = pictures, knob
+        self.reads = 0
+
+    def read(self, rows: np.ndarray) -> Iterator[Observation]:
+        for row in rows.tolist():
+            self.reads += 1
+            views = {} if self.pictures[row] is None else {"camera": self.pictures[row]}
+            yield Observation(row * 10_000_000, views, {"knob_deg": float(self.knob[row])})
+
+
+@pytest.fixture(scope="session")
+def shown() -> Callable[..., Dataset]:
+    """Grey pictures, 60 x 80, with a bright square whose place is the force."""
+
+    def make(sessions: int = 3, each: int = 24, seed: int = 0, unseen: tuple[int, ...] = ()) -> Dataset:
+        draw = np.random.default_rng(seed)
+        count = sessions * each
+        force = np.full((count, 3), np.nan)
+        force[:, :2] = draw.uniform(-0.2, 0.2, (count, 2))
+        pictures: list[Any] = []
+        for x, y in force[:, :2]:
+            picture = draw.integers(90, 110, (60, 80), dtype=np.uint8)
+            picture[round(26 + 100 * y) : round(34 + 100 * y), round(36 + 150 * x) : round(44 + 150 * x)] = 250
+            pictures.append(picture)
+        for place in unseen:
+            pictures[place] = None
+        knob = draw.choice([10.0, 30.0], count)
+        names = np.repeat([f"s{k}" for k in range(sessions)], each)
+        return Dataset(
+            store=Shown(pictures, knob),
+            session=names,
+            stamp_ns=np.arange(count) * 10_000_000,
+            actuation={"knob_deg": knob},
+            force_n=force,
+            known=np.array([True, True, False]),
+            names=np.array([f"{place:03d}.png" for place in range(count)]),
+            contexts={f"s{k}": Context(session=f"s{k}") for k in range(sessions)},
+            rows=np.arange(count),
+            title="squares",
+        )
+
+    return make
+
+
+class SmallTask:
+    """A few thousand weights in place of ResNet-18's eleven million."""
+
+    name = "small"
+    inputs = ("picture",)
+    head = ("dense.",)
+
+    def __init__(self, outputs: int, actuation: tuple[Any, ...]) -> None:
+        self.outputs = outputs
+        self.inputs = ("picture", "actuation") if actuation else ("picture",)
+
+    def build(self) -> Any:
+        import torch
+        from torch import nn
+
+        class Network(nn.Module):
+            def __init__(self, outputs: int, more: int) -> None:
+                super().__init__()
+                self.body = nn.Sequential(
+                    nn.Conv2d(3, 8, 5, 2), nn.BatchNorm2d(8), nn.ReLU(), nn.Conv2d(8, 8, 5, 2), nn.ReLU(), nn.Flatten()
+                )
+                self.dense = nn.Linear(200 + more, outputs)
+
+            def forward(self, picture: torch.Tensor, actuation: torch.Tensor | None = None) -> torch.Tensor:
+                pooled = self.body(picture.permute(0, 3, 1, 2).float() / 255.0 - 0.4)
+                return self.dense(pooled if actuation is None else torch.cat([pooled, actuation / 30.0], dim=1))
+
+        return Network(self.outputs, len(self.inputs) - 1)
+
+    def batch(self, samples: Any, index: Any, draws: Any) -> dict[str, Any]:
+        more = {name: values[index] for name, values in samples.inputs.items()}
+        return {"picture": samples.pictures[index], "force_n": samples.force_n[index], **more}
+
+    def loss(self, outputs: Any, batch: Any) -> Any:
+        return ((outputs - batch["force_n"]) ** 2).mean()
+
+    def error_n(self, outputs: Any, batch: Any) -> Any:
+        return (outputs - batch["force_n"]).abs().mean(dim=1)
+
+
+class Small(NetworkEstimator):
+    name: ClassVar[str] = "small"
+    settings_type = DcfeSettings
+
+    def __init__(self, settings: DcfeSettings | None = None) -> None:
+        super().__init__(settings or QUICK)
+
+    def forms(self, *, training: bool) -> Any:
+        return {"picture": ((32, 32, 3), "uint8")}
+
+    def reader(self, context: Context, *, training: bool) -> Any:
+        def read(observation: Observation) -> Any:
+            view = observation.views.get("camera")
+            if view is None:
+                return _network.Refusal(Status.NO_CATHETER, "nothing was filmed")
+            return {"picture": np.repeat(cv2.resize(view, (32, 32))[:, :, None], 3, axis=2)}
+
+        return read
+
+    def task(self, components: int, actuation: tuple[Any, ...]) -> SmallTask:
+        return SmallTask(components, actuation)
+
+
+QUICK = DcfeSettings(epochs=12, batch=8, rate=0.05, schedule="constant", precision="fp32", validation=0.2)
+
+
+@pytest.fixture(scope="session")
+def small_type() -> type[Small]:
+    return Small
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> Small:
+    """A small network, known by its name."""
+    monkeypatch.setitem(methods.ESTIMATORS, "small", Small)
+    return Small(QUICK)

@@ -235,6 +235,13 @@ def test_the_thesis_protocol_draws_from_the_first_eight_sessions(make_bench, mak
         evaluate(make_bench(sessions=2), [Candidate("ridge", make_ridge())], protocols=["thesis"])
 
 
+def test_the_thesis_protocol_draws_what_the_thesis_has_for_the_method(make_bench, make_ridge, monkeypatch):
+    data = make_bench(sessions=8, frames=80)
+    monkeypatch.setattr(type(make_ridge()), "thesis_samples", 615)
+    (fit,) = evaluate(data, [Candidate("ridge", make_ridge())], protocols=["thesis"]).rows[0].fits
+    assert (len(fit.split.train), len(fit.split.test)) == (461, 154)
+
+
 def test_the_standard_protocol_trains_calibrates_and_tests_on_sessions_apart(make_bench, make_ridge):
     data = make_bench(sessions=8)
     result = evaluate(data, [Candidate("ridge", make_ridge())], protocols=["standard"], every=2)

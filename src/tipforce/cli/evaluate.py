@@ -29,10 +29,10 @@ def command(
     protocol: Annotated[
         Literal["random", "blocked", "session", "all", "thesis", "standard", "catheter", "saved"],
         typer.Option(
-            help="What is held out for testing; all: the first three. thesis: 220 frames (or --samples) of the first "
-            "eight sessions, at random. standard: a quarter of the sessions trains, a quarter calibrates, half tests. "
-            "catheter: each catheter's first session trains, its others test. saved: models as "
-            "they are, nothing is trained."
+            help="What is held out for testing; all: the first three. thesis: as many frames as it has for the method "
+            "(svr 220, dcfe 615; or --samples) of the first eight sessions, at random. standard: a quarter of the "
+            "sessions trains, a quarter calibrates, half tests. catheter: each catheter's first session trains, its "
+            "others test. saved: models as they are, nothing is trained."
         ),
     ] = "all",
     samples: Annotated[

@@ -24,7 +24,17 @@ def command(
     without: Annotated[
         list[str] | None, typer.Option(metavar="SESSION", help="A session to leave out, kept for judging; repeatable.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of drawing, holding out and cross-validation.")] = 0,
+    seed: Annotated[int, typer.Option(help="Of drawing, holding out, cross-validation and training.")] = 0,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            "--from", metavar="FOLDER", help="Networks: begin with the weights of this model instead of random ones."
+        ),
+    ] = None,
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Networks: go on with a training that was cut off; state all as it was then."),
+    ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a model that is there already.")] = False,
     onnx: Annotated[Path | None, typer.Option(help="Also write the regression as an ONNX graph.")] = None,
     settings: SetOption = None,
@@ -35,23 +45,45 @@ def command(
     A random share held out (--holdout 0.25, as in the thesis) has neighbours of every frame in the training part; how
     a method does on sessions it never saw is what `tipforce evaluate` tells.
 
+    A network writes a checkpoint after every epoch, to OUTPUT.training beside the model, and needs the extra [train].
+
     Example:
         tipforce train runs/ --estimator svr -o models/svr
 
         tipforce train runs/ -o models/svr --without session_07
 
         tipforce train runs/ -o models/svr --samples 220 --holdout 0.25 --set force=components --json -
+
+        tipforce train runs/ --estimator dcfe -o models/dcfe --set minutes=60
+
+        tipforce train runs/ --estimator dcfe -o models/dcfe --set minutes=60 --resume
     """
     from ..dataset import leave_out, open_dataset
-    from ..estimators import check_target, create, export_onnx, method, read_manifest, save_model, train, training_lines
+    from ..estimators import (
+        check_start,
+        check_target,
+        create,
+        export_onnx,
+        method,
+        read_manifest,
+        save_model,
+        train,
+        training_lines,
+        workplace,
+    )
 
     check_outputs([data], onnx, json_file)
     recipe = create(estimator, settings_from(method(estimator).settings_type, settings))
     check_target(output, overwrite=overwrite)
+    begin = check_start(recipe, start, resume=resume)
     dataset = leave_out(open_dataset(data), without or [])
-    with progress_bar() as report:
-        done = train(recipe, dataset, samples=samples, holdout=holdout, seed=seed, progress=report)
-    save_model(done.estimator, output, done.dataset, done.metrics, overwrite=overwrite)
+    with workplace(recipe, output, resume=resume) as folder:
+        with progress_bar() as report:
+            done = train(
+                recipe, dataset, samples=samples, holdout=holdout, seed=seed,
+                start=begin, folder=folder, resume=resume, progress=report,
+            )  # fmt: skip
+        save_model(done.estimator, output, done.dataset, done.metrics, overwrite=overwrite)
     figures = {"model": str(output), "facts": read_manifest(output)["facts"], "metrics": done.metrics}
     if onnx is not None:
         figures["onnx"] = export_onnx(done.estimator, onnx)

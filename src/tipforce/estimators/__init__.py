@@ -9,6 +9,8 @@ from ._run import RunReport, write_estimates
 from ._settings import AngleSettings, SvrSettings, WindowSettings
 from ._shows import ShowsShape, view_of
 from ._train import Training, train
+from ._workplace import check_start, workplace
+from .networks import Dcfe, DcfeSettings, NetworkEstimator
 from .store import FORMAT_VERSION, check_target, load_model, read_manifest, save_model
 from .svr import Svr
 
@@ -17,7 +19,10 @@ __all__ = [
     "ESTIMATORS",
     "FORMAT_VERSION",
     "AngleSettings",
+    "Dcfe",
+    "DcfeSettings",
     "Estimator",
+    "NetworkEstimator",
     "Progress",
     "RunReport",
     "ShowsShape",
@@ -26,6 +31,7 @@ __all__ = [
     "SvrSettings",
     "Training",
     "WindowSettings",
+    "check_start",
     "check_target",
     "create",
     "export_onnx",
@@ -36,5 +42,6 @@ __all__ = [
     "train",
     "training_lines",
     "view_of",
+    "workplace",
     "write_estimates",
 ]

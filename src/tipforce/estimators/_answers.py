@@ -9,7 +9,10 @@ import numpy as np
 
 from ..types import BoolArray, FloatArray, ForceEstimate, Status
 
-__all__ = ["Answers", "Interval"]
+__all__ = ["AXES", "Answers", "Interval"]
+
+AXES = ("fx", "fy", "fz")
+"""What the components of a force are called."""
 
 _set = object.__setattr__
 

@@ -1,7 +1,7 @@
 """The face that all methods share."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy.typing as npt
@@ -9,6 +9,7 @@ from pydantic import BaseModel
 
 from ..dataset import Dataset
 from ..types import Context, ForceEstimate, Observation
+from ._words import Words
 
 __all__ = ["Estimator", "Progress", "Stream"]
 
@@ -38,6 +39,9 @@ class Estimator(ABC):
 
     settings: Any
     """An instance of ``settings_type``."""
+
+    thesis_samples: ClassVar[int] = 220
+    """So many samples the thesis has for this method: what its protocol draws."""
 
     @abstractmethod
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
@@ -74,15 +78,17 @@ class Estimator(ABC):
     ) -> Self:
         """The inverse of `state` and `files`."""
 
-    def predict(self, dataset: Dataset) -> list[ForceEstimate]:
-        """One stream a session over all samples, in the dataset's order."""
-        estimates: list[ForceEstimate] = []
+    def estimates(self, dataset: Dataset) -> Iterator[ForceEstimate]:
+        """One stream a session over all samples, in the dataset's order, as they are asked for."""
         stream, session = None, None
         for name, observation in zip(dataset.session.tolist(), dataset.observations(), strict=True):
             if stream is None or name != session:
                 stream, session = self.start(dataset.contexts[name]), name
-            estimates.append(stream.update(observation))
-        return estimates
+            yield stream.update(observation)
+
+    def predict(self, dataset: Dataset) -> list[ForceEstimate]:
+        """All `estimates`."""
+        return list(self.estimates(dataset))
 
     @property
     def remembers(self) -> bool:
@@ -97,3 +103,9 @@ class Estimator(ABC):
     def describe(self) -> dict[str, Any]:
         """Facts of the fitted model that a model card shows (chosen constants, number of samples, interval basis)."""
         return {}
+
+    @classmethod
+    def words(cls, facts: Mapping[str, Any]) -> Words:
+        """What is told to people of a fitted model with these `describe`d facts."""
+        del facts
+        return Words()

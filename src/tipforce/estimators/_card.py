@@ -3,12 +3,16 @@
 from collections.abc import Mapping
 from typing import Any
 
+from ._create import method
+from ._words import count_of
+
 __all__ = ["model_card", "training_lines"]
 
 
 def model_card(manifest: Mapping[str, Any]) -> str:
     """``README.md`` of a model folder, from its manifest."""
     training, facts = manifest["training"], manifest["facts"]
+    words = method(manifest["method"]).words(facts)
     low, high = training["force_range_n"]
     sessions = training["sessions"]
     lines = [
@@ -16,8 +20,7 @@ def model_card(manifest: Mapping[str, Any]) -> str:
         "",
         (
             f"Learnt from {training['samples']} samples of **{training['title']}** "
-            f"({_count(len(sessions), 'session')}: {_listed(sessions)}), "
-            f""
+            f"({count_of(len(sessions), 'session')}: {_listed(sessions)}), "
             f"forces from {low * 1e3:.0f} to {high * 1e3:.0f} mN."
         ),
         "",
@@ -31,31 +34,13 @@ def model_card(manifest: Mapping[str, Any]) -> str:
         "",
         "## What it sees",
         "",
-        (
-            f"{_count(len(facts['features']), 'number')} a frame: {', '.join(facts['features'])}. "
-            f"Forces are in newtons, on the axes: {_axes(manifest['frame_of_forces'])}."
-        ),
-    ]
-    if facts.get("samples_without_shape"):
-        lines += ["", f"In {facts['samples_without_shape']} of the samples no shape was found; they were left out."]
-    lines += [
+        f"{words.sees} Forces are in newtons, on the axes: {_axes(manifest['frame_of_forces'])}.",
         "",
         "## How well",
         "",
-        "| answers | C | epsilon | sigma | support vectors | error over folds (RMSE) | 90 % interval |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for name, each in facts["targets"].items():
-        lines.append(
-            f"| {name} | {each['c']:.4g} | {each['epsilon']:g} | {each['sigma']:g} | {each['support_vectors']} "
-            f"| {each['cv_rmse_n'] * 1e3:.1f} mN | {_half(each['interval_half_width_n'])} |"
-        )
-    lines += [
+        *words.how_well,
         "",
-        (
-            f"The interval rests on: **{facts['interval_basis']}**. "
-            "The errors are those on samples left out while the constants were chosen, within the training data."
-        ),
+        f"The interval rests on: **{facts['interval_basis']}**.",
     ]
     if manifest["metrics"]:
         lines += ["", "Measured on samples held out of everything:", ""]
@@ -67,7 +52,7 @@ def model_card(manifest: Mapping[str, Any]) -> str:
         "",
         (
             "Another catheter, another camera view, forces or bends beyond those above: nothing was learnt there. "
-            "A frame in which the shape is not found is answered with its reason, never with an old number."
+            "A frame that cannot be answered is answered with its reason, never with an old number."
         ),
         "",
         "## Made with",
@@ -81,10 +66,6 @@ def model_card(manifest: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
-
-
 def _listed(names: list[str], most: int = 10) -> str:
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
@@ -96,10 +77,6 @@ def _axes(frame: str | list[str]) -> str:
     return f"{frame} (not this program's base frame)" if isinstance(frame, str) else ", ".join(frame)
 
 
-def _half(value: float | None) -> str:
-    return "unbounded" if value is None else f"± {value * 1e3:.1f} mN"
-
-
 def _figure(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
@@ -107,21 +84,15 @@ def _figure(value: Any) -> str:
 def training_lines(manifest: Mapping[str, Any]) -> list[str]:
     """What a person who has just trained a model is told, from its manifest."""
     training, facts = manifest["training"], manifest["facts"]
+    words = method(manifest["method"]).words(facts)
     lines = [
         (
             f"Learnt from {training['samples']} samples of {training['title']} "
-            f"({_count(len(training['sessions']), 'session')}), {_count(len(facts['features']), 'number')} a frame"
-        )
+            f"({count_of(len(training['sessions']), 'session')}), {words.short}"
+        ),
+        *(f"  {line}" for line in words.told),
+        f"  interval from: {facts['interval_basis']}",
     ]
-    if facts.get("samples_without_shape"):
-        lines.append(f"  in {facts['samples_without_shape']} of them no shape was found: left out")
-    for name, each in facts["targets"].items():
-        lines.append(
-            f"  {name}: C {each['c']:.4g}, epsilon {each['epsilon']:g}, sigma {each['sigma']:g}; "
-            f"{each['support_vectors']} support vectors; error over folds {each['cv_rmse_n'] * 1e3:.1f} mN; "
-            f"90 % interval {_half(each['interval_half_width_n'])}"
-        )
-    lines.append(f"  interval from: {facts['interval_basis']}")
     for name in ("magnitude", "fx", "fy", "fz"):
         rmse = manifest["metrics"].get(f"{name}_rmse_n")
         if rmse is not None:

@@ -38,14 +38,14 @@ def needed_sessions(coverage: float = COVERAGE) -> int:
     return math.ceil(coverage / (1 - coverage) - 1e-9)
 
 
-def basis_of(sessions: int, held_out: bool) -> Basis:
-    """The basis with ``sessions`` sessions, whose residuals come from held-out sessions or from random folds.
+def basis_of(sessions: int, held_out: bool, drawn: str = "random folds") -> Basis:
+    """The basis with ``sessions`` sessions, whose residuals come from held-out sessions or from what was ``drawn``.
 
     >>> basis_of(4, True).text
     'frames of held-out sessions (4 sessions: too few for a guarantee on a new one)'
     """
     if not held_out:
-        return Basis(False, f"random folds of {'one session' if sessions == 1 else f'{sessions} sessions'}")
+        return Basis(False, f"{drawn} of {'one session' if sessions == 1 else f'{sessions} sessions'}")
     if sessions >= needed_sessions():
         return Basis(True, "whole sessions")
     return Basis(False, f"frames of held-out sessions ({sessions} sessions: too few for a guarantee on a new one)")
@@ -75,14 +75,15 @@ def interval_from(
     truth: FloatArray,
     session: npt.NDArray[np.str_],
     held_out: bool,
+    drawn: str = "random folds",
 ) -> Interval:
     """The intervals of a method that knows the components ``known`` (3,), or the magnitude alone where that is none.
 
     ``found`` and ``truth`` (n, t) newtons, ``wrong`` their difference, of samples of the ``session`` (n,) that
-    the method had not seen; ``held_out``: as whole sessions.
+    the method had not seen; ``held_out``: as whole sessions; else they were ``drawn``, which the basis says.
     """
     sessions = len(set(session.tolist()))
-    basis = basis_of(sessions, held_out)
+    basis = basis_of(sessions, held_out, drawn)
     half, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
     if known.any():
         axes = np.flatnonzero(known)

@@ -7,11 +7,12 @@ from pydantic import BaseModel
 
 from ..errors import InputError
 from ._base import Estimator
+from .networks import Dcfe
 from .svr import Svr
 
 __all__ = ["ESTIMATORS", "create", "method"]
 
-ESTIMATORS: dict[str, type[Estimator]] = {"svr": Svr}
+ESTIMATORS: dict[str, type[Estimator]] = {"svr": Svr, "dcfe": Dcfe}
 """What the command line calls each method -> its class."""
 
 

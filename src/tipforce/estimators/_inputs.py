@@ -1,7 +1,6 @@
 """From an observation to the numbers a regression works on: shape, then actuation."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,19 +8,12 @@ from ..errors import InputError
 from ..geometry import angle_matrix, arc_length, turning_angles
 from ..types import Context, FloatArray, Image, Observation, ShapeFeatures, Status
 from ..vision import NoFeatures, ShapeFeatureSettings, Vision, feature_names, in_session, shape_features
+from ._reading import Refusal, read_actuation, read_view
 from ._settings import AngleSettings, SvrSettings
 
-__all__ = ["Inputs", "Refusal", "angles_of_polynomial"]
+__all__ = ["Inputs", "angles_of_polynomial"]
 
 _CURVE_POINTS = 65
-
-
-@dataclass(frozen=True, slots=True)
-class Refusal:
-    """Why an observation yields no numbers."""
-
-    status: Status
-    detail: str
 
 
 class Inputs:
@@ -50,23 +42,14 @@ class Inputs:
 
     def read(self, observation: Observation) -> FloatArray | Refusal:
         """(k,) shape numbers and actuation, or why there are none."""
-        view = observation.views.get(self._view)
-        if view is None:
-            there = ", ".join(observation.views) or "none"
-            return Refusal(
-                Status.MISSING_INPUT, f"there is no view {self._view!r}, as vision.view says; there is {there}"
-            )
+        view = read_view(observation, self._view, "vision.view")
+        if isinstance(view, Refusal):
+            return view
         values = self._table(view) if isinstance(view, ShapeFeatures) else self._picture(view)
         if isinstance(values, Refusal):
             return values
-        row = np.empty(len(values) + len(self._actuation))
-        row[: len(values)] = values
-        for place, name in enumerate(self._actuation, len(values)):
-            value = observation.actuation.get(name)
-            if value is None or value != value:
-                return Refusal(Status.MISSING_INPUT, f"{name}, which this model was trained with, is absent; state it")
-            row[place] = value
-        return row
+        drives = read_actuation(observation, self._actuation)
+        return drives if isinstance(drives, Refusal) else np.concatenate([values, drives])
 
     def _picture(self, image: Image) -> FloatArray | Refusal:
         if self._vision is None:

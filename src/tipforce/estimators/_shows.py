@@ -42,4 +42,6 @@ def look_with(
 def view_of(estimator: Estimator) -> str:
     """Name of the view whose pictures ``estimator`` sees; the default of `VisionSettings` for one that states none."""
     vision = getattr(estimator.settings, "vision", None)
-    return vision.view if isinstance(vision, VisionSettings) else VisionSettings().view
+    if isinstance(vision, VisionSettings):
+        return vision.view
+    return str(getattr(estimator.settings, "view", VisionSettings().view))

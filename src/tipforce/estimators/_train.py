@@ -1,14 +1,17 @@
 """One training run: draw samples, hold some out, fit, measure."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..dataset import Dataset, draw, random_split
+from ..errors import InputError
 from ..types import FloatArray
 from ._base import Estimator, Progress
 from ._create import create
+from .networks import NetworkEstimator
 
 __all__ = ["Training", "train"]
 
@@ -29,22 +32,38 @@ def train(
     samples: int | None = None,
     holdout: float = 0.0,
     seed: int = 0,
+    start: Estimator | None = None,
+    folder: Path | None = None,
+    resume: bool = False,
     progress: Progress | None = None,
 ) -> Training:
     """Fit ``recipe`` on ``dataset``, or on ``samples`` drawn from it, less a random share ``holdout`` to measure on.
 
-    ``seed`` is that of drawing, holding out and, where its settings do not state their own, of the method. Raises
-    InputError as `draw`, `random_split` and `Estimator.fit` do.
+    ``seed`` is that of drawing, holding out and, where its settings do not state their own, of the method. ``start``,
+    ``folder`` and ``resume`` are for networks: see `NetworkEstimator.fit_from`. Raises InputError as `draw`,
+    `random_split` and `Estimator.fit` do, and where ``start`` is another method's.
     """
+    if start is not None and start.name != recipe.name:
+        raise InputError(
+            f"a {recipe.name} cannot begin with the weights of a {start.name}; name a model of its own kind"
+        )
     settings = recipe.settings
     if "seed" in type(settings).model_fields and "seed" not in settings.model_fields_set:
         recipe = create(recipe.name, settings.model_copy(update={"seed": seed}))
+
+    def fit(part: Dataset) -> Estimator:
+        fresh = recipe.unfitted()
+        if not isinstance(fresh, NetworkEstimator):
+            return fresh.fit(part, progress)
+        begin = start if isinstance(start, NetworkEstimator) else None
+        return fresh.fit_from(part, progress, start=begin, folder=folder, resume=resume)
+
     drawn = dataset if samples is None else draw(dataset, samples, seed)
     if not holdout:
-        return Training(recipe.unfitted().fit(drawn, progress), drawn, {})
+        return Training(fit(drawn), drawn, {})
     split = random_split(drawn, holdout, seed)
     part = drawn.subset(split.train)
-    fitted = recipe.unfitted().fit(part, progress)
+    fitted = fit(part)
     return Training(fitted, part, _measured(fitted, drawn.subset(split.test)))
 
 

@@ -11,7 +11,8 @@ import numpy.typing as npt
 from ..dataset import Dataset
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, IntArray, Observation
-from ._inputs import Inputs, Refusal
+from ._inputs import Inputs
+from ._reading import Refusal
 from ._settings import SvrSettings
 from ._window import Window
 

@@ -16,16 +16,19 @@ from ..dataset import Dataset
 from ..errors import InputError, ModelError, NotFittedError
 from ..types import BoolArray, Context, FloatArray, ForceEstimate, Image, Observation
 from ..vision import Sighting, settle
-from ._answers import Answers, Interval
+from ._answers import AXES, Answers, Interval
 from ._base import Estimator, Progress
 from ._conformal import interval_from
-from ._inputs import Inputs, Refusal
+from ._inputs import Inputs
 from ._machine import Constants, Machines, fit_machines
+from ._reading import Refusal, actuation_names
 from ._settings import SvrSettings
 from ._shows import look_with
+from ._svr_words import svr_words
 from ._training import Rows, gather_rows, warn_of_sizes
 from ._tuning import choose, make_folds, residuals, scaling_of
 from ._window import Window
+from ._words import Words
 
 __all__ = ["MIN_SAMPLES", "PARITY_N", "Svr"]
 
@@ -37,8 +40,6 @@ SETTLING_SAMPLES = 10
 
 PARITY_N = 1e-6
 """Answers may differ from scikit-learn's by less than this, or the model is not saved."""
-
-AXES = ("fx", "fy", "fz")
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ class Svr(Estimator):
         if count < MIN_SAMPLES:
             raise InputError(f"{dataset.title}: has {count} samples; training svr needs at least {MIN_SAMPLES}")
         settings = self._settled(dataset)
-        actuation = _actuation_names(settings, dataset)
+        actuation = actuation_names(settings.actuation, dataset)
         rows = gather_rows(settings, actuation, dataset, lambda share: report("seeing the catheter", 0.4 * share))
         if len(rows.features) < MIN_SAMPLES:
             raise InputError(
@@ -277,6 +278,11 @@ class Svr(Estimator):
             "parity_with_scikit_learn_n": fitted.machines.parity_n,
         }
 
+    @classmethod
+    def words(cls, facts: Mapping[str, Any]) -> Words:
+        """Constants, errors over the folds, intervals."""
+        return svr_words(facts)
+
 
 class SvrStream:
     """One session, frame after frame."""
@@ -299,15 +305,6 @@ class SvrStream:
 
 def _silent(what: str, share: float) -> None:
     del what, share
-
-
-def _actuation_names(settings: SvrSettings, dataset: Dataset) -> tuple[str, ...]:
-    names = tuple(dataset.actuation) if settings.actuation is None else settings.actuation
-    for name in names:
-        if name not in dataset.actuation:
-            there = ", ".join(dataset.actuation) or "none"
-            raise InputError(f"{dataset.title}: has no actuation {name!r}; it has {there}")
-    return names
 
 
 def _linear_weights(settings: SvrSettings, rows: Rows) -> FloatArray:

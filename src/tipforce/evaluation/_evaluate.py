@@ -23,9 +23,6 @@ __all__ = ["evaluate"]
 
 CONSTANT = Constant.name
 
-THESIS_SAMPLES = 220
-"""Method 1 of the thesis had so many; method 2 had 615."""
-
 
 def evaluate(
     dataset: Dataset,
@@ -45,7 +42,8 @@ def evaluate(
     """Train and score every candidate under every one of ``protocols`` (None: all that the data allow).
 
     ``every``: of each session every so many-th frame is taken; methods that remember still see those between.
-    ``samples``: as many are then drawn with ``seed``; under the protocol "thesis" from its sessions, 220 unless stated.
+    ``samples``: as many are then drawn with ``seed``; under the protocol "thesis" from its sessions, and unless
+    stated as many as the thesis has for the method (the most of any where there are several: all get the same).
     ``truth_n`` (len(dataset), 3): the twin's truth in the base frame; scores against it stand beside those against the
     sensor; ``bounds``, of ``dataset`` too: how close each method's error against the truth comes to the smallest
     possible. ``as_saved``: nothing is trained, saved models alone are scored. ``disturbed_frames``: each method, as
@@ -77,6 +75,7 @@ def evaluate(
         places = places_in(everything, dataset)
         truth_n, bounds = truth_n[places], None if bounds is None else bounds.at(places)
     contact = in_contact(dataset, truth_n)
+    thesis_samples = samples or max(candidate.recipe.thesis_samples for candidate in candidates)
     notes: list[str] = []
     plans: dict[Protocol, list[Split]] = {}
     refusals: dict[str, InputError] = {}
@@ -90,9 +89,7 @@ def evaluate(
 
     for protocol in () if as_saved else protocols or PROTOCOLS:
         try:
-            plans[protocol] = splits(
-                protocol, dataset, folds=folds, seed=seed, thesis_samples=samples or THESIS_SAMPLES
-            )
+            plans[protocol] = splits(protocol, dataset, folds=folds, seed=seed, thesis_samples=thesis_samples)
         except InputError as error:
             left_out(protocol, error)
             continue

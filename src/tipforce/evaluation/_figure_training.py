@@ -28,6 +28,8 @@ def training_log(estimator: Estimator) -> list[dict[str, Any]]:
     try:
         rows = [json.loads(line) for line in lines]
         for row in rows:
+            if row["validation_error_n"] is None:  # an epoch whose network answered without bounds
+                row["validation_error_n"] = math.inf
             for name in _NEEDED:
                 float(row[name])
     except (ValueError, KeyError, TypeError) as error:

@@ -4,6 +4,7 @@ from ._checkpoint import CHECKPOINT
 from ._export import export_graph, parity_n, weights_of
 from ._log import LOG, duration
 from ._loop import Learnt, Progress, learn
+from ._machine import require_torch
 from ._parts import Part, validation_part
 from ._recipe import Recipe
 from ._resnet import ResnetTask
@@ -26,6 +27,7 @@ __all__ = [
     "learn",
     "network_of",
     "parity_n",
+    "require_torch",
     "validation_part",
     "weights_in",
     "weights_of",

@@ -13,8 +13,11 @@ __all__ = ["Machine", "machine_for", "reproducible", "require_torch"]
 
 
 def require_torch() -> None:
-    """Raises MissingExtraError where torch or MONAI is not installed."""
-    for package in ("torch", "monai"):
+    """Raises MissingExtraError where something is not installed that training or what comes after it needs.
+
+    To be asked before any work is done.
+    """
+    for package in ("torch", "monai", "onnx", "onnxscript"):
         if importlib.util.find_spec(package) is None:
             raise MissingExtraError(package, extra="train")
 

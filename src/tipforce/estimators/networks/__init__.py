@@ -1,5 +1,8 @@
-"""Running trained networks, without what trained them."""
+"""Methods that are networks: trained by `learning`, run without what trained them."""
 
 from ._graph import Graph
+from ._network import NetworkEstimator
+from ._settings import DcfeSettings
+from .dcfe import Dcfe
 
-__all__ = ["Graph"]
+__all__ = ["Dcfe", "DcfeSettings", "Graph", "NetworkEstimator"]

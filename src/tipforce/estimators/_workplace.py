@@ -1,0 +1,60 @@
+"""Where a network's training stands while it runs, and what it begins with."""
+
+import shutil
+import warnings
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..errors import InputError
+from ..learning import CHECKPOINT
+from ._base import Estimator
+from .networks import NetworkEstimator
+from .store import load_model
+
+__all__ = ["check_start", "workplace"]
+
+
+def check_start(recipe: Estimator, start: str | None, *, resume: bool) -> Estimator | None:
+    """The model that training is to begin with: the folder ``start``, None where that is None.
+
+    Raises InputError where ``recipe`` is no network, or the model is of another method.
+    """
+    if (start is not None or resume) and not isinstance(recipe, NetworkEstimator):
+        option = "--resume" if resume else "--from"
+        raise InputError(f"{option} is for networks; {recipe.name} always learns from nothing, so leave it out")
+    if start is None:
+        return None
+    model = load_model(start)
+    if model.name != recipe.name:
+        raise InputError(f"--from {start}: is a {model.name}, and {recipe.name} cannot begin with its weights")
+    return model
+
+
+@contextmanager
+def workplace(recipe: Estimator, model: Path, *, resume: bool) -> Generator[Path | None]:
+    """The folder MODEL.training beside ``model``, for prepared pictures, checkpoint and log; None for other methods.
+
+    It goes when the block ends well. What ends it otherwise, a kill too, leaves it to be resumed once there is a
+    checkpoint. Raises InputError where it is there already and ``resume`` is False, or is not and it is True.
+    """
+    if not isinstance(recipe, NetworkEstimator):
+        yield None
+        return
+    folder = model.with_name(f"{model.name}.training")
+    if resume and not folder.is_dir():
+        raise InputError(f"there is nothing to resume: {folder} does not exist; leave out --resume")
+    if not resume and (folder / CHECKPOINT).is_file():
+        raise InputError(
+            f"{folder}: holds a training that was not finished; go on with it by --resume, or remove the folder"
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield folder
+    except BaseException:
+        if (folder / CHECKPOINT).is_file():
+            warnings.warn(f"{folder} keeps the training so far; go on with it by --resume", stacklevel=3)
+        else:
+            shutil.rmtree(folder)
+        raise
+    shutil.rmtree(folder)

@@ -1,0 +1,47 @@
+"""What a fitted network tells people."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from ...learning import duration
+from .._words import Words, half_width_text
+
+__all__ = ["network_words"]
+
+
+def network_words(facts: Mapping[str, Any]) -> Words:
+    """From the facts that `NetworkEstimator.describe` gives."""
+    actuation = facts["actuation"]
+    short = "whole pictures" + (f" and {', '.join(actuation)}" if actuation else "")
+    left_out = facts["samples_left_out"]
+    sees = f"Each frame's picture{' and ' + ', '.join(actuation) if actuation else ''}: {facts['network']}."
+    if left_out:
+        sees += f" {left_out} of the samples could not be read; they were left out."
+    budget = (
+        f"{facts['epochs_run']} of {facts['epochs_wanted']} epochs in {duration(facts['seconds'])} "
+        f"({facts['machine']}, {facts['precision']}): {facts['ended']}"
+    )
+    kept = f"{facts['validation_samples']} samples kept back ({facts['validation']})"
+    error = f"{facts['validation_error_n'] * 1e3:.1f} mN"
+    halves = {name: half_width_text(half) for name, half in facts["interval_half_width_n"].items()}
+    how_well = (
+        "| answers | 90 % interval |",
+        "|---|---|",
+        *(f"| {name} | {half} |" for name, half in halves.items()),
+        "",
+        (
+            f"Trained for {budget}. The best epoch was number {facts['best_epoch']}, with a mean error of {error} on "
+            f"{kept}; the course of every epoch is in `training.jsonl`."
+        ),
+    )
+    told = [f"{facts['network']}, {facts['parameters']:,} weights"]
+    if facts["started_from"] is not None:
+        new = f", but for {', '.join(facts['new_weights'])}" if facts["new_weights"] else ""
+        told.append(f"began with the weights of {facts['started_from']}{new}")
+    told += [f"{left_out} samples could not be read: left out"] if left_out else []
+    told += [
+        f"trained {budget}",
+        f"kept epoch {facts['best_epoch']}: mean error {error} on {kept}",
+        "90 % interval: " + ", ".join(f"{name} {half}" for name, half in halves.items()),
+    ]
+    return Words(sees, short, how_well, tuple(told))

@@ -1,0 +1,50 @@
+"""Method 2: the deep catheter force estimator, a ResNet-18 from the whole picture to the force (thesis ch. 4)."""
+
+from typing import ClassVar
+
+from ...learning import ResnetTask
+from ...types import Context, Observation, ShapeFeatures, Status
+from .._reading import Refusal, read_view
+from ._network import Arrays, NetworkEstimator, Reader
+from ._pictures import SIDE, whole_picture
+from ._prepared import Forms
+from ._settings import DcfeSettings
+
+__all__ = ["Dcfe"]
+
+
+class Dcfe(NetworkEstimator):
+    """Picture to Fx and Fy: 224 x 224 x 3, values 0..1 and nothing else; forces as they are, in newtons.
+
+    The picture's aspect is not kept, as in the thesis; grey ones are repeated in three channels. ``fitted_`` is None
+    before ``fit``.
+    """
+
+    name: ClassVar[str] = "dcfe"
+    settings_type = DcfeSettings
+    settings: DcfeSettings
+    thesis_samples: ClassVar[int] = 615
+
+    def forms(self, *, training: bool) -> Forms:
+        """The same in training and after."""
+        del training
+        return {"picture": ((SIDE, SIDE, 3), "uint8")}
+
+    def reader(self, context: Context, *, training: bool) -> Reader:
+        """The picture resized; nothing hangs on the session."""
+        del context, training
+        return self._read
+
+    def task(self, components: int, actuation: tuple[tuple[float, float], ...]) -> ResnetTask:
+        """Thesis fig. 29 and eq. (19)."""
+        return ResnetTask(components, actuation)
+
+    def _read(self, observation: Observation) -> Arrays | Refusal:
+        view = read_view(observation, self.settings.view, "view")
+        if isinstance(view, Refusal):
+            return view
+        if isinstance(view, ShapeFeatures):
+            return Refusal(
+                Status.MISSING_INPUT, "this method looks at pictures; these data are ready-made shape numbers"
+            )
+        return {"picture": whole_picture(view)}

@@ -1,0 +1,83 @@
+"""The verb train for a method that is a network: begun, cut off, gone on with."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+from typer.testing import CliRunner
+
+from tipforce.cli import app
+from tipforce.dataset import Dataset
+from tipforce.errors import InputError
+from tipforce.estimators import NetworkEstimator
+from tipforce.learning import _loop
+
+pytest.importorskip("torch", reason="training needs the extra [train]")
+pytest.importorskip("onnxscript", reason="training needs the extra [train]")
+
+OPTIONS = ["--estimator", "small", "--set", "batch=8", "--set", "rate=0.05", "--set", "precision=fp32"]
+
+
+@pytest.fixture
+def folder(shown: Any, tmp_path: Path) -> Path:
+    """The pictures as a dataset folder."""
+    data: Dataset = shown()
+    made = tmp_path / "pictures"
+    made.mkdir()
+    lines = ["file_name,session,stamp_ns,knob_deg,fx_n,fy_n"]
+    for place, observation in enumerate(data.observations()):
+        name = f"{place:03d}.png"
+        cv2.imwrite(str(made / name), observation.views["camera"])
+        cells = [name, data.session[place], place, data.actuation["knob_deg"][place], *data.force_n[place, :2]]
+        lines.append(",".join(str(cell) for cell in cells))
+    (made / "metadata.csv").write_text("\n".join(lines) + "\n")
+    return made
+
+
+def run(*words: object) -> Any:
+    return CliRunner().invoke(app, ["train", *map(str, words)], catch_exceptions=False)
+
+
+def test_a_training_that_was_cut_off_is_gone_on_with(
+    small: NetworkEstimator, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = [folder, *OPTIONS, "--set", "epochs=4", "--seed", "3", "-o"]
+    assert run(*words, tmp_path / "whole").exit_code == 0
+
+    line = _loop.progress_line
+
+    def stop(row: dict[str, Any], epochs: int) -> str:
+        if row["epoch"] == 2:
+            raise KeyboardInterrupt
+        return line(row, epochs)
+
+    work = tmp_path / "cut.training"
+    with monkeypatch.context() as patch:
+        patch.setattr(_loop, "progress_line", stop)
+        with pytest.warns(UserWarning, match="keeps the training so far; go on with it by --resume"):
+            assert run(*words, tmp_path / "cut").exit_code != 0
+    assert {"checkpoint.pt", "training.jsonl", "picture.npy", "prepared.json"} == {p.name for p in work.iterdir()}
+    with pytest.raises(InputError, match="holds a training that was not finished"):
+        run(*words, tmp_path / "cut")
+    result = run(*words, tmp_path / "cut", "--resume")
+    assert result.exit_code == 0
+    assert "4 of 4 epochs" in " ".join(result.output.split())
+    assert not work.exists()
+    models = [(tmp_path / name / "model.onnx").read_bytes() for name in ("whole", "cut")]
+    assert models[0] == models[1]
+    with pytest.raises(InputError, match="there is nothing to resume"):
+        run(*words, tmp_path / "other", "--resume")
+
+    result = run(*words, tmp_path / "more", "--set", "epochs=1", "--from", tmp_path / "cut")
+    assert "began with the weights of small" in result.output
+    with pytest.raises(InputError, match=r"--from is for networks; svr always learns from nothing"):
+        run(folder, "-o", tmp_path / "svr", "--from", tmp_path / "cut")
+    with pytest.raises(InputError, match=r"is a small, and dcfe cannot begin with its weights"):
+        run(folder, "--estimator", "dcfe", "-o", tmp_path / "dcfe", "--from", tmp_path / "cut")
+
+
+def test_a_training_that_cannot_begin_leaves_nothing(small: NetworkEstimator, folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no actuation 'wire_mm'"):
+        run(folder, *OPTIONS, "--set", 'actuation=["wire_mm"]', "-o", tmp_path / "m")
+    assert [path.name for path in tmp_path.iterdir()] == ["pictures"]

@@ -1,0 +1,61 @@
+"""Method 2 whole: trained, exported, saved, loaded. Minutes on a laptop's processor."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tipforce.dataset import Dataset
+from tipforce.estimators import create, load_model, save_model
+from tipforce.types import Context, Observation
+
+pytestmark = pytest.mark.slow
+pytest.importorskip("torch", reason="training needs the extra [train]")
+pytest.importorskip("monai", reason="training needs the extra [train]")
+
+COUNT = 160
+
+
+class Squares:
+    def __init__(self, force: np.ndarray) -> None:
+        self.force = force
+
+    def read(self, rows: np.ndarray) -> Iterator[Observation]:
+        for row in rows.tolist():
+            picture = np.random.default_rng(row).integers(90, 110, (120, 160), dtype=np.uint8)
+            x, y = self.force[row, :2]
+            picture[round(50 + 200 * y) : round(70 + 200 * y), round(70 + 300 * x) : round(90 + 300 * x)] = 250
+            yield Observation(row, {"camera": picture}, {})
+
+
+def squares() -> Dataset:
+    force = np.full((COUNT, 3), np.nan)
+    force[:, :2] = np.random.default_rng(0).uniform(-0.2, 0.2, (COUNT, 2))
+    return Dataset(
+        store=Squares(force),
+        session=np.repeat(["s0", "s1"], COUNT // 2),
+        stamp_ns=np.arange(COUNT),
+        actuation={},
+        force_n=force,
+        known=np.array([True, True, False]),
+        names=np.array([f"{place}.png" for place in range(COUNT)]),
+        contexts={name: Context(session=name) for name in ("s0", "s1")},
+        rows=np.arange(COUNT),
+        title="squares",
+    )
+
+
+@pytest.mark.parametrize("precision", ["fp32", "auto"])
+def test_dcfe_learns_and_its_folder_answers_the_same(tmp_path: Path, precision: str) -> None:
+    data = squares()
+    part, rest = data.subset(np.arange(COUNT) % 4 > 0), data.subset(np.arange(COUNT) % 4 == 0)
+    dcfe = create("dcfe", {"epochs": 12, "schedule": "cosine", "precision": precision}).fit(part)
+    loaded = load_model(save_model(dcfe, tmp_path / "dcfe", part))
+    found, again = (np.array([answer.force_n[:2] for answer in each.predict(rest)]) for each in (dcfe, loaded))
+    assert np.array_equal(found, again)
+    rms_n = float(np.sqrt(np.mean((found - rest.force_n[:, :2]) ** 2)))
+    print(f"dcfe, {precision}: RMS {rms_n * 1e3:.1f} mN of {dcfe.describe()}")
+    assert rms_n < 0.06  # 0.115 N by always answering the mean
+    assert dcfe.describe()["parameters"] == 11_177_538
+    assert (tmp_path / "dcfe" / "model.onnx").stat().st_size < 24e6
