@@ -13,7 +13,7 @@ __all__ = ["command"]
 
 
 def command(
-    model: Annotated[Path, typer.Argument(help="A model folder, as `tipforce train` writes it.")],
+    model: Annotated[Path, typer.Argument(help="A model folder, as `tipforce train` writes it, or pretrained/NAME.")],
     frames: Annotated[Path, typer.Argument(metavar="VIDEO|FOLDER|RUN.MCAP", help="The pictures.")],
     output: Annotated[
         str, typer.Option("-o", "--output", metavar="FILE", help="The table; - is standard output.")
@@ -35,8 +35,12 @@ def command(
 
     Cells are empty where a value is unknown; a frame without an answer has a status and a reason, never an old number.
 
+    pretrained/NAME is a model that comes with this program; a name that is none tells which there are.
+
     Example:
         tipforce estimate models/svr video.mp4 --knob-deg 10 -o forces.csv --overlay out.mp4
+
+        tipforce estimate pretrained/compact video.mp4 -o forces.csv
     """
     from ..errors import InputError
     from ..estimators import load_model, write_estimates

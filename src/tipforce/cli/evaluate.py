@@ -22,7 +22,10 @@ DISTURBED_FRAMES = 500
 
 def command(
     models: Annotated[
-        list[str], typer.Argument(metavar="MODEL...", help="Folders of saved models, or names of methods such as svr.")
+        list[str],
+        typer.Argument(
+            metavar="MODEL...", help="Folders of saved models, pretrained/NAME, or names of methods such as svr."
+        ),
     ],
     data: Annotated[Path, typer.Option("--data", help="Recordings, a dataset folder, or a published layout.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for report.html, metrics.json and figures.")],

@@ -28,7 +28,9 @@ def command(
     start: Annotated[
         str | None,
         typer.Option(
-            "--from", metavar="FOLDER", help="Networks: begin with the weights of this model instead of random ones."
+            "--from",
+            metavar="MODEL",
+            help="Networks: begin with the weights of this model (a folder, or pretrained/NAME), not random ones.",
         ),
     ] = None,
     resume: Annotated[

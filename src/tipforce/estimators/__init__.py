@@ -5,13 +5,14 @@ from ._card import training_lines
 from ._conformal import COVERAGE
 from ._create import ESTIMATORS, create, method
 from ._onnx import export_onnx
+from ._pretrained import located, pretrained_names
 from ._run import RunReport, write_estimates
 from ._settings import AngleSettings, SvrSettings, WindowSettings
 from ._shows import ShowsShape, view_of
 from ._train import Training, train
 from ._workplace import check_start, workplace
 from .networks import Dcfe, DcfeSettings, NetworkEstimator
-from .store import FORMAT_VERSION, check_target, load_model, read_manifest, save_model
+from .store import FORMAT_VERSION, check_target, load_model, load_pretrained, read_manifest, save_model
 from .svr import Svr
 
 __all__ = [
@@ -36,7 +37,10 @@ __all__ = [
     "create",
     "export_onnx",
     "load_model",
+    "load_pretrained",
+    "located",
     "method",
+    "pretrained_names",
     "read_manifest",
     "save_model",
     "train",

@@ -22,8 +22,9 @@ from ..errors import InputError, ModelError
 from ._base import Estimator
 from ._card import model_card
 from ._create import ESTIMATORS
+from ._pretrained import located, pretrained_folder
 
-__all__ = ["FORMAT_VERSION", "check_target", "load_model", "read_manifest", "save_model"]
+__all__ = ["FORMAT_VERSION", "check_target", "load_model", "load_pretrained", "read_manifest", "save_model"]
 
 FORMAT_VERSION = 1
 """Grows when an older program could not read a newer model."""
@@ -108,8 +109,11 @@ def _manifest(
 
 
 def load_model(folder: str | Path) -> Estimator:
-    """The estimator in ``folder``. Raises ModelError for a missing or altered file, a newer model, another method."""
-    folder = Path(folder)
+    """The estimator in ``folder``, which may be the word ``pretrained/NAME``.
+
+    Raises ModelError for a missing or altered file, a newer model, another method.
+    """
+    folder = located(folder)
     manifest = read_manifest(folder)
     contents = {name: _checked(folder, name, expected) for name, expected in manifest["sha256"].items()}
     files = {name: data for name, data in contents.items() if _is_own(name)}
@@ -125,6 +129,11 @@ def load_model(folder: str | Path) -> Estimator:
         ) from None
     except ModelError as error:
         raise ModelError(f"{folder}: {error}") from None
+
+
+def load_pretrained(name: str) -> Estimator:
+    """A model that comes with this program. Raises ModelError for a name that is none."""
+    return load_model(pretrained_folder(name))
 
 
 def _checked(folder: Path, name: str, expected: str) -> bytes:
@@ -146,11 +155,12 @@ def _is_own(name: str) -> bool:
 
 
 def read_manifest(folder: str | Path) -> dict[str, Any]:
-    """What ``model.json`` says.
+    """What ``model.json`` of ``folder``, or of ``pretrained/NAME``, says.
 
     Raises ModelError for a missing, unreadable, altered or newer one, or an unknown method.
     """
-    path = Path(folder) / MANIFEST
+    folder = located(folder)
+    path = folder / MANIFEST
     if not path.is_file():
         raise ModelError(f"{folder}: is no model folder, there is no {MANIFEST}; make one with `tipforce train`")
     try:

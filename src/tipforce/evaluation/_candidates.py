@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 from ..dataset import Dataset
 from ..errors import InputError
-from ..estimators import ESTIMATORS, create, load_model, read_manifest
+from ..estimators import ESTIMATORS, create, load_model, located, read_manifest
 from ..types import FloatArray, IntArray
 from ._evaluation import Candidate
 from ._stamps import values_at
@@ -17,14 +17,14 @@ __all__ = ["candidates_from", "truth_at"]
 
 
 def candidates_from(models: Sequence[str], settings: Mapping[str, BaseModel] | None = None) -> list[Candidate]:
-    """A candidate for each of ``models``: a folder of a saved model, or the name of a method.
+    """A candidate for each of ``models``: a folder of a saved model, ``pretrained/NAME``, or the name of a method.
 
     ``settings``: method -> its settings, default where it is absent; a saved model keeps its own. Raises InputError
     for what is neither, and ModelError for a folder that is no whole model.
     """
     made: list[Candidate] = []
     for model in models:
-        if Path(model).is_dir():
+        if located(model).is_dir():
             made.append(_saved(model))
         elif model in ESTIMATORS:
             made.append(Candidate(model, create(model, (settings or {}).get(model))))
@@ -54,7 +54,7 @@ def _saved(folder: str) -> Candidate:
     fitted = load_model(folder)
     training = read_manifest(folder).get("training", {})
     return Candidate(
-        label=Path(folder).resolve().name,
+        label=Path(folder).resolve().name if Path(folder).exists() else folder,
         recipe=fitted.unfitted(),
         saved=fitted,
         trained_sessions=frozenset(training.get("sessions", ())),

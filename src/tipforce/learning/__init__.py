@@ -6,6 +6,7 @@ from ._log import LOG, duration
 from ._loop import Learnt, Progress, learn
 from ._machine import require_torch
 from ._parts import Part, validation_part
+from ._quantise import LARGEST_GROWTH, error_growth, quantise
 from ._recipe import Recipe
 from ._resnet import ResnetTask
 from ._samples import Samples
@@ -14,6 +15,7 @@ from ._weights import network_of, weights_in
 
 __all__ = [
     "CHECKPOINT",
+    "LARGEST_GROWTH",
     "LOG",
     "Learnt",
     "Part",
@@ -23,10 +25,12 @@ __all__ = [
     "Samples",
     "Task",
     "duration",
+    "error_growth",
     "export_graph",
     "learn",
     "network_of",
     "parity_n",
+    "quantise",
     "require_torch",
     "validation_part",
     "weights_in",

@@ -46,7 +46,7 @@ def export_graph(
     """
     torch, onnx = package("torch"), package("onnx")
     optimizer = package("onnxscript.optimizer")
-    frozen = copy.deepcopy(network).cpu().float().eval()
+    frozen = _with_plain_means(copy.deepcopy(network).cpu().float().eval())
     kinds = {"uint8": torch.uint8, "float32": torch.float32}
     # two samples: a batch of one would be taken for a constant
     examples = {name: torch.ones((2, *shape), dtype=kinds[kind]) for name, (shape, kind) in inputs.items()}
@@ -100,6 +100,21 @@ def parity_n(
         answer: Any = frozen(**{name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in batch.items()})
     wanted: Tensor = answer[output] if isinstance(answer, Mapping) else _listed(answer)[names.index(output)]
     return float(np.max(np.abs(found - wanted.double().numpy()), initial=0.0))
+
+
+def _with_plain_means(network: "nn.Module") -> "nn.Module":
+    """Pooling to one pixel said as a mean: of pictures with channels last, torch exports it with a gather behind."""
+    torch = package("torch")
+
+    class Mean(torch.nn.Module):
+        def forward(self, x: Any) -> Any:
+            return x.mean((2, 3), keepdim=True)
+
+    for module in list(network.modules()):
+        for name, child in list(module.named_children()):
+            if isinstance(child, torch.nn.AdaptiveAvgPool2d) and child.output_size in (1, (1, 1)):
+                setattr(module, name, Mean())
+    return network
 
 
 def plain(model: Any) -> None:

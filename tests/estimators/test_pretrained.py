@@ -1,0 +1,78 @@
+"""Models that come with the program: found by a word, whole, small, each with its card."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from tipforce.cli import app
+from tipforce.dataset import Dataset
+from tipforce.errors import ModelError
+from tipforce.estimators import (
+    _pretrained,
+    create,
+    load_model,
+    load_pretrained,
+    located,
+    pretrained_names,
+    read_manifest,
+    save_model,
+)
+from tipforce.evaluation import candidates_from
+
+QUICK = {"c": (10.0,), "epsilon": (0.01,), "sigma": (1.0,), "force": "components"}
+MOST_BYTES = 30_000_000
+
+
+@pytest.fixture
+def stand_in(world: Callable[..., Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A small model where the pretrained ones lie."""
+    monkeypatch.setattr(_pretrained, "PRETRAINED", tmp_path / "package" / "pretrained")
+    data = world(2, 30)
+    return save_model(create("svr", QUICK).fit(data), tmp_path / "package" / "pretrained" / "stand-in", data)
+
+
+def test_a_word_names_a_model_wherever_a_folder_does(stand_in: Path, tmp_path: Path) -> None:
+    assert pretrained_names() == ("stand-in",)
+    assert located("pretrained/stand-in") == stand_in
+    wanted = load_model(stand_in).describe()
+    assert load_model("pretrained/stand-in").describe() == load_pretrained("stand-in").describe() == wanted
+    assert read_manifest("pretrained/stand-in")["method"] == "svr"
+    judged, method = candidates_from(["pretrained/stand-in", "svr"])
+    assert (judged.label, method.label) == ("pretrained/stand-in", "svr")
+    assert judged.trained_sessions == {"s0", "s1"}
+
+
+def test_a_folder_of_that_name_comes_first(stand_in: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = tmp_path / "here" / "pretrained" / "stand-in"
+    own.mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "here")
+    assert located("pretrained/stand-in") == Path("pretrained/stand-in")
+    with pytest.raises(ModelError, match=r"is no model folder"):
+        load_model("pretrained/stand-in")
+    assert load_pretrained("stand-in").name == "svr"
+
+
+def test_a_name_that_is_none_tells_which_there_are(stand_in: Path, tmp_path: Path) -> None:
+    for ask in (load_pretrained, lambda name: load_model(f"pretrained/{name}"), lambda n: located(f"pretrained/{n}")):
+        with pytest.raises(ModelError, match=r"pretrained/none: no such model .*; there are: pretrained/stand-in$"):
+            ask("none")
+    result = CliRunner().invoke(app, ["estimate", "pretrained/none", str(tmp_path / "video.mp4")])
+    assert isinstance(result.exception, ModelError)
+
+
+def test_models_that_come_with_the_program_are_whole_small_and_described() -> None:
+    assert sorted(path.name for path in _pretrained.PRETRAINED.glob("[!_.]*")) == list(pretrained_names())
+    for name in pretrained_names():
+        folder = located(f"pretrained/{name}")
+        manifest = read_manifest(folder)
+        assert load_pretrained(name).name == manifest["method"]
+        assert sorted(path.name for path in folder.iterdir()) == sorted(manifest["sha256"]), "nothing else beside it"
+        card = (folder / "README.md").read_text(encoding="utf-8")
+        assert "Research use only" in card
+        assert manifest["training"]["title"] in card
+        assert "/tmp" not in json.dumps(manifest)
+    total = sum(path.stat().st_size for path in _pretrained.PRETRAINED.rglob("*") if path.is_file())
+    assert total <= MOST_BYTES
