@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -52,6 +53,21 @@ def test_common_facts_reach_every_context(make_folder: Make) -> None:
 
 def same(a: Dataset, b: Dataset) -> bool:
     return a.fingerprint() == b.fingerprint() and dict(a.contexts) == dict(b.contexts) and a.title == b.title
+
+
+def test_masks_stand_beside_the_images_and_are_no_part_of_an_observation(make_folder: Make) -> None:
+    folder = make_folder(sessions=1, frames=2)
+    (folder / "masks").mkdir()
+    drawn = np.zeros((12, 16), np.uint8)
+    drawn[6] = 255
+    (folder / "masks" / "0_1.png").write_bytes(cv2.imencode(".png", drawn)[1].tobytes())
+    data = open_dataset(folder)
+    first, second = data.masks("camera")
+    assert first is None
+    assert np.array_equal(second, drawn)  # type: ignore[arg-type]
+    assert not data.has_masks("camera")
+    assert data.subset(np.array([1])).has_masks("camera")
+    assert all(set(each.views) == {"camera"} for each in data.observations())
 
 
 def test_what_is_written_reads_back_the_same(make_folder: Make, tmp_path: Path) -> None:

@@ -143,7 +143,7 @@ class Small(NetworkEstimator):
         return {"picture": ((32, 32, 3), "uint8")}
 
     def reader(self, context: Context, *, training: bool) -> Any:
-        def read(observation: Observation) -> Any:
+        def read(observation: Observation, mask: Any = None) -> Any:
             view = observation.views.get("camera")
             if view is None:
                 return _network.Refusal(Status.NO_CATHETER, "nothing was filmed")
@@ -151,8 +151,8 @@ class Small(NetworkEstimator):
 
         return read
 
-    def task(self, components: int, actuation: tuple[Any, ...]) -> SmallTask:
-        return SmallTask(components, actuation)
+    def task(self, known: np.ndarray, in_base: bool, actuation: tuple[Any, ...]) -> SmallTask:
+        return SmallTask(int(known.sum()), actuation)
 
 
 QUICK = DcfeSettings(epochs=12, batch=8, rate=0.05, schedule="constant", precision="fp32", validation=0.2)

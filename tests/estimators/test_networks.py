@@ -106,12 +106,14 @@ def test_actuation_and_samples_that_cannot_be_read(small: NetworkEstimator, show
 def test_what_is_prepared_is_kept_and_not_made_again(shown: Make, tmp_path: Path) -> None:
     data = shown(unseen=(1,))
 
-    def read(_: str, observation: Observation) -> Any:
+    def read(_: str, observation: Observation, mask: Any) -> Any:
         view = observation.views.get("camera")
         return _network.Refusal(Status.NO_CATHETER, "dark") if view is None else {"corner": view[:2, :3]}
 
     def made(key: str, part: Dataset) -> Any:
-        return prepare(part, {"corner": ((2, 3), "uint8")}, read, tmp_path, key, part.names, lambda _: None)
+        return prepare(
+            part, [None] * len(part), {"corner": ((2, 3), "uint8")}, read, tmp_path, key, part.names, lambda _: None
+        )
 
     first = made("a", data)
     assert data.store.reads == 72

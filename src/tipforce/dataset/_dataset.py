@@ -3,12 +3,13 @@
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Protocol, TypeVar
+from itertools import repeat
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
-from ..types import BoolArray, Context, FloatArray, IntArray, Observation
+from ..types import BoolArray, Context, FloatArray, Image, IntArray, Observation
 
 __all__ = ["Dataset", "RowStore"]
 
@@ -20,6 +21,19 @@ class RowStore(Protocol):
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
         """The observations of ``rows`` (m,), in the order given."""
+        ...
+
+
+@runtime_checkable
+class HasMasks(Protocol):
+    """A store that also knows where the catheter is in its pictures."""
+
+    def has_masks(self, rows: IntArray, view: str) -> bool:
+        """Whether there is one of every one of ``rows``."""
+        ...
+
+    def masks(self, rows: IntArray, view: str) -> Iterator[Image | None]:
+        """(h, w), not 0 on the catheter, of each of ``rows``; None where nobody drew it."""
         ...
 
 
@@ -82,6 +96,17 @@ class Dataset:
     def observations(self) -> Iterator[Observation]:
         """The observations, one a sample, read as they are asked for."""
         return self.store.read(self.rows)
+
+    def has_masks(self, view: str) -> bool:
+        """Whether somebody drew where the catheter is in every one of the samples' pictures of ``view``."""
+        return isinstance(self.store, HasMasks) and self.store.has_masks(self.rows, view)
+
+    def masks(self, view: str) -> Iterator[Image | None]:
+        """Where the catheter is in each sample's picture of ``view``: (h, w), not 0 on it; None where nobody drew it.
+
+        To train on only: no observation holds it.
+        """
+        return self.store.masks(self.rows, view) if isinstance(self.store, HasMasks) else repeat(None, len(self))
 
     def derive(self, key: str, see: Callable[[Observation], T]) -> list[T]:
         """``see`` of every observation; what was derived under ``key`` before is not derived again."""

@@ -3,7 +3,8 @@
 ``metadata.csv``: ``file_name`` (with several views ``VIEW_file_name`` for each; or columns ``shape_NAME`` with
 ready-made shape numbers), ``stamp_ns``, ``fx_n``, ``fy_n``, ``fz_n`` (at least one), ``session`` (default: the folder
 is one), any ``NAME_UNIT`` as actuation (an empty cell: no reading); columns ``note`` and ``note_...`` are not read.
-``dataset.json`` (optional): `FolderFacts`.
+``dataset.json`` (optional): `FolderFacts`. ``masks/`` (optional): where the catheter is in each picture, to train
+on.
 """
 
 from collections.abc import Mapping
@@ -23,6 +24,7 @@ __all__ = ["FILE", "METADATA", "open_folder"]
 
 METADATA = "metadata.csv"
 FILE = "file_name"
+MASKS = "masks"
 
 
 def open_folder(folder: Path) -> Dataset:
@@ -41,7 +43,7 @@ def open_folder(folder: Path) -> Dataset:
             store = ShapeTable(stamps, actuation, names, values, view=facts.view)
             return store, {facts.view: [table.place(row) for row in range(len(table))]}
         paths = {facts.view if name == FILE else name.removesuffix(f"_{FILE}"): table.text(name) for name in files}
-        return ImageFiles(stamps, actuation, _found(folder, table, paths)), paths
+        return ImageFiles(stamps, actuation, _found(folder, table, paths), _masks(folder, paths)), paths
 
     return dataset_of(table, facts, folder.resolve().name, [*files, *shapes], stored)
 
@@ -53,3 +55,13 @@ def _found(folder: Path, table: CsvTable, files: Mapping[str, list[str]]) -> dic
             if not path.is_file():
                 raise FileFormatError(f"{table.path}, {table.place(row)}: there is no image {path}")
     return paths
+
+
+def _masks(folder: Path, files: Mapping[str, list[str]]) -> dict[str, tuple[Path, ...]]:
+    """``masks/SESSION/FRAME.png`` for ``images/SESSION/FRAME.jpg``, where there is a folder of that name."""
+    if not (folder / MASKS).is_dir():
+        return {}
+    return {
+        view: tuple((folder / MASKS).joinpath(*Path(name).parts[1:]).with_suffix(".png") for name in names)
+        for view, names in files.items()
+    }

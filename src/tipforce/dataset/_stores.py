@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -57,9 +57,21 @@ class _RowByRow(Table, ABC):
 
 @dataclass(frozen=True, eq=False)
 class ImageFiles(_RowByRow):
-    """Images in files: ``paths``: view -> (n,)."""
+    """Images in files: ``paths``: view -> (n,); ``mask_paths``, where somebody drew them: view -> (n,)."""
 
     paths: Mapping[str, tuple[Path, ...]]
+    mask_paths: Mapping[str, tuple[Path, ...]] = field(default_factory=dict[str, tuple[Path, ...]])
+
+    def has_masks(self, rows: IntArray, view: str) -> bool:
+        """Whether there is a file of every one of ``rows``."""
+        paths = self.mask_paths.get(view)
+        return paths is not None and all(paths[row].is_file() for row in rows.tolist())
+
+    def masks(self, rows: IntArray, view: str) -> Iterator[Image | None]:
+        """(h, w), not 0 on the catheter, of each of ``rows``; None where there is no file of it."""
+        paths = self.mask_paths.get(view)
+        for row in rows.tolist():
+            yield None if paths is None or not paths[row].is_file() else read_image(paths[row])
 
     def _views(self, row: int) -> Mapping[str, View]:
         return {view: read_image(paths[row]) for view, paths in self.paths.items()}

@@ -11,7 +11,7 @@ from ._settings import AngleSettings, SvrSettings, WindowSettings
 from ._shows import ShowsShape, view_of
 from ._train import Training, train
 from ._workplace import check_start, workplace
-from .networks import Dcfe, DcfeSettings, NetworkEstimator
+from .networks import Compact, CompactSettings, Dcfe, DcfeSettings, NetworkEstimator
 from .store import FORMAT_VERSION, check_target, load_model, load_pretrained, read_manifest, save_model
 from .svr import Svr
 
@@ -20,6 +20,8 @@ __all__ = [
     "ESTIMATORS",
     "FORMAT_VERSION",
     "AngleSettings",
+    "Compact",
+    "CompactSettings",
     "Dcfe",
     "DcfeSettings",
     "Estimator",

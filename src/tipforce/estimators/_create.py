@@ -7,12 +7,12 @@ from pydantic import BaseModel
 
 from ..errors import InputError
 from ._base import Estimator
-from .networks import Dcfe
+from .networks import Compact, Dcfe
 from .svr import Svr
 
 __all__ = ["ESTIMATORS", "create", "method"]
 
-ESTIMATORS: dict[str, type[Estimator]] = {"svr": Svr, "dcfe": Dcfe}
+ESTIMATORS: dict[str, type[Estimator]] = {"svr": Svr, "dcfe": Dcfe, "compact": Compact}
 """What the command line calls each method -> its class."""
 
 

@@ -1,6 +1,9 @@
 """Training of networks on arrays: the only room that knows torch, which it imports when it is used."""
 
+from ._augment import Augmentation
 from ._checkpoint import CHECKPOINT
+from ._compact import COMPACT_UNIT_N, CompactTask
+from ._compact_network import COMPACT_OUTPUTS
 from ._export import export_graph, parity_n, weights_of
 from ._log import LOG, duration
 from ._loop import Learnt, Progress, learn
@@ -15,8 +18,12 @@ from ._weights import network_of, weights_in
 
 __all__ = [
     "CHECKPOINT",
+    "COMPACT_OUTPUTS",
+    "COMPACT_UNIT_N",
     "LARGEST_GROWTH",
     "LOG",
+    "Augmentation",
+    "CompactTask",
     "Learnt",
     "Part",
     "Progress",

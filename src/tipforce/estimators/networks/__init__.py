@@ -2,7 +2,8 @@
 
 from ._graph import Graph
 from ._network import NetworkEstimator
-from ._settings import DcfeSettings
+from ._settings import CompactSettings, DcfeSettings
+from .compact import Compact
 from .dcfe import Dcfe
 
-__all__ = ["Dcfe", "DcfeSettings", "Graph", "NetworkEstimator"]
+__all__ = ["Compact", "CompactSettings", "Dcfe", "DcfeSettings", "Graph", "NetworkEstimator"]

@@ -5,8 +5,9 @@ import json
 import math
 import tempfile
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import repeat
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -18,7 +19,6 @@ from ...errors import InputError, ModelError, NotFittedError
 from ...learning import (
     LOG,
     Recipe,
-    Samples,
     Task,
     export_graph,
     learn,
@@ -28,17 +28,27 @@ from ...learning import (
     validation_part,
     weights_of,
 )
-from ...types import BoolArray, Context, FloatArray, ForceEstimate, Observation
+from ...types import BoolArray, Context, FloatArray, ForceEstimate, Image, Observation
 from .._answers import AXES, Answers, Interval
 from .._base import Estimator, Progress
 from .._conformal import interval_from
-from .._reading import Refusal, actuation_names, read_actuation
+from .._reading import Refusal, actuation_names
 from .._words import Words
+from ._arrays import (
+    Arrays,
+    Reader,
+    actuation_form,
+    components_of,
+    outputs_of,
+    read_one,
+    samples_of,
+    spread_of,
+)
 from ._graph import Graph
-from ._prepared import Forms, Prepared, prepare
+from ._prepared import Form, Forms, Prepared, prepare
 from ._words import network_words
 
-__all__ = ["MIN_SAMPLES", "PARITY_N", "NetworkEstimator", "Reader"]
+__all__ = ["MIN_SAMPLES", "PARITY_N", "NetworkEstimator"]
 
 MIN_SAMPLES = 20
 """Fewer samples cannot be trained and validated on."""
@@ -51,12 +61,6 @@ MODEL = "model.onnx"
 
 COMPARED = 8
 """So many samples' answers are compared."""
-
-Arrays = dict[str, npt.NDArray[Any]]
-
-
-Reader = Callable[[Observation], Arrays | Refusal]
-"""Makes the network's inputs, all but the actuation, of the observations of one session."""
 
 Answering = Callable[[int, Mapping[str, npt.NDArray[Any]]], ForceEstimate]
 """Makes an estimate of a stamp and what the graph returned for one sample, (1, ...) each."""
@@ -71,6 +75,7 @@ class _Fitted:
     graph: Graph
     data: bytes
     log: bytes
+    own: Arrays
     interval: Interval
     facts: dict[str, Any]
 
@@ -98,8 +103,26 @@ class NetworkEstimator(Estimator):
         """Makes those of the observations of one session."""
 
     @abstractmethod
-    def task(self, components: int, actuation: tuple[tuple[float, float], ...]) -> Task:
-        """What is trained; ``actuation``: mean and deviation of each actuation value."""
+    def task(self, known: BoolArray, in_base: bool, actuation: tuple[tuple[float, float], ...]) -> Task:
+        """What is trained: the components ``known`` (3,) of forces, which may be ``in_base``, the base frame.
+
+        ``actuation``: mean and deviation of each actuation value.
+        """
+
+    def settle(self, dataset: Dataset) -> None:
+        """Decide what the settings leave open."""
+
+    def mask_form(self) -> Form | None:
+        """Shape and dtype of the "heat" that `reader` makes of masks; None for a method that has no use for them."""
+        return None
+
+    def own_arrays(self, taught: Arrays, kept: Arrays, *, masks: bool) -> Arrays:
+        """What a method keeps beside its graph, of what that returned for samples trained on and for samples kept back.
+
+        ``masks``: whether it was taught where the catheter is.
+        """
+        del taught, kept, masks
+        return {}
 
     @property
     def needed_actuation(self) -> tuple[str, ...]:
@@ -135,44 +158,51 @@ class NetworkEstimator(Estimator):
             raise InputError(
                 f"{dataset.title}: has {len(dataset)} samples; training {self.name} needs at least {MIN_SAMPLES}"
             )
-        known = _components(dataset, self.settings.components, self.name)
+        self.settle(dataset)
+        known = components_of(dataset, self.settings.components, self.name)
         names = actuation_names(self.settings.actuation, dataset)
         with contextlib.ExitStack() as stack:
             place = folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tipforce-")))
             prepared = self._prepared(dataset, names, place, lambda share: report("preparing pictures", 0.1 * share))
-            samples = _samples(dataset, prepared, known)
+            samples = samples_of(dataset, prepared, known)
             part = validation_part(samples.session, self.settings)
-            task = self.task(int(known.sum()), _spread(samples.inputs.get("actuation")))
+            in_base = all(each.notes.get("force_frame", "base") == "base" for each in dataset.contexts.values())
+            task = self.task(known, in_base, spread_of(samples.inputs.get("actuation")))
             learnt = learn(
                 task, samples, part, self.settings,
                 start=None if start is None else weights_of(start.files()[MODEL]),
                 folder=folder, resume=resume,
                 progress=lambda what, share: report(what, 0.1 + 0.85 * share),
             )  # fmt: skip
-            kept, left_out = prepared.kept, len(dataset) - len(prepared.kept)
+            report("exporting", 0.95)
+            network, kept = network_of(task, learnt.weights), prepared.kept
+            inputs = {**self.forms(training=False), **actuation_form(names)}
+            noted = {"method": self.name, "components": ", ".join(np.array(AXES)[known])}
+            data = export_graph(network, inputs, self.outputs, noted)
+            compared = task.batch(samples, part.validate[:COMPARED], None)
+            deviation_n = parity_n(data, network, {name: compared[name] for name in task.inputs})
+            if not deviation_n < PARITY_N:
+                raise ModelError(
+                    f"the exported graph differs from the trained network by up to {deviation_n:.2g} N, more than "
+                    f"{PARITY_N:g} N: there is no model; train it with a smaller rate"
+                )
+            graph = Graph(data, MODEL)
+            taught, not_taught = (outputs_of(graph, task, samples, index) for index in (part.train, part.validate))
+            own = self.own_arrays(taught, not_taught, masks=samples.heat is not None or start is not None)
             del prepared, samples  # before the files they are maps of
-        report("exporting", 0.95)
-        network, held_out = network_of(task, learnt.weights), dataset.subset(kept[part.validate])
-        inputs = {**self.forms(training=False), **_actuation_form(names)}
-        noted = {"method": self.name, "components": ", ".join(np.array(AXES)[known])}
-        data = export_graph(network, inputs, self.outputs, noted)
-        deviation_n = parity_n(data, network, self._inputs(held_out.subset(np.arange(len(held_out))[:COMPARED]), names))
-        if not deviation_n < PARITY_N:
-            raise ModelError(
-                f"the exported graph differs from the trained network by up to {deviation_n:.2g} N, more than "
-                f"{PARITY_N:g} N: there is no model; train it with a smaller rate"
-            )
+        held_out = dataset.subset(kept[part.validate])
         self.fitted_ = _Fitted(
             actuation=names,
             known=known,
-            graph=Graph(data, MODEL),
+            graph=graph,
             data=data,
+            own=own,
             log="".join(json.dumps(row) + "\n" for row in learnt.rows).encode(),
             interval=_UNKNOWN,
             facts={
                 **learnt.facts,
                 "samples": len(kept),
-                "samples_left_out": left_out,
+                "samples_left_out": len(dataset) - len(kept),
                 "parity_with_network_n": deviation_n,
                 "started_from": None if start is None else start.describe()["network"],
             },
@@ -187,30 +217,25 @@ class NetworkEstimator(Estimator):
     ) -> Prepared:
         readers: dict[str, Reader] = {}
 
-        def read(session: str, observation: Observation) -> Arrays | Refusal:
+        def read(session: str, observation: Observation, mask: Image | None) -> Arrays | Refusal:
             if session not in readers:
                 readers.clear()
                 readers[session] = self.reader(dataset.contexts[session], training=True)
-            return _read(readers[session], names, observation)
+            return read_one(readers[session], names, observation, mask)
 
-        forms = {**self.forms(training=True), **_actuation_form(names)}
+        forms, view = {**self.forms(training=True), **actuation_form(names)}, self.settings.view
+        heat = self.mask_form()
+        masks: Iterable[Image | None] = repeat(None, len(dataset))
+        if heat is not None and dataset.has_masks(view):
+            forms["heat"], masks = heat, dataset.masks(view)
         key = f"{self.name} {self.settings.model_dump_json(exclude=set(Recipe.model_fields))}"
-        prepared = prepare(dataset, forms, read, folder, key, dataset.names_of(self.settings.view), report)
+        prepared = prepare(dataset, masks, forms, read, folder, key, dataset.names_of(view), report)
         if len(prepared.kept) < MIN_SAMPLES:
             raise InputError(
                 f"{dataset.title}: {len(prepared.kept)} of {len(dataset)} samples can be read, {self.name} needs "
                 f"{MIN_SAMPLES}; the first other one says: {prepared.why_not}"
             )
         return prepared
-
-    def _inputs(self, dataset: Dataset, names: tuple[str, ...]) -> Arrays:
-        """The graph's inputs of all samples of ``dataset``, which are few and can be read."""
-        rows: list[Arrays] = []
-        for session, observation in zip(dataset.session.tolist(), dataset.observations(), strict=True):
-            row = _read(self.reader(dataset.contexts[session], training=False), names, observation)
-            assert not isinstance(row, Refusal)
-            rows.append(row)
-        return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
         """Find the intervals anew on ``dataset``, of whose sessions ``fit`` saw none; the answers stay as they are.
@@ -225,12 +250,12 @@ class NetworkEstimator(Estimator):
     def _set_interval(self, dataset: Dataset, drawn: str, report: Callable[[float], None]) -> None:
         """By the answers to ``dataset``, whole sessions that were held out unless it was ``drawn``, which says how."""
         fitted = self._known()
-        found: list[FloatArray] = []
+        found: list[ForceEstimate] = []
         answered: list[int] = []
         why_not = ""
         for place, estimate in enumerate(self.estimates(dataset)):
             if estimate.valid:
-                found.append(estimate.force_n[fitted.known])
+                found.append(estimate)
                 answered.append(place)
             else:
                 why_not = why_not or f"{estimate.detail} ({estimate.status})"
@@ -240,9 +265,17 @@ class NetworkEstimator(Estimator):
                 f"{dataset.title}: intervals cannot be found on {len(dataset)} samples without an answer; the first "
                 f"says: {why_not}"
             )
-        force, truth = np.array(found), dataset.force_n[answered][:, fitted.known]
-        interval = interval_from(fitted.known, force, force - truth, truth, dataset.session[answered], not drawn, drawn)
+        truth = dataset.force_n[answered][:, fitted.known]
+        interval = self.interval(found, truth, dataset.session[answered], drawn)
         self.fitted_ = replace(fitted, interval=interval)
+
+    def interval(
+        self, found: Sequence[ForceEstimate], truth: FloatArray, session: npt.NDArray[np.str_], drawn: str
+    ) -> Interval:
+        """From the answers ``found`` to samples of ``session`` (n,) and their labels (n, t); see `interval_from`."""
+        known = self._known().known
+        force = np.array([each.force_n[known] for each in found])
+        return interval_from(known, force, force - truth, truth, session, not drawn, drawn)
 
     def start(self, context: Context) -> "NetworkStream":
         """A stream for one session. Raises NotFittedError before ``fit``."""
@@ -268,7 +301,7 @@ class NetworkEstimator(Estimator):
             "interval": fitted.interval.values(),
             "facts": fitted.facts,
         }
-        return values, {}
+        return values, fitted.own
 
     def files(self) -> dict[str, bytes]:
         """The graph, and the log of the training, one JSON line an epoch."""
@@ -280,7 +313,7 @@ class NetworkEstimator(Estimator):
         cls,
         settings: Mapping[str, Any],
         values: Mapping[str, Any],
-        arrays: Mapping[str, npt.NDArray[Any]],  # noqa: ARG003 (it has none)
+        arrays: Mapping[str, npt.NDArray[Any]],
         files: Mapping[str, bytes] | None = None,
     ) -> Self:
         """The inverse of `state` and `files`. Raises KeyError without the graph, ModelError where it is damaged."""
@@ -292,6 +325,7 @@ class NetworkEstimator(Estimator):
             graph=Graph(files[MODEL], MODEL),
             data=files[MODEL],
             log=files[LOG],
+            own=dict(arrays),
             interval=Interval.of(values["interval"]),
             facts=dict(values["facts"]),
         )
@@ -300,15 +334,19 @@ class NetworkEstimator(Estimator):
     def describe(self) -> dict[str, Any]:
         """The network, the budget that was used, errors, intervals and their basis."""
         fitted = self._known()
-        interval = fitted.interval
-        halves = dict(zip(np.array(AXES)[fitted.known].tolist(), interval.half_n[fitted.known].tolist(), strict=True))
-        halves["magnitude"] = interval.magnitude_half_n
+        names = [*np.array(AXES)[fitted.known].tolist(), "magnitude"]
+        halves = dict(zip(names, self.usual_half_n().tolist(), strict=True))
         return {
             **fitted.facts,
             "actuation": list(fitted.actuation),
             "interval_half_width_n": {name: half if np.isfinite(half) else None for name, half in halves.items()},
-            "interval_basis": interval.basis,
+            "interval_basis": fitted.interval.basis,
         }
+
+    def usual_half_n(self) -> FloatArray:
+        """(t + 1,): half-widths of the components' intervals and of the magnitude's, as they usually are."""
+        fitted = self._known()
+        return np.append(fitted.interval.half_n[fitted.known], fitted.interval.magnitude_half_n)
 
     @classmethod
     def words(cls, facts: Mapping[str, Any]) -> Words:
@@ -329,52 +367,10 @@ class NetworkStream:
 
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
-        row = _read(self._reader, self._actuation, observation)
+        row = read_one(self._reader, self._actuation, observation)
         if isinstance(row, Refusal):
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail)
         return self._answering(observation.stamp_ns, self._graph(**{name: value[None] for name, value in row.items()}))
-
-
-def _read(reader: Reader, names: tuple[str, ...], observation: Observation) -> Arrays | Refusal:
-    row = reader(observation)
-    if isinstance(row, Refusal) or not names:
-        return row
-    drives = read_actuation(observation, names)
-    return drives if isinstance(drives, Refusal) else {**row, "actuation": drives.astype(np.float32)}
-
-
-def _actuation_form(names: tuple[str, ...]) -> Forms:
-    return {"actuation": ((len(names),), "float32")} if names else {}
-
-
-def _components(dataset: Dataset, wanted: str, method: str) -> BoolArray:
-    """(3,): what is learnt."""
-    known = np.asarray(dataset.known) & (np.array([True, True, False]) if wanted == "xy" else True)
-    if not known.any():
-        raise InputError(f"{dataset.title}: has no force components to learn; {method} needs at least fx_n or fy_n")
-    if not np.isfinite(dataset.force_n[:, known]).all():
-        raise InputError(f"{dataset.title}: some samples have no force; leave them out")
-    return known
-
-
-def _samples(dataset: Dataset, prepared: Prepared, known: BoolArray) -> Samples:
-    arrays = dict(prepared.arrays)
-    return Samples(
-        pictures=arrays.pop("picture"),
-        heat=arrays.pop("heat", None),
-        inputs=arrays,
-        force_n=dataset.force_n[prepared.kept][:, known].astype(np.float32),
-        session=dataset.session[prepared.kept],
-    )
-
-
-def _spread(drives: npt.NDArray[np.float32] | None) -> tuple[tuple[float, float], ...]:
-    """Mean and deviation of each actuation value; 1 for one that never changes."""
-    if drives is None:
-        return ()
-    deviation = drives.std(axis=0, dtype=np.float64)
-    mean = drives.mean(axis=0, dtype=np.float64)
-    return tuple(zip(mean.tolist(), np.where(deviation > 0, deviation, 1.0).tolist(), strict=True))
 
 
 def _silent(what: str, share: float) -> None:

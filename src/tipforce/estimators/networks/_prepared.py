@@ -3,7 +3,7 @@
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from numpy.lib.format import open_memmap
 
 from ...dataset import Dataset
 from ...errors import InputError
-from ...types import IntArray, Observation
+from ...types import Image, IntArray, Observation
 from .._reading import Refusal
 
 __all__ = ["Form", "Forms", "Prepared", "Read", "prepare"]
@@ -24,8 +24,8 @@ Form = tuple[tuple[int, ...], str]
 
 Forms = Mapping[str, Form]
 
-Read = Callable[[str, Observation], "Mapping[str, npt.NDArray[Any]] | Refusal"]
-"""Called with the session's name and an observation of it."""
+Read = Callable[[str, Observation, Image | None], "Mapping[str, npt.NDArray[Any]] | Refusal"]
+"""Called with the session's name, an observation of it, and where the catheter is in its picture, if that is known."""
 
 NOTE = "prepared.json"
 
@@ -44,6 +44,7 @@ class Prepared:
 
 def prepare(
     dataset: Dataset,
+    masks: Iterable[Image | None],
     forms: Forms,
     read: Read,
     folder: Path,
@@ -76,8 +77,8 @@ def prepare(
     }
     kept: list[int] = []
     why_not = ""
-    for place, observation in enumerate(dataset.observations()):
-        found = read(dataset.session[place], observation)
+    for place, (observation, mask) in enumerate(zip(dataset.observations(), masks, strict=True)):
+        found = read(dataset.session[place], observation, mask)
         if isinstance(found, Refusal):
             why_not = why_not or f"{names[place]}: {found.detail} ({found.status})"
         else:

@@ -4,9 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from ...learning import Recipe
+from ...learning import Augmentation, Recipe
 
-__all__ = ["DcfeSettings"]
+__all__ = ["CompactSettings", "DcfeSettings"]
 
 
 class DcfeSettings(Recipe):
@@ -35,3 +35,48 @@ class DcfeSettings(Recipe):
     """For the same reason a rate that never falls keeps the answers trembling."""
     plateau_epochs: Annotated[int, Field(ge=1)] = 15
     """Of `plateau`."""
+
+
+class CompactSettings(Recipe):
+    """A small network on the window around the catheter; see `Compact`."""
+
+    view: str = "camera"
+    """Which of an observation's views to look at."""
+    components: Literal["xy", "all"] = "all"
+    """Components to learn: those in the picture's plane, or all that the training data know."""
+    actuation: tuple[str, ...] | None = ()
+    """Names of actuation values that join the sheet as they are; None: all that there are. The knob needs no mention:
+    where the sheet says what it does, the curvature that it asks for is given to the network anyway."""
+    size: Annotated[int, Field(ge=64, multiple_of=32)] = 160
+    """Side of the network's picture in pixels."""
+    lengths: Annotated[float, Field(gt=1)] = 1.35
+    """Side of the window in nominal lengths of the catheter: it is to show what the tip touches, too."""
+    base_side: Literal["auto", "left", "right", "top", "bottom", "none"] = "auto"
+    """The border that the base lies at; `auto`: as the sheet says, else as seen; `none`: the whole picture is shown."""
+    across: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Where along that border, as a share from its left or upper end."""
+    refused: Annotated[float, Field(ge=0, lt=1)] = 0.03
+    """Share of usual pictures that are refused since they tell the force worst."""
+    augmentation: Augmentation = Augmentation()
+    """What is altered at random in training."""
+    epochs: Annotated[int, Field(ge=1)] = 30
+    """The budget: passes over the training part."""
+    patience: Annotated[int, Field(ge=1)] | None = None
+    """Training ends after so many epochs without a smaller error on the validation part; None: never before its time,
+    for the rate falls with the budget."""
+    batch: Annotated[int, Field(ge=2)] = 64
+    """Samples a step."""
+    optimiser: Literal["sgd", "adamw"] = "adamw"
+    """Stochastic gradient descent with ``momentum``, or AdamW with the usual constants."""
+    rate: Annotated[float, Field(gt=0)] = 0.002
+    """The learning rate."""
+    weight_decay: Annotated[float, Field(ge=0)] = 0.02
+    """Pull of the weights toward 0."""
+    schedule: Literal["constant", "cosine", "plateau"] = "cosine"
+    """See `Recipe`."""
+    warmup_epochs: Annotated[float, Field(ge=0)] = 0.5
+    """The rate rises in a straight line over so many epochs first."""
+    clip_norm: Annotated[float, Field(gt=0)] | None = 1.0
+    """Longer gradients are shortened to this length."""
+    average: Annotated[float, Field(ge=0, lt=1)] = 0.998
+    """See `Recipe`."""

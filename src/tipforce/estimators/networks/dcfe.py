@@ -3,9 +3,10 @@
 from typing import ClassVar
 
 from ...learning import ResnetTask
-from ...types import Context, Observation, ShapeFeatures, Status
+from ...types import BoolArray, Context, Image, Observation, ShapeFeatures, Status
 from .._reading import Refusal, read_view
-from ._network import Arrays, NetworkEstimator, Reader
+from ._arrays import Arrays, Reader
+from ._network import NetworkEstimator
 from ._pictures import SIDE, whole_picture
 from ._prepared import Forms
 from ._settings import DcfeSettings
@@ -35,11 +36,13 @@ class Dcfe(NetworkEstimator):
         del context, training
         return self._read
 
-    def task(self, components: int, actuation: tuple[tuple[float, float], ...]) -> ResnetTask:
-        """Thesis fig. 29 and eq. (19)."""
-        return ResnetTask(components, actuation)
+    def task(self, known: BoolArray, in_base: bool, actuation: tuple[tuple[float, float], ...]) -> ResnetTask:
+        """Thesis fig. 29 and eq. (19); the network learns forces of any frame."""
+        del in_base
+        return ResnetTask(int(known.sum()), actuation)
 
-    def _read(self, observation: Observation) -> Arrays | Refusal:
+    def _read(self, observation: Observation, mask: Image | None = None) -> Arrays | Refusal:
+        del mask
         view = read_view(observation, self.settings.view, "view")
         if isinstance(view, Refusal):
             return view

@@ -1,0 +1,137 @@
+"""Answers whose intervals follow the network's doubt, and refusals with their reason."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...types import BoolArray, FloatArray, ForceEstimate, Status
+from .._answers import Interval
+from .._conformal import basis_of, half_width
+from ._doubt import Doubt
+
+__all__ = ["Doubtful", "Limits", "limits_from", "magnitude_sigma", "relative_interval", "seen_of", "sigma_of"]
+
+Outputs = Mapping[str, npt.NDArray[Any]]
+
+_FAINT = 0.3
+"""Of the least usual sight of a catheter: fainter is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What is answered: at least ``seen`` of the catheter, standard deviations of the magnitude up to ``sigma_n``.
+
+    ``seen``: expected pixels of its map; 0 where the map was never taught.
+    """
+
+    seen: float
+    sigma_n: float
+
+
+@dataclass(frozen=True, eq=False)
+class Doubtful:
+    """Makes estimates of what `CompactTask`'s network returned; ``unit_n`` is that network's."""
+
+    known: BoolArray
+    unit_n: float
+    doubt: Doubt
+    limits: Limits
+    interval: Interval
+    """In standard deviations, not newtons: an answer's own deviation widens it."""
+
+    def __call__(self, stamp_ns: int, outputs: Outputs) -> ForceEstimate:
+        """One estimate, of outputs (1, ...)."""
+        seen = seen_of(outputs)[0]
+        if seen < self.limits.seen:
+            return ForceEstimate.invalid(
+                stamp_ns, Status.NO_CATHETER, f"there is hardly a catheter in the window ({seen:.1f} pixels of its map)"
+            )
+        far = self.doubt.distance(outputs["features"].astype(np.float64))[0]
+        if not far <= self.doubt.far:
+            return ForceEstimate.invalid(
+                stamp_ns, Status.OUT_OF_DOMAIN, f"the picture is unlike those it learnt from ({far:.1f} times as far)"
+            )
+        force, sigma = outputs["force_n"][0].astype(np.float64), sigma_of(outputs, self.doubt, self.unit_n)[0]
+        size = float(np.linalg.norm(force))
+        doubt = magnitude_sigma(force, sigma)
+        if doubt > self.limits.sigma_n:
+            return ForceEstimate.invalid(
+                stamp_ns, Status.UNOBSERVABLE, f"this picture tells the force to {doubt * 1e3:.0f} mN only"
+            )
+        full, interval = np.full(3, math.nan), np.full((3, 2), math.nan)
+        covariance = np.full((3, 3), math.nan)
+        axes = np.flatnonzero(self.known)
+        full[axes] = force
+        reach = self.interval.half_n[axes] * sigma
+        interval[axes, 0], interval[axes, 1] = force - reach, force + reach
+        covariance[np.ix_(axes, axes)] = np.diag(sigma**2)
+        wide = self.interval.magnitude_half_n * doubt
+        return ForceEstimate(
+            stamp_ns=stamp_ns,
+            force_n=full,
+            known=self.known,
+            covariance_n2=covariance,
+            interval_n=interval,
+            magnitude_n=size,
+            magnitude_interval_n=np.array([max(0.0, size - wide), size + wide]),
+        )
+
+
+def relative_interval(
+    known: BoolArray,
+    found: FloatArray,
+    sigma: FloatArray,
+    truth: FloatArray,
+    session: npt.NDArray[np.str_],
+    drawn: str,
+) -> Interval:
+    """As `interval_from`, in deviations: from errors ``found`` - ``truth`` (n, t) over their ``sigma`` (n, t)."""
+    basis = basis_of(len(set(session.tolist())), not drawn, drawn)
+    wrong = (found - truth) / sigma
+    half, covariance = np.full(3, math.nan), np.full((3, 3), math.nan)
+    axes = np.flatnonzero(known)
+    half[axes] = [half_width(wrong[:, t], session, basis) for t in range(len(axes))]
+    covariance[np.ix_(axes, axes)] = wrong.T @ wrong / len(wrong)
+    spread = np.array([magnitude_sigma(f, s) for f, s in zip(found, sigma, strict=True)])
+    off = (np.linalg.norm(found, axis=1) - np.linalg.norm(truth, axis=1)) / spread
+    return Interval(
+        half_n=half,
+        magnitude_half_n=half_width(off, session, basis),
+        covariance_n2=covariance,
+        by_session=basis.by_session,
+        basis=basis.text,
+        sessions=len(set(session.tolist())),
+        samples=len(found),
+    )
+
+
+def sigma_of(outputs: Outputs, doubt: Doubt, unit_n: float) -> FloatArray:
+    """(n, t): standard deviations of the components: the label's own, and what the last layer was not taught."""
+    log = np.clip(outputs["log_variance"].astype(np.float64), -9.0, 3.0)
+    untaught = 1.0 + doubt.variance(outputs["features"].astype(np.float64))
+    return unit_n * np.exp(0.5 * log) * np.sqrt(untaught)[:, None]
+
+
+def magnitude_sigma(force: FloatArray, sigma: FloatArray) -> float:
+    """Of the length of ``force`` (t,) with deviations ``sigma`` (t,); of a force near zero, of any direction."""
+    square = float(force @ force) + float(sigma @ sigma) / len(sigma)
+    along = float((force * force) @ (sigma * sigma)) + float(sigma @ sigma) ** 2 / len(sigma) ** 2
+    return math.sqrt(along / square)
+
+
+def seen_of(outputs: Outputs) -> FloatArray:
+    """(n,): pixels of the map that the catheter is expected to cover."""
+    heat = outputs["heat"].astype(np.float64)
+    return (1.0 / (1.0 + np.exp(-heat))).sum(axis=(1, 2))
+
+
+def limits_from(seen: FloatArray, sigma_n: FloatArray, refused: float, taught: bool) -> Limits:
+    """From what was kept from training: sights (n,), deviations of the magnitude (n,), a share ``refused`` of these."""
+    return Limits(
+        seen=_FAINT * float(np.quantile(seen, 0.01)) if taught else 0.0,
+        sigma_n=float(np.quantile(sigma_n, 1.0 - refused)),
+    )

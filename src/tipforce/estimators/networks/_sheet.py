@@ -1,0 +1,40 @@
+"""What is publicly known of a catheter, as the numbers that `compact` is given beside the picture."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ...types import Context
+
+__all__ = ["SHEET", "sheet_of"]
+
+SHEET = ("log_stiffness", "log_length", "diameter", "bend")
+"""Logarithms over the values below; diameter less one; the curvature that the knob asks for, times the length."""
+
+STIFFNESS_NM2, LENGTH_M, DIAMETER_M = 4.3e-4, 0.04, 2.33e-3
+"""A 7F ablation catheter 40 mm in front of its sheath."""
+
+KNOB, GAIN = "knob_deg", "knob_gain_per_m_deg"
+
+
+def sheet_of(context: Context, actuation: Mapping[str, float], names: Sequence[str] = ()) -> npt.NDArray[np.float32]:
+    """(4 + k,): `SHEET`, then the actuation called ``names`` as it is; 0 for what is not known of the catheter.
+
+    >>> sheet_of(Context(), {}).tolist()
+    [0.0, 0.0, 0.0, 0.0]
+    """
+    catheter = context.catheter
+    stiffness, length, diameter = catheter.bending_stiffness_nm2, catheter.flexible_length_m, catheter.diameter_m
+    gain = context.notes.get(GAIN)
+    bend = 0.0
+    if gain is not None and length is not None:
+        bend = float(gain) * actuation.get(KNOB, 0.0) * length
+    known = (
+        math.log(stiffness / STIFFNESS_NM2) if stiffness else 0.0,
+        math.log(length / LENGTH_M) if length else 0.0,
+        diameter / DIAMETER_M - 1.0 if diameter else 0.0,
+        bend,
+    )
+    return np.array([*known, *(actuation[name] for name in names)], np.float32)

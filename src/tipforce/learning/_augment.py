@@ -1,0 +1,132 @@
+"""What is altered at random in training, so that it does not matter later: place, turn, light, blur, noise, strangers.
+
+Turning the picture about the catheter's base turns the force along: in the base frame nothing else has happened.
+"""
+
+import math
+from typing import Annotated, Any, Protocol
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field
+
+__all__ = ["CURVATURE", "Augmentation", "augmented", "middle"]
+
+Grey = npt.NDArray[np.uint8]
+Numbers = npt.NDArray[np.float32]
+
+CURVATURE = 3
+"""Place in the sheet of what changes its sign where the picture is mirrored: the curvature that the knob asks for."""
+
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Amount = Annotated[float, Field(ge=0.0)]
+
+
+class Augmentation(BaseModel):
+    """How far; 0 leaves a thing out."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    shift: Share = 0.03
+    """Of the window's side, each way."""
+    turn_deg: Amount = 4.0
+    """About the base; the force turns along."""
+    zoom: Share = 0.03
+    """The scale that a session states is known no better than that."""
+    mirror: Share = 0.5
+    """Share of pictures mirrored across the base's tangent, force and curvature along."""
+    contrast: Amount = 0.4
+    """Standard scale of its logarithm, uniform both ways; also of the mean level."""
+    tones: Share = 0.5
+    """Share of pictures whose grey levels are drawn through a random curve, half-way at most: the edges stay, what is
+    darker than what does not."""
+    slope: Amount = 0.3
+    """Light that grows across the picture, of the mean level."""
+    blur_px: Amount = 0.8
+    noise: Amount = 4.0
+    """Grey levels."""
+    inverted: Share = 0.1
+    """Share of pictures shown as their negatives."""
+    strokes: Share = 0.25
+    """Share of pictures with one or two straight rods across."""
+
+
+class _Sizes(Protocol):
+    @property
+    def size(self) -> int: ...
+    @property
+    def planar(self) -> tuple[int, int] | None: ...
+    @property
+    def augmentation(self) -> Augmentation | None: ...
+
+
+def middle(picture: Grey, side: int) -> Grey:
+    """(side, side): the middle of ``picture`` (h, h)."""
+    margin = (len(picture) - side) // 2
+    return picture[margin : margin + side, margin : margin + side]
+
+
+def augmented(
+    picture: Grey, heat: Grey | None, force: Numbers, sheet: Numbers, sizes: _Sizes, draw: np.random.Generator
+) -> tuple[Grey, npt.NDArray[Any] | None]:
+    """(size, size) of ``picture`` (h, h) altered at random, and its map; ``force`` and ``sheet`` are altered in place.
+
+    The base lies in the middle of the left border of the middle of ``picture``.
+    """
+    how, size = sizes.augmentation or Augmentation(), sizes.size
+    angle = math.radians(draw.uniform(-how.turn_deg, how.turn_deg))
+    zoom = math.exp(draw.uniform(-how.zoom, how.zoom))
+    shift = draw.uniform(-how.shift, how.shift, 2) * size
+    mirror = sizes.planar is not None and draw.random() < how.mirror
+    cos, sin = math.cos(angle) / zoom, math.sin(angle) / zoom
+    matrix = np.array([[cos, -sin, 0.0], [sin, cos, 0.0]])
+    if mirror:
+        matrix[:, 1] *= -1.0
+    margin = 0.5 * (len(picture) - size)
+    base = np.array([-0.5, 0.5 * size - 0.5])
+    matrix[:, 2] = base + margin + shift - matrix[:, :2] @ base
+    flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    out = cv2.warpAffine(picture, matrix, (size, size), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    if sizes.planar is not None:
+        x, y = sizes.planar
+        along, across = float(force[x]), float(force[y])
+        force[x] = math.cos(angle) * along - math.sin(angle) * across
+        force[y] = math.sin(angle) * along + math.cos(angle) * across
+        if mirror:
+            force[y] = -force[y]
+            sheet[CURVATURE] = -sheet[CURVATURE]
+    where = None
+    if heat is not None:
+        quarter = matrix.copy()
+        quarter[:, 2] = (matrix[:, :2].sum(axis=1) * 1.5 + matrix[:, 2] - 1.5) / 4.0
+        where = cv2.warpAffine(heat, quarter, (size // 4, size // 4), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+    return _other_light(out.astype(np.float32), how, draw), where
+
+
+def _other_light(grey: Numbers, how: Augmentation, draw: np.random.Generator) -> Grey:
+    """Everything that does not move the catheter; ``grey`` (size, size) is used up."""
+    if draw.random() < how.tones:
+        knots = draw.uniform(0.0, 255.0, int(draw.integers(4, 8)))
+        share = np.float32(draw.uniform(0.2, 0.8))
+        curved = np.interp(np.arange(256), np.linspace(0.0, 255.0, len(knots)), knots).astype(np.float32)
+        grey += share * (cv2.LUT(np.clip(grey, 0.0, 255.0).astype(np.uint8), curved) - grey)
+    size, mean = len(grey), float(grey.mean())
+    level = mean * math.exp(draw.uniform(-how.contrast, how.contrast))
+    grey = (grey - mean) * math.exp(draw.uniform(-how.contrast, how.contrast)) + level
+    if how.slope and draw.random() < 0.5:
+        right, down = draw.uniform(-how.slope, how.slope, 2) * level
+        ramp = np.linspace(-1.0, 1.0, size, dtype=np.float32)
+        grey += np.float32(right) * ramp + np.float32(down) * ramp[:, None]
+    if how.blur_px and draw.random() < 0.3:
+        cv2.GaussianBlur(grey, (0, 0), draw.uniform(0.3, max(0.31, how.blur_px)), dst=grey)
+    if draw.random() < how.strokes:
+        for _ in range(int(draw.integers(1, 3))):
+            ends = draw.integers(0, size, 4).tolist()
+            shade, thick = float(draw.uniform(0.0, 255.0)), int(draw.integers(1, 1 + max(2, size // 32)))
+            cv2.line(grey, (ends[0], ends[1]), (ends[2], ends[3]), shade, thick, cv2.LINE_AA)
+    if how.noise:
+        grey += draw.standard_normal((size, size), dtype=np.float32) * np.float32(draw.uniform(0.0, how.noise))
+    if draw.random() < how.inverted:
+        grey = 255.0 - grey
+    return np.clip(grey + 0.5, 0.0, 255.0).astype(np.uint8)

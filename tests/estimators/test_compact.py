@@ -1,0 +1,153 @@
+"""`compact`: a window around the catheter, a doubt of its own, and a plain refusal of what it was not taught."""
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+import pytest
+
+from tipforce.dataset import Dataset
+from tipforce.estimators import Compact, CompactSettings, load_model, save_model
+from tipforce.types import Catheter, Context, Observation, Status
+
+pytest.importorskip("torch", reason="training needs the extra [train]")
+pytest.importorskip("onnxscript", reason="training needs the extra [train]")
+
+HEIGHT, WIDTH = 60, 80
+CATHETER = Catheter("7F", 2.33e-3, 40e-3, 8e-3, 4.3e-4)
+NOTES = {"base_side": "left", "knob_gain_per_m_deg": "0.533"}
+QUICK = CompactSettings(size=64, epochs=30, batch=16, precision="fp32", validation=0.2)
+
+
+def bench(force: np.ndarray, draw: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A dark whip from the left border, bent by ``force``, on a rough light ground; and where it is."""
+    x = np.linspace(-3.0, 45.0 + 40.0 * force[0], 30)
+    y = 30.0 - 80.0 * force[1] * (x / 45.0) ** 2
+    line = np.rint(np.column_stack([x, y]) * 16).astype(np.int32)[None]
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    cv2.polylines(mask, line, isClosed=False, color=255, thickness=3, lineType=cv2.LINE_AA, shift=4)
+    ground = draw.integers(150, 170, (HEIGHT, WIDTH)).astype(np.float64)
+    return (ground - mask * 0.5).clip(0, 255).astype(np.uint8), mask
+
+
+class Whips:
+    """A store in memory that knows where the whip is."""
+
+    def __init__(self, force: np.ndarray, seed: int, masks: bool) -> None:
+        draw = np.random.default_rng(seed)
+        self.made, self.drawn = [bench(each, draw) for each in force], masks
+
+    def read(self, rows: np.ndarray) -> Iterator[Observation]:
+        for row in rows.tolist():
+            yield Observation(row, {"camera": self.made[row][0]}, {"knob_deg": 10.0})
+
+    def has_masks(self, rows: np.ndarray, view: str) -> bool:
+        return self.drawn
+
+    def masks(self, rows: np.ndarray, view: str) -> Iterator[np.ndarray | None]:
+        return iter([self.made[row][1] if self.drawn else None for row in rows.tolist()])
+
+
+def whips(seed: int = 0, sessions: int = 5, each: int = 30, masks: bool = True) -> Dataset:
+    count = sessions * each
+    force = np.full((count, 3), np.nan)
+    force[:, :2] = np.random.default_rng(seed).uniform(-0.2, 0.2, (count, 2))
+    return Dataset(
+        store=Whips(force, seed, masks),
+        session=np.repeat([f"s{k}" for k in range(sessions)], each),
+        stamp_ns=np.arange(count),
+        actuation={"knob_deg": np.full(count, 10.0)},
+        force_n=force,
+        known=np.array([True, True, False]),
+        names=np.array([f"{k}.png" for k in range(count)]),
+        contexts={f"s{k}": Context(f"s{k}", CATHETER, 48e-3 / 50.0, NOTES) for k in range(sessions)},
+        rows=np.arange(count),
+        title="whips",
+    )
+
+
+@pytest.fixture(scope="module")
+def learnt() -> Compact:
+    """Fitted once; not to be changed."""
+    return Compact(QUICK).fit(whips())
+
+
+def test_it_learns_and_its_intervals_follow_its_doubt(learnt):
+    fresh = whips(seed=1)
+    answers = learnt.predict(fresh)
+    valid = np.array([each.valid for each in answers])
+    assert valid.mean() > 0.8
+    force = np.array([each.force_n[:2] for each in answers])[valid]
+    assert np.abs(force - fresh.force_n[valid, :2]).mean() < 0.05  # 0.1 N by always answering the mean
+    widths = np.array([each.interval_n[0, 1] - each.interval_n[0, 0] for each in answers])[valid]
+    assert widths.std() > 0.02 * widths.mean() > 0
+    assert all(np.isnan(each.force_n).all() for each in answers if not each.valid)
+
+
+def test_calibration_on_other_sessions_makes_intervals_that_hold(learnt, tmp_path):
+    other = load_model(save_model(learnt, tmp_path / "m", whips())).calibrate(whips(seed=2, sessions=10))
+    fresh = whips(seed=3)
+    answers = other.predict(fresh)
+    held = [
+        each.interval_n[0, 0] <= force <= each.interval_n[0, 1]
+        for each, force in zip(answers, fresh.force_n[:, 0], strict=True)
+        if each.valid
+    ]
+    assert np.mean(held) > 0.8
+    assert other.describe()["interval_basis"] == "whole sessions"
+
+
+def test_a_model_folder_answers_the_same(learnt, tmp_path):
+    data = whips(seed=4, sessions=1)
+    again = load_model(save_model(learnt, tmp_path / "m", data))
+    for a, b in zip(learnt.predict(data), again.predict(data), strict=True):
+        assert a.status == b.status
+        assert np.array_equal(a.interval_n, b.interval_n, equal_nan=True)
+
+
+def empty(shape: tuple[int, ...] = (HEIGHT, WIDTH)) -> np.ndarray:
+    return np.random.default_rng(0).integers(150, 170, shape).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    "picture",
+    [
+        empty(),
+        np.zeros((HEIGHT, WIDTH), np.uint8),
+        np.random.default_rng(1).integers(0, 256, (HEIGHT, WIDTH), np.uint8),
+    ],
+    ids=["ground alone", "black", "noise"],
+)
+def test_a_picture_without_a_catheter_is_refused(learnt, picture):
+    stream = learnt.start(whips().contexts["s0"])
+    answer = stream.update(Observation(0, {"camera": picture}, {"knob_deg": 10.0}))
+    assert answer.status in (Status.NO_CATHETER, Status.OUT_OF_DOMAIN, Status.UNOBSERVABLE)
+    assert answer.detail
+
+
+def test_an_absent_knob_is_asked_for(learnt):
+    stream = learnt.start(whips().contexts["s0"])
+    answer = stream.update(Observation(0, {"camera": empty()}))
+    assert answer.status is Status.MISSING_INPUT
+    assert "knob_deg" in answer.detail
+
+
+def test_pictures_of_no_catheter_are_shown_whole():
+    data = whips(masks=False)
+    bare = Dataset(**{**vars(data), "contexts": {name: Context(name) for name in data.contexts}, "_memo": {}})
+    settled = Compact(QUICK)
+    settled.settle(bare)
+    assert settled.settings.base_side in ("left", "none")
+
+
+def test_the_window_of_another_scale_shows_the_same(learnt):
+    data = whips(seed=5, sessions=1, each=1)
+    picture = next(data.observations()).views["camera"]
+    near = cv2.resize(picture, None, fx=2, fy=2, interpolation=cv2.INTER_AREA)
+    context = data.contexts["s0"]
+    twice = Context("near", CATHETER, context.metres_per_px / 2, NOTES)
+    one = learnt.start(context).update(Observation(0, {"camera": picture}, {"knob_deg": 10.0}))
+    other = learnt.start(twice).update(Observation(0, {"camera": near}, {"knob_deg": 10.0}))
+    assert one.valid
+    assert other.valid
+    assert np.abs(one.force_n - other.force_n)[:2].max() < 0.03

@@ -1,0 +1,69 @@
+"""The window that `compact` looks at: it follows the sheet, and a turned bench shows the same."""
+
+import numpy as np
+import pytest
+
+from tipforce.estimators.networks._window import cut, widened, window_of
+from tipforce.types import Catheter, Context
+
+CATHETER = Catheter("7F", 2.33e-3, 40e-3, 8e-3, 4.3e-4)
+
+
+def context(side: str, metres_per_px: float | None = 0.2e-3) -> Context:
+    return Context("day 1", CATHETER, metres_per_px, {"base_side": side})
+
+
+def picture(channels: int | None = None) -> np.ndarray:
+    shape = (480, 640) if channels is None else (480, 640, channels)
+    rough = np.random.default_rng(0).integers(0, 256, (60, 80), np.uint8)
+    smooth = np.kron(rough, np.ones((8, 8), np.uint8))
+    return smooth if channels is None else np.repeat(smooth[:, :, None], channels, axis=2).reshape(shape)
+
+
+@pytest.mark.parametrize(("side", "turns"), [("left", 0), ("top", 1), ("right", 2), ("bottom", 3)])
+def test_a_turned_bench_shows_the_same_cut(side, turns):
+    upright = picture()
+    turned = np.ascontiguousarray(np.rot90(upright, -turns))
+    as_it_is = cut(upright, window_of(context("left"), upright.shape, None), 160)
+    assert np.array_equal(as_it_is, cut(turned, window_of(context(side), turned.shape, None), 160))
+
+
+def test_the_window_follows_length_and_scale():
+    near = window_of(context("left", 0.1e-3), (480, 640), None)
+    far = window_of(context("left", 0.2e-3), (480, 640), None)
+    assert near.size_px == pytest.approx(2 * far.size_px) == pytest.approx(1.35 * 48e-3 / 0.1e-3)
+
+
+def test_points_of_a_cut_are_where_they_were_in_the_picture():
+    image = np.zeros((480, 640), np.uint8)
+    image[300:304, 420:424] = 255
+    sheet = context("bottom")
+    window = window_of(sheet, image.shape, None)
+    small = cut(image, window, 160)
+    v, u = np.unravel_index(int(small.argmax()), small.shape)
+    found = window.to_picture(np.array([[u, v]], float), 160)[0]
+    assert np.abs(found - [421.5, 301.5]).max() < window.size_px / 160
+
+
+def test_grey_and_colour_agree_and_areas_are_averaged():
+    window = window_of(context("left"), (480, 640), None)
+    assert np.array_equal(cut(picture(), window, 160), cut(picture(3), window, 160))
+    assert abs(float(cut(picture(), window, 32).mean()) - float(picture()[78:402, :324].mean())) < 1.0
+
+
+def test_beyond_the_border_the_border_goes_on():
+    flat = np.full((480, 640), 77, np.uint8)
+    wide = widened(window_of(context("left"), flat.shape, None), 1.3)
+    assert (cut(flat, wide, 208) == 77).all()
+
+
+def test_the_middle_of_a_wider_cut_is_the_cut():
+    image, window = picture(), window_of(context("left"), (480, 640), None)
+    wide = cut(image, widened(window, 1.3), 208)
+    assert np.abs(wide[24:184, 24:184].astype(int) - cut(image, window, 160)).max() <= 1
+
+
+def test_without_a_sheet_it_is_the_whole_picture():
+    window = window_of(Context(), (64, 64), None)
+    assert window.size_px == 64
+    assert np.array_equal(cut(picture()[:64, :64], window, 64), picture()[:64, :64])

@@ -1,0 +1,77 @@
+"""What is altered in training: the force goes with the picture, and what is not asked for stays."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from tipforce.learning._augment import CURVATURE, Augmentation, augmented
+from tipforce.learning._compact import CompactTask
+
+NOTHING = dict.fromkeys(Augmentation.model_fields, 0.0)
+SIZE, WIDE = 160, 208
+
+
+def needle(angle: float) -> np.ndarray:
+    """A bright line from the base at ``angle`` in the base frame (y up), in the middle of the left border."""
+    picture = np.zeros((WIDE, WIDE), np.uint8)
+    margin = (WIDE - SIZE) // 2
+    base = np.array([margin - 0.5, margin + 0.5 * SIZE - 0.5])
+    end = base + 70.0 * np.array([math.cos(angle), -math.sin(angle)])
+    ends = [tuple(np.rint(16 * point).astype(int).tolist()) for point in (base, end)]
+    cv2.line(picture, *ends, 255, 3, cv2.LINE_AA, 4)
+    return picture
+
+
+def angle_seen(picture: np.ndarray) -> float:
+    v, u = np.nonzero(picture > 100)
+    far = u > 40
+    slope = np.polyfit(u[far], v[far], 1)[0]
+    return math.atan(-slope)
+
+
+def task(**changes: float) -> CompactTask:
+    return CompactTask(3, 4, SIZE, augmentation=Augmentation(**{**NOTHING, **changes}))
+
+
+@pytest.mark.parametrize("changes", [{"turn_deg": 15.0}, {"mirror": 1.0}, {"turn_deg": 10.0, "mirror": 0.5}])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_force_turns_and_flips_with_the_picture(changes, seed):
+    angle = 0.2
+    force = np.array([0.1 * math.cos(angle), 0.1 * math.sin(angle), 0.03], np.float32)
+    sheet = np.array([0.1, 0.2, 0.3, 0.4], np.float32)
+    out, _ = augmented(needle(angle), None, force, sheet, task(**changes), np.random.default_rng(seed))
+    assert math.atan2(force[1], force[0]) == pytest.approx(angle_seen(out), abs=0.02)
+    assert math.hypot(force[0], force[1]) == pytest.approx(0.1, rel=1e-5)
+    assert force[2] == np.float32(0.03)
+    assert abs(sheet[CURVATURE]) == np.float32(0.4)
+    if changes == {"mirror": 1.0}:
+        assert sheet[CURVATURE] < 0
+
+
+def test_nothing_asked_for_changes_nothing():
+    picture = np.random.default_rng(0).integers(0, 256, (WIDE, WIDE), np.uint8)
+    force, sheet = np.ones(3, np.float32), np.ones(4, np.float32)
+    out, _ = augmented(picture, None, force, sheet, task(), np.random.default_rng(0))
+    assert np.array_equal(out, picture[24:184, 24:184])
+    assert (force == 1).all()
+    assert (sheet == 1).all()
+
+
+def test_the_map_goes_where_the_picture_goes():
+    picture = needle(0.1)
+    heat = cv2.resize(picture, (WIDE // 4, WIDE // 4), interpolation=cv2.INTER_AREA)
+    changes = {"turn_deg": 10.0, "shift": 0.1, "mirror": 0.5, "zoom": 0.1}
+    for seed in range(6):
+        draw = np.random.default_rng(seed)
+        out, where = augmented(picture, heat, np.zeros(3, np.float32), np.zeros(4, np.float32), task(**changes), draw)
+        small = cv2.resize(out, (SIZE // 4, SIZE // 4), interpolation=cv2.INTER_AREA).astype(float)
+        assert np.abs(small - where).mean() < 3.0
+
+
+def test_forces_of_another_frame_stay_as_they_are():
+    force = np.array([0.1, 0.2, 0.3], np.float32)
+    free = CompactTask(3, 4, SIZE, planar=None, augmentation=Augmentation(mirror=1.0))
+    augmented(needle(0.0), None, force, np.zeros(4, np.float32), free, np.random.default_rng(1))
+    assert np.allclose(force, [0.1, 0.2, 0.3])
