@@ -7,6 +7,7 @@ from tipforce.dataset import DISTURBANCES, Disturbance, Light
 from tipforce.errors import InputError
 from tipforce.evaluation import Candidate, evaluate, report_lines, write_report
 from tipforce.evaluation._disturbed import bear
+from tipforce.evaluation._figure_disturbed import figure_disturbed
 from tipforce.types import ForceEstimate, Status
 
 
@@ -198,3 +199,11 @@ def test_a_method_that_answers_nothing_gets_its_table_and_figure(bright, mean_cl
     figures = write_report(result, tmp_path / "r")
     assert {line["refused_share"] for line in figures["disturbed"]["mute"]} == {1.0}
     assert {line["mae_n"] for line in figures["disturbed"]["mute"]} == {None}
+
+
+def test_an_error_off_the_scale_is_told_as_a_number(result):
+    lines = [dict(line) for line in result.disturbed["mean"]]
+    line_of(lines, "blur", "4 px")["mae_n"] = 1.234
+    drawn = figure_disturbed({"mean": lines})
+    assert [text.get_text() for axes in drawn.axes for text in axes.texts] == ["1234 mN"]
+    assert drawn.axes[0].get_ylim()[1] < 4 * lines[0]["constant"]["mae_n"]
