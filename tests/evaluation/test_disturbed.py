@@ -202,7 +202,7 @@ def test_a_method_that_answers_nothing_gets_its_table_and_figure(bright, mean_cl
 
 
 def test_an_error_off_the_scale_is_told_as_a_number(result):
-    lines = [dict(line) for line in result.disturbed["mean"]]
+    lines = [dict(line, mae_n=0.03) for line in result.disturbed["mean"]]
     line_of(lines, "blur", "4 px")["mae_n"] = 1.234
     drawn = figure_disturbed({"mean": lines})
     assert [text.get_text() for axes in drawn.axes for text in axes.texts] == ["1234 mN"]

@@ -51,6 +51,17 @@ def test_a_method_without_a_log_has_no_curve(make_bench, make_ridge):
     assert training_log(make_ridge().fit(make_bench())) == []
 
 
+def test_an_error_that_was_no_number_is_a_gap(make_bench, logged_class):
+    fitted = logged_class().fit(make_bench())
+    fitted.log = (
+        b'{"epoch": 1, "training_error_n": 0.2, "validation_error_n": null}\n'
+        + json.dumps({"epoch": 2, "training_error_n": 0.1, "validation_error_n": 0.15}).encode()
+    )
+    rows = training_log(fitted)
+    assert np.isnan(rows[0]["validation_error_n"])
+    assert kept_epoch(rows)["epoch"] == 2
+
+
 def test_the_kept_epoch_is_the_first_with_the_smallest_validation_error():
     rows = rows_of([0.3, float("nan"), 0.1, 0.2, 0.1])
     assert kept_epoch(rows)["epoch"] == 3

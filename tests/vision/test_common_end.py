@@ -1,12 +1,16 @@
 """Where several pictures together say that a catheter ends, whatever lies beneath it in each of them."""
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 import pytest
 
-from tipforce.types import Catheter, Context, Status
+from tipforce.types import Catheter, Context, FloatArray, Status
 from tipforce.vision import FineTracer, Sighting, VisionSettings, in_session, settle
 from tipforce.vision._common_axis import common_axis, turn_end
+from tipforce.vision._nominal import learn_look
+from tipforce.vision._settle import _LOOKS
 
 LENGTH = 150.0
 SHEET = Context("monday", Catheter("test tube", 0.012, 0.156, 0.0), 1e-3, {"base_side": "left"})
@@ -97,6 +101,23 @@ def test_an_end_that_does_not_look_like_that_of_the_other_pictures_is_refused() 
         sight = FineTracer(settled).see(_picture(turn, 40.0, patch=250.0))
         assert sight.status is Status.CUT_OFF
         assert "something covers it" in sight.detail
+
+
+def test_a_look_of_the_end_that_no_picture_has_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    times = []
+
+    def learn(settings: VisionSettings, images: Sequence[np.ndarray], lines: Sequence[FloatArray | None]):
+        learnt = learn_look(settings, images, lines)
+        assert learnt.end_look is not None
+        times.append(learnt)
+        wrong = tuple(255 * (k % 2) for k in range(len(learnt.end_look)))
+        return learnt.model_copy(update={"end_look": wrong}) if len(times) == _LOOKS else learnt
+
+    pictures = [_picture(0.05 * k - 0.2, 40.0) for k in range(8)]
+    monkeypatch.setattr("tipforce.vision._settle.learn_look", learn)
+    settled = settle(VisionSettings(), pictures, SHEET)
+    assert settled.end_look is None
+    assert all(FineTracer(settled).see(picture).found for picture in pictures)
 
 
 def test_how_an_end_looks_is_not_carried_to_another_session_or_learnt_of_several() -> None:

@@ -27,11 +27,9 @@ def training_log(estimator: Estimator) -> list[dict[str, Any]]:
     lines = estimator.files().get(LOG, b"").decode("utf-8", errors="replace").splitlines()
     try:
         rows = [json.loads(line) for line in lines]
-        for row in rows:
-            if row["validation_error_n"] is None:  # an epoch whose network answered without bounds
-                row["validation_error_n"] = math.inf
-            for name in _NEEDED:
-                float(row[name])
+        for row in rows:  # null: an epoch whose network answered without bounds
+            row |= {name: math.nan if row[name] is None else float(row[name]) for name in _NEEDED}
+            row["epoch"] = int(row["epoch"])
     except (ValueError, KeyError, TypeError) as error:
         raise ModelError(f"{estimator.name}: its {LOG} cannot be read ({error}); train the model again") from None
     return rows

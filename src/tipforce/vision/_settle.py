@@ -52,13 +52,18 @@ def _convincing(trace: Trace, noise: float) -> bool:
     )
 
 
-def _threshold(settings: VisionSettings, frames: Sequence[Image], contexts: Sequence[Context]) -> int:
-    """The grey level half-way from the shaft to what lies beside it, or as little further as loses no frame."""
+def _threshold(settings: VisionSettings, frames: Sequence[Image], contexts: Sequence[Context]) -> int | None:
+    """The grey level half-way from the shaft to what lies beside it, or as little further as loses no frame.
+
+    None where no frame is seen.
+    """
 
     def seen(tried: VisionSettings) -> list[Sighting]:
         return [FineTracer(in_session(tried, c)).see(frame) for frame, c in zip(frames, contexts, strict=True)]
 
     levels = [_levels(frame, sight) for frame, sight in zip(frames, seen(settings), strict=True) if sight.found]
+    if not levels:
+        return None
     shaft, ground = (statistics.median(values) for values in zip(*levels, strict=True))
     threshold = 0
     for share in (0.5, 0.75, 1.0):
@@ -158,16 +163,26 @@ def settle(
             "set polarity and base_side, or mark the shaft's base with base_region"
         )
     chosen, traces = found
+    guess = chosen
     sheets = list(sheets[: len(frames)])
     if settings.length_px is None and chosen.length_px is not None:
-        guess = chosen
         chosen = learn_length(guess, sheets, frames, _lines(guess, frames, sheets, traces))
         if isinstance(contexts, Context) and chosen is not guess:
             for _ in range(_LOOKS):
                 lines = on_axis(chosen, frames, _lines(chosen, frames, sheets, traces))
                 chosen = learn_look(learn_length(guess, sheets, frames, lines), frames, lines)
     if chosen.threshold is None:
-        chosen = chosen.model_copy(update={"threshold": _threshold(chosen, frames, sheets)})
+        # a length or a look that was learnt wrongly refuses every frame: rather without
+        for tried in dict.fromkeys((chosen, chosen.model_copy(update={"end_look": None}), guess)):
+            threshold = _threshold(tried, frames, sheets)
+            if threshold is not None:
+                chosen = tried.model_copy(update={"threshold": threshold})
+                break
+        else:
+            raise InputError(
+                f"a shaft was found in the first {len(frames)} frames, but in none of them as far as its end: set "
+                "base_side, or mark the shaft's base with base_region"
+            )
     if settings.diameter_px is None:
         scales = [in_session(chosen, sheet).nominal_px for sheet in sheets]
         widths = [
