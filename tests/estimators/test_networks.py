@@ -15,6 +15,7 @@ from tipforce.estimators import (
     DcfeSettings,
     NetworkEstimator,
     create,
+    export_onnx,
     load_model,
     read_manifest,
     save_model,
@@ -70,6 +71,9 @@ def test_a_model_folder_answers_the_same(
     for said in ("12 of 12 epochs", "all epochs were run", "random samples that also chose the epoch"):
         assert said in card
         assert said in told
+    facts = export_onnx(loaded, tmp_path / "small.onnx")
+    assert (tmp_path / "small.onnx").read_bytes() == (folder / "model.onnx").read_bytes()
+    assert 0 < facts["parity_n"] < 1e-3
     loaded.calibrate(shown(sessions=9, each=8, seed=2))
     assert loaded.describe()["interval_basis"] == "whole sessions"
     with pytest.raises(InputError, match="without an answer; the first says: nothing was filmed"):

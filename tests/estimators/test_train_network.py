@@ -47,10 +47,10 @@ def test_a_training_that_was_cut_off_is_gone_on_with(
 
     line = _loop.progress_line
 
-    def stop(row: dict[str, Any], epochs: int) -> str:
+    def stop(row: dict[str, Any], recipe: Any) -> str:
         if row["epoch"] == 2:
             raise KeyboardInterrupt
-        return line(row, epochs)
+        return line(row, recipe)
 
     work = tmp_path / "cut.training"
     with monkeypatch.context() as patch:

@@ -38,7 +38,9 @@ def command(
         typer.Option("--resume", help="Networks: go on with a training that was cut off; state all as it was then."),
     ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a model that is there already.")] = False,
-    onnx: Annotated[Path | None, typer.Option(help="Also write the regression as an ONNX graph.")] = None,
+    onnx: Annotated[
+        Path | None, typer.Option(help="Also write the regression, or the network, as an ONNX graph.")
+    ] = None,
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:

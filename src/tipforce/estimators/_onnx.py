@@ -1,4 +1,4 @@
-"""Export of the regression to ONNX, with a parity gate in newtons."""
+"""Export of what answers to ONNX, with a parity gate in newtons."""
 
 import importlib
 import os
@@ -11,6 +11,7 @@ from ..errors import InputError, MissingExtraError, ModelError
 from ..types import FloatArray
 from ._base import Estimator
 from ._machine import Machines
+from .networks import MODEL, NetworkEstimator
 from .svr import PARITY_N, Svr
 
 __all__ = ["export_onnx"]
@@ -21,14 +22,20 @@ PROBES = 256
 
 
 def export_onnx(estimator: Estimator, path: str | Path) -> dict[str, Any]:
-    """Write the regression of a fitted `Svr` as an ONNX graph of plain operators in double precision.
+    """Write what answers as an ONNX graph: a network's own, or the regression of a fitted `Svr`.
 
-    Input ``features`` (n, k): raw shape numbers and actuation, as ``metadata_props["features"]`` lists them (with a
-    window: lag after lag). Output ``force_n`` (n, t) in newtons. Seeing the catheter is not part of the graph. Returns
-    the facts, among them ``parity_n``, the largest deviation from this program on probes around the support vectors.
+    The regression is of plain operators in double precision. Input ``features`` (n, k): raw shape numbers and
+    actuation, as ``metadata_props["features"]`` lists them (with a window: lag after lag). Output ``force_n`` (n, t) in
+    newtons. Seeing the catheter is not part of the graph. Returns the facts, among them ``parity_n``, the largest
+    deviation from this program on probes around the support vectors, or from the network that was trained.
     Raises ModelError where that reaches `PARITY_N` (nothing is written then), MissingExtraError without onnx, and
     InputError for a method that has no export.
     """
+    path = Path(path)
+    if isinstance(estimator, NetworkEstimator):
+        data = estimator.files()[MODEL]
+        _write(path, data)
+        return {"parity_n": estimator.describe()["parity_with_network_n"], "bytes": len(data)}
     if not isinstance(estimator, Svr):
         raise InputError(f"the method {estimator.name} has no ONNX export")
     try:
@@ -38,7 +45,7 @@ def export_onnx(estimator: Estimator, path: str | Path) -> dict[str, Any]:
     runtime: Any = importlib.import_module("onnxruntime")  # here, for it takes its time
     values, _ = estimator.state()
     assert estimator.fitted_ is not None
-    machines, path = estimator.fitted_.machines, Path(path)
+    machines = estimator.fitted_.machines
     names = [*values["shape"], *values["actuation"]]
     model = _graph(onnx, machines, {"features": ", ".join(names), "targets": ", ".join(values["targets"])})
     onnx.checker.check_model(model)
@@ -48,13 +55,18 @@ def export_onnx(estimator: Estimator, path: str | Path) -> dict[str, Any]:
     parity = float(np.max(np.abs(session.run(None, {"features": probes})[0] - machines.many(probes))))
     if not parity < PARITY_N:
         raise ModelError(f"{path}: not written, its answers would differ by up to {parity:.2g} N from this program's")
+    _write(path, data)
+    return {"parity_n": parity, "features": names, "targets": values["targets"], "opset": OPSET, "bytes": len(data)}
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Beside it and renamed: never half there."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         part.write_bytes(data)
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
-    return {"parity_n": parity, "features": names, "targets": values["targets"], "opset": OPSET, "bytes": len(data)}
 
 
 def _probes(machines: Machines) -> FloatArray:

@@ -4,6 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from ._recipe import Recipe
+
 __all__ = ["LOG", "Log", "duration", "progress_line"]
 
 LOG = "training.jsonl"
@@ -35,21 +37,23 @@ class Log:
                 stream.write(json.dumps(row) + "\n")
 
 
-def progress_line(row: dict[str, Any], epochs: int) -> str:
-    """The epoch ``row`` of ``epochs`` in a line.
+def progress_line(row: dict[str, Any], recipe: Recipe) -> str:
+    """The epoch ``row`` of ``recipe`` in a line.
 
     >>> progress_line({"epoch": 2, "loss": 0.05, "validation_error_n": 0.041, "training_error_n": 0.05,
-    ...     "pictures_per_s": 61.2, "waiting_share": 0.021, "seconds": 90.0}, 10)
+    ...     "pictures_per_s": 61.2, "waiting_share": 0.021, "seconds": 90.0}, Recipe(epochs=10))
     'epoch 2/10: loss 0.0500, error 41.0 mN (training 50.0), 61 pictures/s, waiting 2 %, at most 6 min left'
     """
-    left_s = row["seconds"] / row["epoch"] * (epochs - row["epoch"])
+    left_s = row["seconds"] / row["epoch"] * (recipe.epochs - row["epoch"])
+    if recipe.minutes is not None:
+        left_s = min(left_s, max(0.0, 60 * recipe.minutes - row["seconds"]))
     error_n = row["validation_error_n"]
     error = "no bounds" if error_n is None else f"{error_n * 1e3:.1f} mN"
     return (
-        f"epoch {row['epoch']}/{epochs}: loss {row['loss']:.4f}, error {error} "
+        f"epoch {row['epoch']}/{recipe.epochs}: loss {row['loss']:.4f}, error {error} "
         f"(training {row['training_error_n'] * 1e3:.1f}), {row['pictures_per_s']:.0f} pictures/s, "
-        f"waiting {row['waiting_share']:.0%}, at most {duration(left_s)} left"
-    ).replace("%,", " %,")
+        f"waiting {100 * row['waiting_share']:.0f} %, at most {duration(left_s)} left"
+    )
 
 
 def duration(seconds: float) -> str:

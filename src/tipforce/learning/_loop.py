@@ -88,7 +88,7 @@ def learn(
         while not (why := _ended(now, recipe)):
             row = _epoch(trainer, batches, part, recipe, now, partial(progress or _silent, said))
             log.add(row)
-            said = progress_line(row, recipe.epochs)
+            said = progress_line(row, recipe)
             if folder is not None:
                 standing = {name: getattr(now, name) for name in _Standing.__slots__}
                 write_checkpoint(folder, {"identity": identity, "trainer": trainer.state(), "standing": standing})

@@ -1,9 +1,9 @@
 """Methods that are networks: trained by `learning`, run without what trained them."""
 
 from ._graph import Graph
-from ._network import NetworkEstimator
+from ._network import MODEL, NetworkEstimator
 from ._settings import CompactSettings, DcfeSettings
 from .compact import Compact
 from .dcfe import Dcfe
 
-__all__ = ["Compact", "CompactSettings", "Dcfe", "DcfeSettings", "Graph", "NetworkEstimator"]
+__all__ = ["MODEL", "Compact", "CompactSettings", "Dcfe", "DcfeSettings", "Graph", "NetworkEstimator"]

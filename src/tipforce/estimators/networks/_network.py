@@ -48,7 +48,7 @@ from ._graph import Graph
 from ._prepared import Form, Forms, Prepared, prepare
 from ._words import network_words
 
-__all__ = ["MIN_SAMPLES", "PARITY_N", "NetworkEstimator"]
+__all__ = ["MIN_SAMPLES", "MODEL", "PARITY_N", "NetworkEstimator"]
 
 MIN_SAMPLES = 20
 """Fewer samples cannot be trained and validated on."""
@@ -58,6 +58,7 @@ PARITY_N = 1e-3
 half precision, and a tenth of a gram is far below what any picture tells."""
 
 MODEL = "model.onnx"
+"""The graph's file in a model folder."""
 
 COMPARED = 8
 """So many samples' answers are compared."""
