@@ -12,7 +12,9 @@ __all__ = ["command"]
 
 
 def command(
-    data: Annotated[Path, typer.Argument(help="Recordings, a dataset folder, or a published layout.")],
+    data: Annotated[
+        list[Path], typer.Argument(help="Recordings, a dataset folder, or a published layout; several are joined.")
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the model.")],
     estimator: Annotated[str, typer.Option(help="Method to train.")] = "svr",
     samples: Annotated[
@@ -58,11 +60,13 @@ def command(
 
         tipforce train runs/ -o models/svr --samples 220 --holdout 0.25 --set force=components --json -
 
+        tipforce train bench/ other/ --estimator compact --from pretrained/compact -o models/compact
+
         tipforce train runs/ --estimator dcfe -o models/dcfe --set minutes=60
 
         tipforce train runs/ --estimator dcfe -o models/dcfe --set minutes=60 --resume
     """
-    from ..dataset import leave_out, open_dataset
+    from ..dataset import join, leave_out, open_dataset
     from ..estimators import (
         check_start,
         check_target,
@@ -76,11 +80,11 @@ def command(
         workplace,
     )
 
-    check_outputs([data], onnx, json_file)
+    check_outputs(data, onnx, json_file)
     recipe = create(estimator, settings_from(method(estimator).settings_type, settings))
     check_target(output, overwrite=overwrite)
     begin = check_start(recipe, start, resume=resume)
-    dataset = leave_out(open_dataset(data), without or [])
+    dataset = leave_out(join([open_dataset(each) for each in data]), without or [])
     with workplace(recipe, output, resume=resume) as folder:
         with progress_bar() as report:
             done = train(

@@ -6,6 +6,7 @@ from ._disturb import DISTURBANCES, Disturbance, disturbed, held
 from ._draw import draw, leave_out, thin
 from ._growing_images import GrowingImages
 from ._growing_shards import GrowingShards
+from ._join import join
 from ._open import open_dataset
 from ._picture_operations import Blur, Light, Noise, PictureOperation, Warp
 from ._protocols import THESIS_SESSIONS, Protocol, catheter_splits, splits, standard_split, thesis_split
@@ -50,6 +51,7 @@ __all__ = [
     "disturbed",
     "draw",
     "held",
+    "join",
     "leave_out",
     "open_dataset",
     "open_recordings",
