@@ -137,10 +137,14 @@ def test_what_is_prepared_is_kept_and_not_made_again(shown: Make, tmp_path: Path
 def test_training_begins_with_a_model_s_weights(learnt: NetworkEstimator, small: NetworkEstimator, shown: Make) -> None:
     still = type(small)(small.settings.model_copy(update={"epochs": 1, "rate": 1e-30}))
     after = train(still, shown(), start=learnt).estimator
-    weights = [weights_of(each.files()["model.onnx"])["dense.weight"] for each in (learnt, after)]
-    assert np.array_equal(*weights)
+    again = still.beginning_with(learnt).unfitted().fit(shown())  # as every split of an evaluation does
+    weights = [weights_of(each.files()["model.onnx"])["dense.weight"] for each in (learnt, after, again)]
+    assert np.array_equal(weights[0], weights[1])
+    assert np.array_equal(weights[0], weights[2])
+    with pytest.raises(InputError, match="a dcfe cannot begin with the weights of a small"):
+        Dcfe().beginning_with(learnt)
     assert "began with the weights of small" in "\n".join(type(after).words(after.describe()).told)
-    with pytest.raises(InputError, match="a svr cannot begin with the weights of a small"):
+    with pytest.raises(InputError, match="svr is no network"):
         train(create("svr"), shown(), start=learnt)
 
 

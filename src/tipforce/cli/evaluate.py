@@ -55,6 +55,14 @@ def command(
             "Cramer-Rao bound); half a second of a core for a minute's session. Default: yes.",
         ),
     ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="MODEL",
+            help="Networks that are named: begin each split with this model's weights (a folder, or pretrained/NAME).",
+        ),
+    ] = None,
     disturb: Annotated[
         bool,
         typer.Option("--disturb", help="Also ask for pictures shifted, turned, zoomed, lit otherwise, blurred, noisy."),
@@ -77,6 +85,8 @@ def command(
         tipforce evaluate svr --data runs/ --truth runs/ --protocol standard --every 4 -o report/
 
         tipforce evaluate models/svr --data runs/ --disturb -o report/
+
+        tipforce evaluate compact --from pretrained/compact --data runs/ --protocol catheter -o report/
     """
     from ..dataset import open_dataset
     from ..errors import InputError
@@ -93,10 +103,12 @@ def command(
             f"--{'' if bound else 'no-'}bound goes with --truth only: give --truth the folder that `tipforce simulate` "
             "wrote, or leave it out"
         )
+    if start is not None and not named:
+        raise InputError("--from goes with a method that is named, such as compact; a saved model has its own weights")
     if disturb_frames is not None and not disturb:
         raise InputError("--disturb-frames goes with --disturb only: state that too, or leave it out")
     candidates = candidates_from(
-        models, {name: settings_from(ESTIMATORS[name].settings_type, settings) for name in named}
+        models, {name: settings_from(ESTIMATORS[name].settings_type, settings) for name in named}, start
     )
     dataset = open_dataset(data)
     true_n = None

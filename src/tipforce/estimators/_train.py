@@ -32,7 +32,7 @@ def train(
     samples: int | None = None,
     holdout: float = 0.0,
     seed: int = 0,
-    start: Estimator | None = None,
+    start: NetworkEstimator | None = None,
     folder: Path | None = None,
     resume: bool = False,
     progress: Progress | None = None,
@@ -43,10 +43,8 @@ def train(
     ``folder`` and ``resume`` are for networks: see `NetworkEstimator.fit_from`. Raises InputError as `draw`,
     `random_split` and `Estimator.fit` do, and where ``start`` is another method's.
     """
-    if start is not None and start.name != recipe.name:
-        raise InputError(
-            f"a {recipe.name} cannot begin with the weights of a {start.name}; name a model of its own kind"
-        )
+    if start is not None and not isinstance(recipe, NetworkEstimator):
+        raise InputError(f"{recipe.name} is no network and always learns from nothing; leave out what it starts from")
     settings = recipe.settings
     if "seed" in type(settings).model_fields and "seed" not in settings.model_fields_set:
         recipe = create(recipe.name, settings.model_copy(update={"seed": seed}))
@@ -55,8 +53,9 @@ def train(
         fresh = recipe.unfitted()
         if not isinstance(fresh, NetworkEstimator):
             return fresh.fit(part, progress)
-        begin = start if isinstance(start, NetworkEstimator) else None
-        return fresh.fit_from(part, progress, start=begin, folder=folder, resume=resume)
+        if start is not None:
+            fresh = fresh.beginning_with(start)
+        return fresh.fit_from(part, progress, folder=folder, resume=resume)
 
     drawn = dataset if samples is None else draw(dataset, samples, seed)
     if not holdout:

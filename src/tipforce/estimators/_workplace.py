@@ -15,7 +15,7 @@ from .store import load_model
 __all__ = ["check_start", "workplace"]
 
 
-def check_start(recipe: Estimator, start: str | None, *, resume: bool) -> Estimator | None:
+def check_start(recipe: Estimator, start: str | None, *, resume: bool = False) -> NetworkEstimator | None:
     """The model that training is to begin with: the folder ``start``, None where that is None.
 
     Raises InputError where ``recipe`` is no network, or the model is of another method.
@@ -26,7 +26,7 @@ def check_start(recipe: Estimator, start: str | None, *, resume: bool) -> Estima
     if start is None:
         return None
     model = load_model(start)
-    if model.name != recipe.name:
+    if not isinstance(model, NetworkEstimator) or model.name != recipe.name:
         raise InputError(f"--from {start}: is a {model.name}, and {recipe.name} cannot begin with its weights")
     return model
 

@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 from ..dataset import Dataset
 from ..errors import InputError
-from ..estimators import ESTIMATORS, create, load_model, located, read_manifest
+from ..estimators import ESTIMATORS, NetworkEstimator, check_start, create, load_model, located, read_manifest
 from ..types import FloatArray, IntArray
 from ._evaluation import Candidate
 from ._stamps import values_at
@@ -16,18 +16,25 @@ from ._stamps import values_at
 __all__ = ["candidates_from", "truth_at"]
 
 
-def candidates_from(models: Sequence[str], settings: Mapping[str, BaseModel] | None = None) -> list[Candidate]:
+def candidates_from(
+    models: Sequence[str], settings: Mapping[str, BaseModel] | None = None, start: str | None = None
+) -> list[Candidate]:
     """A candidate for each of ``models``: a folder of a saved model, ``pretrained/NAME``, or the name of a method.
 
-    ``settings``: method -> its settings, default where it is absent; a saved model keeps its own. Raises InputError
-    for what is neither, and ModelError for a folder that is no whole model.
+    ``settings``: method -> its settings, default where it is absent; a saved model keeps its own. ``start``: the model
+    whose weights the methods that are named begin with, in every split; they must be networks of its kind. Raises
+    InputError for what is neither, and ModelError for a folder that is no whole model.
     """
     made: list[Candidate] = []
     for model in models:
         if located(model).is_dir():
             made.append(_saved(model))
         elif model in ESTIMATORS:
-            made.append(Candidate(model, create(model, (settings or {}).get(model))))
+            recipe = create(model, (settings or {}).get(model))
+            begin = check_start(recipe, start)
+            if isinstance(recipe, NetworkEstimator) and begin is not None:
+                recipe = recipe.beginning_with(begin)
+            made.append(Candidate(model, recipe))
         else:
             known = ", ".join(ESTIMATORS)
             raise InputError(

@@ -94,6 +94,7 @@ class NetworkEstimator(Estimator):
     def __init__(self, settings: Any = None) -> None:
         self.settings = settings or self.settings_type()
         self.fitted_: _Fitted | None = None
+        self._begin: NetworkEstimator | None = None
 
     @abstractmethod
     def forms(self, *, training: bool) -> Forms:
@@ -144,16 +145,15 @@ class NetworkEstimator(Estimator):
         dataset: Dataset,
         progress: Progress | None = None,
         *,
-        start: "NetworkEstimator | None" = None,
         folder: Path | None = None,
         resume: bool = False,
     ) -> Self:
-        """`fit` that begins with the weights of ``start``, and can be killed and gone on with.
+        """`fit` that can be killed and gone on with.
 
         ``folder`` takes the prepared pictures, a checkpoint after every epoch and the log; ``resume``: go on from what
         is there. Without it a temporary one is used and removed.
         """
-        report = progress or _silent
+        report, start = progress or _silent, self._begin
         require_torch()
         if len(dataset) < MIN_SAMPLES:
             raise InputError(
@@ -290,8 +290,18 @@ class NetworkEstimator(Estimator):
         return lambda stamp_ns, outputs: answers.valid(stamp_ns, outputs["force_n"][0])
 
     def unfitted(self) -> Self:
-        """The same recipe without what was learnt."""
-        return type(self)(self.settings)
+        """The same recipe without what was learnt; it begins with the same weights, if it began with any."""
+        made = type(self)(self.settings)
+        made._begin = self._begin
+        return made
+
+    def beginning_with(self, model: "NetworkEstimator") -> Self:
+        """The same recipe, whose fits begin with the weights of ``model``. Raises InputError for another method's."""
+        if model.name != self.name:
+            raise InputError(f"a {self.name} cannot begin with the weights of a {model.name}; name a {self.name}")
+        made = self.unfitted()
+        made._begin = model
+        return made
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         """All but the graph and the log, which are `files`."""
