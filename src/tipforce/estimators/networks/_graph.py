@@ -4,7 +4,8 @@ import importlib
 import importlib.util
 import os
 import threading
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import version
 from typing import Any
 
@@ -33,14 +34,9 @@ class Graph:
         threads = threads or _cores()
         runs = _OpenVino if importlib.util.find_spec("openvino") is not None else _OnnxRuntime
         self._where = where
-        try:
-            self._runs = runs(data, threads)
-        except Exception as error:  # of types of the runtime's own
-            first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-            raise ModelError(
-                f"{where}: is damaged or no network's graph ({first[:200]}); copy the whole model folder again, "
-                "or train the model again"
-            ) from None
+        with _naming(where):
+            loaded = runs.load(data, threads)
+        self._runs = runs(loaded)
         self.runtime: str = self._runs.name
         self.facts: dict[str, str] = self._runs.facts
         self.inputs: dict[str, tuple[_Shape, str]] = self._runs.inputs
@@ -69,41 +65,63 @@ class Graph:
         return self._runs(inputs)
 
 
+@contextmanager
+def _naming(where: str) -> Generator[None]:
+    """Makes a ModelError of what a runtime raises while it loads a graph: each has types of its own."""
+    try:
+        yield
+    except Exception as error:
+        said = str(error).strip() or type(error).__name__
+        raise ModelError(
+            f"{where}: is damaged or no network's graph ({said.splitlines()[0][:200]}); copy the whole model folder "
+            "again, or train the model again"
+        ) from None
+
+
 class _OnnxRuntime:
-    def __init__(self, data: bytes, threads: int) -> None:
+    @staticmethod
+    def load(data: bytes, threads: int) -> Any:
         import onnxruntime
 
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.inter_op_num_threads = 1
         options.log_severity_level = 3
-        self._session: Any = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+
+    def __init__(self, session: Any) -> None:
+        self._session = session
         self.name = f"onnxruntime {version('onnxruntime')}"
-        self.facts = dict(self._session.get_modelmeta().custom_metadata_map)
+        self.facts = dict(session.get_modelmeta().custom_metadata_map)
         self.inputs: dict[str, tuple[_Shape, str]] = {
             each.name: (
                 tuple(length if isinstance(length, int) else None for length in each.shape),
                 _KINDS.get(each.type, str(each.type)),
             )
-            for each in self._session.get_inputs()
+            for each in session.get_inputs()
         }
-        self._outputs = [each.name for each in self._session.get_outputs()]
+        self._outputs = [each.name for each in session.get_outputs()]
 
     def __call__(self, inputs: Mapping[str, npt.NDArray[Any]]) -> _Arrays:
         return dict(zip(self._outputs, self._session.run(None, inputs), strict=True))
 
 
 class _OpenVino:
-    def __init__(self, data: bytes, threads: int) -> None:
+    @staticmethod
+    def load(data: bytes, threads: int) -> Any:
         openvino: Any = importlib.import_module("openvino")
         core = openvino.Core()
-        model = core.read_model(data)
-        # without the hint it would calculate in bf16 where the processor can, and answer a few millinewtons otherwise
+        # without the first hint it would calculate in bf16 where the processor can, and answer otherwise
         exact = {"INFERENCE_PRECISION_HINT": "f32", "PERFORMANCE_HINT": "LATENCY", "INFERENCE_NUM_THREADS": threads}
-        self._request: Any = core.compile_model(model, "CPU", exact).create_infer_request()
+        model = core.read_model(data)
+        return model, core.compile_model(model, "CPU", exact)
+
+    def __init__(self, loaded: Any) -> None:
+        model, compiled = loaded
+        self._request: Any = compiled.create_infer_request()
         self._one_at_a_time = threading.Lock()
         self.name = f"OpenVINO {version('openvino')}"
-        self.facts = _rt_facts(model)
+        self.facts = _facts(model)
         self.inputs: dict[str, tuple[_Shape, str]] = {
             each.any_name: (
                 tuple(None if length.is_dynamic else length.get_length() for length in each.partial_shape),
@@ -114,16 +132,18 @@ class _OpenVino:
         self._outputs: list[str] = [each.any_name for each in model.outputs]
 
     def __call__(self, inputs: Mapping[str, npt.NDArray[Any]]) -> _Arrays:
+        # contiguous and kept: it would read them where they lie
+        taken = {name: np.ascontiguousarray(array) for name, array in inputs.items()}
         with self._one_at_a_time:
-            found = self._request.infer(dict(inputs))
+            found = self._request.infer(taken)
             return {name: np.array(found[name]) for name in self._outputs}
 
 
-def _rt_facts(model: Any) -> dict[str, str]:
-    """OpenVINO keeps a graph's notes beside what it notes itself."""
-    info: Mapping[str, Any] = model.get_rt_info()
-    noted: Mapping[str, Any] = info["framework"].astype(dict) if "framework" in info else {}
-    return {name: str(value.value if hasattr(value, "value") else value) for name, value in noted.items()}
+def _facts(model: Any) -> dict[str, str]:
+    """What was noted in the graph, which OpenVINO keeps under "framework"."""
+    info: Any = model.get_rt_info()
+    noted: Any = info["framework"] if "framework" in info else {}  # noqa: SIM401 (it is no dict)
+    return {name: str(getattr(value, "value", value)) for name, value in noted.items()}
 
 
 def _cores() -> int:
