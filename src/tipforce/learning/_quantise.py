@@ -28,9 +28,9 @@ def quantise(graph: bytes, batches: Iterable[Batch]) -> bytes:
 
     ``batches``: inputs as they are met in use; the range of every activation is taken from them. Activations are
     unsigned (processors multiply unsigned by signed bytes quickest), kernels signed, symmetric, with a scale for each
-    output channel (Krishnamoorthi 2018; Jacob et al. 2018). Dense layers stay as they are, and what takes other inputs
-    than pictures: they take little time, and what they answer is the force. A picture's bytes go into the first
-    convolution as they are.
+    output channel (Krishnamoorthi 2018; Jacob et al. 2018). What comes before the first convolutions and from the
+    dense layers on stays as it is, and what takes other inputs than pictures: it takes little time, and what is rounded
+    there is the force. Bytes that are merely divided by 255 go into the first convolution as they are.
     Raises MissingExtraError without onnx.
     """
     import onnxruntime
@@ -90,12 +90,17 @@ def error_growth(graph: bytes, quantised: bytes, labelled: Iterable[tuple[Batch,
 
 
 def _kept_whole(onnx: Any, graph: Any) -> list[str]:
-    """Names of the dense layers, of what takes inputs that are no pictures, and of all that depends on either."""
+    """Names of all but what lies between the first convolutions and the dense layers, and takes pictures alone."""
+    seen: set[str] = set()
     after = {each.name for each in graph.input if each.type.tensor_type.elem_type != onnx.TensorProto.UINT8}
     names: list[str] = []
     for node in graph.node:  # in the order of calculation
-        if node.op_type in ("Gemm", "MatMul") or after.intersection(node.input):
+        if node.op_type == "Conv" or seen.intersection(node.input):
+            seen.update(node.output)
+        dense = node.op_type in ("Gemm", "MatMul") or bool(after.intersection(node.input))
+        if dense:
             after.update(node.output)
+        if dense or not seen.intersection(node.output):
             names.append(node.name)
     return names
 

@@ -7,12 +7,12 @@ import threading
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import InputError, ModelError
+from ...errors import InputError, MissingExtraError, ModelError
 
 __all__ = ["Graph"]
 
@@ -25,15 +25,20 @@ class Graph:
     """An ONNX graph behind a call: ``graph(picture=...)["force_n"]``.
 
     ``data``: the graph's bytes. ``where``: what messages call it, such as the file's name. ``threads``: on how many it
-    runs; 0: one for each core that this process may use. It runs on OpenVINO where that is installed (extra
-    ``[openvino]``), else on onnxruntime; ``runtime`` names which and its version. ``facts``: what was noted in the
-    graph when it was exported. It may be called from several threads. Raises ModelError where ``data`` is no graph.
+    runs; 0: one for each core that this process may use. ``on``: what runs it; OpenVINO needs the extra
+    ``[openvino]``. ``runtime`` names that and its version. ``facts``: what was noted in the graph when it was exported.
+    It may be called from several threads. Raises ModelError where ``data`` is no graph, MissingExtraError where
+    OpenVINO is wanted and not there.
     """
 
-    def __init__(self, data: bytes, where: str, *, threads: int = 0) -> None:
-        threads = threads or _cores()
-        runs = _OpenVino if importlib.util.find_spec("openvino") is not None else _OnnxRuntime
+    def __init__(
+        self, data: bytes, where: str, *, threads: int = 0, on: Literal["onnxruntime", "openvino"] = "onnxruntime"
+    ) -> None:
+        if on == "openvino" and importlib.util.find_spec("openvino") is None:
+            raise MissingExtraError("openvino", extra="openvino")
+        runs = _OpenVino if on == "openvino" else _OnnxRuntime
         self._where = where
+        threads = threads or _cores()
         with _naming(where):
             loaded = runs.load(data, threads)
         self._runs = runs(loaded)
