@@ -16,6 +16,7 @@ PARTS = {
     "fluoroscope": "bench.rendering_xray",
     "noise": "bench.noise",
     "force": "bench.speed",
+    "networks": "bench.networks",
 }
 """Module of each part; it has ``measure()`` -> figures and ``show(figures)``."""
 
