@@ -97,7 +97,7 @@ class CompactTask:
         import torch
         from torch.nn.functional import binary_cross_entropy_with_logits
 
-        force, log_variance, contact, heat, _ = outputs
+        force, log_variance, contact, heat, *_ = outputs
         wrong = (force - batch["force_n"]) / COMPACT_UNIT_N
         log = log_variance.clamp(_LEAST_LOG, _MOST_LOG)
         likelihood = 0.5 * (wrong * wrong * torch.exp(-log) + log) * torch.exp(_SHARPNESS * log).detach()

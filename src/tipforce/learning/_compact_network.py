@@ -9,9 +9,9 @@ if TYPE_CHECKING:
 
 __all__ = ["COMPACT_OUTPUTS", "HEAT", "build_compact"]
 
-COMPACT_OUTPUTS = ("force_n", "log_variance", "contact", "heat", "features")
+COMPACT_OUTPUTS = ("force_n", "log_variance", "contact", "heat", "grid", "features")
 """Force (n, t) in newtons; logarithm of its variance (n, t) in the network's unit; contact (n,) and map of the catheter
-(n, size / 8, size / 8), both as logits; features (n, FEATURES)."""
+(n, size / 8, size / 8), both as logits; the last grid (n, 32 (size / 32)^2); features (n, FEATURES)."""
 
 FEATURES = 128
 """Numbers before the last dense layer: what a doubt is computed from."""
@@ -99,12 +99,14 @@ def build_compact(
             if actuation is not None:
                 told = torch.cat([sheet, (actuation - self.actuation_mean) / self.actuation_deviation], dim=1)
             scale, shift = self.sheet(told).chunk(2, 1)
-            x = torch.relu(self.dense(self.kept(x).flatten(1)) * (1.0 + scale) + shift)
+            grid = self.kept(x).flatten(1)
+            x = torch.relu(self.dense(grid) * (1.0 + scale) + shift)
             features = torch.relu(self.again(x))
             answer = self.answer(features).float()
             bending = self.unit_n * torch.exp(sheet[:, :1] - 2.0 * sheet[:, 1:2])
             pressing = self.unit_n * torch.exp(sheet[:, 1:2])
             force = answer[:, :outputs] * bending + answer[:, outputs : 2 * outputs] * pressing
-            return force, answer[:, 2 * outputs : 3 * outputs], answer[:, -1], where[:, 0].float(), features.float()
+            log_variance, contact = answer[:, 2 * outputs : 3 * outputs], answer[:, -1]
+            return force, log_variance, contact, where[:, 0].float(), grid.float(), features.float()
 
     return Compact()

@@ -7,8 +7,8 @@ import numpy.typing as npt
 
 from ...dataset import Dataset
 from ...errors import InputError
-from ...learning import Samples, Task
-from ...types import BoolArray, Image, IntArray, Observation
+from ...learning import Part, Samples, Task
+from ...types import BoolArray, Image, Observation
 from .._reading import Refusal, read_actuation
 from ._graph import Graph
 from ._prepared import Forms, Prepared
@@ -39,12 +39,17 @@ def read_one(
     return drives if isinstance(drives, Refusal) else {**row, "actuation": drives.astype(np.float32)}
 
 
-def outputs_of(graph: Graph, task: Task, samples: Samples, index: IntArray) -> Arrays:
-    """What ``graph`` returns for samples spread over those at ``index``, as they are."""
+def outputs_of(graph: Graph, task: Task, samples: Samples, part: Part, kept: bool, altered: bool) -> Arrays:
+    """What ``graph`` returns for samples spread over those it was trained on, or those ``kept`` from it.
+
+    They are shown as they are, or ``altered`` at random as in training.
+    """
+    index = part.validate if kept else part.train
     some = index[np.unique(np.linspace(0, len(index) - 1, min(len(index), LOOKED_AT)).astype(np.int64))]
     parts: list[Arrays] = []
     for first in range(0, len(some), TOGETHER):
-        batch = task.batch(samples, some[first : first + TOGETHER], None)
+        now = some[first : first + TOGETHER]
+        batch = task.batch(samples, now, [np.random.default_rng(k) for k in now.tolist()] if altered else None)
         parts.append(graph(**{name: batch[name] for name in task.inputs}))
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 

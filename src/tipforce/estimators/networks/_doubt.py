@@ -2,11 +2,12 @@
 
 Last-layer Laplace approximation (MacKay 1992; Daxberger et al. 2021): with the features before the last dense layer
 held fixed, the answer is linear in that layer's weights, and their posterior is a Gaussian. Pictures unlike all of the
-training have features far from its own (Mahalanobis distance; Lee et al. 2018): they are refused.
+training are refused: their last grid of features, where places still count, lies far from the training's, along its
+principal directions (Mahalanobis distance; Lee et al. 2018) or beside all of them.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,31 +17,37 @@ from ...types import FloatArray
 
 __all__ = ["Doubt", "learn_doubt"]
 
-_RIDGE = 1e-2
-"""Of the features' mean variance, added to each: directions in which training never went are not infinitely strange."""
+_DIRECTIONS, _COVERED = 100, 0.95
+"""Principal directions, at most, and the share of the variance that they need not exceed."""
 _PRIOR = 1.0
 """Precision of the last layer's weights before training, in those of one sample."""
-_FAR = 0.999
+_FAR = 0.995
 """Share of what was kept from training that lies nearer than the limit, before `_MARGIN`."""
-_MARGIN = 1.5
+_MARGIN = 1.1
 
 
 @dataclass(frozen=True, eq=False)
 class Doubt:
-    """``centre`` (k,) and ``whitening`` (k, k) of the features; ``untaught`` (k, k): root of the weights' covariance.
+    """``centre`` (d,), principal ``directions`` (d, k) and the grids' ``spread`` (k,) along them, ``rest`` beside them.
 
-    ``far``: the largest distance that is answered, in root mean squares of the training's own.
+    ``rest`` is the root mean square of what is beside the directions. ``untaught`` (f, f): root of the covariance of
+    the last layer's weights. ``far``: the largest distance that is answered.
     """
 
     centre: FloatArray
-    whitening: FloatArray
+    directions: FloatArray
+    spread: FloatArray
+    rest: float
     untaught: FloatArray
     far: float
 
-    def distance(self, features: npt.NDArray[Any]) -> FloatArray:
-        """(n,) of ``features`` (n, k): 1 is usual."""
-        moved = (features - self.centre) @ self.whitening
-        return np.sqrt(np.mean(moved * moved, axis=-1))
+    def distance(self, grids: npt.NDArray[Any]) -> FloatArray:
+        """(n,) of ``grids`` (n, d): about 1 is usual."""
+        moved = grids - self.centre
+        along = moved @ self.directions
+        beside = np.sum(moved * moved, axis=1) - np.sum(along * along, axis=1)
+        within = np.mean((along / self.spread) ** 2, axis=1)
+        return np.sqrt(0.5 * (within + beside / self.rest**2))
 
     def variance(self, features: npt.NDArray[Any]) -> FloatArray:
         """(n,): what the weights' doubt adds, as a share of the variance of one training sample's label."""
@@ -49,31 +56,30 @@ class Doubt:
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """For the model store."""
-        return {
-            "doubt_centre": self.centre.astype(np.float32),
-            "doubt_whitening": self.whitening.astype(np.float32),
-            "doubt_untaught": self.untaught.astype(np.float32),
-            "doubt_far": np.array(self.far),
-        }
+        wide = {name: getattr(self, name).astype(np.float32) for name in ("centre", "directions", "spread", "untaught")}
+        numbers = {"rest": np.array(self.rest), "far": np.array(self.far)}
+        return {f"doubt_{name}": values for name, values in (wide | numbers).items()}
 
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> "Doubt":
         """The inverse of `arrays`."""
-        wide = {name: np.asarray(arrays[f"doubt_{name}"], np.float64) for name in ("centre", "whitening", "untaught")}
-        return cls(**wide, far=float(arrays["doubt_far"]))
+        names = ("centre", "directions", "spread", "untaught")
+        wide = {name: np.asarray(arrays[f"doubt_{name}"], np.float64) for name in names}
+        return cls(**wide, rest=float(arrays["doubt_rest"]), far=float(arrays["doubt_far"]))
 
 
-def learn_doubt(features: npt.NDArray[Any], kept: npt.NDArray[Any]) -> Doubt:
-    """From the features (n, k) of the training part and those (m, k) of what was ``kept`` from it."""
-    wide = np.asarray(features, np.float64)
-    centre = wide.mean(axis=0)
-    moved = wide - centre
-    covariance = moved.T @ moved / len(moved)
-    count = covariance.shape[0]
-    values, vectors = np.linalg.eigh(covariance + _RIDGE * np.trace(covariance) / count * np.eye(count))
-    whitening = vectors / np.sqrt(values)
-    taught = wide.T @ wide + _PRIOR * np.eye(count)
-    untaught = np.linalg.cholesky(np.linalg.inv(taught)).astype(np.float64)
-    doubt = Doubt(centre, whitening, untaught, np.inf)
-    limit = _MARGIN * float(np.quantile(doubt.distance(kept), _FAR))
-    return Doubt(centre, whitening, untaught, limit)
+def learn_doubt(taught: Mapping[str, npt.NDArray[Any]], kept_grids: npt.NDArray[Any]) -> Doubt:
+    """From the outputs "grid" (n, d) and "features" (n, f) of the training part, and grids (m, d) kept from it."""
+    grids, features = (np.asarray(taught[name], np.float64) for name in ("grid", "features"))
+    centre = grids.mean(axis=0)
+    moved = grids - centre
+    values, vectors = np.linalg.eigh(moved.T @ moved / len(moved))
+    values, vectors = values[::-1], vectors[:, ::-1]
+    covered = int(np.searchsorted(np.cumsum(values), _COVERED * values.sum())) + 1
+    count = max(1, min(covered, _DIRECTIONS, len(moved) // 4))
+    directions, spread = np.ascontiguousarray(vectors[:, :count]), np.sqrt(np.maximum(values[:count], 1e-12))
+    rest = float(np.sqrt(max(values[count:].sum(), 1e-3 * values.sum())))
+    taught_weights = features.T @ features + _PRIOR * np.eye(features.shape[1])
+    untaught = np.linalg.cholesky(np.linalg.inv(taught_weights)).astype(np.float64)
+    doubt = Doubt(centre, directions, spread, rest, untaught, np.inf)
+    return replace(doubt, far=_MARGIN * float(np.quantile(doubt.distance(kept_grids), _FAR)))

@@ -50,7 +50,7 @@ class Doubtful:
             return ForceEstimate.invalid(
                 stamp_ns, Status.NO_CATHETER, f"there is hardly a catheter in the window ({seen:.1f} pixels of its map)"
             )
-        far = self.doubt.distance(outputs["features"].astype(np.float64))[0]
+        far = self.doubt.distance(outputs["grid"].astype(np.float64))[0]
         if not far <= self.doubt.far:
             return ForceEstimate.invalid(
                 stamp_ns, Status.OUT_OF_DOMAIN, f"the picture is unlike those it learnt from ({far:.1f} times as far)"

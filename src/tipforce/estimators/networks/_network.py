@@ -7,6 +7,7 @@ import tempfile
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import repeat
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -118,12 +119,13 @@ class NetworkEstimator(Estimator):
         """Shape and dtype of the "heat" that `reader` makes of masks; None for a method that has no use for them."""
         return None
 
-    def own_arrays(self, taught: Arrays, kept: Arrays, *, masks: bool) -> Arrays:
-        """What a method keeps beside its graph, of what that returned for samples trained on and for samples kept back.
+    def own_arrays(self, outputs: Callable[[bool, bool], Arrays], *, masks: bool) -> Arrays:
+        """What a method keeps beside its graph. ``masks``: whether it was taught where the catheter is.
 
-        ``masks``: whether it was taught where the catheter is.
+        ``outputs``: what the graph returns for samples it was trained on or, first True, for those kept from it; as
+        they are or, second True, altered at random as in training.
         """
-        del taught, kept, masks
+        del outputs, masks
         return {}
 
     @property
@@ -188,9 +190,9 @@ class NetworkEstimator(Estimator):
                     f"{PARITY_N:g} N: there is no model; train it with a smaller rate"
                 )
             graph = Graph(data, MODEL)
-            taught, not_taught = (outputs_of(graph, task, samples, index) for index in (part.train, part.validate))
-            own = self.own_arrays(taught, not_taught, masks=samples.heat is not None or start is not None)
-            del prepared, samples  # before the files they are maps of
+            looked = partial(outputs_of, graph, task, samples, part)
+            own = self.own_arrays(looked, masks=samples.heat is not None or start is not None)
+            del prepared, samples, looked  # before the files they are maps of
         held_out = dataset.subset(kept[part.validate])
         self.fitted_ = _Fitted(
             actuation=names,

@@ -4,7 +4,7 @@ Beyond the thesis: grey pictures of the window alone, heads for the force's vari
 intervals that follow the doubt, and a plain refusal of what it was not taught.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -116,9 +116,10 @@ class Compact(NetworkEstimator):
             actuation=actuation,
         )
 
-    def own_arrays(self, taught: Arrays, kept: Arrays, *, masks: bool) -> Arrays:
-        """Its doubt, and what it refuses."""
-        doubt = learn_doubt(taught["features"], kept["features"])
+    def own_arrays(self, outputs: Callable[[bool, bool], Arrays], *, masks: bool) -> Arrays:
+        """Its doubt, and what it refuses: what training altered at random is not strange to it."""
+        kept = outputs(True, False)
+        doubt = learn_doubt(outputs(False, True), outputs(True, True)["grid"])
         sigma = sigma_of(kept, doubt, COMPACT_UNIT_N)
         size = np.array([magnitude_sigma(f, s) for f, s in zip(kept["force_n"].astype(np.float64), sigma, strict=True)])
         limits = limits_from(seen_of(kept), size, self.settings.refused, masks)
