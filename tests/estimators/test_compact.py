@@ -151,3 +151,21 @@ def test_the_window_of_another_scale_shows_the_same(learnt):
     assert one.valid
     assert other.valid
     assert np.abs(one.force_n - other.force_n)[:2].max() < 0.03
+
+
+def test_in_eight_bits_it_answers_nearly_the_same_and_from_its_folder_too(learnt, tmp_path, monkeypatch):
+    quick = Compact(QUICK.model_copy(update={"bits": 8})).beginning_with(learnt).fit(whips())
+    assert quick.describe()["bits"] == 8
+    assert quick.describe()["error_growth_in_8_bits"] < 0.05
+    assert "model.int8.onnx" in quick.files()
+    data = whips(seed=4, sessions=1)
+    again = load_model(save_model(quick, tmp_path / "m", data))
+    for a, b in zip(quick.predict(data), again.predict(data), strict=True):
+        assert np.array_equal(a.force_n, b.force_n, equal_nan=True)
+    assert again.files()["model.onnx"] == quick.files()["model.onnx"]
+    monkeypatch.setattr("tipforce.estimators.networks._eight_bits.LARGEST_GROWTH", -1.0)
+    brief = QUICK.model_copy(update={"bits": 8, "epochs": 1})
+    with pytest.warns(UserWarning, match="the model answers in 32 bits"):
+        whole = Compact(brief).fit(whips(sessions=2, each=20))
+    assert whole.describe()["bits"] == 32
+    assert "model.int8.onnx" not in whole.files()

@@ -8,12 +8,23 @@ import numpy.typing as npt
 from ...dataset import Dataset
 from ...errors import InputError
 from ...learning import Part, Samples, Task
-from ...types import BoolArray, Image, Observation
+from ...types import BoolArray, Image, IntArray, Observation
 from .._reading import Refusal, read_actuation
 from ._graph import Graph
 from ._prepared import Forms, Prepared
 
-__all__ = ["Arrays", "Reader", "actuation_form", "components_of", "outputs_of", "read_one", "samples_of", "spread_of"]
+__all__ = [
+    "TOGETHER",
+    "Arrays",
+    "Reader",
+    "actuation_form",
+    "components_of",
+    "outputs_of",
+    "read_one",
+    "samples_of",
+    "spread_of",
+    "spread_over",
+]
 
 LOOKED_AT, TOGETHER = 4000, 50
 """Samples that tell a method what its network usually returns; so many at once."""
@@ -44,14 +55,18 @@ def outputs_of(graph: Graph, task: Task, samples: Samples, part: Part, kept: boo
 
     They are shown as they are, or ``altered`` at random as in training.
     """
-    index = part.validate if kept else part.train
-    some = index[np.unique(np.linspace(0, len(index) - 1, min(len(index), LOOKED_AT)).astype(np.int64))]
+    some = spread_over(part.validate if kept else part.train, LOOKED_AT)
     parts: list[Arrays] = []
     for first in range(0, len(some), TOGETHER):
         now = some[first : first + TOGETHER]
         batch = task.batch(samples, now, [np.random.default_rng(k) for k in now.tolist()] if altered else None)
         parts.append(graph(**{name: batch[name] for name in task.inputs}))
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def spread_over(index: IntArray, most: int) -> IntArray:
+    """At most so many of ``index``, evenly over it."""
+    return index[np.unique(np.linspace(0, len(index) - 1, min(len(index), most)).astype(np.int64))]
 
 
 def actuation_form(names: tuple[str, ...]) -> Forms:

@@ -45,6 +45,7 @@ from ._arrays import (
     samples_of,
     spread_of,
 )
+from ._eight_bits import in_eight_bits
 from ._graph import Graph
 from ._prepared import Form, Forms, Prepared, prepare
 from ._words import network_words
@@ -58,8 +59,8 @@ PARITY_N = 1e-3
 """The graph's answers may differ from the trained network's by less than this, or training fails: it keeps weights in
 half precision, and a tenth of a gram is far below what any picture tells."""
 
-MODEL = "model.onnx"
-"""The graph's file in a model folder."""
+MODEL, SMALL = "model.onnx", "model.int8.onnx"
+"""The graph's file in a model folder; the one in 8 bits, which then answers."""
 
 COMPARED = 8
 """So many samples' answers are compared."""
@@ -76,6 +77,7 @@ class _Fitted:
     known: BoolArray
     graph: Graph
     data: bytes
+    small: bytes | None
     log: bytes
     own: Arrays
     interval: Interval
@@ -189,7 +191,8 @@ class NetworkEstimator(Estimator):
                     f"the exported graph differs from the trained network by up to {deviation_n:.2g} N, more than "
                     f"{PARITY_N:g} N: there is no model; train it with a smaller rate"
                 )
-            graph = Graph(data, MODEL)
+            small, growth = in_eight_bits(data, task, samples, part) if self.settings.bits == 8 else (None, None)
+            graph = Graph(data, MODEL) if small is None else Graph(small, SMALL)
             looked = partial(outputs_of, graph, task, samples, part)
             own = self.own_arrays(looked, masks=samples.heat is not None or start is not None)
             del prepared, samples, looked  # before the files they are maps of
@@ -199,6 +202,7 @@ class NetworkEstimator(Estimator):
             known=known,
             graph=graph,
             data=data,
+            small=small,
             own=own,
             log="".join(json.dumps(row) + "\n" for row in learnt.rows).encode(),
             interval=_UNKNOWN,
@@ -207,6 +211,8 @@ class NetworkEstimator(Estimator):
                 "samples": len(kept),
                 "samples_left_out": len(dataset) - len(kept),
                 "parity_with_network_n": deviation_n,
+                "bits": 32 if small is None else 8,
+                "error_growth_in_8_bits": growth,
                 "started_from": None if start is None else start.describe()["network"],
             },
         )
@@ -319,7 +325,8 @@ class NetworkEstimator(Estimator):
     def files(self) -> dict[str, bytes]:
         """The graph, and the log of the training, one JSON line an epoch."""
         fitted = self._known()
-        return {MODEL: fitted.data, LOG: fitted.log}
+        small = {} if fitted.small is None else {SMALL: fitted.small}
+        return {MODEL: fitted.data, LOG: fitted.log, **small}
 
     @classmethod
     def from_state(
@@ -335,8 +342,9 @@ class NetworkEstimator(Estimator):
         made.fitted_ = _Fitted(
             actuation=tuple(values["actuation"]),
             known=np.array(values["known"], np.bool_),
-            graph=Graph(files[MODEL], MODEL),
+            graph=Graph(files[SMALL], SMALL) if SMALL in files else Graph(files[MODEL], MODEL),
             data=files[MODEL],
+            small=files.get(SMALL),
             log=files[LOG],
             own=dict(arrays),
             interval=Interval.of(values["interval"]),

@@ -9,15 +9,23 @@ from ...learning import Augmentation, Recipe
 __all__ = ["CompactSettings", "DcfeSettings"]
 
 
-class DcfeSettings(Recipe):
+class NetworkSettings(Recipe):
+    """What all networks have."""
+
+    view: str = "camera"
+    """Which of an observation's views to look at."""
+    bits: Literal[32, 8] = 32
+    """8: the model answers by a graph in 8 bits, four to five times faster, if its error on what was kept from training
+    is less than 5 % larger; else by the one in 32 bits, and says so."""
+
+
+class DcfeSettings(NetworkSettings):
     """ResNet-18 from the picture to Fx and Fy (thesis ch. 4).
 
     The thesis states stochastic gradient descent, eq. (19) and 10,000 epochs; what it leaves open is chosen here and
     may be set. ``patience`` ends training before its budget is used up.
     """
 
-    view: str = "camera"
-    """Which of an observation's views to look at."""
     components: Literal["xy", "all"] = "xy"
     """Components to learn: `xy` as in the thesis, or `all` that the training data know."""
     actuation: tuple[str, ...] | None = ()
@@ -37,11 +45,9 @@ class DcfeSettings(Recipe):
     """Of `plateau`."""
 
 
-class CompactSettings(Recipe):
+class CompactSettings(NetworkSettings):
     """A small network on the window around the catheter; see `Compact`."""
 
-    view: str = "camera"
-    """Which of an observation's views to look at."""
     components: Literal["xy", "all"] = "all"
     """Components to learn: those in the picture's plane, or all that the training data know."""
     actuation: tuple[str, ...] | None = ()

@@ -42,6 +42,7 @@ def network_words(facts: Mapping[str, Any]) -> Words:
     told += [
         f"trained {budget}",
         f"kept epoch {facts['best_epoch']}: mean error {error} on {kept}",
+        *([f"answers in 8 bits: error {facts['error_growth_in_8_bits']:+.1%}"] if facts["bits"] == 8 else []),
         "90 % interval: " + ", ".join(f"{name} {half}" for name, half in halves.items()),
     ]
     return Words(sees, short, how_well, tuple(told))
