@@ -132,12 +132,28 @@ def test_an_absent_knob_is_asked_for(learnt):
     assert "knob_deg" in answer.detail
 
 
-def test_pictures_of_no_catheter_are_shown_whole():
+def test_where_sheets_are_silent_the_base_s_border_is_found():
     data = whips(masks=False)
     bare = Dataset(**{**vars(data), "contexts": {name: Context(name) for name in data.contexts}, "_memo": {}})
     settled = Compact(QUICK)
     settled.settle(bare)
-    assert settled.settings.base_side in ("left", "none")
+    assert settled.settings.base_side == "left"
+    mixed = Dataset(**{**vars(data), "contexts": {**data.contexts, "s1": Context("s1")}, "_memo": {}})
+    settled = Compact(QUICK)
+    settled.settle(mixed)
+    assert settled.settings.base_side == "left"  # as the others say
+
+
+def test_without_a_catheter_in_view_pictures_are_shown_whole():
+    class Grey:
+        def read(self, rows: np.ndarray) -> Iterator[Observation]:
+            return iter([Observation(row, {"camera": np.full((32, 32), 100, np.uint8)}) for row in rows.tolist()])
+
+    data = whips(masks=False)
+    bare = Dataset(**{**vars(data), "contexts": {n: Context(n) for n in data.contexts}, "store": Grey(), "_memo": {}})
+    settled = Compact(QUICK)
+    settled.settle(bare)
+    assert settled.settings.base_side == "none"
 
 
 def test_the_window_of_another_scale_shows_the_same(learnt):

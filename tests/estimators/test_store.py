@@ -58,7 +58,7 @@ def test_the_manifest_says_what_a_person_must_know(model: Path, data: Dataset) -
     assert manifest["metrics"] == {"rmse_n": 0.01}
     assert manifest["frame_of_forces"] == "base"
     assert manifest["facts"]["parity_with_scikit_learn_n"] < 1e-9
-    assert set(manifest["versions"]) == {"tipforce", "python", "numpy", "scikit-learn"}
+    assert set(manifest["versions"]) == {"tipforce", "python", "numpy", "scikit-learn", "onnxruntime"}
     card = (model / "README.md").read_text()
     for needed in ("Research use only", "too few for a guarantee", "A1, A2, A3, A4, A5, knob_deg", "| fx | 10 |"):
         assert needed in card

@@ -9,8 +9,8 @@ from tipforce.types import Catheter, Context
 CATHETER = Catheter("7F", 2.33e-3, 40e-3, 8e-3, 4.3e-4)
 
 
-def context(side: str, metres_per_px: float | None = 0.2e-3) -> Context:
-    return Context("day 1", CATHETER, metres_per_px, {"base_side": side})
+def context(metres_per_px: float | None = 0.2e-3) -> Context:
+    return Context("day 1", CATHETER, metres_per_px)
 
 
 def picture(channels: int | None = None) -> np.ndarray:
@@ -24,21 +24,20 @@ def picture(channels: int | None = None) -> np.ndarray:
 def test_a_turned_bench_shows_the_same_cut(side, turns):
     upright = picture()
     turned = np.ascontiguousarray(np.rot90(upright, -turns))
-    as_it_is = cut(upright, window_of(context("left"), upright.shape, None), 160)
-    assert np.array_equal(as_it_is, cut(turned, window_of(context(side), turned.shape, None), 160))
+    as_it_is = cut(upright, window_of(context(), upright.shape, "left"), 160)
+    assert np.array_equal(as_it_is, cut(turned, window_of(context(), turned.shape, side), 160))
 
 
 def test_the_window_follows_length_and_scale():
-    near = window_of(context("left", 0.1e-3), (480, 640), None)
-    far = window_of(context("left", 0.2e-3), (480, 640), None)
+    near = window_of(context(0.1e-3), (480, 640), "left")
+    far = window_of(context(0.2e-3), (480, 640), "left")
     assert near.size_px == pytest.approx(2 * far.size_px) == pytest.approx(1.35 * 48e-3 / 0.1e-3)
 
 
 def test_points_of_a_cut_are_where_they_were_in_the_picture():
     image = np.zeros((480, 640), np.uint8)
     image[300:304, 420:424] = 255
-    sheet = context("bottom")
-    window = window_of(sheet, image.shape, None)
+    window = window_of(context(), image.shape, "bottom")
     small = cut(image, window, 160)
     v, u = np.unravel_index(int(small.argmax()), small.shape)
     found = window.to_picture(np.array([[u, v]], float), 160)[0]
@@ -46,19 +45,19 @@ def test_points_of_a_cut_are_where_they_were_in_the_picture():
 
 
 def test_grey_and_colour_agree_and_areas_are_averaged():
-    window = window_of(context("left"), (480, 640), None)
+    window = window_of(context(), (480, 640), "left")
     assert np.array_equal(cut(picture(), window, 160), cut(picture(3), window, 160))
     assert abs(float(cut(picture(), window, 32).mean()) - float(picture()[78:402, :324].mean())) < 1.0
 
 
 def test_beyond_the_border_the_border_goes_on():
     flat = np.full((480, 640), 77, np.uint8)
-    wide = widened(window_of(context("left"), flat.shape, None), 1.3)
+    wide = widened(window_of(context(), flat.shape, "left"), 1.3)
     assert (cut(flat, wide, 208) == 77).all()
 
 
 def test_the_middle_of_a_wider_cut_is_the_cut():
-    image, window = picture(), window_of(context("left"), (480, 640), None)
+    image, window = picture(), window_of(context(), (480, 640), "left")
     wide = cut(image, widened(window, 1.3), 208)
     assert np.abs(wide[24:184, 24:184].astype(int) - cut(image, window, 160)).max() <= 1
 

@@ -103,6 +103,7 @@ def _manifest(
             "python": platform.python_version(),
             "numpy": version("numpy"),
             "scikit-learn": version("scikit-learn"),
+            "onnxruntime": version("onnxruntime"),
         },
         "seed": getattr(estimator.settings, "seed", None),
     }

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -171,6 +172,7 @@ def _facts(
         "seconds": now.seconds,
         "machine": machine.text,
         "precision": machine.precision,
+        "torch": version("torch"),
         "new_weights": trainer.fresh,
     }
 

@@ -50,13 +50,12 @@ _QUARTERS = ((1.0, 0.0), (0.0, -1.0), (-1.0, 0.0), (0.0, 1.0))
 def window_of(
     context: Context, shape: tuple[int, ...], side: str | None, lengths: float = LENGTHS, across: float = 0.5
 ) -> Window:
-    """The window in pictures of ``shape`` (h, w[, 3]) of a session; ``side`` of the base, if its sheet is silent.
+    """The window in pictures of ``shape`` (h, w[, 3]) of a session whose base lies at ``side``; None: nobody knows.
 
     Without a scale or a length it is the largest square at that border; without a side, the smallest that holds the
     whole picture. ``across``: where along the border the base lies, as a share from its left or upper end.
     """
     height, width = shape[:2]
-    side = context.notes.get("base_side", side)
     along, beside = (width, height) if side in ("left", "right", None) else (height, width)
     catheter, scale = context.catheter, context.metres_per_px
     size = float(max(along, beside) if side is None else min(along, beside))

@@ -46,14 +46,15 @@ class Compact(NetworkEstimator):
         """Find the border that the base lies at, where neither sheet nor settings tell; none: whole pictures."""
         if self.settings.base_side != "auto":
             return
-        contexts = dataset.contexts.values()
-        if all("base_side" in context.notes for context in contexts):
+        told = {context.notes.get("base_side") for context in dataset.contexts.values()}
+        if None not in told:
             return
         some = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, _SETTLING).astype(np.int64)))
         views = [observation.views.get(self.settings.view) for observation in some.observations()]
         images = [view for view in views if isinstance(view, np.ndarray)]
         try:
-            side = settle(VisionSettings(view=self.settings.view), images).base_side
+            one = len(told - {None}) == 1
+            side = (told - {None}).pop() if one else settle(VisionSettings(view=self.settings.view), images).base_side
         except InputError:
             side = "none"
         self.settings = self.settings.model_copy(update={"base_side": side})
@@ -79,8 +80,10 @@ class Compact(NetworkEstimator):
 
         def window(shape: tuple[int, ...]) -> Window:
             if shape not in windows:
-                told = self.settings.base_side
-                base = None if told in ("auto", "none") else told
+                side_of_base = self.settings.base_side
+                if side_of_base == "auto":
+                    side_of_base = context.notes.get("base_side", "none")
+                base = None if side_of_base == "none" else side_of_base
                 found = window_of(context, shape, base, self.settings.lengths, self.settings.across)
                 windows[shape] = widened(found, side / self.settings.size)
             return windows[shape]
