@@ -34,14 +34,14 @@ def test_the_window_follows_length_and_scale():
     assert near.size_px == pytest.approx(2 * far.size_px) == pytest.approx(1.35 * 48e-3 / 0.1e-3)
 
 
-def test_points_of_a_cut_are_where_they_were_in_the_picture():
+def test_a_spot_shows_where_the_window_says():
     image = np.zeros((480, 640), np.uint8)
-    image[300:304, 420:424] = 255
+    image[300:304, 420:424] = 255  # the base at the bottom, in its middle: ahead is up, to the left is left
     window = window_of(context(), image.shape, "bottom")
-    small = cut(image, window, 160)
-    v, u = np.unravel_index(int(small.argmax()), small.shape)
-    found = window.to_picture(np.array([[u, v]], float), 160)[0]
-    assert np.abs(found - [421.5, 301.5]).max() < window.size_px / 160
+    v, u = np.unravel_index(int(cut(image, window, 160).argmax()), (160, 160))
+    pixel = window.size_px / 160
+    assert (u + 0.5) * pixel == pytest.approx(479.5 - 301.5, abs=pixel)
+    assert (v + 0.5) * pixel - window.size_px / 2 == pytest.approx(421.5 - 319.5, abs=pixel)
 
 
 def test_grey_and_colour_agree_and_areas_are_averaged():

@@ -75,3 +75,11 @@ def test_forces_of_another_frame_stay_as_they_are():
     free = CompactTask(3, 4, SIZE, planar=None, augmentation=Augmentation(mirror=1.0))
     augmented(needle(0.0), None, force, np.zeros(4, np.float32), free, np.random.default_rng(1))
     assert np.allclose(force, [0.1, 0.2, 0.3])
+
+
+def test_other_actuation_keeps_pictures_out_of_the_mirror():
+    force = np.array([0.1, 0.05, 0.0], np.float32)
+    wired = CompactTask(3, 4, SIZE, augmentation=Augmentation(**{**NOTHING, "mirror": 1.0}), actuation=((0.0, 1.0),))
+    out, _ = augmented(needle(0.2), None, force, np.ones(4, np.float32), wired, np.random.default_rng(0))
+    assert np.array_equal(out, needle(0.2)[24:184, 24:184])
+    assert force[1] == np.float32(0.05)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ..types import BoolArray, FloatArray
 from ._answers import Interval
 
-__all__ = ["COVERAGE", "Basis", "basis_of", "half_width", "interval_from", "needed_sessions"]
+__all__ = ["COVERAGE", "Basis", "basis_of", "half_width", "interval_from", "interval_of", "needed_sessions"]
 
 COVERAGE = 0.9
 
@@ -82,6 +82,17 @@ def interval_from(
     ``found`` and ``truth`` (n, t) newtons, ``wrong`` their difference, of samples of the ``session`` (n,) that
     the method had not seen; ``held_out``: as whole sessions; else they were ``drawn``, which the basis says.
     """
+    if known.any():
+        off = np.linalg.norm(found, axis=1) - np.linalg.norm(truth, axis=1)
+    else:
+        off = np.maximum(found[:, 0], 0.0) - truth[:, 0]
+    return interval_of(known, wrong, off, session, held_out, drawn)
+
+
+def interval_of(
+    known: BoolArray, wrong: FloatArray, off: FloatArray, session: npt.NDArray[np.str_], held_out: bool, drawn: str
+) -> Interval:
+    """From errors of the components, ``wrong`` (n, t), and of the magnitude, ``off`` (n,), in their unit."""
     sessions = len(set(session.tolist()))
     basis = basis_of(sessions, held_out, drawn)
     half, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
@@ -89,9 +100,6 @@ def interval_from(
         axes = np.flatnonzero(known)
         half[axes] = [half_width(wrong[:, t], session, basis) for t in range(len(axes))]
         covariance[np.ix_(axes, axes)] = wrong.T @ wrong / len(wrong)
-        off = np.linalg.norm(found, axis=1) - np.linalg.norm(truth, axis=1)
-    else:
-        off = np.maximum(found[:, 0], 0.0) - truth[:, 0]
     return Interval(
         half_n=half,
         magnitude_half_n=half_width(off, session, basis),

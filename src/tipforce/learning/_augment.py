@@ -58,6 +58,8 @@ class _Sizes(Protocol):
     @property
     def planar(self) -> tuple[int, int] | None: ...
     @property
+    def actuation(self) -> tuple[tuple[float, float], ...]: ...
+    @property
     def augmentation(self) -> Augmentation | None: ...
 
 
@@ -78,7 +80,8 @@ def augmented(
     angle = math.radians(draw.uniform(-how.turn_deg, how.turn_deg))
     zoom = math.exp(draw.uniform(-how.zoom, how.zoom))
     shift = draw.uniform(-how.shift, how.shift, 2) * size
-    mirror = sizes.planar is not None and draw.random() < how.mirror
+    # nobody knows which other actuation changes its sign in a mirror
+    mirror = sizes.planar is not None and not sizes.actuation and draw.random() < how.mirror
     cos, sin = math.cos(angle) / zoom, math.sin(angle) / zoom
     matrix = np.array([[cos, -sin, 0.0], [sin, cos, 0.0]])
     if mirror:

@@ -30,7 +30,6 @@ COMPACT_UNIT_N = 0.1
 CONTACT_N = 0.015
 """Above this a sensor's reading counts as contact in training."""
 
-_LEAST_LOG, _MOST_LOG = -9.0, 3.0
 _SHARPNESS = 0.5
 """Exponent beta of the variance's weight in the likelihood (Seitzer et al. 2022): 0 plain, 1 squares alone."""
 _WEIGHTS = {"force": 1.0, "contact": 0.02, "heat": 0.1}
@@ -99,8 +98,8 @@ class CompactTask:
 
         force, log_variance, contact, heat, *_ = outputs
         wrong = (force - batch["force_n"]) / COMPACT_UNIT_N
-        log = log_variance.clamp(_LEAST_LOG, _MOST_LOG)
-        likelihood = 0.5 * (wrong * wrong * torch.exp(-log) + log) * torch.exp(_SHARPNESS * log).detach()
+        likelihood = 0.5 * (wrong * wrong * torch.exp(-log_variance) + log_variance)
+        likelihood = likelihood * torch.exp(_SHARPNESS * log_variance).detach()
         touching = (torch.linalg.vector_norm(batch["force_n"], dim=1) > CONTACT_N).float()
         total = _WEIGHTS["force"] * likelihood.mean()
         total = total + _WEIGHTS["contact"] * binary_cross_entropy_with_logits(contact, touching)

@@ -26,6 +26,8 @@ _BLOCKS = (0, 1, 1, 0)
 """Residual blocks on each level."""
 _KEPT = 32
 """Channels of the last grid."""
+_LOGARITHMS = -9.0, 3.0
+"""Between these the logarithm of a variance stays."""
 _LEVEL = 4.0
 """Grey levels that keep an even picture from being blown up."""
 
@@ -106,7 +108,7 @@ def build_compact(
             bending = self.unit_n * torch.exp(sheet[:, :1] - 2.0 * sheet[:, 1:2])
             pressing = self.unit_n * torch.exp(sheet[:, 1:2])
             force = answer[:, :outputs] * bending + answer[:, outputs : 2 * outputs] * pressing
-            log_variance, contact = answer[:, 2 * outputs : 3 * outputs], answer[:, -1]
+            log_variance, contact = answer[:, 2 * outputs : 3 * outputs].clamp(*_LOGARITHMS), answer[:, -1]
             return force, log_variance, contact, where[:, 0].float(), grid.float(), features.float()
 
     return Compact()

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ...types import BoolArray, FloatArray, ForceEstimate, Status
 from .._answers import Interval
-from .._conformal import basis_of, half_width
+from .._conformal import interval_of
 from ._doubt import Doubt
 
 __all__ = ["Doubtful", "Limits", "limits_from", "magnitude_sigma", "relative_interval", "seen_of", "sigma_of"]
@@ -90,28 +90,14 @@ def relative_interval(
     drawn: str,
 ) -> Interval:
     """As `interval_from`, in deviations: from errors ``found`` - ``truth`` (n, t) over their ``sigma`` (n, t)."""
-    basis = basis_of(len(set(session.tolist())), not drawn, drawn)
-    wrong = (found - truth) / sigma
-    half, covariance = np.full(3, math.nan), np.full((3, 3), math.nan)
-    axes = np.flatnonzero(known)
-    half[axes] = [half_width(wrong[:, t], session, basis) for t in range(len(axes))]
-    covariance[np.ix_(axes, axes)] = wrong.T @ wrong / len(wrong)
     spread = np.array([magnitude_sigma(f, s) for f, s in zip(found, sigma, strict=True)])
     off = (np.linalg.norm(found, axis=1) - np.linalg.norm(truth, axis=1)) / spread
-    return Interval(
-        half_n=half,
-        magnitude_half_n=half_width(off, session, basis),
-        covariance_n2=covariance,
-        by_session=basis.by_session,
-        basis=basis.text,
-        sessions=len(set(session.tolist())),
-        samples=len(found),
-    )
+    return interval_of(known, (found - truth) / sigma, off, session, held_out=not drawn, drawn=drawn)
 
 
 def sigma_of(outputs: Outputs, doubt: Doubt, unit_n: float) -> FloatArray:
     """(n, t): standard deviations of the components: the label's own, and what the last layer was not taught."""
-    log = np.clip(outputs["log_variance"].astype(np.float64), -9.0, 3.0)
+    log = outputs["log_variance"].astype(np.float64)
     untaught = 1.0 + doubt.variance(outputs["features"].astype(np.float64))
     return unit_n * np.exp(0.5 * log) * np.sqrt(untaught)[:, None]
 

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from ...learning import Augmentation, Recipe
+from ._window import LENGTHS
 
 __all__ = ["CompactSettings", "DcfeSettings"]
 
@@ -15,7 +16,7 @@ class NetworkSettings(Recipe):
     view: str = "camera"
     """Which of an observation's views to look at."""
     bits: Literal[32, 8] = 32
-    """8: the model answers by a graph in 8 bits, four to five times faster, if its error on what was kept from training
+    """8: the model answers by a graph in 8 bits, two to four times faster, if its error on what was kept from training
     is less than 5 % larger; else by the one in 32 bits, and says so."""
 
 
@@ -55,7 +56,7 @@ class CompactSettings(NetworkSettings):
     where the sheet says what it does, the curvature that it asks for is given to the network anyway."""
     size: Annotated[int, Field(ge=64, multiple_of=32)] = 160
     """Side of the network's picture in pixels."""
-    lengths: Annotated[float, Field(gt=1)] = 1.35
+    lengths: Annotated[float, Field(gt=1)] = LENGTHS
     """Side of the window in nominal lengths of the catheter: it is to show what the tip touches, too."""
     base_side: Literal["auto", "left", "right", "top", "bottom", "none"] = "auto"
     """The border that the base lies at; `auto`: as the sheet says, else as seen; `none`: the whole picture is shown."""

@@ -12,9 +12,9 @@ import numpy as np
 from numba import njit
 
 from ..._compile import STEADY
-from ...types import Context, FloatArray, Image
+from ...types import Context, Image
 
-__all__ = ["SIDES", "Window", "cut", "widened", "window_of"]
+__all__ = ["LENGTHS", "Window", "cut", "widened", "window_of"]
 
 SIDES = ("left", "bottom", "right", "top")
 """Borders that the base may lie at; the picture is turned clockwise by as many quarter turns as their place here."""
@@ -33,14 +33,6 @@ class Window:
     corner: tuple[float, float]
     size_px: float
     turns: int
-
-    def to_picture(self, points: FloatArray, size: int) -> FloatArray:
-        """(n, 2) points of a cut of ``size`` pixels (u, v) -> points of the picture."""
-        scale = self.size_px / size
-        x = (points[:, 0] + 0.5) * scale
-        y = (points[:, 1] + 0.5) * scale - 0.5 * self.size_px
-        cos, sin = _QUARTERS[self.turns]
-        return np.column_stack([self.corner[0] + cos * x - sin * y, self.corner[1] + sin * x + cos * y])
 
 
 _QUARTERS = ((1.0, 0.0), (0.0, -1.0), (-1.0, 0.0), (0.0, 1.0))
