@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from tipforce.cli._settings import settings_from
 from tipforce.dataset import Dataset, draw, open_dataset, random_split
 from tipforce.errors import TipforceError
-from tipforce.estimators import Estimator, create, method
+from tipforce.estimators import Estimator, NetworkEstimator, check_start, create, method
 from tipforce.evaluation import Constant, error_figures
 from tipforce.evaluation._style import (
     GREY,
@@ -152,6 +152,7 @@ def main() -> None:
     parser.add_argument("--set", action="append", metavar="KEY=VALUE", help="a setting of the method; may be repeated")
     parser.add_argument("--sizes", type=int, nargs="*", default=[60, 120, 240, 480])
     parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--from", dest="start", metavar="MODEL", help="networks: begin each fit with these weights")
     parser.add_argument("--samples", type=int, help="draw so many samples first, with seed 0")
     parser.add_argument("--json", type=Path, default=Path("build/learning_curve.json"))
     parser.add_argument("--figure", type=Path, help="an SVG")
@@ -163,10 +164,13 @@ def main() -> None:
         if options.samples:
             dataset = draw(dataset, options.samples)
         named = {"estimator": options.estimator, "settings": settings.model_dump(mode="json"), "data": dataset.title}
+        start = check_start(create(options.estimator, settings), options.start)
+        named |= {} if options.start is None else {"start": options.start}
 
         def recipe(seed: int) -> Estimator:
             own = "seed" in type(settings).model_fields and "seed" not in settings.model_fields_set
-            return create(options.estimator, settings.model_copy(update={"seed": seed}) if own else settings)
+            made = create(options.estimator, settings.model_copy(update={"seed": seed}) if own else settings)
+            return made.beginning_with(start) if isinstance(made, NetworkEstimator) and start else made
 
         held = study(recipe, dataset, options.sizes, options.seeds, options.json, named)
     except TipforceError as error:

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app, main
+from tipforce.cli._facts import context_from
 from tipforce.errors import InputError
 from tipforce.estimators import write_estimates
 from tipforce.estimators._run import COLUMNS
@@ -151,10 +153,47 @@ def test_a_folder_that_does_not_exist_is_named(trained, video: Path, tmp_path: P
     assert not list(tmp_path.iterdir())
 
 
+def test_facts_that_the_model_needs_are_asked_for_before_the_work(trained, video: Path, tmp_path: Path) -> None:
+    class Told:
+        settings = trained.settings
+        needed_actuation, needed_facts = trained.needed_actuation, ("flexible_length_m", "metres_per_px", "base_side")
+        start = staticmethod(trained.start)
+
+    wanted = r"t\.mp4: .* state --catheter NAME,flexible_length_m=VALUE --metres-per-px VALUE --note base_side=VALUE$"
+    with (
+        open_source(video, actuation=KNOB) as source,
+        pytest.raises(InputError, match=wanted.replace("t", re.escape(video.stem), 1)),
+    ):
+        write_estimates(Told(), source, tmp_path / "f.csv")
+    assert not (tmp_path / "f.csv").exists()
+    stated = context_from("thin,flexible_length_m=0.04", 2e-4, ["base_side=left"])
+    with open_source(video, actuation=KNOB, stated=stated) as source:
+        assert source.context.session == video.stem
+        assert write_estimates(Told(), source, tmp_path / "f.csv").frames == 20
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--note", "left", "expected KEY=VALUE"),
+        ("--note", "base_side=up", "expected one of left, right, top, bottom"),
+        ("--note", "knob_gain_per_m_deg=much", "a number after the ="),
+        ("--metres-per-px", "-1", "a number above zero"),
+        ("--catheter", "thin,length=1", "there is no fact 'length'"),
+    ],
+)
+def test_facts_that_are_none_are_refused(model, video, tmp_path, option, value, said, capsys, monkeypatch) -> None:
+    words = ["tipforce", "estimate", str(model), str(video), "-o", str(tmp_path / "f.csv"), f"{option}={value}"]
+    monkeypatch.setattr(sys, "argv", words)
+    with pytest.raises(SystemExit):
+        main()
+    assert said in " ".join(capsys.readouterr().err.split())
+
+
 def test_an_interval_without_an_end_is_written_as_nothing(trained, video: Path, tmp_path: Path) -> None:
     class Unsure:
         settings = trained.settings
-        needed_actuation = trained.needed_actuation
+        needed_actuation, needed_facts = trained.needed_actuation, ()
 
         def start(self, context):
             stream = trained.start(context)

@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce import __version__, cli
+from tipforce.cli._common import progress_bar
 from tipforce.errors import InputError, TipforceError
 
 
@@ -87,3 +88,14 @@ def test_the_version_is_told() -> None:
     result = CliRunner().invoke(cli.app, ["--version"])
     assert result.exit_code == 0
     assert result.output == f"tipforce {__version__}\n"
+
+
+def test_in_a_log_progress_is_a_line_now_and_then(capsys, monkeypatch) -> None:
+    monkeypatch.setattr("tipforce.cli._common._LINE_EVERY_S", 0.0)
+    with progress_bar() as report:
+        report("epoch 3 of 20", 0.153)
+    assert capsys.readouterr().err == "epoch 3 of 20: 15%\n"
+    monkeypatch.setattr("tipforce.cli._common._LINE_EVERY_S", 60.0)
+    with progress_bar() as report:
+        report("epoch 3 of 20", 0.153)
+    assert not capsys.readouterr().err

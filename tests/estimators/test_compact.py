@@ -1,6 +1,7 @@
 """`compact`: a window around the catheter, a doubt of its own, and a plain refusal of what it was not taught."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -130,6 +131,38 @@ def test_an_absent_knob_is_asked_for(learnt):
     answer = stream.update(Observation(0, {"camera": empty()}))
     assert answer.status is Status.MISSING_INPUT
     assert "knob_deg" in answer.detail
+
+
+def test_what_the_sheets_told_in_training_is_asked_for(learnt):
+    told = whips().contexts["s0"]
+    assert learnt.needed_facts
+    silent = learnt.start(Context("s0")).update(Observation(0, {"camera": empty()}, {"knob_deg": 10.0}))
+    assert silent.status is Status.MISSING_INPUT
+    assert all(name in silent.detail for name in learnt.needed_facts)
+    stated = learnt.start(Context("s0").with_facts(told)).update(
+        Observation(0, {"camera": empty()}, {"knob_deg": 10.0})
+    )
+    assert stated.status is not Status.MISSING_INPUT
+
+
+def test_a_frame_shortly_before_leads_the_answer(learnt):
+    assert not learnt.remembers  # no two of its samples were taken so shortly after each other
+    data = whips(seed=4, sessions=1)
+    seconds = np.array([[0.02, 0.0], [0.01, 0.03]])
+    leading = learnt.unfitted()
+    own = {**learnt.fitted_.own, "lead_s": seconds, "lead_alone": np.array(2.0)}
+    leading.fitted_ = replace(learnt.fitted_, own=own)
+    assert leading.remembers
+    still, stream = learnt.start(data.contexts["s0"]), leading.start(data.contexts["s0"])
+    shown = [replace(each, stamp_ns=42_000_000 * k) for k, each in enumerate(data.observations())][:8]
+    alone, led = [still.update(each) for each in shown], [stream.update(each) for each in shown]
+    valid = [k for k, each in enumerate(alone) if each.valid and k and alone[k - 1].valid]
+    for k in valid:
+        rate = (alone[k].force_n[:2] - alone[k - 1].force_n[:2]) / 0.042
+        assert np.allclose(led[k].force_n[:2], alone[k].force_n[:2] + rate @ seconds)
+        assert np.allclose(led[k].covariance_n2[:2, :2], alone[k].covariance_n2[:2, :2])
+    assert np.allclose(led[0].covariance_n2[:2, :2], 4.0 * alone[0].covariance_n2[:2, :2])
+    assert valid
 
 
 def test_where_sheets_are_silent_the_base_s_border_is_found():

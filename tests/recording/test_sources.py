@@ -165,7 +165,7 @@ def test_a_recording_is_a_source_too(recording: Path) -> None:
     with open_source(recording) as source:
         assert source.context.session == "first"
         assert sum(isinstance(event, Frame) for event in source) == 25
-    with open_source(recording, context=Context("other")) as source:
+    with open_source(recording, stated=Context("other")) as source:
         assert source.context.session == "other"
     with pytest.raises(InputError, match="carries knob_deg itself"):
         open_source(recording, actuation={"knob_deg": 1.0, "wire_mm": 2.0})

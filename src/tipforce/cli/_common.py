@@ -2,6 +2,7 @@
 
 import json
 import sys
+import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,6 +25,9 @@ What is in brackets or between colons is printed as it is: columns are called "T
 JsonOption = Annotated[
     str | None, typer.Option("--json", metavar="FILE", help="Also write the figures as JSON; - is standard output.")
 ]
+
+
+_LINE_EVERY_S = 60.0
 
 
 def say(text: str, style: str | None = None) -> None:
@@ -52,7 +56,13 @@ def check_outputs(inputs: Sequence[Path], *outputs: Path | str | None) -> None:
 
 @contextmanager
 def progress_bar() -> Generator[Callable[[str, float], None]]:
-    """Yields ``report(what, share)``: a bar with percentage and time left, that vanishes at the end."""
+    """Yields ``report(what, share)``: a bar with percentage and time left, that vanishes at the end.
+
+    Where nobody looks at a terminal, as in a log, it is a line a minute.
+    """
+    if not console.is_terminal:
+        yield _line_a_minute()
+        return
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bars:
         task = bars.add_task("", total=1.0)
@@ -61,6 +71,19 @@ def progress_bar() -> Generator[Callable[[str, float], None]]:
             bars.update(task, description=what, completed=share)
 
         yield report
+
+
+def _line_a_minute() -> Callable[[str, float], None]:
+    last = time.monotonic()
+
+    def report(what: str, share: float) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= _LINE_EVERY_S:
+            last = now
+            say(f"{what}: {share:.0%}")
+
+    return report
 
 
 def write_json(figures: dict[str, Any], target: str | None) -> None:

@@ -4,10 +4,11 @@ import math
 from typing import Literal
 
 from ..errors import InputError
-from ..types import Catheter
+from ..types import Catheter, Context
 
-__all__ = ["actuation_from", "catheter_from", "number_from", "offset_from", "tare_from"]
+__all__ = ["actuation_from", "catheter_from", "context_from", "number_from", "offset_from", "scale_from", "tare_from"]
 
+_SIDES = "left", "right", "top", "bottom"
 _LENGTHS = ("diameter_m", "flexible_length_m", "rigid_length_m", "bending_stiffness_nm2")
 
 
@@ -74,6 +75,32 @@ def offset_from(text: str) -> Literal["auto", "none"] | float:
     if abs(value) > 2e12:  # what brings a clock that began in 1970 to zero is 1.7e12
         raise InputError(f"--offset-ms {text}: expected less than 2e12 ms, which is all the time since 1970")
     return value
+
+
+def context_from(catheter: str | None, metres_per_px: float | None, notes: list[str] | None) -> Context:
+    """A session's facts as they are stated.
+
+    >>> context_from(None, 2e-4, ["base_side=left"]).notes
+    {'base_side': 'left'}
+    """
+    stated: dict[str, str] = {}
+    for note in notes or []:
+        key, _, value = note.partition("=")
+        if not (key and value):
+            raise InputError(f"--note {note}: expected KEY=VALUE, for example --note base_side=left")
+        if key == "base_side" and value not in _SIDES:
+            raise InputError(f"--note {note}: expected one of {', '.join(_SIDES)}")
+        if key.startswith("knob_gain"):
+            number_from(value, f"--note {note}", "a number after the =")
+        stated[key] = value
+    return Context("", catheter_from(catheter), scale_from(metres_per_px), stated)
+
+
+def scale_from(metres_per_px: float | None) -> float | None:
+    """``--metres-per-px``, above zero; None where it is not stated."""
+    if metres_per_px is None:
+        return None
+    return number_from(str(metres_per_px), "--metres-per-px", "a number above zero", 0.0)
 
 
 def catheter_from(text: str | None) -> Catheter:

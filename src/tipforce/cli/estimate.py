@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
-from ._facts import actuation_from
+from ._facts import actuation_from, context_from
 
 __all__ = ["command"]
 
@@ -28,6 +28,14 @@ def command(
     actuation: Annotated[
         list[str] | None, typer.Option(metavar="NAME_UNIT=VALUE", help="Another drive's constant; may be repeated.")
     ] = None,
+    catheter: Annotated[
+        str | None, typer.Option(metavar="NAME[,KEY=VALUE]", help="Its sheet, as in ablation,flexible_length_m=0.04.")
+    ] = None,
+    metres_per_px: Annotated[float | None, typer.Option(help="The picture's scale.")] = None,
+    note: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help="Another fact of the sheet, as in base_side=left; may be repeated."),
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there already.")] = False,
     json_file: JsonOption = None,
 ) -> None:
@@ -40,7 +48,9 @@ def command(
     Example:
         tipforce estimate models/svr video.mp4 --knob-deg 10 -o forces.csv --overlay out.mp4
 
-        tipforce estimate pretrained/compact video.mp4 -o forces.csv
+        tipforce estimate pretrained/compact run.mcap -o forces.csv
+
+    Facts that are stated stand for those that a recording knows itself.
     """
     from ..errors import InputError
     from ..estimators import load_model, write_estimates
@@ -52,8 +62,9 @@ def command(
         if isinstance(path, Path) and path.exists() and not overwrite:
             raise InputError(f"{path}: exists already; choose another name or state --overwrite")
     estimator = load_model(model)
+    drives, stated = actuation_from(knob_deg, actuation), context_from(catheter, metres_per_px, note)
     with (
-        open_source(frames, actuation=actuation_from(knob_deg, actuation)) as source,
+        open_source(frames, actuation=drives, stated=stated) as source,
         progress_bar() as progress,
     ):
         report = write_estimates(estimator, source, target, overlay=overlay, full_scale_n=arrow_n, progress=progress)

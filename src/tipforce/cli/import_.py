@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
-from ._facts import actuation_from, catheter_from, number_from, offset_from, tare_from
+from ._facts import actuation_from, catheter_from, number_from, offset_from, scale_from, tare_from
 from ._settings import SetOption, settings_from
 
 __all__ = ["command"]
@@ -128,9 +128,6 @@ def command(
     if len(inputs) > 2:
         raise InputError(f"expected a video and a force log, got {len(inputs)} files: {', '.join(map(str, inputs))}")
     frames, log = inputs[0], inputs[1] if len(inputs) == 2 else None
-    scale = None
-    if metres_per_px is not None:
-        scale = number_from(str(metres_per_px), "--metres-per-px", "a number above zero", 0.0)
     with progress_bar() as report:
         done = import_run(
             frames,
@@ -153,7 +150,7 @@ def command(
             tare=tare_from(tare),
             offset_ms=offset_from(offset_ms),
             align_start=align_start,
-            context=Context(session or output.stem, catheter_from(catheter), scale),
+            context=Context(session or output.stem, catheter_from(catheter), scale_from(metres_per_px)),
             vision=settings_from(VisionSettings, settings),
             lossless=lossless,
             jpeg_quality=jpeg_quality,

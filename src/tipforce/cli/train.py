@@ -51,7 +51,7 @@ def command(
     A random share held out (--holdout 0.25, as in the thesis) has neighbours of every frame in the training part; how
     a method does on sessions it never saw is what `tipforce evaluate` tells.
 
-    A network writes a checkpoint after every epoch, to OUTPUT.training beside the model, and needs the extra [train].
+    A network writes a checkpoint after every epoch, to OUTPUT.training beside the model, and needs the extra "train".
 
     Example:
         tipforce train runs/ --estimator svr -o models/svr

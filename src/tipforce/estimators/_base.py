@@ -100,6 +100,11 @@ class Estimator(ABC):
         """Names of the actuation without which this fitted method answers nothing."""
         return ()
 
+    @property
+    def needed_facts(self) -> tuple[str, ...]:
+        """What a session's `Context` must tell, as `stated_facts` names it, or this fitted method answers nothing."""
+        return ()
+
     def describe(self) -> dict[str, Any]:
         """Facts of the fitted model that a model card shows (chosen constants, number of samples, interval basis)."""
         return {}

@@ -19,6 +19,7 @@ from ..types import Context, FloatArray, ForceEstimate, Frame, Image, Observatio
 from ..units import newtons_to_grams
 from ..vision import Reasons, draw_estimate
 from ._base import Estimator, Progress
+from ._needed import missing_facts
 from ._shows import ShowsShape, view_of
 
 __all__ = ["COLUMNS", "RunReport", "write_estimates"]
@@ -92,9 +93,12 @@ def write_estimates(
 
     Cells are empty where a value is unknown. ``overlay``: also an .mp4 with shape, force, value, interval and status,
     where an arrow of ``full_scale_n`` is a quarter of the picture long. Files appear when they are complete, or not at
-    all. Raises InputError where ``source`` holds no frame, or lacks actuation that ``estimator`` needs.
+    all. Raises InputError where ``source`` holds no frame, or lacks actuation or facts that ``estimator`` needs.
     """
     require_actuation(source, estimator.needed_actuation)
+    missing = missing_facts(estimator.needed_facts, source.context)
+    if missing:
+        raise InputError(f"{getattr(source, 'path', source.context.session)}: {missing}")
     view = view_of(estimator)
     total = frame_count(source, view)
     stream = estimator.start(source.context)

@@ -4,6 +4,7 @@ Turning the picture about the catheter's base turns the force along: in the base
 """
 
 import math
+from functools import cache
 from typing import Annotated, Any, Protocol
 
 import cv2
@@ -50,6 +51,15 @@ class Augmentation(BaseModel):
     """Share of pictures shown as their negatives."""
     strokes: Share = 0.25
     """Share of pictures with one or two straight rods across."""
+
+
+_NOISES = 1 << 20
+
+
+@cache
+def _noises() -> Numbers:
+    """Drawn once: a stretch that begins anywhere in it is as good as a new draw, which costs half of all the rest."""
+    return np.random.default_rng(0).standard_normal(_NOISES, dtype=np.float32)
 
 
 class _Sizes(Protocol):
@@ -129,7 +139,8 @@ def _other_light(grey: Numbers, how: Augmentation, draw: np.random.Generator) ->
             shade, thick = float(draw.uniform(0.0, 255.0)), int(draw.integers(1, 1 + max(2, size // 32)))
             cv2.line(grey, (ends[0], ends[1]), (ends[2], ends[3]), shade, thick, cv2.LINE_AA)
     if how.noise:
-        grey += draw.standard_normal((size, size), dtype=np.float32) * np.float32(draw.uniform(0.0, how.noise))
+        first = int(draw.integers(0, _NOISES - size * size))
+        grey += _noises()[first : first + size * size].reshape(size, size) * np.float32(draw.uniform(0.0, how.noise))
     if draw.random() < how.inverted:
         grey = 255.0 - grey
     return np.clip(grey + 0.5, 0.0, 255.0).astype(np.uint8)

@@ -21,7 +21,7 @@ class FileSource:
     ``frame_count``: as far as the file says, 0 where it does not.
     """
 
-    def __init__(self, path: Path, actuation: Mapping[str, float], context: Context | None) -> None:
+    def __init__(self, path: Path, actuation: Mapping[str, float], stated: Context) -> None:
         self.path, self._actuation = path, dict(actuation)
         self._folder = read_folder(path) if path.is_dir() else None
         self._dicom = is_dicom(path)
@@ -29,7 +29,7 @@ class FileSource:
             self.frame_count = len(self._folder.files)
         else:
             self.frame_count = dicom_size(path) if self._dicom else video_size(path)
-        self.context = context or Context(session=path.stem)
+        self.context = Context(session=path.stem).with_facts(stated)
         if self._folder:
             clash = set(self._folder.actuation) & set(self._actuation)
             if clash:
@@ -63,12 +63,12 @@ class FileSource:
 
 
 def open_source(
-    path: Path | str, *, actuation: Mapping[str, float] | None = None, context: Context | None = None
+    path: Path | str, *, actuation: Mapping[str, float] | None = None, stated: Context | None = None
 ) -> Source:
     """A video, a DICOM file, a folder of images or a recording as a `Source`; a context manager, may be iterated again.
 
-    ``actuation``: constant values (``knob_deg``) for files that carry none. ``context``: instead of what the file
-    knows. Raises InputError where ``actuation`` has a name that the file carries itself.
+    ``actuation``: constant values (``knob_deg``) for files that carry none. ``stated``: facts that stand for
+    those that the file knows. Raises InputError where ``actuation`` has a name that the file carries itself.
     """
     where = Path(path)
     if where.suffix in (".mcap", ".part"):
@@ -77,10 +77,10 @@ def open_source(
         if carried:
             reader.close()
             raise InputError(f"{where}: carries {', '.join(carried)} itself; do not state it as well")
-        return _Stated(reader, actuation or {}, context) if actuation or context else reader
+        return _Stated(reader, actuation or {}, stated or Context()) if actuation or stated else reader
     if not where.exists():
         raise FileFormatError(f"{where}: there is no such file or folder")
-    return FileSource(where, actuation or {}, context)
+    return FileSource(where, actuation or {}, stated or Context())
 
 
 def require_actuation(source: Source, names: Iterable[str]) -> None:
@@ -116,9 +116,9 @@ def _never_read(reader: RecordingReader, names: Iterable[str]) -> list[str]:
 class _Stated:
     """A recording with values or facts that a person adds."""
 
-    def __init__(self, reader: RecordingReader, actuation: Mapping[str, float], context: Context | None) -> None:
+    def __init__(self, reader: RecordingReader, actuation: Mapping[str, float], stated: Context) -> None:
         self._reader, self._actuation = reader, dict(actuation)
-        self.path, self.context = reader.path, context or reader.context
+        self.path, self.context = reader.path, reader.context.with_facts(stated)
 
     def lacks(self, names: Iterable[str]) -> list[str]:
         """Those of the actuation's ``names`` that never come."""

@@ -1,7 +1,7 @@
 """What is publicly known of a catheter and of a session: the sheet of paper beside the bench."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 __all__ = ["Catheter", "Context"]
 
@@ -28,3 +28,24 @@ class Context:
     catheter: Catheter = Catheter()
     metres_per_px: float | None = None
     notes: Mapping[str, str] = field(default_factory=dict)
+
+    def with_facts(self, stated: "Context") -> "Context":
+        """All that it tells, but for what ``stated`` tells otherwise.
+
+        >>> Context("a", metres_per_px=2e-4).with_facts(Context(notes={"base_side": "left"})).session
+        'a'
+        """
+        ours, theirs = self.catheter, stated.catheter
+        catheter = Catheter(
+            ours.name if theirs.name == Catheter().name else theirs.name,
+            *(
+                getattr(ours, each.name) if getattr(theirs, each.name) is None else getattr(theirs, each.name)
+                for each in fields(Catheter)[1:]
+            ),
+        )
+        return Context(
+            stated.session or self.session,
+            catheter,
+            self.metres_per_px if stated.metres_per_px is None else stated.metres_per_px,
+            {**self.notes, **stated.notes},
+        )

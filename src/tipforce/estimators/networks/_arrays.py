@@ -1,5 +1,7 @@
 """Between a dataset's samples and a network's arrays."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,10 +18,10 @@ from ._prepared import Forms, Prepared
 __all__ = [
     "TOGETHER",
     "Arrays",
+    "Looked",
     "Reader",
     "actuation_form",
     "components_of",
-    "outputs_of",
     "read_one",
     "samples_of",
     "spread_of",
@@ -50,18 +52,34 @@ def read_one(
     return drives if isinstance(drives, Refusal) else {**row, "actuation": drives.astype(np.float32)}
 
 
-def outputs_of(graph: Graph, task: Task, samples: Samples, part: Part, kept: bool, altered: bool) -> Arrays:
-    """What ``graph`` returns for samples spread over those it was trained on, or those ``kept`` from it.
+@dataclass(frozen=True, eq=False)
+class Looked:
+    """What a trained ``graph`` returns for its ``samples``, of which a ``part`` was kept from training."""
 
-    They are shown as they are, or ``altered`` at random as in training.
-    """
-    some = spread_over(part.validate if kept else part.train, LOOKED_AT)
-    parts: list[Arrays] = []
-    for first in range(0, len(some), TOGETHER):
-        now = some[first : first + TOGETHER]
-        batch = task.batch(samples, now, [np.random.default_rng(k) for k in now.tolist()] if altered else None)
-        parts.append(graph(**{name: batch[name] for name in task.inputs}))
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    graph: Graph
+    task: Task
+    samples: Samples
+    part: Part
+    stamp_ns: IntArray
+    """(n,): when the samples were taken."""
+
+    def outputs(self, *, kept: bool, altered: bool) -> Arrays:
+        """For samples spread over those it was trained on, or those ``kept`` from it.
+
+        They are shown as they are, or ``altered`` at random as in training.
+        """
+        return self.at(spread_over(self.part.validate if kept else self.part.train, LOOKED_AT), altered=altered)
+
+    def at(self, index: IntArray, *, altered: bool = False, names: Sequence[str] | None = None) -> Arrays:
+        """For the samples at ``index``: all that it returns, or what ``names`` say."""
+        parts: list[Arrays] = []
+        for first in range(0, len(index), TOGETHER):
+            now = index[first : first + TOGETHER]
+            draws = [np.random.default_rng(k) for k in now.tolist()] if altered else None
+            batch = self.task.batch(self.samples, now, draws)
+            found = self.graph(**{name: batch[name] for name in self.task.inputs})
+            parts.append({name: found[name] for name in names or found})
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def spread_over(index: IntArray, most: int) -> IntArray:

@@ -12,6 +12,7 @@ from ...types import BoolArray, FloatArray, ForceEstimate, Status
 from .._answers import Interval
 from .._conformal import interval_of
 from ._doubt import Doubt
+from ._lead import Lead, Trail
 
 __all__ = ["Doubtful", "Limits", "limits_from", "magnitude_sigma", "relative_interval", "seen_of", "sigma_of"]
 
@@ -42,6 +43,9 @@ class Doubtful:
     limits: Limits
     interval: Interval
     """In standard deviations, not newtons: an answer's own deviation widens it."""
+    lead: Lead
+    trail: Trail
+    """Of one session."""
 
     def __call__(self, stamp_ns: int, outputs: Outputs) -> ForceEstimate:
         """One estimate, of outputs (1, ...)."""
@@ -62,6 +66,12 @@ class Doubtful:
             return ForceEstimate.invalid(
                 stamp_ns, Status.UNOBSERVABLE, f"this picture tells the force to {doubt * 1e3:.0f} mN only"
             )
+        rate = self.trail.rate(stamp_ns, force)
+        if rate is None:
+            sigma, doubt = sigma * self.lead.alone, doubt * self.lead.alone
+        else:
+            force = force + rate @ self.lead.seconds
+            size = float(np.linalg.norm(force))
         full, interval = np.full(3, math.nan), np.full((3, 2), math.nan)
         covariance = np.full((3, 3), math.nan)
         axes = np.flatnonzero(self.known)

@@ -7,7 +7,6 @@ import tempfile
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import repeat
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -37,10 +36,10 @@ from .._reading import Refusal, actuation_names
 from .._words import Words
 from ._arrays import (
     Arrays,
+    Looked,
     Reader,
     actuation_form,
     components_of,
-    outputs_of,
     read_one,
     samples_of,
     spread_of,
@@ -121,19 +120,25 @@ class NetworkEstimator(Estimator):
         """Shape and dtype of the "heat" that `reader` makes of masks; None for a method that has no use for them."""
         return None
 
-    def own_arrays(self, outputs: Callable[[bool, bool], Arrays], *, masks: bool) -> Arrays:
-        """What a method keeps beside its graph. ``masks``: whether it was taught where the catheter is.
+    def told(self, dataset: Dataset) -> tuple[str, ...]:
+        """Facts of the sessions of ``dataset`` that the network comes to count on: `Estimator.needed_facts`."""
+        del dataset
+        return ()
 
-        ``outputs``: what the graph returns for samples it was trained on or, first True, for those kept from it; as
-        they are or, second True, altered at random as in training.
-        """
-        del outputs, masks
+    def own_arrays(self, looked: Looked, *, masks: bool) -> Arrays:
+        """What a method keeps beside its graph. ``masks``: whether it was taught where the catheter is."""
+        del looked, masks
         return {}
 
     @property
     def needed_actuation(self) -> tuple[str, ...]:
         """What it was trained with. Raises NotFittedError before ``fit``."""
         return self._known().actuation
+
+    @property
+    def needed_facts(self) -> tuple[str, ...]:
+        """What every session of the training told. Raises NotFittedError before ``fit``."""
+        return tuple(self._known().facts["told"])
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
         """Train on ``dataset``, all but a part that says when to stop and how wide the interval is.
@@ -193,7 +198,7 @@ class NetworkEstimator(Estimator):
                 )
             small, growth = in_eight_bits(data, task, samples, part) if self.settings.bits == 8 else (None, None)
             graph = Graph(data, MODEL) if small is None else Graph(small, SMALL)
-            looked = partial(outputs_of, graph, task, samples, part)
+            looked = Looked(graph, task, samples, part, dataset.stamp_ns[kept])
             own = self.own_arrays(looked, masks=samples.heat is not None or start is not None)
             del prepared, samples, looked  # before the files they are maps of
         held_out = dataset.subset(kept[part.validate])
@@ -208,6 +213,7 @@ class NetworkEstimator(Estimator):
             interval=_UNKNOWN,
             facts={
                 **learnt.facts,
+                "told": list(self.told(dataset)),
                 "samples": len(kept),
                 "samples_left_out": len(dataset) - len(kept),
                 "parity_with_network_n": deviation_n,

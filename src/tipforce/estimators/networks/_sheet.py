@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ...types import Context
+from ...types import KNOB, Context
+from .._needed import GAIN
 
 __all__ = ["SHEET", "sheet_of"]
 
@@ -15,8 +16,6 @@ SHEET = ("log_stiffness", "log_length", "diameter", "bend")
 
 STIFFNESS_NM2, LENGTH_M, DIAMETER_M = 4.3e-4, 0.04, 2.33e-3
 """A 7F ablation catheter 40 mm in front of its sheath."""
-
-KNOB, GAIN = "knob_deg", "knob_gain_per_m_deg"
 
 
 def sheet_of(context: Context, actuation: Mapping[str, float], names: Sequence[str] = ()) -> npt.NDArray[np.float32]:
