@@ -24,6 +24,11 @@ def model_card(manifest: Mapping[str, Any]) -> str:
             f"forces from {low * 1e3:.0f} to {high * 1e3:.0f} mN."
         ),
         "",
+        *(
+            ("All of it was simulated: the model knows the simulated bench, and no real one was ever shown to it.", "")
+            if training["simulated"]
+            else ()
+        ),
         "**Research use only.** Not for diagnosis or treatment.",
         "",
         "## Use",

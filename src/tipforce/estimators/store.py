@@ -95,6 +95,7 @@ def _manifest(
             "fingerprint": training.fingerprint(),
             "samples": len(training),
             "sessions": list(training.sessions),
+            "simulated": all(context.notes.get("simulated") == "true" for context in training.contexts.values()),
             "force_range_n": [float(np.min(training.magnitude_n)), float(np.max(training.magnitude_n))],
         },
         "metrics": dict(metrics or {}),

@@ -90,6 +90,8 @@ class NetworkEstimator(Estimator):
     which derive from `Recipe` and have ``view``, ``actuation`` and ``components``.
     """
 
+    looks_at: ClassVar[str] = "the whole picture"
+    """What of each picture it is given, in a few words."""
     outputs: ClassVar[tuple[str, ...]] = ("force_n",)
     """Names of what the network returns, in order."""
 
@@ -366,6 +368,8 @@ class NetworkEstimator(Estimator):
         return {
             **fitted.facts,
             "actuation": list(fitted.actuation),
+            "looks_at": self.looks_at,
+            "remembers": self.remembers,
             "interval_half_width_n": {name: half if np.isfinite(half) else None for name, half in halves.items()},
             "interval_basis": fitted.interval.basis,
         }

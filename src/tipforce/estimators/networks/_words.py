@@ -11,10 +11,14 @@ __all__ = ["network_words"]
 
 def network_words(facts: Mapping[str, Any]) -> Words:
     """From the facts that `NetworkEstimator.describe` gives."""
-    actuation = facts["actuation"]
-    short = "whole pictures" + (f" and {', '.join(actuation)}" if actuation else "")
+    actuation, looked_at = facts["actuation"], facts["looks_at"]
+    short = looked_at + (f" and {', '.join(actuation)}" if actuation else "")
     left_out = facts["samples_left_out"]
-    sees = f"Each frame's picture{' and ' + ', '.join(actuation) if actuation else ''}: {facts['network']}."
+    sees = f"{short[0].upper()}{short[1:]}: {facts['network']}."
+    if facts["told"]:
+        sees += f" It was told {', '.join(facts['told'])} of every session, and must be told them again."
+    if facts["remembers"]:
+        sees += " The frame some 40 ms before tells how fast the force changes, which leads it."
     if left_out:
         sees += f" {left_out} of the samples could not be read; they were left out."
     budget = (

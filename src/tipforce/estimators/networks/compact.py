@@ -42,6 +42,7 @@ class Compact(NetworkEstimator):
     name: ClassVar[str] = "compact"
     settings_type = CompactSettings
     settings: CompactSettings
+    looks_at = "a window around the catheter in each picture, in grey"
     outputs = COMPACT_OUTPUTS
 
     def settle(self, dataset: Dataset) -> None:
