@@ -1,6 +1,7 @@
 """What is altered at random in training, so that it does not matter later: place, turn, light, blur, noise, strangers.
 
-Turning the picture about the catheter's base turns the force along: in the base frame nothing else has happened.
+Turning the picture about the catheter's base is a bench that lies otherwise under the camera: its base turns, and the
+frame of the forces with it, so their numbers stay. In a mirror what points to the left points to the right.
 """
 
 import math
@@ -32,7 +33,7 @@ class Augmentation(BaseModel):
     shift: Share = 0.03
     """Of the window's side, each way."""
     turn_deg: Amount = 4.0
-    """About the base; the force turns along."""
+    """About the base; the base frame turns along, and the force in it stays."""
     zoom: Share = 0.03
     """The scale that a session states is known no better than that."""
     mirror: Share = 0.5
@@ -101,14 +102,9 @@ def augmented(
     matrix[:, 2] = base + margin + shift - matrix[:, :2] @ base
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     out = cv2.warpAffine(picture, matrix, (size, size), flags=flags, borderMode=cv2.BORDER_REPLICATE)
-    if sizes.planar is not None:
-        x, y = sizes.planar
-        along, across = float(force[x]), float(force[y])
-        force[x] = math.cos(angle) * along - math.sin(angle) * across
-        force[y] = math.sin(angle) * along + math.cos(angle) * across
-        if mirror:
-            force[y] = -force[y]
-            sheet[CURVATURE] = -sheet[CURVATURE]
+    if mirror and sizes.planar is not None:
+        force[sizes.planar[1]] *= -1.0
+        sheet[CURVATURE] *= -1.0
     where = None
     if heat is not None:
         quarter = matrix.copy()

@@ -39,7 +39,7 @@ _WEIGHTS = {"force": 1.0, "contact": 0.02, "heat": 0.1}
 class CompactTask:
     """``outputs`` force components from grey pictures of ``size`` pixels and ``sheet`` numbers.
 
-    ``planar``: which outputs are fx and fy of the base frame, which turn and flip with the picture; None where forces
+    ``planar``: which outputs are fx and fy of the base frame, which a mirrored picture changes alike; None where forces
     are in another frame. ``actuation``: mean and deviation of each actuation value that joins the sheet.
     """
 
