@@ -50,7 +50,7 @@ def test_actuation_that_one_lacks_is_absent_there(two: tuple[Dataset, Dataset]) 
     assert np.array_equal(both.actuation["knob_deg"][:6], two[0].actuation["knob_deg"])
 
 
-def test_masks_are_there_where_all_have_them(two: tuple[Dataset, Dataset]) -> None:
+def test_masks_are_those_of_the_parts_that_have_them(two: tuple[Dataset, Dataset]) -> None:
     class Drawn:
         def __init__(self, data: Dataset) -> None:
             self.read = data.store.read
@@ -63,7 +63,8 @@ def test_masks_are_there_where_all_have_them(two: tuple[Dataset, Dataset]) -> No
 
     drawn = replace(two[0], store=Drawn(two[0]))
     both = join((drawn, two[1]))
-    assert not both.has_masks("camera")
+    assert both.has_masks("camera")
+    assert not both.subset(np.arange(6, 12)).has_masks("camera")
     assert both.subset(np.arange(6)).has_masks("camera")
     assert [None if mask is None else int(mask[0, 0]) for mask in both.masks("camera")] == [*range(6), *[None] * 6]
 

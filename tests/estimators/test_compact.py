@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tipforce.dataset import Dataset
+from tipforce.errors import InputError
 from tipforce.estimators import Compact, CompactSettings, load_model, save_model
 from tipforce.types import Catheter, Context, Observation, Status
 
@@ -145,6 +146,46 @@ def test_what_the_sheets_told_in_training_is_asked_for(learnt):
     assert stated.status is not Status.MISSING_INPUT
 
 
+def test_what_no_sheet_told_in_training_changes_no_answer(learnt):
+    data = whips(seed=4, sessions=1)
+    told = data.contexts["s0"]
+    silent = learnt.unfitted()
+    facts = {**learnt.fitted_.facts, "told": [], "ever_told": ["base_side"]}
+    silent.fitted_ = replace(learnt.fitted_, facts=facts)
+    for observation in list(data.observations())[:5]:
+        answers = [
+            silent.start(context).update(observation)
+            for context in (Context("s0", notes={"base_side": "left"}), told, replace(told, metres_per_px=1e-4))
+        ]
+        assert len({each.force_n.tobytes() for each in answers}) == 1
+
+
+def test_the_knob_is_needed_where_sheets_tell_what_it_does(learnt):
+    assert learnt.needed_actuation == ("knob_deg",)
+    stream = learnt.start(whips().contexts["s0"])
+    answer = stream.update(Observation(0, {"camera": empty()}, {"knob_deg": float("nan")}))
+    assert answer.status is Status.MISSING_INPUT
+
+
+@pytest.mark.parametrize(("note", "value"), [("base_side", "Left"), ("knob_gain_per_m_deg", "much")])
+def test_notes_that_are_none_are_named(learnt, note, value):
+    with pytest.raises(InputError, match=f"s0: {note} is '{value}'"):
+        learnt.start(Context("s0", notes={note: value}))
+
+
+def test_a_window_is_cut_before_anything_was_learnt():
+    context, observation = whips().contexts["s0"], next(whips().observations())
+    row = Compact(QUICK).reader(context, training=False)(observation)
+    assert row["picture"].shape == (64, 64)
+
+
+def test_a_model_that_an_earlier_version_made_is_to_be_trained_again(learnt):
+    values, arrays = learnt.state()
+    old = {name: value for name, value in arrays.items() if name != "lead_s"}
+    with pytest.raises(KeyError):
+        Compact.from_state(learnt.settings.model_dump(), values, old, learnt.files())
+
+
 def test_a_frame_shortly_before_leads_the_answer(learnt):
     assert not learnt.remembers  # no two of its samples were taken so shortly after each other
     data = whips(seed=4, sessions=1)
@@ -170,11 +211,12 @@ def test_where_sheets_are_silent_the_base_s_border_is_found():
     bare = Dataset(**{**vars(data), "contexts": {name: Context(name) for name in data.contexts}, "_memo": {}})
     settled = Compact(QUICK)
     settled.settle(bare)
-    assert settled.settings.base_side == "left"
-    mixed = Dataset(**{**vars(data), "contexts": {**data.contexts, "s1": Context("s1")}, "_memo": {}})
+    assert settled._seen_side == "left"
+    other = {**data.contexts, "s0": Context("s0", CATHETER, 8e-4, {"base_side": "top"}), "s1": Context("s1")}
     settled = Compact(QUICK)
-    settled.settle(mixed)
-    assert settled.settings.base_side == "left"  # as the others say
+    settled.settle(Dataset(**{**vars(data), "contexts": other, "_memo": {}}))
+    assert settled._seen_side == "left"  # for s1 alone: what a sheet tells stands
+    assert settled.settings.base_side == "auto"
 
 
 def test_without_a_catheter_in_view_pictures_are_shown_whole():
@@ -186,7 +228,7 @@ def test_without_a_catheter_in_view_pictures_are_shown_whole():
     bare = Dataset(**{**vars(data), "contexts": {n: Context(n) for n in data.contexts}, "store": Grey(), "_memo": {}})
     settled = Compact(QUICK)
     settled.settle(bare)
-    assert settled.settings.base_side == "none"
+    assert settled._seen_side == "none"
 
 
 def test_the_window_of_another_scale_shows_the_same(learnt):

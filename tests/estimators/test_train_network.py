@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 from tipforce.cli import app
 from tipforce.dataset import Dataset
 from tipforce.errors import InputError
-from tipforce.estimators import NetworkEstimator
+from tipforce.estimators import Dcfe, NetworkEstimator
+from tipforce.estimators._workplace import workplace
 from tipforce.learning import _loop
 
 pytest.importorskip("torch", reason="training needs the extra [train]")
@@ -81,3 +82,15 @@ def test_a_training_that_cannot_begin_leaves_nothing(small: NetworkEstimator, fo
     with pytest.raises(InputError, match="has no actuation 'wire_mm'"):
         run(folder, *OPTIONS, "--set", 'actuation=["wire_mm"]', "-o", tmp_path / "m")
     assert [path.name for path in tmp_path.iterdir()] == ["pictures"]
+
+
+def test_a_folder_that_holds_other_things_is_no_place_to_train_in(tmp_path):
+    folder = tmp_path / "heart.training"
+    folder.mkdir()
+    (folder / "metadata.csv").write_text("file_name\n")
+    with (
+        pytest.raises(InputError, match=r"heart\.training: .*holds other things \(metadata\.csv\)"),
+        workplace(Dcfe(), tmp_path / "heart", resume=False),
+    ):
+        pytest.fail("nothing may be trained there")
+    assert (folder / "metadata.csv").read_text() == "file_name\n"

@@ -1,15 +1,15 @@
 """Facts of a run as they are typed: ``NAME_UNIT=VALUE``, ``START:END``, a catheter's sheet."""
 
 import math
+from dataclasses import fields
 from typing import Literal
 
 from ..errors import InputError
-from ..types import Catheter, Context
+from ..types import BASE_SIDE, BASE_SIDES, KNOB_GAIN, Catheter, Context
 
 __all__ = ["actuation_from", "catheter_from", "context_from", "number_from", "offset_from", "scale_from", "tare_from"]
 
-_SIDES = "left", "right", "top", "bottom"
-_LENGTHS = ("diameter_m", "flexible_length_m", "rigid_length_m", "bending_stiffness_nm2")
+_LENGTHS = tuple(each.name for each in fields(Catheter) if each.name != "name")
 
 
 def number_from(text: str, option: str, expected: str, above: float = -math.inf) -> float:
@@ -88,9 +88,9 @@ def context_from(catheter: str | None, metres_per_px: float | None, notes: list[
         key, _, value = note.partition("=")
         if not (key and value):
             raise InputError(f"--note {note}: expected KEY=VALUE, for example --note base_side=left")
-        if key == "base_side" and value not in _SIDES:
-            raise InputError(f"--note {note}: expected one of {', '.join(_SIDES)}")
-        if key.startswith("knob_gain"):
+        if key == BASE_SIDE and value not in BASE_SIDES:
+            raise InputError(f"--note {note}: expected one of {', '.join(BASE_SIDES)}")
+        if key == KNOB_GAIN:
             number_from(value, f"--note {note}", "a number after the =")
         stated[key] = value
     return Context("", catheter_from(catheter), scale_from(metres_per_px), stated)

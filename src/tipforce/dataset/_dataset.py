@@ -81,9 +81,12 @@ class Dataset:
 
     def subset(self, index: IntArray | BoolArray) -> "Dataset":
         """The samples at ``index`` (positions or a mask), sharing the store and everything derived so far."""
+        session = self.session[index]
+        left = set(session.tolist())
         return replace(
             self,
-            session=self.session[index],
+            session=session,
+            contexts={name: context for name, context in self.contexts.items() if name in left},
             stamp_ns=self.stamp_ns[index],
             actuation={name: values[index] for name, values in self.actuation.items()},
             force_n=self.force_n[index],
@@ -98,7 +101,10 @@ class Dataset:
         return self.store.read(self.rows)
 
     def has_masks(self, view: str) -> bool:
-        """Whether somebody drew where the catheter is in every one of the samples' pictures of ``view``."""
+        """Whether somebody drew where the catheter is in the samples' pictures of ``view``.
+
+        In all of them; of several datasets that were joined, in all of those of one.
+        """
         return isinstance(self.store, HasMasks) and self.store.has_masks(self.rows, view)
 
     def masks(self, view: str) -> Iterator[Image | None]:

@@ -69,8 +69,8 @@ class _Several:
             yield from dataset.observations()
 
     def has_masks(self, rows: IntArray, view: str) -> bool:
-        """Whether every part of ``rows`` has them."""
-        return all(dataset.has_masks(view) for dataset in self._runs(rows))
+        """Whether any part of ``rows`` has them: `masks` is None for the samples of the others."""
+        return any(dataset.has_masks(view) for dataset in self._runs(rows))
 
     def masks(self, rows: IntArray, view: str) -> Iterator[Image | None]:
         """Each part's own."""

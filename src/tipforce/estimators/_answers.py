@@ -108,4 +108,5 @@ class Answers:
         _set(estimate, "magnitude_interval_n", both)
         _set(estimate, "status", Status.VALID)
         _set(estimate, "detail", "")
+        _set(estimate, "contact", math.nan)
         return estimate

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar, Protocol, Self
 
+import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel
 
@@ -89,6 +90,18 @@ class Estimator(ABC):
     def predict(self, dataset: Dataset) -> list[ForceEstimate]:
         """All `estimates`."""
         return list(self.estimates(dataset))
+
+    def answers(self, part: Dataset, progress: Callable[[float], None] | None = None) -> list[ForceEstimate]:
+        """As `predict`, but a method that remembers is shown all frames of the sessions that ``part`` is of."""
+        run = part
+        if self.remembers and part.whole is not None:
+            run = part.whole.subset(np.isin(part.whole.session, list(part.sessions)))
+        found: dict[int, ForceEstimate] = {}
+        for row, estimate in zip(run.rows.tolist(), self.estimates(run), strict=True):
+            found[row] = estimate
+            if progress is not None:
+                progress(len(found) / len(run))
+        return [found[row] for row in part.rows.tolist()]
 
     @property
     def remembers(self) -> bool:

@@ -1,17 +1,19 @@
-"""Facts of a session that a model was told in training, and must be told again."""
+"""Facts of a session that a model was told in training: they must be told again, and no others."""
 
+import math
 from collections.abc import Iterable
+from dataclasses import fields, replace
 from typing import Any
 
-from ..types import Context
+from ..errors import InputError
+from ..types import BASE_SIDE, BASE_SIDES, KNOB_GAIN, Catheter, Context
 
-__all__ = ["BASE_SIDE", "GAIN", "SCALE", "missing_facts", "stated_facts"]
+__all__ = ["SCALE", "missing_facts", "only_facts", "refuse_malformed", "stated_facts"]
 
-SCALE, BASE_SIDE, GAIN = "metres_per_px", "base_side", "knob_gain_per_m_deg"
-"""Scale of the picture; border of the picture that the base lies at; curvature that a degree of the knob asks for."""
+SCALE = "metres_per_px"
 
-_CATHETER = ("diameter_m", "flexible_length_m", "rigid_length_m", "bending_stiffness_nm2")
-_NOTES = (BASE_SIDE, GAIN)
+_CATHETER = tuple(each.name for each in fields(Catheter) if each.name != "name")
+_NOTES = (BASE_SIDE, KNOB_GAIN)
 
 
 def stated_facts(context: Context) -> tuple[str, ...]:
@@ -23,6 +25,20 @@ def stated_facts(context: Context) -> tuple[str, ...]:
     values: dict[str, Any] = {name: getattr(context.catheter, name) for name in _CATHETER}
     values |= {SCALE: context.metres_per_px} | {name: context.notes.get(name) for name in _NOTES}
     return tuple(name for name, value in values.items() if value is not None)
+
+
+def only_facts(names: Iterable[str], context: Context) -> Context:
+    """``context`` without what it tells of catheter and bench beyond ``names``: what a model was never told.
+
+    >>> only_facts(["base_side"], Context(metres_per_px=2e-4, notes={"base_side": "left"})).metres_per_px
+    """
+    others = set(stated_facts(context)) - set(names)
+    return replace(
+        context,
+        catheter=replace(context.catheter, **{name: None for name in _CATHETER if name in others}),
+        metres_per_px=None if SCALE in others else context.metres_per_px,
+        notes={name: value for name, value in context.notes.items() if name not in others},
+    )
 
 
 def missing_facts(needed: Iterable[str], context: Context) -> str:
@@ -41,3 +57,16 @@ def missing_facts(needed: Iterable[str], context: Context) -> str:
     return (
         f"the sheet does not tell {', '.join(lacking)}, which the model was told in training; state {' '.join(options)}"
     )
+
+
+def refuse_malformed(context: Context) -> None:
+    """Raises InputError where a note is not what it has to be."""
+    side, gain = context.notes.get(BASE_SIDE), context.notes.get(KNOB_GAIN)
+    if side is not None and side not in BASE_SIDES:
+        raise InputError(f"{context.session}: {BASE_SIDE} is {side!r}; it must be one of {', '.join(BASE_SIDES)}")
+    try:
+        known = gain is None or math.isfinite(float(gain))
+    except ValueError:
+        known = False
+    if not known:
+        raise InputError(f"{context.session}: {KNOB_GAIN} is {gain!r}; it must be a number")

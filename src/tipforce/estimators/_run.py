@@ -27,9 +27,9 @@ __all__ = ["COLUMNS", "RunReport", "write_estimates"]
 COLUMNS = (
     "stamp_ns", "magnitude_n", "magnitude_low_n", "magnitude_high_n",
     "fx_n", "fx_low_n", "fx_high_n", "fy_n", "fy_low_n", "fy_high_n", "fz_n", "fz_low_n", "fz_high_n",
-    "magnitude_g", "status", "detail",
+    "magnitude_g", "contact", "status", "detail",
 )  # fmt: skip
-"""Of the table; low and high are the ends of the 90 % intervals."""
+"""Of the table; low and high are the ends of the 90 % intervals, contact is a probability."""
 
 
 @dataclass(slots=True)
@@ -129,7 +129,8 @@ def _row(estimate: ForceEstimate) -> list[str]:
     for value, interval in zip(estimate.force_n.tolist(), estimate.interval_n, strict=True):
         cells += [_cell(value), *_ends(interval)]
     grams = newtons_to_grams(estimate.magnitude_n)
-    return [*cells, "" if math.isnan(grams) else f"{grams:.3f}", estimate.status.value, estimate.detail]
+    cells += ["" if math.isnan(value) else f"{value:.3f}" for value in (grams, estimate.contact)]
+    return [*cells, estimate.status.value, estimate.detail]
 
 
 def _cell(newtons: float) -> str:

@@ -10,7 +10,6 @@ from ..dataset import Dataset, draw, random_split
 from ..errors import InputError
 from ..types import FloatArray
 from ._base import Estimator, Progress
-from ._create import create
 from .networks import NetworkEstimator
 
 __all__ = ["Training", "train"]
@@ -47,7 +46,8 @@ def train(
         raise InputError(f"{recipe.name} is no network and always learns from nothing; leave out what it starts from")
     settings = recipe.settings
     if "seed" in type(settings).model_fields and "seed" not in settings.model_fields_set:
-        recipe = create(recipe.name, settings.model_copy(update={"seed": seed}))
+        recipe = recipe.unfitted()
+        recipe.settings = settings.model_copy(update={"seed": seed})
 
     def fit(part: Dataset) -> Estimator:
         fresh = recipe.unfitted()
@@ -68,13 +68,7 @@ def train(
 
 def _measured(fitted: Estimator, test: Dataset) -> dict[str, Any]:
     """Errors in newtons over the answered samples of ``test``."""
-    if fitted.remembers:
-        whole = test.whole or test
-        run = whole.subset(np.isin(whole.session, list(test.sessions)))
-        by_row = dict(zip(run.rows.tolist(), fitted.predict(run), strict=True))
-        answers = [by_row[row] for row in test.rows.tolist()]
-    else:
-        answers = fitted.predict(test)
+    answers = fitted.answers(test)
     valid = np.array([answer.valid for answer in answers], np.bool_)
     metrics: dict[str, Any] = {"held_out_samples": len(test), "answered": int(valid.sum())}
     if not valid.any():

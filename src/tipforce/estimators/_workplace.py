@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import InputError
-from ..learning import CHECKPOINT
+from ..learning import CHECKPOINT, LOG
 from ._base import Estimator
-from .networks import NetworkEstimator
+from .networks import PREPARED, NetworkEstimator
 from .store import load_model
 
 __all__ = ["check_start", "workplace"]
@@ -36,7 +36,8 @@ def workplace(recipe: Estimator, model: Path, *, resume: bool) -> Generator[Path
     """The folder MODEL.training beside ``model``, for prepared pictures, checkpoint and log; None for other methods.
 
     It goes when the block ends well. What ends it otherwise, a kill too, leaves it to be resumed once there is a
-    checkpoint. Raises InputError where it is there already and ``resume`` is False, or is not and it is True.
+    checkpoint. Raises InputError where it is there already and ``resume`` is False, or is not and it is True, and
+    where it holds anything that no training left there.
     """
     if not isinstance(recipe, NetworkEstimator):
         yield None
@@ -48,6 +49,12 @@ def workplace(recipe: Estimator, model: Path, *, resume: bool) -> Generator[Path
         raise InputError(
             f"{folder}: holds a training that was not finished; go on with it by --resume, or remove the folder"
         )
+    strange = [] if not folder.is_dir() else [path.name for path in folder.iterdir() if not _is_ours(path)]
+    if strange:
+        raise InputError(
+            f"{folder}: is where the training would work, and holds other things ({min(strange)}); choose another name "
+            "for the model, or move the folder"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     try:
         yield folder
@@ -58,3 +65,9 @@ def workplace(recipe: Estimator, model: Path, *, resume: bool) -> Generator[Path
             shutil.rmtree(folder)
         raise
     shutil.rmtree(folder)
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether a training that was cut off may have left ``path``."""
+    name = path.name.removesuffix(".part")
+    return path.is_file() and (name in (CHECKPOINT, LOG, PREPARED) or name.endswith(".npy"))

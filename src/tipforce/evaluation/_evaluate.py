@@ -15,7 +15,7 @@ from ._disturbed import bear, require_pictures
 from ._evaluation import AS_SAVED, PROTOCOLS, Candidate, Evaluation, Row
 from ._judging import in_contact, row_of
 from ._outcome import Outcome, gather
-from ._protocols import answers, places_in, run_splits
+from ._protocols import places_in, run_splits
 from ._saved import saved_alone, saved_row
 from ._timing import time_per_frame
 
@@ -101,7 +101,7 @@ def evaluate(
     rows: list[Row] = []
     for protocol, plan in plans.items():
         try:
-            rows += _under(protocol, plan, candidates, dataset, everything, contact, judge, steps)
+            rows += _under(protocol, plan, candidates, dataset, contact, judge, steps)
         except InputError as error:
             left_out(protocol, error)
     if as_saved:
@@ -119,7 +119,7 @@ def evaluate(
         if len(index := first.split.train):
             fitted[candidate.label] = gather(
                 candidate.label, first.protocol, first.split.name, dataset, index,
-                answers(first.estimator, dataset, index, everything), contact,
+                first.estimator.answers(dataset.subset(index)), contact,
             )  # fmt: skip
         timing[candidate.label] = time_per_frame(first.estimator, everything)
     result = Evaluation(
@@ -162,19 +162,16 @@ def _under(
     plan: Sequence[Split],
     candidates: Sequence[Candidate],
     dataset: Dataset,
-    everything: Dataset,
     contact: BoolArray,
     judge: Callable[..., Row],
     steps: "_Steps",
 ) -> list[Row]:
     """The rows of one protocol: the candidates in their order, then the constant predictor."""
-    constant, fits = run_splits(Constant(), CONSTANT, protocol, plan, dataset, everything, contact)
+    constant, fits = run_splits(Constant(), CONSTANT, protocol, plan, dataset, contact)
     rows: list[Row] = []
     for candidate in candidates:
         progress = steps.part(len(plan))
-        outcome, trained = run_splits(
-            candidate.recipe, candidate.label, protocol, plan, dataset, everything, contact, progress
-        )
+        outcome, trained = run_splits(candidate.recipe, candidate.label, protocol, plan, dataset, contact, progress)
         rows.append(judge(outcome, constant, trained))
     return [*rows, judge(constant, constant, fits)]
 

@@ -17,7 +17,7 @@ from ._figures_beyond import figure_residuals, figure_sessions, figure_splits, f
 from ._figures_components import figure_31, figure_32, sample_sheet
 from ._outcome import CONTACT_N, Outcome, gather
 from ._picture import Picture, of_figure, of_image
-from ._protocols import answers, places_in
+from ._protocols import places_in
 from ._style import METHOD_COLOURS
 from ._wording import WORDS
 
@@ -174,7 +174,7 @@ def whole_session(evaluation: Evaluation, row: Row, session: str) -> Outcome:
         return replace(part, index=places_in(everything, evaluation.dataset)[part.index])
     fit = next(fit for fit in row.fits if fit.split.name == part.fold[0])
     frames = np.flatnonzero(everything.session == session)
-    found = answers(fit.estimator, everything, frames, everything)
+    found = fit.estimator.answers(everything.subset(frames))
     contact = everything.magnitude_n > CONTACT_N
     return gather(row.method, row.protocol, fit.split.name, everything, frames, found, contact)
 

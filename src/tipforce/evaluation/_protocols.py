@@ -9,10 +9,10 @@ import numpy as np
 
 from ..dataset import Dataset, Split
 from ..estimators import Estimator, Progress
-from ..types import BoolArray, ForceEstimate, IntArray
+from ..types import BoolArray, IntArray
 from ._outcome import Outcome, gather, join
 
-__all__ = ["Trained", "answers", "places_in", "run_splits"]
+__all__ = ["Trained", "places_in", "run_splits"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,20 +24,6 @@ class Trained:
     seconds: float
     facts: dict[str, Any]
     estimator: Estimator
-
-
-def answers(estimator: Estimator, dataset: Dataset, index: IntArray, everything: Dataset) -> list[ForceEstimate]:
-    """The estimates of the samples of ``dataset`` at ``index``.
-
-    A method that remembers earlier frames runs over ALL frames of the sessions concerned, which ``everything`` holds
-    (``dataset`` may be a part drawn from it); only the samples asked for are returned.
-    """
-    if not estimator.remembers:
-        return estimator.predict(dataset.subset(index))
-    wanted = dataset.rows[index]
-    run = np.flatnonzero(np.isin(everything.session, np.unique(dataset.session[index])))
-    by_row = dict(zip(everything.rows[run].tolist(), estimator.predict(everything.subset(run)), strict=True))
-    return [by_row[row] for row in wanted.tolist()]
 
 
 def places_in(everything: Dataset, part: Dataset) -> IntArray:
@@ -52,7 +38,6 @@ def run_splits(
     protocol: str,
     splits: Sequence[Split],
     dataset: Dataset,
-    everything: Dataset,
     contact: BoolArray,
     progress: Progress | None = None,
 ) -> tuple[Outcome, list[Trained]]:
@@ -72,7 +57,7 @@ def run_splits(
         if len(split.calibrate):
             fitted = fitted.calibrate(dataset.subset(split.calibrate), report)
         fits.append(Trained(protocol, split, time.perf_counter() - start, fitted.describe(), fitted))
-        found = answers(fitted, dataset, split.test, everything)
+        found = fitted.answers(dataset.subset(split.test))
         parts.append(gather(label, protocol, split.name, dataset, split.test, found, contact))
         report("", 1.0)
     return join(parts), fits

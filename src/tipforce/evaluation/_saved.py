@@ -10,7 +10,7 @@ from ..types import BoolArray
 from ._constant import Constant
 from ._evaluation import AS_SAVED, Candidate, Row
 from ._outcome import gather
-from ._protocols import Trained, answers
+from ._protocols import Trained
 
 __all__ = ["saved_alone", "saved_row"]
 
@@ -39,7 +39,7 @@ def saved_row(
             f"was trained on sessions of these names: {_some(seen)}."
         )
     index = np.flatnonzero(~np.isin(dataset.session, seen))
-    found = answers(candidate.saved, dataset, index, everything)
+    found = candidate.saved.answers(dataset.subset(index))
     return judge(gather(candidate.label, AS_SAVED, AS_SAVED, dataset, index, found, contact), None)
 
 
@@ -81,7 +81,7 @@ def saved_alone(
     split = Split(AS_SAVED, np.zeros(0, np.int64), index)
 
     def outcome_of(label: str, trained: Trained) -> Row:
-        found = answers(trained.estimator, dataset, index, everything)
+        found = trained.estimator.answers(dataset.subset(index))
         outcome = gather(label, AS_SAVED, AS_SAVED, dataset, index, found, contact)
         return judge(outcome, constant.outcome if label != Constant.name else outcome, [trained])
 

@@ -1,14 +1,18 @@
 """Where a training stands, in one file that is whole or not there."""
 
+import hashlib
 import pickle
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..errors import InputError
 from ._recipe import Recipe
 from ._samples import Samples
 from ._task import Task
+from ._weights import Weights
 
 __all__ = ["CHECKPOINT", "identity_of", "read_checkpoint", "write_checkpoint"]
 
@@ -18,7 +22,7 @@ FREE = {"minutes", "patience", "workers"}
 """Settings that may change between a training and what goes on from it."""
 
 
-def identity_of(task: Task, samples: Samples, recipe: Recipe, precision: str) -> dict[str, str]:
+def identity_of(task: Task, samples: Samples, recipe: Recipe, precision: str, start: Weights | None) -> dict[str, str]:
     """What must be the same for a checkpoint to be gone on from, in words that a person may read."""
     free = FREE if recipe.schedule == "cosine" else FREE | {"epochs"}
     settings = {**recipe.model_dump(mode="json"), "precision": precision}
@@ -26,7 +30,15 @@ def identity_of(task: Task, samples: Samples, recipe: Recipe, precision: str) ->
         "the network": task.name,
         "the settings": ", ".join(f"{name}={settings[name]}" for name in sorted(settings) if name not in free),
         "the data": samples.fingerprint(),
+        "the weights it began with": "none" if start is None else _sha256_of(start),
     }
+
+
+def _sha256_of(weights: Weights) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(weights):
+        digest.update(name.encode() + np.ascontiguousarray(weights[name]).tobytes())
+    return digest.hexdigest()
 
 
 def write_checkpoint(folder: Path, state: Mapping[str, Any]) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from ..types import IntArray
 from ._augment import Augmentation, augmented, middle
 from ._compact_network import HEAT, build_compact
-from ._samples import Samples
+from ._samples import UNKNOWN, Samples
 from ._task import Batch
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class CompactTask:
         grid = self.size // HEAT
         heat = np.full((len(index), grid, grid), np.nan, np.float32)
         for k, place in enumerate(index.tolist()):
-            where = None if samples.heat is None else samples.heat[place]
+            where = None if samples.heat is None or samples.heat[place].min() == UNKNOWN else samples.heat[place]
             if draws is None or self.augmentation is None:
                 pictures[k] = middle(samples.pictures[place], self.size)
                 seen = None if where is None else middle(where, self.size // 4)

@@ -76,7 +76,7 @@ def learn(
     """
     require_torch()
     machine = machine_for(recipe)
-    identity = identity_of(task, samples, recipe, machine.precision)
+    identity = identity_of(task, samples, recipe, machine.precision, start)
     saved = read_checkpoint(folder, identity) if folder is not None and resume else None
     with reproducible(machine), feeding(task, samples, recipe.seed, machine.workers) as batches:
         trainer = Trainer(task, recipe, machine, start)

@@ -7,7 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Samples"]
+__all__ = ["UNKNOWN", "Samples"]
+
+UNKNOWN = 255
+"""All over a map: a catheter never fills its picture."""
 
 Pictures = npt.NDArray[np.uint8]
 Numbers = npt.NDArray[np.float32]
@@ -20,8 +23,8 @@ class Samples:
     """Labelled pictures, sample by sample.
 
     ``pictures`` (n, h, w[, 3]), which may be a memory map; ``inputs``: name -> (n, k) what else the network is given;
-    ``force_n`` (n, t) newtons; ``session`` (n,) names; ``heat`` (n, hh, ww): where the catheter is, or None. Raises
-    ValueError where the lengths differ.
+    ``force_n`` (n, t) newtons; ``session`` (n,) names; ``heat`` (n, hh, ww): where the catheter is, `UNKNOWN` all over
+    where nobody knows, or None. Raises ValueError where the lengths differ.
     """
 
     pictures: Pictures

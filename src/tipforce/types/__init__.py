@@ -7,7 +7,7 @@ Force = what the tissue does to the tip, in the base frame.
 
 from ._arrays import BoolArray, FloatArray, Image, IntArray, frozen
 from ._axes import ADVANCE, KNOB, STAGE_ACROSS, STAGE_FORWARD, AxisLimits, Commanded, refuse_unknown
-from ._device import Catheter, Context
+from ._device import BASE_SIDE, BASE_SIDES, KNOB_GAIN, Catheter, Context
 from ._estimate import ForceEstimate, Status
 from ._seams import Actuators, Clock, SimulatedClock, Source, SystemClock
 from ._shape import BasePose, CentrelineM, CentrelinePx
@@ -15,8 +15,11 @@ from ._streams import JOINTS, STAGE, Actuation, Event, Frame, Observation, Shape
 
 __all__ = [
     "ADVANCE",
+    "BASE_SIDE",
+    "BASE_SIDES",
     "JOINTS",
     "KNOB",
+    "KNOB_GAIN",
     "STAGE",
     "STAGE_ACROSS",
     "STAGE_FORWARD",

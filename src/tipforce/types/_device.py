@@ -3,7 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 
-__all__ = ["Catheter", "Context"]
+__all__ = ["BASE_SIDE", "BASE_SIDES", "KNOB_GAIN", "Catheter", "Context"]
+
+BASE_SIDE, KNOB_GAIN = "base_side", "knob_gain_per_m_deg"
+"""Notes of a `Context`: the border of the picture that the base lies at; the curvature that a degree of the knob asks
+for."""
+
+BASE_SIDES = ("left", "right", "top", "bottom")
 
 
 @dataclass(frozen=True, slots=True)

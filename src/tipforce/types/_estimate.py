@@ -36,7 +36,8 @@ class ForceEstimate:
     ``force_n`` (3,), ``known`` (3,) bool: a planar method leaves z unknown, a method that yields the magnitude alone
     leaves all three unknown; unknown components are NaN. ``covariance_n2`` (3, 3), NaN where unknown.
     ``interval_n`` (3, 2) and ``magnitude_interval_n`` (2,): 90 % intervals. An invalid estimate carries NaN
-    everywhere, never an old number.
+    everywhere, never an old number. ``contact``: probability that the tip touches anything, NaN from methods that do
+    not tell.
     """
 
     stamp_ns: int
@@ -48,6 +49,7 @@ class ForceEstimate:
     magnitude_interval_n: FloatArray
     status: Status = Status.VALID
     detail: str = ""
+    contact: float = math.nan
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "force_n", frozen("force_n", self.force_n, (3,)))

@@ -60,18 +60,17 @@ class Doubtful:
                 stamp_ns, Status.OUT_OF_DOMAIN, f"the picture is unlike those it learnt from ({far:.1f} times as far)"
             )
         force, sigma = outputs["force_n"][0].astype(np.float64), sigma_of(outputs, self.doubt, self.unit_n)[0]
-        size = float(np.linalg.norm(force))
         doubt = magnitude_sigma(force, sigma)
-        if doubt > self.limits.sigma_n:
+        if not doubt <= self.limits.sigma_n:
             return ForceEstimate.invalid(
                 stamp_ns, Status.UNOBSERVABLE, f"this picture tells the force to {doubt * 1e3:.0f} mN only"
             )
         rate = self.trail.rate(stamp_ns, force)
         if rate is None:
-            sigma, doubt = sigma * self.lead.alone, doubt * self.lead.alone
+            sigma = sigma * self.lead.alone
         else:
             force = force + rate @ self.lead.seconds
-            size = float(np.linalg.norm(force))
+        size, doubt = float(np.linalg.norm(force)), magnitude_sigma(force, sigma)
         full, interval = np.full(3, math.nan), np.full((3, 2), math.nan)
         covariance = np.full((3, 3), math.nan)
         axes = np.flatnonzero(self.known)
@@ -88,6 +87,7 @@ class Doubtful:
             interval_n=interval,
             magnitude_n=size,
             magnitude_interval_n=np.array([max(0.0, size - wide), size + wide]),
+            contact=1.0 / (1.0 + math.exp(-float(outputs["contact"][0]))),
         )
 
 

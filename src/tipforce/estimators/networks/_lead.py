@@ -93,9 +93,11 @@ def learn_lead(answer_n: FloatArray, rate: FloatArray, truth_n: FloatArray, star
 
     Pulled towards ``start``, which counts as `_PRIOR` samples.
     """
+    if not rate.any():
+        return start
     lacking = truth_n - answer_n
     pull = _PRIOR * float(np.mean(rate * rate)) * np.eye(answer_n.shape[1])
     led = np.linalg.solve(rate.T @ rate + pull, rate.T @ lacking + pull @ start.seconds)
     seconds = led.astype(np.float64)
     left = lacking - rate @ seconds
-    return Lead(seconds, max(1.0, float(np.sqrt(np.mean(lacking**2) / np.mean(left**2)))))
+    return Lead(seconds, max(1.0, float(np.sqrt(np.mean(lacking**2) / max(np.mean(left**2), 1e-12)))))

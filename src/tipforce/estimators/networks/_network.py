@@ -43,6 +43,7 @@ from ._arrays import (
     read_one,
     samples_of,
     spread_of,
+    spread_over,
 )
 from ._eight_bits import in_eight_bits
 from ._graph import Graph
@@ -61,7 +62,7 @@ half precision, and a tenth of a gram is far below what any picture tells."""
 MODEL, SMALL = "model.onnx", "model.int8.onnx"
 """The graph's file in a model folder; the one in 8 bits, which then answers."""
 
-COMPARED = 8
+COMPARED = 64
 """So many samples' answers are compared."""
 
 Answering = Callable[[int, Mapping[str, npt.NDArray[Any]]], ForceEstimate]
@@ -84,7 +85,7 @@ class _Fitted:
 
 
 class NetworkEstimator(Estimator):
-    """A network behind the face of all methods; it remembers nothing of earlier frames.
+    """A network behind the face of all methods.
 
     A method states what its network is given (`forms`, `reader`), the task that trains it (`task`), and its settings,
     which derive from `Recipe` and have ``view``, ``actuation`` and ``components``.
@@ -122,14 +123,14 @@ class NetworkEstimator(Estimator):
         """Shape and dtype of the "heat" that `reader` makes of masks; None for a method that has no use for them."""
         return None
 
-    def told(self, dataset: Dataset) -> tuple[str, ...]:
-        """Facts of the sessions of ``dataset`` that the network comes to count on: `Estimator.needed_facts`."""
+    def told(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Facts that all sessions of ``dataset`` tell it, which becomes `Estimator.needed_facts`; that any tells it."""
         del dataset
-        return ()
+        return (), ()
 
-    def own_arrays(self, looked: Looked, *, masks: bool) -> Arrays:
-        """What a method keeps beside its graph. ``masks``: whether it was taught where the catheter is."""
-        del looked, masks
+    def own_arrays(self, looked: Looked) -> Arrays:
+        """What a method keeps beside its graph."""
+        del looked
         return {}
 
     @property
@@ -171,8 +172,14 @@ class NetworkEstimator(Estimator):
                 f"{dataset.title}: has {len(dataset)} samples; training {self.name} needs at least {MIN_SAMPLES}"
             )
         self.settle(dataset)
+        every, some = self.told(dataset)
         known = components_of(dataset, self.settings.components, self.name)
         names = actuation_names(self.settings.actuation, dataset)
+        if start is not None and names and names != start._known().actuation != ():
+            raise InputError(
+                f"the model to begin with was trained with {', '.join(start._known().actuation)}, not with "
+                f"{', '.join(names)}; state the same, or begin with another model"
+            )
         with contextlib.ExitStack() as stack:
             place = folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tipforce-")))
             prepared = self._prepared(dataset, names, place, lambda share: report("preparing pictures", 0.1 * share))
@@ -191,7 +198,7 @@ class NetworkEstimator(Estimator):
             inputs = {**self.forms(training=False), **actuation_form(names)}
             noted = {"method": self.name, "components": ", ".join(np.array(AXES)[known])}
             data = export_graph(network, inputs, self.outputs, noted)
-            compared = task.batch(samples, part.validate[:COMPARED], None)
+            compared = task.batch(samples, spread_over(part.validate, COMPARED), None)
             deviation_n = parity_n(data, network, {name: compared[name] for name in task.inputs})
             if not deviation_n < PARITY_N:
                 raise ModelError(
@@ -201,7 +208,7 @@ class NetworkEstimator(Estimator):
             small, growth = in_eight_bits(data, task, samples, part) if self.settings.bits == 8 else (None, None)
             graph = Graph(data, MODEL) if small is None else Graph(small, SMALL)
             looked = Looked(graph, task, samples, part, dataset.stamp_ns[kept])
-            own = self.own_arrays(looked, masks=samples.heat is not None or start is not None)
+            own = self.own_arrays(looked)
             del prepared, samples, looked  # before the files they are maps of
         held_out = dataset.subset(kept[part.validate])
         self.fitted_ = _Fitted(
@@ -215,7 +222,8 @@ class NetworkEstimator(Estimator):
             interval=_UNKNOWN,
             facts={
                 **learnt.facts,
-                "told": list(self.told(dataset)),
+                "told": list(every),
+                "ever_told": list(some),
                 "samples": len(kept),
                 "samples_left_out": len(dataset) - len(kept),
                 "parity_with_network_n": deviation_n,
@@ -245,7 +253,8 @@ class NetworkEstimator(Estimator):
         masks: Iterable[Image | None] = repeat(None, len(dataset))
         if heat is not None and dataset.has_masks(view):
             forms["heat"], masks = heat, dataset.masks(view)
-        key = f"{self.name} {self.settings.model_dump_json(exclude=set(Recipe.model_fields))}"
+        sheets = [repr(dataset.contexts[name]) for name in sorted(dataset.contexts)]
+        key = "\n".join([self.name, self.settings.model_dump_json(exclude=set(Recipe.model_fields)), *sheets])
         prepared = prepare(dataset, masks, forms, read, folder, key, dataset.names_of(view), report)
         if len(prepared.kept) < MIN_SAMPLES:
             raise InputError(
@@ -267,21 +276,14 @@ class NetworkEstimator(Estimator):
     def _set_interval(self, dataset: Dataset, drawn: str, report: Callable[[float], None]) -> None:
         """By the answers to ``dataset``, whole sessions that were held out unless it was ``drawn``, which says how."""
         fitted = self._known()
-        found: list[ForceEstimate] = []
-        answered: list[int] = []
-        why_not = ""
-        for place, estimate in enumerate(self.estimates(dataset)):
-            if estimate.valid:
-                found.append(estimate)
-                answered.append(place)
-            else:
-                why_not = why_not or f"{estimate.detail} ({estimate.status})"
-            report((place + 1) / len(dataset))
+        shown = self.answers(dataset, report)
+        answered = [place for place, estimate in enumerate(shown) if estimate.valid]
         if not answered:
             raise InputError(
                 f"{dataset.title}: intervals cannot be found on {len(dataset)} samples without an answer; the first "
-                f"says: {why_not}"
+                f"says: {shown[0].detail} ({shown[0].status})"
             )
+        found = [shown[place] for place in answered]
         truth = dataset.force_n[answered][:, fitted.known]
         interval = self.interval(found, truth, dataset.session[answered], drawn)
         self.fitted_ = replace(fitted, interval=interval)
@@ -358,6 +360,7 @@ class NetworkEstimator(Estimator):
             interval=Interval.of(values["interval"]),
             facts=dict(values["facts"]),
         )
+        made.start(Context())  # what an earlier version did not keep is missed here, not at the first frame
         return made
 
     def describe(self) -> dict[str, Any]:
@@ -391,7 +394,7 @@ class NetworkEstimator(Estimator):
 
 
 class NetworkStream:
-    """One session, frame after frame, each on its own."""
+    """One session, frame after frame; what is kept of earlier ones is the matter of ``answering``."""
 
     def __init__(self, graph: Graph, reader: Reader, actuation: tuple[str, ...], answering: Answering) -> None:
         self._graph, self._reader, self._actuation, self._answering = graph, reader, actuation, answering

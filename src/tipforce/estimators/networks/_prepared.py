@@ -17,7 +17,7 @@ from ...errors import InputError
 from ...types import Image, IntArray, Observation
 from .._reading import Refusal
 
-__all__ = ["Form", "Forms", "Prepared", "Read", "prepare"]
+__all__ = ["PREPARED", "Form", "Forms", "Prepared", "Read", "prepare"]
 
 Form = tuple[tuple[int, ...], str]
 """Shape of one sample and dtype, "uint8" or "float32"."""
@@ -27,7 +27,8 @@ Forms = Mapping[str, Form]
 Read = Callable[[str, Observation, Image | None], "Mapping[str, npt.NDArray[Any]] | Refusal"]
 """Called with the session's name, an observation of it, and where the catheter is in its picture, if that is known."""
 
-NOTE = "prepared.json"
+PREPARED = "prepared.json"
+"""Tells what was prepared; it is written last."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,7 @@ def prepare(
     key = hashlib.sha256(
         "\n".join([key, repr(sorted(forms.items())), dataset.fingerprint(), dataset.title, *names.tolist()]).encode()
     ).hexdigest()
-    note = folder / NOTE
+    note = folder / PREPARED
     if note.is_file() and (told := json.loads(note.read_text(encoding="utf-8")))["key"] == key:
         return _opened(folder, forms, np.array(told["kept"], np.int64), told["why_not"])
     note.unlink(missing_ok=True)
@@ -89,7 +90,7 @@ def prepare(
     for file in files.values():
         file.flush()
     del files
-    part = folder / f"{NOTE}.part"
+    part = folder / f"{PREPARED}.part"
     part.write_text(json.dumps({"key": key, "kept": kept, "why_not": why_not}), encoding="utf-8")
     part.replace(note)
     return _opened(folder, forms, np.array(kept, np.int64), why_not)

@@ -1,13 +1,12 @@
 """What is publicly known of a catheter, as the numbers that `compact` is given beside the picture."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
 
-from ...types import KNOB, Context
-from .._needed import GAIN
+from ...types import KNOB, KNOB_GAIN, Context
 
 __all__ = ["SHEET", "sheet_of"]
 
@@ -18,15 +17,15 @@ STIFFNESS_NM2, LENGTH_M, DIAMETER_M = 4.3e-4, 0.04, 2.33e-3
 """A 7F ablation catheter 40 mm in front of its sheath."""
 
 
-def sheet_of(context: Context, actuation: Mapping[str, float], names: Sequence[str] = ()) -> npt.NDArray[np.float32]:
-    """(4 + k,): `SHEET`, then the actuation called ``names`` as it is; 0 for what is not known of the catheter.
+def sheet_of(context: Context, actuation: Mapping[str, float]) -> npt.NDArray[np.float32]:
+    """(4,): `SHEET`; 0 for what is not known of the catheter.
 
     >>> sheet_of(Context(), {}).tolist()
     [0.0, 0.0, 0.0, 0.0]
     """
     catheter = context.catheter
     stiffness, length, diameter = catheter.bending_stiffness_nm2, catheter.flexible_length_m, catheter.diameter_m
-    gain = context.notes.get(GAIN)
+    gain = context.notes.get(KNOB_GAIN)
     bend = 0.0
     if gain is not None and length is not None:
         bend = float(gain) * actuation.get(KNOB, 0.0) * length
@@ -36,4 +35,4 @@ def sheet_of(context: Context, actuation: Mapping[str, float], names: Sequence[s
         diameter / DIAMETER_M - 1.0 if diameter else 0.0,
         bend,
     )
-    return np.array([*known, *(actuation[name] for name in names)], np.float32)
+    return np.array(known, np.float32)

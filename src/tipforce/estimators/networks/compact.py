@@ -4,6 +4,7 @@ Beyond the thesis: grey pictures of the window alone, heads for the force's vari
 intervals that follow the doubt, and a plain refusal of what it was not taught.
 """
 
+import itertools
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -12,13 +13,25 @@ import numpy.typing as npt
 
 from ...dataset import Dataset
 from ...errors import InputError
-from ...learning import COMPACT_OUTPUTS, COMPACT_UNIT_N, CompactTask
-from ...types import KNOB, BoolArray, Context, FloatArray, ForceEstimate, Image, Observation, ShapeFeatures, Status
+from ...learning import COMPACT_OUTPUTS, COMPACT_UNIT_N, UNKNOWN, CompactTask
+from ...types import (
+    BASE_SIDE,
+    KNOB,
+    KNOB_GAIN,
+    BoolArray,
+    Context,
+    FloatArray,
+    ForceEstimate,
+    Image,
+    Observation,
+    ShapeFeatures,
+    Status,
+)
 from ...vision import VisionSettings, settle
 from .._answers import Interval
-from .._needed import BASE_SIDE, GAIN, missing_facts, stated_facts
-from .._reading import Refusal, read_view
-from ._arrays import Arrays, Looked, Reader
+from .._needed import missing_facts, only_facts, refuse_malformed, stated_facts
+from .._reading import Refusal, read_actuation, read_view
+from ._arrays import Arrays, Looked, Reader, spread_over
 from ._doubt import Doubt, learn_doubt
 from ._doubtful import Doubtful, Limits, limits_from, magnitude_sigma, relative_interval, seen_of, sigma_of
 from ._lead import Lead, Trail, lead_from
@@ -45,33 +58,42 @@ class Compact(NetworkEstimator):
     looks_at = "a window around the catheter in each picture, in grey"
     outputs = COMPACT_OUTPUTS
 
+    def __init__(self, settings: CompactSettings | None = None) -> None:
+        super().__init__(settings)
+        self._seen_side = "none"
+
     def settle(self, dataset: Dataset) -> None:
         """Find the border that the base lies at, where neither sheet nor settings tell; none: whole pictures."""
-        if self.settings.base_side != "auto":
+        silent = [name for name, context in dataset.contexts.items() if BASE_SIDE not in context.notes]
+        if self.settings.base_side != "auto" or not silent:
             return
-        told = {context.notes.get(BASE_SIDE) for context in dataset.contexts.values()}
-        if None not in told:
-            return
-        some = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, _SETTLING).astype(np.int64)))
+        rows = spread_over(np.flatnonzero(np.isin(dataset.session, silent)), _SETTLING)
+        some = dataset.subset(rows)
         views = [observation.views.get(self.settings.view) for observation in some.observations()]
         images = [view for view in views if isinstance(view, np.ndarray)]
         try:
-            one = len(told - {None}) == 1
-            side = (told - {None}).pop() if one else settle(VisionSettings(view=self.settings.view), images).base_side
+            self._seen_side = settle(VisionSettings(view=self.settings.view), images).base_side
         except InputError:
-            side = "none"
-        self.settings = self.settings.model_copy(update={"base_side": side})
+            self._seen_side = "none"
 
     def forms(self, *, training: bool) -> Forms:
         """The window, wider for training; the sheet."""
         side = self._side(training=training)
         return {"picture": ((side, side), "uint8"), "sheet": ((len(SHEET),), "float32")}
 
-    def told(self, dataset: Dataset) -> tuple[str, ...]:
-        """What every session tells: an answer without it would take another catheter for a nominal one."""
+    def told(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Without what every session tells, another catheter would be taken for a nominal one."""
         each = [stated_facts(context) for context in dataset.contexts.values()]
         settled = (BASE_SIDE,) if self.settings.base_side != "auto" else ()
-        return tuple(name for name in each[0] if name not in settled and all(name in other for other in each))
+        names = [name for name in dict.fromkeys(itertools.chain(*each)) if name not in settled]
+        return tuple(name for name in names if all(name in other for other in each)), tuple(names)
+
+    @property
+    def needed_actuation(self) -> tuple[str, ...]:
+        """What it was trained with; the knob, where the sheets tell what it does. Raises NotFittedError."""
+        known = self._known()
+        told = KNOB_GAIN in self.needed_facts and KNOB not in known.actuation
+        return (*known.actuation, KNOB) if told else known.actuation
 
     def mask_form(self) -> Form:
         """A quarter as fine as the picture."""
@@ -85,15 +107,20 @@ class Compact(NetworkEstimator):
     def reader(self, context: Context, *, training: bool) -> Reader:
         """Cuts the window out of a session's pictures."""
         side = self._side(training=training)
-        missing = "" if training else missing_facts(self.needed_facts, context)
-        gain = float(context.notes.get(GAIN, 0.0))
+        refuse_malformed(context)
+        missing, seen_side = "", self._seen_side
+        if not training and self.fitted_ is not None:
+            missing = missing_facts(self.needed_facts, context)
+            context = only_facts(self.fitted_.facts["ever_told"], context)
+            seen_side = str(self.fitted_.own["seen_side"])
+        turns_knob = bool(float(context.notes.get(KNOB_GAIN, 0.0)))
         windows: dict[tuple[int, ...], Window] = {}
 
         def window(shape: tuple[int, ...]) -> Window:
             if shape not in windows:
                 side_of_base = self.settings.base_side
                 if side_of_base == "auto":
-                    side_of_base = context.notes.get(BASE_SIDE, "none")
+                    side_of_base = context.notes.get(BASE_SIDE, seen_side)
                 base = None if side_of_base == "none" else side_of_base
                 found = window_of(context, shape, base, self.settings.lengths, self.settings.across)
                 windows[shape] = widened(found, side / self.settings.size)
@@ -107,15 +134,16 @@ class Compact(NetworkEstimator):
                 return Refusal(Status.MISSING_INPUT, "this method looks at pictures; these data are shape numbers")
             if missing:
                 return Refusal(Status.MISSING_INPUT, missing)
-            if gain and KNOB not in observation.actuation:
-                return Refusal(
-                    Status.MISSING_INPUT, f"the sheet says what the knob does, but {KNOB} is absent; state it"
-                )
+            knob = read_actuation(observation, (KNOB,)) if turns_knob else None
+            if isinstance(knob, Refusal):
+                return knob
             made: Arrays = {
                 "picture": cut(view, window(view.shape[:2]), side),
                 "sheet": sheet_of(context, observation.actuation),
             }
-            if mask is not None:
+            if training and mask is None:
+                made["heat"] = np.full((side // 4, side // 4), UNKNOWN, np.uint8)
+            elif mask is not None:
                 made["heat"] = cut(np.where(mask, np.uint8(255), np.uint8(0)), window(view.shape[:2]), side // 4)
             return made
 
@@ -132,15 +160,16 @@ class Compact(NetworkEstimator):
             actuation=actuation,
         )
 
-    def own_arrays(self, looked: Looked, *, masks: bool) -> Arrays:
+    def own_arrays(self, looked: Looked) -> Arrays:
         """Its doubt, what it refuses, and its lead: what training altered at random is not strange to it."""
         kept = looked.outputs(kept=True, altered=False)
         taught = looked.outputs(kept=False, altered=True)
         doubt = learn_doubt(taught, looked.outputs(kept=True, altered=True)["grid"])
         sigma = sigma_of(kept, doubt, COMPACT_UNIT_N)
         size = np.array([magnitude_sigma(f, s) for f, s in zip(kept["force_n"].astype(np.float64), sigma, strict=True)])
-        limits = limits_from(seen_of(kept), size, self.settings.refused, masks)
         begun = self._begin.fitted_ if isinstance(self._begin, Compact) else None
+        taught_map = looked.samples.heat is not None or (begun is not None and bool(begun.own["limit_seen"] > 0))
+        limits = limits_from(seen_of(kept), size, self.settings.refused, taught_map)
         lead = lead_from(looked, None if begun is None else _lead_of(begun.own))
         usual = np.append(np.median(sigma, axis=0), np.median(size))
         return {
@@ -150,6 +179,7 @@ class Compact(NetworkEstimator):
             "usual_sigma_n": usual,
             "lead_s": lead.seconds,
             "lead_alone": np.array(lead.alone),
+            "seen_side": np.array(self._seen_side),
         }
 
     def answering(self) -> Answering:
