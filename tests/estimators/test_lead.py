@@ -1,11 +1,15 @@
 """What the frame before adds to `compact`: the part of the force that follows from how fast the tissue is pressed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tipforce.estimators.networks._lead import Lead, Trail, earlier, learn_lead
+from tipforce.estimators.networks._arrays import Looked
+from tipforce.estimators.networks._lead import Lead, Trail, earlier, lead_from, learn_lead
+from tipforce.learning import Samples
 
 MS = 1_000_000
 NOTHING = Lead(np.zeros((2, 2)), 1.0)
@@ -80,3 +84,27 @@ def test_after_a_gap_there_is_no_rate():
     assert trail.rate(400 * MS, np.ones(2)) is None
     assert trail.rate(10 * MS, np.ones(2)) is None  # the clock went back
     assert trail.rate(52 * MS, np.ones(2)) is not None
+
+
+class Shown:
+    """A task whose pictures are the answers."""
+
+    inputs = ("picture",)
+
+    def batch(self, samples: Samples, index: np.ndarray, draws: object) -> dict[str, np.ndarray]:
+        return {"picture": samples.pictures[index]}
+
+
+def test_samples_in_any_order_and_of_several_sessions_tell_the_lead():
+    stamp_ns, answer, felt = (np.concatenate([each, each]) for each in beating(noise_n=0.0))
+    session = np.repeat(["a", "b"], len(stamp_ns) // 2)
+    order = np.random.default_rng(0).permutation(len(stamp_ns))
+    samples = Samples(answer[order][:, None], felt[order].astype(np.float32), session[order])
+    looked = Looked(lambda picture: {"force_n": picture[:, 0]}, Shown(), samples, None, stamp_ns[order])
+    lead = lead_from(looked, None)
+    assert ((np.diag(lead.seconds) > 0.015) & (np.diag(lead.seconds) < 0.03)).all()  # 25 ms, pulled towards none
+    assert lead.alone > 3.0
+    assert lead_from(replace(looked, stamp_ns=np.arange(len(order))), lead) is lead
+    still = Samples(np.zeros_like(answer)[:, None], felt.astype(np.float32), session)
+    assert lead_from(replace(looked, samples=still, stamp_ns=stamp_ns), None).seconds.any() == np.False_
+    assert lead_from(replace(looked, stamp_ns=np.arange(len(order))), Lead(np.eye(3), 1.0)).seconds.shape == (2, 2)
