@@ -2,13 +2,16 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
-from tipforce.dataset import Dataset
+from tipforce.cli._simulated_samples import write_samples
+from tipforce.dataset import Dataset, open_dataset
 from tipforce.errors import ModelError
 from tipforce.estimators import (
     _pretrained,
@@ -21,6 +24,7 @@ from tipforce.estimators import (
     save_model,
 )
 from tipforce.evaluation import candidates_from
+from tipforce.twin import PRESETS, sample_set
 
 QUICK = {"c": (10.0,), "epsilon": (0.01,), "sigma": (1.0,), "force": "components"}
 MOST_BYTES = 30_000_000
@@ -76,3 +80,23 @@ def test_models_that_come_with_the_program_are_whole_small_and_described() -> No
         assert "/tmp" not in json.dumps(manifest)
     total = sum(path.stat().st_size for path in _pretrained.PRETRAINED.rglob("*") if path.is_file())
     assert total <= MOST_BYTES
+
+
+def test_the_one_for_the_twin_reads_sessions_that_it_never_saw(tmp_path: Path) -> None:
+    wanted = sample_set(PRESETS["bench-2021"], seed=77, samples=36, per_session=12, seconds=10.0)
+    write_samples(
+        tmp_path / "set", wanted, shards=False, masks=False, workers=1, say=print, lossless=False,
+        progress=lambda what, share: None,
+    )  # fmt: skip
+    data, model = open_dataset(tmp_path / "set"), load_pretrained("compact")
+    answers = model.predict(data)
+    valid = np.array([each.valid for each in answers])
+    assert valid.mean() > 0.7
+    off = np.array([each.magnitude_n for each in answers]) - data.magnitude_n
+    assert np.nanmean(np.abs(off)) < 0.6 * np.mean(np.abs(data.magnitude_n - data.magnitude_n.mean()))
+    stream, first = model.start(data.contexts[data.session[0]]), next(data.observations())
+    for shown in (
+        np.zeros((480, 640, 3), np.uint8),
+        np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8),
+    ):
+        assert not stream.update(replace(first, views={"camera": shown})).valid
