@@ -177,16 +177,22 @@ def test_a_stage_log_beside_the_force_log_serves_an_import_too(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("stderr_ms", "carried", "how"),
-    [(2.0, "estimated", "estimated"), (4.0, "estimated", "stage"), (4.0, "none", "estimated")],
+    ("seen_ms", "stderr_ms", "carried", "how"),
+    [
+        (40, 2.0, "estimated", "estimated"),
+        (40, 4.0, "estimated", "stage"),
+        (40, 4.0, "none", "estimated"),
+        (265, 1.5, "estimated", "stage"),
+        (265, 1.5, "none", "estimated"),
+    ],
 )
-def test_where_the_deflection_is_in_doubt_the_stage_tells_the_offset(monkeypatch, stderr_ms, carried, how):
-    seen = ClockOffset(40_000_000, "estimated", stderr_ms=stderr_ms)
+def test_where_the_deflection_is_in_doubt_the_stage_tells_the_offset(monkeypatch, seen_ms, stderr_ms, carried, how):
+    seen = ClockOffset(1_000_000 * seen_ms, "estimated", stderr_ms=stderr_ms)
     monkeypatch.setattr(_find, "_by_sight", lambda *_: seen)
     facts = _find.RunFacts(None, Tare(), Inertia(how=carried, lag_ns=45_000_000), StageCourse.of([]))
     stamps = np.arange(10, dtype=np.int64)
     remarks: list[str] = []
     found = _find.find_offset(stamps, [], Context(), stamps, np.zeros((10, 3)), facts, "auto", remarks)
     assert found.how == how
-    assert found.offset_ms == (45.0 if how == "stage" else 40.0)
+    assert found.offset_ms == (45.0 if how == "stage" else seen_ms)
     assert bool(remarks) == (how == "stage")

@@ -25,6 +25,9 @@ _LOOK_S = 0.3
 _DOUBTFUL_MS = 3.0
 """From this standard error on the stage's movement, where it shows, tells the offset better than the deflection."""
 
+_APART_MS = 25.0
+"""The stage's movement is good to some milliseconds: a deflection that says otherwise by more fits another beat."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunFacts:
@@ -76,8 +79,8 @@ def find_offset(
 ) -> ClockOffset:
     """From the deflection in ``sightings`` (n) at ``frame_ns`` (n,) against ``force`` (m, 3) at ``stamps`` (m,).
 
-    Where that does not tell it, or with a standard error above 3 ms only: from the lag at which the stage's movement
-    shows in the force, if it does.
+    Where that does not tell it, or with a standard error above 3 ms only, or 25 ms apart from it: from the lag at which
+    the stage's movement shows in the force, if it does.
     ``blind``: why no catheter is seen at all, or empty. Adds to ``remarks``.
     """
     if choice == "none":
@@ -89,6 +92,10 @@ def find_offset(
         offset = _by_sight(frame_ns, sightings, context, stamps, force, facts)
     if facts.inertia.how == "estimated" and offset.stderr_ms > _DOUBTFUL_MS:
         offset = ClockOffset(how="refused", detail=f"the deflection tells it to +-{offset.stderr_ms:.1f} ms only")
+    apart_ms = abs(offset.offset_ms - 1e-6 * facts.inertia.lag_ns)
+    if offset.how == "estimated" and facts.inertia.how == "estimated" and apart_ms > _APART_MS:
+        why = f"; {offset.detail}" if offset.detail else ""
+        offset = ClockOffset(how="refused", detail=f"the deflection would have {offset.offset_ms:+.1f} ms{why}")
     if offset.how == "refused" and facts.inertia.how == "estimated":
         offset = ClockOffset(facts.inertia.lag_ns, "stage", detail=offset.detail)
         remarks.append(

@@ -1,53 +1,39 @@
-"""A network's own doubt: the variance it predicts, what its last layer was not taught, and how strange a picture is.
+"""A network's own doubt: what its last layer was not taught, and how strange a picture is.
 
 Last-layer Laplace approximation (MacKay 1992; Daxberger et al. 2021): with the features before the last dense layer
 held fixed, the answer is linear in that layer's weights, and their posterior is a Gaussian. Pictures unlike all of the
-training are refused: their last grid of features, where places still count, lies far from the training's, along its
-principal directions (Mahalanobis distance; Lee et al. 2018) or beside all of them.
+training are refused. A network that began with another's weights still knows what that one knew, as long as it sees
+its new pictures as that one would.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ...types import FloatArray
+from ._domain import Domain, learn_domain
 
 __all__ = ["Doubt", "learn_doubt"]
 
-_DIRECTIONS, _COVERED = 100, 0.95
-"""Principal directions, at most, and the share of the variance that they need not exceed."""
 _PRIOR = 1.0
 """Precision of the last layer's weights before training, in those of one sample."""
-_FAR = 0.995
-"""Share of what was kept from training that lies nearer than the limit, before `_MARGIN`."""
-_MARGIN = 1.1
+_ALIKE = 0.9
+"""Share of the new pictures that must lie in a domain from before, for it to count still."""
 
 
 @dataclass(frozen=True, eq=False)
 class Doubt:
-    """``centre`` (d,), principal ``directions`` (d, k) and the grids' ``spread`` (k,) along them, ``rest`` beside them.
+    """``domains``: what is known, newest first. ``untaught`` (f, f): root of the last weights' covariance."""
 
-    ``rest`` is the root mean square of what is beside the directions. ``untaught`` (f, f): root of the covariance of
-    the last layer's weights. ``far``: the largest distance that is answered.
-    """
-
-    centre: FloatArray
-    directions: FloatArray
-    spread: FloatArray
-    rest: float
+    domains: tuple[Domain, ...]
     untaught: FloatArray
-    far: float
 
     def distance(self, grids: npt.NDArray[Any]) -> FloatArray:
-        """(n,) of ``grids`` (n, d): about 1 is usual."""
-        moved = grids - self.centre
-        along = moved @ self.directions
-        beside = np.sum(moved * moved, axis=1) - np.sum(along * along, axis=1)
-        within = np.mean((along / self.spread) ** 2, axis=1)
-        return np.sqrt(0.5 * (within + beside / self.rest**2))
+        """(n,) of ``grids`` (n, d): up to 1 is known, by one domain or another."""
+        return np.min([domain.distance(grids) for domain in self.domains], axis=0)
 
     def variance(self, features: npt.NDArray[Any]) -> FloatArray:
         """(n,): what the weights' doubt adds, as a share of the variance of one training sample's label."""
@@ -56,30 +42,43 @@ class Doubt:
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """For the model store."""
-        wide = {name: getattr(self, name).astype(np.float32) for name in ("centre", "directions", "spread", "untaught")}
-        numbers = {"rest": np.array(self.rest), "far": np.array(self.far)}
-        return {f"doubt_{name}": values for name, values in (wide | numbers).items()}
+        made = {
+            f"domain{place}_{name}": values
+            for place, domain in enumerate(self.domains)
+            for name, values in domain.arrays().items()
+        }
+        return {**made, "doubt_untaught": self.untaught.astype(np.float32)}
 
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> "Doubt":
-        """The inverse of `arrays`."""
-        names = ("centre", "directions", "spread", "untaught")
-        wide = {name: np.asarray(arrays[f"doubt_{name}"], np.float64) for name in names}
-        return cls(**wide, rest=float(arrays["doubt_rest"]), far=float(arrays["doubt_far"]))
+        """The inverse of `arrays`. Raises KeyError where they hold none."""
+        domains: list[Domain] = []
+        while not domains or f"domain{len(domains)}_centre" in arrays:
+            begin = f"domain{len(domains)}_"
+            domains.append(
+                Domain.of({name: arrays[begin + name] for name in ("centre", "directions", "spread", "rest_far")})
+            )
+        return cls(tuple(domains), np.asarray(arrays["doubt_untaught"], np.float64))
 
 
-def learn_doubt(taught: Mapping[str, npt.NDArray[Any]], kept_grids: npt.NDArray[Any]) -> Doubt:
-    """From the outputs "grid" (n, d) and "features" (n, f) of the training part, and grids (m, d) kept from it."""
-    grids, features = (np.asarray(taught[name], np.float64) for name in ("grid", "features"))
-    centre = grids.mean(axis=0)
-    moved = grids - centre
-    values, vectors = np.linalg.eigh(moved.T @ moved / len(moved))
-    values, vectors = values[::-1], vectors[:, ::-1]
-    covered = int(np.searchsorted(np.cumsum(values), _COVERED * values.sum())) + 1
-    count = max(1, min(covered, _DIRECTIONS, len(moved) // 4))
-    directions, spread = np.ascontiguousarray(vectors[:, :count]), np.sqrt(np.maximum(values[:count], 1e-12))
-    rest = float(np.sqrt(max(values[count:].sum(), 1e-3 * values.sum())))
-    taught_weights = features.T @ features + _PRIOR * np.eye(features.shape[1])
-    untaught = np.linalg.cholesky(np.linalg.inv(taught_weights)).astype(np.float64)
-    doubt = Doubt(centre, directions, spread, rest, untaught, np.inf)
-    return replace(doubt, far=_MARGIN * float(np.quantile(doubt.distance(kept_grids), _FAR)))
+def learn_doubt(
+    taught: Mapping[str, npt.NDArray[Any]],
+    kept: Mapping[str, npt.NDArray[Any]],
+    altered_grids: npt.NDArray[Any],
+    start: Doubt | None = None,
+) -> Doubt:
+    """From the outputs "grid" (n, d) and "features" (n, f) of the training part, and of what was ``kept`` from it.
+
+    ``altered_grids`` (m, d): of the kept ones, altered as in training. ``start``: the doubt of the network that this
+    one began with; what it knew counts where it knows the kept pictures, too.
+    """
+    own = learn_domain(taught["grid"], altered_grids)
+    features = taught["features"].astype(np.float64)
+    precision = features.T @ features + _PRIOR * np.eye(features.shape[1])
+    before: tuple[Domain, ...] = ()
+    if start is not None and start.domains[0].centre.shape == own.centre.shape:
+        before = tuple(each for each in start.domains if np.mean(each.distance(kept["grid"]) <= 1.0) >= _ALIKE)
+    if start is not None and before:
+        precision += np.linalg.inv(start.untaught @ start.untaught.T)
+    untaught = np.linalg.cholesky(np.linalg.inv(precision)).astype(np.float64)
+    return Doubt((own, *before), untaught)

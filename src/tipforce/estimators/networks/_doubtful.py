@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from .._conformal import interval_of
 from ._doubt import Doubt
 from ._lead import Lead, Trail
 
-__all__ = ["Doubtful", "Limits", "limits_from", "magnitude_sigma", "relative_interval", "seen_of", "sigma_of"]
+__all__ = ["Doubtful", "Limits", "limits_from", "magnitude_sigma", "relative_interval", "seen_of", "sigma_of", "wider"]
 
 Outputs = Mapping[str, npt.NDArray[Any]]
 
@@ -54,8 +54,8 @@ class Doubtful:
             return ForceEstimate.invalid(
                 stamp_ns, Status.NO_CATHETER, f"there is hardly a catheter in the window ({seen:.1f} pixels of its map)"
             )
-        far = self.doubt.distance(outputs["grid"].astype(np.float64))[0]
-        if not far <= self.doubt.far:
+        far = self.doubt.distance(outputs["grid"])[0]
+        if not far <= 1.0:
             return ForceEstimate.invalid(
                 stamp_ns, Status.OUT_OF_DOMAIN, f"the picture is unlike those it learnt from ({far:.1f} times as far)"
             )
@@ -125,9 +125,25 @@ def seen_of(outputs: Outputs) -> FloatArray:
     return (1.0 / (1.0 + np.exp(-heat))).sum(axis=(1, 2))
 
 
-def limits_from(seen: FloatArray, sigma_n: FloatArray, refused: float, taught: bool) -> Limits:
-    """From what was kept from training: sights (n,), deviations of the magnitude (n,), a share ``refused`` of these."""
-    return Limits(
+def limits_from(
+    seen: FloatArray, sigma_n: FloatArray, refused: float, taught: bool, start: Limits | None = None
+) -> Limits:
+    """From what was kept from training: sights (n,), deviations of the magnitude (n,), a share ``refused`` of these.
+
+    ``start``: those of a model whose knowledge still counts, which is not narrowed.
+    """
+    own = Limits(
         seen=_FAINT * float(np.quantile(seen, 0.01)) if taught else 0.0,
         sigma_n=float(np.quantile(sigma_n, 1.0 - refused)),
     )
+    return own if start is None else Limits(min(own.seen, start.seen), max(own.sigma_n, start.sigma_n))
+
+
+def wider(ours: Interval, other: Interval) -> Interval:
+    """Half-widths of whichever is wider; the basis says so where the ``other`` one's are."""
+    halves = np.fmax(ours.half_n, other.half_n)
+    magnitude = max(ours.magnitude_half_n, other.magnitude_half_n)
+    if magnitude == ours.magnitude_half_n and np.array_equal(halves, ours.half_n, equal_nan=True):
+        return ours
+    basis = f"{ours.basis}; or, where wider, that of the model it began with ({other.basis})"
+    return replace(ours, half_n=halves, magnitude_half_n=magnitude, basis=basis)

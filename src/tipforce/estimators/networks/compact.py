@@ -33,7 +33,7 @@ from .._needed import missing_facts, only_facts, refuse_malformed, stated_facts
 from .._reading import Refusal, read_actuation, read_view
 from ._arrays import Arrays, Looked, Reader, spread_over
 from ._doubt import Doubt, learn_doubt
-from ._doubtful import Doubtful, Limits, limits_from, magnitude_sigma, relative_interval, seen_of, sigma_of
+from ._doubtful import Doubtful, Limits, limits_from, magnitude_sigma, relative_interval, seen_of, sigma_of, wider
 from ._lead import Lead, Trail, lead_from
 from ._network import Answering, NetworkEstimator
 from ._prepared import Form, Forms
@@ -164,12 +164,14 @@ class Compact(NetworkEstimator):
         """Its doubt, what it refuses, and its lead: what training altered at random is not strange to it."""
         kept = looked.outputs(kept=True, altered=False)
         taught = looked.outputs(kept=False, altered=True)
-        doubt = learn_doubt(taught, looked.outputs(kept=True, altered=True)["grid"])
+        begun = self._begin.fitted_ if isinstance(self._begin, Compact) else None
+        before = None if begun is None else Doubt.of(begun.own)
+        doubt = learn_doubt(taught, kept, looked.outputs(kept=True, altered=True)["grid"], before)
         sigma = sigma_of(kept, doubt, COMPACT_UNIT_N)
         size = np.array([magnitude_sigma(f, s) for f, s in zip(kept["force_n"].astype(np.float64), sigma, strict=True)])
-        begun = self._begin.fitted_ if isinstance(self._begin, Compact) else None
         taught_map = looked.samples.heat is not None or (begun is not None and bool(begun.own["limit_seen"] > 0))
-        limits = limits_from(seen_of(kept), size, self.settings.refused, taught_map)
+        still = _limits_of(begun.own) if begun is not None and len(doubt.domains) > 1 else None
+        limits = limits_from(seen_of(kept), size, self.settings.refused, taught_map, still)
         lead = lead_from(looked, None if begun is None else _lead_of(begun.own))
         usual = np.append(np.median(sigma, axis=0), np.median(size))
         return {
@@ -186,8 +188,9 @@ class Compact(NetworkEstimator):
         """Intervals that follow the doubt, and refusals."""
         fitted = self._known()
         own = fitted.own
-        limits = Limits(float(own["limit_seen"]), float(own["limit_sigma_n"]))
-        return Doubtful(fitted.known, COMPACT_UNIT_N, Doubt.of(own), limits, fitted.interval, _lead_of(own), Trail())
+        return Doubtful(
+            fitted.known, COMPACT_UNIT_N, Doubt.of(own), _limits_of(own), fitted.interval, _lead_of(own), Trail()
+        )
 
     @property
     def remembers(self) -> bool:
@@ -197,11 +200,16 @@ class Compact(NetworkEstimator):
     def interval(
         self, found: Sequence[ForceEstimate], truth: FloatArray, session: npt.NDArray[np.str_], drawn: str
     ) -> Interval:
-        """In standard deviations of each answer."""
+        """In standard deviations of each answer.
+
+        Samples of the same sessions promise little: where it began with another model, that one's interval, if wider.
+        """
         known = self._known().known
         force = np.array([each.force_n[known] for each in found])
         sigma = np.array([np.sqrt(np.diag(each.covariance_n2)[known]) for each in found])
-        return relative_interval(known, force, sigma, truth, session, drawn)
+        found_now = relative_interval(known, force, sigma, truth, session, drawn)
+        begun = self._begin.fitted_ if isinstance(self._begin, Compact) else None
+        return found_now if begun is None or not drawn else wider(found_now, begun.interval)
 
     def usual_half_n(self) -> FloatArray:
         """(t + 1,): half-widths of the components' intervals and the magnitude's, at the usual doubt."""
@@ -212,3 +220,7 @@ class Compact(NetworkEstimator):
 
 def _lead_of(own: Arrays) -> Lead:
     return Lead(np.asarray(own["lead_s"], np.float64), float(own["lead_alone"]))
+
+
+def _limits_of(own: Arrays) -> Limits:
+    return Limits(float(own["limit_seen"]), float(own["limit_sigma_n"]))
