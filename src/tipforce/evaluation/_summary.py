@@ -27,7 +27,7 @@ THESIS_DIRECTIONS = {
 }
 """Table 5 of the thesis: method 2 on its own 154 test samples."""
 
-_LIBRARIES = ("numpy", "scipy", "scikit-learn", "opencv-python-headless", "numba", "matplotlib")
+_LIBRARIES = ("numpy", "scipy", "scikit-learn", "opencv-python-headless", "numba", "matplotlib", "onnxruntime")
 
 
 def best_method(evaluation: Evaluation) -> str:
