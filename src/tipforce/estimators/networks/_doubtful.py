@@ -140,8 +140,8 @@ def limits_from(
 
 
 def wider(ours: Interval, other: Interval) -> Interval:
-    """Half-widths of whichever is wider; the basis says so where the ``other`` one's are."""
-    halves = np.fmax(ours.half_n, other.half_n)
+    """Half-widths of whichever is wider, of what ours knows; the basis says so where the ``other`` one's are."""
+    halves = np.where(np.isnan(ours.half_n), np.nan, np.fmax(ours.half_n, other.half_n))
     magnitude = max(ours.magnitude_half_n, other.magnitude_half_n)
     if magnitude == ours.magnitude_half_n and np.array_equal(halves, ours.half_n, equal_nan=True):
         return ours

@@ -50,7 +50,7 @@ from ._graph import Graph
 from ._prepared import Form, Forms, Prepared, prepare
 from ._words import network_words
 
-__all__ = ["MIN_SAMPLES", "MODEL", "PARITY_N", "NetworkEstimator"]
+__all__ = ["MIN_SAMPLES", "MODEL", "PARITY_N", "Answering", "Fitted", "NetworkEstimator"]
 
 MIN_SAMPLES = 20
 """Fewer samples cannot be trained and validated on."""
@@ -70,7 +70,7 @@ Answering = Callable[[int, Mapping[str, npt.NDArray[Any]]], ForceEstimate]
 
 
 @dataclass(frozen=True, eq=False)
-class _Fitted:
+class Fitted:
     """Everything that was learnt."""
 
     actuation: tuple[str, ...]
@@ -98,7 +98,7 @@ class NetworkEstimator(Estimator):
 
     def __init__(self, settings: Any = None) -> None:
         self.settings = settings or self.settings_type()
-        self.fitted_: _Fitted | None = None
+        self.fitted_: Fitted | None = None
         self._begin: NetworkEstimator | None = None
 
     @abstractmethod
@@ -211,7 +211,7 @@ class NetworkEstimator(Estimator):
             own = self.own_arrays(looked)
             del prepared, samples, looked  # before the files they are maps of
         held_out = dataset.subset(kept[part.validate])
-        self.fitted_ = _Fitted(
+        self.fitted_ = Fitted(
             actuation=names,
             known=known,
             graph=graph,
@@ -349,7 +349,7 @@ class NetworkEstimator(Estimator):
         """The inverse of `state` and `files`. Raises KeyError without the graph, ModelError where it is damaged."""
         files = files or {}
         made = cls(cls.settings_type.model_validate(settings))
-        made.fitted_ = _Fitted(
+        made.fitted_ = Fitted(
             actuation=tuple(values["actuation"]),
             known=np.array(values["known"], np.bool_),
             graph=Graph(files[SMALL], SMALL) if SMALL in files else Graph(files[MODEL], MODEL),
@@ -387,7 +387,7 @@ class NetworkEstimator(Estimator):
         """Budget, best epoch, intervals."""
         return network_words(facts)
 
-    def _known(self) -> _Fitted:
+    def _known(self) -> Fitted:
         if self.fitted_ is None:
             raise NotFittedError(f"{self.name} was not fitted; train it with `tipforce train` or load a model")
         return self.fitted_

@@ -1,0 +1,75 @@
+"""What a network knows, and what it keeps knowing when it goes on from another one's weights."""
+
+import numpy as np
+import pytest
+
+from tipforce.estimators._answers import Interval
+from tipforce.estimators.networks._doubt import Doubt, learn_doubt
+from tipforce.estimators.networks._doubtful import Limits, limits_from, wider
+
+DRAW = np.random.default_rng(0)
+MIXING = DRAW.normal(size=(6, 40))
+
+
+def outputs(count: int, centre: float = 0.0, spread: float = 1.0) -> dict[str, np.ndarray]:
+    """Grids near a plane of six directions, and features."""
+    grid = DRAW.normal(centre, spread, (count, 6)) @ MIXING + DRAW.normal(0.0, 0.05, (count, 40))
+    return {"grid": grid.astype(np.float32), "features": DRAW.normal(size=(count, 8)).astype(np.float32)}
+
+
+def learnt(centre: float, spread: float, start: Doubt | None = None) -> Doubt:
+    kept = outputs(200, centre, spread)
+    return learn_doubt(outputs(800, centre, spread), kept, kept["grid"], start)
+
+
+def test_what_is_like_the_training_is_known_and_what_is_not_is_far():
+    doubt = learnt(0.0, 1.0)
+    assert np.mean(doubt.distance(outputs(500)["grid"]) <= 1.0) > 0.98
+    beside = DRAW.normal(size=(100, 40))  # no combination of the six directions
+    assert (doubt.distance(beside) > 1.0).all()
+    assert (doubt.distance(outputs(100, centre=8.0)["grid"]) > 1.0).all()
+
+
+def test_one_that_went_on_from_another_still_knows_what_that_one_knew():
+    before = learnt(0.0, 1.0)
+    narrow = learnt(0.5, 0.1)
+    both = learnt(0.5, 0.1, before)
+    usual = outputs(500)["grid"]
+    assert np.mean(narrow.distance(usual) <= 1.0) < 0.1
+    assert np.mean(both.distance(usual) <= 1.0) > 0.98
+    assert len(both.domains) == 2
+    features = outputs(50)["features"].astype(np.float64)
+    assert (both.variance(features) < narrow.variance(features)).all()
+
+
+def test_what_a_network_knew_is_gone_where_it_sees_otherwise():
+    assert len(learnt(8.0, 1.0, learnt(0.0, 1.0)).domains) == 1
+
+
+def test_a_doubt_comes_back_from_its_arrays():
+    doubt = learnt(0.5, 0.1, learnt(0.0, 1.0))
+    again = Doubt.of(doubt.arrays())
+    grids = outputs(20)["grid"]
+    assert np.allclose(again.distance(grids), doubt.distance(grids), rtol=1e-3)
+    with pytest.raises(KeyError):
+        Doubt.of({})
+
+
+def test_limits_are_not_narrowed_by_what_is_learnt_later():
+    seen, sigma = np.linspace(20.0, 30.0, 100), np.linspace(0.01, 0.02, 100)
+    own = limits_from(seen, sigma, 0.03, True)
+    assert limits_from(seen, sigma, 0.03, True, Limits(1.0, 0.05)) == Limits(1.0, 0.05)
+    assert limits_from(seen, sigma, 0.03, True, Limits(9.0, 0.01)) == own
+    assert limits_from(seen, sigma, 0.03, False).seen == 0.0
+
+
+def test_the_wider_interval_is_kept_and_says_whose_it_is():
+    nan = np.full((3, 3), np.nan)
+    ours = Interval(np.array([1.0, 2.0, np.nan]), 1.5, nan, False, "frames", 1, 30)
+    other = Interval(np.array([1.5, 1.0, 3.0]), 1.2, nan, True, "whole sessions", 40, 900)
+    both = wider(ours, other)
+    assert both.half_n.tolist()[:2] == [1.5, 2.0]
+    assert np.isnan(both.half_n[2])
+    assert both.magnitude_half_n == 1.5
+    assert "whole sessions" in both.basis
+    assert wider(other, other) is other
