@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from tipforce.errors import FileFormatError, InputError, TimeError
-from tipforce.recording import ForceColumns, VideoWriter, observations, open_source, require_actuation, write_video
+from tipforce.recording import (
+    ForceColumns,
+    RecordingReader,
+    VideoWriter,
+    observations,
+    open_source,
+    require_actuation,
+    write_video,
+)
 from tipforce.recording._forcelog import read_force_log
 from tipforce.types import Actuation, Context, Frame
 
@@ -165,6 +173,8 @@ def test_a_recording_is_a_source_too(recording: Path) -> None:
     with open_source(recording) as source:
         assert source.context.session == "first"
         assert sum(isinstance(event, Frame) for event in source) == 25
+    with open_source(recording, stated=Context()) as source:
+        assert isinstance(source, RecordingReader)  # nothing was stated, so nothing stands in between
     with open_source(recording, stated=Context("other")) as source:
         assert source.context.session == "other"
     with pytest.raises(InputError, match="carries knob_deg itself"):

@@ -1,15 +1,12 @@
 """Facts of a run as they are typed: ``NAME_UNIT=VALUE``, ``START:END``, a catheter's sheet."""
 
 import math
-from dataclasses import fields
 from typing import Literal
 
 from ..errors import InputError
-from ..types import BASE_SIDE, BASE_SIDES, KNOB_GAIN, Catheter, Context
+from ..types import BASE_SIDE, BASE_SIDES, CATHETER_FACTS, KNOB_GAIN, Catheter, Context
 
 __all__ = ["actuation_from", "catheter_from", "context_from", "number_from", "offset_from", "scale_from", "tare_from"]
-
-_LENGTHS = tuple(each.name for each in fields(Catheter) if each.name != "name")
 
 
 def number_from(text: str, option: str, expected: str, above: float = -math.inf) -> float:
@@ -115,7 +112,7 @@ def catheter_from(text: str | None) -> Catheter:
     values: dict[str, float] = {}
     for fact in facts:
         key, _, value = fact.partition("=")
-        if key not in _LENGTHS:
-            raise InputError(f"--catheter {text}: there is no fact {key!r}; there are {', '.join(_LENGTHS)}")
+        if key not in CATHETER_FACTS:
+            raise InputError(f"--catheter {text}: there is no fact {key!r}; there are {', '.join(CATHETER_FACTS)}")
         values[key] = number_from(value, f"--catheter {text}", f"a number above zero for {key}", 0.0)
     return Catheter(name or "unnamed", **values)

@@ -2,17 +2,16 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 from ..errors import InputError
-from ..types import BASE_SIDE, BASE_SIDES, KNOB_GAIN, Catheter, Context
+from ..types import BASE_SIDE, BASE_SIDES, CATHETER_FACTS, KNOB_GAIN, Context
 
 __all__ = ["SCALE", "missing_facts", "only_facts", "refuse_malformed", "stated_facts"]
 
 SCALE = "metres_per_px"
 
-_CATHETER = tuple(each.name for each in fields(Catheter) if each.name != "name")
 _NOTES = (BASE_SIDE, KNOB_GAIN)
 
 
@@ -22,7 +21,7 @@ def stated_facts(context: Context) -> tuple[str, ...]:
     >>> stated_facts(Context(metres_per_px=2e-4, notes={"base_side": "left"}))
     ('metres_per_px', 'base_side')
     """
-    values: dict[str, Any] = {name: getattr(context.catheter, name) for name in _CATHETER}
+    values: dict[str, Any] = {name: getattr(context.catheter, name) for name in CATHETER_FACTS}
     values |= {SCALE: context.metres_per_px} | {name: context.notes.get(name) for name in _NOTES}
     return tuple(name for name, value in values.items() if value is not None)
 
@@ -35,7 +34,7 @@ def only_facts(names: Iterable[str], context: Context) -> Context:
     others = set(stated_facts(context)) - set(names)
     return replace(
         context,
-        catheter=replace(context.catheter, **{name: None for name in _CATHETER if name in others}),
+        catheter=replace(context.catheter, **{name: None for name in CATHETER_FACTS if name in others}),
         metres_per_px=None if SCALE in others else context.metres_per_px,
         notes={name: value for name, value in context.notes.items() if name not in others},
     )
@@ -50,7 +49,7 @@ def missing_facts(needed: Iterable[str], context: Context) -> str:
     lacking = [name for name in needed if name not in stated_facts(context)]
     if not lacking:
         return ""
-    catheter = ",".join(f"{name}=VALUE" for name in lacking if name in _CATHETER)
+    catheter = ",".join(f"{name}=VALUE" for name in lacking if name in CATHETER_FACTS)
     options = [f"--catheter NAME,{catheter}"] if catheter else []
     options += ["--metres-per-px VALUE"] if SCALE in lacking else []
     options += [f"--note {name}=VALUE" for name in lacking if name in _NOTES]

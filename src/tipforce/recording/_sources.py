@@ -77,7 +77,8 @@ def open_source(
         if carried:
             reader.close()
             raise InputError(f"{where}: carries {', '.join(carried)} itself; do not state it as well")
-        return _Stated(reader, actuation or {}, stated or Context()) if actuation or stated else reader
+        silent = not actuation and stated in (None, Context())
+        return reader if silent else _Stated(reader, actuation or {}, stated or Context())
     if not where.exists():
         raise FileFormatError(f"{where}: there is no such file or folder")
     return FileSource(where, actuation or {}, stated or Context())

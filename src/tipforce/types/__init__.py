@@ -7,7 +7,7 @@ Force = what the tissue does to the tip, in the base frame.
 
 from ._arrays import BoolArray, FloatArray, Image, IntArray, frozen
 from ._axes import ADVANCE, KNOB, STAGE_ACROSS, STAGE_FORWARD, AxisLimits, Commanded, refuse_unknown
-from ._device import BASE_SIDE, BASE_SIDES, KNOB_GAIN, Catheter, Context
+from ._device import BASE_SIDE, BASE_SIDES, CATHETER_FACTS, KNOB_GAIN, Catheter, Context
 from ._estimate import ForceEstimate, Status
 from ._seams import Actuators, Clock, SimulatedClock, Source, SystemClock
 from ._shape import BasePose, CentrelineM, CentrelinePx
@@ -17,6 +17,7 @@ __all__ = [
     "ADVANCE",
     "BASE_SIDE",
     "BASE_SIDES",
+    "CATHETER_FACTS",
     "JOINTS",
     "KNOB",
     "KNOB_GAIN",

@@ -1,9 +1,9 @@
 """What is publicly known of a catheter and of a session: the sheet of paper beside the bench."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
-__all__ = ["BASE_SIDE", "BASE_SIDES", "KNOB_GAIN", "Catheter", "Context"]
+__all__ = ["BASE_SIDE", "BASE_SIDES", "CATHETER_FACTS", "KNOB_GAIN", "Catheter", "Context"]
 
 BASE_SIDE, KNOB_GAIN = "base_side", "knob_gain_per_m_deg"
 """Notes of a `Context`: the border of the picture that the base lies at; the curvature that a degree of the knob asks
@@ -21,6 +21,10 @@ class Catheter:
     flexible_length_m: float | None = None
     rigid_length_m: float | None = None
     bending_stiffness_nm2: float | None = None
+
+
+CATHETER_FACTS = tuple(each.name for each in fields(Catheter) if each.name != "name")
+"""Names of what may be known of a catheter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +46,9 @@ class Context:
         'a'
         """
         ours, theirs = self.catheter, stated.catheter
-        catheter = Catheter(
-            ours.name if theirs.name == Catheter().name else theirs.name,
-            *(
-                getattr(ours, each.name) if getattr(theirs, each.name) is None else getattr(theirs, each.name)
-                for each in fields(Catheter)[1:]
-            ),
-        )
+        known = {name: getattr(theirs, name) for name in CATHETER_FACTS if getattr(theirs, name) is not None}
+        named = theirs.name if theirs.name != Catheter().name else ours.name
+        catheter = replace(ours, name=named, **known)
         return Context(
             stated.session or self.session,
             catheter,
