@@ -24,10 +24,10 @@ def learnt(centre: float, spread: float, start: Doubt | None = None) -> Doubt:
 
 def test_what_is_like_the_training_is_known_and_what_is_not_is_far():
     doubt = learnt(0.0, 1.0)
-    assert np.mean(doubt.distance(outputs(500)["grid"]) <= 1.0) > 0.98
+    assert np.mean(doubt.domains.distance(outputs(500)["grid"]) <= 1.0) > 0.98
     beside = DRAW.normal(size=(100, 40))  # no combination of the six directions
-    assert (doubt.distance(beside) > 1.0).all()
-    assert (doubt.distance(outputs(100, centre=8.0)["grid"]) > 1.0).all()
+    assert (doubt.domains.distance(beside) > 1.0).all()
+    assert (doubt.domains.distance(outputs(100, centre=8.0)["grid"]) > 1.0).all()
 
 
 def test_one_that_went_on_from_another_still_knows_what_that_one_knew():
@@ -35,22 +35,22 @@ def test_one_that_went_on_from_another_still_knows_what_that_one_knew():
     narrow = learnt(0.5, 0.1)
     both = learnt(0.5, 0.1, before)
     usual = outputs(500)["grid"]
-    assert np.mean(narrow.distance(usual) <= 1.0) < 0.1
-    assert np.mean(both.distance(usual) <= 1.0) > 0.98
-    assert len(both.domains) == 2
+    assert np.mean(narrow.domains.distance(usual) <= 1.0) < 0.1
+    assert np.mean(both.domains.distance(usual) <= 1.0) > 0.98
+    assert len(both.domains.each) == 2
     features = outputs(50)["features"].astype(np.float64)
     assert (both.variance(features) < narrow.variance(features)).all()
 
 
 def test_what_a_network_knew_is_gone_where_it_sees_otherwise():
-    assert len(learnt(8.0, 1.0, learnt(0.0, 1.0)).domains) == 1
+    assert len(learnt(8.0, 1.0, learnt(0.0, 1.0)).domains.each) == 1
 
 
 def test_a_doubt_comes_back_from_its_arrays():
     doubt = learnt(0.5, 0.1, learnt(0.0, 1.0))
     again = Doubt.of(doubt.arrays())
     grids = outputs(20)["grid"]
-    assert np.allclose(again.distance(grids), doubt.distance(grids), rtol=1e-3)
+    assert np.allclose(again.domains.distance(grids), doubt.domains.distance(grids), rtol=1e-3)
     with pytest.raises(KeyError):
         Doubt.of({})
 

@@ -88,8 +88,10 @@ def test_a_folder_that_holds_other_things_is_no_place_to_train_in(tmp_path):
     folder = tmp_path / "heart.training"
     folder.mkdir()
     (folder / "metadata.csv").write_text("file_name\n")
+    (folder / "picture.npy").write_bytes(b"left by a training")
+    (folder / "labels.npy").write_bytes(b"mine")
     with (
-        pytest.raises(InputError, match=r"heart\.training: .*holds other things \(metadata\.csv\)"),
+        pytest.raises(InputError, match=r"heart\.training: .*holds other things \(labels\.npy\)"),
         workplace(Dcfe(), tmp_path / "heart", resume=False),
     ):
         pytest.fail("nothing may be trained there")

@@ -25,7 +25,8 @@ def test_it_is_resnet_18_as_published(network: Any) -> None:
         getattr(network.body, name).register_forward_hook(
             lambda _, __, out, name=name: sizes.__setitem__(name, tuple(out.shape[1:]))
         )
-    assert network(torch.zeros((1, 224, 224, 3), dtype=torch.uint8)).shape == (1, 2)
+    force, pooled = network(torch.zeros((1, 224, 224, 3), dtype=torch.uint8))
+    assert (force.shape, pooled.shape) == ((1, 2), (1, 512))
     assert sizes == {
         "conv1": (64, 112, 112),
         "maxpool": (64, 56, 56),
@@ -52,10 +53,10 @@ def test_the_loss_is_the_thesis_s(network: Any) -> None:
     """Eq. (19) by hand: differences 0.03 and 0.04 N."""
     found, wanted = torch.tensor([[0.13, 0.04], [0.1, 0.1]]), torch.tensor([[0.1, 0.0], [0.1, 0.1]])
     task, batch = ResnetTask(2), {"force_n": wanted}
-    assert task.error_n(found, batch).tolist() == pytest.approx([np.sqrt(0.0025 / 2), 0.0], abs=2e-6)
-    assert float(task.loss(found, batch)) == pytest.approx(np.sqrt(0.0025 / 2) / 2, abs=2e-6)
+    assert task.error_n((found, None), batch).tolist() == pytest.approx([np.sqrt(0.0025 / 2), 0.0], abs=2e-6)
+    assert float(task.loss((found, None), batch)) == pytest.approx(np.sqrt(0.0025 / 2) / 2, abs=2e-6)
     exact = found.clone().requires_grad_()
-    task.loss(exact, {"force_n": found}).backward()
+    task.loss((exact, None), {"force_n": found}).backward()
     assert torch.isfinite(exact.grad).all()
 
 
@@ -67,7 +68,7 @@ def test_actuation_joins_before_the_dense_layer() -> None:
         network.dense.weight[:, :512] = 0.0
         network.dense.weight[:, 512] = 1.0
         knob = torch.tensor([[10.0], [20.0], [50.0]])
-        found = network(torch.zeros((3, 32, 32, 3), dtype=torch.uint8), knob)
+        found, _ = network(torch.zeros((3, 32, 32, 3), dtype=torch.uint8), knob)
     assert found[:, 0].tolist() == pytest.approx([-1.0, 0.0, 3.0])  # less the mean, over the deviation
     again = network_of(task, weights_in(network))
     assert again.actuation_mean.tolist() == [20.0]

@@ -8,7 +8,7 @@ import pytest
 
 from tipforce.dataset import Dataset
 from tipforce.estimators import create, load_model, save_model
-from tipforce.types import Context, Observation
+from tipforce.types import Context, Observation, Status
 
 pytestmark = pytest.mark.slow
 pytest.importorskip("torch", reason="training needs the extra [train]")
@@ -53,9 +53,13 @@ def test_dcfe_learns_and_its_folder_answers_the_same(tmp_path: Path, precision: 
     dcfe = create("dcfe", {"epochs": 12, "schedule": "cosine", "precision": precision}).fit(part)
     loaded = load_model(save_model(dcfe, tmp_path / "dcfe", part))
     found, again = (np.array([answer.force_n[:2] for answer in each.predict(rest)]) for each in (dcfe, loaded))
-    assert np.array_equal(found, again)
-    rms_n = float(np.sqrt(np.mean((found - rest.force_n[:, :2]) ** 2)))
+    assert np.array_equal(found, again, equal_nan=True)
+    assert np.isfinite(found).all(axis=1).mean() > 0.9
+    rms_n = float(np.sqrt(np.nanmean((found - rest.force_n[:, :2]) ** 2)))
     print(f"dcfe, {precision}: RMS {rms_n * 1e3:.1f} mN of {dcfe.describe()}")
     assert rms_n < 0.06  # 0.115 N by always answering the mean
     assert dcfe.describe()["parameters"] == 11_177_538
     assert (tmp_path / "dcfe" / "model.onnx").stat().st_size < 24e6
+    stripes = np.tile(np.array([0, 255], np.uint8).repeat(8), (120, 10))
+    strange = loaded.start(Context()).update(Observation(0, {"camera": stripes}, {}))
+    assert strange.status is Status.OUT_OF_DOMAIN

@@ -49,7 +49,10 @@ def workplace(recipe: Estimator, model: Path, *, resume: bool) -> Generator[Path
         raise InputError(
             f"{folder}: holds a training that was not finished; go on with it by --resume, or remove the folder"
         )
-    strange = [] if not folder.is_dir() else [path.name for path in folder.iterdir() if not _is_ours(path)]
+    arrays = {f"{name}.npy" for name in (*recipe.forms(training=True), "actuation", "heat")}
+    ours = arrays | {CHECKPOINT, LOG, PREPARED}
+    there = list(folder.iterdir()) if folder.is_dir() else []
+    strange = [path.name for path in there if not path.is_file() or path.name.removesuffix(".part") not in ours]
     if strange:
         raise InputError(
             f"{folder}: is where the training would work, and holds other things ({min(strange)}); choose another name "
@@ -65,9 +68,3 @@ def workplace(recipe: Estimator, model: Path, *, resume: bool) -> Generator[Path
             shutil.rmtree(folder)
         raise
     shutil.rmtree(folder)
-
-
-def _is_ours(path: Path) -> bool:
-    """Whether a training that was cut off may have left ``path``."""
-    name = path.name.removesuffix(".part")
-    return path.is_file() and (name in (CHECKPOINT, LOG, PREPARED) or name.endswith(".npy"))

@@ -11,7 +11,7 @@ from ._machine import require_torch
 from ._parts import Part, validation_part
 from ._quantise import LARGEST_GROWTH, error_growth, quantise
 from ._recipe import Recipe
-from ._resnet import ResnetTask
+from ._resnet import RESNET_OUTPUTS, ResnetTask
 from ._samples import UNKNOWN, Samples
 from ._task import Task
 from ._weights import network_of, weights_in
@@ -22,6 +22,7 @@ __all__ = [
     "COMPACT_UNIT_N",
     "LARGEST_GROWTH",
     "LOG",
+    "RESNET_OUTPUTS",
     "UNKNOWN",
     "Augmentation",
     "CompactTask",

@@ -14,7 +14,10 @@ from ._task import Batch
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-__all__ = ["ResnetTask"]
+__all__ = ["RESNET_OUTPUTS", "ResnetTask"]
+
+RESNET_OUTPUTS = ("force_n", "pooled")
+"""What the network returns: (n, outputs) newtons, and the (n, `FEATURES`) that they were made of."""
 
 FEATURES = 512
 """What the last block of ResNet-18 leaves after pooling."""
@@ -71,12 +74,13 @@ class ResnetTask:
                     self.register_buffer("actuation_mean", torch.tensor([mean for mean, _ in actuation]))
                     self.register_buffer("actuation_deviation", torch.tensor([spread for _, spread in actuation]))
 
-            def forward(self, picture: Tensor, actuation: Tensor | None = None) -> Tensor:
+            def forward(self, picture: Tensor, actuation: Tensor | None = None) -> tuple[Tensor, Tensor]:
                 pooled: Tensor = self.body(picture.permute(0, 3, 1, 2).float() / 255.0)
+                known = pooled
                 if actuation is not None:
                     scaled = (actuation - self.actuation_mean) / self.actuation_deviation
-                    pooled = torch.cat([pooled, scaled.to(pooled.dtype)], dim=1)
-                return self.dense(pooled)
+                    known = torch.cat([pooled, scaled.to(pooled.dtype)], dim=1)
+                return self.dense(known), pooled
 
         return Resnet(self.outputs, self.actuation)
 
@@ -88,8 +92,8 @@ class ResnetTask:
 
     def loss(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
         """Thesis eq. (19) of each sample, and of the batch their mean."""
-        return component_rms(outputs, batch["force_n"]).mean()
+        return component_rms(outputs[0], batch["force_n"]).mean()
 
     def error_n(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
         """(b,): thesis eq. (19), which also is what the thesis judges by."""
-        return component_rms(outputs, batch["force_n"])
+        return component_rms(outputs[0], batch["force_n"])

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ...types import BoolArray, FloatArray, ForceEstimate, Status
 from .._answers import Interval
 from .._conformal import interval_of
+from ._domain import refused_as_strange
 from ._doubt import Doubt
 from ._lead import Lead, Trail
 
@@ -54,11 +55,9 @@ class Doubtful:
             return ForceEstimate.invalid(
                 stamp_ns, Status.NO_CATHETER, f"there is hardly a catheter in the window ({seen:.1f} pixels of its map)"
             )
-        far = self.doubt.distance(outputs["grid"])[0]
-        if not far <= 1.0:
-            return ForceEstimate.invalid(
-                stamp_ns, Status.OUT_OF_DOMAIN, f"the picture is unlike those it learnt from ({far:.1f} times as far)"
-            )
+        strange = refused_as_strange(stamp_ns, self.doubt.domains, outputs["grid"])
+        if strange is not None:
+            return strange
         force, sigma = outputs["force_n"][0].astype(np.float64), sigma_of(outputs, self.doubt, self.unit_n)[0]
         doubt = magnitude_sigma(force, sigma)
         if not doubt <= self.limits.sigma_n:

@@ -170,7 +170,7 @@ class Compact(NetworkEstimator):
         sigma = sigma_of(kept, doubt, COMPACT_UNIT_N)
         size = np.array([magnitude_sigma(f, s) for f, s in zip(kept["force_n"].astype(np.float64), sigma, strict=True)])
         taught_map = looked.samples.heat is not None or (begun is not None and bool(begun.own["limit_seen"] > 0))
-        still = _limits_of(begun.own) if begun is not None and len(doubt.domains) > 1 else None
+        still = _limits_of(begun.own) if begun is not None and len(doubt.domains.each) > 1 else None
         limits = limits_from(seen_of(kept), size, self.settings.refused, taught_map, still)
         lead = lead_from(looked, None if begun is None else _lead_of(begun.own))
         usual = np.append(np.median(sigma, axis=0), np.median(size))

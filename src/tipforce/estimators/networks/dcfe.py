@@ -2,11 +2,13 @@
 
 from typing import ClassVar
 
-from ...learning import ResnetTask
-from ...types import BoolArray, Context, Image, Observation, ShapeFeatures, Status
+from ...learning import RESNET_OUTPUTS, ResnetTask
+from ...types import BoolArray, Context, ForceEstimate, Image, Observation, ShapeFeatures, Status
+from .._answers import Answers
 from .._reading import Refusal, read_view
-from ._arrays import Arrays, Reader
-from ._network import NetworkEstimator
+from ._arrays import Arrays, Looked, Reader
+from ._domain import Domains, learn_domains, refused_as_strange
+from ._network import Answering, NetworkEstimator
 from ._pictures import SIDE, whole_picture
 from ._prepared import Forms
 from ._settings import DcfeSettings
@@ -17,14 +19,15 @@ __all__ = ["Dcfe"]
 class Dcfe(NetworkEstimator):
     """Picture to Fx and Fy: 224 x 224 x 3, values 0..1 and nothing else; forces as they are, in newtons.
 
-    The picture's aspect is not kept, as in the thesis; grey ones are repeated in three channels. ``fitted_`` is None
-    before ``fit``.
+    The picture's aspect is not kept, as in the thesis; grey ones are repeated in three channels. Beyond the thesis, a
+    picture whose pooled features lie far from all of the training's is refused. ``fitted_`` is None before ``fit``.
     """
 
     name: ClassVar[str] = "dcfe"
     settings_type = DcfeSettings
     settings: DcfeSettings
     thesis_samples: ClassVar[int] = 615
+    outputs = RESNET_OUTPUTS
 
     def forms(self, *, training: bool) -> Forms:
         """The same in training and after."""
@@ -40,6 +43,24 @@ class Dcfe(NetworkEstimator):
         """Thesis fig. 29 and eq. (19); the network learns forces of any frame."""
         del in_base
         return ResnetTask(int(known.sum()), actuation)
+
+    def own_arrays(self, looked: Looked) -> Arrays:
+        """Which pictures it knows."""
+        taught, kept = (looked.outputs(kept=part, altered=False)["pooled"] for part in (False, True))
+        begun = self._begin.fitted_ if isinstance(self._begin, Dcfe) else None
+        before = None if begun is None else Domains.of(begun.own)
+        return learn_domains(taught, kept, kept, before).arrays()
+
+    def answering(self) -> Answering:
+        """Estimates, or a refusal of what is unlike the training."""
+        fitted = self._known()
+        answers, domains = Answers(fitted.known, fitted.interval), Domains.of(fitted.own)
+
+        def answer(stamp_ns: int, outputs: Arrays) -> ForceEstimate:
+            strange = refused_as_strange(stamp_ns, domains, outputs["pooled"])
+            return answers.valid(stamp_ns, outputs["force_n"][0]) if strange is None else strange
+
+        return answer
 
     def _read(self, observation: Observation, mask: Image | None = None) -> Arrays | Refusal:
         del mask
