@@ -1,6 +1,9 @@
 """Method 2: the deep catheter force estimator, a ResNet-18 from the whole picture to the force (thesis ch. 4)."""
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy.typing as npt
 
 from ...learning import RESNET_OUTPUTS, ResnetTask
 from ...types import BoolArray, Context, ForceEstimate, Image, Observation, ShapeFeatures, Status
@@ -56,7 +59,7 @@ class Dcfe(NetworkEstimator):
         fitted = self._known()
         answers, domains = Answers(fitted.known, fitted.interval), Domains.of(fitted.own)
 
-        def answer(stamp_ns: int, outputs: Arrays) -> ForceEstimate:
+        def answer(stamp_ns: int, outputs: Mapping[str, npt.NDArray[Any]]) -> ForceEstimate:
             strange = refused_as_strange(stamp_ns, domains, outputs["pooled"])
             return answers.valid(stamp_ns, outputs["force_n"][0]) if strange is None else strange
 
