@@ -82,13 +82,21 @@ def test_models_that_come_with_the_program_are_whole_small_and_described() -> No
     assert total <= MOST_BYTES
 
 
-def test_the_one_for_the_twin_reads_sessions_that_it_never_saw(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def unseen(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """Three sessions of the twin that none was trained on."""
+    folder = tmp_path_factory.mktemp("twin") / "set"
     wanted = sample_set(PRESETS["bench-2021"], seed=77, samples=36, per_session=12, seconds=10.0)
     write_samples(
-        tmp_path / "set", wanted, shards=False, masks=False, workers=1, say=print, lossless=False,
+        folder, wanted, shards=False, masks=False, workers=1, say=print, lossless=False,
         progress=lambda what, share: None,
     )  # fmt: skip
-    data, model = open_dataset(tmp_path / "set"), load_pretrained("compact")
+    return open_dataset(folder)
+
+
+@pytest.mark.parametrize("name", ["compact", "dcfe"])
+def test_those_for_the_twin_read_sessions_that_they_never_saw(name: str, unseen: Dataset) -> None:
+    data, model = unseen, load_pretrained(name)
     answers = model.predict(data)
     valid = np.array([each.valid for each in answers])
     assert valid.mean() > 0.7

@@ -37,7 +37,7 @@ class DcfeSettings(NetworkSettings):
     """Training ends after so many epochs without a smaller error on the validation part; None: all ``epochs``."""
     batch: Annotated[int, Field(ge=2)] = 16
     """Samples a step."""
-    rate: Annotated[float, Field(gt=0)] = 0.002
+    rate: Annotated[float, Field(gt=0)] = 0.0003
     """The learning rate. The slope of eq. (19) is about 1 however small the error is, and the forces are not
     normalised, so larger rates leap over forces of 0.1 N and diverge."""
     schedule: Literal["constant", "cosine", "plateau"] = "plateau"
