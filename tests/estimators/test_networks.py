@@ -33,6 +33,13 @@ pytest.importorskip("onnxscript", reason="training needs the extra [train]")
 Make = Callable[..., Dataset]
 
 
+def stored(estimator: NetworkEstimator) -> dict[str, np.ndarray]:
+    """Initialisers of its graph, as they are kept."""
+    onnx = pytest.importorskip("onnx", reason="training needs the extra [train]")
+    graph = onnx.load_from_string(estimator.files()["model.onnx"]).graph
+    return {each.name: onnx.numpy_helper.to_array(each) for each in graph.initializer}
+
+
 def forces(estimator: Any, data: Dataset) -> np.ndarray:
     return np.array([answer.force_n for answer in estimator.predict(data)])
 
@@ -85,11 +92,22 @@ def test_a_model_folder_answers_the_same(
 def test_a_graph_that_answers_otherwise_is_no_model(
     small: NetworkEstimator, shown: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_network, "export_graph", lambda *_: b"")
+    monkeypatch.setattr(_network, "export_graph", lambda *_, **__: b"")
     monkeypatch.setattr(_network, "parity_n", lambda *_: float("nan"))
     with pytest.raises(ModelError, match="differs from the trained network by up to nan N"):
         small.fit(shown())
     assert small.fitted_ is None
+
+
+def test_weights_are_kept_whole_where_half_precision_is_too_coarse(
+    learnt: NetworkEstimator, shown: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deviations = iter([2e-3, 1e-5])
+    monkeypatch.setattr(_network, "parity_n", lambda *_: next(deviations))
+    whole = type(learnt)(learnt.settings).fit(shown())
+    assert whole.describe()["parity_with_network_n"] == 1e-5
+    halves, wholes = (sum(value.nbytes for value in stored(each).values()) for each in (learnt, whole))
+    assert wholes > 1.5 * halves
 
 
 def test_actuation_and_samples_that_cannot_be_read(small: NetworkEstimator, shown: Make) -> None:

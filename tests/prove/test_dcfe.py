@@ -50,7 +50,7 @@ def squares() -> Dataset:
 def test_dcfe_learns_and_its_folder_answers_the_same(tmp_path: Path, precision: str) -> None:
     data = squares()
     part, rest = data.subset(np.arange(COUNT) % 4 > 0), data.subset(np.arange(COUNT) % 4 == 0)
-    dcfe = create("dcfe", {"epochs": 12, "schedule": "cosine", "precision": precision}).fit(part)
+    dcfe = create("dcfe", {"epochs": 12, "schedule": "cosine", "rate": 0.002, "precision": precision}).fit(part)
     loaded = load_model(save_model(dcfe, tmp_path / "dcfe", part))
     found, again = (np.array([answer.force_n[:2] for answer in each.predict(rest)]) for each in (dcfe, loaded))
     assert np.array_equal(found, again, equal_nan=True)

@@ -33,6 +33,8 @@ def export_graph(
     inputs: Mapping[str, tuple[tuple[int, ...], str]],
     outputs: Sequence[str],
     facts: Mapping[str, str],
+    *,
+    halved: bool = True,
 ) -> bytes:
     """ONNX graph of ``network`` as it answers in eval mode; the network itself stays as it is.
 
@@ -41,7 +43,7 @@ def export_graph(
 
     Initialisers carry the names of parameters and buffers (`weights_of`); those that the outputs do not depend on are
     left out. Matrices and kernels are stored in half precision, with a Cast behind that runtimes fold when they load
-    the graph: half the bytes, the same speed. One that half precision cannot hold stays whole.
+    the graph: half the bytes, the same speed. One that half precision cannot hold stays whole; without ``halved``, all.
     Raises MissingExtraError without torch, onnx and onnxscript.
     """
     torch, onnx = package("torch"), package("onnx")
@@ -66,7 +68,8 @@ def export_graph(
         optimizer.fold_constants(program.model, onnx_shape_inference=True)
         optimizer.remove_unused_nodes(program.model)
     model = _tidied(onnx, program.model_proto, set(frozen.state_dict()))
-    _halve(onnx, model)
+    if halved:
+        _halve(onnx, model)
     onnx.helper.set_model_props(model, dict(facts))
     onnx.checker.check_model(model, full_check=True)
     return model.SerializeToString()
