@@ -15,6 +15,7 @@ pytest.importorskip("torch", reason="training needs the extra [train]")
 pytest.importorskip("monai", reason="training needs the extra [train]")
 
 COUNT = 160
+QUICK = {"epochs": 12, "optimiser": "adamw", "rate": 0.001, "schedule": "cosine"}
 
 
 class Squares:
@@ -50,16 +51,16 @@ def squares() -> Dataset:
 def test_dcfe_learns_and_its_folder_answers_the_same(tmp_path: Path, precision: str) -> None:
     data = squares()
     part, rest = data.subset(np.arange(COUNT) % 4 > 0), data.subset(np.arange(COUNT) % 4 == 0)
-    dcfe = create("dcfe", {"epochs": 12, "schedule": "cosine", "rate": 0.002, "precision": precision}).fit(part)
+    dcfe = create("dcfe", {**QUICK, "precision": precision}).fit(part)
     loaded = load_model(save_model(dcfe, tmp_path / "dcfe", part))
     found, again = (np.array([answer.force_n[:2] for answer in each.predict(rest)]) for each in (dcfe, loaded))
     assert np.array_equal(found, again, equal_nan=True)
     assert np.isfinite(found).all(axis=1).mean() > 0.9
     rms_n = float(np.sqrt(np.nanmean((found - rest.force_n[:, :2]) ** 2)))
     print(f"dcfe, {precision}: RMS {rms_n * 1e3:.1f} mN of {dcfe.describe()}")
-    assert rms_n < 0.06  # 0.115 N by always answering the mean
+    assert rms_n < 0.04  # 0.115 N by always answering the mean
     assert dcfe.describe()["parameters"] == 11_177_538
-    assert (tmp_path / "dcfe" / "model.onnx").stat().st_size < 24e6
+    assert (tmp_path / "dcfe" / "model.onnx").stat().st_size < 46e6  # half of that in half precision
     stripes = np.tile(np.array([0, 255], np.uint8).repeat(8), (120, 10))
     strange = loaded.start(Context()).update(Observation(0, {"camera": stripes}, {}))
     assert strange.status is Status.OUT_OF_DOMAIN
