@@ -1,6 +1,6 @@
 """Between a dataset's samples and a network's arrays."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -19,6 +19,7 @@ __all__ = [
     "TOGETHER",
     "Arrays",
     "Looked",
+    "Outputs",
     "Reader",
     "actuation_form",
     "components_of",
@@ -32,6 +33,8 @@ LOOKED_AT, TOGETHER = 4000, 50
 """Samples that tell a method what its network usually returns; so many at once."""
 
 Arrays = dict[str, npt.NDArray[Any]]
+Outputs = Mapping[str, npt.NDArray[Any]]
+"""What a graph returned, by name, (n, ...) each."""
 
 
 class Reader(Protocol):

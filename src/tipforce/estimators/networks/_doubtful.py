@@ -1,9 +1,7 @@
 """Answers whose intervals follow the network's doubt, and refusals with their reason."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,13 +9,12 @@ import numpy.typing as npt
 from ...types import BoolArray, FloatArray, ForceEstimate, Status
 from .._answers import Interval
 from .._conformal import interval_of
+from ._arrays import Outputs
 from ._domain import refused_as_strange
 from ._doubt import Doubt
 from ._lead import Lead, Trail
 
 __all__ = ["Doubtful", "Limits", "limits_from", "magnitude_sigma", "relative_interval", "seen_of", "sigma_of", "wider"]
-
-Outputs = Mapping[str, npt.NDArray[Any]]
 
 _FAINT = 0.3
 """Of the least usual sight of a catheter: fainter is none."""

@@ -37,6 +37,7 @@ from .._words import Words
 from ._arrays import (
     Arrays,
     Looked,
+    Outputs,
     Reader,
     actuation_form,
     components_of,
@@ -66,7 +67,7 @@ MODEL, SMALL = "model.onnx", "model.int8.onnx"
 COMPARED = 64
 """So many samples' answers are compared."""
 
-Answering = Callable[[int, Mapping[str, npt.NDArray[Any]]], ForceEstimate]
+Answering = Callable[[int, Outputs], ForceEstimate]
 """Makes an estimate of a stamp and what the graph returned for one sample, (1, ...) each."""
 
 
@@ -134,6 +135,10 @@ class NetworkEstimator(Estimator):
         del looked
         return {}
 
+    def begun(self) -> Fitted | None:
+        """What the model that its fits begin with had learnt."""
+        return None if self._begin is None else self._begin.fitted_
+
     @property
     def needed_actuation(self) -> tuple[str, ...]:
         """What it was trained with. Raises NotFittedError before ``fit``."""
@@ -200,12 +205,12 @@ class NetworkEstimator(Estimator):
             noted = {"method": self.name, "components": ", ".join(np.array(AXES)[known])}
             compared = task.batch(samples, spread_over(part.validate, COMPARED), None)
             shown = {name: compared[name] for name in task.inputs}
-            data, deviation_n = b"", math.inf
             for halved in (True, False):  # half precision is too coarse for a network whose large features cancel
-                if not deviation_n < PARITY_N:
-                    data = export_graph(network, inputs, self.outputs, noted, halved=halved)
-                    deviation_n = parity_n(data, network, shown)
-            if not deviation_n < PARITY_N:
+                data = export_graph(network, inputs, self.outputs, noted, halved=halved)
+                deviation_n = parity_n(data, network, shown)
+                if deviation_n < PARITY_N:
+                    break
+            else:
                 raise ModelError(
                     f"the exported graph differs from the trained network by up to {deviation_n:.2g} N, more than "
                     f"{PARITY_N:g} N: there is no model; train it with a smaller rate"

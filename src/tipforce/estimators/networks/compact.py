@@ -35,7 +35,7 @@ from ._arrays import Arrays, Looked, Reader, spread_over
 from ._doubt import Doubt, learn_doubt
 from ._doubtful import Doubtful, Limits, limits_from, magnitude_sigma, relative_interval, seen_of, sigma_of, wider
 from ._lead import Lead, Trail, lead_from
-from ._network import Answering, Fitted, NetworkEstimator
+from ._network import Answering, NetworkEstimator
 from ._prepared import Form, Forms
 from ._settings import CompactSettings
 from ._sheet import SHEET, sheet_of
@@ -164,7 +164,7 @@ class Compact(NetworkEstimator):
         """Its doubt, what it refuses, and its lead: what training altered at random is not strange to it."""
         kept = looked.outputs(kept=True, altered=False)
         taught = looked.outputs(kept=False, altered=True)
-        begun = self._begun()
+        begun = self.begun()
         before = None if begun is None else Doubt.of(begun.own)
         doubt = learn_doubt(taught, kept, looked.outputs(kept=True, altered=True)["grid"], before)
         sigma = sigma_of(kept, doubt, COMPACT_UNIT_N)
@@ -183,10 +183,6 @@ class Compact(NetworkEstimator):
             "lead_alone": np.array(lead.alone),
             "seen_side": np.array(self._seen_side),
         }
-
-    def _begun(self) -> Fitted | None:
-        """What the model it began with had learnt."""
-        return self._begin.fitted_ if isinstance(self._begin, Compact) else None
 
     def answering(self) -> Answering:
         """Intervals that follow the doubt, and refusals."""
@@ -212,7 +208,7 @@ class Compact(NetworkEstimator):
         force = np.array([each.force_n[known] for each in found])
         sigma = np.array([np.sqrt(np.diag(each.covariance_n2)[known]) for each in found])
         found_now = relative_interval(known, force, sigma, truth, session, drawn)
-        begun = self._begun()
+        begun = self.begun()
         return found_now if begun is None or not drawn else wider(found_now, begun.interval)
 
     def usual_half_n(self) -> FloatArray:

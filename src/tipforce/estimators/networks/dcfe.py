@@ -1,15 +1,12 @@
 """Method 2: the deep catheter force estimator, a ResNet-18 from the whole picture to the force (thesis ch. 4)."""
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
-
-import numpy.typing as npt
+from typing import ClassVar
 
 from ...learning import RESNET_OUTPUTS, ResnetTask
 from ...types import BoolArray, Context, ForceEstimate, Image, Observation, ShapeFeatures, Status
 from .._answers import Answers
 from .._reading import Refusal, read_view
-from ._arrays import Arrays, Looked, Reader
+from ._arrays import Arrays, Looked, Outputs, Reader
 from ._domain import Domains, learn_domains, refused_as_strange
 from ._network import Answering, NetworkEstimator
 from ._pictures import SIDE, whole_picture
@@ -50,16 +47,15 @@ class Dcfe(NetworkEstimator):
     def own_arrays(self, looked: Looked) -> Arrays:
         """Which pictures it knows."""
         taught, kept = (looked.outputs(kept=part, altered=False)["pooled"] for part in (False, True))
-        begun = self._begin.fitted_ if isinstance(self._begin, Dcfe) else None
-        before = None if begun is None else Domains.of(begun.own)
-        return learn_domains(taught, kept, kept, before).arrays()
+        begun = self.begun()
+        return learn_domains(taught, kept, kept, None if begun is None else Domains.of(begun.own)).arrays()
 
     def answering(self) -> Answering:
         """Estimates, or a refusal of what is unlike the training."""
         fitted = self._known()
         answers, domains = Answers(fitted.known, fitted.interval), Domains.of(fitted.own)
 
-        def answer(stamp_ns: int, outputs: Mapping[str, npt.NDArray[Any]]) -> ForceEstimate:
+        def answer(stamp_ns: int, outputs: Outputs) -> ForceEstimate:
             strange = refused_as_strange(stamp_ns, domains, outputs["pooled"])
             return answers.valid(stamp_ns, outputs["force_n"][0]) if strange is None else strange
 
