@@ -45,6 +45,28 @@ def test_a_model_folder_comes_out(rows: Path, tmp_path: Path) -> None:
     assert load_model(tmp_path / "svr").describe() == figures["facts"]
 
 
+def test_intervals_from_sessions_apart(rows: Path, tmp_path: Path) -> None:
+    noisy = (rows / "metadata.csv").read_text(encoding="utf-8").splitlines()
+    apart = tmp_path / "apart"
+    apart.mkdir()
+    lines = [
+        line.replace("s2,", "t2,").replace(",10,0.", ",10,0.9") for line in noisy if not line.startswith(("s0", "s1"))
+    ]
+    (apart / "metadata.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    widths = []
+    for more in ([], ["--calibrate", apart]):
+        run(rows, "-o", tmp_path / "svr", *QUICK, *more, "--overwrite")
+        facts = read_manifest(tmp_path / "svr")["facts"]
+        widths.append(facts["magnitude_interval_half_width_n"])
+    assert widths[1] > widths[0] + 0.3
+    assert "1 session" in facts["interval_basis"]
+
+
+def test_intervals_are_not_found_on_what_was_learnt(rows: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"s0 is in the training data.*--without s0"):
+        run(rows, "-o", tmp_path / "svr", *QUICK, "--calibrate", rows)
+
+
 def test_the_thesis_s_samples_and_share(rows: Path, tmp_path: Path) -> None:
     result = run(rows, "-o", tmp_path / "svr", "--samples", 80, "--holdout", 0.25, "--seed", 7, *QUICK)
     assert "held out, magnitude: RMSE" in result.output

@@ -26,6 +26,13 @@ def command(
     without: Annotated[
         list[str] | None, typer.Option(metavar="SESSION", help="A session to leave out, kept for judging; repeatable.")
     ] = None,
+    calibrate: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="DATA",
+            help="Sessions apart, on which the intervals are found, as a new session would need them; repeatable.",
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of drawing, holding out, cross-validation and training.")] = 0,
     start: Annotated[
         str | None,
@@ -58,6 +65,8 @@ def command(
 
         tipforce train runs/ -o models/svr --without session_07
 
+        tipforce train runs/ -o models/svr --without session_07 --calibrate runs/session_07.mcap
+
         tipforce train runs/ -o models/svr --samples 220 --holdout 0.25 --set force=components --json -
 
         tipforce train bench/ other/ --estimator compact --from pretrained/compact -o models/compact
@@ -80,16 +89,17 @@ def command(
         workplace,
     )
 
-    check_outputs(data, onnx, json_file)
+    check_outputs([*data, *(calibrate or [])], onnx, json_file)
     recipe = create(estimator, settings_from(method(estimator).settings_type, settings))
     check_target(output, overwrite=overwrite)
     begin = check_start(recipe, start, resume=resume)
     dataset = leave_out(join([open_dataset(each) for each in data]), without or [])
+    apart = join([open_dataset(each) for each in calibrate]) if calibrate else None
     with workplace(recipe, output, resume=resume) as folder:
         with progress_bar() as report:
             done = train(
                 recipe, dataset, samples=samples, holdout=holdout, seed=seed,
-                start=begin, folder=folder, resume=resume, progress=report,
+                start=begin, folder=folder, resume=resume, calibrate=apart, progress=report,
             )  # fmt: skip
         save_model(done.estimator, output, done.dataset, done.metrics, overwrite=overwrite)
     figures = {"model": str(output), "facts": read_manifest(output)["facts"], "metrics": done.metrics}

@@ -34,16 +34,20 @@ def train(
     start: NetworkEstimator | None = None,
     folder: Path | None = None,
     resume: bool = False,
+    calibrate: Dataset | None = None,
     progress: Progress | None = None,
 ) -> Training:
     """Fit ``recipe`` on ``dataset``, or on ``samples`` drawn from it, less a random share ``holdout`` to measure on.
 
     ``seed`` is that of drawing, holding out and, where its settings do not state their own, of the method. ``start``,
-    ``folder`` and ``resume`` are for networks: see `NetworkEstimator.fit_from`. Raises InputError as `draw`,
-    `random_split` and `Estimator.fit` do, and where ``start`` is another method's.
+    ``folder`` and ``resume`` are for networks: see `NetworkEstimator.fit_from`. ``calibrate``: other sessions, on which
+    the intervals are found. Raises InputError as `draw`, `random_split`, `Estimator.fit` and `Estimator.calibrate` do,
+    where ``start`` is another method's, and where samples of ``calibrate`` are in ``dataset``.
     """
     if start is not None and not isinstance(recipe, NetworkEstimator):
         raise InputError(f"{recipe.name} is no network and always learns from nothing; leave out what it starts from")
+    if calibrate is not None:
+        _refuse_shared(dataset, calibrate)
     settings = recipe.settings
     if "seed" in type(settings).model_fields and "seed" not in settings.model_fields_set:
         recipe = recipe.unfitted()
@@ -52,10 +56,11 @@ def train(
     def fit(part: Dataset) -> Estimator:
         fresh = recipe.unfitted()
         if not isinstance(fresh, NetworkEstimator):
-            return fresh.fit(part, progress)
-        if start is not None:
-            fresh = fresh.beginning_with(start)
-        return fresh.fit_from(part, progress, folder=folder, resume=resume)
+            fitted = fresh.fit(part, progress)
+        else:
+            fresh = fresh if start is None else fresh.beginning_with(start)
+            fitted = fresh.fit_from(part, progress, folder=folder, resume=resume)
+        return fitted if calibrate is None else fitted.calibrate(calibrate, progress)
 
     drawn = dataset if samples is None else draw(dataset, samples, seed)
     if not holdout:
@@ -64,6 +69,16 @@ def train(
     part = drawn.subset(split.train)
     fitted = fit(part)
     return Training(fitted, part, _measured(fitted, drawn.subset(split.test)))
+
+
+def _refuse_shared(dataset: Dataset, calibrate: Dataset) -> None:
+    for name in calibrate.sessions:
+        ours, theirs = (each.stamp_ns[each.session == name] for each in (dataset, calibrate))
+        if np.isin(theirs, ours).any():
+            raise InputError(
+                f"{calibrate.title}: {name} is in the training data, too, where errors are smaller than elsewhere; "
+                f"leave it out there (--without {name})"
+            )
 
 
 def _measured(fitted: Estimator, test: Dataset) -> dict[str, Any]:
