@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tipforce.dataset import DISTURBANCES, Blur, Dataset, Disturbance, Light, Noise, Warp, disturbed, held
+from tipforce.dataset import DISTURBANCES, Blur, Dataset, Disturbance, Light, Noise, Stranger, Warp, disturbed, held
 from tipforce.errors import InputError
 from tipforce.types import Context, Observation, ShapeFeatures
 
@@ -95,6 +95,19 @@ def test_noise_has_its_sigma_and_is_the_same_for_the_same_seed():
     assert (first != Noise(10.0)(image, (3, 8))).mean() > 0.9
 
 
+@pytest.mark.parametrize("shape", [(200, 300), (200, 300, 3)])
+def test_an_object_has_its_size_and_lies_elsewhere_in_each_picture(shape):
+    image = np.full(shape, 128, np.uint8)
+    places = []
+    for row in range(20):
+        changed = Stranger(0.2)(image, (0, row)) != image
+        v, u = np.nonzero(changed if image.ndim == 2 else changed.any(axis=2))
+        assert 0.2 * np.pi * 20**2 < len(v) < 1.15 * np.pi * 20**2  # it may be cut by the border
+        places.append((u.mean(), v.mean()))
+    assert np.ptp(places, axis=0).min() > 80
+    assert (image == 128).all()
+
+
 def test_a_disturbed_dataset_leaves_the_one_it_came_from_alone():
     views = [spot(20 + i, 30) for i in range(4)]
     data = dataset_of(views)
@@ -128,6 +141,7 @@ def test_the_standard_disturbances_are_all_there_and_differ():
     kinds = {kind: {each.size for each in DISTURBANCES if each.kind == kind} for kind in (d.kind for d in DISTURBANCES)}
     assert {kind: len(sizes) for kind, sizes in kinds.items()} == {
         "shift": 3, "turn": 3, "turn, force turned along": 3, "zoom": 3, "light": 3, "blur": 3, "noise": 3,
+        "object": 3,
     }  # fmt: skip
     assert len(set(DISTURBANCES)) == len(DISTURBANCES)
     assert len({replace(each, kind="", way="", size="") for each in DISTURBANCES}) == len(DISTURBANCES)

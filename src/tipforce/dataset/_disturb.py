@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import InputError
 from ..types import FloatArray, IntArray, Observation, ShapeFeatures, View
 from ._dataset import Dataset, RowStore
-from ._picture_operations import Blur, Light, Noise, PictureOperation, Warp
+from ._picture_operations import Blur, Light, Noise, PictureOperation, Stranger, Warp
 
 __all__ = ["DISTURBANCES", "Disturbance", "disturbed", "held"]
 
@@ -56,10 +56,12 @@ def _all() -> Iterator[Disturbance]:
         yield Disturbance("blur", f"{sigma} px", Blur(float(sigma)))
     for sigma in (5, 10, 20):
         yield Disturbance("noise", f"{sigma} levels", Noise(float(sigma)))
+    for percent in (5, 10, 20):
+        yield Disturbance("object", f"{percent} %", Stranger(percent / 100))
 
 
 DISTURBANCES = tuple(_all())
-"""Shifts, turns, zooms, light, blur and noise of three sizes each.
+"""Shifts, turns, zooms, light, blur, noise and an object in view, its diameter told in heights; three sizes each.
 
 Turned: the whole bench under the camera, so the force in the base frame stays; turned along: as for labels in the
 picture's axes.

@@ -1,4 +1,4 @@
-"""What may happen to a picture between the catheter and the method: it moves, light changes, it blurs, it grains."""
+"""What may happen to a picture before it is seen: it moves, light changes, it blurs, it grains, things come in."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -8,7 +8,7 @@ import numpy as np
 
 from ..types import Image
 
-__all__ = ["Blur", "Light", "Noise", "PictureOperation", "Warp"]
+__all__ = ["Blur", "Light", "Noise", "PictureOperation", "Stranger", "Warp"]
 
 
 class PictureOperation(Protocol):
@@ -70,6 +70,21 @@ class Noise:
         """The picture with the noise that ``seed`` draws."""
         grain = np.random.default_rng(seed).standard_normal(image.shape, dtype=np.float32)
         return _bytes(image + self.sigma * grain)
+
+
+@dataclass(frozen=True, slots=True)
+class Stranger:
+    """An even disc in front of everything, its diameter a ``share`` of the picture's height, anywhere, of any grey."""
+
+    share: float
+
+    def __call__(self, image: Image, seed: tuple[int, int]) -> Image:
+        """The picture with the disc where ``seed`` draws it."""
+        draw = np.random.default_rng(seed)
+        height, width = image.shape[:2]
+        middle = int(draw.integers(width)), int(draw.integers(height))
+        radius, grey = max(1, round(0.5 * self.share * height)), float(draw.integers(256))
+        return cv2.circle(image.copy(), middle, radius, (grey, grey, grey), cv2.FILLED, cv2.LINE_AA)  # type: ignore[return-value]
 
 
 def _bytes(image: np.ndarray) -> Image:
