@@ -163,8 +163,10 @@ def main() -> None:
         dataset = open_dataset(options.data)
         if options.samples:
             dataset = draw(dataset, options.samples)
-        named = {"estimator": options.estimator, "settings": settings.model_dump(mode="json"), "data": dataset.title}
         start = check_start(create(options.estimator, settings), options.start)
+        if start is not None:
+            settings = settings.begun()
+        named = {"estimator": options.estimator, "settings": settings.model_dump(mode="json"), "data": dataset.title}
         named |= {} if options.start is None else {"start": options.start}
 
         def recipe(seed: int) -> Estimator:

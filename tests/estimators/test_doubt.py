@@ -56,11 +56,19 @@ def test_a_doubt_comes_back_from_its_arrays():
 
 
 def test_limits_are_not_narrowed_by_what_is_learnt_later():
-    seen, sigma = np.linspace(20.0, 30.0, 100), np.linspace(0.01, 0.02, 100)
-    own = limits_from(seen, sigma, 0.03, True)
-    assert limits_from(seen, sigma, 0.03, True, Limits(1.0, 0.05)) == Limits(1.0, 0.05)
-    assert limits_from(seen, sigma, 0.03, True, Limits(9.0, 0.01)) == own
-    assert limits_from(seen, sigma, 0.03, False).seen == 0.0
+    sigma = np.linspace(0.01, 0.02, 100)
+    kept = {"heat": np.linspace(-3.0, -2.0, 100)[:, None, None] * np.ones((1, 20, 20)), "familiar": sigma * 100}
+    own = limits_from(kept, sigma, 0.03, map_taught=True, moved_taught=True)
+    assert own.familiar == 0.0  # all of it lies above: no more is asked for than what is likelier than not
+    assert own.widened(Limits(1.0, 0.05, -2.0)) == Limits(1.0, 0.05, -2.0)
+    assert own.widened(Limits(99.0, 0.01, 3.0)) == own
+    untaught = limits_from(kept, sigma, 0.03, map_taught=False, moved_taught=False)
+    assert untaught.seen == 0.0
+    assert untaught.familiar == -np.inf
+    unsure = limits_from(
+        {**kept, "familiar": np.linspace(-4.0, 9.0, 1000)}, sigma, 0.03, map_taught=True, moved_taught=True
+    )
+    assert -4.0 < unsure.familiar < -3.9
 
 
 def test_the_wider_interval_is_kept_and_says_whose_it_is():

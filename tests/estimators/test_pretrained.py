@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from tipforce.cli import app
 from tipforce.cli._simulated_samples import write_samples
-from tipforce.dataset import Dataset, open_dataset
+from tipforce.dataset import DISTURBANCES, Dataset, disturbed, open_dataset
 from tipforce.errors import ModelError
 from tipforce.estimators import (
     _pretrained,
@@ -92,6 +92,29 @@ def unseen(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
         progress=lambda what, share: None,
     )  # fmt: skip
     return open_dataset(folder)
+
+
+def test_compact_refuses_the_pictures_of_a_bench_that_moved(unseen: Dataset) -> None:
+    model = load_pretrained("compact")
+    far = {("shift", "40 px", "up"), ("shift", "40 px", "down")}
+    far |= {("turn", size, way) for size in ("15°", "45°") for way in ("clockwise", "counter-clockwise")}
+    moved = [each for each in DISTURBANCES if (each.kind, each.size, each.way) in far]
+    assert len(moved) == 6
+    some = unseen.subset(np.arange(0, len(unseen), 3))
+    answered = {how: sum(each.valid for each in model.predict(disturbed(some, how))) for how in moved}
+    assert max(answered.values()) <= 0.2 * len(some), answered
+
+
+def test_compact_bears_what_it_was_trained_under(unseen: Dataset) -> None:
+    model = load_pretrained("compact")
+    near = {("shift", "10 px"), ("shift", "20 px"), ("zoom", "× 0.9"), ("zoom", "× 1.1"), ("object", "10 %")}
+    some = unseen.subset(np.arange(0, len(unseen), 3))
+    worst = 0.4 * np.mean(np.abs(some.magnitude_n - some.magnitude_n.mean()))
+    for how in DISTURBANCES:
+        if (how.kind, how.size) in near:
+            answers = model.predict(disturbed(some, how))
+            assert sum(each.valid for each in answers) >= 0.8 * len(some), how
+            assert np.nanmean([abs(a.magnitude_n - f) for a, f in zip(answers, some.magnitude_n, strict=True)]) < worst
 
 
 @pytest.mark.parametrize("name", ["compact", "dcfe"])

@@ -9,9 +9,10 @@ from typer.testing import CliRunner
 
 from tipforce.cli import app
 from tipforce.dataset import Dataset
-from tipforce.errors import InputError
-from tipforce.estimators import Dcfe, NetworkEstimator
+from tipforce.errors import InputError, ModelError
+from tipforce.estimators import Dcfe, NetworkEstimator, check_start, load_model
 from tipforce.estimators._workplace import workplace
+from tipforce.estimators.networks._settings import DcfeSettings
 from tipforce.learning import _loop
 
 pytest.importorskip("torch", reason="training needs the extra [train]")
@@ -72,6 +73,9 @@ def test_a_training_that_was_cut_off_is_gone_on_with(
 
     result = run(*words, tmp_path / "more", "--set", "epochs=1", "--from", tmp_path / "cut")
     assert "began with the weights of small" in result.output
+    both = load_model(tmp_path / "more").describe()["learnt_from"]
+    assert both == 2 * load_model(tmp_path / "cut").describe()["learnt_from"]
+    assert f"had learnt from {both[0]}." in (tmp_path / "more" / "README.md").read_text(encoding="utf-8")
     with pytest.raises(InputError, match=r"--from is for networks; svr always learns from nothing"):
         run(folder, "-o", tmp_path / "svr", "--from", tmp_path / "cut")
     with pytest.raises(InputError, match=r"is a small, and dcfe cannot begin with its weights"):
@@ -96,3 +100,19 @@ def test_a_folder_that_holds_other_things_is_no_place_to_train_in(tmp_path):
     ):
         pytest.fail("nothing may be trained there")
     assert (folder / "metadata.csv").read_text() == "file_name\n"
+
+
+def test_a_training_that_begins_with_weights_has_the_settings_for_that(monkeypatch, tmp_path):
+    start = check_start(Dcfe(), "pretrained")
+    assert start is not None
+    assert start.describe()["samples"] > 10_000
+    plain, stated = Dcfe(), Dcfe(DcfeSettings(epochs=7, optimiser="sgd"))
+    assert plain.settings.optimiser == "sgd"
+    begun = plain.beginning_with(start).settings
+    assert (begun.optimiser, begun.epochs, begun.average, begun.rate) == ("adamw", 80, 0.99, plain.settings.rate)
+    begun = stated.beginning_with(start).settings
+    assert (begun.optimiser, begun.epochs, begun.average) == ("sgd", 7, 0.99)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pretrained").mkdir()
+    with pytest.raises(ModelError, match="pretrained"):  # a folder of that name is meant
+        check_start(Dcfe(), "pretrained")

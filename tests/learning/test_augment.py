@@ -39,7 +39,7 @@ def test_the_base_frame_turns_with_the_picture():
     angles = []
     for seed in range(6):
         force, draw = np.array([0.1, 0.05, 0.03], np.float32), np.random.default_rng(seed)
-        out, _ = augmented(needle(0.2), None, force, np.zeros(4, np.float32), task(turn_deg=15.0), draw)
+        out = augmented(needle(0.2), None, force, np.zeros(4, np.float32), task(turn_deg=15.0), draw).picture
         angles.append(angle_seen(out))
         assert np.array_equal(force, np.array([0.1, 0.05, 0.03], np.float32))
     assert np.ptp(angles) > math.radians(10.0)
@@ -50,7 +50,7 @@ def test_the_force_flips_with_the_picture(seed):
     angle, changes = 0.2, {"mirror": 0.5}
     force = np.array([0.1 * math.cos(angle), 0.1 * math.sin(angle), 0.03], np.float32)
     sheet = np.array([0.1, 0.2, 0.3, 0.4], np.float32)
-    out, _ = augmented(needle(angle), None, force, sheet, task(**changes), np.random.default_rng(seed))
+    out = augmented(needle(angle), None, force, sheet, task(**changes), np.random.default_rng(seed)).picture
     assert math.atan2(force[1], force[0]) == pytest.approx(angle_seen(out), abs=0.02)
     assert math.hypot(force[0], force[1]) == pytest.approx(0.1, rel=1e-5)
     assert force[2] == np.float32(0.03)
@@ -60,7 +60,7 @@ def test_the_force_flips_with_the_picture(seed):
 def test_nothing_asked_for_changes_nothing():
     picture = np.random.default_rng(0).integers(0, 256, (WIDE, WIDE), np.uint8)
     force, sheet = np.ones(3, np.float32), np.ones(4, np.float32)
-    out, _ = augmented(picture, None, force, sheet, task(), np.random.default_rng(0))
+    out = augmented(picture, None, force, sheet, task(), np.random.default_rng(0)).picture
     assert np.array_equal(out, picture[24:184, 24:184])
     assert (force == 1).all()
     assert (sheet == 1).all()
@@ -72,9 +72,9 @@ def test_the_map_goes_where_the_picture_goes():
     changes = {"turn_deg": 10.0, "shift": 0.1, "mirror": 0.5, "zoom": 0.1}
     for seed in range(6):
         draw = np.random.default_rng(seed)
-        out, where = augmented(picture, heat, np.zeros(3, np.float32), np.zeros(4, np.float32), task(**changes), draw)
-        small = cv2.resize(out, (SIZE // 4, SIZE // 4), interpolation=cv2.INTER_AREA).astype(float)
-        assert np.abs(small - where).mean() < 3.0
+        found = augmented(picture, heat, np.zeros(3, np.float32), np.zeros(4, np.float32), task(**changes), draw)
+        small = cv2.resize(found.picture, (SIZE // 4, SIZE // 4), interpolation=cv2.INTER_AREA).astype(float)
+        assert np.abs(small - found.heat).mean() < 3.0
 
 
 def test_forces_of_another_frame_stay_as_they_are():
@@ -87,6 +87,20 @@ def test_forces_of_another_frame_stay_as_they_are():
 def test_other_actuation_keeps_pictures_out_of_the_mirror():
     force = np.array([0.1, 0.05, 0.0], np.float32)
     wired = CompactTask(3, 4, SIZE, augmentation=Augmentation(**{**NOTHING, "mirror": 1.0}), actuation=((0.0, 1.0),))
-    out, _ = augmented(needle(0.2), None, force, np.ones(4, np.float32), wired, np.random.default_rng(0))
+    out = augmented(needle(0.2), None, force, np.ones(4, np.float32), wired, np.random.default_rng(0)).picture
     assert np.array_equal(out, needle(0.2)[24:184, 24:184])
     assert force[1] == np.float32(0.05)
+
+
+def test_a_share_is_moved_too_far_to_be_answered():
+    told, moved = [], []
+    for seed in range(300):
+        draw = np.random.default_rng(seed)
+        nothing = np.zeros(3, np.float32), np.zeros(4, np.float32)
+        out = augmented(needle(0.0), needle(0.0)[::4, ::4], *nothing, task(strange=0.5), draw)
+        told.append(out.familiar)
+        moved.append(np.abs(out.picture.astype(float) - needle(0.0)[24:184, 24:184]).mean())
+    assert 0.4 < np.mean(told) < 0.6
+    told, moved = np.array(told), np.array(moved)
+    assert (moved[told] == 0.0).all()
+    assert (moved[~told] > 0.5).mean() > 0.9  # a straight needle may be shifted along itself

@@ -60,12 +60,14 @@ def command(
         typer.Option(
             "--from",
             metavar="MODEL",
-            help="Networks that are named: begin each split with this model's weights (a folder, or pretrained/NAME).",
+            help="Networks that are named: begin each split with this model's weights: a folder, or `pretrained`.",
         ),
     ] = None,
     disturb: Annotated[
         bool,
-        typer.Option("--disturb", help="Also ask for pictures shifted, turned, zoomed, lit otherwise, blurred, noisy."),
+        typer.Option(
+            "--disturb", help="Also ask for pictures shifted, turned, zoomed, lit otherwise, blurred and so on."
+        ),
     ] = False,
     disturb_frames: Annotated[
         int | None, typer.Option(min=1, help="With --disturb: so many samples, spread over all (500).")
@@ -86,7 +88,7 @@ def command(
 
         tipforce evaluate models/svr --data runs/ --disturb -o report/
 
-        tipforce evaluate compact --from pretrained/compact --data runs/ --protocol catheter -o report/
+        tipforce evaluate compact --from pretrained --data runs/ --protocol catheter -o report/
     """
     from ..dataset import open_dataset
     from ..errors import InputError

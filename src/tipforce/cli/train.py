@@ -39,7 +39,8 @@ def command(
         typer.Option(
             "--from",
             metavar="MODEL",
-            help="Networks: begin with the weights of this model (a folder, or pretrained/NAME), not random ones.",
+            help="Networks: begin with the weights of this model, not random ones: a folder, or `pretrained`, the one "
+            "that comes with the program. Rate and schedule are then those of a fine-tuning, unless stated.",
         ),
     ] = None,
     resume: Annotated[
@@ -69,7 +70,7 @@ def command(
 
         tipforce train runs/ -o models/svr --samples 220 --holdout 0.25 --set force=components --json -
 
-        tipforce train bench/ other/ --estimator compact --from pretrained/compact -o models/compact
+        tipforce train bench/ other/ --estimator compact --from pretrained -o models/compact
 
         tipforce train runs/ --estimator dcfe -o models/dcfe --set minutes=60
 

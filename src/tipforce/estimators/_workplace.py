@@ -18,6 +18,7 @@ __all__ = ["check_start", "workplace"]
 def check_start(recipe: Estimator, start: str | None, *, resume: bool = False) -> NetworkEstimator | None:
     """The model that training is to begin with: the folder ``start``, None where that is None.
 
+    ``start`` may be "pretrained": the one of that method that comes with the program.
     Raises InputError where ``recipe`` is no network, or the model is of another method.
     """
     if (start is not None or resume) and not isinstance(recipe, NetworkEstimator):
@@ -25,6 +26,8 @@ def check_start(recipe: Estimator, start: str | None, *, resume: bool = False) -
         raise InputError(f"{option} is for networks; {recipe.name} always learns from nothing, so leave it out")
     if start is None:
         return None
+    if start == "pretrained" and not Path(start).is_dir():
+        start = f"pretrained/{recipe.name}"
     model = load_model(start)
     if not isinstance(model, NetworkEstimator) or model.name != recipe.name:
         raise InputError(f"--from {start}: is a {model.name}, and {recipe.name} cannot begin with its weights")

@@ -5,6 +5,7 @@ frame of the forces with it, so their numbers stay. In a mirror what points to t
 """
 
 import math
+from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Protocol
 
@@ -13,10 +14,12 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["CURVATURE", "Augmentation", "augmented", "middle"]
+__all__ = ["CURVATURE", "Altered", "Augmentation", "augmented", "middle"]
 
 Grey = npt.NDArray[np.uint8]
 Numbers = npt.NDArray[np.float32]
+_Move = tuple[float, float, npt.NDArray[np.float64]]
+"""Angle in radians, scale, shift (2,) in pixels."""
 
 CURVATURE = 3
 """Place in the sheet of what changes its sign where the picture is mirrored: the curvature that the knob asks for."""
@@ -30,9 +33,9 @@ class Augmentation(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    shift: Share = 0.03
+    shift: Share = 0.07
     """Of the window's side, each way."""
-    turn_deg: Amount = 4.0
+    turn_deg: Amount = 6.0
     """About the base; the base frame turns along, and the force in it stays."""
     zoom: Share = 0.03
     """The scale that a session states is known no better than that."""
@@ -51,9 +54,13 @@ class Augmentation(BaseModel):
     inverted: Share = 0.1
     """Share of pictures shown as their negatives."""
     strokes: Share = 0.25
-    """Share of pictures with one or two straight rods across."""
+    """Share of pictures with one or two straight rods across, or discs."""
+    strange: Annotated[float, Field(ge=0.0, le=0.5)] = 0.15
+    """Share of pictures shifted, turned or zoomed so far that they are not to be answered: it learns to tell them."""
 
 
+_SHIFT, _TURN_DEG, _ZOOM = 0.12, 12.0, 0.15
+"""So far is too far, at least: of the window's side, degrees, logarithm of the scale."""
 _NOISES = 1 << 20
 
 
@@ -80,17 +87,25 @@ def middle(picture: Grey, side: int) -> Grey:
     return picture[margin : margin + side, margin : margin + side]
 
 
+@dataclass(frozen=True, slots=True)
+class Altered:
+    """``picture`` (size, size), ``heat`` (size / 4, size / 4) where it had a map; not ``familiar``: moved too far."""
+
+    picture: Grey
+    heat: npt.NDArray[Any] | None
+    familiar: bool
+
+
 def augmented(
     picture: Grey, heat: Grey | None, force: Numbers, sheet: Numbers, sizes: _Sizes, draw: np.random.Generator
-) -> tuple[Grey, npt.NDArray[Any] | None]:
-    """(size, size) of ``picture`` (h, h) altered at random, and its map; ``force`` and ``sheet`` are altered in place.
+) -> Altered:
+    """``picture`` (h, h) altered at random; ``force`` and ``sheet`` are altered in place.
 
     The base lies in the middle of the left border of the middle of ``picture``.
     """
     how, size = sizes.augmentation or Augmentation(), sizes.size
-    angle = math.radians(draw.uniform(-how.turn_deg, how.turn_deg))
-    zoom = math.exp(draw.uniform(-how.zoom, how.zoom))
-    shift = draw.uniform(-how.shift, how.shift, 2) * size
+    strange = draw.random() < how.strange
+    angle, zoom, shift = _far(how, size, draw) if strange else _near(how, size, draw)
     # nobody knows which other actuation changes its sign in a mirror
     mirror = sizes.planar is not None and not sizes.actuation and draw.random() < how.mirror
     cos, sin = math.cos(angle) / zoom, math.sin(angle) / zoom
@@ -110,7 +125,37 @@ def augmented(
         quarter = matrix.copy()
         quarter[:, 2] = (matrix[:, :2].sum(axis=1) * 1.5 + matrix[:, 2] - 1.5) / 4.0
         where = cv2.warpAffine(heat, quarter, (size // 4, size // 4), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-    return _other_light(out.astype(np.float32), how, draw), where
+    return Altered(_other_light(out.astype(np.float32), how, draw), where, not strange)
+
+
+def _near(how: Augmentation, size: int, draw: np.random.Generator) -> _Move:
+    return (
+        math.radians(draw.uniform(-how.turn_deg, how.turn_deg)),
+        math.exp(draw.uniform(-how.zoom, how.zoom)),
+        draw.uniform(-how.shift, how.shift, 2) * size,
+    )
+
+
+def _far(how: Augmentation, size: int, draw: np.random.Generator) -> _Move:
+    """Too far along, across, in angle or in scale; turned, it may be about the base or about the picture's middle."""
+    angle, zoom, shift = _near(how, size, draw)
+    kind = draw.integers(3)
+    if kind == 0:
+        towards = draw.uniform(0.0, 2.0 * math.pi)
+        shift = _beyond(_SHIFT, how.shift, draw) * size * np.array([math.cos(towards), math.sin(towards)])
+    elif kind == 1:
+        angle = math.copysign(math.radians(_beyond(_TURN_DEG, how.turn_deg, draw)), draw.uniform(-1.0, 1.0))
+        arm = draw.uniform(0.0, size)
+        shift = shift + arm * np.array([1.0 - math.cos(angle), -math.sin(angle)])
+    else:
+        zoom = math.exp(math.copysign(_beyond(_ZOOM, how.zoom, draw), draw.uniform(-1.0, 1.0)))
+    return angle, zoom, shift
+
+
+def _beyond(least: float, usual: float, draw: np.random.Generator) -> float:
+    """From the ``least`` that is too far, or half as far again as ``usual``, to four times that."""
+    begin = max(least, 1.5 * usual)
+    return draw.uniform(begin, 4.0 * begin)
 
 
 def _other_light(grey: Numbers, how: Augmentation, draw: np.random.Generator) -> Grey:
@@ -133,7 +178,10 @@ def _other_light(grey: Numbers, how: Augmentation, draw: np.random.Generator) ->
         for _ in range(int(draw.integers(1, 3))):
             ends = draw.integers(0, size, 4).tolist()
             shade, thick = float(draw.uniform(0.0, 255.0)), int(draw.integers(1, 1 + max(2, size // 32)))
-            cv2.line(grey, (ends[0], ends[1]), (ends[2], ends[3]), shade, thick, cv2.LINE_AA)
+            if draw.random() < 0.7:
+                cv2.line(grey, (ends[0], ends[1]), (ends[2], ends[3]), shade, thick, cv2.LINE_AA)
+            else:
+                cv2.circle(grey, (ends[0], ends[1]), 2 * thick, shade, cv2.FILLED, cv2.LINE_AA)
     if how.noise:
         first = int(draw.integers(0, _NOISES - size * size))
         grey += _noises()[first : first + size * size].reshape(size, size) * np.float32(draw.uniform(0.0, how.noise))

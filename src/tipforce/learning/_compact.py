@@ -32,7 +32,7 @@ CONTACT_N = 0.015
 
 _SHARPNESS = 0.5
 """Exponent beta of the variance's weight in the likelihood (Seitzer et al. 2022): 0 plain, 1 squares alone."""
-_WEIGHTS = {"force": 1.0, "contact": 0.02, "heat": 0.1}
+_WEIGHTS = {"force": 1.0, "contact": 0.02, "heat": 0.1, "familiar": 0.1}
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class CompactTask:
 
     @property
     def head(self) -> tuple[str, ...]:
-        """The last dense layer and what takes the sheet."""
-        return ("answer.", "sheet.", "actuation_")
+        """The last dense layers and what takes the sheet."""
+        return ("answer.", "sheet.", "actuation_", "familiar.")
 
     def build(self) -> "nn.Module":
         """See `build_compact`."""
@@ -78,38 +78,52 @@ class CompactTask:
         pictures = np.empty((len(index), self.size, self.size), np.uint8)
         grid = self.size // HEAT
         heat = np.full((len(index), grid, grid), np.nan, np.float32)
+        familiar = np.ones(len(index), np.float32)
         for k, place in enumerate(index.tolist()):
             where = None if samples.heat is None or samples.heat[place].min() == UNKNOWN else samples.heat[place]
             if draws is None or self.augmentation is None:
                 pictures[k] = middle(samples.pictures[place], self.size)
                 seen = None if where is None else middle(where, self.size // 4)
             else:
-                pictures[k], seen = augmented(
+                altered = augmented(
                     samples.pictures[place], where, taken["force_n"][k], taken["sheet"][k], self, draws[k]
                 )
+                pictures[k], seen, familiar[k] = altered.picture, altered.heat, altered.familiar
             if seen is not None:
                 heat[k] = cv2.resize(seen, (grid, grid), interpolation=cv2.INTER_AREA) / np.float32(255.0)
-        return taken | {"picture": pictures, "heat": heat}
+        return taken | {"picture": pictures, "heat": heat, "familiar": familiar}
 
     def loss(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
-        """Gaussian likelihood of the force with its own variance, contact yes / no, and where the catheter is."""
+        """Gaussian likelihood of the force with its own variance, contact yes / no, where the catheter is, familiar.
+
+        Of pictures that are not to be answered it learns the last two alone.
+        """
         import torch
         from torch.nn.functional import binary_cross_entropy_with_logits
 
-        force, log_variance, contact, heat, *_ = outputs
+        force, log_variance, contact, heat, familiar, *_ = outputs
+        share = _share(batch)
         wrong = (force - batch["force_n"]) / COMPACT_UNIT_N
         likelihood = 0.5 * (wrong * wrong * torch.exp(-log_variance) + log_variance)
         likelihood = likelihood * torch.exp(_SHARPNESS * log_variance).detach()
         touching = (torch.linalg.vector_norm(batch["force_n"], dim=1) > CONTACT_N).float()
-        total = _WEIGHTS["force"] * likelihood.mean()
-        total = total + _WEIGHTS["contact"] * binary_cross_entropy_with_logits(contact, touching)
+        total = _WEIGHTS["force"] * (likelihood.mean(dim=1) * share).mean()
+        touched = binary_cross_entropy_with_logits(contact, touching, reduction="none")
+        total = total + _WEIGHTS["contact"] * (touched * share).mean()
+        total = total + _WEIGHTS["familiar"] * binary_cross_entropy_with_logits(familiar, batch["familiar"])
         there = ~torch.isnan(batch["heat"])
         if bool(there.any()):
             total = total + _WEIGHTS["heat"] * binary_cross_entropy_with_logits(heat[there], batch["heat"][there])
         return total
 
     def error_n(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
-        """(b,): length of the difference of the vectors."""
+        """(b,): length of the difference of the vectors; 0 for what is not to be answered, the others raised for it."""
         import torch
 
-        return torch.linalg.vector_norm(outputs[0] - batch["force_n"], dim=1)
+        return torch.linalg.vector_norm(outputs[0] - batch["force_n"], dim=1) * _share(batch)
+
+
+def _share(batch: Mapping[str, "Tensor"]) -> "Tensor":
+    """(b,): the weight of each sample in a mean over those to be answered."""
+    familiar = batch["familiar"]
+    return familiar * (len(familiar) / familiar.sum().clamp(min=1.0))

@@ -9,9 +9,10 @@ if TYPE_CHECKING:
 
 __all__ = ["COMPACT_OUTPUTS", "HEAT", "build_compact"]
 
-COMPACT_OUTPUTS = ("force_n", "log_variance", "contact", "heat", "grid", "features")
+COMPACT_OUTPUTS = ("force_n", "log_variance", "contact", "heat", "familiar", "grid", "features")
 """Force (n, t) in newtons; logarithm of its variance (n, t) in the network's unit; contact (n,) and map of the catheter
-(n, size / 8, size / 8), both as logits; the last grid (n, 32 (size / 32)^2); features (n, FEATURES)."""
+(n, size / 8, size / 8), both as logits; whether the catheter lies as in training (n,), a logit; the last grid
+(n, 32 (size / 32)^2); features (n, FEATURES)."""
 
 FEATURES = 128
 """Numbers before the last dense layer: what a doubt is computed from."""
@@ -83,6 +84,7 @@ def build_compact(
             self.again = nn.Linear(FEATURES, FEATURES)
             self.answer = nn.Linear(FEATURES, 3 * outputs + 1)
             self.where = nn.Conv2d(_CHANNELS[1], 1, 1)
+            self.familiar = nn.Sequential(nn.Linear(_KEPT * (size // 32) ** 2, 32), nn.ReLU(), nn.Linear(32, 1))
             self.register_buffer("unit_n", torch.tensor(unit_n))
             if actuation:
                 self.register_buffer("actuation_mean", torch.tensor([mean for mean, _ in actuation]))
@@ -109,6 +111,7 @@ def build_compact(
             pressing = self.unit_n * torch.exp(sheet[:, 1:2])
             force = answer[:, :outputs] * bending + answer[:, outputs : 2 * outputs] * pressing
             log_variance, contact = answer[:, 2 * outputs : 3 * outputs].clamp(*_LOGARITHMS), answer[:, -1]
-            return force, log_variance, contact, where[:, 0].float(), grid.float(), features.float()
+            familiar = self.familiar(grid)[:, 0].float()
+            return force, log_variance, contact, where[:, 0].float(), familiar, grid.float(), features.float()
 
     return Compact()

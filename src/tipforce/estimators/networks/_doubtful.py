@@ -18,17 +18,25 @@ __all__ = ["Doubtful", "Limits", "limits_from", "magnitude_sigma", "relative_int
 
 _FAINT = 0.3
 """Of the least usual sight of a catheter: fainter is none."""
+_RARE = 0.002
+"""Share of usual pictures that may look as if their catheter were moved."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
     """What is answered: at least ``seen`` of the catheter, standard deviations of the magnitude up to ``sigma_n``.
 
-    ``seen``: expected pixels of its map; 0 where the map was never taught.
+    ``seen``: expected pixels of its map; 0 where the map was never taught. ``familiar``: the least logit of lying as in
+    training; -inf where that was never taught.
     """
 
     seen: float
     sigma_n: float
+    familiar: float
+
+    def widened(self, other: "Limits") -> "Limits":
+        """All that one of both answers."""
+        return Limits(min(self.seen, other.seen), max(self.sigma_n, other.sigma_n), min(self.familiar, other.familiar))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +59,12 @@ class Doubtful:
         if seen < self.limits.seen:
             return ForceEstimate.invalid(
                 stamp_ns, Status.NO_CATHETER, f"there is hardly a catheter in the window ({seen:.1f} pixels of its map)"
+            )
+        if outputs["familiar"][0] < self.limits.familiar:
+            return ForceEstimate.invalid(
+                stamp_ns,
+                Status.OUT_OF_DOMAIN,
+                "the catheter lies as in no picture that it learnt from: shifted, turned, or of another scale",
             )
         strange = refused_as_strange(stamp_ns, self.doubt.domains, outputs["grid"])
         if strange is not None:
@@ -121,18 +135,17 @@ def seen_of(outputs: Outputs) -> FloatArray:
     return (1.0 / (1.0 + np.exp(-heat))).sum(axis=(1, 2))
 
 
-def limits_from(
-    seen: FloatArray, sigma_n: FloatArray, refused: float, taught: bool, start: Limits | None = None
-) -> Limits:
-    """From what was kept from training: sights (n,), deviations of the magnitude (n,), a share ``refused`` of these.
+def limits_from(kept: Outputs, sigma_n: FloatArray, refused: float, *, map_taught: bool, moved_taught: bool) -> Limits:
+    """From outputs of what was ``kept`` from training, and deviations of the magnitude (n,): a share is ``refused``.
 
-    ``start``: those of a model whose knowledge still counts, which is not narrowed.
+    ``map_taught``, ``moved_taught``: whether it was shown where the catheter is, and pictures moved too far.
     """
-    own = Limits(
-        seen=_FAINT * float(np.quantile(seen, 0.01)) if taught else 0.0,
+    familiar = min(0.0, float(np.quantile(kept["familiar"], _RARE)))
+    return Limits(
+        seen=_FAINT * float(np.quantile(seen_of(kept), 0.01)) if map_taught else 0.0,
         sigma_n=float(np.quantile(sigma_n, 1.0 - refused)),
+        familiar=familiar if moved_taught else -math.inf,
     )
-    return own if start is None else Limits(min(own.seen, start.seen), max(own.sigma_n, start.sigma_n))
 
 
 def wider(ours: Interval, other: Interval) -> Interval:

@@ -240,6 +240,10 @@ class NetworkEstimator(Estimator):
                 "bits": 32 if small is None else 8,
                 "error_growth_in_8_bits": growth,
                 "started_from": None if start is None else start.describe()["network"],
+                "learnt_from": [
+                    *([] if start is None else start._known().facts["learnt_from"]),
+                    f"{len(kept)} samples of {dataset.title}",
+                ],
             },
         )
         # the part that chose the epoch promises nothing about another session, even where it was whole ones
@@ -324,11 +328,14 @@ class NetworkEstimator(Estimator):
         return made
 
     def beginning_with(self, model: "NetworkEstimator") -> Self:
-        """The same recipe, whose fits begin with the weights of ``model``. Raises InputError for another method's."""
+        """The same recipe, whose fits begin with the weights of ``model`` and have the settings for that.
+
+        Raises InputError for another method's model.
+        """
         if model.name != self.name:
             raise InputError(f"a {self.name} cannot begin with the weights of a {model.name}; name a {self.name}")
         made = self.unfitted()
-        made._begin = model
+        made.settings, made._begin = self.settings.begun(), model
         return made
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:

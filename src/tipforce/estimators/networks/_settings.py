@@ -1,6 +1,7 @@
 """Settings of the methods that are networks."""
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field
 
@@ -12,6 +13,19 @@ __all__ = ["CompactSettings", "DcfeSettings"]
 
 class NetworkSettings(Recipe):
     """What all networks have."""
+
+    when_begun: ClassVar[Mapping[str, Any]] = {}
+    """What is otherwise where training begins with a model's weights, as long as nothing else is stated."""
+
+    def begun(self) -> Self:
+        """The settings for a training that begins with a model's weights.
+
+        >>> CompactSettings(epochs=3).begun().epochs, CompactSettings().begun().rate
+        (3, 0.0005)
+        """
+        return self.model_copy(
+            update={name: value for name, value in self.when_begun.items() if name not in self.model_fields_set}
+        )
 
     view: str = "camera"
     """Which of an observation's views to look at."""
@@ -26,6 +40,15 @@ class DcfeSettings(NetworkSettings):
     The thesis states stochastic gradient descent, eq. (19) and 10,000 epochs; what it leaves open is chosen here and
     may be set. ``patience`` ends training before its budget is used up.
     """
+
+    when_begun: ClassVar[Mapping[str, Any]] = {
+        "epochs": 80,
+        "patience": None,
+        "optimiser": "adamw",
+        "schedule": "cosine",
+        "clip_norm": 1.0,
+        "average": 0.99,
+    }
 
     components: Literal["xy", "all"] = "xy"
     """Components to learn: `xy` as in the thesis, or `all` that the training data know."""
@@ -48,6 +71,8 @@ class DcfeSettings(NetworkSettings):
 
 class CompactSettings(NetworkSettings):
     """A small network on the window around the catheter; see `Compact`."""
+
+    when_begun: ClassVar[Mapping[str, Any]] = {"rate": 0.0005}
 
     components: Literal["xy", "all"] = "all"
     """Components to learn: those in the picture's plane, or all that the training data know."""

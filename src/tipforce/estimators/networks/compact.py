@@ -6,6 +6,7 @@ intervals that follow the doubt, and a plain refusal of what it was not taught.
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -33,7 +34,7 @@ from .._needed import missing_facts, only_facts, refuse_malformed, stated_facts
 from .._reading import Refusal, read_actuation, read_view
 from ._arrays import Arrays, Looked, Reader, spread_over
 from ._doubt import Doubt, learn_doubt
-from ._doubtful import Doubtful, Limits, limits_from, magnitude_sigma, relative_interval, seen_of, sigma_of, wider
+from ._doubtful import Doubtful, Limits, limits_from, magnitude_sigma, relative_interval, sigma_of, wider
 from ._lead import Lead, Trail, lead_from
 from ._network import Answering, NetworkEstimator
 from ._prepared import Form, Forms
@@ -162,6 +163,9 @@ class Compact(NetworkEstimator):
 
     def own_arrays(self, looked: Looked) -> Arrays:
         """Its doubt, what it refuses, and its lead: what training altered at random is not strange to it."""
+        how = self.settings.augmentation
+        assert isinstance(looked.task, CompactTask)
+        looked = replace(looked, task=replace(looked.task, augmentation=how.model_copy(update={"strange": 0.0})))
         kept = looked.outputs(kept=True, altered=False)
         taught = looked.outputs(kept=False, altered=True)
         begun = self.begun()
@@ -169,15 +173,17 @@ class Compact(NetworkEstimator):
         doubt = learn_doubt(taught, kept, looked.outputs(kept=True, altered=True)["grid"], before)
         sigma = sigma_of(kept, doubt, COMPACT_UNIT_N)
         size = np.array([magnitude_sigma(f, s) for f, s in zip(kept["force_n"].astype(np.float64), sigma, strict=True)])
-        taught_map = looked.samples.heat is not None or (begun is not None and bool(begun.own["limit_seen"] > 0))
-        still = _limits_of(begun.own) if begun is not None and len(doubt.domains.each) > 1 else None
-        limits = limits_from(seen_of(kept), size, self.settings.refused, taught_map, still)
+        map_taught = looked.samples.heat is not None or (begun is not None and bool(begun.own["limit_seen"] > 0))
+        limits = limits_from(kept, size, self.settings.refused, map_taught=map_taught, moved_taught=how.strange > 0)
+        if begun is not None and len(doubt.domains.each) > 1:  # what that one knew counts still
+            limits = limits.widened(_limits_of(begun.own))
         lead = lead_from(looked, None if begun is None else _lead_of(begun.own))
         usual = np.append(np.median(sigma, axis=0), np.median(size))
         return {
             **doubt.arrays(),
             "limit_seen": np.array(limits.seen),
             "limit_sigma_n": np.array(limits.sigma_n),
+            "limit_familiar": np.array(limits.familiar),
             "usual_sigma_n": usual,
             "lead_s": lead.seconds,
             "lead_alone": np.array(lead.alone),
@@ -223,4 +229,4 @@ def _lead_of(own: Arrays) -> Lead:
 
 
 def _limits_of(own: Arrays) -> Limits:
-    return Limits(float(own["limit_seen"]), float(own["limit_sigma_n"]))
+    return Limits(*(float(own[f"limit_{name}"]) for name in ("seen", "sigma_n", "familiar")))
