@@ -137,18 +137,18 @@ def _near(how: Augmentation, size: int, draw: np.random.Generator) -> _Move:
 
 
 def _far(how: Augmentation, size: int, draw: np.random.Generator) -> _Move:
-    """Too far along, across, in angle or in scale; turned, it may be about the base or about the picture's middle."""
+    """Too far along or across, in angle or in scale, about a point between the base and the picture's other border."""
     angle, zoom, shift = _near(how, size, draw)
-    kind = draw.integers(3)
+    kind, arm = draw.integers(3), draw.uniform(0.0, size)
     if kind == 0:
         towards = draw.uniform(0.0, 2.0 * math.pi)
         shift = _beyond(_SHIFT, how.shift, draw) * size * np.array([math.cos(towards), math.sin(towards)])
     elif kind == 1:
         angle = math.copysign(math.radians(_beyond(_TURN_DEG, how.turn_deg, draw)), draw.uniform(-1.0, 1.0))
-        arm = draw.uniform(0.0, size)
         shift = shift + arm * np.array([1.0 - math.cos(angle), -math.sin(angle)])
     else:
         zoom = math.exp(math.copysign(_beyond(_ZOOM, how.zoom, draw), draw.uniform(-1.0, 1.0)))
+        shift = shift + np.array([arm * (1.0 - 1.0 / zoom), 0.0])
     return angle, zoom, shift
 
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from ..types import IntArray
-from ._augment import Augmentation, augmented, middle
+from ._augment import CURVATURE, Augmentation, augmented, middle
 from ._compact_network import HEAT, build_compact
 from ._samples import UNKNOWN, Samples
 from ._task import Batch
@@ -67,7 +67,12 @@ class CompactTask:
 
     def build(self) -> "nn.Module":
         """See `build_compact`."""
-        return build_compact(self.outputs, self.sheet, self.size, COMPACT_UNIT_N, self.actuation)
+        mirror, how = None, self.augmentation
+        if self.planar is not None and not self.actuation and how is not None and how.mirror > 0:  # as it is taught
+            signs = np.ones(self.outputs), np.ones(self.sheet)
+            signs[0][self.planar[1]] = signs[1][CURVATURE] = -1.0
+            mirror = tuple(signs[0].tolist()), tuple(signs[1].tolist())
+        return build_compact(self.outputs, self.sheet, self.size, COMPACT_UNIT_N, self.actuation, mirror)
 
     def batch(self, samples: Samples, index: IntArray, draws: Sequence[np.random.Generator] | None) -> Batch:
         """Pictures cut to ``size``, at random places, turns, lights and so on where ``draws`` are given."""

@@ -34,13 +34,19 @@ _LEVEL = 4.0
 
 
 def build_compact(
-    outputs: int, sheet: int, size: int, unit_n: float, actuation: tuple[tuple[float, float], ...] = ()
+    outputs: int,
+    sheet: int,
+    size: int,
+    unit_n: float,
+    actuation: tuple[tuple[float, float], ...] = (),
+    mirror: tuple[tuple[float, ...], tuple[float, ...]] | None = None,
 ) -> "nn.Module":
     """Bytes in, forces out: see the names of `COMPACT_OUTPUTS`, in order.
 
     ``picture`` (n, size, size) uint8, ``sheet`` (n, sheet) float32; ``actuation``: mean and deviation of each of
-    further values (n, k), which join the sheet. Raises InputError where ``size`` is no multiple of
-    32.
+    further values (n, k), which join the sheet. ``mirror``: signs of the force (outputs,) and the sheet (sheet,) where
+    the picture is mirrored across the base's tangent; the trained network then looks at both and answers their mean
+    (grid and features: of the picture as it is). Raises InputError where ``size`` is no multiple of 32.
     """
     import torch
     from torch import Tensor, nn
@@ -69,6 +75,8 @@ def build_compact(
         unit_n: Tensor
         actuation_mean: Tensor
         actuation_deviation: Tensor
+        force_signs: Tensor
+        sheet_signs: Tensor
 
         def __init__(self) -> None:
             super().__init__()
@@ -90,7 +98,29 @@ def build_compact(
                 self.register_buffer("actuation_mean", torch.tensor([mean for mean, _ in actuation]))
                 self.register_buffer("actuation_deviation", torch.tensor([deviation for _, deviation in actuation]))
 
+            if mirror is not None:
+                self.register_buffer("force_signs", torch.tensor(mirror[0]), persistent=False)
+                self.register_buffer("sheet_signs", torch.tensor(mirror[1]), persistent=False)
+
         def forward(self, picture: Tensor, sheet: Tensor, actuation: Tensor | None = None) -> tuple[Tensor, ...]:
+            if self.training or mirror is None:
+                return self.looked(picture, sheet, actuation)
+            count = picture.shape[0]
+            pictures, sheets = torch.cat([picture, picture.flip(1)]), torch.cat([sheet, sheet * self.sheet_signs])
+            told = None if actuation is None else torch.cat([actuation, actuation])
+            found = self.looked(pictures, sheets, told)
+            force, log_variance, contact, where, familiar = (each[:count] for each in found[:5])
+            mirrored = [each[count:] for each in found[:5]]
+            return (
+                0.5 * (force + mirrored[0] * self.force_signs),
+                0.5 * (log_variance + mirrored[1]),
+                0.5 * (contact + mirrored[2]),
+                0.5 * (where + mirrored[3].flip(1)),
+                0.5 * (familiar + mirrored[4]),
+                *(each[:count] for each in found[5:]),
+            )
+
+        def looked(self, picture: Tensor, sheet: Tensor, actuation: Tensor | None) -> tuple[Tensor, ...]:
             x = picture.float().unsqueeze(1)
             x = x - x.mean((2, 3), keepdim=True)
             x = x / ((x * x).mean((2, 3), keepdim=True).sqrt() + _LEVEL)

@@ -19,9 +19,9 @@ def network_words(facts: Mapping[str, Any]) -> Words:
         sees += f" It was told {', '.join(facts['told'])} of every session, and must be told them again."
     if facts["remembers"]:
         sees += " The frame some 40 ms before tells how fast the force changes, which leads it."
-    earlier = "; then ".join(facts["learnt_from"][:-1])
+    *earlier, _ = facts["learnt_from"]
     if earlier:
-        sees += f" It began with weights that had learnt from {earlier}."
+        sees += f" It began with weights that had learnt from {'; then '.join(earlier)}."
     if left_out:
         sees += f" {left_out} of the samples could not be read; they were left out."
     budget = (
@@ -44,7 +44,7 @@ def network_words(facts: Mapping[str, Any]) -> Words:
     told = [f"{facts['network']}, {facts['parameters']:,} weights"]
     if facts["started_from"] is not None:
         new = f", but for {', '.join(facts['new_weights'])}" if facts["new_weights"] else ""
-        told.append(f"began with the weights of {facts['started_from']}, which had learnt from {earlier}{new}")
+        told.append(f"began with the weights of {facts['started_from']}, which had learnt from {earlier[-1]}{new}")
     told += [f"{left_out} samples could not be read: left out"] if left_out else []
     told += [
         f"trained {budget}",
