@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from tipforce.cli import app, main
 from tipforce.errors import InputError
 from tipforce.estimators import load_model, read_manifest
+from tipforce.evaluation import candidates_from
 
 QUICK = ["--set", "c=[10]", "--set", "epsilon=[0.01]", "--set", "sigma=[1]"]
 
@@ -60,11 +61,20 @@ def test_intervals_from_sessions_apart(rows: Path, tmp_path: Path) -> None:
         widths.append(facts["magnitude_interval_half_width_n"])
     assert widths[1] > widths[0] + 0.3
     assert "1 session" in facts["interval_basis"]
+    told = read_manifest(tmp_path / "svr")["training"]["calibration"]
+    assert (told["sessions"], told["samples"]) == (["t2"], 30)
+    assert candidates_from([str(tmp_path / "svr")])[0].trained_sessions == {"s0", "s1", "s2", "t2"}
+    assert "1 session of apart." in (tmp_path / "svr" / "README.md").read_text(encoding="utf-8")
 
 
 def test_intervals_are_not_found_on_what_was_learnt(rows: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"s0 is in the training data.*--without s0"):
         run(rows, "-o", tmp_path / "svr", *QUICK, "--calibrate", rows)
+    apart = tmp_path / "apart"
+    apart.mkdir()
+    (apart / "metadata.csv").write_text("session,stamp_ns,shape_A1,shape_A2,knob_deg,fx_n\nt,1,0.1,0.1,10,0.1\n")
+    with pytest.raises(InputError, match=r"apart: lacks force components that rows has"):
+        run(rows, "-o", tmp_path / "svr", *QUICK, "--calibrate", apart)
 
 
 def test_the_thesis_s_samples_and_share(rows: Path, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tipforce.dataset import DISTURBANCES, Blur, Dataset, Disturbance, Light, Noise, Stranger, Warp, disturbed, held
+from tipforce.dataset import DISTURBANCES, Blur, Dataset, Disc, Disturbance, Light, Noise, Warp, disturbed, held
 from tipforce.errors import InputError
 from tipforce.types import Context, Observation, ShapeFeatures
 
@@ -100,7 +100,7 @@ def test_an_object_has_its_size_and_lies_elsewhere_in_each_picture(shape):
     image = np.full(shape, 128, np.uint8)
     places = []
     for row in range(20):
-        changed = Stranger(0.2)(image, (0, row)) != image
+        changed = Disc(0.2)(image, (0, row)) != image
         v, u = np.nonzero(changed if image.ndim == 2 else changed.any(axis=2))
         assert 0.2 * np.pi * 20**2 < len(v) < 1.15 * np.pi * 20**2  # it may be cut by the border
         places.append((u.mean(), v.mean()))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tipforce.estimators._answers import Interval
+from tipforce.estimators.networks._domain import Domain, learn_domain
 from tipforce.estimators.networks._doubt import Doubt, learn_doubt
 from tipforce.estimators.networks._doubtful import Limits, limits_from, wider
 
@@ -28,6 +29,18 @@ def test_what_is_like_the_training_is_known_and_what_is_not_is_far():
     beside = DRAW.normal(size=(100, 40))  # no combination of the six directions
     assert (doubt.domains.distance(beside) > 1.0).all()
     assert (doubt.domains.distance(outputs(100, centre=8.0)["grid"]) > 1.0).all()
+
+
+def test_what_differs_along_the_directions_of_the_force_alone_is_known():
+    taught, kept = (outputs(count)["grid"] for count in (800, 200))
+    whole, beside = learn_domain(taught, kept), learn_domain(taught, kept, 6)
+    further = outputs(100, centre=8.0)["grid"]
+    assert (whole.distance(further) > 1.0).all()
+    assert np.mean(beside.distance(further) <= 1.0) > 0.9
+    other = outputs(100)["grid"] + 0.5 * DRAW.normal(size=(100, 40))
+    assert (beside.distance(other) > 1.0).all()
+    again = Domain.of(beside.arrays())
+    assert np.allclose(again.distance(other), beside.distance(other), rtol=1e-3)
 
 
 def test_one_that_went_on_from_another_still_knows_what_that_one_knew():
@@ -65,6 +78,7 @@ def test_limits_are_not_narrowed_by_what_is_learnt_later():
     untaught = limits_from(kept, sigma, 0.03, map_taught=False, moved_taught=False)
     assert untaught.seen == 0.0
     assert untaught.familiar == -np.inf
+    assert untaught.widened(own) == own.widened(untaught) == own  # what one was never taught, the other was
     unsure = limits_from(
         {**kept, "familiar": np.linspace(-4.0, 9.0, 1000)}, sigma, 0.03, map_taught=True, moved_taught=True
     )

@@ -14,6 +14,7 @@ from tipforce.cli._simulated_samples import write_samples
 from tipforce.dataset import DISTURBANCES, Dataset, disturbed, open_dataset
 from tipforce.errors import ModelError
 from tipforce.estimators import (
+    NetworkEstimator,
     _pretrained,
     create,
     load_model,
@@ -75,7 +76,8 @@ def test_models_that_come_with_the_program_are_whole_small_and_described() -> No
         assert load_pretrained(name).name == manifest["method"]
         assert sorted(path.name for path in folder.iterdir()) == sorted(manifest["sha256"]), "nothing else beside it"
         card = (folder / "README.md").read_text(encoding="utf-8")
-        assert "Research use only" in card
+        for wanted in ("Research use only", "## Figures", "Apache-2.0", "never saw"):
+            assert wanted in card
         assert manifest["training"]["title"] in card
         assert "/tmp" not in json.dumps(manifest)
     total = sum(path.stat().st_size for path in _pretrained.PRETRAINED.rglob("*") if path.is_file())
@@ -101,11 +103,25 @@ def test_compact_refuses_the_pictures_of_a_bench_that_moved(unseen: Dataset) -> 
     moved = [each for each in DISTURBANCES if (each.kind, each.size, each.way) in far]
     assert len(moved) == 6
     some = unseen.subset(np.arange(0, len(unseen), 3))
-    answered = {how: sum(each.valid for each in model.predict(disturbed(some, how))) for how in moved}
-    assert max(answered.values()) <= 0.2 * len(some), answered
+    for how in moved:
+        told = [each.detail for each in model.predict(disturbed(some, how)) if not each.valid]
+        assert sum("lies as in no picture" in each for each in told) >= 0.8 * len(some), how
 
 
-def test_compact_bears_what_it_was_trained_under(unseen: Dataset) -> None:
+def test_compact_answers_a_picture_and_its_mirror_image_alike(unseen: Dataset) -> None:
+    model = load_pretrained("compact")
+    assert isinstance(model, NetworkEstimator)
+    assert model.fitted_ is not None
+    graph, session = model.fitted_.graph, unseen.session[0]
+    row = model.reader(unseen.contexts[session], training=False)(next(unseen.observations()))
+    assert isinstance(row, dict)
+    picture, sheet = row["picture"][None], row["sheet"][None]
+    force = graph(picture=picture, sheet=sheet)["force_n"][0]
+    other = graph(picture=picture[:, ::-1].copy(), sheet=sheet * np.float32([1, 1, 1, -1]))["force_n"][0]
+    np.testing.assert_allclose(other, force * [1, -1, 1], atol=1e-4)
+
+
+def test_compact_bears_small_disturbances(unseen: Dataset) -> None:
     model = load_pretrained("compact")
     near = {("shift", "10 px"), ("shift", "20 px"), ("zoom", "× 0.9"), ("zoom", "× 1.1"), ("object", "10 %")}
     some = unseen.subset(np.arange(0, len(unseen), 3))

@@ -75,6 +75,7 @@ def test_a_training_that_was_cut_off_is_gone_on_with(
     assert "began with the weights of small" in result.output
     both = load_model(tmp_path / "more").describe()["learnt_from"]
     assert both == 2 * load_model(tmp_path / "cut").describe()["learnt_from"]
+    assert load_model(tmp_path / "more").taught_sessions == load_model(tmp_path / "cut").taught_sessions != frozenset()
     assert f"had learnt from {both[0]}." in (tmp_path / "more" / "README.md").read_text(encoding="utf-8")
     with pytest.raises(InputError, match=r"--from is for networks; svr always learns from nothing"):
         run(folder, "-o", tmp_path / "svr", "--from", tmp_path / "cut")
@@ -114,5 +115,7 @@ def test_a_training_that_begins_with_weights_has_the_settings_for_that(monkeypat
     assert (begun.optimiser, begun.epochs, begun.average) == ("sgd", 7, 0.99)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "pretrained").mkdir()
-    with pytest.raises(ModelError, match="pretrained"):  # a folder of that name is meant
+    assert check_start(Dcfe(), "pretrained") is not None  # a folder of that name that is no model is not meant
+    (tmp_path / "pretrained" / "model.json").write_text("{}")
+    with pytest.raises(ModelError, match=r"pretrained"):
         check_start(Dcfe(), "pretrained")

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.learning._augment import CURVATURE, Augmentation, augmented
+from tipforce.learning._augment import CURVATURE, Augmentation, _far, augmented
 from tipforce.learning._compact import CompactTask
 
 NOTHING = dict.fromkeys(Augmentation.model_fields, 0.0)
@@ -97,10 +97,24 @@ def test_a_share_is_moved_too_far_to_be_answered():
     for seed in range(300):
         draw = np.random.default_rng(seed)
         nothing = np.zeros(3, np.float32), np.zeros(4, np.float32)
-        out = augmented(needle(0.0), needle(0.0)[::4, ::4], *nothing, task(strange=0.5), draw)
-        told.append(out.familiar)
+        out = augmented(needle(0.0), needle(0.0)[::4, ::4], *nothing, task(moved=0.5), draw)
+        told.append(not out.moved)
         moved.append(np.abs(out.picture.astype(float) - needle(0.0)[24:184, 24:184]).mean())
     assert 0.4 < np.mean(told) < 0.6
     told, moved = np.array(told), np.array(moved)
     assert (moved[told] == 0.0).all()
     assert (moved[~told] > 0.5).mean() > 0.9  # a straight needle may be shifted along itself
+
+
+@pytest.mark.parametrize("usual", [{}, {"turn_deg": 60.0, "zoom": 0.2, "shift": 0.3}])
+def test_moved_is_further_than_what_is_usual(usual):
+    how = Augmentation(**usual)
+    size, kinds = 100, [0, 0, 0]
+    for seed in range(300):
+        angle, zoom, shift = _far(how, size, np.random.default_rng(seed))
+        turned = abs(math.degrees(angle)) >= max(12.0, min(180.0, 1.5 * how.turn_deg)) - 1e-9
+        zoomed = abs(math.log(zoom)) >= max(0.15, 1.5 * how.zoom)
+        shifted = np.hypot(*shift) >= size * max(0.12, 1.5 * how.shift)
+        assert turned or zoomed or shifted
+        kinds = [count + more for count, more in zip(kinds, (turned, zoomed, shifted), strict=True)]
+    assert min(kinds) > 60

@@ -42,7 +42,34 @@ def test_what_points_to_the_left_points_to_the_right_in_a_mirror():
         CompactTask(3, 4, SIZE, planar=None, augmentation=Augmentation()),
         CompactTask(3, 4, SIZE),
     ],
+    ids=["told not to", "another frame", "as it is"],
 )
 def test_a_network_that_was_not_taught_so_looks_at_the_picture_alone(task: CompactTask):
     force, other = (answers(task, mirrored=mirrored)[0] for mirrored in (False, True))
     assert np.abs(other - force * [1, -1, 1]).max() > 1e-4
+
+
+def test_of_pictures_that_were_moved_only_that_is_learnt():
+    torch.manual_seed(0)
+    task = CompactTask(3, 4, SIZE, augmentation=Augmentation())
+    network = task.build()
+    outputs = network(torch.zeros(4, SIZE, SIZE, dtype=torch.uint8), torch.zeros(4, 4))
+    batch = {
+        "force_n": torch.full((4, 3), 0.1),
+        "heat": torch.full((4, SIZE // 8, SIZE // 8), torch.nan),
+        "familiar": torch.tensor([1.0, 0.0, 1.0, 0.0]),
+    }
+    for each in outputs:
+        each.retain_grad()
+    task.loss(outputs, batch).backward()
+    force, log_variance, contact, _, familiar, *_ = (each.grad for each in outputs)
+    for grad in (force, log_variance, contact[:, None]):
+        assert (grad[[1, 3]] == 0).all()
+        assert (grad[[0, 2]] != 0).all()
+    assert (familiar[[0, 2]] < 0).all()
+    assert (familiar[[1, 3]] > 0).all()
+    outputs = [each.detach() for each in outputs]
+    error = task.error_n(outputs, batch)
+    plain = torch.linalg.vector_norm(outputs[0] - batch["force_n"], dim=1)
+    assert float(error.mean()) == pytest.approx(float(plain[[0, 2]].mean()))
+    assert not task.error_n(outputs, {**batch, "familiar": torch.zeros(4)}).any()

@@ -40,7 +40,7 @@ def command(
             "--from",
             metavar="MODEL",
             help="Networks: begin with the weights of this model, not random ones: a folder, or `pretrained`, the one "
-            "that comes with the program. Rate and schedule are then those of a fine-tuning, unless stated.",
+            "that comes with the program. What is not stated is then set as fine-tuning this method needs it.",
         ),
     ] = None,
     resume: Annotated[
@@ -102,7 +102,9 @@ def command(
                 recipe, dataset, samples=samples, holdout=holdout, seed=seed,
                 start=begin, folder=folder, resume=resume, calibrate=apart, progress=report,
             )  # fmt: skip
-        save_model(done.estimator, output, done.dataset, done.metrics, overwrite=overwrite)
+        save_model(
+            done.estimator, output, done.dataset, done.metrics, calibration=done.calibration, overwrite=overwrite
+        )
     figures = {"model": str(output), "facts": read_manifest(output)["facts"], "metrics": done.metrics}
     if onnx is not None:
         figures["onnx"] = export_onnx(done.estimator, onnx)

@@ -8,7 +8,7 @@ from ._growing_images import GrowingImages
 from ._growing_shards import GrowingShards
 from ._join import join
 from ._open import open_dataset
-from ._picture_operations import Blur, Light, Noise, PictureOperation, Stranger, Warp
+from ._picture_operations import Blur, Disc, Light, Noise, PictureOperation, Warp
 from ._protocols import THESIS_SESSIONS, Protocol, catheter_splits, splits, standard_split, thesis_split
 from ._recordings import open_recordings
 from ._replacing import replacing_folder
@@ -31,6 +31,7 @@ __all__ = [
     "THESIS_SESSIONS",
     "Blur",
     "Dataset",
+    "Disc",
     "Disturbance",
     "Growing",
     "GrowingImages",
@@ -42,7 +43,6 @@ __all__ = [
     "RowStore",
     "SessionSamples",
     "Split",
-    "Stranger",
     "Warp",
     "blocked_folds",
     "blocked_split",

@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import InputError
 from ..types import FloatArray, IntArray, Observation, ShapeFeatures, View
 from ._dataset import Dataset, RowStore
-from ._picture_operations import Blur, Light, Noise, PictureOperation, Stranger, Warp
+from ._picture_operations import Blur, Disc, Light, Noise, PictureOperation, Warp
 
 __all__ = ["DISTURBANCES", "Disturbance", "disturbed", "held"]
 
@@ -57,7 +57,7 @@ def _all() -> Iterator[Disturbance]:
     for sigma in (5, 10, 20):
         yield Disturbance("noise", f"{sigma} levels", Noise(float(sigma)))
     for percent in (5, 10, 20):
-        yield Disturbance("object", f"{percent} %", Stranger(percent / 100))
+        yield Disturbance("object", f"{percent} %", Disc(percent / 100))
 
 
 DISTURBANCES = tuple(_all())
@@ -69,7 +69,7 @@ picture's axes.
 
 
 def disturbed(dataset: Dataset, disturbance: Disturbance, seed: int = 0) -> Dataset:
-    """``dataset`` under ``disturbance``, the same each time; ``seed`` is that of its noise.
+    """``dataset`` under ``disturbance``, the same each time; ``seed``: of its noise, or where the object lies.
 
     Reading it raises InputError where a view is no picture.
     """

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..types import Image
 
-__all__ = ["Blur", "Light", "Noise", "PictureOperation", "Stranger", "Warp"]
+__all__ = ["Blur", "Disc", "Light", "Noise", "PictureOperation", "Warp"]
 
 
 class PictureOperation(Protocol):
@@ -73,7 +73,7 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True)
-class Stranger:
+class Disc:
     """An even disc in front of everything, its diameter a ``share`` of the picture's height, anywhere, of any grey."""
 
     share: float

@@ -118,6 +118,11 @@ class Estimator(ABC):
         """What a session's `Context` must tell, as `stated_facts` names it, or this fitted method answers nothing."""
         return ()
 
+    @property
+    def taught_sessions(self) -> frozenset[str]:
+        """Sessions that this fitted method learnt from before its last fit, where it did: they are not new to it."""
+        return frozenset()
+
     def describe(self) -> dict[str, Any]:
         """Facts of the fitted model that a model card shows (chosen constants, number of samples, interval basis)."""
         return {}

@@ -45,7 +45,7 @@ def model_card(manifest: Mapping[str, Any]) -> str:
         "",
         *words.how_well,
         "",
-        f"The interval rests on: **{facts['interval_basis']}**.",
+        f"The interval rests on: **{facts['interval_basis']}**{_calibrated(training)}.",
     ]
     if manifest["metrics"]:
         lines += ["", "Measured on samples held out of everything:", ""]
@@ -69,6 +69,11 @@ def model_card(manifest: Mapping[str, Any]) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def _calibrated(training: Mapping[str, Any]) -> str:
+    on = training.get("calibration")
+    return "" if on is None else f", {count_of(len(on['sessions']), 'session')} of {on['title']}"
 
 
 def _listed(names: list[str], most: int = 10) -> str:

@@ -17,11 +17,15 @@ __all__ = ["Training", "train"]
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A fitted ``estimator``, the samples it learnt from, and ``metrics`` on those held out (empty without any)."""
+    """A fitted ``estimator``, the samples it learnt from, and ``metrics`` on those held out (empty without any).
+
+    ``calibration``: the sessions apart that its intervals were found on, if there were any.
+    """
 
     estimator: Estimator
     dataset: Dataset
     metrics: dict[str, Any]
+    calibration: Dataset | None = None
 
 
 def train(
@@ -42,12 +46,12 @@ def train(
     ``seed`` is that of drawing, holding out and, where its settings do not state their own, of the method. ``start``,
     ``folder`` and ``resume`` are for networks: see `NetworkEstimator.fit_from`. ``calibrate``: other sessions, on which
     the intervals are found. Raises InputError as `draw`, `random_split`, `Estimator.fit` and `Estimator.calibrate` do,
-    where ``start`` is another method's, and where samples of ``calibrate`` are in ``dataset``.
+    where ``start`` is another method's, and where ``calibrate`` has sessions of ``dataset``, or other forces.
     """
     if start is not None and not isinstance(recipe, NetworkEstimator):
         raise InputError(f"{recipe.name} is no network and always learns from nothing; leave out what it starts from")
     if calibrate is not None:
-        _refuse_shared(dataset, calibrate)
+        _check_calibration(dataset, calibrate)
     settings = recipe.settings
     if "seed" in type(settings).model_fields and "seed" not in settings.model_fields_set:
         recipe = recipe.unfitted()
@@ -64,21 +68,40 @@ def train(
 
     drawn = dataset if samples is None else draw(dataset, samples, seed)
     if not holdout:
-        return Training(fit(drawn), drawn, {})
+        return Training(fit(drawn), drawn, {}, calibrate)
     split = random_split(drawn, holdout, seed)
     part = drawn.subset(split.train)
     fitted = fit(part)
-    return Training(fitted, part, _measured(fitted, drawn.subset(split.test)))
+    return Training(fitted, part, _measured(fitted, drawn.subset(split.test)), calibrate)
 
 
-def _refuse_shared(dataset: Dataset, calibrate: Dataset) -> None:
-    for name in calibrate.sessions:
-        ours, theirs = (each.stamp_ns[each.session == name] for each in (dataset, calibrate))
-        if np.isin(theirs, ours).any():
-            raise InputError(
-                f"{calibrate.title}: {name} is in the training data, too, where errors are smaller than elsewhere; "
-                f"leave it out there (--without {name})"
-            )
+def _check_calibration(dataset: Dataset, calibrate: Dataset) -> None:
+    """Ask before training for minutes."""
+    shared = [name for name in calibrate.sessions if name in dataset.sessions]
+    if shared:
+        raise InputError(
+            f"{calibrate.title}: {shared[0]} is in the training data, too, where errors are smaller than elsewhere; "
+            f"leave it out there (--without {shared[0]}), or rename it if it is another session"
+        )
+    if (dataset.known & ~calibrate.known).any():
+        raise InputError(
+            f"{calibrate.title}: lacks force components that {dataset.title} has; the intervals need all of them"
+        )
+    ours, theirs = _frames(dataset), _frames(calibrate)
+    if not theirs <= ours:
+        raise InputError(
+            f"{calibrate.title}: its forces are in the frame {', '.join(sorted(theirs - ours))}, those of "
+            f"{dataset.title} in {', '.join(sorted(ours))}; convert one of them"
+        )
+    views, there = (next(data.observations()).views.keys() for data in (dataset, calibrate))
+    if views - there:
+        raise InputError(
+            f"{calibrate.title}: has no view {min(views - there)!r}, which {dataset.title} has; the intervals need it"
+        )
+
+
+def _frames(data: Dataset) -> set[str]:
+    return {context.notes.get("force_frame", "base") for context in data.contexts.values()}
 
 
 def _measured(fitted: Estimator, test: Dataset) -> dict[str, Any]:

@@ -26,7 +26,7 @@ def check_start(recipe: Estimator, start: str | None, *, resume: bool = False) -
         raise InputError(f"{option} is for networks; {recipe.name} always learns from nothing, so leave it out")
     if start is None:
         return None
-    if start == "pretrained" and not Path(start).is_dir():
+    if start == "pretrained" and not (Path(start) / "model.json").is_file():
         start = f"pretrained/{recipe.name}"
     model = load_model(start)
     if not isinstance(model, NetworkEstimator) or model.name != recipe.name:

@@ -38,11 +38,13 @@ def save_model(
     training: Dataset,
     metrics: Mapping[str, Any] | None = None,
     *,
+    calibration: Dataset | None = None,
     overwrite: bool = False,
 ) -> Path:
     """Write the fitted ``estimator`` as a model folder; returns it.
 
-    ``training``: what it was fitted on, for the manifest. ``metrics``: figures to keep with it, JSON values. Written
+    ``training``: what it was fitted on, ``calibration``: the sessions apart that its intervals were found on, for the
+    manifest. ``metrics``: figures to keep with it, JSON values. Written
     beside ``folder`` and renamed: never half there. Raises InputError where ``folder`` exists (unless ``overwrite``,
     and then only a model is replaced), NotFittedError, and ModelError where the method refuses to be saved.
     """
@@ -57,7 +59,7 @@ def save_model(
             np.savez(stream, allow_pickle=False, **arrays)
         for name, data in files.items():
             (part / name).write_bytes(data)
-        manifest = _manifest(estimator, training, metrics, values)
+        manifest = _manifest(estimator, training, calibration, metrics, values)
         (part / CARD).write_text(model_card(manifest), encoding="utf-8")
         manifest["sha256"] = {name: _sha256((part / name).read_bytes()) for name in (ARRAYS, CARD, *files)}
         manifest["sha256"][MANIFEST] = _own_sha256(manifest)
@@ -77,8 +79,21 @@ def check_target(folder: str | Path, *, overwrite: bool = False) -> None:
         raise InputError(f"{folder}: is no model folder, so --overwrite does not replace it; choose another name")
 
 
+def _of(data: Dataset) -> dict[str, Any]:
+    return {
+        "title": data.title,
+        "fingerprint": data.fingerprint(),
+        "samples": len(data),
+        "sessions": list(data.sessions),
+    }
+
+
 def _manifest(
-    estimator: Estimator, training: Dataset, metrics: Mapping[str, Any] | None, values: dict[str, Any]
+    estimator: Estimator,
+    training: Dataset,
+    calibration: Dataset | None,
+    metrics: Mapping[str, Any] | None,
+    values: dict[str, Any],
 ) -> dict[str, Any]:
     frames = {context.notes.get("force_frame", "base") for context in training.contexts.values()}
     return {
@@ -91,10 +106,8 @@ def _manifest(
         "state": values,
         "facts": estimator.describe(),
         "training": {
-            "title": training.title,
-            "fingerprint": training.fingerprint(),
-            "samples": len(training),
-            "sessions": list(training.sessions),
+            **_of(training),
+            **({} if calibration is None else {"calibration": _of(calibration)}),
             "simulated": all(context.notes.get("simulated") == "true" for context in training.contexts.values()),
             "force_range_n": [float(np.min(training.magnitude_n)), float(np.max(training.magnitude_n))],
         },

@@ -64,7 +64,9 @@ def _saved(folder: str) -> Candidate:
         label=Path(folder).resolve().name if Path(folder).exists() else folder,
         recipe=fitted.unfitted(),
         saved=fitted,
-        trained_sessions=frozenset(training.get("sessions", ())),
+        trained_sessions=frozenset(training.get("sessions", ()))
+        | frozenset(training.get("calibration", {}).get("sessions", ()))
+        | fitted.taught_sessions,
         trained_fingerprint=str(training.get("fingerprint", "")),
     )
 

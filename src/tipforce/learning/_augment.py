@@ -1,4 +1,4 @@
-"""What is altered at random in training, so that it does not matter later: place, turn, light, blur, noise, strangers.
+"""What is altered at random in training, so that it does not matter later: place, turn, light, blur, noise, objects.
 
 Turning the picture about the catheter's base is a bench that lies otherwise under the camera: its base turns, and the
 frame of the forces with it, so their numbers stay. In a mirror what points to the left points to the right.
@@ -35,12 +35,13 @@ class Augmentation(BaseModel):
 
     shift: Share = 0.07
     """Of the window's side, each way."""
-    turn_deg: Amount = 6.0
+    turn_deg: Annotated[float, Field(ge=0.0, le=90.0)] = 6.0
     """About the base; the base frame turns along, and the force in it stays."""
     zoom: Share = 0.03
     """The scale that a session states is known no better than that."""
     mirror: Share = 0.5
-    """Share of pictures mirrored across the base's tangent, force and curvature along."""
+    """Share of pictures mirrored across the base's tangent, force and curvature along. Above 0 the trained network
+    looks at each picture and its mirror image, which doubles its work, and answers their mean."""
     contrast: Amount = 0.4
     """Standard scale of its logarithm, uniform both ways; also of the mean level."""
     tones: Share = 0.5
@@ -55,7 +56,7 @@ class Augmentation(BaseModel):
     """Share of pictures shown as their negatives."""
     strokes: Share = 0.25
     """Share of pictures with one or two straight rods across, or discs."""
-    strange: Annotated[float, Field(ge=0.0, le=0.5)] = 0.15
+    moved: Annotated[float, Field(ge=0.0, le=0.5)] = 0.15
     """Share of pictures shifted, turned or zoomed so far that they are not to be answered: it learns to tell them."""
 
 
@@ -76,7 +77,7 @@ class _Sizes(Protocol):
     @property
     def planar(self) -> tuple[int, int] | None: ...
     @property
-    def actuation(self) -> tuple[tuple[float, float], ...]: ...
+    def mirrors(self) -> bool: ...
     @property
     def augmentation(self) -> Augmentation | None: ...
 
@@ -89,11 +90,11 @@ def middle(picture: Grey, side: int) -> Grey:
 
 @dataclass(frozen=True, slots=True)
 class Altered:
-    """``picture`` (size, size), ``heat`` (size / 4, size / 4) where it had a map; not ``familiar``: moved too far."""
+    """``picture`` (size, size), ``heat`` (size / 4, size / 4) where it had a map; ``moved``: too far to be answered."""
 
     picture: Grey
     heat: npt.NDArray[Any] | None
-    familiar: bool
+    moved: bool
 
 
 def augmented(
@@ -104,10 +105,9 @@ def augmented(
     The base lies in the middle of the left border of the middle of ``picture``.
     """
     how, size = sizes.augmentation or Augmentation(), sizes.size
-    strange = draw.random() < how.strange
-    angle, zoom, shift = _far(how, size, draw) if strange else _near(how, size, draw)
-    # nobody knows which other actuation changes its sign in a mirror
-    mirror = sizes.planar is not None and not sizes.actuation and draw.random() < how.mirror
+    moved = draw.random() < how.moved
+    angle, zoom, shift = _far(how, size, draw) if moved else _near(how, size, draw)
+    mirror = sizes.mirrors and draw.random() < how.mirror
     cos, sin = math.cos(angle) / zoom, math.sin(angle) / zoom
     matrix = np.array([[cos, -sin, 0.0], [sin, cos, 0.0]])
     if mirror:
@@ -125,7 +125,7 @@ def augmented(
         quarter = matrix.copy()
         quarter[:, 2] = (matrix[:, :2].sum(axis=1) * 1.5 + matrix[:, 2] - 1.5) / 4.0
         where = cv2.warpAffine(heat, quarter, (size // 4, size // 4), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-    return Altered(_other_light(out.astype(np.float32), how, draw), where, not strange)
+    return Altered(_other_light(out.astype(np.float32), how, draw), where, moved)
 
 
 def _near(how: Augmentation, size: int, draw: np.random.Generator) -> _Move:
@@ -144,7 +144,7 @@ def _far(how: Augmentation, size: int, draw: np.random.Generator) -> _Move:
         towards = draw.uniform(0.0, 2.0 * math.pi)
         shift = _beyond(_SHIFT, how.shift, draw) * size * np.array([math.cos(towards), math.sin(towards)])
     elif kind == 1:
-        angle = math.copysign(math.radians(_beyond(_TURN_DEG, how.turn_deg, draw)), draw.uniform(-1.0, 1.0))
+        angle = math.copysign(math.radians(min(180.0, _beyond(_TURN_DEG, how.turn_deg, draw))), draw.uniform(-1.0, 1.0))
         shift = shift + arm * np.array([1.0 - math.cos(angle), -math.sin(angle)])
     else:
         zoom = math.exp(math.copysign(_beyond(_ZOOM, how.zoom, draw), draw.uniform(-1.0, 1.0)))
@@ -179,9 +179,9 @@ def _other_light(grey: Numbers, how: Augmentation, draw: np.random.Generator) ->
             ends = draw.integers(0, size, 4).tolist()
             shade, thick = float(draw.uniform(0.0, 255.0)), int(draw.integers(1, 1 + max(2, size // 32)))
             if draw.random() < 0.7:
-                cv2.line(grey, (ends[0], ends[1]), (ends[2], ends[3]), shade, thick, cv2.LINE_AA)
+                cv2.line(grey, (ends[0], ends[1]), (ends[2], ends[3]), shade, thick)
             else:
-                cv2.circle(grey, (ends[0], ends[1]), 2 * thick, shade, cv2.FILLED, cv2.LINE_AA)
+                cv2.circle(grey, (ends[0], ends[1]), 2 * thick, shade, cv2.FILLED)
     if how.noise:
         first = int(draw.integers(0, _NOISES - size * size))
         grey += _noises()[first : first + size * size].reshape(size, size) * np.float32(draw.uniform(0.0, how.noise))

@@ -65,10 +65,16 @@ class CompactTask:
         """The last dense layers and what takes the sheet."""
         return ("answer.", "sheet.", "actuation_", "familiar.")
 
+    @property
+    def mirrors(self) -> bool:
+        """Whether training mirrors pictures; nobody knows which other actuation changes its sign in a mirror."""
+        asked = self.augmentation is not None and self.augmentation.mirror > 0
+        return asked and self.planar is not None and not self.actuation
+
     def build(self) -> "nn.Module":
         """See `build_compact`."""
-        mirror, how = None, self.augmentation
-        if self.planar is not None and not self.actuation and how is not None and how.mirror > 0:  # as it is taught
+        mirror = None
+        if self.mirrors and self.planar is not None:
             signs = np.ones(self.outputs), np.ones(self.sheet)
             signs[0][self.planar[1]] = signs[1][CURVATURE] = -1.0
             mirror = tuple(signs[0].tolist()), tuple(signs[1].tolist())
@@ -93,7 +99,7 @@ class CompactTask:
                 altered = augmented(
                     samples.pictures[place], where, taken["force_n"][k], taken["sheet"][k], self, draws[k]
                 )
-                pictures[k], seen, familiar[k] = altered.picture, altered.heat, altered.familiar
+                pictures[k], seen, familiar[k] = altered.picture, altered.heat, not altered.moved
             if seen is not None:
                 heat[k] = cv2.resize(seen, (grid, grid), interpolation=cv2.INTER_AREA) / np.float32(255.0)
         return taken | {"picture": pictures, "heat": heat, "familiar": familiar}
@@ -122,7 +128,7 @@ class CompactTask:
         return total
 
     def error_n(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
-        """(b,): length of the difference of the vectors; 0 for what is not to be answered, the others raised for it."""
+        """(b,): length of the difference of the vectors, weighted: the mean is that of those to be answered."""
         import torch
 
         return torch.linalg.vector_norm(outputs[0] - batch["force_n"], dim=1) * _share(batch)

@@ -103,12 +103,11 @@ def build_compact(
                 self.register_buffer("sheet_signs", torch.tensor(mirror[1]), persistent=False)
 
         def forward(self, picture: Tensor, sheet: Tensor, actuation: Tensor | None = None) -> tuple[Tensor, ...]:
-            if self.training or mirror is None:
+            if self.training or mirror is None or actuation is not None:
                 return self.looked(picture, sheet, actuation)
             count = picture.shape[0]
             pictures, sheets = torch.cat([picture, picture.flip(1)]), torch.cat([sheet, sheet * self.sheet_signs])
-            told = None if actuation is None else torch.cat([actuation, actuation])
-            found = self.looked(pictures, sheets, told)
+            found = self.looked(pictures, sheets, None)
             force, log_variance, contact, where, familiar = (each[:count] for each in found[:5])
             mirrored = [each[count:] for each in found[:5]]
             return (

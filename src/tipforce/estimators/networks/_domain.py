@@ -30,6 +30,7 @@ class Domain:
     """``centre`` (d,), principal ``directions`` (d, k), the features' ``spread`` (k,) along and ``rest`` beside them.
 
     ``rest`` is the root mean square of what is beside the directions. ``far``: the largest distance that is known.
+    ``weight``: of what is along the directions, whose rest is that of what is beside them.
     """
 
     centre: FloatArray
@@ -37,6 +38,7 @@ class Domain:
     spread: FloatArray
     rest: float
     far: float
+    weight: float = 0.5
 
     def distance(self, features: npt.NDArray[Any]) -> FloatArray:
         """(n,) of ``features`` (n, d): up to 1 is known."""
@@ -44,7 +46,7 @@ class Domain:
         along = moved @ self.directions
         beside = np.sum(moved * moved, axis=1) - np.sum(along * along, axis=1)
         within = np.mean((along / self.spread) ** 2, axis=1)
-        return np.sqrt(0.5 * (within + beside / self.rest**2)) / self.far
+        return np.sqrt(self.weight * within + (1.0 - self.weight) * beside / self.rest**2) / self.far
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """For the model store."""
@@ -52,7 +54,7 @@ class Domain:
             "centre": self.centre.astype(np.float32),
             "directions": self.directions.astype(np.float32),
             "spread": self.spread.astype(np.float32),
-            "rest_far": np.array([self.rest, self.far]),
+            "rest_far": np.array([self.rest, self.far, self.weight]),
         }
 
     @classmethod
@@ -95,13 +97,19 @@ class Domains:
 
 
 def learn_domains(
-    taught: npt.NDArray[Any], kept: npt.NDArray[Any], limiting: npt.NDArray[Any], start: Domains | None = None
+    taught: npt.NDArray[Any],
+    kept: npt.NDArray[Any],
+    limiting: npt.NDArray[Any],
+    start: Domains | None = None,
+    *,
+    beside: int | None = None,
 ) -> Domains:
     """One more domain, from the features ``taught`` (n, d) and ``limiting`` (m, d), and those of ``start`` that count.
 
     ``start``: of the network that this one began with; they count where they know the ``kept`` (k, d) pictures, too.
+    ``beside``: see `learn_domain`.
     """
-    own = learn_domain(taught, limiting)
+    own = learn_domain(taught, limiting, beside)
     before: tuple[Domain, ...] = ()
     if start is not None and start.each[0].centre.shape == own.centre.shape:
         before = tuple(each for each in start.each if np.mean(each.distance(kept) <= 1.0) >= _ALIKE)
@@ -117,16 +125,19 @@ def refused_as_strange(stamp_ns: int, domains: Domains, features: npt.NDArray[An
     return ForceEstimate.invalid(stamp_ns, Status.OUT_OF_DOMAIN, said)
 
 
-def learn_domain(taught: npt.NDArray[Any], kept: npt.NDArray[Any]) -> Domain:
-    """From the features (n, d) of the training part, and those (m, d) of what was kept from it."""
+def learn_domain(taught: npt.NDArray[Any], kept: npt.NDArray[Any], beside: int | None = None) -> Domain:
+    """From the features (n, d) of the training part, and those (m, d) of what was kept from it.
+
+    ``beside``: only what is beside so many directions counts, for features of which a few say what is to be answered.
+    """
     features = taught.astype(np.float64)
     centre = features.mean(axis=0)
     moved = features - centre
     values, vectors = np.linalg.eigh(moved.T @ moved / len(moved))
     values, vectors = values[::-1], vectors[:, ::-1]
     covered = int(np.searchsorted(np.cumsum(values), _COVERED * values.sum())) + 1
-    count = max(1, min(covered, _DIRECTIONS, len(moved) // 4))
+    count = max(1, min(beside or covered, _DIRECTIONS, len(moved) // 4, features.shape[1] - 1))
     directions, spread = np.ascontiguousarray(vectors[:, :count]), np.sqrt(np.maximum(values[:count], 1e-12))
     rest = float(np.sqrt(max(values[count:].sum(), 1e-3 * values.sum())))
-    domain = Domain(centre, directions, spread, rest, 1.0)
+    domain = Domain(centre, directions, spread, rest, 1.0, 0.5 if beside is None else 0.0)
     return replace(domain, far=_MARGIN * float(np.quantile(domain.distance(kept), _FAR)))

@@ -35,8 +35,12 @@ class Limits:
     familiar: float
 
     def widened(self, other: "Limits") -> "Limits":
-        """All that one of both answers."""
-        return Limits(min(self.seen, other.seen), max(self.sigma_n, other.sigma_n), min(self.familiar, other.familiar))
+        """All that one of both answers; what only one of them was taught to refuse is refused."""
+        return Limits(
+            seen=min(filter(None, (self.seen, other.seen)), default=0.0),
+            sigma_n=max(self.sigma_n, other.sigma_n),
+            familiar=min(filter(math.isfinite, (self.familiar, other.familiar)), default=-math.inf),
+        )
 
 
 @dataclass(frozen=True, eq=False)

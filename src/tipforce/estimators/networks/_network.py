@@ -84,6 +84,8 @@ class Fitted:
     own: Arrays
     interval: Interval
     facts: dict[str, Any]
+    sessions: tuple[str, ...]
+    """All that it learnt from, those of what it began with among them."""
 
 
 class NetworkEstimator(Estimator):
@@ -148,6 +150,11 @@ class NetworkEstimator(Estimator):
     def needed_facts(self) -> tuple[str, ...]:
         """What every session of the training told. Raises NotFittedError before ``fit``."""
         return tuple(self._known().facts["told"])
+
+    @property
+    def taught_sessions(self) -> frozenset[str]:
+        """Those of what it began with, too. Raises NotFittedError before ``fit``."""
+        return frozenset(self._known().sessions)
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
         """Train on ``dataset``, all but a part that says when to stop and how wide the interval is.
@@ -220,7 +227,8 @@ class NetworkEstimator(Estimator):
             looked = Looked(graph, task, samples, part, dataset.stamp_ns[kept])
             own = self.own_arrays(looked)
             del prepared, samples, looked  # before the files they are maps of
-        held_out = dataset.subset(kept[part.validate])
+        held_out, earlier = dataset.subset(kept[part.validate]), self.begun()
+        learnt_from = f"{len(kept)} samples of {dataset.title}"
         self.fitted_ = Fitted(
             actuation=names,
             known=known,
@@ -240,11 +248,9 @@ class NetworkEstimator(Estimator):
                 "bits": 32 if small is None else 8,
                 "error_growth_in_8_bits": growth,
                 "started_from": None if start is None else start.describe()["network"],
-                "learnt_from": [
-                    *([] if start is None else start._known().facts["learnt_from"]),
-                    f"{len(kept)} samples of {dataset.title}",
-                ],
+                "learnt_from": [*earlier.facts["learnt_from"], learnt_from] if earlier else [learnt_from],
             },
+            sessions=tuple(sorted({*dataset.sessions, *(earlier.sessions if earlier else ())})),
         )
         # the part that chose the epoch promises nothing about another session, even where it was whole ones
         drawn = f"{'held-out' if part.sessions else 'random'} samples that also chose the epoch,"
@@ -346,6 +352,7 @@ class NetworkEstimator(Estimator):
             "known": fitted.known.tolist(),
             "interval": fitted.interval.values(),
             "facts": fitted.facts,
+            "sessions": list(fitted.sessions),
         }
         return values, fitted.own
 
@@ -375,7 +382,8 @@ class NetworkEstimator(Estimator):
             log=files[LOG],
             own=dict(arrays),
             interval=Interval.of(values["interval"]),
-            facts=dict(values["facts"]),
+            facts={"learnt_from": [f"{values['facts']['samples']} samples"], **values["facts"]},
+            sessions=tuple(values.get("sessions", ())),
         )
         made.start(Context())  # what an earlier version did not keep is missed here, not at the first frame
         return made

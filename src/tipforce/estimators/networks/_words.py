@@ -44,7 +44,7 @@ def network_words(facts: Mapping[str, Any]) -> Words:
     told = [f"{facts['network']}, {facts['parameters']:,} weights"]
     if facts["started_from"] is not None:
         new = f", but for {', '.join(facts['new_weights'])}" if facts["new_weights"] else ""
-        told.append(f"began with the weights of {facts['started_from']}, which had learnt from {earlier[-1]}{new}")
+        told.append(f"began with the weights of {facts['started_from']}{new}; they had learnt from {earlier[-1]}")
     told += [f"{left_out} samples could not be read: left out"] if left_out else []
     told += [
         f"trained {budget}",

@@ -1,7 +1,8 @@
 """A small network made for this task: the window around the catheter, its sheet, and a doubt of its own.
 
 Beyond the thesis: grey pictures of the window alone, heads for the force's variance, contact and the catheter's place,
-intervals that follow the doubt, and a plain refusal of what it was not taught.
+intervals that follow the doubt, the mean over a picture and its mirror image, and a plain refusal of what it was not
+taught: strange pictures, and those of a bench that was moved.
 """
 
 import itertools
@@ -162,10 +163,10 @@ class Compact(NetworkEstimator):
         )
 
     def own_arrays(self, looked: Looked) -> Arrays:
-        """Its doubt, what it refuses, and its lead: what training altered at random is not strange to it."""
+        """Its doubt, what it refuses, and its lead; what training altered, but did not move too far, is known to it."""
         how = self.settings.augmentation
         assert isinstance(looked.task, CompactTask)
-        looked = replace(looked, task=replace(looked.task, augmentation=how.model_copy(update={"strange": 0.0})))
+        looked = replace(looked, task=replace(looked.task, augmentation=how.model_copy(update={"moved": 0.0})))
         kept = looked.outputs(kept=True, altered=False)
         taught = looked.outputs(kept=False, altered=True)
         begun = self.begun()
@@ -174,7 +175,7 @@ class Compact(NetworkEstimator):
         sigma = sigma_of(kept, doubt, COMPACT_UNIT_N)
         size = np.array([magnitude_sigma(f, s) for f, s in zip(kept["force_n"].astype(np.float64), sigma, strict=True)])
         map_taught = looked.samples.heat is not None or (begun is not None and bool(begun.own["limit_seen"] > 0))
-        limits = limits_from(kept, size, self.settings.refused, map_taught=map_taught, moved_taught=how.strange > 0)
+        limits = limits_from(kept, size, self.settings.refused, map_taught=map_taught, moved_taught=how.moved > 0)
         if begun is not None and len(doubt.domains.each) > 1:  # what that one knew counts still
             limits = limits.widened(_limits_of(begun.own))
         lead = lead_from(looked, None if begun is None else _lead_of(begun.own))

@@ -15,6 +15,9 @@ from ._settings import DcfeSettings
 
 __all__ = ["Dcfe"]
 
+_FORCE_DIRECTIONS = 20
+"""Of the pooled features: along these known pictures differ, the first holds nearly all of their variance."""
+
 
 class Dcfe(NetworkEstimator):
     """Picture to Fx and Fy: 224 x 224 x 3, values 0..1 and nothing else; forces as they are, in newtons.
@@ -48,7 +51,8 @@ class Dcfe(NetworkEstimator):
         """Which pictures it knows."""
         taught, kept = (looked.outputs(kept=part, altered=False)["pooled"] for part in (False, True))
         begun = self.begun()
-        return learn_domains(taught, kept, kept, None if begun is None else Domains.of(begun.own)).arrays()
+        before = None if begun is None else Domains.of(begun.own)
+        return learn_domains(taught, kept, kept, before, beside=_FORCE_DIRECTIONS).arrays()
 
     def answering(self) -> Answering:
         """Estimates, or a refusal of what is unlike the training."""
