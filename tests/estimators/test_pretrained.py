@@ -123,7 +123,7 @@ def test_compact_answers_a_picture_and_its_mirror_image_alike(unseen: Dataset) -
 
 def test_compact_bears_small_disturbances(unseen: Dataset) -> None:
     model = load_pretrained("compact")
-    near = {("shift", "10 px"), ("shift", "20 px"), ("zoom", "× 0.9"), ("zoom", "× 1.1"), ("object", "10 %")}
+    near = {("shift", "10 px"), ("shift", "20 px"), ("zoom", "× 1.1"), ("object", "10 %")}
     some = unseen.subset(np.arange(0, len(unseen), 3))
     worst = 0.4 * np.mean(np.abs(some.magnitude_n - some.magnitude_n.mean()))
     for how in DISTURBANCES:
