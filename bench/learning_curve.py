@@ -165,7 +165,7 @@ def main() -> None:
             dataset = draw(dataset, options.samples)
         start = check_start(create(options.estimator, settings), options.start)
         if start is not None:
-            settings = settings.begun()
+            settings = settings.for_fine_tuning()
         named = {"estimator": options.estimator, "settings": settings.model_dump(mode="json"), "data": dataset.title}
         named |= {} if options.start is None else {"start": options.start}
 

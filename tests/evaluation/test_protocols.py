@@ -93,6 +93,15 @@ def test_a_saved_model_is_scored_on_sessions_it_never_saw(make_bench, make_ridge
     assert any("without 3 of 4 sessions" in note for note in result.notes)
 
 
+def test_weights_that_knew_sessions_of_the_data_are_told(make_bench, make_ridge):
+    data = make_bench()
+    begun = Candidate("ridge", make_ridge(), trained_sessions=frozenset({"s1", "elsewhere"}))
+    (told,) = evaluate(data, [begun], protocols=["session"]).notes
+    assert told.startswith("ridge begins with weights that had learnt from 1 of 4 sessions of these names (s1)")
+    new = Candidate("ridge", make_ridge(), trained_sessions=frozenset({"elsewhere"}))
+    assert not evaluate(data, [new], protocols=["session"]).notes
+
+
 def test_a_saved_model_is_not_scored_on_what_it_was_trained_on(make_bench, make_ridge):
     data = make_bench(sessions=4)
     saved = make_ridge().fit(data)

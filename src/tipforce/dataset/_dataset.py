@@ -71,6 +71,11 @@ class Dataset:
         return tuple(dict.fromkeys(self.session.tolist()))
 
     @property
+    def force_frames(self) -> set[str]:
+        """Frames that the sessions' forces are in: "base" as far as nothing else is noted."""
+        return {context.notes.get("force_frame", "base") for context in self.contexts.values()}
+
+    @property
     def magnitude_n(self) -> FloatArray:
         """(n,): magnitude of the known components."""
         return np.sqrt(np.sum(self.force_n[:, self.known] ** 2, axis=1))

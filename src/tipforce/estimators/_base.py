@@ -120,7 +120,7 @@ class Estimator(ABC):
 
     @property
     def taught_sessions(self) -> frozenset[str]:
-        """Sessions that this fitted method learnt from before its last fit, where it did: they are not new to it."""
+        """Sessions that are not new to this fitted method, if it began with one that had learnt: those of both."""
         return frozenset()
 
     def describe(self) -> dict[str, Any]:

@@ -77,8 +77,7 @@ def train(
 
 def _check_calibration(dataset: Dataset, calibrate: Dataset) -> None:
     """Ask before training for minutes."""
-    shared = [name for name in calibrate.sessions if name in dataset.sessions]
-    if shared:
+    if shared := sorted({*calibrate.sessions} & {*dataset.sessions}):
         raise InputError(
             f"{calibrate.title}: {shared[0]} is in the training data, too, where errors are smaller than elsewhere; "
             f"leave it out there (--without {shared[0]}), or rename it if it is another session"
@@ -87,21 +86,16 @@ def _check_calibration(dataset: Dataset, calibrate: Dataset) -> None:
         raise InputError(
             f"{calibrate.title}: lacks force components that {dataset.title} has; the intervals need all of them"
         )
-    ours, theirs = _frames(dataset), _frames(calibrate)
-    if not theirs <= ours:
+    if other := calibrate.force_frames - dataset.force_frames:
         raise InputError(
-            f"{calibrate.title}: its forces are in the frame {', '.join(sorted(theirs - ours))}, those of "
-            f"{dataset.title} in {', '.join(sorted(ours))}; convert one of them"
+            f"{calibrate.title}: its forces are in the frame {min(other)}, those of {dataset.title} in "
+            f"{', '.join(sorted(dataset.force_frames))}; convert one of them"
         )
     views, there = (next(data.observations()).views.keys() for data in (dataset, calibrate))
     if views - there:
         raise InputError(
             f"{calibrate.title}: has no view {min(views - there)!r}, which {dataset.title} has; the intervals need it"
         )
-
-
-def _frames(data: Dataset) -> set[str]:
-    return {context.notes.get("force_frame", "base") for context in data.contexts.values()}
 
 
 def _measured(fitted: Estimator, test: Dataset) -> dict[str, Any]:

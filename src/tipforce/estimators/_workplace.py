@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..learning import CHECKPOINT, LOG
 from ._base import Estimator
 from .networks import PREPARED, NetworkEstimator
-from .store import load_model
+from .store import MANIFEST, load_model
 
 __all__ = ["check_start", "workplace"]
 
@@ -26,7 +26,7 @@ def check_start(recipe: Estimator, start: str | None, *, resume: bool = False) -
         raise InputError(f"{option} is for networks; {recipe.name} always learns from nothing, so leave it out")
     if start is None:
         return None
-    if start == "pretrained" and not (Path(start) / "model.json").is_file():
+    if start == "pretrained" and not (Path(start) / MANIFEST).is_file():
         start = f"pretrained/{recipe.name}"
     model = load_model(start)
     if not isinstance(model, NetworkEstimator) or model.name != recipe.name:

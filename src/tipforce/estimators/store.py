@@ -95,14 +95,14 @@ def _manifest(
     metrics: Mapping[str, Any] | None,
     values: dict[str, Any],
 ) -> dict[str, Any]:
-    frames = {context.notes.get("force_frame", "base") for context in training.contexts.values()}
+    frames = sorted(training.force_frames)
     return {
         "format": "tipforce model",
         "format_version": FORMAT_VERSION,
         "method": estimator.name,
         "settings": estimator.settings.model_dump(mode="json"),
         "units": {"force": "N", "stamp": "ns", "actuation": "as named"},
-        "frame_of_forces": sorted(frames)[0] if len(frames) == 1 else sorted(frames),
+        "frame_of_forces": frames[0] if len(frames) == 1 else frames,
         "state": values,
         "facts": estimator.describe(),
         "training": {

@@ -34,7 +34,7 @@ def candidates_from(
             begin = check_start(recipe, start)
             if isinstance(recipe, NetworkEstimator) and begin is not None:
                 recipe = recipe.beginning_with(begin)
-            made.append(Candidate(model, recipe))
+            made.append(Candidate(model, recipe, trained_sessions=begin.taught_sessions if begin else frozenset()))
         else:
             known = ", ".join(ESTIMATORS)
             raise InputError(

@@ -16,7 +16,7 @@ from ._evaluation import AS_SAVED, PROTOCOLS, Candidate, Evaluation, Row
 from ._judging import in_contact, row_of
 from ._outcome import Outcome, gather
 from ._protocols import places_in, run_splits
-from ._saved import saved_alone, saved_row
+from ._saved import begun_notes, saved_alone, saved_row
 from ._timing import time_per_frame
 
 __all__ = ["evaluate"]
@@ -76,7 +76,7 @@ def evaluate(
         truth_n, bounds = truth_n[places], None if bounds is None else bounds.at(places)
     contact = in_contact(dataset, truth_n)
     thesis_samples = samples or max(candidate.recipe.thesis_samples for candidate in candidates)
-    notes: list[str] = []
+    notes = begun_notes(candidates, dataset)
     plans: dict[Protocol, list[Split]] = {}
     refusals: dict[str, InputError] = {}
 

@@ -31,7 +31,8 @@ class Candidate:
     """A method to be judged: ``recipe`` is trained anew on every split.
 
     ``saved``: a fitted model, scored as it is on the sessions that are not in ``trained_sessions``;
-    ``trained_fingerprint``: of the data it was trained on.
+    ``trained_fingerprint``: of the data it was trained on. Where a ``recipe`` begins with a model's weights,
+    ``trained_sessions`` are that model's.
     """
 
     label: str

@@ -12,7 +12,7 @@ from ._evaluation import AS_SAVED, Candidate, Row
 from ._outcome import gather
 from ._protocols import Trained
 
-__all__ = ["saved_alone", "saved_row"]
+__all__ = ["begun_notes", "saved_alone", "saved_row"]
 
 
 def saved_row(
@@ -41,6 +41,17 @@ def saved_row(
     index = np.flatnonzero(~np.isin(dataset.session, seen))
     found = candidate.saved.answers(dataset.subset(index))
     return judge(gather(candidate.label, AS_SAVED, AS_SAVED, dataset, index, found, contact), None)
+
+
+def begun_notes(candidates: Sequence[Candidate], dataset: Dataset) -> list[str]:
+    """A sentence for each method that begins with weights which had learnt from sessions of ``dataset``."""
+    found = {candidate.label: _taught(candidate, dataset) for candidate in candidates if candidate.saved is None}
+    return [
+        f"{label} begins with weights that had learnt from {len(seen)} of {len(dataset.sessions)} sessions of these "
+        f"names ({_some(seen)}): where they are tested on they are not new to it."
+        for label, seen in found.items()
+        if seen
+    ]
 
 
 def saved_alone(
@@ -99,6 +110,10 @@ def _seen(candidate: Candidate, dataset: Dataset, everything: Dataset) -> list[s
     """Sessions of ``dataset`` that the saved model was trained on."""
     if candidate.trained_fingerprint == everything.fingerprint():
         return list(dataset.sessions)
+    return _taught(candidate, dataset)
+
+
+def _taught(candidate: Candidate, dataset: Dataset) -> list[str]:
     return [name for name in dataset.sessions if name in candidate.trained_sessions]
 
 

@@ -30,7 +30,7 @@ class Domain:
     """``centre`` (d,), principal ``directions`` (d, k), the features' ``spread`` (k,) along and ``rest`` beside them.
 
     ``rest`` is the root mean square of what is beside the directions. ``far``: the largest distance that is known.
-    ``weight``: of what is along the directions, whose rest is that of what is beside them.
+    ``weight``: the share that what is along the directions has in the distance; the rest is of what is beside them.
     """
 
     centre: FloatArray

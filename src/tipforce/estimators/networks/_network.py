@@ -198,8 +198,7 @@ class NetworkEstimator(Estimator):
             prepared = self._prepared(dataset, names, place, lambda share: report("preparing pictures", 0.1 * share))
             samples = samples_of(dataset, prepared, known)
             part = validation_part(samples.session, self.settings)
-            in_base = all(each.notes.get("force_frame", "base") == "base" for each in dataset.contexts.values())
-            task = self.task(known, in_base, spread_of(samples.inputs.get("actuation")))
+            task = self.task(known, dataset.force_frames == {"base"}, spread_of(samples.inputs.get("actuation")))
             learnt = learn(
                 task, samples, part, self.settings,
                 start=None if start is None else weights_of(start.files()[MODEL]),
@@ -341,7 +340,7 @@ class NetworkEstimator(Estimator):
         if model.name != self.name:
             raise InputError(f"a {self.name} cannot begin with the weights of a {model.name}; name a {self.name}")
         made = self.unfitted()
-        made.settings, made._begin = self.settings.begun(), model
+        made.settings, made._begin = self.settings.for_fine_tuning(), model
         return made
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:

@@ -14,17 +14,17 @@ __all__ = ["CompactSettings", "DcfeSettings"]
 class NetworkSettings(Recipe):
     """What all networks have."""
 
-    when_begun: ClassVar[Mapping[str, Any]] = {}
+    fine_tuning: ClassVar[Mapping[str, Any]] = {}
     """What is otherwise where training begins with a model's weights, as long as nothing else is stated."""
 
-    def begun(self) -> Self:
+    def for_fine_tuning(self) -> Self:
         """The settings for a training that begins with a model's weights.
 
-        >>> CompactSettings(epochs=3).begun().epochs, CompactSettings().begun().rate
+        >>> CompactSettings(epochs=3).for_fine_tuning().epochs, CompactSettings().for_fine_tuning().rate
         (3, 0.0005)
         """
         return self.model_copy(
-            update={name: value for name, value in self.when_begun.items() if name not in self.model_fields_set}
+            update={name: value for name, value in self.fine_tuning.items() if name not in self.model_fields_set}
         )
 
     view: str = "camera"
@@ -41,7 +41,7 @@ class DcfeSettings(NetworkSettings):
     may be set. ``patience`` ends training before its budget is used up.
     """
 
-    when_begun: ClassVar[Mapping[str, Any]] = {
+    fine_tuning: ClassVar[Mapping[str, Any]] = {
         "epochs": 80,
         "patience": None,
         "optimiser": "adamw",
@@ -72,7 +72,7 @@ class DcfeSettings(NetworkSettings):
 class CompactSettings(NetworkSettings):
     """A small network on the window around the catheter; see `Compact`."""
 
-    when_begun: ClassVar[Mapping[str, Any]] = {"rate": 0.0005}
+    fine_tuning: ClassVar[Mapping[str, Any]] = {"rate": 0.0005}
 
     components: Literal["xy", "all"] = "all"
     """Components to learn: those in the picture's plane, or all that the training data know."""
