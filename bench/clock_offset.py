@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from tipforce.recording import RecordingReader, estimate_offset, shape_coordinates
-from tipforce.twin import Truth, read_truth
+from tipforce.simulation import Truth, read_truth
 from tipforce.types import FloatArray, Frame, IntArray
 from tipforce.vision import Vision, VisionSettings, settle
 

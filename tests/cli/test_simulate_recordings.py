@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from tipforce.cli import app
 from tipforce.errors import FileFormatError, InputError
 from tipforce.recording import RecordingReader, labels
-from tipforce.twin import read_truth, truth_path
+from tipforce.simulation import read_truth, truth_path
 
 ARGUMENTS = ["--sessions", "2", "--seconds", "12", "--set", "world.tare_s=2", "--seed", "4"]
 

@@ -14,7 +14,7 @@ from tipforce.cli._simulated_samples import write_samples
 from tipforce.dataset import open_dataset
 from tipforce.errors import InputError
 from tipforce.recording import RecordingReader, SensorPose, labels, record
-from tipforce.twin import PRESETS, read_truth, sample_set
+from tipforce.simulation import PRESETS, read_truth, sample_set
 from tipforce.types import SimulatedClock
 
 SMALL = PRESETS["bench-2021"].model_copy(update={"width": 320, "height": 240})
