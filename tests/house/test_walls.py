@@ -24,8 +24,8 @@ ALLOWED: dict[str, set[str]] = {
     "vision": BASE | {"geometry"},
     "recording": BASE | {"geometry", "vision"},
     "dataset": BASE | {"geometry", "vision", "recording"},
-    "learning": BASE | {"geometry"},
-    "estimators": BASE | {"geometry", "vision", "recording", "dataset", "mechanics", "learning"},
+    "training": BASE | {"geometry"},
+    "estimators": BASE | {"geometry", "vision", "recording", "dataset", "mechanics", "training"},
     "evaluation": BASE | {"geometry", "vision", "recording", "dataset", "mechanics", "estimators"},
 }
 """docs/design.md draws this; what is not listed may not be imported."""
@@ -113,7 +113,7 @@ NEVER = ("torch", "monai", "onnx", "onnxscript", "onnxruntime", "openvino")
     [
         ("tipforce", (*NEVER, "matplotlib", "sklearn", "av", "starlette", "numba")),
         ("tipforce.cli", (*NEVER, "matplotlib", "sklearn", "av", "starlette", "numba")),
-        ("tipforce.learning", NEVER),
+        ("tipforce.training", NEVER),
         ("tipforce.estimators", NEVER),
         ("tipforce.evaluation", NEVER),
     ],
