@@ -24,7 +24,7 @@ from tipforce.estimators import (
 )
 from tipforce.estimators.networks import _network
 from tipforce.estimators.networks._prepared import prepare
-from tipforce.learning import weights_of
+from tipforce.training import weights_of
 from tipforce.types import Context, Observation, Status
 
 pytest.importorskip("torch", reason="training needs the extra [train]")

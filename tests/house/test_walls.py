@@ -25,12 +25,12 @@ ALLOWED: dict[str, set[str]] = {
     "io": BASE | {"geometry"},
     "alignment": BASE | {"geometry", "vision", "io"},
     "datasets": BASE | {"geometry", "vision", "io", "alignment"},
-    "learning": BASE | {"geometry"},
-    "estimators": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "learning"},
+    "training": BASE | {"geometry"},
+    "estimators": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "training"},
     "evaluation": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "estimators"},
     "pipelines": BASE
     | {
-        *("geometry", "mechanics", "twin", "vision", "io", "alignment", "datasets", "learning"),
+        *("geometry", "mechanics", "twin", "vision", "io", "alignment", "datasets", "training"),
         *("estimators", "evaluation"),
     },
 }
@@ -119,7 +119,7 @@ NEVER = ("torch", "monai", "onnx", "onnxscript", "onnxruntime", "openvino")
     [
         ("tipforce", (*NEVER, "matplotlib", "sklearn", "av", "starlette", "numba")),
         ("tipforce.cli", (*NEVER, "matplotlib", "sklearn", "av", "starlette", "numba")),
-        ("tipforce.learning", NEVER),
+        ("tipforce.training", NEVER),
         ("tipforce.estimators", NEVER),
         ("tipforce.evaluation", NEVER),
     ],

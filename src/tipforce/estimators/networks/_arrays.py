@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ...datasets import Dataset
 from ...errors import InputError
-from ...learning import Part, Samples, Task
+from ...training import Part, Samples, Task
 from ...types import BoolArray, Image, IntArray, Observation
 from .._reading import Refusal, read_actuation
 from ._graph import Graph

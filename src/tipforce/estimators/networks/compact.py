@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ...datasets import Dataset
 from ...errors import InputError
-from ...learning import COMPACT_OUTPUTS, COMPACT_UNIT_N, UNKNOWN, CompactTask
+from ...training import COMPACT_OUTPUTS, COMPACT_UNIT_N, UNKNOWN, CompactTask
 from ...types import (
     BASE_SIDE,
     KNOB,

@@ -4,10 +4,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["Recipe"]
+__all__ = ["TrainConfig"]
 
 
-class Recipe(BaseModel):
+class TrainConfig(BaseModel):
     """Budget, optimiser and machine. A method derives its settings from this, with defaults of its own."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

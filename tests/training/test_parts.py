@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tipforce.errors import InputError
-from tipforce.learning import Recipe, Samples, validation_part
+from tipforce.training import Samples, TrainConfig, train_val_split
 
 
 def sessions(count: int, each: int) -> np.ndarray:
@@ -13,14 +13,14 @@ def sessions(count: int, each: int) -> np.ndarray:
 
 def test_whole_sessions_where_the_share_comes_to_one() -> None:
     session = sessions(20, 5)
-    part = validation_part(session, Recipe())
+    part = train_val_split(session, TrainConfig())
     assert part.sessions
     assert len(set(session[part.validate])) == 2
     assert not set(session[part.validate]) & set(session[part.train])
 
 
 def test_samples_where_there_are_few_sessions() -> None:
-    part = validation_part(sessions(4, 25), Recipe())
+    part = train_val_split(sessions(4, 25), TrainConfig())
     assert not part.sessions
     assert len(part.validate) == 10
     assert np.array_equal(np.sort(np.concatenate([part.train, part.validate])), np.arange(100))
@@ -28,9 +28,9 @@ def test_samples_where_there_are_few_sessions() -> None:
 
 def test_what_cannot_be_parted_is_refused() -> None:
     with pytest.raises(InputError, match="at least two sessions"):
-        validation_part(sessions(1, 30), Recipe(hold_out="session"))
+        train_val_split(sessions(1, 30), TrainConfig(hold_out="session"))
     with pytest.raises(InputError, match="too few to train on"):
-        validation_part(sessions(1, 2), Recipe())
+        train_val_split(sessions(1, 2), TrainConfig())
 
 
 def test_samples_of_different_lengths_are_refused() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ._recipe import Recipe
+from ._recipe import TrainConfig
 from ._samples import Samples
 from ._task import Task
 from ._weights import Weights
@@ -22,7 +22,9 @@ FREE = {"minutes", "patience", "workers"}
 """Settings that may change between a training and what goes on from it."""
 
 
-def identity_of(task: Task, samples: Samples, recipe: Recipe, precision: str, start: Weights | None) -> dict[str, str]:
+def identity_of(
+    task: Task, samples: Samples, recipe: TrainConfig, precision: str, start: Weights | None
+) -> dict[str, str]:
     """What must be the same for a checkpoint to be gone on from, in words that a person may read."""
     free = FREE if recipe.schedule == "cosine" else FREE | {"epochs"}
     settings = {**recipe.model_dump(mode="json"), "precision": precision}

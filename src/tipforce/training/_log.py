@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ._recipe import Recipe
+from ._recipe import TrainConfig
 
 __all__ = ["LOG", "Log", "duration", "progress_line"]
 
@@ -37,11 +37,11 @@ class Log:
                 stream.write(json.dumps(row) + "\n")
 
 
-def progress_line(row: dict[str, Any], recipe: Recipe) -> str:
+def progress_line(row: dict[str, Any], recipe: TrainConfig) -> str:
     """The epoch ``row`` of ``recipe`` in a line.
 
     >>> progress_line({"epoch": 2, "loss": 0.05, "validation_error_n": 0.041, "training_error_n": 0.05,
-    ...     "pictures_per_s": 61.2, "waiting_share": 0.021, "seconds": 90.0}, Recipe(epochs=10))
+    ...     "pictures_per_s": 61.2, "waiting_share": 0.021, "seconds": 90.0}, TrainConfig(epochs=10))
     'epoch 2/10: loss 0.0500, error 41.0 mN (training 50.0), 61 pictures/s, waiting 2 %, at most 6 min left'
     """
     left_s = row["seconds"] / row["epoch"] * (recipe.epochs - row["epoch"])

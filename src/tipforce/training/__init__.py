@@ -6,11 +6,11 @@ from ._compact import COMPACT_UNIT_N, CompactTask
 from ._compact_network import COMPACT_OUTPUTS
 from ._export import export_graph, parity_n, weights_of
 from ._log import LOG, duration
-from ._loop import Learnt, Progress, learn
+from ._loop import Progress, TrainResult, train_network
 from ._machine import require_torch
-from ._parts import Part, validation_part
+from ._parts import Part, train_val_split
 from ._quantise import LARGEST_GROWTH, error_growth, quantise
-from ._recipe import Recipe
+from ._recipe import TrainConfig
 from ._resnet import RESNET_OUTPUTS, ResnetTask
 from ._samples import UNKNOWN, Samples
 from ._task import Task
@@ -26,22 +26,22 @@ __all__ = [
     "UNKNOWN",
     "Augmentation",
     "CompactTask",
-    "Learnt",
     "Part",
     "Progress",
-    "Recipe",
     "ResnetTask",
     "Samples",
     "Task",
+    "TrainConfig",
+    "TrainResult",
     "duration",
     "error_growth",
     "export_graph",
-    "learn",
     "network_of",
     "parity_n",
     "quantise",
     "require_torch",
-    "validation_part",
+    "train_network",
+    "train_val_split",
     "weights_in",
     "weights_of",
 ]

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tipforce.learning import ResnetTask, Samples, network_of, weights_in
+from tipforce.training import ResnetTask, Samples, network_of, weights_in
 
 torch = pytest.importorskip("torch", reason="training needs the extra [train]")
 pytest.importorskip("monai", reason="training needs the extra [train]")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import MissingExtraError
-from ._recipe import Recipe
+from ._recipe import TrainConfig
 
 __all__ = ["Machine", "machine_for", "reproducible", "require_torch"]
 
@@ -32,7 +32,7 @@ class Machine:
     text: str
 
 
-def machine_for(recipe: Recipe) -> Machine:
+def machine_for(recipe: TrainConfig) -> Machine:
     """One CUDA device where there is one, else the CPU."""
     import torch
 

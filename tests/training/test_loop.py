@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 
 from tipforce.errors import InputError
-from tipforce.learning import Learnt, Recipe, Samples, learn, network_of, validation_part, weights_in
+from tipforce.training import Samples, TrainConfig, TrainResult, network_of, train_network, train_val_split, weights_in
 
 Bars = Callable[..., Samples]
 
 
-def trained(task: Any, samples: Samples, recipe: Recipe, **options: Any) -> Learnt:
-    return learn(task, samples, validation_part(samples.session, recipe), recipe, **options)
+def trained(task: Any, samples: Samples, recipe: TrainConfig, **options: Any) -> TrainResult:
+    return train_network(task, samples, train_val_split(samples.session, recipe), recipe, **options)
 
 
-def same(a: Learnt, b: Learnt) -> bool:
+def same(a: TrainResult, b: TrainResult) -> bool:
     timeless = [
         [{k: v for k, v in row.items() if k in ("epoch", "loss", "validation_error_n")} for row in each.rows]
         for each in (a, b)
@@ -32,7 +32,7 @@ def same(a: Learnt, b: Learnt) -> bool:
     return a.weights.keys() == b.weights.keys() and all(equal) and timeless[0] == timeless[1]
 
 
-def test_it_learns(tiny: Any, bars: Bars, quick: Recipe) -> None:
+def test_it_learns(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
     samples = bars(128)
     learnt = trained(tiny(), samples, quick.model_copy(update={"epochs": 15}))
     spread_n = float(np.mean(np.abs(samples.force_n - samples.force_n.mean(axis=0))))
@@ -44,7 +44,7 @@ def test_it_learns(tiny: Any, bars: Bars, quick: Recipe) -> None:
 
 @pytest.mark.parametrize("precision", ["fp32", "bf16"])
 def test_the_same_seed_is_the_same_network_however_many_threads_feed_it(
-    tiny: Any, bars: Bars, quick: Recipe, precision: str
+    tiny: Any, bars: Bars, quick: TrainConfig, precision: str
 ) -> None:
     recipe = quick.model_copy(update={"precision": precision})
     one = trained(tiny(), bars(), recipe)
@@ -52,7 +52,7 @@ def test_the_same_seed_is_the_same_network_however_many_threads_feed_it(
     assert not same(one, trained(tiny(), bars(), recipe.model_copy(update={"seed": 1})))
 
 
-def test_what_is_drawn_hangs_on_seed_epoch_and_sample_alone(tiny: Any, bars: Bars, quick: Recipe) -> None:
+def test_what_is_drawn_hangs_on_seed_epoch_and_sample_alone(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
     small, large = tiny(), tiny()
     trained(small, bars(), quick.model_copy(update={"batch": 4}))
     trained(large, bars(), quick)
@@ -65,9 +65,9 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from conftest import Tiny, bars_drawn
-from tipforce.learning import Recipe, learn, validation_part
-recipe, samples = Recipe.model_validate_json(sys.argv[3]), bars_drawn()
-learn(Tiny(), samples, validation_part(samples.session, recipe), recipe, folder=Path(sys.argv[2]))
+from tipforce.training import TrainConfig, train_network, train_val_split
+recipe, samples = TrainConfig.model_validate_json(sys.argv[3]), bars_drawn()
+train_network(Tiny(), samples, train_val_split(samples.session, recipe), recipe, folder=Path(sys.argv[2]))
 """
 
 PLAIN = {"optimiser": "sgd", "schedule": "plateau", "plateau_epochs": 2, "precision": "fp32"}
@@ -76,7 +76,7 @@ FULL = {"optimiser": "adamw", "schedule": "cosine", "average": 0.9, "clip_norm":
 
 @pytest.mark.parametrize("extra", [PLAIN, FULL], ids=["sgd", "adamw with average"])
 def test_a_killed_training_goes_on_to_the_same_result(
-    tiny: Any, bars: Bars, quick: Recipe, tmp_path: Path, extra: dict[str, Any]
+    tiny: Any, bars: Bars, quick: TrainConfig, tmp_path: Path, extra: dict[str, Any]
 ) -> None:
     recipe = quick.model_copy(update={"epochs": 8, **extra})
     whole = trained(tiny(), bars(), recipe)
@@ -105,7 +105,7 @@ def test_a_killed_training_goes_on_to_the_same_result(
     assert not list(tmp_path.glob("*.part"))
 
 
-def test_it_stops_when_nothing_gets_better_and_keeps_the_best(tiny: Any, bars: Bars, quick: Recipe) -> None:
+def test_it_stops_when_nothing_gets_better_and_keeps_the_best(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
     hopeless = quick.model_copy(update={"epochs": 50, "patience": 2, "rate": 1e-12})
     learnt = trained(tiny(), bars(), hopeless)
     assert learnt.facts["epochs_run"] == learnt.facts["best_epoch"] + 2 < 50
@@ -115,7 +115,7 @@ def test_it_stops_when_nothing_gets_better_and_keeps_the_best(tiny: Any, bars: B
     assert trained(tiny(), bars(), quick).facts["ended"] == "all epochs were run"
 
 
-def test_a_plateau_halves_the_rate(tiny: Any, bars: Bars, quick: Recipe) -> None:
+def test_a_plateau_halves_the_rate(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
     still = quick.model_copy(update={"epochs": 6, "rate": 1e-30, "schedule": "plateau", "plateau_epochs": 2})
     scales = [row["rate_scale"] for row in trained(tiny(), bars(), still).rows]
     assert scales[0] == 1.0
@@ -123,12 +123,12 @@ def test_a_plateau_halves_the_rate(tiny: Any, bars: Bars, quick: Recipe) -> None
     assert set(np.diff(np.log2(scales)).tolist()) <= {0.0, -1.0}
 
 
-def test_training_that_diverges_says_so(tiny: Any, bars: Bars, quick: Recipe) -> None:
+def test_training_that_diverges_says_so(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
     with pytest.raises(InputError, match=r"left the finite numbers in epoch .*--set rate=1e\+29"):
         trained(tiny(), bars(), quick.model_copy(update={"rate": 1e30}))
 
 
-def test_training_starts_from_other_weights(tiny: Any, bars: Bars, quick: Recipe) -> None:
+def test_training_starts_from_other_weights(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
     before = trained(tiny(), bars(), quick)
     still = quick.model_copy(update={"epochs": 1, "rate": 1e-30})
     after = trained(tiny(), bars(), still, start=before.weights)
@@ -142,7 +142,7 @@ def test_training_starts_from_other_weights(tiny: Any, bars: Bars, quick: Recipe
         trained(tiny(), bars(), still, start={"dense.weight": before.weights["dense.weight"]})
 
 
-def test_another_training_is_not_gone_on_with(tiny: Any, bars: Bars, quick: Recipe, tmp_path: Path) -> None:
+def test_another_training_is_not_gone_on_with(tiny: Any, bars: Bars, quick: TrainConfig, tmp_path: Path) -> None:
     trained(tiny(), bars(), quick, folder=tmp_path)
     longer = quick.model_copy(update={"epochs": 4})
     assert len(trained(tiny(), bars(), longer, folder=tmp_path, resume=True).rows) == 4
@@ -155,14 +155,14 @@ def test_another_training_is_not_gone_on_with(tiny: Any, bars: Bars, quick: Reci
         trained(tiny(), bars(), quick, folder=tmp_path, resume=True)
 
 
-def test_an_error_in_a_background_thread_is_not_lost(tiny: Any, bars: Bars, quick: Recipe) -> None:
+def test_an_error_in_a_background_thread_is_not_lost(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
     task = tiny()
     task.batch = lambda *_: 1 / 0
     with pytest.raises(ZeroDivisionError):
         trained(task, bars(), quick)
 
 
-def test_progress_tells_what_a_person_asks(tiny: Any, bars: Bars, quick: Recipe) -> None:
+def test_progress_tells_what_a_person_asks(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
     said: list[tuple[str, float]] = []
     trained(tiny(), bars(), quick, progress=lambda what, share: said.append((what, share)))
     assert said[-1][1] == 1.0
@@ -171,7 +171,7 @@ def test_progress_tells_what_a_person_asks(tiny: Any, bars: Bars, quick: Recipe)
         assert part in said[-1][0]
 
 
-def test_weights_make_the_same_network_again(tiny: Any, bars: Bars, quick: Recipe) -> None:
+def test_weights_make_the_same_network_again(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
     learnt = trained(tiny(), bars(), quick)
     again = weights_in(network_of(tiny(), learnt.weights))
     assert all(np.array_equal(again[name], value) for name, value in learnt.weights.items())

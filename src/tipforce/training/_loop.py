@@ -22,19 +22,19 @@ from ._epoch import Trainer
 from ._log import Log, progress_line
 from ._machine import Machine, machine_for, reproducible, require_torch
 from ._parts import Part
-from ._recipe import Recipe
+from ._recipe import TrainConfig
 from ._samples import Samples
 from ._task import Task
 from ._weights import Weights
 
-__all__ = ["Learnt", "Progress", "learn"]
+__all__ = ["Progress", "TrainResult", "train_network"]
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of it that is done (0..1)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Learnt:
+class TrainResult:
     """What training left: ``weights`` of the best epoch by name, the log's ``rows``, and ``facts`` as JSON values."""
 
     weights: dict[str, npt.NDArray[Any]]
@@ -56,17 +56,17 @@ class _Standing:
     """Epochs since the rate was last halved or the error was last smaller."""
 
 
-def learn(
+def train_network(
     task: Task,
     samples: Samples,
     part: Part,
-    recipe: Recipe,
+    recipe: TrainConfig,
     *,
     start: Weights | None = None,
     folder: Path | None = None,
     resume: bool = False,
     progress: Progress | None = None,
-) -> Learnt:
+) -> TrainResult:
     """Train the network of ``task`` on ``part.train`` of ``samples`` and keep the epoch that is best on the rest.
 
     ``start``: weights to begin with instead of drawn ones. ``folder``, which exists: takes a checkpoint after every
@@ -99,11 +99,11 @@ def learn(
                 f"learning rate, for example --set rate={recipe.rate / 10:g}"
             )
         weights = {name: value.cpu().numpy().copy() for name, value in now.best.items()}
-    return Learnt(weights, log.rows, _facts(task, samples, part, recipe, machine, trainer, now, why))
+    return TrainResult(weights, log.rows, _facts(task, samples, part, recipe, machine, trainer, now, why))
 
 
 def _epoch(
-    trainer: Trainer, batches: Batches, part: Part, recipe: Recipe, now: _Standing, report: Callable[[float], None]
+    trainer: Trainer, batches: Batches, part: Part, recipe: TrainConfig, now: _Standing, report: Callable[[float], None]
 ) -> dict[str, Any]:
     """Train one epoch, measure it, and keep it where it is the best; returns its row of the log."""
     begun, waited, told = time.perf_counter(), batches.waited_s, now.epoch / recipe.epochs
@@ -140,7 +140,7 @@ def _epoch(
     }
 
 
-def _ended(now: _Standing, recipe: Recipe) -> str:
+def _ended(now: _Standing, recipe: TrainConfig) -> str:
     """Why training is over; nothing while it is not."""
     if now.epoch >= recipe.epochs:
         return "all epochs were run"
@@ -152,7 +152,7 @@ def _ended(now: _Standing, recipe: Recipe) -> str:
 
 
 def _facts(
-    task: Task, samples: Samples, part: Part, recipe: Recipe, machine: Machine, trainer: Trainer, now: _Standing,
+    task: Task, samples: Samples, part: Part, recipe: TrainConfig, machine: Machine, trainer: Trainer, now: _Standing,
     why: str,
 ) -> dict[str, Any]:  # fmt: skip
     """The budget that was used and what came of it."""

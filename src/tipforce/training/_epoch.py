@@ -9,7 +9,7 @@ import numpy as np
 from ..types import IntArray
 from ._batches import Batches, batches_of
 from ._machine import Machine
-from ._recipe import Recipe
+from ._recipe import TrainConfig
 from ._task import Batch, Task
 from ._weights import Weights, start_from
 
@@ -19,7 +19,7 @@ __all__ = ["Trainer"]
 class Trainer:
     """Trains the network of ``task`` epoch by epoch on ``machine``; ``fresh``: weights that ``start`` did not give."""
 
-    def __init__(self, task: Task, recipe: Recipe, machine: Machine, start: Weights | None) -> None:
+    def __init__(self, task: Task, recipe: TrainConfig, machine: Machine, start: Weights | None) -> None:
         import torch
 
         self._task, self._recipe, self._machine = task, recipe, machine
@@ -135,7 +135,7 @@ class Trainer:
         return {name: value.pin_memory().to("cuda", non_blocking=True) for name, value in tensors.items()}
 
 
-def _optimiser(network: Any, recipe: Recipe) -> Any:
+def _optimiser(network: Any, recipe: TrainConfig) -> Any:
     import torch
 
     if recipe.optimiser == "sgd":
@@ -145,7 +145,7 @@ def _optimiser(network: Any, recipe: Recipe) -> Any:
     return torch.optim.AdamW(network.parameters(), lr=recipe.rate, weight_decay=recipe.weight_decay)
 
 
-def _rate(recipe: Recipe, epoch: float, step: float) -> float:
+def _rate(recipe: TrainConfig, epoch: float, step: float) -> float:
     """The learning rate ``epoch`` epochs after the beginning, where a step takes ``step`` of one."""
     warm = min(1.0, (epoch + step) / recipe.warmup_epochs) if recipe.warmup_epochs else 1.0
     fall = 0.5 * (1.0 + math.cos(math.pi * min(1.0, epoch / recipe.epochs))) if recipe.schedule == "cosine" else 1.0

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tipforce.learning import Recipe, Samples
+from tipforce.training import Samples, TrainConfig
 
 
 def bars_drawn(count: int = 64, sessions: int = 4, seed: int = 0) -> Samples:
@@ -76,5 +76,5 @@ def tiny() -> type[Tiny]:
 
 
 @pytest.fixture
-def quick() -> Recipe:
-    return Recipe(epochs=3, batch=16, rate=0.05, precision="fp32")
+def quick() -> TrainConfig:
+    return TrainConfig(epochs=3, batch=16, rate=0.05, precision="fp32")

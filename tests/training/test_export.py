@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from tipforce.errors import MissingExtraError
-from tipforce.learning import export_graph, parity_n, weights_of
+from tipforce.training import export_graph, parity_n, weights_of
 
 INPUTS = {"picture": ((16, 16), "uint8"), "actuation": ((2,), "float32")}
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tipforce.learning._augment import CURVATURE, Augmentation
-from tipforce.learning._compact import CompactTask
+from tipforce.training._augment import CURVATURE, Augmentation
+from tipforce.training._compact import CompactTask
 
 torch = pytest.importorskip("torch", reason="networks need the extra [train]")
 

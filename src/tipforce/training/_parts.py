@@ -7,9 +7,9 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from ..types import IntArray
-from ._recipe import Recipe
+from ._recipe import TrainConfig
 
-__all__ = ["Part", "validation_part"]
+__all__ = ["Part", "train_val_split"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,12 +21,12 @@ class Part:
     sessions: bool
 
 
-def validation_part(session: npt.NDArray[np.str_], recipe: Recipe) -> Part:
+def train_val_split(session: npt.NDArray[np.str_], recipe: TrainConfig) -> Part:
     """Keep ``recipe.validation`` of the samples of ``session`` (n,) back, as ``recipe.hold_out`` says.
 
     Raises InputError where too few sessions or samples are there.
 
-    >>> part = validation_part(np.repeat([f"s{k}" for k in range(10)], 3), Recipe())
+    >>> part = train_val_split(np.repeat([f"s{k}" for k in range(10)], 3), TrainConfig())
     >>> len(part.train), len(part.validate), part.sessions
     (27, 3, True)
     """

@@ -8,8 +8,8 @@ import onnxruntime
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from tipforce.learning import LARGEST_GROWTH, error_growth, quantise
-from tipforce.learning._bytes_in import gathered_in_groups
+from tipforce.training import LARGEST_GROWTH, error_growth, quantise
+from tipforce.training._bytes_in import gathered_in_groups
 
 SIDE = 24
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.learning._augment import CURVATURE, Augmentation, _far, augmented
-from tipforce.learning._compact import CompactTask
+from tipforce.training._augment import CURVATURE, Augmentation, _far, augmented
+from tipforce.training._compact import CompactTask
 
 NOTHING = dict.fromkeys(Augmentation.model_fields, 0.0)
 SIZE, WIDE = 160, 208
