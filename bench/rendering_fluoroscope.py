@@ -1,5 +1,4 @@
-"""``python -m bench.rendering_fluoroscope``: frames a second of the simulated
-fluoroscope, beside the plain NumPy and SciPy way.
+"""``python -m bench.rendering_fluoroscope``: frames a second, beside plain NumPy and SciPy.
 
 Both draw the same session: one catheter that moves during the pulse, the session's other instruments, anatomy that
 beats and breathes, scatter, glare, Poisson noise, lag, blur, electronic noise, display curve. "written": with JPEG and

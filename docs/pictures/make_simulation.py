@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tipforce.recording import RecordingReader
+from tipforce.io import RecordingReader
 
 MOST_BYTES = 140_000
 

@@ -76,7 +76,7 @@ def test_one_protocol_with_drawn_samples(rows, tmp_path):
 
 
 def test_a_saved_model_is_also_scored_as_saved_on_new_sessions(rows, tmp_path):
-    from tipforce.dataset import open_dataset
+    from tipforce.datasets import open_dataset
     from tipforce.estimators import create, save_model
 
     data = open_dataset(rows)
@@ -137,7 +137,7 @@ def test_truth_of_nothing_is_refused(rows, tmp_path):
 
 
 def test_the_truth_of_the_simulated_bench_is_scored_beside_the_sensor(rows, tmp_path):
-    from tipforce.dataset import open_dataset
+    from tipforce.datasets import open_dataset
     from tipforce.geometry import Pose
     from tipforce.simulation import Truth, truth_path, write_truth
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tipforce.alignment import labels
 from tipforce.cli import app
 from tipforce.errors import InputError
-from tipforce.recording import RecordingReader, labels, open_source
+from tipforce.io import RecordingReader, open_source
 from tipforce.simulation import read_truth
 from tipforce.types import Frame
 

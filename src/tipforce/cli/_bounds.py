@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..dataset import Dataset
+    from ..datasets import Dataset
     from ..evaluation import Bounds
 
 __all__ = ["bounds_from"]

@@ -4,9 +4,9 @@ import importlib.util
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from ..dataset import replacing_folder
 from ..errors import InputError, MissingExtraError
-from ..recording import SensorPose, record, write_video
+from ..io import SensorPose, replacing_folder, write_video
+from ..pipelines import record
 from ..simulation import AnySimulationSettings, FluoroSettings, SimulatedBench, write_logs
 from ..simulation.rendering.fluoroscope import XrayScene, write_dicom
 from ..types import Frame, SimulatedClock

@@ -9,9 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ..dataset import Growing, GrowingImages, GrowingShards, SessionSamples
+from ..alignment import label_log, observations
+from ..datasets import Growing, GrowingImages, GrowingShards, SessionSamples
 from ..errors import InputError
-from ..recording import SensorPose, encode, label_log, observations
+from ..io import SensorPose, encode_image
 from ..simulation import (
     SampleSet,
     SimulatedBench,
@@ -100,7 +101,7 @@ def _masks(bench: SimulatedBench, truth: Truth) -> dict[str, list[bytes]]:
     shown = dict(zip(bench.views, (truth, *truth.others.values()), strict=True))
     return {
         view: [
-            encode(each.mask(k).astype(np.uint8) * np.uint8(255), lossless=True, jpeg_quality=0)[1]
+            encode_image(each.mask(k).astype(np.uint8) * np.uint8(255), lossless=True, jpeg_quality=0)[1]
             for k in range(len(truth.stamp_ns))
         ]
         for view, each in shown.items()
@@ -141,7 +142,7 @@ def _labelled(
     names = dict.fromkeys(name for observation in seen for name in observation.actuation)
     quality = bench.imaging.jpeg_quality
     encoded = {
-        view: [encode(each.views[view], lossless=lossless, jpeg_quality=quality)[1] for each in seen]  # type: ignore[arg-type]
+        view: [encode_image(each.views[view], lossless=lossless, jpeg_quality=quality)[1] for each in seen]  # type: ignore[arg-type]
         for view in seen[0].views
     }
     return SessionSamples(

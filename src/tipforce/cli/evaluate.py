@@ -90,7 +90,7 @@ def command(
 
         tipforce evaluate compact --from pretrained --data runs/ --protocol catheter -o report/
     """
-    from ..dataset import open_dataset
+    from ..datasets import open_dataset
     from ..errors import InputError
     from ..estimators import ESTIMATORS
     from ..evaluation import candidates_from, check_folder, evaluate, report_lines, truth_at, write_report

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..types import BoolArray, FloatArray, IntArray
 from ._outcome import Outcome
 from ._stamps import values_at
