@@ -19,9 +19,10 @@ from bench.written import Packed, pack, write
 from scipy.ndimage import gaussian_filter, shift, zoom
 
 from tipforce.simulation.rendering.fluoroscope import FLUORO, Pulse, XrayRenderer, draw_xray_scene
-from tipforce.simulation.rendering.fluoroscope._makes import Tube, swayed
-from tipforce.simulation.rendering.fluoroscope._paint import COARSE
+from tipforce.simulation.rendering.fluoroscope._instruments import swayed
 from tipforce.simulation.rendering.fluoroscope._scene import lag_weights
+from tipforce.simulation.rendering.fluoroscope._static_layers import COARSE
+from tipforce.simulation.rendering.fluoroscope._tube_model import Tube
 
 LENGTH_M = 55e-3
 

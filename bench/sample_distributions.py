@@ -16,7 +16,7 @@ import numpy as np
 
 from tipforce.simulation import PRESETS, SampleSet, SimulatedBench, sample_set
 from tipforce.simulation.world import SWIFT, Pace, Session
-from tipforce.simulation.world._course import run_course
+from tipforce.simulation.world._trajectory import run_course
 
 AT = (0.1, 0.25, 0.5, 0.75, 0.9, 0.99)
 

@@ -180,7 +180,7 @@ class Crew(ThreadPoolExecutor):
 
 
 def test_several_processes_find_the_same_bounds_in_the_same_order(truths, monkeypatch):
-    monkeypatch.setattr("tipforce.limits._beside.ProcessPoolExecutor", Crew)
+    monkeypatch.setattr("tipforce.limits._companion.ProcessPoolExecutor", Crew)
     steps = []
     one = bounds_beside(truths, ["good", "xray"], workers=1)
     several = bounds_beside(truths * 2, ["good", "xray"], workers=2, progress=lambda _, share: steps.append(share))

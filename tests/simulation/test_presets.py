@@ -8,8 +8,7 @@ import pytest
 from tipforce.geometry import triangulate
 from tipforce.simulation import PRESETS, FluoroSettings, SimulatedBench, read_truth, truth_of, write_truth
 from tipforce.simulation.world import run_session
-from tipforce.simulation.world._device import catheter_of
-from tipforce.simulation.world._session import UNFIT_CATHETER
+from tipforce.simulation.world._session import UNFIT_CATHETER, catheter_of
 from tipforce.simulation.world.settings import MotionSettings, WorldSettings
 from tipforce.types import JOINTS, Actuation, Frame
 
@@ -113,7 +112,7 @@ def hard(sessions_per_catheter: int) -> WorldSettings:
 
 
 def test_a_catheter_that_reaches_no_force_is_drawn_again_for_all_of_its_sessions_alike(monkeypatch):
-    monkeypatch.setattr("tipforce.simulation.world._device._TRIALS", 4)
+    monkeypatch.setattr("tipforce.simulation.world._session._TRIALS", 4)
     catheters = [catheter_of(hard(5), 0, number) for number in range(0, 40, 5)]
     assert any(each.redraws for each in catheters)
     for number, each in zip(range(0, 40, 5), catheters, strict=True):
@@ -128,6 +127,6 @@ def test_the_number_of_redrawn_catheters_stands_in_the_truth(monkeypatch):
 
 
 def _third():
-    from tipforce.simulation.world._device import Catheter
+    from tipforce.simulation.world._session import Catheter
 
     return Catheter(catheter_of(PRESETS["generalise"].world, 0, 0).device, 2)

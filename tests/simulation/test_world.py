@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tipforce.errors import InputError
 from tipforce.mechanics import HEART_WAVES, HeartMotion
 from tipforce.simulation.world import SWIFT, Axis, AxisModel, Drive, Load, read_sensor, run_session, smooth_lines
-from tipforce.simulation.world._draw import slow_drift
+from tipforce.simulation.world._motion_profile import slow_drift
 from tipforce.simulation.world.settings import ClockSettings, MotionSettings, SensorSettings, WorldSettings
 
 SHORT = WorldSettings(seconds=14.0, tare_s=2.0)
@@ -165,7 +165,7 @@ def test_the_same_seed_is_the_same_session(sessions):
 
 def test_sessions_of_one_catheter_share_it():
     shared = WorldSettings.model_validate({"shaft": {"sessions_per_catheter": 2, "known_to": 0.05}})
-    from tipforce.simulation.world._draw import draw_device
+    from tipforce.simulation.world._parameters import draw_device
 
     devices = [draw_device(shared, 0, number) for number in range(4)]
     assert devices[0] == devices[1]

@@ -1,11 +1,9 @@
 """How well the force on the twin's tip can be known at best: the posterior Cramer-Rao bound, frame by frame."""
 
-from ._beside import BoundBeside, bounds_beside, nuisances
-from ._facts import Facts, facts_of
-from ._noise import FORCES_N2, MEASURED, SeenNoise, measured_on
-from ._rows import changed_lens, seen_rows
-from ._session import ForceBound, SessionBound
-from ._unknowns import FORCE_STD_N, LASTING, Unknown, unknowns_of
+from ._bound import ForceBound, SessionBound
+from ._companion import BoundBeside, bounds_beside, nuisances
+from ._jacobian import Facts, changed_lens, facts_of, seen_rows
+from ._priors import FORCE_STD_N, FORCES_N2, LASTING, MEASURED, SeenNoise, Unknown, measured_on, unknowns_of
 
 __all__ = [
     "FORCES_N2",

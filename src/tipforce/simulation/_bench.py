@@ -11,9 +11,8 @@ import numpy as np
 
 from ..types import BoolArray, Catheter, Clock, Context, Event, FloatArray, Frame, IntArray, SimulatedClock
 from ._imaging import Imaging, imaging_of, views_of
-from ._instants import Instants
-from ._readings import Readings
 from ._settings import AnySimulationSettings, SimulationSettings
+from ._trajectory_sampling import Instants, Readings
 from .rendering.camera import PictureTruth
 from .world import FINE, Course, Pace, SensorLog, Session, run_session
 

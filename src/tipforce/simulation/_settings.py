@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from ._ranges import Settings
+from ._fields import Settings
 from .rendering.camera import GENERALISE, SceneRanges
 from .rendering.fluoroscope import BIPLANE, FLUORO, XrayRanges
 from .world.settings import (

@@ -21,11 +21,16 @@ from tipforce.simulation.rendering.fluoroscope import (
     XrayScene,
     draw_xray_scene,
 )
-from tipforce.simulation.rendering.fluoroscope._profile import Layer, course, profiles
-from tipforce.simulation.rendering.fluoroscope._quanta import draw_quanta, frame_key, quantum_tables
-from tipforce.simulation.rendering.fluoroscope._readout import blurred, with_lag
+from tipforce.simulation.rendering.fluoroscope._detector import (
+    blurred,
+    draw_quanta,
+    frame_key,
+    quantum_tables,
+    with_lag,
+)
 from tipforce.simulation.rendering.fluoroscope._scene import lag_weights
-from tipforce.simulation.rendering.fluoroscope._tube import add_tube, no_spans
+from tipforce.simulation.rendering.fluoroscope._tube_kernels import add_tube, no_spans
+from tipforce.simulation.rendering.fluoroscope._tube_model import Layer, course, profiles
 
 LENGTH_M = 50e-3
 SIZE = 256

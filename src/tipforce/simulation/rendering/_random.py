@@ -12,7 +12,6 @@ from ..._compile import STEADY
 __all__ = ["gauss_row", "gauss_table", "hash_row"]
 
 Picture = npt.NDArray[np.float32]
-
 _TABLE_BITS = 12
 
 

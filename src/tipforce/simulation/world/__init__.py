@@ -1,14 +1,13 @@
 """The world of a simulated bench: catheter, tissue, stage, force sensor, clocks. Knows nothing of pictures."""
 
-from ._axis import Axis, AxisModel, Drive
-from ._course import Course, CourseRun
-from ._draw import Device, Draw
-from ._lines import smooth_lines
-from ._rig import Rig, build_rig
-from ._sensor import ForceSensor, Load, SensorLog, read_sensor
+from ._bench_model import Rig, build_rig, smooth_lines
+from ._drives import Axis, AxisModel, Drive
+from ._force_sensor import ForceSensor, Load, SensorLog, read_sensor
+from ._motion_profile import APPROACH_S, LEAD_S, STEP_S, Motion, instants_until
+from ._motion_solver import FINE, SWIFT, Pace
+from ._parameters import Device, Draw
 from ._session import Session, refuse_short, run_session
-from ._solve import FINE, SWIFT, Pace
-from ._tune import APPROACH_S, LEAD_S, STEP_S, Motion, instants_until
+from ._trajectory import Course, CourseRun
 from .settings import WorldSettings
 
 __all__ = [

@@ -1,19 +1,75 @@
-"""One session: drawn, its motion solved, run; drawn again where it cannot be had."""
+"""One session: its parameters are drawn, its motion is solved, it is run; drawn again where it is rejected.
+
+Consecutive sessions share a catheter. It is drawn again where no motion brings it to the forces that are asked for.
+That choice depends on the catheter's own random numbers alone, never on a session's, so all of its sessions find the
+same one, in whatever order and process they are made.
+"""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from ...errors import InputError
-from ._course import Course, CourseRun, run_course
-from ._device import catheter_of
-from ._draw import draw_session
-from ._rig import Rig, build_rig
-from ._solve import FINE, Pace, objection, solve
-from ._tune import APPROACH_S, LEAD_S, STEP_S, TRAIL_S, Motion, Tune, compose
+from ._bench_model import Rig, build_rig
+from ._motion_profile import APPROACH_S, LEAD_S, STEP_S, TRAIL_S, Motion, Tune, compose
+from ._motion_solver import FINE, Pace, objection, solve
+from ._parameters import Device, draw_device, draw_session
+from ._trajectory import Course, CourseRun, run_course
 from .settings import WorldSettings
 
-__all__ = ["Session", "refuse_short", "run_session"]
+__all__ = ["Catheter", "Session", "catheter_of", "refuse_short", "run_session"]
+
+_TRIALS = 100
+_REDRAWS = 50
+_STEP_S = 8e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Catheter:
+    """``redraws``: how many catheters were drawn before this one and could not be used."""
+
+    device: Device
+    redraws: int = 0
+
+
+def catheter_of(settings: WorldSettings, seed: int, session: int) -> Catheter:
+    """The catheter of a session.
+
+    One that serves a single session is taken as drawn: that session finds out for itself. Raises InputError where no
+    catheter reaches the forces.
+    """
+    if settings.shaft.sessions_per_catheter == 1:
+        return Catheter(draw_device(settings, seed, session))
+    return _shared(settings.model_dump_json(), seed, session // settings.shaft.sessions_per_catheter)
+
+
+@lru_cache(maxsize=64)
+def _shared(settings_json: str, seed: int, number: int) -> Catheter:
+    settings = WorldSettings.model_validate_json(settings_json)
+    first = number * settings.shaft.sessions_per_catheter
+    for redraws in range(_REDRAWS):
+        device = draw_device(settings, seed, first, redraws)
+        if any(_reaches(settings, device, (seed, number, 6, redraws, trial)) for trial in range(_TRIALS)):
+            return Catheter(device, redraws)
+    raise InputError(
+        f"catheter {number} of seed {seed}: none of {_REDRAWS} draws of it reaches the forces asked for; widen "
+        "motion.peak_force_n or motion.amplitude_m, or change the ranges of the shaft"
+    )
+
+
+def _reaches(settings: WorldSettings, device: Device, key: tuple[int, ...]) -> bool:
+    """Whether one drawn session comes to the least of the wanted peak forces, over two breaths of largest amplitude."""
+    rng = np.random.default_rng(key)
+    brief = settings.model_copy(update={"tare_s": 0.0})
+    rig = build_rig(brief, draw_session(brief, device, rng))
+    span = APPROACH_S + 2.0 / settings.motion.respiration_hz
+    tune = compose(rig, np.arange(round(span / _STEP_S), dtype=np.float64) * _STEP_S, rng)
+    largest = settings.motion.amplitude_m[1]
+    contact = run_course(rig, tune, Motion(largest, tune.standoff_m(rig, largest))).contact
+    peak = float(np.linalg.norm(contact.force_n, axis=1).max())
+    return bool(contact.converged.all()) and peak >= settings.motion.peak_force_n[0]
+
 
 _DRAWS = 400
 _SAME_ANGLE = 4

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from .._ranges import NotNegative, Positive, Range, Settings, Share
+from .._fields import NotNegative, Positive, Range, Settings, Share
 
 __all__ = [
     "ActuationSettings",

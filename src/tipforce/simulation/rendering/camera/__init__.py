@@ -1,11 +1,6 @@
 """The twin's camera: from a catheter's shape in space to the picture a laboratory's camera would give."""
 
-from ._compose import TissueState
-from ._draw import draw_scene
-from ._noise import SensorNoise
-from ._phantom import TissueHome
-from ._profile import Lamp, TubeFinish
-from ._ranges import BENCH_2021, GENERALISE, SceneRanges
+from .._exposure import PictureTruth, TissueHome, TissueState
 from ._renderer import CameraRenderer
 from ._scene import (
     CameraScene,
@@ -13,11 +8,14 @@ from ._scene import (
     Cover,
     GroundLook,
     Instrument,
+    Lamp,
     Lens,
     Lighting,
+    SensorNoise,
     TissueLook,
+    TubeFinish,
 )
-from ._truth import PictureTruth
+from ._scene_settings import BENCH_2021, GENERALISE, SceneRanges, draw_scene
 
 __all__ = [
     "BENCH_2021",

@@ -9,25 +9,17 @@ import numpy.typing as npt
 
 from ....geometry import CameraModel
 from ....types import FloatArray
-from ._canvas import FINER, Canvas, multi_scale_noise, soften
-from ._patch import Part, Patch, Picture
+from .._exposure import TissueHome
+from ._canvas import FINER, Canvas, Part, Patch, Picture, multi_scale_noise, soften
 from ._scene import CameraScene
 
-__all__ = ["MARGIN_M", "Phantom", "TissueHome", "paint_phantom"]
+__all__ = ["MARGIN_M", "Phantom", "paint_phantom"]
 
 MARGIN_M = 24e-3
 """How far the phantom may move from its home and still be whole."""
 _VECTOR = 32
 _STEP_M = 1e-3
 """By how much one part stands out over the next."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TissueHome:
-    """``surface_m`` (3,): a point of the undented surface, at rest; ``into`` (3,): unit vector into the tissue."""
-
-    surface_m: FloatArray
-    into: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""From shapes in space to the camera's picture."""
+"""From shapes in space to the camera's image, and to what that image shows of the catheter."""
 
 import threading
 
@@ -8,14 +8,14 @@ import numpy.typing as npt
 
 from ....geometry import CameraModel
 from ....types import FloatArray, Image
-from ._compose import Desk, TissueState, compose
-from ._noise import add_noise, frame_key
-from ._paint import paint
-from ._phantom import TissueHome
+from .._exposure import PictureTruth, TissueHome, TissueState, instants
+from ._compositing import Desk, compose, draw_tube, lay_phantom
 from ._scene import CameraScene
-from ._truth import PictureTruth, picture_truth
+from ._sensor_noise import add_noise, frame_key
+from ._static_layers import Painted, paint
+from ._tube_model import instrument_shape
 
-__all__ = ["CameraRenderer"]
+__all__ = ["CameraRenderer", "picture_truth"]
 
 
 class CameraRenderer:
@@ -75,3 +75,44 @@ class CameraRenderer:
         if desk is None:
             desk = self._desks.desk = Desk.for_pictures_of(self._painted)
         return desk
+
+
+def picture_truth(
+    painted: Painted, desk: Desk, shapes_m: FloatArray, tissue: TissueState | None, time_s: float
+) -> PictureTruth:
+    """Truth of the picture that `compose` makes of the same arguments."""
+    shape = instants(shapes_m, 1)
+    h, w = painted.light.shape
+    left = _left_in_front(painted, desk, tissue, time_s)
+    box = draw_tube(desk, painted.catheter, painted.catheter.nodes(shape, painted.camera, painted.focus))
+    rows, columns = slice(box[0], box[1]), slice(box[2], box[3])
+    mask = np.zeros((h, w), np.bool_)
+    mask[rows, columns] = (desk.drawn[rows, columns, 0] > 0.5) & (left[rows, columns] > 0.5)
+    desk.drawn[rows, columns] = 0.0
+    centreline = painted.camera.project(shape[0])
+    near = np.rint(np.nan_to_num(centreline, nan=-9.0)).astype(int)
+    inside = (near >= 0) & (near < (w, h))
+    visible = inside[:, 0] & inside[:, 1]
+    visible[visible] = left[near[visible, 1], near[visible, 0]] > 0.5
+    weight = np.ones(len(visible))
+    weight[[0, -1]] = 0.5
+    return PictureTruth(mask, centreline, visible, float(visible @ weight / weight.sum()))
+
+
+def _left_in_front(painted: Painted, desk: Desk, tissue: TissueState | None, time_s: float) -> npt.NDArray[np.float32]:
+    """(h, w): share of the catheter's light that comes past all that may stand in front of it."""
+    scene = painted.scene
+    left = np.ones(painted.light.shape, np.float32) if painted.front is None else painted.front[-1].copy()
+    instrument, second = scene.instrument, painted.second
+    if second is not None and instrument is not None and instrument.in_front:
+        shape = instrument_shape(scene, instrument, time_s)[None]
+        box = draw_tube(desk, second, second.nodes(shape, painted.camera, painted.focus))
+        rows, columns = slice(box[0], box[1]), slice(box[2], box[3])
+        left[rows, columns] *= 1.0 - np.clip(desk.drawn[rows, columns, 0], 0.0, 1.0)
+        desk.drawn[rows, columns] = 0.0
+    if painted.phantom is not None and tissue is not None and scene.tissue.over_tip:
+        sprite = painted.phantom.sprite[:, :, -1:].repeat(2, axis=2)
+        sprite[:, :, 0] = 0.0
+        still = TissueState(instants(tissue.shift_m[:, None], 1)[:, 0])
+        lay_phantom(left[None], painted, sprite, still)
+    return left

@@ -7,10 +7,67 @@ import numpy as np
 
 from ....geometry import CameraModel, Pose
 from ....types import BasePose
-from ._noise import SensorNoise
-from ._profile import Lamp, TubeFinish
 
-__all__ = ["CameraScene", "CatheterLook", "Cover", "GroundLook", "Instrument", "Lens", "Lighting", "TissueLook"]
+__all__ = [
+    "CameraScene",
+    "CatheterLook",
+    "Cover",
+    "GroundLook",
+    "Instrument",
+    "Lamp",
+    "Lens",
+    "Lighting",
+    "SensorNoise",
+    "TissueLook",
+    "TubeFinish",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorNoise:
+    """``grey_per_electron``: shot noise has this times the level as its variance; ``read_grey``: sigma of the rest.
+
+    >>> round(SensorNoise.at_mid_grey(3.0, read_share=0.5).sigma(128.0), 6)
+    3.0
+    """
+
+    grey_per_electron: float
+    read_grey: float
+
+    @classmethod
+    def at_mid_grey(cls, sigma_grey: float, *, read_share: float) -> "SensorNoise":
+        """Noise of ``sigma_grey`` at level 128, of which ``read_share`` (of the sigma) comes from reading out."""
+        read = read_share * sigma_grey
+        return cls((sigma_grey**2 - read**2) / 128.0, read)
+
+    def sigma(self, level: float) -> float:
+        """Standard deviation at ``level``, before quantisation, grey levels."""
+        return math.sqrt(self.read_grey**2 + self.grey_per_electron * max(0.0, level))
+
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """``direction`` (3,): unit vector to the lamp: right, down, to the camera. ``strength``: share of the light."""
+
+    direction: tuple[float, float, float]
+    strength: float
+
+
+@dataclass(frozen=True, slots=True)
+class TubeFinish:
+    """How a tube's surface takes the light; levels are what a camera sees at light 1, grey or (red, green, blue).
+
+    ``shaft`` and ``metal``: levels of a face turned to the camera. ``gloss_grey``: the most a highlight adds.
+    ``sharpness``: exponent of the shaft's highlight. ``rim_grey``: what the silhouette mirrors of the ground (Fresnel).
+    """
+
+    shaft: tuple[float, float, float]
+    metal: tuple[float, float, float]
+    gloss_grey: float
+    sharpness: float
+    rim_grey: float
+    metal_sharpness: float
+
 
 Colour = tuple[float, float, float]
 """Red, green, blue in grey levels at light 1."""

@@ -12,9 +12,9 @@ from scipy.interpolate import CubicSpline
 
 from ....geometry import arc_length
 from ....types import FloatArray
-from ._materials import ATTENUATION_PER_M as PER_M
-from ._profile import Layer
 from ._scene import Anatomy
+from ._tube_model import ATTENUATION_PER_M as PER_M
+from ._tube_model import Layer
 
 __all__ = ["Blob", "Part", "chest_parts", "heart_blobs", "liver_blobs", "spine_parts"]
 

@@ -9,14 +9,13 @@ import numpy.typing as npt
 from numba import njit
 
 from ...._compile import STEADY
-from ._left import left_of
-from ._paint import COARSE, Painted
 from ._scene import Detector, Rhythm
+from ._static_layers import COARSE, Painted
+from ._tube_kernels import left_of
 
 __all__ = ["BLOCK", "Veil", "direct_light", "soft_layers"]
 
 Picture = npt.NDArray[np.float32]
-
 BLOCK = 8
 """Side, in pixels, of the blocks on which what is spread wide is computed."""
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ....geometry import CameraModel, Pose
 from ....types import FloatArray
-from ._carm import CArm
+from ._c_arm import CArm
 
 __all__ = ["Anatomy", "Beam", "CatheterMake", "Detector", "Device", "Rhythm", "XrayScene", "XrayView", "lag_weights"]
 
