@@ -3,7 +3,7 @@
     OMP_NUM_THREADS=1 .venv/bin/python -m bench.bound --preset bench-2021 --sessions 40 --out DIR
 
 No picture is drawn: the world is run, and the seen line's error is what `python -m bench.line_noise` has measured.
-Frames in contact only. Writes ``bound-PRESET.json`` and ``bound-PRESET.svg``; prints the tables of docs/bound.md.
+Frames in contact only. Writes ``bound-PRESET.json`` and ``bound-PRESET.svg``; prints the tables of docs/limits.md.
 """
 
 import argparse

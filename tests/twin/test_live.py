@@ -15,7 +15,7 @@ from tipforce.mechanics import bend_spatial
 from tipforce.twin import PRESETS, FluoroSettings, LiveTwin, TwinBench, TwinSettings, truth_of
 from tipforce.types import Actuators, Frame, Source, Wrench
 
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "twin.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "simulation.md"
 
 SETTINGS = TwinSettings.model_validate(
     {

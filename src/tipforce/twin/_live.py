@@ -101,7 +101,7 @@ class LiveTwin:
     While nobody commands a drive the events are those of `TwinBench`, each of them the same bytes. A command changes
     what happens from its own time on, after the drive's delay. On simulated time the same commands after the same
     events give the same bytes. Entering it again begins the session anew; the first time takes some seconds, for the
-    session is drawn and tried out before. docs/twin.md has a closed loop.
+    session is drawn and tried out before. docs/simulation.md has a closed loop.
     """
 
     def __init__(
