@@ -1,22 +1,21 @@
 """Statics of the catheter, in the plane and in space: large bending under loads, and contact with a soft wall."""
 
-from ._contact import Contact, Wall, press
-from ._contact_derivatives import ContactDerivatives, contact_derivatives
-from ._continuation import Branch
-from ._derivatives import derivatives
-from ._free import Shape, Shapes, bend, bend_many
+from ._branch import Branch
+from ._derivatives import Derivatives, derivatives
 from ._heart import HEART_WAVES, HeartMotion
-from ._information import Bound, CentrelineNoise, Information, Priors, cramer_rao, fisher_information
-from ._line_noise import LineNoise
-from ._posterior import posterior_covariance, posterior_covariance_along
-from ._rod import Rod
-from ._sensitivity import Derivatives
-from ._spatial_contact import SpatialContact, SpatialPress, press_spatial
-from ._spatial_free import SpatialShape, bend_spatial
-from ._spatial_rod import SpatialRod
-from ._spatial_wall import SpatialWall, damping_of_loss_factor
+from ._information import (
+    Bound,
+    CentrelineNoise,
+    Information,
+    LineNoise,
+    Priors,
+    cramer_rao,
+    fisher_information,
+    posterior_covariance,
+    posterior_covariance_along,
+)
 from .actuation import Hysteresis, KnobMap, Play, PrandtlIshlinskii, Tendon
-from .baselines import (
+from .models import (
     Bent,
     BentShape,
     ConstantCurvature,
@@ -27,6 +26,19 @@ from .baselines import (
     PseudoRigidBody,
     RigidLinks,
     RodModel,
+)
+from .planar import Contact, Rod, Shape, Shapes, Wall, bend, bend_many, press
+from .spatial import (
+    ContactDerivatives,
+    SpatialContact,
+    SpatialPress,
+    SpatialRod,
+    SpatialShape,
+    SpatialWall,
+    bend_spatial,
+    contact_derivatives,
+    damping_of_loss_factor,
+    press_spatial,
 )
 
 __all__ = [

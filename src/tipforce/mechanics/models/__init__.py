@@ -1,0 +1,19 @@
+"""The rod models that thesis chapter 2 and table 2 compare with, behind one interface, each with its known failures."""
+
+from ._beams import LargeDeflection, LinearBeam
+from ._chain_models import ConstantCurvature, MassSpring, RigidLinks
+from ._interface import Bent, BentShape, Elastica, RodModel
+from ._pseudo_rigid_body import PseudoRigidBody
+
+__all__ = [
+    "Bent",
+    "BentShape",
+    "ConstantCurvature",
+    "Elastica",
+    "LargeDeflection",
+    "LinearBeam",
+    "MassSpring",
+    "PseudoRigidBody",
+    "RigidLinks",
+    "RodModel",
+]
