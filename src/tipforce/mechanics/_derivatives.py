@@ -51,8 +51,8 @@ def derivatives(shape: Shape | SpatialShape, points: int | FloatArray) -> Deriva
 
     Raises ValueError where the shape has not converged.
 
-    >>> from tipforce.mechanics import Rod, bend
-    >>> at_tip = derivatives(bend(Rod(0.05, 4.3e-4, segments=200), np.zeros(2)), np.array([0.05]))
+    >>> from tipforce.mechanics import Rod, solve_static
+    >>> at_tip = derivatives(solve_static(Rod(0.05, 4.3e-4, segments=200), np.zeros(2)), np.array([0.05]))
     >>> (at_tip.force[0, 1, 1] / (0.05**3 / (3 * 4.3e-4))).round(4)  # the linear beam's L^3 / 3EI
     np.float64(1.0)
     """

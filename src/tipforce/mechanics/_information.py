@@ -13,8 +13,8 @@ from ..types import FloatArray, frozen
 from ._derivatives import Derivatives
 
 __all__ = [
-    "Bound",
     "CentrelineNoise",
+    "CramerRaoBound",
     "Information",
     "LineNoise",
     "Priors",
@@ -85,7 +85,7 @@ class Information:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bound:
+class CramerRaoBound:
     """The smallest covariance of the force that an unbiased estimate can have; infinite where the shape tells nothing.
 
     ``covariance_n2`` (D, D), base frame. ``axial_std_n``: of the part along the tip's axis. ``lateral_std_n``: of the
@@ -134,12 +134,12 @@ def fisher_information(
     return Information(white.T @ white + prior, blocks, d.tip_axis)
 
 
-def cramer_rao(information: Information) -> Bound:
+def cramer_rao(information: Information) -> CramerRaoBound:
     """The bound on the force, all other parameters marginalised out.
 
-    >>> from tipforce.mechanics import Rod, bend, derivatives
+    >>> from tipforce.mechanics import Rod, solve_static, derivatives
     >>> rod = Rod(0.065, 4.3e-4, precurvature_per_m=10.0)
-    >>> seen = derivatives(bend(rod, np.array([0.0, 0.1])), 20)
+    >>> seen = derivatives(solve_static(rod, np.array([0.0, 0.1])), 20)
     >>> bound = cramer_rao(fisher_information(seen, CentrelineNoise(0.2e-3)))
     >>> round(bound.axial_std_n * 1e3, 1), round(bound.lateral_std_n * 1e3, 1)
     (25.5, 8.7)
@@ -158,7 +158,7 @@ def cramer_rao(information: Information) -> Bound:
         variances = np.where(blind, math.inf, 1.0 / values)
     axis = information.tip_axis
     across = np.linalg.svd(axis[None])[2][1:]
-    return Bound(
+    return CramerRaoBound(
         _turned(np.eye(axis.size) @ vectors, variances),
         math.sqrt(_largest(_turned(axis[None] @ vectors, variances))),
         math.sqrt(_largest(_turned(across @ vectors, variances))),

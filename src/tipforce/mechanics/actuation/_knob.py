@@ -1,4 +1,4 @@
-"""From the knob at the handle to the shaft's pre-curvature: the pull wire, with stretch and friction, and the whole map."""
+"""From the knob at the handle to the pre-curvature: the pull wire, with stretch and friction, and the whole map."""
 
 import math
 

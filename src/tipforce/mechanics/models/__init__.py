@@ -2,18 +2,18 @@
 
 from ._beams import LargeDeflection, LinearBeam
 from ._chain_models import ConstantCurvature, MassSpring, RigidLinks
-from ._interface import Bent, BentShape, Elastica, RodModel
+from ._interface import Elastica, PolylineShape, RodModel, RodShape
 from ._pseudo_rigid_body import PseudoRigidBody
 
 __all__ = [
-    "Bent",
-    "BentShape",
     "ConstantCurvature",
     "Elastica",
     "LargeDeflection",
     "LinearBeam",
     "MassSpring",
+    "PolylineShape",
     "PseudoRigidBody",
     "RigidLinks",
     "RodModel",
+    "RodShape",
 ]

@@ -10,7 +10,7 @@ from ...types import FloatArray, frozen
 from ..planar import Rod
 from ._interface import (
     CATHETER_7F_M,
-    Bent,
+    PolylineShape,
     curvature_at,
     first_share,
     mean_curvature,
@@ -35,7 +35,7 @@ class LinearBeam:
     rod: Rod
     elements: int = 20
     diameter_m: float = CATHETER_7F_M
-    _rest: Bent = field(init=False, repr=False)
+    _rest: PolylineShape = field(init=False, repr=False)
     _compliance: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -58,14 +58,14 @@ class LinearBeam:
         moved = np.linalg.solve(whole[3:, 3:], loads).reshape(n, 3, 3)
         turned = np.array([[-lever[1]], [lever[0]]]) * moved[-1, 2]
         compliance = np.concatenate([np.zeros((1, 2, 3)), moved[:, :2], (moved[-1, :2] + turned)[None]])
-        rest = Bent(np.append(edges, rod.length_m), np.vstack([nodes, nodes[-1] + lever]), True)
+        rest = PolylineShape(np.append(edges, rod.length_m), np.vstack([nodes, nodes[-1] + lever]), True)
         object.__setattr__(self, "_rest", rest)
         object.__setattr__(self, "_compliance", frozen("compliance", compliance, (n + 2, 2, 3)))
 
-    def bend(self, force_n: FloatArray, moment_nm: float = 0.0) -> Bent:
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
         """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z; linear in both."""
         load = np.array([force_n[0], force_n[1], moment_nm])
-        return Bent(self._rest.arc_m, self._rest.nodes_m + self._compliance @ load, True)
+        return PolylineShape(self._rest.arc_m, self._rest.nodes_m + self._compliance @ load, True)
 
 
 def _element(chord: FloatArray, ei: float, diameter_m: float) -> FloatArray:
@@ -121,7 +121,7 @@ class LargeDeflection:
         object.__setattr__(self, "_curvature_per_m", curvature_at(self.rod, halves))
         object.__setattr__(self, "_stiffness_nm2", mean_stiffness(self.rod))
 
-    def bend(self, force_n: FloatArray, moment_nm: float = 0.0) -> Bent:
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
         """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
         rod = self.rod
         fx, fy = float(force_n[0]), float(force_n[1])
@@ -136,7 +136,7 @@ class LargeDeflection:
             nodes,
         )
         arc = np.append(np.linspace(0.0, rod.flexible_length_m, self.steps + 1), rod.length_m)
-        return Bent(arc, nodes, bool(converged))
+        return PolylineShape(arc, nodes, bool(converged))
 
 
 @njit(cache=True, error_model="numpy")

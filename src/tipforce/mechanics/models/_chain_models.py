@@ -15,7 +15,7 @@ from numba import njit
 
 from ...types import FloatArray
 from ..planar import Rod
-from ._interface import CATHETER_7F_M, Bent, first_share, mean_curvature, stiffness_at
+from ._interface import CATHETER_7F_M, PolylineShape, first_share, mean_curvature, stiffness_at
 
 __all__ = ["ConstantCurvature", "MassSpring", "RigidLinks"]
 
@@ -186,7 +186,7 @@ def settle(chain: Chain, fx: float, fy: float, moment: float, first_share: float
     return converged
 
 
-def bend_links(rod: Rod, chain: Chain, clamped_m: float, force_n: FloatArray, moment_nm: float) -> Bent:
+def bend_links(rod: Rod, chain: Chain, clamped_m: float, force_n: FloatArray, moment_nm: float) -> PolylineShape:
     """Straight links behind a first one of ``clamped_m`` that stays along x."""
     fx, fy = float(force_n[0]), float(force_n[1])
     angles = np.empty(chain.span_m.size)
@@ -198,7 +198,7 @@ def bend_links(rod: Rod, chain: Chain, clamped_m: float, force_n: FloatArray, mo
     nodes[1:, 0] = arc[1:] = clamped_m
     nodes[2:] += np.cumsum(ways, axis=0)
     arc[2:] += np.cumsum(chain.link_m)
-    return Bent(arc, nodes, bool(converged))
+    return PolylineShape(arc, nodes, bool(converged))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,7 +233,7 @@ class RigidLinks:
         )
         object.__setattr__(self, "_chain", chain)
 
-    def bend(self, force_n: FloatArray, moment_nm: float = 0.0) -> Bent:
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
         """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
         return bend_links(self.rod, self._chain, 0.5 * self._chain.span_m[0], force_n, moment_nm)
 
@@ -272,7 +272,7 @@ class MassSpring:
         )
         object.__setattr__(self, "_chain", chain)
 
-    def bend(self, force_n: FloatArray, moment_nm: float = 0.0) -> Bent:
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
         """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
         return bend_links(self.rod, self._chain, 0.0, force_n, moment_nm)
 
@@ -313,7 +313,7 @@ class ConstantCurvature:
         )
         object.__setattr__(self, "_chain", chain)
 
-    def bend(self, force_n: FloatArray, moment_nm: float = 0.0) -> Bent:
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
         """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
         rod, n, chain = self.rod, self.arcs, self._chain
         fx, fy = float(force_n[0]), float(force_n[1])
@@ -330,4 +330,4 @@ class ConstantCurvature:
         nodes = np.zeros((angles.size + 1, 2))
         np.cumsum(lengths[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1), axis=0, out=nodes[1:])
         arc = np.append(np.linspace(0.0, rod.flexible_length_m, n * per_arc + 1), rod.length_m)
-        return Bent(arc, nodes, bool(converged))
+        return PolylineShape(arc, nodes, bool(converged))

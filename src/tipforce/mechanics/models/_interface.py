@@ -7,14 +7,14 @@ from typing import Protocol
 import numpy as np
 
 from ...types import FloatArray
-from ..planar import Rod, Shape, bend
+from ..planar import Rod, Shape, solve_static
 
 __all__ = [
     "CATHETER_7F_M",
-    "Bent",
-    "BentShape",
     "Elastica",
+    "PolylineShape",
     "RodModel",
+    "RodShape",
     "curvature_at",
     "first_share",
     "mean_curvature",
@@ -24,7 +24,7 @@ __all__ = [
 ]
 
 
-class BentShape(Protocol):
+class RodShape(Protocol):
     """What a model says of the bent catheter, base frame."""
 
     @property
@@ -45,13 +45,13 @@ class BentShape(Protocol):
 class RodModel(Protocol):
     """A model of the planar catheter, clamped at the base, loaded at its tip."""
 
-    def bend(self, force_n: FloatArray, moment_nm: float = 0.0) -> BentShape:
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> RodShape:
         """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z; smooth in both."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bent:
+class PolylineShape:
     """A shape as places ``nodes_m`` (k, 2), straight in between, at ``arc_m`` (k,) along the unloaded catheter."""
 
     arc_m: FloatArray
@@ -74,13 +74,13 @@ class Bent:
 
 @dataclass(frozen=True, slots=True)
 class Elastica:
-    """The reference that the others are measured by: `bend` of ``rod``, Kirchhoff's planar rod without stretch."""
+    """The reference for the other models: `solve_static` of ``rod``, Kirchhoff's planar rod without stretch."""
 
     rod: Rod
 
-    def bend(self, force_n: FloatArray, moment_nm: float = 0.0) -> Shape:
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> Shape:
         """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
-        return bend(self.rod, force_n, moment_nm)
+        return solve_static(self.rod, force_n, moment_nm)
 
 
 CATHETER_7F_M = 2.33e-3

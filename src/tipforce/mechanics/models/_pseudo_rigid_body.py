@@ -8,7 +8,7 @@ from numba import njit
 
 from ...types import FloatArray
 from ..planar import Rod
-from ._interface import Bent, first_share, mean_stiffness, nodes_at
+from ._interface import PolylineShape, first_share, mean_stiffness, nodes_at
 
 __all__ = ["PseudoRigidBody"]
 
@@ -46,7 +46,7 @@ class PseudoRigidBody:
         numbers = [hinge, np.hypot(*link), math.atan2(link[1], link[0]), angles[-1], rod.rigid_length_m, spring]
         object.__setattr__(self, "_numbers", np.array(numbers))
 
-    def bend(self, force_n: FloatArray, moment_nm: float = 0.0) -> Bent:
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
         """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z; four places: the links."""
         hinge, radius, rest, end, lever, _ = self._numbers
         fx, fy = float(force_n[0]), float(force_n[1])
@@ -57,7 +57,7 @@ class PseudoRigidBody:
         axis = end + _C_THETA * turn
         nodes[3] = nodes[2] + [lever * math.cos(axis), lever * math.sin(axis)]
         shaft = self.rod.flexible_length_m
-        return Bent(np.array([0.0, hinge, shaft, shaft + lever]), nodes, bool(converged))
+        return PolylineShape(np.array([0.0, hinge, shaft, shaft + lever]), nodes, bool(converged))
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,6 +1,7 @@
 """The tip on a compliant, moving wall with friction, in the plane: quasi-static, instant after instant.
 
-The twin presses in space (`press_spatial`). This way, on another rod and with other stick and slip, is its oracle.
+The simulation solves contact in space (`solve_contact_spatial`). This solver, with another rod and another treatment of
+stick and slip, is its oracle.
 """
 
 import math
@@ -13,7 +14,7 @@ from ...types import BoolArray, FloatArray
 from ._newton import NO_SPRINGS, Elastic, Load, Springs, elastic_of, relax
 from ._rod import Rod
 
-__all__ = ["Contact", "Wall", "press"]
+__all__ = ["Contact", "Wall", "solve_contact"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +145,7 @@ def _march(
         numbers[row, 3], numbers[row, 4], numbers[row, 5] = slipping, converged, stable
 
 
-def press(
+def solve_contact(
     rod: Rod, wall: Wall, position_m: FloatArray, along_m: FloatArray, dt_s: float, tip_radius_m: float
 ) -> Contact:
     """The rod while the wall moves: one equilibrium for each instant, each starting from the one before.

@@ -10,7 +10,7 @@ from ._newton import elastic_of
 from ._rod import Rod
 from ._rows import settle_rows
 
-__all__ = ["Shape", "Shapes", "bend", "bend_many", "carried_n"]
+__all__ = ["Shape", "Shapes", "carried_n", "solve_static", "solve_static_batch"]
 
 _ONE, _MANY = (0.0,), (0.0,) * 8
 """Lanes for one load and for many: eight of them fill the time that one waits for its pivots."""
@@ -20,8 +20,8 @@ _ONE, _MANY = (0.0,), (0.0,) * 8
 class Shape:
     """An equilibrium of ``rod``: ``angles_rad`` (segments + 1,), see `Rod.unloaded_angles_rad`.
 
-    The load it is under: ``force_n`` (2,), ``moment_nm``, ``distributed_n_per_m`` as given to `bend`. ``energy_j``:
-    bending energy less the work of the load. ``residual``: largest unbalanced moment on a segment, relative to
+    The load it is under: ``force_n`` (2,), ``moment_nm``, ``distributed_n_per_m`` as given to `solve_static`.
+    ``energy_j``: bending energy less the work of the load. ``residual``: largest unbalanced moment on a segment, relative to
     EI / length of the shaft. ``converged``: ``residual`` is at most 1e-11; if not, the shape is not to be used.
     ``stable``: a strict minimum of the energy. ``branch``: see `Branch` and `on_unloaded_branch`.
     """
@@ -68,7 +68,7 @@ class Shape:
         """
         if self.branch is not Branch.GIVEN:
             return self.branch is Branch.UNLOADED
-        cold = bend(self.rod, self.force_n, self.moment_nm, self.distributed_n_per_m)
+        cold = solve_static(self.rod, self.force_n, self.moment_nm, self.distributed_n_per_m)
         return cold.branch is Branch.UNLOADED and bool(np.abs(cold.angles_rad - self.angles_rad).max() < 1e-6)
 
 
@@ -136,7 +136,7 @@ def carried_n(rod: Rod, distributed_n_per_m: FloatArray | None) -> FloatArray:
     return np.cumsum(weight[::-1], axis=0)[::-1] - 0.5 * weight
 
 
-def bend_many(
+def solve_static_batch(
     rod: Rod,
     force_n: FloatArray,
     moment_nm: FloatArray | float = 0.0,
@@ -147,11 +147,11 @@ def bend_many(
     """Shapes of ``rod`` under m loads in one compiled call: ``force_n`` (m, 2), ``moment_nm`` (m,) or one for all.
 
     ``precurvature_per_m`` (m,): a constant one for each row, in place of the rod's. ``start``: shapes of the same m
-    rows, or their angles (m, segments + 1). All else as in `bend`.
+    rows, or their angles (m, segments + 1). All else as in `solve_static`.
 
     Raises ValueError where rows do not fit together.
 
-    >>> shapes = bend_many(Rod(0.048, 4.3e-4), np.array([[0.0, 0.1], [-0.1, 0.1]]))
+    >>> shapes = solve_static_batch(Rod(0.048, 4.3e-4), np.array([[0.0, 0.1], [-0.1, 0.1]]))
     >>> (shapes.tip_m * 1e3).round(2)
     array([[47.13,  8.31],
            [46.63, 10.35]])
@@ -193,7 +193,7 @@ def bend_many(
     )
 
 
-def bend(
+def solve_static(
     rod: Rod,
     force_n: FloatArray,
     moment_nm: float = 0.0,
@@ -209,12 +209,12 @@ def bend(
     together from nothing; `Branch` tells whether that went without a jump. With ``start``, a shape or its angles, it
     is the one next to that.
 
-    >>> shape = bend(Rod(0.048, 4.3e-4), np.array([0.0, 0.1]))
+    >>> shape = solve_static(Rod(0.048, 4.3e-4), np.array([0.0, 0.1]))
     >>> shape.stable, shape.branch.name, (shape.tip_m * 1e3).round(2)
     (True, 'UNLOADED', array([47.13,  8.31]))
     """
     near = start.angles_rad if isinstance(start, Shape) else start
-    return bend_many(
+    return solve_static_batch(
         rod,
         np.asarray(force_n, dtype=np.float64)[None],
         moment_nm,

@@ -10,7 +10,7 @@ from ._rod import SpatialRod, frames_of
 from ._state import Load, elastic_of, line_of, make_work
 from ._time_stepping import NUMBERS, Law, make_history, march
 
-__all__ = ["SpatialContact", "SpatialPress", "SpatialWall", "damping_of_loss_factor", "press_spatial"]
+__all__ = ["SpatialContact", "SpatialContactSolver", "SpatialWall", "damping_of_loss_factor", "solve_contact_spatial"]
 
 
 def damping_of_loss_factor(stiffness_n_per_m: float, loss_factor: float, frequency_hz: float) -> float:
@@ -125,7 +125,7 @@ class SpatialContact:
         return frames_of(self.quaternions[rows, -1])[..., 0]
 
 
-class SpatialPress:
+class SpatialContactSolver:
     """A rod and a wall that are moved instant by instant: for a closed loop that commands the motion live.
 
     ``dt_s`` is the time between instants and matters with damping and creep only. The electrode ends in a ball of
@@ -133,14 +133,15 @@ class SpatialPress:
     or (segments + 1, 3). ``creep``: the shaft is a standard linear solid on the strain against its pre-curvature: a
     spring ``creep`` times as stiff as EI and GJ lies beside the shaft and goes slack with the time constant
     ``creep_time_s``, so that under a fixed strain the moment falls by creep / (1 + creep), under a fixed moment the
-    strain grows by ``creep``, and what is left in the end is the rod of `bend_spatial`.
+    strain grows by ``creep``, and what is left in the end is the rod of `solve_static_spatial`.
 
     The first instant is reached from the rod hanging free for long, so it should be without contact, and steps should
     be short beside the ball. Raises ValueError where a value has no physical meaning.
 
-    >>> press = SpatialPress(SpatialRod(0.04, 4.3e-4, 0.008), SpatialWall(np.array([0.6, 0.8, 0.0]), 120.0), 1e-3, 1e-3)
+    >>> wall = SpatialWall(np.array([0.6, 0.8, 0.0]), 120.0)
+    >>> solver = SpatialContactSolver(SpatialRod(0.04, 4.3e-4, 0.008), wall, 1e-3, 1e-3)
     >>> for depth in np.linspace(-1e-3, 4e-3, 50):
-    ...     now = press.step(np.array([0.048, 0.0, 0.0]) - depth * press.wall.normal)
+    ...     now = solver.step(np.array([0.048, 0.0, 0.0]) - depth * wall.normal)
     >>> now.force_n[0, :2].round(4), bool(now.touching[0])
     (array([-0.0399, -0.0532]), True)
     """
@@ -201,7 +202,7 @@ class SpatialPress:
         precurvature_change_per_m: FloatArray | None = None,
         advance_m: FloatArray | None = None,
     ) -> SpatialContact:
-        """The next m instants, see `press_spatial`; they go on from the last one."""
+        """The next m instants, see `solve_contact_spatial`; they go on from the last one."""
         wall = np.ascontiguousarray(wall_m, np.float64)
         m = wall.shape[0]
         change = np.zeros((m, 3)) if precurvature_change_per_m is None else precurvature_change_per_m
@@ -242,7 +243,7 @@ class SpatialPress:
         return self.run(np.asarray(wall_m)[None], change, np.array([advance_m]))
 
 
-def press_spatial(
+def solve_contact_spatial(
     rod: SpatialRod,
     wall: SpatialWall,
     wall_m: FloatArray,
@@ -258,10 +259,10 @@ def press_spatial(
     """The rod while the wall moves: one equilibrium for each instant, each starting from the one before.
 
     ``wall_m`` (m, 3): a point of the wall's undented surface, which the tissue carries along. For the rest see
-    `SpatialPress`. ``precurvature_change_per_m`` (m, 3): added to the rod's own pre-curvature in every joint;
+    `SpatialContactSolver`. ``precurvature_change_per_m`` (m, 3): added to the rod's own pre-curvature in every joint;
     ``advance_m`` (m,): how far the clamp has moved along the base tangent.
     """
-    press = SpatialPress(
+    solver = SpatialContactSolver(
         rod, wall, dt_s, tip_radius_m, distributed_n_per_m=distributed_n_per_m, creep=creep, creep_time_s=creep_time_s
     )
-    return press.run(wall_m, precurvature_change_per_m, advance_m)
+    return solver.run(wall_m, precurvature_change_per_m, advance_m)

@@ -13,7 +13,7 @@ __all__ = ["NO_TOUCH", "Elastic", "Load", "Touch", "Work", "elastic_of", "line_o
 class Elastic(NamedTuple):
     """The rod as numbers; k = segments + 1 joints, each in front of one element (segments, then the electrode).
 
-    ``span``, ``bend`` (EI), ``twist`` (GJ) (k,), ``rest`` (k, 3): pre-curvature; ``soft``: 1 / k_s^2.
+    ``span``, ``solve_static`` (EI), ``twist`` (GJ) (k,), ``rest`` (k, 3): pre-curvature; ``soft``: 1 / k_s^2.
     ``reach`` (k,): length of each element; the last one's is the lever of the loaded point.
     ``memory`` (k, 3), ``maxwell``: crept strain and strength of the Maxwell spring. ``small``: EI / length of shaft.
     """

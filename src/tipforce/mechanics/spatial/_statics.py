@@ -10,7 +10,7 @@ from ._newton import TOLERANCE, raise_load, relax
 from ._rod import SpatialRod, frames_of
 from ._state import NO_TOUCH, Load, elastic_of, line_of, make_work
 
-__all__ = ["SpatialShape", "bend_spatial"]
+__all__ = ["SpatialShape", "solve_static_spatial"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,12 +59,12 @@ class SpatialShape:
         """
         if self.branch is not Branch.GIVEN:
             return self.branch is Branch.UNLOADED
-        cold = bend_spatial(self.rod, self.force_n, self.moment_nm, self.distributed_n_per_m)
+        cold = solve_static_spatial(self.rod, self.force_n, self.moment_nm, self.distributed_n_per_m)
         apart = 1.0 - np.abs(np.sum(cold.quaternions * self.quaternions, axis=1)).min()
         return cold.branch is Branch.UNLOADED and bool(apart < 1e-10)
 
 
-def bend_spatial(
+def solve_static_spatial(
     rod: SpatialRod,
     force_n: FloatArray,
     moment_nm: FloatArray | None = None,
@@ -77,7 +77,7 @@ def bend_spatial(
     this one is reached by raising all loads together from nothing, so it lies on the unloaded shape's branch wherever
     that branch lasts (``branch`` tells); with ``start`` it is the one next to that shape.
 
-    >>> shape = bend_spatial(SpatialRod(0.048, 4.3e-4), np.array([0.0, 0.06, 0.08]))
+    >>> shape = solve_static_spatial(SpatialRod(0.048, 4.3e-4), np.array([0.0, 0.06, 0.08]))
     >>> shape.stable, (shape.tip_m * 1e3).round(2)
     (True, array([47.13,  4.99,  6.65]))
     """
