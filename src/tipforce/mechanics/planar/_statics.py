@@ -21,9 +21,9 @@ class Shape:
     """An equilibrium of ``rod``: ``angles_rad`` (segments + 1,), see `Rod.unloaded_angles_rad`.
 
     The load it is under: ``force_n`` (2,), ``moment_nm``, ``distributed_n_per_m`` as given to `solve_static`.
-    ``energy_j``: bending energy less the work of the load. ``residual``: largest unbalanced moment on a segment, relative to
-    EI / length of the shaft. ``converged``: ``residual`` is at most 1e-11; if not, the shape is not to be used.
-    ``stable``: a strict minimum of the energy. ``branch``: see `Branch` and `on_unloaded_branch`.
+    ``energy_j``: bending energy less the work of the load. ``residual``: largest unbalanced moment on a segment,
+    relative to EI / length of the shaft. ``converged``: ``residual`` is at most 1e-11; if not, the shape is not to be
+    used. ``stable``: a strict minimum of the energy. ``branch``: see `Branch` and `on_unloaded_branch`.
     """
 
     rod: Rod
