@@ -9,16 +9,16 @@ from tipforce.errors import InputError
 from tipforce.simulation import (
     SimulatedBench,
     SimulationSettings,
+    collect_truth,
     read_truth,
     simulate,
-    truth_of,
     truth_path,
     write_logs,
 )
 
 
 def leave(bench, target, tick):
-    """Stands for what writes pictures: the twin itself knows no video."""
+    """Stands for what writes images: the twin itself knows no video."""
     part = target.with_name("part")
     part.mkdir()
     for index in range(0, len(bench.frame_s), 40):
@@ -58,11 +58,11 @@ def test_logs_hold_what_the_bench_read_and_the_sheet_nothing_of_the_truth(root, 
     names, rows = table(folder / "stage.csv")
     assert names == "time_s,stage_forward_mm,stage_across_mm"
     np.testing.assert_allclose(rows, np.column_stack([stamps * 1e-9, *stage.values()]), atol=1e-4)
-    facts = json.loads((folder / "bench.json").read_text())
-    assert facts["session"] == "session_01"
-    assert (facts["knob_deg"], facts["reads"], facts["no_contact_s"]) == (10.0, "tip-on-tissue", "0:2")
-    assert facts["catheter"]["bending_stiffness_nm2"] == 4.3e-4
-    assert not set(facts) & set(truth_of(bench).values)
+    inputs = json.loads((folder / "bench.json").read_text())
+    assert inputs["session"] == "session_01"
+    assert (inputs["knob_deg"], inputs["reads"], inputs["no_contact_s"]) == (10.0, "tip-on-tissue", "0:2")
+    assert inputs["catheter"]["bending_stiffness_nm2"] == 4.3e-4
+    assert not set(inputs) & set(collect_truth(bench).values)
 
 
 def test_a_knob_that_moves_has_a_log_of_its_own(short, tmp_path):
@@ -79,7 +79,7 @@ def test_a_knob_that_moves_has_a_log_of_its_own(short, tmp_path):
 
 
 def test_truth_comes_back_as_it_was(root, bench):
-    truth, again = read_truth(root / "session_01"), truth_of(bench)
+    truth, again = read_truth(root / "session_01"), collect_truth(bench)
     for name in ("stamp_ns", "force_n", "touching", "centreline_m", "centreline_px", "mask_bytes"):
         np.testing.assert_array_equal(getattr(truth, name), getattr(again, name))
     assert (truth.values, truth.clock_offset_s, truth.clock_drift) == (

@@ -42,14 +42,13 @@ def evaluate(
     """Train and score every candidate under every one of ``protocols`` (None: all that the data allow).
 
     ``every``: of each session every so many-th frame is taken; methods that remember still see those between.
-    ``samples``: as many are then drawn with ``seed``; under the protocol "thesis" from its sessions, and unless
-    stated as many as the thesis has for the method (the most of any where there are several: all get the same).
-    ``truth_n`` (len(dataset), 3): the twin's truth in the base frame; scores against it stand beside those against the
-    sensor; ``bounds``, of ``dataset`` too: how close each method's error against the truth comes to the smallest
-    possible. ``as_saved``: nothing is trained, saved models alone are scored. ``disturbed_frames``: each method, as
-    saved where it was, else as fitted under the strictest protocol, is also asked for so many test samples whose
-    pictures were disturbed. Raises InputError where a protocol that was asked for cannot be run on these data, or none
-    can be.
+    ``samples``: as many are then drawn with ``seed``; under the protocol "thesis" from its sessions, and unless stated
+    as many as the thesis has for the method (the most of any where there are several: all get the same). ``truth_n``
+    (len(dataset), 3): the simulated truth in the base frame; scores against it stand beside those against the sensor;
+    ``bounds``, of ``dataset`` too: how close each method's error against the truth comes to the smallest possible.
+    ``as_saved``: nothing is trained, saved models alone are scored. ``disturbed_frames``: each method, as saved where
+    it was, else as fitted under the strictest protocol, is also asked for so many test samples whose pictures were
+    disturbed. Raises InputError where a protocol that was asked for cannot be run on these data, or none can be.
     """
     if not candidates:
         raise InputError("there is no method to evaluate; name one, for example: tipforce evaluate svr --data runs/")

@@ -1,4 +1,4 @@
-"""The bound of a session, frame by frame: of each frame on its own, and of all frames until then."""
+"""The posterior Cramer-Rao bound of a session: of each frame alone, and of all frames until then."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,17 +11,24 @@ from ..mechanics import posterior_covariance, posterior_covariance_along
 from ..simulation._bench import SimulatedBench
 from ..simulation._ground_truth import Truth
 from ..types import BoolArray, FloatArray, IntArray, frozen
-from ._jacobian import facts_of, seen_rows
-from ._priors import LASTING, MEASURED, SeenNoise, Unknown, measured_on, unknowns_of
+from ._jacobian import bound_inputs, centreline_jacobian
+from ._priors import (
+    CENTRELINE_NOISE,
+    SESSION_NOISE,
+    CentrelineNoise,
+    Parameter,
+    noise_preset,
+    unknown_parameters,
+)
 
-__all__ = ["ForceBound", "SessionBound"]
+__all__ = ["CramerRaoBound", "ForceCovarianceBound"]
 
 _PLAY = "place in the backlash"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ForceBound:
-    """The smallest covariance of the force, frame by frame; base frame, newtons; NaN where no shape was found.
+class ForceCovarianceBound:
+    """The smallest covariance of the force in each frame; base frame; NaN where no stable shape was found.
 
     ``stamp_ns`` (m,); ``force_n`` (m, 3): the true force; ``covariance_n2`` (m, 3, 3).
     """
@@ -50,13 +57,13 @@ class ForceBound:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SessionBound:
-    """All that the bound of a session is made of.
+class CramerRaoBound:
+    """The measurement model of a session, and the bounds that follow from it.
 
-    ``slopes`` (m, rows, unknowns): of the seen line with each of ``unknowns``, see `seen_rows`; ``arc_m`` (points,):
-    where along the seen line. ``touching``, ``stable`` (m,); ``contact_angle_deg`` (m,): between tip and wall's normal.
-    ``play_open`` (m,): until when the knob has not yet surely crossed its backlash. ``tare_s``: until when the sheet
-    says that nothing touches.
+    ``jacobian`` (m, rows, parameters): of the detected centreline by ``parameters``, see `centreline_jacobian`;
+    ``arc_m`` (points,): positions along it. ``touching``, ``stable`` (m,); ``contact_angle_deg`` (m,): between tip and
+    wall's normal. ``play_open`` (m,): whether the knob may not have crossed its backlash yet. ``tare_s``: until when
+    the session's metadata say that nothing touches. ``noise``: of the centreline.
     """
 
     session: str
@@ -67,125 +74,142 @@ class SessionBound:
     contact_angle_deg: FloatArray
     play_open: BoolArray
     tare_s: float
-    unknowns: tuple[Unknown, ...]
-    slopes: FloatArray
+    parameters: tuple[Parameter, ...]
+    jacobian: FloatArray
     arc_m: FloatArray
-    noise: SeenNoise
+    noise: CentrelineNoise
 
     @classmethod
-    def of(cls, source: Truth | SimulatedBench, noise: SeenNoise | None = None) -> Self:
-        """Of a session of the twin. ``noise``: of the seen line; None: what was measured on its preset.
+    def of(cls, source: Truth | SimulatedBench, noise: CentrelineNoise | None = None) -> Self:
+        """Sets up the model of a simulated session.
 
-        Raises ValueError where nothing was measured on pictures of its preset and no ``noise`` is given, where they are
-        X-ray pictures, and where the tissue touches the shaft's side too.
+        Args:
+            source: the session's ground truth, or its bench.
+            noise: of the detected centreline; None: as measured on the session's preset.
+
+        Raises:
+            ValueError: without ``noise`` for a preset on which none was measured, for X-ray images, and where the
+                tissue touches the shaft's side too.
         """
-        preset = measured_on(source.settings)
+        preset = noise_preset(source.settings)
         if noise is None:
             if preset is None:
                 name = source.settings.preset if isinstance(source, SimulatedBench) else source.settings.get("preset")
                 raise ValueError(
-                    f"the error of seen centrelines was measured on pictures of {' and '.join(MEASURED)} only, "
-                    f"not of preset {str(name)!r}"
+                    "the error of detected centrelines was measured on images of "
+                    f"{' and '.join(CENTRELINE_NOISE)} only, not of preset {str(name)!r}"
                 )
-            noise = MEASURED[preset]
-        facts = facts_of(source)
-        settings = facts.settings
+            noise = CENTRELINE_NOISE[preset]
+        inputs = bound_inputs(source)
+        settings = inputs.settings
         if settings.world.wall.side_stiffness_n_per_m2 > 0:
             raise ValueError("the bound is of a force on the electrode's dome; here the shaft's side is touched too")
-        unknowns = unknowns_of(settings, facts.rig.draw)
-        rows, arc, stable = seen_rows(facts)
-        slopes = np.stack([rows[unknown.name] for unknown in unknowns], axis=2)
-        slopes[~stable] = 0.0
-        knob = facts.knob_deg
+        parameters = unknown_parameters(settings, inputs.bench_model.parameters)
+        rows, arc, stable = centreline_jacobian(inputs)
+        jacobian = np.stack([rows[parameter.name] for parameter in parameters], axis=2)
+        jacobian[~stable] = 0.0
+        knob = inputs.knob_deg
         travelled = np.maximum.accumulate(knob) - np.minimum.accumulate(knob)
         return cls(
-            session=facts.session,
-            stamp_ns=facts.stamp_ns,
-            force_n=facts.force_n,
-            touching=facts.touching,
+            session=inputs.session,
+            stamp_ns=inputs.stamp_ns,
+            force_n=inputs.force_n,
+            touching=inputs.touching,
             stable=stable,
-            contact_angle_deg=facts.contact_angle_deg,
+            contact_angle_deg=inputs.contact_angle_deg,
             play_open=travelled < settings.world.actuation.play_deg,
             tare_s=settings.world.tare_s,
-            unknowns=unknowns,
-            slopes=slopes,
+            parameters=parameters,
+            jacobian=jacobian,
             arc_m=arc,
             noise=noise,
         )
 
-    def each(self, known: Iterable[str] = (), force_n2: FloatArray | None = None) -> ForceBound:
-        """Of every frame on its own. ``known``: groups of unknowns that are taken as known.
+    def single_frame(self, known: Iterable[str] = (), force_n2: FloatArray | None = None) -> ForceCovarianceBound:
+        """Returns the bound of every frame alone.
 
-        ``force_n2`` (3, 3): covariance of the force beforehand, base frame; None: broad, see `unknowns_of`. Raises
-        ValueError for a group that there is not, and for that of the force.
+        Args:
+            known: groups of parameters that are taken as known.
+            force_n2: (3, 3) prior covariance of the force, base frame; None: broad, see `unknown_parameters`.
+
+        Raises:
+            ValueError: for a group that does not exist, and for that of the force.
         """
         free, lasting = self._free(known)
         covariance = self.noise.fresh.covariance_m2(self.arc_m)
         if lasting:
             covariance = covariance + self.noise.lasting.covariance_m2(self.arc_m)
-        white = _whitened(self.slopes[:, :, free], covariance)
+        white = _whitened(self.jacobian[:, :, free], covariance)
         return self._bound(posterior_covariance(white, self._prior(free, force_n2), sum(k < 3 for k in free)))
 
-    def along(
+    def sequential(
         self,
         known: Iterable[str] = (),
         force_n2: FloatArray | None = None,
         free_known: Literal["all", "tare", "none"] = "all",
-    ) -> ForceBound:
-        """Of every frame with all frames before it, from the session's first on; ``known``, ``force_n2``: as in `each`.
+    ) -> ForceCovarianceBound:
+        """Returns the bound of every frame together with all frames before it (the filtering bound).
 
-        ``free_known``: which frames without contact the estimator may be sure of: all of them, which makes the bound
-        hold for those that can tell contact too; the tare only, which the sheet states; none.
+        Args:
+            known: as in `single_frame`.
+            force_n2: as in `single_frame`.
+            free_known: in which frames without contact the estimator may be sure that there is none. All: the bound
+                then holds also for estimators that detect contact; the tare only, which the metadata state; none.
+
+        Raises:
+            ValueError: as in `single_frame`.
         """
         free, lasting = self._free(known)
-        slopes = self.slopes[:, :, free].copy()
-        chosen = [self.unknowns[k] for k in free]
+        jacobian = self.jacobian[:, :, free].copy()
+        chosen = [self.parameters[k] for k in free]
         time_s = (self.stamp_ns - self.stamp_ns[0]) * 1e-9
         still = self.stamp_ns * 1e-9 < self.tare_s
         nothing = {"all": ~self.touching, "tare": still & ~self.touching, "none": np.zeros_like(still)}[free_known]
-        for k, unknown in enumerate(chosen):
-            if unknown.memory_s == 0:  # the force's components
-                slopes[nothing, :, k] = 0.0
-            if unknown.name == _PLAY:
-                slopes[~self.play_open, :, k] = 0.0
+        for k, parameter in enumerate(chosen):
+            if parameter.memory_s == 0:  # the force's components
+                jacobian[nothing, :, k] = 0.0
+            if parameter.name == _PLAY:
+                jacobian[~self.play_open, :, k] = 0.0
         fresh = self.noise.fresh.covariance_m2(self.arc_m)
-        prior, memory = self._prior(free, force_n2), [unknown.memory_s for unknown in chosen]
+        prior, memory = self._prior(free, force_n2), [parameter.memory_s for parameter in chosen]
         if lasting:
-            # What stays wrong for a session is an unknown like others: one for each row.
+            # An error that stays for a session is a parameter like others: one for each row.
             rows = self.noise.lasting.covariance_m2(self.arc_m)
             prior, memory = np.asarray(block_diag(prior, rows), np.float64), memory + [np.inf] * len(rows)
-            shown = np.broadcast_to(np.eye(len(rows)) * self.stable[:, None, None], (len(slopes), *rows.shape))
-            slopes = np.concatenate([slopes, shown], axis=2)
+            shown = np.broadcast_to(np.eye(len(rows)) * self.stable[:, None, None], (len(jacobian), *rows.shape))
+            jacobian = np.concatenate([jacobian, shown], axis=2)
         wanted = sum(k < 3 for k in free)
-        found = posterior_covariance_along(_whitened(slopes, fresh), prior, wanted, time_s, np.array(memory))
+        found = posterior_covariance_along(_whitened(jacobian, fresh), prior, wanted, time_s, np.array(memory))
         found[nothing] = 0.0
         return self._bound(found)
 
     def _free(self, known: Iterable[str]) -> tuple[list[int], bool]:
-        """Places of the unknowns that are left, and whether the lasting errors of seeing are."""
-        groups, known = {unknown.group for unknown in self.unknowns} | {LASTING}, set(known)
+        """Indices of the parameters that are unknown, and whether the session's lasting noise is."""
+        groups, known = {parameter.group for parameter in self.parameters} | {SESSION_NOISE}, set(known)
         if known - groups or "force" in known:
             allowed = ", ".join(sorted(groups - {"force"}))
             raise ValueError(f"known: expected some of {allowed}, got {', '.join(sorted(known))}")
-        return [k for k, unknown in enumerate(self.unknowns) if unknown.group not in known], LASTING not in known
+        return [
+            k for k, parameter in enumerate(self.parameters) if parameter.group not in known
+        ], SESSION_NOISE not in known
 
     def _prior(self, free: list[int], force_n2: FloatArray | None) -> FloatArray:
-        """Covariance of the unknowns at ``free``."""
-        prior = np.diag([unknown.std**2 for unknown in self.unknowns])
+        """Prior covariance of the parameters at ``free``."""
+        prior = np.diag([parameter.std**2 for parameter in self.parameters])
         if force_n2 is not None:
             prior[:3, :3] = frozen("force_n2", force_n2, (3, 3))
         return prior[np.ix_(np.array(free), np.array(free))]
 
-    def _bound(self, found: FloatArray) -> ForceBound:
+    def _bound(self, found: FloatArray) -> ForceCovarianceBound:
         """``found`` (m, 2, 2) where the depth is known, else (m, 3, 3)."""
         covariance = np.zeros((len(found), 3, 3))
         covariance[:, : found.shape[1], : found.shape[1]] = found
         covariance[~self.stable] = np.nan
-        return ForceBound(self.session, self.stamp_ns, self.force_n, covariance)
+        return ForceCovarianceBound(self.session, self.stamp_ns, self.force_n, covariance)
 
 
-def _whitened(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
+def _whitened(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
     root = np.linalg.cholesky(covariance)
-    m, rows, columns = slopes.shape
-    flat = np.moveaxis(slopes, 1, 0).reshape(rows, -1)
+    m, rows, columns = jacobian.shape
+    flat = np.moveaxis(jacobian, 1, 0).reshape(rows, -1)
     return np.moveaxis(solve_triangular(root, flat, lower=True).reshape(rows, m, columns), 0, 1)

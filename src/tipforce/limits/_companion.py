@@ -1,4 +1,4 @@
-"""The bounds of many sessions, from the truth that lies beside their recordings, and what they take for unknown."""
+"""The bounds of many recorded sessions, from the ground truth in their companion files, and a summary of the priors."""
 
 import math
 import multiprocessing
@@ -13,22 +13,23 @@ import numpy as np
 from .._cores import cores
 from ..simulation._ground_truth import read_truth
 from ..types import FloatArray, IntArray
-from ._bound import SessionBound
-from ._priors import FORCE_STD_N, FORCES_N2, Unknown, measured_on
+from ._bound import CramerRaoBound
+from ._priors import BROAD_FORCE_STD_N, CONTACT_FORCE_PRIORS_N2, Parameter, noise_preset
 
-__all__ = ["BoundBeside", "bounds_beside", "nuisances"]
+__all__ = ["CompanionBound", "describe_nuisances", "read_companion_bounds"]
 
 _FEW = 4
 """Sessions that are done sooner than another process has started."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BoundBeside:
+class CompanionBound:
     """The bounds of one session's m frames, or why there are none.
 
-    ``std_n``: way -> (m, 3), of fx, fy and the magnitude, NaN where no shape was found. The ways: ``one_frame`` and
-    ``all_frames`` (all until then) of who knows what forces the preset has, ``one_frame_broad`` and
-    ``all_frames_broad`` of who does not. ``contact_angle_deg`` (m,). ``refused``: why there is no bound, else "".
+    ``std_n``: kind -> (m, 3), of fx, fy and the magnitude; NaN where no stable shape was found. The kinds:
+    ``one_frame`` and ``all_frames`` (all until then) with the preset's forces as the prior, ``one_frame_broad`` and
+    ``all_frames_broad`` with a broad prior. ``contact_angle_deg`` (m,). ``rejection_reason``: why there is no bound,
+    else "".
     """
 
     session: str
@@ -36,26 +37,33 @@ class BoundBeside:
     stamp_ns: IntArray
     std_n: Mapping[str, FloatArray]
     contact_angle_deg: FloatArray
-    unknowns: tuple[Unknown, ...] = ()
-    refused: str = ""
+    parameters: tuple[Parameter, ...] = ()
+    rejection_reason: str = ""
 
 
-def bounds_beside(
+def read_companion_bounds(
     paths: Iterable[Path],
     sessions: Collection[str],
     *,
     workers: int | None = None,
     progress: Callable[[str, float], None] | None = None,
-) -> list[BoundBeside]:
-    """Of the truths at ``paths`` (see `read_truth`) the bounds of those of ``sessions``, in the order of ``paths``.
+) -> list[CompanionBound]:
+    """Computes the bounds of recorded sessions from their companion files.
 
-    In ``workers`` processes: as many as there are cores by default. About 0.6 s of one core for a minute's session.
+    Args:
+        paths: of the ground truths, see `read_truth`.
+        sessions: names of the sessions that are wanted; others are left out.
+        workers: number of processes; as many as there are cores by default. A minute's session takes about 0.6 s.
+        progress: is called with a label and the share done.
+
+    Returns:
+        One entry a session, in the order of ``paths``.
     """
-    work, todo = partial(_beside, sessions=frozenset(sessions)), list(paths)
-    crew = min(len(todo) // _FEW, workers or cores())
+    work, todo = partial(_read_bound, sessions=frozenset(sessions)), list(paths)
+    worker_count = min(len(todo) // _FEW, workers or cores())
 
-    def collected(found: Iterable[BoundBeside | None]) -> list[BoundBeside]:
-        kept: list[BoundBeside] = []
+    def collected(found: Iterable[CompanionBound | None]) -> list[CompanionBound]:
+        kept: list[CompanionBound] = []
         for done, one in enumerate(found):
             if one is not None:
                 kept.append(one)
@@ -63,54 +71,54 @@ def bounds_beside(
                 progress("smallest possible errors", (done + 1) / len(todo))
         return kept
 
-    if crew <= 1:
+    if worker_count <= 1:
         return collected(map(work, todo))
-    with ProcessPoolExecutor(crew, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(worker_count, mp_context=multiprocessing.get_context("spawn")) as pool:
         return collected(pool.map(work, todo))
 
 
-def _beside(path: Path, sessions: Collection[str]) -> BoundBeside | None:
-    """None of a session that is not wanted."""
+def _read_bound(path: Path, sessions: Collection[str]) -> CompanionBound | None:
+    """Returns None for a session that is not wanted."""
     truth = read_truth(path)
     if truth.session not in sessions:
         return None
-    preset = measured_on(truth.settings) or str(truth.settings.get("preset"))
+    preset = noise_preset(truth.settings) or str(truth.settings.get("preset"))
     try:
-        bound = SessionBound.of(truth)
+        bound = CramerRaoBound.of(truth)
     except ValueError as error:
-        return BoundBeside(truth.session, preset, truth.stamp_ns, {}, np.zeros(0), refused=str(error))
-    learnt = FORCES_N2[preset]
+        return CompanionBound(truth.session, preset, truth.stamp_ns, {}, np.zeros(0), rejection_reason=str(error))
+    learnt = CONTACT_FORCE_PRIORS_N2[preset]
     found = {
-        "one_frame": bound.each((), learnt),
-        "all_frames": bound.along((), learnt),
-        "one_frame_broad": bound.each(),
-        "all_frames_broad": bound.along(),
+        "one_frame": bound.single_frame((), learnt),
+        "all_frames": bound.sequential((), learnt),
+        "one_frame_broad": bound.single_frame(),
+        "all_frames_broad": bound.sequential(),
     }
     std = {way: force.fx_fy_magnitude_n for way, force in found.items()}
-    return BoundBeside(truth.session, preset, truth.stamp_ns, std, bound.contact_angle_deg, bound.unknowns)
+    return CompanionBound(truth.session, preset, truth.stamp_ns, std, bound.contact_angle_deg, bound.parameters)
 
 
-def nuisances(bounds: Sequence[BoundBeside]) -> list[str]:
-    """One sentence for each preset: what its bound takes for unknown, and how well that is known beforehand."""
+def describe_nuisances(bounds: Sequence[CompanionBound]) -> list[str]:
+    """Returns one sentence for each preset: its unknown parameters and their priors."""
     sentences: list[str] = []
-    for preset in dict.fromkeys(each.preset for each in bounds if not each.refused):
-        sets = [each.unknowns for each in bounds if each.preset == preset and not each.refused]
-        told = [_told(same) for same in zip(*sets, strict=True) if same[0].group != "force"]
-        spread = ", ".join(f"{1e3 * math.sqrt(value):.2g}" for value in np.diag(FORCES_N2[preset]))
+    for preset in dict.fromkeys(each.preset for each in bounds if not each.rejection_reason):
+        sets = [each.parameters for each in bounds if each.preset == preset and not each.rejection_reason]
+        described = [_describe(same) for same in zip(*sets, strict=True) if same[0].group != "force"]
+        spread = ", ".join(f"{1e3 * math.sqrt(value):.2g}" for value in np.diag(CONTACT_FORCE_PRIORS_N2[preset]))
         sentences.append(
-            f"Bound of {preset}: posterior Cramer-Rao bound of the centreline that fine sees, with its measured error; "
-            f"unknown, each a Gaussian of the standard deviation in brackets, are {', '.join(told)} and the error of "
-            f"seeing that lasts a session; of the force it is known beforehand how wide the preset's contact forces "
-            f"spread ({spread} mN along x, y, z), or, broad, no more than {1e3 * FORCE_STD_N:.0f} mN along x and y."
+            f"Bound of {preset}: posterior Cramer-Rao bound of the centreline that the tracer detects, with its "
+            f"measured error; unknown, each a Gaussian of the standard deviation in brackets, are {', '.join(described)} "
+            f"and the error of detection that lasts a session; prior of the force: as wide as the preset's contact forces "
+            f"({spread} mN along x, y, z), or broad, {1e3 * BROAD_FORCE_STD_N:.0f} mN along x and y."
         )
     return sentences
 
 
-_WRITTEN = {"m": (1e3, " mm"), "rad": (math.degrees(1.0), " deg"), "1": (1.0, "")}
+_DISPLAY_UNITS = {"m": (1e3, " mm"), "rad": (math.degrees(1.0), " deg"), "1": (1.0, "")}
 
 
-def _told(same: Sequence[Unknown]) -> str:
-    """One unknown of all sessions of a preset: its name and width, from the least to the most where they differ."""
-    factor, unit = _WRITTEN.get(same[0].unit, (1.0, f" {same[0].unit}"))
-    ends = [f"{factor * pick(unknown.std for unknown in same):.2g}" for pick in (min, max)]
+def _describe(same: Sequence[Parameter]) -> str:
+    """One parameter of all sessions of a preset: name and standard deviation, least to most where they differ."""
+    factor, unit = _DISPLAY_UNITS.get(same[0].unit, (1.0, f" {same[0].unit}"))
+    ends = [f"{factor * pick(each.std for each in same):.2g}" for pick in (min, max)]
     return f"{same[0].name.replace(',', '')} ({' to '.join(dict.fromkeys(ends))}{unit})"

@@ -15,19 +15,22 @@ from ..simulation._ground_truth import Truth
 from ..simulation._imaging import CameraImaging
 from ..simulation._settings import SimulationSettings
 from ..simulation.rendering.camera import Lens
-from ..simulation.world import Device, Draw, Rig, build_rig
+from ..simulation.world import BenchModel, Device, SessionParameters, build_bench_model
 from ..types import BoolArray, FloatArray, IntArray
 
-__all__ = ["POINTS", "Facts", "changed_lens", "facts_of", "seen_rows"]
+__all__ = ["POINTS", "BoundInputs", "bound_inputs", "centreline_jacobian", "perturb_lens"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Facts:
-    """A session at its m frames; see `Truth` for the arrays. ``force_n``, ``touch_m`` (m, 3), ``lines_m`` (m, p, 3)."""
+class BoundInputs:
+    """What the bound needs of a session at its m frames; see `Truth` for the arrays.
+
+    ``force_n``, ``touch_m`` (m, 3); ``lines_m`` (m, p, 3): the centreline, base frame, metres.
+    """
 
     session: str
     settings: SimulationSettings
-    rig: Rig
+    bench_model: BenchModel
     lens: Lens
     stamp_ns: IntArray
     force_n: FloatArray
@@ -46,14 +49,15 @@ class Facts:
     def contact_angle_deg(self) -> FloatArray:
         """(m,): between the tip's axis and the direction into the wall."""
         axis = self.lines_m[:, -1] - self.lines_m[:, -2]
-        cosine = axis @ self.rig.wall.normal / np.linalg.norm(axis, axis=1)
+        cosine = axis @ self.bench_model.wall.normal / np.linalg.norm(axis, axis=1)
         return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
-def facts_of(source: Truth | SimulatedBench) -> Facts:
-    """Of a session's truth, or of the bench itself, which need not draw a single picture for it.
+def bound_inputs(source: Truth | SimulatedBench) -> BoundInputs:
+    """Collects the inputs of the bound from a ground truth, or from the bench itself (no image is drawn for it).
 
-    Raises ValueError for X-ray sessions, and for a truth of settings that are not those of this version.
+    Raises:
+        ValueError: for X-ray sessions, and for a ground truth with settings of another version.
     """
     if isinstance(source, Truth):
         stated = {name: value for name, value in source.settings.items() if name not in ("seed", "number")}
@@ -65,11 +69,11 @@ def facts_of(source: Truth | SimulatedBench) -> Facts:
                 f"its truth was made with settings that one camera's bench does not have ({key})"
             ) from None
         values: Mapping[str, Any] = source.values
-        draw = Draw(device=Device(**_part(Device, values)), **_part(Draw, values))
-        return Facts(
+        parameters = SessionParameters(device=Device(**_part(Device, values)), **_part(SessionParameters, values))
+        return BoundInputs(
             session=source.session,
             settings=settings,
-            rig=build_rig(settings.world, draw),
+            bench_model=build_bench_model(settings.world, parameters),
             lens=Lens(**_part(Lens, values["lens"])),
             stamp_ns=source.stamp_ns,
             force_n=source.force_n,
@@ -80,20 +84,20 @@ def facts_of(source: Truth | SimulatedBench) -> Facts:
             knob_deg=source.knob_deg,
         )
     if not isinstance(source.settings, SimulationSettings) or not isinstance(source.imaging, CameraImaging):
-        raise ValueError(f"the bound is of what one camera sees; {source.settings.preset} is seen by X-ray")
-    times, course, when = source.frame_s, source.session.course, source.instants
-    return Facts(
+        raise ValueError(f"the bound is of one camera's images; {source.settings.preset} has X-ray images")
+    times, trajectory, when = source.frame_s, source.session.trajectory, source.interpolator
+    return BoundInputs(
         session=source.name,
         settings=source.settings,
-        rig=source.session.rig,
+        bench_model=source.session.bench_model,
         lens=source.imaging.scene.lens,
         stamp_ns=source.stamp_ns,
-        force_n=when.at(course.contact.force_n, times),
-        touch_m=when.at(course.contact.touch_m, times),
-        touching=course.contact.touching[when.nearest(times)],
+        force_n=when.at(trajectory.contact.force_n, times),
+        touch_m=when.at(trajectory.contact.touch_m, times),
+        touching=trajectory.contact.touching[when.nearest(times)],
         lines_m=when.lines_m(times),
-        curvature_per_m=when.at(course.curvature_per_m, times),
-        knob_deg=when.at(course.knob_deg, times),
+        curvature_per_m=when.at(trajectory.curvature_per_m, times),
+        knob_deg=when.at(trajectory.knob_deg, times),
     )
 
 
@@ -104,11 +108,11 @@ def _part(kind: type[Any], values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 POINTS = 33
-"""Of the seen line, from the picture's border to the tip."""
+"""Of the detected centreline, from the image's border to the tip."""
 
 
-def changed_lens(lens: Lens, name: str, step: float) -> Lens:
-    """``lens`` with one of the camera's unknowns changed by ``step``, in its own unit."""
+def perturb_lens(lens: Lens, name: str, step: float) -> Lens:
+    """Returns ``lens`` with one of the camera's parameters changed by ``step``, in its own unit."""
     match name:
         case "base, right":
             return replace(lens, base_at_m=(lens.base_at_m[0] + step, lens.base_at_m[1]))
@@ -145,36 +149,39 @@ _CAMERA_STEPS = {
 }
 
 
-def seen_rows(facts: Facts) -> tuple[dict[str, FloatArray], FloatArray, BoolArray]:
-    """Slopes by the unknowns' names, (m, POINTS + 1) each; arc lengths of the points; where the shape is known (m,).
+def centreline_jacobian(inputs: BoundInputs) -> tuple[dict[str, FloatArray], FloatArray, BoolArray]:
+    """Returns the derivatives of the centreline by each parameter, arc lengths, and where the shape is stable.
 
-    A row says how far the line moves in the picture, in metres of the catheter's plane per unit of the unknown: across
-    itself at each point, to the left as seen along it, and at last along itself at the tip.
+    Returns:
+        Parameter name -> (m, POINTS + 1) derivatives: how far the centreline moves in the image, in metres of the
+        catheter's plane per unit of the parameter; across itself at each point (left positive, base to tip), and last
+        along itself at the tip. Then the points' arc lengths in metres (POINTS,), and (m,) where the shape under a dead
+        force is stable.
     """
-    settings, rig, lens = facts.settings, facts.rig, facts.lens
+    settings, bench_model, lens = inputs.settings, inputs.bench_model, inputs.lens
     width, height = settings.width, settings.height
     camera, shaft = lens.camera(width, height), settings.world.shaft
     scale = lens.scale_m_per_px * 640.0 / width
-    begin = _first_seen_m(facts)
-    joints = np.linspace(0.0, 1.0, rig.rod.segments + 1)
-    curvature = facts.curvature_per_m
+    begin = _first_visible_m(inputs)
+    joints = np.linspace(0.0, 1.0, bench_model.rod.segments + 1)
+    curvature = inputs.curvature_per_m
     nothing = np.zeros_like(curvature)
     found = contact_derivatives(
-        rig.rod,
-        facts.lines_m,
-        facts.force_n,
-        facts.touch_m,
-        np.linspace(begin, rig.rod.length_m, POINTS),
-        tip_radius_m=rig.radius_m,
+        bench_model.rod,
+        inputs.lines_m,
+        inputs.force_n,
+        inputs.touch_m,
+        np.linspace(begin, bench_model.rod.length_m, POINTS),
+        tip_radius_m=bench_model.radius_m,
         precurvature_change_per_m=np.stack([nothing, nothing, curvature], axis=1),
         stiffness_patterns=np.stack([np.ones(joints.size), (joints < 1 / 3).astype(np.float64)]),
-        time_s=facts.time_s,
+        time_s=inputs.time_s,
         creep=shaft.creep_share,
         creep_time_s=shaft.creep_s,
     )
     m = len(curvature)
     # Where the clamp has been advanced, the whole rod has.
-    places = (found.centreline_m + facts.lines_m[:, :1]).reshape(-1, 3)
+    places = (found.centreline_m + inputs.lines_m[:, :1]).reshape(-1, 3)
     pixels, slopes = camera.project_with_slopes(places)
     pixels, slopes = pixels.reshape(m, POINTS, 2), slopes.reshape(m, POINTS, 2, 3)
     tangent = CubicSpline(np.arange(POINTS), pixels, axis=1)(np.arange(POINTS), 1)
@@ -190,11 +197,11 @@ def seen_rows(facts: Facts) -> tuple[dict[str, FloatArray], FloatArray, BoolArra
         return row((slopes @ column[..., None])[..., 0])
 
     knob = of_rod(found["precurvature"][..., 1])
-    gain = settings.world.actuation.gain_per_m_deg * rig.draw.knob_factor
-    size = np.linalg.norm(facts.force_n, axis=1)
+    gain = settings.world.actuation.gain_per_m_deg * bench_model.parameters.knob_factor
+    size = np.linalg.norm(inputs.force_n, axis=1)
     rows = {
         "force along the base tangent": of_rod(found["force"][..., 0]),
-        "force across it in the picture": of_rod(found["force"][..., 1]),
+        "force across it in the image": of_rod(found["force"][..., 1]),
         "force in depth": of_rod(found["force"][..., 2]),
         "place of the touch on the dome": size[:, None] * of_rod(found["moment"][..., 2]),
         "stiffness EI": of_rod(found["stiffness"][..., 0]),
@@ -207,19 +214,19 @@ def seen_rows(facts: Facts) -> tuple[dict[str, FloatArray], FloatArray, BoolArra
         "bend out of the plane": of_rod(found["precurvature"][..., 0]),
     }
     for name, step in _CAMERA_STEPS.items():
-        more, less = (changed_lens(lens, name, way).camera(width, height).project(places) for way in (step, -step))
+        more, less = (perturb_lens(lens, name, way).camera(width, height).project(places) for way in (step, -step))
         rows[name] = row(((more - less) / (2 * step)).reshape(m, POINTS, 2))
     arc = scale * arc_length(pixels[0])
     return rows, arc, found.stable
 
 
-def _first_seen_m(facts: Facts) -> float:
-    """Arc length at which the shaft comes into the picture; the base lies outside of it."""
-    line, settings = facts.lines_m[0], facts.settings
-    pixels = facts.lens.camera(settings.width, settings.height).project(line)
+def _first_visible_m(inputs: BoundInputs) -> float:
+    """Arc length at which the shaft comes into the image; the base lies outside of it."""
+    line, settings = inputs.lines_m[0], inputs.settings
+    pixels = inputs.lens.camera(settings.width, settings.height).project(line)
     far = np.array([settings.width - 1, settings.height - 1])
-    inward = np.minimum(pixels, far - pixels).min(axis=1)  # how far inside the picture
+    inward = np.minimum(pixels, far - pixels).min(axis=1)  # how far inside the image
     first = int(np.argmax(inward >= 0))
     if first:
         first -= inward[first] / (inward[first] - inward[first - 1])
-    return float(first) * facts.rig.rod.length_m / (len(line) - 1)
+    return float(first) * inputs.bench_model.rod.length_m / (len(line) - 1)

@@ -1,4 +1,4 @@
-"""The hidden truth of a session, and its file beside the recording."""
+"""The ground truth of a simulated session, and its companion file."""
 
 import json
 import zipfile
@@ -17,7 +17,7 @@ from ..types import BasePose, BoolArray, FloatArray, IntArray
 from ._bench import SimulatedBench
 from ._fields import Settings
 
-__all__ = ["Truth", "ViewTruth", "read_truth", "stated", "truth_of", "truth_path", "write_truth"]
+__all__ = ["Truth", "ViewTruth", "collect_truth", "read_truth", "settings_record", "truth_path", "write_truth"]
 
 _SUFFIX = ".truth.npz"
 Bytes = npt.NDArray[np.uint8]
@@ -49,7 +49,7 @@ class ViewTruth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What really was, frame by frame: for evaluation and pictures only, never for an estimator.
+    """The ground truth of a session, frame by frame: for evaluation and figures only, never for an estimator.
 
     ``stamp_ns`` (n,): middle of the exposure, camera clock. ``force_n`` (n, 3): of the tissue on the tip, base frame;
     ``touch_m`` (n, 3): where; ``touching``, ``slipping`` (n,). ``centreline_m`` (n, p, 3): base to tip, base frame,
@@ -58,7 +58,7 @@ class Truth:
     ``camera_from_base``, ``sensor_from_base``: poses. ``image_size``: (width, height). ``clock_offset_s``,
     ``clock_drift``: camera time = (1 + drift) time in the force log + offset. ``values``: what was drawn, by name with
     unit. ``settings``: what it was drawn from. ``side_force_n`` (n, 3): of the tissue on the shaft's side, where that
-    can touch. ``others``: the views beyond the first, whose pictures show the same instants; a picture that was dropped
+    can touch. ``others``: the views beyond the first, whose images show the same instants; a image that was dropped
     in one view has its truth all the same.
     """
 
@@ -96,7 +96,7 @@ class Truth:
         return -self.sensor_from_base.rotate(self.force_n)
 
     def base(self, index: int) -> BasePose:
-        """The base frame in the picture of frame ``index``."""
+        """The base frame in the image of frame ``index``."""
         line = self.centreline_px[index]
         along = line[1] - line[0]
         return BasePose(line[0], float(np.arctan2(-along[1], along[0])))
@@ -111,12 +111,12 @@ def truth_path(recording: Path) -> Path:
     return recording.with_name(recording.name.removesuffix(".mcap") + _SUFFIX)
 
 
-def truth_of(bench: SimulatedBench, frames: IntArray | None = None) -> Truth:
-    """Collect the truth of ``bench``, frame by frame: of all, or of those at ``frames`` (n,)."""
+def collect_truth(bench: SimulatedBench, frames: IntArray | None = None) -> Truth:
+    """Collects the ground truth of ``bench`` at all frames, or at the indices ``frames`` (n,)."""
     chosen = np.arange(len(bench.frame_s)) if frames is None else frames
     log, times = bench.log, bench.frame_s[chosen]
-    contact, course, when = bench.course.contact, bench.course, bench.instants
-    first, *rest = (_seen(bench, view, chosen) for view in bench.views)
+    contact, trajectory, when = bench.trajectory.contact, bench.trajectory, bench.interpolator
+    first, *rest = (_view_truth(bench, view, chosen) for view in bench.views)
     row = when.nearest(times)
     return Truth(
         session=bench.name,
@@ -130,26 +130,26 @@ def truth_of(bench: SimulatedBench, frames: IntArray | None = None) -> Truth:
         visible=first.visible,
         mask_bytes=first.mask_bytes,
         mask_ends=first.mask_ends,
-        curvature_per_m=when.at(course.curvature_per_m, times),
-        knob_deg=when.at(course.knob_deg, times),
+        curvature_per_m=when.at(trajectory.curvature_per_m, times),
+        knob_deg=when.at(trajectory.knob_deg, times),
         camera_from_base=first.camera_from_base,
         sensor_from_base=Pose(log.rotation, np.zeros(3)),
         image_size=first.image_size,
         clock_offset_s=log.offset_s,
         clock_drift=log.drift,
         values=bench.values(),
-        settings=stated(bench.settings, bench.seed, bench.number),
+        settings=settings_record(bench.settings, bench.seed, bench.number),
         side_force_n=when.at(contact.side_force_n, times) if contact.wall.side_stiffness_n_per_m2 > 0.0 else None,
         others=dict(zip(bench.views[1:], rest, strict=True)),
     )
 
 
-def _seen(bench: SimulatedBench, view: str, frames: IntArray) -> ViewTruth:
-    pictures = [bench.picture_truth(index, view) for index in frames.tolist()]
-    packed = [zlib.compress(np.packbits(picture.mask).tobytes(), 1) for picture in pictures]
+def _view_truth(bench: SimulatedBench, view: str, frames: IntArray) -> ViewTruth:
+    images = [bench.image_truth(index, view) for index in frames.tolist()]
+    packed = [zlib.compress(np.packbits(image.mask).tobytes(), 1) for image in images]
     return ViewTruth(
-        centreline_px=np.array([picture.centreline_px for picture in pictures]),
-        visible=np.array([picture.visible_share for picture in pictures]),
+        centreline_px=np.array([image.centreline_px for image in images]),
+        visible=np.array([image.visible_share for image in images]),
         mask_bytes=np.frombuffer(b"".join(packed), np.uint8),
         mask_ends=np.cumsum([len(part) for part in packed]),
         camera_from_base=bench.imaging.camera(view).camera_from_world,
@@ -199,7 +199,7 @@ def _read_arrays(kind: type[Truth | ViewTruth], arrays: Mapping[str, npt.NDArray
 
 
 def read_truth(path: Path | str) -> Truth:
-    """The truth that ``tipforce simulate`` wrote beside a recording, from its file's or from the recording's path.
+    """Reads the ground truth that ``tipforce simulate`` wrote, from its companion file's or the recording's path.
 
     Raises FileFormatError where there is none.
     """
@@ -222,6 +222,6 @@ def read_truth(path: Path | str) -> Truth:
         ) from None
 
 
-def stated(settings: Settings, seed: int, number: int) -> dict[str, Any]:
+def settings_record(settings: Settings, seed: int, number: int) -> dict[str, Any]:
     """What a session was made from, as its truth keeps it: JSON values."""
     return {**settings.model_dump(mode="json"), "seed": seed, "number": number}

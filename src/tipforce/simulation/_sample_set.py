@@ -1,4 +1,4 @@
-"""Sets of single pictures: which sessions they come from, and which of their frames are taken."""
+"""Sets of single images: which sessions they come from, and which of their frames are taken."""
 
 from typing import Annotated
 
@@ -9,27 +9,27 @@ from ..errors import InputError
 from ..types import IntArray
 from ._bench import SimulatedBench
 from ._fields import Settings, Share
-from ._imaging import views_of
+from ._imaging import view_names
 from ._settings import AnySimulationSettings
-from .world import APPROACH_S, SWIFT, refuse_short
+from .world import APPROACH_S, FAST, require_long_enough
 
 __all__ = ["SampleSet", "sample_set"]
 
 _FIRST = 100_000
-"""Recordings are sessions 0 to 999 of a seed: what single pictures are taken from is never one of them."""
+"""Recordings are sessions 0 to 999 of a seed: what single images are taken from is never one of them."""
 _OFFSET_MS = 0.5
 """Standard deviation of a clock offset as it is found in a minute of recording."""
 
 
 class SampleSet(Settings):
-    """``samples`` pictures of sessions with ``settings``, ``per_session`` of each."""
+    """``samples`` images of sessions with ``settings``, ``per_session`` of each."""
 
     settings: AnySimulationSettings
     seed: Annotated[int, Field(ge=0)]
     samples: Annotated[int, Field(ge=1)]
     per_session: Annotated[int, Field(ge=1)]
     before_share: Share
-    """Of the pictures: before the tip is brought to the wall."""
+    """Of the images: before the tip is brought to the wall."""
 
     @property
     def sessions(self) -> int:
@@ -39,12 +39,12 @@ class SampleSet(Settings):
     @property
     def views(self) -> tuple[str, ...]:
         """Of each sample."""
-        return views_of(self.settings)
+        return view_names(self.settings)
 
     def bench(self, number: int) -> SimulatedBench:
         """The ``number``-th session, from 0; the name tells preset, seed and number."""
         name = f"{self.settings.preset.replace(' ', '-')}-{self.seed}-{number:05d}"
-        return SimulatedBench(self.settings, self.seed, _FIRST + number, pace=SWIFT, name=name)
+        return SimulatedBench(self.settings, self.seed, _FIRST + number, resolution=FAST, name=name)
 
     def frames(self, bench: SimulatedBench, number: int) -> IntArray:
         """(k,) frames that are taken of the session, sorted: at random, so many of them before contact as stated."""
@@ -74,10 +74,10 @@ class SampleSet(Settings):
 def sample_set(
     settings: AnySimulationSettings, *, seed: int, samples: int, per_session: int, seconds: float | None = None
 ) -> SampleSet:
-    """A set of single pictures of a preset's (or other) bench, from sessions of ``seconds``.
+    """A set of single images of a preset's (or other) bench, from sessions of ``seconds``.
 
     None: as long as the stretch in which the preset's own motion is solved, two breaths, where the knob stands still;
-    the preset's length where it moves. As many pictures are from before the contact as in sessions of full length.
+    the preset's length where it moves. As many images are from before the contact as in sessions of full length.
     Raises InputError where a session is too short, or has too few frames.
     """
     world = settings.world
@@ -86,11 +86,11 @@ def sample_set(
         short = world.tare_s + APPROACH_S + 2.0 / world.motion.respiration_hz
         seconds = min(world.seconds, short) if world.actuation.knob_deg_per_s == 0.0 else world.seconds
     world = world.model_copy(update={"seconds": seconds})
-    refuse_short(world)
+    require_long_enough(world)
     most = int(0.8 * seconds * world.clock.fps)
     if per_session > most:
         raise InputError(
-            f"--samples-per-session {per_session}: a session of {seconds:g} s has pictures enough for {most}; state "
+            f"--samples-per-session {per_session}: a session of {seconds:g} s has images enough for {most}; state "
             "--seconds for a longer one"
         )
     run = settings.model_copy(update={"world": world, "preset": f"{settings.preset} samples"})

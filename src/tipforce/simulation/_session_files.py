@@ -12,12 +12,12 @@ from typing import Any
 from .._cores import cores
 from ..errors import InputError
 from ._bench import SimulatedBench
-from ._ground_truth import read_truth, stated, truth_of, truth_path, write_truth
-from ._imaging import views_of
+from ._ground_truth import collect_truth, read_truth, settings_record, truth_path, write_truth
+from ._imaging import view_names
 from ._settings import AnySimulationSettings, SimulationSettings
-from .world import refuse_short
+from .world import require_long_enough
 
-__all__ = ["WriteSession", "refuse_other", "simulate", "write_sessions"]
+__all__ = ["WriteSession", "require_same_settings", "simulate", "write_sessions"]
 
 Work = Callable[[int, Callable[[], None]], None]
 """Writes the session of a number and calls the function after every frame. Must be importable by another process."""
@@ -40,12 +40,14 @@ def _call(work: Work, number: int) -> None:
     work(number, _count)
 
 
-def refuse_other(place: Path, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
+def require_same_settings(place: Path, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
     """Raises InputError where the session at ``place`` was made from something else than ``wanted``."""
     for key, value in json.loads(json.dumps(wanted)).items():  # numbers of a tuple come back as a list
         if found.get(key) != value:
-            told = f"{key} = {found.get(key)}, not {value}" if not isinstance(value, dict) else f"another {key}"
-            raise InputError(f"{place}: was simulated with {told}; choose another folder with -o or delete this one")
+            difference = f"{key} = {found.get(key)}, not {value}" if not isinstance(value, dict) else f"another {key}"
+            raise InputError(
+                f"{place}: was simulated with {difference}; choose another folder with -o or delete this one"
+            )
 
 
 def write_sessions(
@@ -71,14 +73,14 @@ def write_sessions(
         done_frames += 1
         report(done_frames)
 
-    crew = min(len(numbers), workers or cores())
-    if crew <= 1:
+    worker_count = min(len(numbers), workers or cores())
+    if worker_count <= 1:
         for number in numbers:
             work(number, one_more)
         return
     context = multiprocessing.get_context("spawn")
     counter = context.Value("q", 0)
-    with ProcessPoolExecutor(crew, mp_context=context, initializer=_share_counter, initargs=(counter,)) as pool:
+    with ProcessPoolExecutor(worker_count, mp_context=context, initializer=_share_counter, initargs=(counter,)) as pool:
         pending: set[Future[None]] = {pool.submit(_call, work, number) for number in numbers}
         try:
             while pending:
@@ -110,7 +112,7 @@ def _work(
     tick: Callable[[], None],
 ) -> None:
     bench, target = SimulatedBench(settings, seed, number), _place(root, suffix, number)
-    write_truth(truth_of(bench), truth_path(target))
+    write_truth(collect_truth(bench), truth_path(target))
     write(bench, target, tick)
 
 
@@ -118,7 +120,7 @@ def _is_done(target: Path, settings: AnySimulationSettings, seed: int, number: i
     """Whether ``target`` holds this very session; InputError where it holds another."""
     if not target.exists():
         return False
-    refuse_other(target, read_truth(target).settings, stated(settings, seed, number))
+    require_same_settings(target, read_truth(target).settings, settings_record(settings, seed, number))
     return True
 
 
@@ -133,7 +135,7 @@ def simulate(
     workers: int | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> list[Path]:
-    """``sessions`` sessions in ``folder``: what ``write`` makes of each, and ``session_00.truth.npz`` and so on beside.
+    """Simulates ``sessions`` sessions into ``folder``: what ``write`` makes of each, with its ground truth.
 
     ``suffix``: of the paths that ``write`` gets, as in ``session_00.mcap``; empty for a session that is a folder. Those
     that stand there already are kept. Works in ``workers`` processes, as many as there are cores by default; a
@@ -141,12 +143,12 @@ def simulate(
     settings, or a session is too short.
     """
     settings = settings or SimulationSettings()
-    refuse_short(settings.world)
+    require_long_enough(settings.world)
     root = Path(folder)
     places = [_place(root, suffix, number) for number in range(sessions)]
     wanted = [number for number, place in enumerate(places) if not _is_done(place, settings, seed, number)]
     root.mkdir(parents=True, exist_ok=True)
-    frames = round(settings.world.seconds * settings.world.clock.fps) * len(views_of(settings))
+    frames = round(settings.world.seconds * settings.world.clock.fps) * len(view_names(settings))
     work = partial(_work, settings, seed, root, suffix, write)
     write_sessions(work, wanted, frames, workers=workers, progress=progress)
     return places

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...types import BoolArray, FloatArray
 
-__all__ = ["PictureTruth", "TissueHome", "TissueState", "instants"]
+__all__ = ["ImageTruth", "TissueHome", "TissueState", "sample_exposure"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,13 +31,13 @@ class TissueHome:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PictureTruth:
+class ImageTruth:
     """What is to be seen of the catheter at mid-exposure.
 
     ``mask`` (h, w): pixels of which the catheter covers more than half while nothing covers the catheter.
     ``centreline_px`` (n, 2): the axis, projected through the lens, at the shape's own nodes, base to the tip's apex;
     pixel centres at integers. The middle between the two outlines lies within 0.005 px of it (perspective shows a
-    little more of the tube's far side). ``visible`` (n,): whether a node is in the picture with nothing in front;
+    little more of the tube's far side). ``visible`` (n,): whether a node is in the image with nothing in front;
     ``visible_share``: the share of the length of which that is true.
     """
 
@@ -47,7 +47,7 @@ class PictureTruth:
     visible_share: float
 
 
-def instants(shapes: FloatArray, count: int) -> FloatArray:
+def sample_exposure(shapes: FloatArray, count: int) -> FloatArray:
     """(m, n, 3) shapes evenly spread over the exposure, first at its start, last at its end -> (count, n, 3).
 
     Evenly spread about mid-exposure with the variance of the exposure itself, linear between the given ones. The

@@ -9,16 +9,16 @@ from scipy.interpolate import CubicSpline
 
 from ...mechanics import SpatialRod, SpatialWall, damping_of_loss_factor
 from ...types import FloatArray
-from ._parameters import Draw
+from ._parameters import SessionParameters
 from .settings import ShaftSettings, WorldSettings
 
-__all__ = ["Rig", "build_rig", "smooth_lines", "times"]
+__all__ = ["BenchModel", "build_bench_model", "smooth_centrelines", "times"]
 
 _SEGMENT_M = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rig:
+class BenchModel:
     """A session's rod and wall, and where they meet. Directions in the base frame.
 
     ``forward``, ``across`` (3,): the stage's axes; ``forward`` points into the nominal wall, so the tissue comes
@@ -27,7 +27,7 @@ class Rig:
     ``support_curvature_per_m``, both (k,).
     """
 
-    draw: Draw
+    parameters: SessionParameters
     rod: SpatialRod
     wall: SpatialWall
     forward: FloatArray
@@ -41,7 +41,7 @@ class Rig:
     @property
     def radius_m(self) -> float:
         """Of the electrode and its dome."""
-        return 0.5 * self.draw.device.diameter_m
+        return 0.5 * self.parameters.device.diameter_m
 
     def directed(self, stage: FloatArray) -> FloatArray:
         """(m, 2) of the stage's axes -> (m, 3) in the base frame. Forward, the tissue comes against the tip."""
@@ -49,7 +49,7 @@ class Rig:
 
     def curvature_per_m(self, transmitted_deg: FloatArray, drift: FloatArray) -> FloatArray:
         """(m,) of the unloaded shaft in its plane of bending, from the knob behind its play and the relative drift."""
-        return self.settings.actuation.gain_per_m_deg * self.draw.knob_factor * transmitted_deg * (1.0 + drift)
+        return self.settings.actuation.gain_per_m_deg * self.parameters.knob_factor * transmitted_deg * (1.0 + drift)
 
     def reach_m(self, curvature_per_m: FloatArray) -> FloatArray:
         """(m,) curvature of the unloaded shaft -> (m,) how far its dome reaches beyond first touch, along the stage."""
@@ -75,12 +75,14 @@ def _profile(shaft: ShaftSettings, joints: FloatArray) -> FloatArray:
     return profile
 
 
-def build_rig(settings: WorldSettings, draw: Draw, segment_m: float = _SEGMENT_M) -> Rig:
+def build_bench_model(
+    settings: WorldSettings, parameters: SessionParameters, segment_m: float = _SEGMENT_M
+) -> BenchModel:
     """Rod, in segments of about so much, and wall of a session.
 
     Raises ValueError where a drawn value has no physical meaning.
     """
-    shaft, device = settings.shaft, draw.device
+    shaft, device = settings.shaft, parameters.device
     segments = max(20, round(device.flexible_length_m / segment_m))
     joints = np.linspace(0.0, 1.0, segments + 1)
     relaxed = device.stiffness_nm2 / (1.0 + shaft.creep_share)  # EI is what answers at once
@@ -89,31 +91,31 @@ def build_rig(settings: WorldSettings, draw: Draw, segment_m: float = _SEGMENT_M
         bending_stiffness_nm2=relaxed,
         rigid_length_m=shaft.rigid_length_m,
         torsional_stiffness_nm2=shaft.torsion_over_bending * relaxed,
-        precurvature_per_m=np.array([0.0, draw.out_of_plane_per_m, 0.0]),
+        precurvature_per_m=np.array([0.0, parameters.out_of_plane_per_m, 0.0]),
         stiffening_curvature_per_m=shaft.stiffening_curvature_per_m,
         stiffness_profile=_profile(shaft, joints),
         segments=segments,
     )
-    gain = settings.actuation.gain_per_m_deg * draw.knob_factor
-    start = gain * (draw.knob_low_deg + draw.play_start_deg)
+    gain = settings.actuation.gain_per_m_deg * parameters.knob_factor
+    start = gain * (parameters.knob_low_deg + parameters.play_start_deg)
     radius = 0.5 * device.diameter_m
     centre, axis = _tip_of(rod, start, radius)
-    angle = math.atan2(axis[1], axis[0]) + math.radians(draw.contact_angle_deg)
+    angle = math.atan2(axis[1], axis[0]) + math.radians(parameters.contact_angle_deg)
     forward = np.array([math.cos(angle), math.sin(angle), 0.0])
-    tilt = math.radians(draw.tilt_deg)
+    tilt = math.radians(parameters.tilt_deg)
     normal = math.cos(tilt) * forward + np.array([0.0, 0.0, math.sin(tilt)])
-    spread = 0.2 * abs(gain) * max(draw.knob_high_deg, 1.0) + 5.0
-    curvatures = np.linspace(gain * draw.knob_low_deg - spread, gain * draw.knob_high_deg + spread, 60)
+    spread = 0.2 * abs(gain) * max(parameters.knob_high_deg, 1.0) + 5.0
+    curvatures = np.linspace(gain * parameters.knob_low_deg - spread, gain * parameters.knob_high_deg + spread, 60)
     support = np.array([_tip_of(rod, float(c), radius)[0] @ normal for c in curvatures])
-    stiffness = draw.wall_stiffness_n_per_m
-    return Rig(
-        draw=draw,
+    stiffness = parameters.wall_stiffness_n_per_m
+    return BenchModel(
+        parameters=parameters,
         rod=rod,
         wall=SpatialWall(
             normal=normal,
             stiffness_n_per_m=stiffness,
             damping_ns_per_m=damping_of_loss_factor(stiffness, settings.wall.loss_factor, settings.wall.loss_hz),
-            friction=draw.friction,
+            friction=parameters.friction,
             side_stiffness_n_per_m2=settings.wall.side_stiffness_n_per_m2,
         ),
         forward=forward,
@@ -136,7 +138,7 @@ def _weights(segments: int, flexible_m: float, length_m: float, points: int) -> 
     return spline(np.minimum(wanted, flexible_m)), np.maximum(wanted - flexible_m, 0.0)
 
 
-def smooth_lines(
+def smooth_centrelines(
     rod: SpatialRod, quaternions: FloatArray, points: int, advance_m: float | FloatArray = 0.0
 ) -> FloatArray:
     """(k, segments + 1, 4) -> (k, points, 3): base to tip, uniform in arc length, base frame.

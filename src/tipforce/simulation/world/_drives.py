@@ -31,7 +31,7 @@ class AxisModel:
 
 @njit(cache=True, error_model="numpy")
 def _safe_speed(room: float, acceleration: float, dt_s: float) -> float:
-    """The fastest from which an axis that is told so each ``dt_s`` still comes to rest within ``room``."""
+    """The fastest from which an axis that is commanded so each ``dt_s`` still comes to rest within ``room``."""
     step = acceleration * dt_s
     return -0.5 * step + math.sqrt(0.25 * step * step + 2.0 * acceleration * max(room - 0.125 * step * dt_s, 0.0))
 
@@ -70,7 +70,7 @@ def _follow(
 
 
 @njit(cache=True, error_model="numpy")
-def _trail(positions: FloatArray, share: float, place: float) -> float:
+def _lag(positions: FloatArray, share: float, place: float) -> float:
     """Each of ``positions`` becomes where a first-order lag then is; returns the last."""
     for row in range(positions.size):
         place += share * (positions[row] - place)
@@ -100,7 +100,7 @@ class Axis:
             self._place, self._speed, positions,
         )  # fmt: skip
         if model.lag_s > 0.0:
-            self._driven = _trail(positions, -math.expm1(-self.dt_s / model.lag_s), self._driven)
+            self._driven = _lag(positions, -math.expm1(-self.dt_s / model.lag_s), self._driven)
         return positions
 
     def resolved(self, positions: FloatArray) -> FloatArray:
@@ -113,7 +113,7 @@ class Drive:
     """An axis over a session: it plays its ``programme`` (m,) until it is commanded.
 
     ``by_hand``: the programme is where the axis really is, for a hand or nothing moves it, and the motor takes over
-    from there; otherwise the programme is what the motor is told.
+    from there; otherwise the programme is what the motor is commanded.
     """
 
     def __init__(self, model: AxisModel, dt_s: float, programme: FloatArray, *, by_hand: bool) -> None:
@@ -125,7 +125,7 @@ class Drive:
         self._targets: list[float] = []
 
     def command(self, row: int, target: float) -> None:
-        """From instant ``row`` on the axis is told to go to ``target``; NaN: to brake. Rows never fall."""
+        """From instant ``row`` on the axis is commanded to go to ``target``; NaN: to brake. Rows never fall."""
         self._rows.append(row)
         self._targets.append(target)
 
@@ -134,16 +134,16 @@ class Drive:
         """The instant from which commands have an effect, if there are any."""
         return self._rows[0] + self.late if self._rows else None
 
-    def told(self, first: int, end: int) -> FloatArray:
-        """What the axis is told at the instants from ``first`` to ``end``; before the first one, as in that."""
-        told = self.programme[np.clip(np.arange(first, end), 0, None)]
+    def commands(self, first: int, end: int) -> FloatArray:
+        """What the axis is commanded at the instants from ``first`` to ``end``; before the first one, as in that."""
+        commanded = self.programme[np.clip(np.arange(first, end), 0, None)]
         for index in range(max(0, bisect_right(self._rows, first) - 1), len(self._rows)):
-            told[max(0, self._rows[index] - first) :] = self._targets[index]
-        return told
+            commanded[max(0, self._rows[index] - first) :] = self._targets[index]
+        return commanded
 
     def run(self, first: int, end: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The next instants: what the axis is told, where it goes, and that in steps; (end - first,) each."""
-        told, smooth = self.told(first, end), self.programme[first:end].copy()
+        """The next instants: what the axis is commanded, where it goes, and that in steps; (end - first,) each."""
+        commanded, smooth = self.commands(first, end), self.programme[first:end].copy()
         places = smooth
         hand_over = self.taken_over
         start = first if self._axis is not None else end if hand_over is None else min(max(hand_over, first), end)
@@ -151,10 +151,10 @@ class Drive:
             if self._axis is None:
                 here, before = (float(self.programme[max(0, start - back)]) for back in (1, 2))
                 self._axis = Axis(self.model, self.dt_s, here, (here - before) / self.dt_s)
-            moved = self._axis.follow(self.told(start - self.late, end - self.late))
+            moved = self._axis.follow(self.commands(start - self.late, end - self.late))
             smooth[start - first :] = moved
             places = smooth.copy()
             places[start - first :] = self._axis.resolved(moved)
-        resting = np.isnan(told)
-        told[resting] = places[resting]
-        return told, smooth, places
+        resting = np.isnan(commanded)
+        commanded[resting] = places[resting]
+        return commanded, smooth, places

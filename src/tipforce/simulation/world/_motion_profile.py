@@ -1,4 +1,4 @@
-"""What a session's motion is made of before it happens: knob, drift and waves, and how they are composed."""
+"""The motion profile of a session before its amplitude is solved: knob, drift and waves."""
 
 import math
 from dataclasses import dataclass, fields
@@ -8,8 +8,8 @@ from scipy.signal import lfilter
 
 from ...mechanics import HeartMotion, Play
 from ...types import FloatArray
-from ._bench_model import Rig
-from ._parameters import Draw
+from ._bench_model import BenchModel
+from ._parameters import SessionParameters
 
 __all__ = [
     "APPROACH_S",
@@ -17,19 +17,19 @@ __all__ = [
     "STEP_S",
     "TRAIL_S",
     "Motion",
-    "Tune",
-    "compose",
+    "MotionProfile",
+    "compose_motion",
     "instants_until",
-    "knob_course",
+    "knob_trajectory",
     "slow_drift",
 ]
 
 
-def knob_course(draw: Draw, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
+def knob_trajectory(parameters: SessionParameters, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
     """(m,) the knob's angle over a session: still, or going to and fro with pauses of up to two seconds."""
-    low, high, speed = draw.knob_low_deg, draw.knob_high_deg, draw.knob_speed_deg_per_s
+    low, high, speed = parameters.knob_low_deg, parameters.knob_high_deg, parameters.knob_speed_deg_per_s
     if speed == 0.0 or high == low:
-        return np.full(time_s.size, draw.knob_low_deg)
+        return np.full(time_s.size, parameters.knob_low_deg)
     times, angles = [float(time_s[0])], [float(rng.uniform(low, high))]
     while times[-1] < time_s[-1]:
         goal = float(rng.uniform(low, high))
@@ -72,8 +72,8 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tune:
-    """What a session's motion is made of before its amplitude is known: (m,) each.
+class MotionProfile:
+    """The motion of a session before its amplitude is known: (m,) each.
 
     ``transmitted_deg``: the knob behind its play; ``drift``: relative, of the curvature that follows from it.
     """
@@ -87,52 +87,52 @@ class Tune:
     lateral: FloatArray
     breath_m: FloatArray
 
-    def thinned(self, step: int, start_s: float, end_s: float) -> "Tune":
+    def thinned(self, step: int, start_s: float, end_s: float) -> "MotionProfile":
         """Every ``step``-th instant from ``start_s`` to ``end_s``."""
         rows = np.flatnonzero((self.time_s >= start_s) & (self.time_s <= end_s))[::step]
-        return Tune(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return MotionProfile(*(getattr(self, field.name)[rows] for field in fields(self)))
 
-    def push_m(self, rig: Rig, amplitude_m: float) -> FloatArray:
+    def push_m(self, bench_model: BenchModel, amplitude_m: float) -> FloatArray:
         """How far the wall would stand beyond first touch without standing off."""
-        return amplitude_m * self.wave + self.breath_m + rig.reach_m(self.curvature_per_m)
+        return amplitude_m * self.wave + self.breath_m + bench_model.reach_m(self.curvature_per_m)
 
-    def standoff_m(self, rig: Rig, amplitude_m: float) -> float:
+    def standoff_m(self, bench_model: BenchModel, amplitude_m: float) -> float:
         """What frees the tip for the wanted share of the beats."""
-        beating = self.time_s > rig.settings.tare_s + APPROACH_S
-        return float(np.quantile(self.push_m(rig, amplitude_m)[beating], rig.draw.free_share))
+        beating = self.time_s > bench_model.settings.tare_s + APPROACH_S
+        return float(np.quantile(self.push_m(bench_model, amplitude_m)[beating], bench_model.parameters.free_share))
 
-    def programme_m(self, rig: Rig, motion: Motion) -> FloatArray:
-        """(m, 2): what the stage's axes are told, forward and across; at first out of the tip's reach, for the tare."""
-        push = self.push_m(rig, motion.amplitude_m)
-        near = np.clip((self.time_s - rig.settings.tare_s) / APPROACH_S, 0.0, 1.0)
+    def programme_m(self, bench_model: BenchModel, motion: Motion) -> FloatArray:
+        """(m, 2): commands of the stage, forward and across; at first out of the tip's reach, for the tare."""
+        push = self.push_m(bench_model, motion.amplitude_m)
+        near = np.clip((self.time_s - bench_model.settings.tare_s) / APPROACH_S, 0.0, 1.0)
         away = (1.0 - near * near * (3.0 - 2.0 * near)) * (push.max() - motion.standoff_m + CLEARANCE_M)
         forward = motion.amplitude_m * self.wave + self.breath_m - motion.standoff_m - away
         return np.stack([forward, motion.amplitude_m * self.lateral], axis=1)
 
 
-def compose(rig: Rig, time_s: FloatArray, rng: np.random.Generator) -> Tune:
+def compose_motion(bench_model: BenchModel, time_s: FloatArray, rng: np.random.Generator) -> MotionProfile:
     """Knob, drift and waves over ``time_s``, evenly spaced."""
-    draw, settings = rig.draw, rig.settings
-    knob = knob_course(draw, time_s, rng)
+    parameters, settings = bench_model.parameters, bench_model.settings
+    knob = knob_trajectory(parameters, time_s, rng)
     actuation = settings.actuation
-    transmitted = Play(actuation.play_deg, output=float(knob[0]) + draw.play_start_deg).run(knob)
+    transmitted = Play(actuation.play_deg, output=float(knob[0]) + parameters.play_start_deg).run(knob)
     drift = slow_drift(actuation.drift_rms, actuation.drift_s, time_s, rng)
     heart = HeartMotion(
         amplitude_m=1.0,  # to be solved for
-        beat_hz=draw.beat_hz,
-        wave=draw.wave,
-        lateral_share=draw.lateral_share,
-        lateral_phase_rad=draw.lateral_phase,
-        respiration_m=draw.respiration_m,
+        beat_hz=parameters.beat_hz,
+        wave=parameters.wave,
+        lateral_share=parameters.lateral_share,
+        lateral_phase_rad=parameters.lateral_phase,
+        respiration_m=parameters.respiration_m,
         respiration_hz=settings.motion.respiration_hz,
-        respiration_phase_rad=draw.respiration_phase,
+        respiration_phase_rad=parameters.respiration_phase,
     )
-    return Tune(
+    return MotionProfile(
         time_s=time_s,
         knob_deg=knob,
         transmitted_deg=transmitted,
         drift=drift,
-        curvature_per_m=rig.curvature_per_m(transmitted, drift),
+        curvature_per_m=bench_model.curvature_per_m(transmitted, drift),
         wave=heart.forward(time_s),
         lateral=heart.lateral(time_s),
         breath_m=heart.respiration(time_s),

@@ -9,12 +9,12 @@ from ...mechanics import HEART_WAVES
 from .._fields import Range
 from .settings import WorldSettings
 
-__all__ = ["Device", "Draw", "draw_device", "draw_session"]
+__all__ = ["Device", "SessionParameters", "sample_device", "sample_parameters"]
 
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """One catheter, and what is written on its sheet."""
+    """One catheter: true values, and the nominal ones of its metadata."""
 
     diameter_m: float
     flexible_length_m: float
@@ -24,8 +24,8 @@ class Device:
 
 
 @dataclass(frozen=True, slots=True)
-class Draw:
-    """What is true of one session, but for the wall's motion that is solved afterwards. Angles in the base frame.
+class SessionParameters:
+    """The parameters of one session, except the wall's motion, which is solved afterwards. Angles in the base frame.
 
     ``peak_force_n`` and ``free_share`` are what the motion is solved for.
     """
@@ -52,7 +52,7 @@ class Draw:
     free_share: float
 
 
-def draw_device(settings: WorldSettings, seed: int, session: int, redraw: int = 0) -> Device:
+def sample_device(settings: WorldSettings, seed: int, session: int, redraw: int = 0) -> Device:
     """The catheter of a session: the same for ``sessions_per_catheter`` of them in a row; ``redraw``: the next one."""
     shaft = settings.shaft
     key = [seed, session // shaft.sessions_per_catheter, 0]
@@ -69,8 +69,8 @@ def draw_device(settings: WorldSettings, seed: int, session: int, redraw: int = 
     )
 
 
-def draw_session(settings: WorldSettings, device: Device, rng: np.random.Generator) -> Draw:
-    """All that is drawn once a session."""
+def sample_parameters(settings: WorldSettings, device: Device, rng: np.random.Generator) -> SessionParameters:
+    """Samples the parameters of one session."""
 
     def one(bounds: Range) -> float:
         return float(rng.uniform(*bounds))
@@ -82,7 +82,7 @@ def draw_session(settings: WorldSettings, device: Device, rng: np.random.Generat
     knob = sorted(rng.uniform(*actuation.knob_deg, 2).tolist())
     side = -1.0 if wall.either_side and rng.random() < 0.5 else 1.0
     names = list(HEART_WAVES)
-    return Draw(
+    return SessionParameters(
         device=device,
         out_of_plane_per_m=one(settings.shaft.out_of_plane_per_m),
         knob_factor=one(actuation.factor),

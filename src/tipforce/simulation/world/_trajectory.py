@@ -1,4 +1,4 @@
-"""What happens in one session, instant by instant: knob, clamp, stage and wall move, the rod follows."""
+"""The trajectory of one session, instant by instant: knob, clamp, stage and wall move, the rod follows."""
 
 from dataclasses import dataclass, fields, replace
 
@@ -6,23 +6,23 @@ import numpy as np
 
 from ...mechanics import Play, SpatialContact, SpatialContactSolver
 from ...types import FloatArray
-from ._bench_model import Rig
+from ._bench_model import BenchModel
 from ._drives import AxisModel, Drive
-from ._motion_profile import Motion, Tune
+from ._motion_profile import Motion, MotionProfile
 from .settings import WorldSettings
 
-__all__ = ["Course", "CourseRun", "run_course", "thinned"]
+__all__ = ["Trajectory", "TrajectoryIntegrator", "integrate_trajectory", "thinned"]
 
 _BLOCK = 4096
 """Instants at once: enough for nothing but the rod to cost time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Course:
+class Trajectory:
     """A session instant by instant.
 
     ``time_s`` (m,) on the camera's clock; ``knob_deg``, ``advance_m`` (m,); ``curvature_per_m`` (m,) of the unloaded
-    shaft in its plane of bending; ``command_m``, ``stage_m`` (m, 2): the stage's axes, told and come to, forward
+    shaft in its plane of bending; ``command_m``, ``stage_m`` (m, 2): the stage's axes, commanded and reached, forward
     positive against the tip; ``acceleration_m_per_s2`` (m, 3) of the stage, base frame; ``wall_m`` (m, 3): where the
     point of the undented surface that was touched first is. ``radius_m``: of dome and shaft.
     """
@@ -49,9 +49,11 @@ class Course:
         return np.where(total > 0.0, centre + self.radius_m * normal, self.wall_m[rows])
 
 
-def _drives(settings: WorldSettings, tune: Tune, programme_m: FloatArray) -> tuple[Drive, Drive, Drive, Drive]:
+def _drives(
+    settings: WorldSettings, motion_profile: MotionProfile, programme_m: FloatArray
+) -> tuple[Drive, Drive, Drive, Drive]:
     """Clamp, knob, and the stage's two axes: what a session does by itself is their programme."""
-    dt = float(tune.time_s[1] - tune.time_s[0])
+    dt = float(motion_profile.time_s[1] - motion_profile.time_s[0])
     clamp, knob, motion = settings.clamp, settings.knob_drive, settings.motion
     stage = AxisModel(
         motion.step_m,
@@ -72,7 +74,7 @@ def _drives(settings: WorldSettings, tune: Tune, programme_m: FloatArray) -> tup
                 *clamp.travel_m,
             ),
             dt,
-            np.zeros(tune.time_s.size),
+            np.zeros(motion_profile.time_s.size),
             by_hand=True,
         ),
         Drive(
@@ -85,7 +87,7 @@ def _drives(settings: WorldSettings, tune: Tune, programme_m: FloatArray) -> tup
                 *knob.travel_deg,
             ),
             dt,
-            tune.knob_deg,
+            motion_profile.knob_deg,
             by_hand=True,
         ),
         Drive(stage, dt, programme_m[:, 0], by_hand=False),
@@ -93,35 +95,35 @@ def _drives(settings: WorldSettings, tune: Tune, programme_m: FloatArray) -> tup
     )
 
 
-class CourseRun:
+class TrajectoryIntegrator:
     """A session that is made to happen as far as it is asked for, while its drives may be commanded.
 
-    ``clamp``, ``knob``, ``forward``, ``across``: the drives, in m and degrees. ``course``: its rows are true up to
+    ``clamp``, ``knob``, ``forward``, ``across``: the drives, in m and degrees. ``trajectory``: its rows are true up to
     ``done``, their accelerations up to ``settled``. However it is cut into pieces, the same comes out. ``every``: the
     rod follows at every so many instants only, and other rows of the contact stay empty; the drives move at all.
     """
 
-    def __init__(self, rig: Rig, tune: Tune, motion: Motion, every: int = 1) -> None:
-        settings = rig.settings
-        self.rig, self._tune, self._every = rig, tune, every
+    def __init__(self, bench_model: BenchModel, motion_profile: MotionProfile, motion: Motion, every: int = 1) -> None:
+        settings = bench_model.settings
+        self.bench_model, self._motion_profile, self._every = bench_model, motion_profile, every
         self.drives = self.clamp, self.knob, self.forward, self.across = _drives(
-            settings, tune, tune.programme_m(rig, motion)
+            settings, motion_profile, motion_profile.programme_m(bench_model, motion)
         )
-        self._dt = float(tune.time_s[1] - tune.time_s[0])
+        self._dt = float(motion_profile.time_s[1] - motion_profile.time_s[0])
         self._press = SpatialContactSolver(
-            rig.rod,
-            rig.wall,
+            bench_model.rod,
+            bench_model.wall,
             every * self._dt,
-            rig.radius_m,
+            bench_model.radius_m,
             creep=settings.shaft.creep_share,
             creep_time_s=settings.shaft.creep_s,
         )
         self._play: Play | None = None
-        count = tune.time_s.size
+        count = motion_profile.time_s.size
         self._smooth = np.zeros((count, 2))
         self.done = self.settled = 0
-        self.course = Course(
-            time_s=tune.time_s,
+        self.trajectory = Trajectory(
+            time_s=motion_profile.time_s,
             knob_deg=np.zeros(count),
             advance_m=np.zeros(count),
             curvature_per_m=np.zeros(count),
@@ -129,84 +131,88 @@ class CourseRun:
             stage_m=np.zeros((count, 2)),
             acceleration_m_per_s2=np.zeros((count, 3)),
             wall_m=np.zeros((count, 3)),
-            contact=_room(self._press.run(np.zeros((0, 3))), count),
-            radius_m=rig.radius_m,
+            contact=_allocate(self._press.run(np.zeros((0, 3))), count),
+            radius_m=bench_model.radius_m,
         )
 
     def advance(self, end: int) -> None:
         """Let it happen up to the instant ``end``, exclusive, where that has not been done."""
-        end = min(end, self.course.time_s.size)
+        end = min(end, self.trajectory.time_s.size)
         while self.done < end:
-            self._happen(self.done, min(end, self.done + _BLOCK))
-            self._accelerate()
+            self._integrate(self.done, min(end, self.done + _BLOCK))
+            self._update_acceleration()
 
-    def _happen(self, first: int, end: int) -> None:
-        rows, course, rig = slice(first, end), self.course, self.rig
-        _, _, course.advance_m[rows] = self.clamp.run(first, end)
-        _, _, course.knob_deg[rows] = self.knob.run(first, end)
+    def _integrate(self, first: int, end: int) -> None:
+        rows, trajectory, bench_model = slice(first, end), self.trajectory, self.bench_model
+        _, _, trajectory.advance_m[rows] = self.clamp.run(first, end)
+        _, _, trajectory.knob_deg[rows] = self.knob.run(first, end)
         for k, drive in enumerate((self.forward, self.across)):
-            course.command_m[rows, k], self._smooth[rows, k], course.stage_m[rows, k] = drive.run(first, end)
-        course.curvature_per_m[rows] = rig.curvature_per_m(self._transmitted(first, end), self._tune.drift[rows])
-        course.wall_m[rows] = rig.touch_m + rig.directed(course.stage_m[rows])
+            trajectory.command_m[rows, k], self._smooth[rows, k], trajectory.stage_m[rows, k] = drive.run(first, end)
+        trajectory.curvature_per_m[rows] = bench_model.curvature_per_m(
+            self._transmitted(first, end), self._motion_profile.drift[rows]
+        )
+        trajectory.wall_m[rows] = bench_model.touch_m + bench_model.directed(trajectory.stage_m[rows])
         pressed = slice(first + -first % self._every, end, self._every)
-        curvature = course.curvature_per_m[pressed]
+        curvature = trajectory.curvature_per_m[pressed]
         zero = np.zeros(curvature.size)
         contact = self._press.run(
-            course.wall_m[pressed],
+            trajectory.wall_m[pressed],
             np.stack([zero, zero, curvature], axis=1),
-            course.advance_m[pressed],
+            trajectory.advance_m[pressed],
         )
         for name in _ROWS:
-            getattr(course.contact, name)[pressed] = getattr(contact, name)
+            getattr(trajectory.contact, name)[pressed] = getattr(contact, name)
         self.done = end
 
     def _transmitted(self, first: int, end: int) -> FloatArray:
         """(m,) what the knob's play lets through: as planned until the knob's drive takes over."""
-        transmitted, taken = self._tune.transmitted_deg[first:end], self.knob.taken_over
+        transmitted, taken = self._motion_profile.transmitted_deg[first:end], self.knob.taken_over
         if taken is None or taken >= end:
             return transmitted
         if self._play is None:
             first = max(first, taken)
-            before = float(self._tune.transmitted_deg[max(0, first - 1)])
-            self._play = Play(self.rig.settings.actuation.play_deg, output=before)
-        own = self._play.run(self.course.knob_deg[first:end])
+            before = float(self._motion_profile.transmitted_deg[max(0, first - 1)])
+            self._play = Play(self.bench_model.settings.actuation.play_deg, output=before)
+        own = self._play.run(self.trajectory.knob_deg[first:end])
         return np.concatenate([transmitted[: transmitted.size - own.size], own])
 
-    def _accelerate(self) -> None:
+    def _update_acceleration(self) -> None:
         """The stage's acceleration, by central differences: it is known two instants after the position."""
-        first, whole = self.settled, self.done == self.course.time_s.size
+        first, whole = self.settled, self.done == self.trajectory.time_s.size
         end = self.done if whole else self.done - 2
         start = max(0, first - 2)
         if end <= first or self.done - start < 2:
             return
         smooth = self._smooth[start : self.done]
         twice = np.gradient(np.gradient(smooth, self._dt, axis=0), self._dt, axis=0)
-        self.course.acceleration_m_per_s2[first:end] = self.rig.directed(twice[first - start : end - start])
+        self.trajectory.acceleration_m_per_s2[first:end] = self.bench_model.directed(twice[first - start : end - start])
         self.settled = end
 
 
 _ROWS = tuple(field.name for field in fields(SpatialContact) if field.name not in ("rod", "wall"))
 
 
-def _room(none: SpatialContact, count: int) -> SpatialContact:
+def _allocate(none: SpatialContact, count: int) -> SpatialContact:
     """Room for ``count`` instants, shaped as in a contact of no instants."""
     rows = {name: getattr(none, name) for name in _ROWS}
     return replace(none, **{name: np.zeros((count, *row.shape[1:]), row.dtype) for name, row in rows.items()})
 
 
-def run_course(rig: Rig, tune: Tune, motion: Motion, every: int = 1) -> Course:
-    """The session from its beginning to its end, with nobody commanding: at the spacing of ``tune``'s instants.
+def integrate_trajectory(
+    bench_model: BenchModel, motion_profile: MotionProfile, motion: Motion, every: int = 1
+) -> Trajectory:
+    """Integrates a session from beginning to end, with nobody commanding, at the instants of ``motion_profile``.
 
-    ``every``: only so many of them are run for the rod and told of.
+    ``every``: the rod is solved, and reported, at every so many of them.
     """
-    run = CourseRun(rig, tune, motion, every)
-    run.advance(tune.time_s.size)
-    return run.course if every == 1 else thinned(run.course, every)
+    run = TrajectoryIntegrator(bench_model, motion_profile, motion, every)
+    run.advance(motion_profile.time_s.size)
+    return run.trajectory if every == 1 else thinned(run.trajectory, every)
 
 
-def thinned(course: Course, every: int) -> Course:
+def thinned(trajectory: Trajectory, every: int) -> Trajectory:
     """Every so many of its instants."""
-    rows = {name: getattr(course.contact, name)[::every] for name in _ROWS}
-    others = [field.name for field in fields(Course) if field.name not in ("contact", "radius_m")]
-    plain = {name: getattr(course, name)[::every] for name in others}
-    return replace(course, contact=replace(course.contact, **rows), **plain)
+    rows = {name: getattr(trajectory.contact, name)[::every] for name in _ROWS}
+    others = [field.name for field in fields(Trajectory) if field.name not in ("contact", "radius_m")]
+    plain = {name: getattr(trajectory, name)[::every] for name in others}
+    return replace(trajectory, contact=replace(trajectory.contact, **rows), **plain)

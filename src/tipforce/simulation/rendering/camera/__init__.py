@@ -1,40 +1,40 @@
-"""The twin's camera: from a catheter's shape in space to the picture a laboratory's camera would give."""
+"""The simulated camera: from a catheter's shape in space to the image that a laboratory's camera would take."""
 
-from .._exposure import PictureTruth, TissueHome, TissueState
+from .._exposure import ImageTruth, TissueHome, TissueState
 from ._renderer import CameraRenderer
 from ._scene import (
+    BackgroundAppearance,
     CameraScene,
-    CatheterLook,
-    Cover,
-    GroundLook,
+    CatheterAppearance,
     Instrument,
     Lamp,
     Lens,
     Lighting,
+    Occluder,
     SensorNoise,
-    TissueLook,
+    TissueAppearance,
     TubeFinish,
 )
-from ._scene_settings import BENCH_2021, GENERALISE, SceneRanges, draw_scene
+from ._scene_settings import BENCH_2021, GENERALISE, SceneRanges, sample_scene
 
 __all__ = [
     "BENCH_2021",
     "GENERALISE",
+    "BackgroundAppearance",
     "CameraRenderer",
     "CameraScene",
-    "CatheterLook",
-    "Cover",
-    "GroundLook",
+    "CatheterAppearance",
+    "ImageTruth",
     "Instrument",
     "Lamp",
     "Lens",
     "Lighting",
-    "PictureTruth",
+    "Occluder",
     "SceneRanges",
     "SensorNoise",
+    "TissueAppearance",
     "TissueHome",
-    "TissueLook",
     "TissueState",
     "TubeFinish",
-    "draw_scene",
+    "sample_scene",
 ]

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ....types import FloatArray
-from ._canvas import FINER, Canvas, Patch, Picture, multi_scale_noise
-from ._scene import CameraScene, GroundLook
+from ._canvas import FINER, Canvas, FloatImage, Patch, multi_scale_noise
+from ._scene import BackgroundAppearance, CameraScene
 
-__all__ = ["GROUNDS", "illumination", "lay_objects", "paint_ground"]
+__all__ = ["GROUNDS", "illumination", "lay_objects", "paint_background"]
 
 _ATTEMPTS = 12
 _COVERED = 0.12
@@ -52,7 +52,7 @@ def _screw(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
 
 def _cable(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
     """A cable that comes from beyond the border and wanders past ``at``."""
-    h = canvas.left.shape[0]
+    h = canvas.transmittance.shape[0]
     turn = rng.uniform(0, 2 * math.pi)
     way = np.array([math.cos(turn), math.sin(turn)])
     knots = np.array([at + way * k * 0.35 * h for k in range(-4, 5)]) + rng.normal(0, 0.07 * h, (9, 2))
@@ -98,7 +98,7 @@ def _ruler(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
 
 def _stroke(canvas: Canvas, points: FloatArray, width: float, level: float) -> None:
     """A thin dark line, painted in its own neighbourhood only (there are hundreds)."""
-    h, w = canvas.left.shape
+    h, w = canvas.transmittance.shape
     u0, v0 = np.maximum(np.floor(points.min(axis=0)).astype(int) - 3, 0)
     u1, v1 = np.minimum(np.ceil(points.max(axis=0)).astype(int) + 4, (w, h))
     if u1 <= u0 or v1 <= v0:
@@ -189,11 +189,11 @@ _OBJECTS: tuple[Callable[[Canvas, np.random.Generator, FloatArray], None], ...] 
 
 
 def lay_objects(canvas: Canvas, rng: np.random.Generator, axis_px: FloatArray) -> None:
-    """As many objects as the scene has, at random places; ``axis_px`` (2, 2): base and unbent tip, picture pixels.
+    """As many objects as the scene has, at random places; ``axis_px`` (2, 2): base and unbent tip, image pixels.
 
     With ``clear_m`` above 0, what would come nearer than that to the axis (but for its shadow) is laid elsewhere.
     """
-    h, w = canvas.left.shape
+    h, w = canvas.transmittance.shape
     clear = canvas.scene.ground.clear_m * canvas.px_per_m
     v, u = np.mgrid[0:h:4, 0:w:4]
     start, end = (np.asarray(point) * FINER for point in axis_px)
@@ -204,48 +204,48 @@ def lay_objects(canvas: Canvas, rng: np.random.Generator, axis_px: FloatArray) -
     for _ in range(canvas.scene.ground.objects):
         paint = _OBJECTS[int(rng.integers(len(_OBJECTS)))]
         for _ in range(_ATTEMPTS):
-            canvas.left[:] = 1.0
+            canvas.transmittance[:] = 1.0
             canvas.changed.clear()
             paint(canvas, rng, rng.uniform((0.0, 0.0), (w, h)))
             # A shadow leaves some of the light of what it falls on; the object itself leaves nothing.
-            done = not (canvas.left[::4, ::4][near] < _COVERED).any()
+            done = not (canvas.transmittance[::4, ::4][near] < _COVERED).any()
             new, old = (before, canvas.levels) if done else (canvas.levels, before)
             for part in canvas.changed:
                 new[part] = old[part]
             if done:
                 break
-    canvas.left[:] = 0.0
+    canvas.transmittance[:] = 0.0
 
 
-def _grid(canvas: Canvas, turn: float) -> tuple[Picture, Picture]:
+def _grid(canvas: Canvas, turn: float) -> tuple[FloatImage, FloatImage]:
     """Coordinates of the canvas's pixels in metres along axes turned by ``turn``."""
-    h, w = canvas.left.shape
+    h, w = canvas.transmittance.shape
     v, u = np.mgrid[0:h, 0:w].astype(np.float32) / np.float32(canvas.px_per_m)
     c, s = np.float32(math.cos(turn)), np.float32(math.sin(turn))
     return c * u + s * v, c * v - s * u
 
 
-def _board(canvas: Canvas, look: GroundLook, rng: np.random.Generator) -> Picture:
+def _board(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
     """Painted board: blotches, grain, a few scratches and specks of dust."""
-    h, w = canvas.left.shape
-    level = multi_scale_noise(rng, (h, w), (5.0, 20.0, 90.0, 350.0), 0.55) * look.texture_grey
-    level += cv2.GaussianBlur(rng.standard_normal((h, w), np.float32), (0, 0), 1.6) * (1.6 * look.texture_grey)
+    h, w = canvas.transmittance.shape
+    level = multi_scale_noise(rng, (h, w), (5.0, 20.0, 90.0, 350.0), 0.55) * appearance.texture_grey
+    level += cv2.GaussianBlur(rng.standard_normal((h, w), np.float32), (0, 0), 1.6) * (1.6 * appearance.texture_grey)
     for _ in range(int(rng.integers(2, 14))):
         start = rng.uniform((0, 0), (w, h))
         turn, length = rng.uniform(0, 2 * math.pi), rng.uniform(30, 500)
         way = np.linspace(0, length, 12)[:, None] * np.array([math.cos(turn), math.sin(turn)])
         bend = rng.uniform(-0.08, 0.08) * np.linspace(0, 1, 12)[:, None] ** 2 * length
         line = canvas.outline(start + way + bend * np.array([-math.sin(turn), math.cos(turn)]), closed=False)
-        level[line.part] += line.values * rng.uniform(-1.0, 0.7) * (look.lines_grey * 0.5)
+        level[line.part] += line.values * rng.uniform(-1.0, 0.7) * (appearance.lines_grey * 0.5)
     for _ in range(int(rng.integers(10, 70))):
         spot = canvas.disc(rng.uniform((0, 0), (w, h)), rng.uniform(0.5, 2.2))
-        level[spot.part] += spot.values * rng.uniform(-1.0, 0.4) * look.lines_grey
+        level[spot.part] += spot.values * rng.uniform(-1.0, 0.4) * appearance.lines_grey
     return level
 
 
-def _cloth(canvas: Canvas, look: GroundLook, rng: np.random.Generator) -> Picture:
+def _cloth(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
     """Woven cloth with soft folds: threads go over and under one another, and are not quite straight."""
-    h, w = canvas.left.shape
+    h, w = canvas.transmittance.shape
     x, y = _grid(canvas, rng.uniform(0, math.pi))
     pitch = np.float32(2 * math.pi / rng.uniform(0.7e-3, 1.3e-3))
     waver = np.float32(1.5e-4)
@@ -255,27 +255,27 @@ def _cloth(canvas: Canvas, look: GroundLook, rng: np.random.Generator) -> Pictur
     folds = multi_scale_noise(rng, (h, w), (160.0, 420.0), 0.5)
     relief = cv2.Sobel(folds, cv2.CV_32F, 1, 1, ksize=3) * 300.0
     threads = multi_scale_noise(rng, (h, w), (3.0, 9.0, 40.0), 0.8)
-    level = weave * look.lines_grey * 0.4 + (folds + relief + threads) * look.texture_grey
+    level = weave * appearance.lines_grey * 0.4 + (folds + relief + threads) * appearance.texture_grey
     return level.astype(np.float32)
 
 
-def _paper(canvas: Canvas, look: GroundLook, rng: np.random.Generator) -> Picture:
+def _paper(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
     """Millimetre paper: thin lines every mm, stronger ones every 5 and 10."""
-    h, w = canvas.left.shape
-    level = multi_scale_noise(rng, (h, w), (4.0, 30.0, 250.0), 0.6) * (0.6 * look.texture_grey)
+    h, w = canvas.transmittance.shape
+    level = multi_scale_noise(rng, (h, w), (4.0, 30.0, 250.0), 0.6) * (0.6 * appearance.texture_grey)
     for axis in _grid(canvas, rng.uniform(-0.08, 0.08)):
         for pitch, weight in ((1e-3, 0.25), (5e-3, 0.35), (10e-3, 0.55)):
             off = np.abs((axis / np.float32(pitch) + 0.5) % 1.0 - 0.5) * np.float32(pitch * canvas.px_per_m)
-            level -= look.lines_grey * weight * np.exp(-((off / np.float32(0.9)) ** 2))
+            level -= appearance.lines_grey * weight * np.exp(-((off / np.float32(0.9)) ** 2))
     return level
 
 
-def _breadboard(canvas: Canvas, look: GroundLook, rng: np.random.Generator) -> Picture:
+def _breadboard(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
     """Metal table, finely brushed, with tapped holes every 25 mm."""
-    h, w = canvas.left.shape
+    h, w = canvas.transmittance.shape
     brushed = cv2.GaussianBlur(rng.standard_normal((h, w), np.float32), (0, 0), sigmaX=40.0, sigmaY=0.8)
-    level = brushed / brushed.std() * (0.6 * look.texture_grey)
-    level += multi_scale_noise(rng, (h, w), (30.0, 120.0, 400.0), 0.7) * look.texture_grey
+    level = brushed / brushed.std() * (0.6 * appearance.texture_grey)
+    level += multi_scale_noise(rng, (h, w), (30.0, 120.0, 400.0), 0.7) * appearance.texture_grey
     turn = rng.uniform(-0.1, 0.1)
     first = rng.uniform(0, 25e-3, 2)
     x, y = _grid(canvas, turn)
@@ -287,15 +287,15 @@ def _breadboard(canvas: Canvas, look: GroundLook, rng: np.random.Generator) -> P
     hole = np.clip(radius + 0.5 - away, 0.0, 1.0)
     chamfer = np.exp(-(((away - 1.12 * radius) / (0.10 * radius)) ** 2)) * (0.3 + fx + fy)
     thread = 0.12 * np.sin(away * np.float32(2.4))
-    dark = np.asarray(look.colour, np.float32).mean()
-    return (level + chamfer * look.lines_grey * 1.5) * (1 - hole) - hole * dark * (0.72 + thread + 0.5 * fy)
+    dark = np.asarray(appearance.colour, np.float32).mean()
+    return (level + chamfer * appearance.lines_grey * 1.5) * (1 - hole) - hole * dark * (0.72 + thread + 0.5 * fy)
 
 
 GROUNDS = {"board": _board, "cloth": _cloth, "paper": _paper, "breadboard": _breadboard}
 
 
-def paint_ground(scene: CameraScene, width: int, height: int, px_per_m: float, axis_px: FloatArray) -> Canvas:
-    """The table at light 1. ``axis_px`` (2, 2): base and where an unbent tip would be, pictures' pixels."""
+def paint_background(scene: CameraScene, width: int, height: int, px_per_m: float, axis_px: FloatArray) -> Canvas:
+    """The table at light 1. ``axis_px`` (2, 2): base and where an unbent tip would be, images' pixels."""
     rng = np.random.default_rng([scene.seed, 1])
     canvas = Canvas.empty(width, height, px_per_m, scene)
     texture = GROUNDS[scene.ground.kind](canvas, scene.ground, rng)
@@ -303,13 +303,13 @@ def paint_ground(scene: CameraScene, width: int, height: int, px_per_m: float, a
     # Unevenness of the surface is unevenness of the light it sends back: it keeps the surface's own colour.
     canvas.levels[:] = colour * (1.0 + texture[..., None] / np.float32(max(colour.mean(), 1.0)))
     np.maximum(canvas.levels, 0.0, out=canvas.levels)
-    canvas.left[:] = 0.0
+    canvas.transmittance[:] = 0.0
     lay_objects(canvas, rng, axis_px)
     return canvas
 
 
-def illumination(scene: CameraScene, width: int, height: int) -> Picture:
-    """(h, w): how bright each place of the picture is lit and seen; 1 is the middle of an even light of level 1."""
+def illumination(scene: CameraScene, width: int, height: int) -> FloatImage:
+    """(h, w): how bright each place of the image is lit and seen; 1 is the middle of an even light of level 1."""
     light = scene.light
     v, u = np.mgrid[0:height, 0:width].astype(np.float32)
     x = (u - 0.5 * (width - 1)) / np.float32(0.5 * width)

@@ -13,19 +13,29 @@ from numba import njit
 
 from ...._compile import STEADY
 from ....types import FloatArray, Image
-from .._exposure import TissueState, instants
+from .._exposure import TissueState, sample_exposure
 from ._canvas import Box
-from ._static_layers import Painted
+from ._static_layers import StaticLayers
 from ._tube_kernels import add_shadow, add_tube
 from ._tube_model import Tube, TubeNodes, instrument_shape
 
-__all__ = ["Desk", "cast", "compose", "draw_tube", "lay_front", "lay_moving", "lay_phantom", "lay_tubes", "restore"]
+__all__ = [
+    "Buffers",
+    "cast",
+    "compose",
+    "draw_tube",
+    "lay_foreground",
+    "lay_moving",
+    "lay_phantom",
+    "lay_tubes",
+    "restore",
+]
 
-Picture = npt.NDArray[np.float32]
+FloatImage = npt.NDArray[np.float32]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def restore(clean: Picture, ground: Picture, box: Box) -> None:
+def restore(clean: FloatImage, ground: FloatImage, box: Box) -> None:
     """Copy ``ground`` into ``clean`` within ``box``."""
     for k in range(clean.shape[0]):
         for v in range(box[0], box[1]):
@@ -33,7 +43,7 @@ def restore(clean: Picture, ground: Picture, box: Box) -> None:
 
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
-def cast(clean: Picture, shade: Picture, coarse: int, box: Box) -> None:
+def cast(clean: FloatImage, shade: FloatImage, coarse: int, box: Box) -> None:
     """Darken ``clean`` within ``box`` by ``shade`` (rows, columns), one number for ``coarse`` x ``coarse`` pixels.
 
     Linear between them: a shadow softer than three of their steps shows nothing of it. ``shade`` is empty afterwards.
@@ -60,7 +70,7 @@ def cast(clean: Picture, shade: Picture, coarse: int, box: Box) -> None:
 
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
-def lay_tubes(clean: Picture, light: Picture, drawn: Picture, box: Box) -> None:
+def lay_tubes(clean: FloatImage, light: FloatImage, drawn: FloatImage, box: Box) -> None:
     """Lay ``drawn`` (h, w, 1 + c), lit by ``light`` (h, w), over ``clean``; ``drawn`` is empty afterwards."""
     for v in range(box[0], box[1]):
         for u in range(box[2], box[3]):
@@ -73,7 +83,7 @@ def lay_tubes(clean: Picture, light: Picture, drawn: Picture, box: Box) -> None:
 
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
-def lay_front(clean: Picture, front: Picture, box: Box) -> None:
+def lay_foreground(clean: FloatImage, front: FloatImage, box: Box) -> None:
     """Lay ``front`` (c + 1, h, w), already lit, over ``clean``."""
     c = clean.shape[0]
     for v in range(box[0], box[1]):
@@ -95,7 +105,7 @@ def _half(shift: float) -> tuple[int, int, int, int, np.float32]:
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _gather(
-    sprite: Picture,
+    sprite: FloatImage,
     planes: tuple[int, int],
     v: int,
     lows: int,
@@ -103,7 +113,7 @@ def _gather(
     du: float,
     dv: float,
     weight: np.float32,
-    rows: Picture,
+    rows: FloatImage,
 ) -> None:
     """Add ``weight`` times ``planes`` of ``sprite`` for columns [``lows``, ``highs``) of row ``v`` to ``rows``."""
     if highs <= lows:
@@ -126,14 +136,14 @@ def _gather(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _gather_dented(
-    sprite: Picture,
+    sprite: FloatImage,
     v: int,
     lows: int,
     highs: int,
     du: float,
     dv: float,
     weight: np.float32,
-    rows: Picture,
+    rows: FloatImage,
     middle: FloatArray,
     dent: FloatArray,
 ) -> None:
@@ -155,9 +165,9 @@ def _gather_dented(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def lay_moving(
-    clean: Picture,
-    light: Picture,
-    sprite: Picture,
+    clean: FloatImage,
+    light: FloatImage,
+    sprite: FloatImage,
     spans: npt.NDArray[np.int64],
     shifts: FloatArray,
     middle: FloatArray,
@@ -166,7 +176,7 @@ def lay_moving(
 ) -> None:
     """Lay ``sprite`` (2, 2, c + 1, rows, columns) over ``clean``: the mean over ``shifts`` (m, 2).
 
-    Its first two axes are half-pixel phases. A picture's pixel (u, v) shows the sprite at (u, v) + shift. ``spans``
+    Its first two axes are half-pixel phases. A image's pixel (u, v) shows the sprite at (u, v) + shift. ``spans``
     (rows, 4): where each row has something, from and to, and where it has light of its own. ``middle`` (m, 2): where
     the dent is, px; ``dent`` as in `_gather_dented`. ``dirty`` (4,) is widened.
     """
@@ -220,7 +230,7 @@ def lay_moving(
 
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
-def _lay_row(clean: Picture, light: Picture, rows: Picture, v: int, lows: int, highs: int) -> None:
+def _lay_row(clean: FloatImage, light: FloatImage, rows: FloatImage, v: int, lows: int, highs: int) -> None:
     c = clean.shape[0]
     lit, left = light[v, lows:highs], rows[c, lows:highs]
     for k in range(c):
@@ -230,65 +240,67 @@ def _lay_row(clean: Picture, light: Picture, rows: Picture, v: int, lows: int, h
 
 
 _TUBE_STEP_PX, _TISSUE_STEP_PX = 1.0, 1.3
-"""Motion blur is a mean of pictures this far apart. At a blur of 0.8 px the steps are 1e-5 and 1e-3 of the contrast."""
+"""Motion blur is a mean of images this far apart. At a blur of 0.8 px the steps are 1e-5 and 1e-3 of the contrast."""
 _MOST_INSTANTS = 24
 _NOTHING: Box = (0, 0, 0, 0)
 
 
 @dataclass(slots=True, eq=False)
-class Desk:
+class Buffers:
     """Buffers of one thread; outside ``dirty``, ``clean`` (c, h, w) is the ground, and the others are empty."""
 
-    clean: Picture
-    drawn: Picture
-    shade: Picture
+    clean: FloatImage
+    drawn: FloatImage
+    shade: FloatImage
     planes: Image
     dirty: Box = _NOTHING
 
     @classmethod
-    def for_pictures_of(cls, painted: Painted) -> "Desk":
-        """An empty desk."""
-        c, h, w = painted.ground.shape
+    def for_layers(cls, layers: StaticLayers) -> "Buffers":
+        """Allocates empty buffers."""
+        c, h, w = layers.ground.shape
         drawn, shade = np.zeros((h, w, c + 1), np.float32), np.zeros((h, w), np.float32)
-        return cls(painted.ground.copy(), drawn, shade, np.empty((c, h, w), np.uint8))
+        return cls(layers.ground.copy(), drawn, shade, np.empty((c, h, w), np.uint8))
 
 
-def compose(painted: Painted, desk: Desk, shapes_m: FloatArray, tissue: TissueState | None, time_s: float) -> None:
-    """Leave the light of one frame in ``desk.clean``."""
-    restore(desk.clean, painted.ground, desk.dirty)
+def compose(
+    layers: StaticLayers, buffers: Buffers, shapes_m: FloatArray, tissue: TissueState | None, time_s: float
+) -> None:
+    """Leave the light of one frame in ``buffers.clean``."""
+    restore(buffers.clean, layers.ground, buffers.dirty)
     dirty = _NOTHING
-    scene, camera, focus = painted.scene, painted.camera, painted.focus
-    shapes = instants(shapes_m, _count(shapes_m, _TUBE_STEP_PX / painted.px_per_m))
-    nodes = painted.catheter.nodes(shapes, camera, focus)
-    dirty = _joined(dirty, _cast_shadows(painted, desk, nodes, scene.ground.depth_m))
-    second, instrument = painted.second, scene.instrument
+    scene, camera, focus = layers.scene, layers.camera, layers.focus
+    shapes = sample_exposure(shapes_m, _count(shapes_m, _TUBE_STEP_PX / layers.px_per_m))
+    nodes = layers.catheter.nodes(shapes, camera, focus)
+    dirty = _union(dirty, _cast_shadows(layers, buffers, nodes, scene.ground.depth_m))
+    second, instrument = layers.second, scene.instrument
     other: TubeNodes | None = None
     if second is not None and instrument is not None:
         other = second.nodes(instrument_shape(scene, instrument, time_s)[None], camera, focus)
         high = scene.ground.depth_m + instrument_shape(scene, instrument, 0.0)[0, 2]
-        dirty = _joined(dirty, _cast_shadows(painted, desk, other, high))
+        dirty = _union(dirty, _cast_shadows(layers, buffers, other, high))
         if not instrument.in_front:
-            dirty = _joined(dirty, _lay_tube(painted, desk, second, other))
+            dirty = _union(dirty, _lay_tube(layers, buffers, second, other))
     over = scene.tissue.over_tip
-    if painted.phantom is not None and tissue is not None and not over:
-        dirty = _joined(dirty, lay_phantom(desk.clean, painted, painted.phantom.sprite, tissue))
-    dirty = _joined(dirty, _lay_tube(painted, desk, painted.catheter, nodes))
-    if painted.phantom is not None and tissue is not None and over:
-        dirty = _joined(dirty, lay_phantom(desk.clean, painted, painted.phantom.sprite, tissue))
+    if layers.phantom is not None and tissue is not None and not over:
+        dirty = _union(dirty, lay_phantom(buffers.clean, layers, layers.phantom.sprite, tissue))
+    dirty = _union(dirty, _lay_tube(layers, buffers, layers.catheter, nodes))
+    if layers.phantom is not None and tissue is not None and over:
+        dirty = _union(dirty, lay_phantom(buffers.clean, layers, layers.phantom.sprite, tissue))
     if second is not None and other is not None and instrument is not None and instrument.in_front:
-        dirty = _joined(dirty, _lay_tube(painted, desk, second, other))
-    if painted.front is not None:
-        lay_front(desk.clean, painted.front, painted.front_box)
-        dirty = _joined(dirty, painted.front_box)
-    desk.dirty = dirty
+        dirty = _union(dirty, _lay_tube(layers, buffers, second, other))
+    if layers.foreground is not None:
+        lay_foreground(buffers.clean, layers.foreground, layers.foreground_box)
+        dirty = _union(dirty, layers.foreground_box)
+    buffers.dirty = dirty
 
 
-def draw_tube(desk: Desk, tube: Tube, nodes: TubeNodes) -> Box:
-    """The mean of ``nodes`` over the exposure into ``desk.drawn``; where."""
+def draw_tube(buffers: Buffers, tube: Tube, nodes: TubeNodes) -> Box:
+    """The mean of ``nodes`` over the exposure into ``buffers.drawn``; where."""
     profile = tube.profile
     for moment in nodes.nodes:
         add_tube(
-            desk.drawn,
+            buffers.drawn,
             moment,
             1.0 / len(nodes.nodes),
             profile.table,
@@ -299,25 +311,27 @@ def draw_tube(desk: Desk, tube: Tube, nodes: TubeNodes) -> Box:
             nodes.step_m,
             tube.along,
         )
-    return _around(nodes.nodes, profile.reach_px * 1.1 + 2.0, np.zeros(2), desk.shade.shape)
+    return _box_around(nodes.nodes, profile.reach_px * 1.1 + 2.0, np.zeros(2), buffers.shade.shape)
 
 
-def lay_phantom(clean: Picture, painted: Painted, sprite: Picture, tissue: TissueState) -> Box:
+def lay_phantom(clean: FloatImage, layers: StaticLayers, sprite: FloatImage, tissue: TissueState) -> Box:
     """The tissue with its shadow over ``clean`` (c, h, w), from ``sprite``, which may be another than the painted."""
-    phantom = painted.phantom
+    phantom = layers.phantom
     assert phantom is not None
-    home = painted.camera.project(phantom.home_m[None])[0]
-    shift = instants(tissue.shift_m[:, None], _count(tissue.shift_m[:, None], _TISSUE_STEP_PX / painted.px_per_m))[:, 0]
-    moved = painted.camera.project(phantom.home_m + shift) - home
+    home = layers.camera.project(phantom.home_m[None])[0]
+    shift = sample_exposure(
+        tissue.shift_m[:, None], _count(tissue.shift_m[:, None], _TISSUE_STEP_PX / layers.px_per_m)
+    )[:, 0]
+    moved = layers.camera.project(phantom.home_m + shift) - home
     dent = np.array([*phantom.into_px, 0.0, 1.0])
     middle = np.zeros((len(moved), 2))
-    if tissue.dent_m > 0.0 and tissue.touch_m is not None and not painted.scene.tissue.over_tip:
+    if tissue.dent_m > 0.0 and tissue.touch_m is not None and not layers.scene.tissue.over_tip:
         dent[2] = tissue.dent_m * phantom.px_per_m
-        dent[3] = 1.2 * painted.scene.catheter.radius_m * phantom.px_per_m + 0.7 * dent[2]
-        middle[:] = painted.camera.project(tissue.touch_m[None])[0]
+        dent[3] = 1.2 * layers.scene.catheter.radius_m * phantom.px_per_m + 0.7 * dent[2]
+        middle[:] = layers.camera.project(tissue.touch_m[None])[0]
     dirty = np.array([clean.shape[1], 0, clean.shape[2], 0])
     shifts = phantom.margin_px - moved
-    lay_moving(clean, painted.light, sprite, phantom.spans, shifts, middle, dent, dirty)
+    lay_moving(clean, layers.light, sprite, phantom.spans, shifts, middle, dent, dirty)
     return (int(dirty[0]), int(dirty[1]), int(dirty[2]), int(dirty[3])) if dirty[1] > dirty[0] else _NOTHING
 
 
@@ -327,35 +341,35 @@ def _count(shapes_m: FloatArray, step_m: float) -> int:
     return 1 if way < 0.25 * step_m else min(_MOST_INSTANTS, max(2, math.ceil(way / step_m)))
 
 
-def _lay_tube(painted: Painted, desk: Desk, tube: Tube, nodes: TubeNodes) -> Box:
-    box = draw_tube(desk, tube, nodes)
-    lay_tubes(desk.clean, painted.light, desk.drawn, box)
+def _lay_tube(layers: StaticLayers, buffers: Buffers, tube: Tube, nodes: TubeNodes) -> Box:
+    box = draw_tube(buffers, tube, nodes)
+    lay_tubes(buffers.clean, layers.light, buffers.drawn, box)
     return box
 
 
-def _cast_shadows(painted: Painted, desk: Desk, nodes: TubeNodes, depth_m: float) -> Box:
+def _cast_shadows(layers: StaticLayers, buffers: Buffers, nodes: TubeNodes, depth_m: float) -> Box:
     """The tube's shadows on the ground ``depth_m`` below it; they are soft, and take mid-exposure for all of it."""
     middle = nodes.nodes[len(nodes.nodes) // 2]
     dirty = _NOTHING
-    sigma = max(0.8, math.hypot(painted.scene.shadow_sigma_m(depth_m) * painted.px_per_m, middle[-1, 7]))
+    sigma = max(0.8, math.hypot(layers.scene.shadow_sigma_m(depth_m) * layers.px_per_m, middle[-1, 7]))
     # The softer a shadow, the coarser it may be drawn.
     coarse = min(16, max(1, int(sigma / 3.0)))
-    h, w = desk.shade.shape
-    shade = desk.shade[: -(-h // coarse) + 1, : -(-w // coarse) + 1]
+    h, w = buffers.shade.shape
+    shade = buffers.shade[: -(-h // coarse) + 1, : -(-w // coarse) + 1]
     small = middle.copy()
     small[:, :2] = (middle[:, :2] + 0.5) / coarse - 0.5
     small[:, 4:] /= coarse
-    for right_m, down_m, strength in painted.scene.shadow_falls_m(depth_m):
-        fall = np.array([right_m, down_m]) * painted.px_per_m
+    for right_m, down_m, strength in layers.scene.shadow_falls_m(depth_m):
+        fall = np.array([right_m, down_m]) * layers.px_per_m
         add_shadow(shade, small, fall / coarse, sigma / coarse, strength)
-        box = _around(middle[None], middle[-1, 6] + 3.0 * sigma + 2.0 * coarse + 2.0, fall, (h, w))
-        cast(desk.clean, shade, coarse, box)
-        dirty = _joined(dirty, box)
+        box = _box_around(middle[None], middle[-1, 6] + 3.0 * sigma + 2.0 * coarse + 2.0, fall, (h, w))
+        cast(buffers.clean, shade, coarse, box)
+        dirty = _union(dirty, box)
     return dirty
 
 
-def _around(nodes: FloatArray, reach: float, moved: FloatArray, shape: tuple[int, ...]) -> Box:
-    """The box around ``nodes`` (m, n, 8), ``reach`` px wider and ``moved`` by (2,), within the picture."""
+def _box_around(nodes: FloatArray, reach: float, moved: FloatArray, shape: tuple[int, ...]) -> Box:
+    """The box around ``nodes`` (m, n, 8), ``reach`` px wider and ``moved`` by (2,), within the image."""
     low = nodes[..., :2].min(axis=(0, 1)) + moved - reach
     high = nodes[..., :2].max(axis=(0, 1)) + moved + reach + 2.0
     (u0, v0), (u1, v1) = np.maximum(low, 0.0), np.maximum(high, 0.0)
@@ -363,7 +377,7 @@ def _around(nodes: FloatArray, reach: float, moved: FloatArray, shape: tuple[int
     return (v0, v1, u0, u1) if v1 > v0 and u1 > u0 else _NOTHING
 
 
-def _joined(a: Box, b: Box) -> Box:
+def _union(a: Box, b: Box) -> Box:
     """The box around both."""
     if a[1] <= a[0]:
         return b

@@ -11,33 +11,33 @@ from pydantic import Field
 
 from ..._fields import NotNegative, Positive, Range, Settings, Share
 from ._scene import (
+    BackgroundAppearance,
     CameraScene,
-    CatheterLook,
+    CatheterAppearance,
     Colour,
-    Cover,
-    GroundLook,
     Instrument,
     Lamp,
     Lens,
     Lighting,
+    Occluder,
     SensorNoise,
-    TissueLook,
+    TissueAppearance,
     TubeFinish,
 )
 
-__all__ = ["BENCH_2021", "GENERALISE", "SceneRanges", "draw_scene"]
+__all__ = ["BENCH_2021", "GENERALISE", "SceneRanges", "sample_scene"]
 
 Ground = Literal["board", "cloth", "paper", "breadboard"]
 
 
 class SceneRanges(Settings):
-    """What the camera's pictures vary over from session to session. The defaults are the preset ``bench-2021``.
+    """What the camera's images vary over from session to session. The defaults are the preset ``bench-2021``.
 
     Grey levels are those of a surface that faces the camera at light 1.
     """
 
     colour: bool = True
-    """RGB pictures, as the thesis's; else grey ones."""
+    """RGB images, as the thesis's; else grey ones."""
     exposure_s: NotNegative = 8e-3
     jpeg_quality: tuple[int, int] = (85, 95)
 
@@ -46,7 +46,7 @@ class SceneRanges(Settings):
     camera_distance_m: Range = (0.35, 0.50)
     base_side: Literal["left", "right", "top", "bottom"] = "left"
     base_inset_m: float = -1.6e-3
-    """How far inside the picture's border the base lies; negative: beyond it."""
+    """How far inside the image's border the base lies; negative: beyond it."""
     base_shift_m: Range = (-1e-3, 1e-3)
     base_turn_deg: Range = (-2.0, 2.0)
     yaw_deg: Range = (-2.0, 2.0)
@@ -154,10 +154,10 @@ GENERALISE = SceneRanges(
 _TURNS = {"left": 0.0, "right": math.pi, "bottom": math.pi / 2, "top": -math.pi / 2}
 
 
-def draw_scene(ranges: SceneRanges, rng: np.random.Generator, *, length_m: float = 0.048) -> CameraScene:
+def sample_scene(ranges: SceneRanges, rng: np.random.Generator, *, length_m: float = 0.048) -> CameraScene:
     """One session's scene. ``length_m``: of the catheter, base to apex, which covers and instruments are laid along.
 
-    >>> one, two = (draw_scene(SceneRanges(), np.random.default_rng(3)) for _ in range(2))
+    >>> one, two = (sample_scene(SceneRanges(), np.random.default_rng(3)) for _ in range(2))
     >>> one == two
     True
     """
@@ -180,7 +180,7 @@ def draw_scene(ranges: SceneRanges, rng: np.random.Generator, *, length_m: float
         ground=ground,
         tissue=tissue,
         instrument=instrument,
-        covers=_covers(ranges, rng, length_m),
+        occluders=_occluders(ranges, rng, length_m),
     )
 
 
@@ -246,8 +246,8 @@ def _lens(ranges: SceneRanges, rng: np.random.Generator) -> Lens:
     )
 
 
-def _ground(ranges: SceneRanges, rng: np.random.Generator) -> GroundLook:
-    return GroundLook(
+def _ground(ranges: SceneRanges, rng: np.random.Generator) -> BackgroundAppearance:
+    return BackgroundAppearance(
         kind=ranges.grounds[int(rng.integers(len(ranges.grounds)))],
         colour=_colour(rng, _of(rng, ranges.ground_grey), ranges.ground_tint),
         texture_grey=_of(rng, ranges.ground_texture_grey),
@@ -258,7 +258,7 @@ def _ground(ranges: SceneRanges, rng: np.random.Generator) -> GroundLook:
     )
 
 
-def _catheter(ranges: SceneRanges, rng: np.random.Generator, radius_m: float) -> CatheterLook:
+def _catheter(ranges: SceneRanges, rng: np.random.Generator, radius_m: float) -> CatheterAppearance:
     step = ranges.ring_m + ranges.ring_gap_m
     first = ranges.electrode_m + ranges.ring_gap_m
     finish = TubeFinish(
@@ -269,7 +269,7 @@ def _catheter(ranges: SceneRanges, rng: np.random.Generator, radius_m: float) ->
         rim_grey=_of(rng, ranges.rim_grey),
         metal_sharpness=rng.uniform(6.0, 30.0),
     )
-    return CatheterLook(
+    return CatheterAppearance(
         radius_m=radius_m,
         electrode_m=ranges.electrode_m,
         rings_m=tuple((first + k * step, first + k * step + ranges.ring_m) for k in range(ranges.rings)),
@@ -279,10 +279,10 @@ def _catheter(ranges: SceneRanges, rng: np.random.Generator, radius_m: float) ->
     )
 
 
-def _tissue(ranges: SceneRanges, rng: np.random.Generator) -> TissueLook:
+def _tissue(ranges: SceneRanges, rng: np.random.Generator) -> TissueAppearance:
     colour = np.array(ranges.tissue_colours[int(rng.integers(len(ranges.tissue_colours)))])
     colour = colour * rng.uniform(0.85, 1.1) * rng.uniform(0.95, 1.05, 3)
-    return TissueLook(
+    return TissueAppearance(
         colour=(float(colour[0]), float(colour[1]), float(colour[2])),
         mottle=rng.uniform(0.01, 0.05),
         pad_m=(rng.uniform(6e-3, 12e-3), rng.uniform(10e-3, 16e-3)),
@@ -298,7 +298,7 @@ def _tissue(ranges: SceneRanges, rng: np.random.Generator) -> TissueLook:
 
 
 def _instrument(ranges: SceneRanges, rng: np.random.Generator, length_m: float) -> Instrument:
-    """From beyond the picture's border to somewhere near the catheter, or across it."""
+    """From beyond the image's border to somewhere near the catheter, or across it."""
     turn = rng.uniform(0.25 * math.pi, 0.75 * math.pi) * rng.choice([-1.0, 1.0])
     way = np.array([math.cos(turn), math.sin(turn)])
     near = np.array([rng.uniform(0.2, 1.6) * length_m, 0.0]) + way * rng.uniform(-12e-3, 25e-3)
@@ -311,21 +311,21 @@ def _instrument(ranges: SceneRanges, rng: np.random.Generator, length_m: float) 
         sway_hz=rng.uniform(0.2, 1.5),
         phase_rad=rng.uniform(0.0, 2 * math.pi),
         in_front=bool(rng.random() < 0.4),
-        look=_catheter(ranges, rng, rng.uniform(0.5e-3, 1.6e-3)),
+        appearance=_catheter(ranges, rng, rng.uniform(0.5e-3, 1.6e-3)),
     )
 
 
-def _covers(ranges: SceneRanges, rng: np.random.Generator, length_m: float) -> tuple[Cover, ...]:
+def _occluders(ranges: SceneRanges, rng: np.random.Generator, length_m: float) -> tuple[Occluder, ...]:
     """One to three bands that hide, together, about the drawn share of the shaft."""
     share = _of(rng, ranges.hidden_share)
     if share <= 0.0:
         return ()
     count = int(rng.integers(1, 4))
     wide = rng.dirichlet(np.full(count, 4.0)) * share * length_m
-    covers: list[Cover] = []
+    occluders: list[Occluder] = []
     for width in wide:
         kind = "cable" if width < 3e-3 else str(rng.choice(["tape", "bracket"]))
         colour = _colour(rng, rng.uniform(30, 215), 0.25)
         at = rng.uniform(0.08, 0.80) * length_m
-        covers.append(Cover(kind, at - 0.5 * width, at + 0.5 * width, rng.uniform(-0.35, 0.35), colour))
-    return tuple(covers)
+        occluders.append(Occluder(kind, at - 0.5 * width, at + 0.5 * width, rng.uniform(-0.35, 0.35), colour))
+    return tuple(occluders)

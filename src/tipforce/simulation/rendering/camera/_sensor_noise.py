@@ -15,7 +15,7 @@ from .._random import gauss_row, hash_row
 
 __all__ = ["add_noise", "frame_key"]
 
-Picture = npt.NDArray[np.float32]
+FloatImage = npt.NDArray[np.float32]
 
 
 def frame_key(seed: int, frame: int) -> npt.NDArray[np.uint32]:
@@ -27,7 +27,7 @@ def frame_key(seed: int, frame: int) -> npt.NDArray[np.uint32]:
 
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
-def _bend_row(levels: Picture, gain: np.float32, read: np.float32, row: Picture) -> None:
+def _bend_row(levels: FloatImage, gain: np.float32, read: np.float32, row: FloatImage) -> None:
     """Gaussian numbers in ``row`` to noise at ``levels``: Cornish-Fisher to the fourth cumulant."""
     one, three, five, zero = np.float32(1.0), np.float32(3.0), np.float32(5.0), np.float32(0.0)
     c3, c4, c5 = gain**2 / np.float32(6.0), gain**3 / np.float32(24.0), gain**4 / np.float32(36.0)
@@ -50,11 +50,11 @@ def _bend_row(levels: Picture, gain: np.float32, read: np.float32, row: Picture)
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def add_noise(
-    clean: Picture, key: npt.NDArray[np.uint32], table: Picture, gain: float, read: float, planes: Image
+    clean: FloatImage, key: npt.NDArray[np.uint32], table: FloatImage, gain: float, read: float, planes: Image
 ) -> None:
     """``clean`` (c, h, w) with c = 1 or 3 plus noise, rounded and clipped, into ``planes`` (c, h, w).
 
-    Of a colour picture, all channels of a pixel get the same noise, that of its grey level: so its conversion to grey
+    Of a colour image, all channels of a pixel get the same noise, that of its grey level: so its conversion to grey
     has the noise of a grey camera, and the colour itself is as clean as cameras make it before they save.
     """
     c, h, w = clean.shape

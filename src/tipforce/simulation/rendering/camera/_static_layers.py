@@ -9,32 +9,32 @@ import numpy.typing as npt
 from ....geometry import CameraModel
 from .._exposure import TissueHome
 from .._random import gauss_table
-from ._background import illumination, paint_ground
-from ._canvas import FINER, Box, Canvas, Patch, Picture, band, multi_scale_noise, soften
+from ._background import illumination, paint_background
+from ._canvas import FINER, Box, Canvas, FloatImage, Patch, band, multi_scale_noise, soften
 from ._phantom import Phantom, paint_phantom
-from ._scene import CameraScene, Cover
+from ._scene import CameraScene, Occluder
 from ._tube_model import Focus, Tube, make_instrument, make_tube
 
-__all__ = ["Painted", "paint", "paint_front"]
+__all__ = ["StaticLayers", "paint", "paint_foreground"]
 
 _HEIGHT_M = 4e-3
 
 
-def paint_front(
+def paint_foreground(
     scene: CameraScene, camera: CameraModel, width: int, height: int, px_per_m: float, sigma_px: float
-) -> Picture | None:
+) -> FloatImage | None:
     """(4, h, w): unlit levels times cover, and the share of the view behind that is left; None without covers."""
-    if not scene.covers:
+    if not scene.occluders:
         return None
     rng = np.random.default_rng([scene.seed, 3])
     canvas = Canvas.empty(width, height, px_per_m, scene)
-    for cover in scene.covers:
-        _lay_cover(canvas, camera, cover, rng)
+    for cover in scene.occluders:
+        _lay_occluder(canvas, camera, cover, rng)
     levels, left = canvas.seen(sigma_px)
     return np.concatenate([levels, left[None]])
 
 
-def _lay_cover(canvas: Canvas, camera: CameraModel, cover: Cover, rng: np.random.Generator) -> None:
+def _lay_occluder(canvas: Canvas, camera: CameraModel, cover: Occluder, rng: np.random.Generator) -> None:
     middle = 0.5 * (cover.from_m + cover.to_m)
     lean = np.array([math.sin(cover.slant_rad), math.cos(cover.slant_rad), 0.0])
     reach = rng.uniform(8e-3, 30e-3, 2)
@@ -61,36 +61,35 @@ def _lay_cover(canvas: Canvas, camera: CameraModel, cover: Cover, rng: np.random
             canvas.lay(Patch.of(hole.shape, part, soften(hole.within(part), 1.0)), (25, 25, 25))
 
 
-Picture = npt.NDArray[np.float32]
+FloatImage = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Painted:
-    """A session's still parts; pictures are (c, h, w) float32, grey levels, lit but for the phantom's.
+class StaticLayers:
+    """A session's still parts; images are (c, h, w) float32, grey levels, lit but for the phantom's.
 
-    ``light`` (h, w); ``front`` (c + 1, h, w) or None: what stands in front, last the share of the view that is left;
-    ``front_box``: where that is anything.
-    ``px_per_m``: at the base. ``gauss``: see `gauss_table`.
+    ``light`` (h, w); ``foreground`` (c + 1, h, w) or None: what stands in front, last the share of the view that is
+    left; ``foreground_box``: where that is anything. ``px_per_m``: at the base. ``gauss``: see `gauss_table`.
     """
 
     scene: CameraScene
     camera: CameraModel
     focus: Focus
     px_per_m: float
-    ground: Picture
-    light: Picture
-    front: Picture | None
-    front_box: Box
+    ground: FloatImage
+    light: FloatImage
+    foreground: FloatImage | None
+    foreground_box: Box
     phantom: Phantom | None
     catheter: Tube
     second: Tube | None
-    gauss: Picture
+    gauss: FloatImage
 
 
 def paint(
     scene: CameraScene, camera: CameraModel, length_m: float, tissue: TissueHome | None, width: int, height: int
-) -> Painted:
-    """Paint everything for pictures of ``width`` x ``height``."""
+) -> StaticLayers:
+    """Paint everything for images of ``width`` x ``height``."""
     channels = 3 if scene.colour else 1
     _, slopes = camera.project_with_slopes(np.zeros((1, 3)))
     px_per_m = float(np.sqrt(abs(np.linalg.det(slopes[0, :, :2]))))
@@ -102,22 +101,22 @@ def paint(
     here, below = focus.sigma_px(depth), focus.sigma_px(depth + scene.ground.depth_m)
     light = illumination(scene, width, height)
     axis = camera.project(np.array([[0.0, 0.0, 0.0], [length_m, 0.0, 0.0]]))
-    ground, _ = paint_ground(scene, width, height, px_per_m, axis).seen(below)
-    front = paint_front(scene, camera, width, height, px_per_m, here)
-    if front is not None:
-        front = np.concatenate([_channels(front[:3], channels) * light, front[3:]])
+    ground, _ = paint_background(scene, width, height, px_per_m, axis).seen(below)
+    foreground = paint_foreground(scene, camera, width, height, px_per_m, here)
+    if foreground is not None:
+        foreground = np.concatenate([_channels(foreground[:3], channels) * light, foreground[3:]])
     phantom = None
     if tissue is not None:
         phantom = paint_phantom(scene, camera, tissue, width, height, channels, here)
-    return Painted(
+    return StaticLayers(
         scene,
         camera,
         focus,
         px_per_m,
         np.ascontiguousarray(_channels(ground, channels) * light),
         light,
-        front,
-        _box_of(front),
+        foreground,
+        _box_of(foreground),
         phantom,
         make_tube(scene, scene.catheter, length_m, px_per_m, focus, depth, scene.seed),
         make_instrument(scene, px_per_m, focus, depth),
@@ -125,13 +124,13 @@ def paint(
     )
 
 
-def _channels(levels: Picture, channels: int) -> Picture:
+def _channels(levels: FloatImage, channels: int) -> FloatImage:
     """RGB levels (3, h, w) as they are, or as the one plane of a grey camera."""
     return levels if channels == 3 else np.tensordot(np.array([[0.299, 0.587, 0.114]], np.float32), levels, axes=1)
 
 
-def _box_of(front: Picture | None) -> Box:
-    there = np.zeros((1, 1), np.bool_) if front is None else front[-1] < 0.999
+def _box_of(foreground: FloatImage | None) -> Box:
+    there = np.zeros((1, 1), np.bool_) if foreground is None else foreground[-1] < 0.999
     rows, columns = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
     if not rows.size:
         return 0, 0, 0, 0

@@ -14,19 +14,19 @@ from ...._compile import STEADY
 from ....types import FloatArray
 from .._raster import columns
 
-__all__ = ["PLACE", "POINTS_PER_M", "STEPS_PER_PX", "add_shadow", "add_tube"]
+__all__ = ["NODE_SIZE", "POINTS_PER_M", "STEPS_PER_PX", "add_shadow", "add_tube"]
 
 STEPS_PER_PX = 8
 """Steps of the tables across: interpolated linearly between, which is within 0.001 of the contrast for any blur."""
-Picture = npt.NDArray[np.float32]
-PLACE = 8
+FloatImage = npt.NDArray[np.float32]
+NODE_SIZE = 8
 """Columns of a node: u, v; unit tangent (2); derivative by the node's number (2); half width; blur; all px."""
 POINTS_PER_M = 200_000.0
 """Steps of the table of materials along the tube: 1/40 px at 0.2 mm/px."""
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _look_up(table: Picture, blur: float, turn: float, column: float, out: Picture) -> None:
+def _look_up(table: FloatImage, blur: float, turn: float, column: float, out: FloatImage) -> None:
     """Interpolate ``table`` (blur, direction, across, 4) at fractional places into ``out`` (4,)."""
     k = min(int(blur), table.shape[0] - 2)
     n = table.shape[1]
@@ -46,7 +46,7 @@ def _look_up(table: Picture, blur: float, turn: float, column: float, out: Pictu
 
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
-def _blend_row(table: Picture, blur: float, turn: float, row: Picture) -> None:
+def _blend_row(table: FloatImage, blur: float, turn: float, row: FloatImage) -> None:
     """The whole row (across, 4) of ``table`` at a fractional blur and direction."""
     k = min(int(blur), table.shape[0] - 2)
     d = int(turn)
@@ -63,22 +63,22 @@ def _blend_row(table: Picture, blur: float, turn: float, row: Picture) -> None:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def add_tube(
-    drawn: Picture,
+    drawn: FloatImage,
     nodes: FloatArray,
     weight: float,
-    table: Picture,
+    table: FloatImage,
     half_width: float,
     reach: float,
     blurs: FloatArray,
     start_m: float,
     step_m: float,
-    along: Picture,
+    along: FloatImage,
 ) -> None:
     """Add ``weight`` times the tube to ``drawn`` (h, w, 1 + c): cover, then light times cover.
 
-    ``nodes`` (n, 8), see `PLACE`; the last is the middle of the dome. ``table``, ``half_width``, ``reach``, ``blurs``
-    (2,): a `TubeProfile`. ``start_m``, ``step_m``: arc length at the first node, between nodes; ``along`` (m, 2 c + 1):
-    what matte light, metal light (c each) and gloss are worth from arc length 0 on, `POINTS_PER_M` apart.
+    ``nodes`` (n, 8), see `NODE_SIZE`; the last is the middle of the dome. ``table``, ``half_width``, ``reach``,
+    ``blurs`` (2,): a `TubeProfile`. ``start_m``, ``step_m``: arc length at the first node, between nodes; ``along``
+    (m, 2 c + 1): what matte light, metal light (c each) and gloss are worth from arc length 0 on, `POINTS_PER_M` apart.
     """
     h, w = drawn.shape[:2]
     c = drawn.shape[2] - 1
@@ -176,7 +176,7 @@ def add_tube(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def add_shadow(shade: Picture, nodes: FloatArray, fall: FloatArray, sigma: float, strength: float) -> None:
+def add_shadow(shade: FloatImage, nodes: FloatArray, fall: FloatArray, sigma: float, strength: float) -> None:
     """Raise ``shade`` (h, w) to ``strength`` times the share of the lamp that the tube hides.
 
     ``fall`` (2,): from the tube to its shadow, px; ``sigma``: softness, px.

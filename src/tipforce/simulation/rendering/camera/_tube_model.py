@@ -13,8 +13,8 @@ from scipy.special import ndtr
 
 from ....geometry import CameraModel
 from ....types import FloatArray
-from ._scene import CameraScene, CatheterLook, Instrument, Lamp, TubeFinish
-from ._tube_kernels import PLACE, POINTS_PER_M, STEPS_PER_PX
+from ._scene import CameraScene, CatheterAppearance, Instrument, Lamp, TubeFinish
+from ._tube_kernels import NODE_SIZE, POINTS_PER_M, STEPS_PER_PX
 
 __all__ = [
     "Focus",
@@ -28,7 +28,7 @@ __all__ = [
     "tube_profile",
 ]
 
-Picture = npt.NDArray[np.float32]
+FloatImage = npt.NDArray[np.float32]
 _DIRECTIONS = 64
 _BLURS = 5
 _CELLS = 96
@@ -42,7 +42,7 @@ class TubeProfile:
     share. Direction: of the axis, whole turn. Blur: sigma from ``blur_px[0]`` to ``blur_px[1]``.
     """
 
-    table: Picture
+    table: FloatImage
     half_width_px: float
     reach_px: float
     blur_px: tuple[float, float]
@@ -115,7 +115,7 @@ class Focus:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TubeNodes:
-    """``nodes`` (instants, n, 8), see `PLACE`; arc length at the first of them and between two of them, metres."""
+    """``nodes`` (instants, n, 8), see `NODE_SIZE`; arc length at the first of them and between two of them, metres."""
 
     nodes: FloatArray
     start_m: float
@@ -160,7 +160,7 @@ def project_tube(
     """Nodes of a tube whose axis has ``shapes`` (instants, n, 3), base to the tip's apex, uniform in arc length.
 
     The tube goes on straight for ``behind_m`` behind the base; it ends in a dome. What is called the axis in the
-    picture is the middle between its two outlines; the projected axis lies within 0.005 px of it.
+    image is the middle between its two outlines; the projected axis lies within 0.005 px of it.
     """
     count, n = shapes.shape[:2]
     stretches = max(4, math.ceil((length_m - radius_m) / _STRETCH_M))
@@ -178,7 +178,7 @@ def project_tube(
     _sides(points, rising, camera.position_m, radius_m, sides)
     outline = camera.project(sides.reshape(-1, 3)).reshape(2, -1, 2)
     _, slopes = camera.project_with_slopes(points)
-    nodes = np.empty((len(points), PLACE))
+    nodes = np.empty((len(points), NODE_SIZE))
     nodes[:, :2] = 0.5 * (outline[0] + outline[1])
     nodes[:, 4:6] = (slopes @ rising[:, :, None])[:, :, 0]
     nodes[:, 2:4] = nodes[:, 4:6] / np.hypot(nodes[:, 4], nodes[:, 5])[:, None]
@@ -189,11 +189,11 @@ def project_tube(
     if not np.isfinite(nodes).all():
         raise ValueError("a tube reaches behind the camera or beyond what its lens can show; is the shape in metres?")
     # The stretch behind the base is longer than the others, but nothing changes along it.
-    return TubeNodes(nodes.reshape(count, -1, PLACE), -step, step)
+    return TubeNodes(nodes.reshape(count, -1, NODE_SIZE), -step, step)
 
 
 _BEHIND_M = 50e-3
-"""A tube goes on straight for this far behind its base: its shadow may be in the picture where it is not."""
+"""A tube goes on straight for this far behind its base: its shadow may be in the image where it is not."""
 _IN_FRONT_M, _BEHIND_SHARE = 5e-3, 0.4
 """How far the second instrument lies before the catheter, or what share of the way down to the ground behind it."""
 _NODES = 33
@@ -207,7 +207,7 @@ class Tube:
     radius_m: float
     profile: TubeProfile
     blurs: FloatArray
-    along: Picture
+    along: FloatImage
 
     def nodes(self, shapes_m: FloatArray, camera: CameraModel, focus: Focus) -> TubeNodes:
         """Where to draw the tube with ``shapes_m`` (m, n, 3)."""
@@ -215,39 +215,45 @@ class Tube:
 
 
 def make_tube(
-    scene: CameraScene, look: CatheterLook, length_m: float, px_per_m: float, focus: Focus, depth_m: float, seed: int
+    scene: CameraScene,
+    appearance: CatheterAppearance,
+    length_m: float,
+    px_per_m: float,
+    focus: Focus,
+    depth_m: float,
+    seed: int,
 ) -> Tube:
     """A tube of ``length_m`` seen at about ``depth_m`` from the camera."""
     # The tables reach from the sharpest to the most blurred that the tube can come to be by leaving its plane.
     near = [focus.sigma_px(depth_m + off) for off in (-12e-3, 0.0, 12e-3)]
     blurs = (0.97 * focus.sharp_px, 1.05 * max(near) + 0.05)
     light = scene.light
-    profile = tube_profile(light.lamps, light.ambient, look.finish, look.radius_m * px_per_m, blurs)
-    along = _materials(look, length_m, 3 if scene.colour else 1, near[1] / px_per_m, seed)
-    return Tube(length_m, look.radius_m, profile, np.array(blurs), along)
+    profile = tube_profile(light.lamps, light.ambient, appearance.finish, appearance.radius_m * px_per_m, blurs)
+    along = _materials(appearance, length_m, 3 if scene.colour else 1, near[1] / px_per_m, seed)
+    return Tube(length_m, appearance.radius_m, profile, np.array(blurs), along)
 
 
-def _materials(look: CatheterLook, length_m: float, channels: int, sigma_m: float, seed: int) -> Picture:
-    """(m, 2 c + 1): what matte light, metal light and gloss are worth by arc length, blurred as the picture is."""
+def _materials(appearance: CatheterAppearance, length_m: float, channels: int, sigma_m: float, seed: int) -> FloatImage:
+    """(m, 2 c + 1): what matte light, metal light and gloss are worth by arc length, blurred as the image is."""
     rng = np.random.default_rng([seed, 4])
     s = (np.arange(int((length_m + 1e-3) * POINTS_PER_M)) + 0.5) / POINTS_PER_M
     back = length_m - s
-    bands = [(-1.0, look.electrode_m), *look.rings_m]
+    bands = [(-1.0, appearance.electrode_m), *appearance.rings_m]
     metal = np.zeros(s.size)
     joint = np.zeros(s.size)
     for low, high in bands:
         metal = np.maximum(metal, ((back > low) & (back <= high)).astype(float))
         for edge in (low, high):
-            joint = np.maximum(joint, look.seam * (np.abs(back - edge) < 6e-5))
+            joint = np.maximum(joint, appearance.seam * (np.abs(back - edge) < 6e-5))
     rough = np.interp(np.arange(s.size), np.linspace(0, s.size, 64), rng.standard_normal(64))
     fine = np.interp(np.arange(s.size), np.linspace(0, s.size, 400), rng.standard_normal(400))
-    worn = np.maximum(0.2, 1.0 + look.wear * (0.7 * rough + 0.4 * fine))
-    shaft, bright = (np.array(colour) for colour in (look.finish.shaft, look.finish.metal))
+    worn = np.maximum(0.2, 1.0 + appearance.wear * (0.7 * rough + 0.4 * fine))
+    shaft, bright = (np.array(colour) for colour in (appearance.finish.shaft, appearance.finish.metal))
     if channels == 1:
         weights = np.array([0.299, 0.587, 0.114])
         shaft, bright = np.array([shaft @ weights]), np.array([bright @ weights])
     matte = ((1 - metal) * worn * (1 - joint))[:, None] * shaft
-    mirror = (metal * (1 + 0.3 * look.wear * fine) * (1 - joint))[:, None] * bright
+    mirror = (metal * (1 + 0.3 * appearance.wear * fine) * (1 - joint))[:, None] * bright
     table = np.concatenate([matte, mirror, ((1 - metal) * (1 - joint))[:, None]], axis=1).astype(np.float32)
     steps = sigma_m * POINTS_PER_M
     size = 2 * math.ceil(4 * steps) + 1
@@ -276,4 +282,4 @@ def make_instrument(scene: CameraScene, px_per_m: float, focus: Focus, depth_m: 
         return None
     shape = instrument_shape(scene, instrument, 0.0)
     length = float(np.linalg.norm(np.diff(shape, axis=0), axis=1).sum())
-    return make_tube(scene, instrument.look, length, px_per_m, focus, depth_m - shape[0, 2], scene.seed + 1)
+    return make_tube(scene, instrument.appearance, length, px_per_m, focus, depth_m - shape[0, 2], scene.seed + 1)

@@ -18,11 +18,11 @@ class CArm:
     ``primary_deg``: positioner primary angle, positive toward LAO (the patient's left), 0 = from behind to the front
     (AP); ``secondary_deg``: positive toward cranial. ``source_detector_m``; ``source_object_m``: focal spot to
     isocentre. ``scale_m_per_px``: at the isocentre, for 512 columns; ``roll_deg``: the detector's turn in its own
-    plane; ``centre_px`` (2,): where the central ray meets it, from the picture's middle, for 512 columns.
+    plane; ``centre_px`` (2,): where the central ray meets it, from the image's middle, for 512 columns.
 
     The patient's frame is DICOM's: origin at the isocentre, x to the patient's left, y to the back, z to the head.
-    Pictures are shown as usual: the viewer looks from the detector to the tube, so that from the front the patient's
-    left is at the picture's right.
+    Images are shown as usual: the viewer looks from the detector to the tube, so that from the front the patient's
+    left is at the image's right.
     """
 
     primary_deg: float
@@ -39,11 +39,11 @@ class CArm:
         return self.source_detector_m / self.source_object_m
 
     def imager_spacing_m(self, width: int = 512) -> float:
-        """Pitch of the detector's pixels in a picture of ``width`` columns."""
+        """Pitch of the detector's pixels in a image of ``width`` columns."""
         return self.scale_m_per_px * 512.0 / width * self.magnification
 
     def display_axes(self) -> FloatArray:
-        """(3, 3) rows, in the patient's frame: the picture's right, its up, and from tube to detector (to the viewer).
+        """(3, 3) rows, in the patient's frame: the image's right, its up, and from tube to detector (to the viewer).
 
         >>> CArm(0.0, 0.0, 1.1, 0.75, 0.25e-3).display_axes() + 0.0
         array([[ 1.,  0.,  0.],
@@ -73,7 +73,7 @@ class CArm:
 def perturbed(true: CArm, rms_px: float, rng: np.random.Generator, *, reach_m: float = 40e-3) -> CArm:
     """``true`` with calibration errors in all its numbers that move points within ``reach_m`` by ``rms_px`` (RMS).
 
-    The points are the corners and the middle of a cube around the isocentre; the picture has 512 columns.
+    The points are the corners and the middle of a cube around the isocentre; the image has 512 columns.
     """
     grid = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]) * reach_m
     seen = true.camera().project(grid)

@@ -23,19 +23,19 @@ from ._scene import Detector
 __all__ = [
     "FEW",
     "Curve",
-    "QuantumTables",
+    "PhotonTables",
     "blurred",
     "display_curve",
-    "draw_quanta",
     "frame_key",
-    "quantum_tables",
+    "photon_tables",
     "read_out",
+    "sample_photons",
     "with_lag",
 ]
 
-Picture = npt.NDArray[np.float32]
+FloatImage = npt.NDArray[np.float32]
 Words = npt.NDArray[np.uint32]
-Quanta = npt.NDArray[np.uint16]
+PhotonCounts = npt.NDArray[np.uint16]
 FEW = 36.0
 _COLUMNS = 128
 _STEP = 0.02
@@ -43,11 +43,11 @@ _STEP = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class QuantumTables:
+class PhotonTables:
     """``alias`` (means, 128) uint32: threshold in the upper 25 bits, alias in the lower 7; ``gauss``: `gauss_table`."""
 
     alias: Words
-    gauss: Picture
+    gauss: FloatImage
 
 
 def frame_key(seed: int, view: int, frame: int, purpose: int) -> Words:
@@ -74,19 +74,19 @@ def _alias_row(chance: FloatArray) -> Words:
     ).astype(np.uint32)
 
 
-def quantum_tables() -> QuantumTables:
-    """The tables that `draw_quanta` reads; made once."""
+def photon_tables() -> PhotonTables:
+    """The tables that `sample_photons` reads; made once."""
     from scipy.special import gammaln
 
     k = np.arange(_COLUMNS)
     means = (np.arange(math.ceil(math.sqrt(FEW) / _STEP) + 2) * _STEP) ** 2
     rows = [_alias_row(np.exp(k * math.log(m) - m - gammaln(k + 1.0)) if m > 0 else (k == 0) * 1.0) for m in means]
-    return QuantumTables(np.stack(rows), gauss_table())
+    return PhotonTables(np.stack(rows), gauss_table())
 
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
-def _many(means: Picture, row: Picture) -> None:
-    """Gaussian numbers in ``row`` to quanta of these ``means`` plus a half, not yet rounded down."""
+def _many(means: FloatImage, row: FloatImage) -> None:
+    """Gaussian numbers in ``row`` to photons of these ``means`` plus a half, not yet rounded down."""
     one, two, three, five = np.float32(1.0), np.float32(2.0), np.float32(3.0), np.float32(5.0)
     half, sixth, twelfth = np.float32(0.5), np.float32(1 / 6), np.float32(1 / 12)
     over24, over36, few = np.float32(1 / 24), np.float32(1 / 36), np.float32(FEW)
@@ -103,15 +103,15 @@ def _many(means: Picture, row: Picture) -> None:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def draw_quanta(means: Picture, key: Words, alias: Words, gauss: Picture, quanta: Quanta) -> None:
-    """Poisson numbers of ``means`` (h, w) into ``quanta`` (h, w); more than 65,535 are cut off."""
+def sample_photons(means: FloatImage, key: Words, alias: Words, gauss: FloatImage, counts: PhotonCounts) -> None:
+    """Poisson numbers of ``means`` (h, w) into ``counts`` (h, w); more than 65,535 are cut off."""
     h, w = means.shape
     words, row = np.empty(w, np.uint32), np.empty(w, np.float32)
     top, zero, few = np.float32(65535.0), np.float32(0.0), np.float32(FEW)
     per_step = np.float32(1.0 / _STEP)
     for v in range(h):
         hash_row(v * w, key, words)
-        level, out = means[v], quanta[v]
+        level, out = means[v], counts[v]
         least, most = level[0], level[0]
         for u in range(w):
             least, most = min(least, level[u]), max(most, level[u])
@@ -146,12 +146,12 @@ _POINTS = 8192
 class Curve:
     """Grey levels by the root of the signal: ``levels`` (n,), ``per_root`` of them for a root of one quantum."""
 
-    levels: Picture
+    levels: FloatImage
     per_root: float
 
 
 def display_curve(detector: Detector, mean: float, bits: int) -> Curve:
-    """``mean``: the signal, in quanta, that the exposure control holds."""
+    """``mean``: the signal, in photons, that the exposure control holds."""
     top = float((1 << bits) - 1)
     most = math.sqrt(20.0 * mean)
     signal = np.linspace(0.0, most, _POINTS) ** 2
@@ -163,10 +163,10 @@ def display_curve(detector: Detector, mean: float, bits: int) -> Curve:
 
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
-def _add(total: Picture, quanta: Quanta, weight: float, fresh: bool) -> None:
+def _add(total: FloatImage, counts: PhotonCounts, weight: float, fresh: bool) -> None:
     share = np.float32(weight)
     for v in range(total.shape[0]):
-        row, out = quanta[v], total[v]
+        row, out = counts[v], total[v]
         if fresh:
             for u in range(out.size):
                 out[u] = share * np.float32(row[u])
@@ -175,8 +175,8 @@ def _add(total: Picture, quanta: Quanta, weight: float, fresh: bool) -> None:
                 out[u] += share * np.float32(row[u])
 
 
-def with_lag(planes: Sequence[Quanta], weights: FloatArray, total: Picture) -> None:
-    """``planes``: this frame's quanta, then those of the frames before it, as far as there are any.
+def with_lag(planes: Sequence[PhotonCounts], weights: FloatArray, total: FloatImage) -> None:
+    """``planes``: this frame's photons, then those of the frames before it, as far as there are any.
 
     What frames that are not there would leave behind is taken from this one, so that the brightness is the same.
     """
@@ -186,8 +186,8 @@ def with_lag(planes: Sequence[Quanta], weights: FloatArray, total: Picture) -> N
         _add(total, plane, known[k], k == 0)
 
 
-def blurred(signal: Picture, detector: Detector, finer: float) -> Picture:
-    """The light's spread in the detector; ``finer``: pixels a pixel of a picture of 512 columns."""
+def blurred(signal: FloatImage, detector: Detector, finer: float) -> FloatImage:
+    """The light's spread in the detector; ``finer``: pixels a pixel of a image of 512 columns."""
     near, far = (finer * sigma for sigma in detector.blur_px)
     share = detector.blur_tail
     core = cv2.GaussianBlur(signal, _size(near), near, borderType=cv2.BORDER_REPLICATE)
@@ -206,16 +206,16 @@ def _size(sigma: float) -> tuple[int, int]:
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def read_out(
-    signal: Picture,
+    signal: FloatImage,
     key: Words,
-    gauss: Picture,
+    gauss: FloatImage,
     electronic: float,
     line_noise: float,
-    levels: Picture,
+    levels: FloatImage,
     per_root: float,
-    picture: npt.NDArray[np.uint8] | npt.NDArray[np.uint16],
+    image: npt.NDArray[np.uint8] | npt.NDArray[np.uint16],
 ) -> None:
-    """``signal`` (h, w) in quanta with electronic noise, by the display's curve, rounded, into ``picture``."""
+    """``signal`` (h, w) in photons with electronic noise, by the display's curve, rounded, into ``image``."""
     h, w = signal.shape
     words, row, of_rows = np.empty(w, np.uint32), np.empty(w, np.float32), np.empty(h, np.float32)
     of_words = np.empty(h, np.uint32)
@@ -227,7 +227,7 @@ def read_out(
         hash_row(v * w, key, words)
         gauss_row(words, gauss, row)
         line = np.float32(line_noise) * of_rows[v]
-        values, out = signal[v], picture[v]
+        values, out = signal[v], image[v]
         for u in range(w):
             row[u] = min(np.sqrt(max(values[u] + sigma * row[u] + line, none)) * scale, last)
         for u in range(w):

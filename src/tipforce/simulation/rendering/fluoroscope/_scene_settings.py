@@ -12,9 +12,9 @@ from ....geometry import Pose
 from ....types import FloatArray
 from ..._fields import NotNegative, Positive, Range, Settings, Share
 from ._c_arm import CArm, perturbed
-from ._scene import Anatomy, Beam, CatheterMake, Detector, Device, Rhythm, XrayScene, XrayView
+from ._scene import Anatomy, Beam, CatheterConstruction, Detector, Instrument, Rhythm, XrayScene, XrayView
 
-__all__ = ["BIPLANE", "FLUORO", "XrayRanges", "draw_xray_scene"]
+__all__ = ["BIPLANE", "FLUORO", "XrayRanges", "sample_xray_scene"]
 
 
 class XrayRanges(Settings):
@@ -45,7 +45,7 @@ class XrayRanges(Settings):
     control_s: Range = (0.2, 0.6)
 
     scatter: Range = (0.25, 0.8)
-    """Over direct quanta, behind the grid."""
+    """Over direct photons, behind the grid."""
     scatter_m: Range = (20e-3, 40e-3)
     glare: Range = (0.01, 0.06)
     glare_m: Range = (30e-3, 60e-3)
@@ -85,7 +85,7 @@ class XrayRanges(Settings):
     uneven: Range = (0.0, 0.08)
 
     devices: tuple[int, int] = (1, 4)
-    """Wires, diagnostic catheters and leads that cross the picture."""
+    """Wires, diagnostic catheters and leads that cross the image."""
     probe: Share = 0.12
     """Sessions with an ultrasound probe in the oesophagus."""
     sway_m: Range = (1e-3, 5e-3)
@@ -112,10 +112,10 @@ _HALF_PX = 256.0
 Rows = list[tuple[float, float, float]]
 
 
-def draw_xray_scene(ranges: XrayRanges, rng: np.random.Generator) -> XrayScene:
+def sample_xray_scene(ranges: XrayRanges, rng: np.random.Generator) -> XrayScene:
     """One session's scene.
 
-    >>> one, two = (draw_xray_scene(XrayRanges(), np.random.default_rng(3)) for _ in range(2))
+    >>> one, two = (sample_xray_scene(XrayRanges(), np.random.default_rng(3)) for _ in range(2))
     >>> one == two
     True
     """
@@ -129,7 +129,7 @@ def draw_xray_scene(ranges: XrayRanges, rng: np.random.Generator) -> XrayScene:
         base_axis_angle=(float(turn[0]), float(turn[1]), float(turn[2])),
         base_m=(float(place[0]), float(place[1]), float(place[2])),
         catheter=_catheter(ranges, rng),
-        devices=_devices(ranges, rng),
+        devices=_instruments(ranges, rng),
         rhythm=Rhythm(
             heart_hz=_of(rng, ranges.heart_hz),
             breath_hz=_of(rng, ranges.breath_hz),
@@ -210,7 +210,7 @@ def _detector(ranges: XrayRanges, rng: np.random.Generator) -> Detector:
 
 
 def _base(ranges: XrayRanges, rng: np.random.Generator, arm: CArm) -> Pose:
-    """The base frame in the patient's: x, y in the first view's picture plane through the isocentre, then tilted."""
+    """The base frame in the patient's: x, y in the first view's image plane through the isocentre, then tilted."""
     axes = arm.display_axes()  # rows: right, up, toward the viewer
     half = _HALF_PX * arm.scale_m_per_px
     inset, along = _of(rng, ranges.base_inset_m), _of(rng, ranges.base_shift_m)
@@ -224,10 +224,10 @@ def _base(ranges: XrayRanges, rng: np.random.Generator, arm: CArm) -> Pose:
     return Pose(axes.T @ turned, axes[:2].T @ place)
 
 
-def _catheter(ranges: XrayRanges, rng: np.random.Generator) -> CatheterMake:
+def _catheter(ranges: XrayRanges, rng: np.random.Generator) -> CatheterConstruction:
     step = ranges.ring_m + ranges.ring_gap_m
     first = ranges.electrode_m + ranges.ring_gap_m
-    return CatheterMake(
+    return CatheterConstruction(
         radius_m=0.5 * _of(rng, ranges.diameter_m),
         electrode_m=ranges.electrode_m,
         rings_m=tuple((first + k * step, first + k * step + ranges.ring_m) for k in range(3)),
@@ -251,18 +251,18 @@ def _anatomy(ranges: XrayRanges, rng: np.random.Generator) -> Anatomy:
     )
 
 
-def _devices(ranges: XrayRanges, rng: np.random.Generator) -> tuple[Device, ...]:
+def _instruments(ranges: XrayRanges, rng: np.random.Generator) -> tuple[Instrument, ...]:
     """What else is in the heart, and with some odds a probe behind it."""
-    found: list[Device] = []
+    found: list[Instrument] = []
     for _ in range(int(rng.integers(ranges.devices[0], ranges.devices[1] + 1))):
         kind = str(rng.choice(["wire", "sinus", "ventricle", "lead"], p=[0.3, 0.3, 0.25, 0.15]))
         knots, radius = _route(kind, rng)
         name = {"wire": "wire", "lead": "lead"}.get(kind, "diagnostic")
         stiff = 2.5 if kind == "wire" else 5.0
-        found.append(_device(name, radius, knots, rng, _of(rng, ranges.sway_m), stiff))
+        found.append(_instrument(name, radius, knots, rng, _of(rng, ranges.sway_m), stiff))
     if rng.random() < ranges.probe:
         knots = np.array([(-8, 48, 110), (-6, 46, 60), (-4, 44, 20), (0, 42, -8)], np.float64)
-        found.append(_device("probe", rng.uniform(4.5e-3, 6e-3), knots, rng, 0.5e-3, 3.0))
+        found.append(_instrument("probe", rng.uniform(4.5e-3, 6e-3), knots, rng, 0.5e-3, 3.0))
     return tuple(found)
 
 
@@ -283,13 +283,13 @@ def _route(kind: str, rng: np.random.Generator) -> tuple[FloatArray, float]:
     return np.array(rows), rng.uniform(0.9e-3, 1.4e-3)
 
 
-def _device(
+def _instrument(
     kind: str, radius_m: float, knots_mm: FloatArray, rng: np.random.Generator, sway_m: float, spread_mm: float
-) -> Device:
+) -> Instrument:
     moved = 1e-3 * (knots_mm + rng.normal(0, spread_mm, knots_mm.shape) + rng.normal(0, 2 * spread_mm, 3))
     way = rng.normal(size=3)
     way *= sway_m / float(np.linalg.norm(way))
-    return Device(
+    return Instrument(
         kind=kind,
         radius_m=radius_m,
         knots=tuple((float(x), float(y), float(z)) for x, y, z in moved),

@@ -10,31 +10,31 @@ import numpy.typing as npt
 from ....geometry import CameraModel
 from ....types import FloatArray, IntArray
 from ._anatomy import Blob, Part, chest_parts, heart_blobs, liver_blobs, spine_parts
-from ._instruments import catheter_tube, device_course, device_tube, sheath_tube
-from ._scene import Device, XrayScene
-from ._tube_kernels import POINTS_PER_M, Picture, no_spans
-from ._tube_model import Tube, course, profiles
+from ._instruments import catheter_tube, instrument_path, instrument_tube, sheath_tube
+from ._scene import Instrument, XrayScene
+from ._tube_kernels import POINTS_PER_M, FloatImage, no_spans
+from ._tube_model import Tube, axial_profile, section_profiles
 
-__all__ = ["COARSE", "MovingDevice", "Painted", "paint"]
+__all__ = ["COARSE", "MovingInstrument", "StaticLayers", "paint"]
 
 COARSE = 4
-"""Pixels of the picture a pixel of the soft layers."""
+"""Pixels of the image a pixel of the soft layers."""
 _MARGIN = 0.25
-"""By how much of the picture's size the moving layers reach over its border, on each side."""
+"""By how much of the image's size the moving layers reach over its border, on each side."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MovingDevice:
-    """A `Device` ready to be drawn."""
+class MovingInstrument:
+    """A `Instrument` ready to be drawn."""
 
-    device: Device
+    instrument: Instrument
     tube: Tube
     points_m: FloatArray
     share: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Painted:
+class StaticLayers:
     """One view's parts.
 
     ``still`` (h, w); ``chest`` (h + 2 m, w + 2 m) with ``margin`` m; ``heart`` and ``liver`` coarser by `COARSE`, with
@@ -46,19 +46,19 @@ class Painted:
     patient_camera: CameraModel
     px_per_m: float
     catheter: Tube
-    devices: tuple[MovingDevice, ...]
-    still: Picture
-    chest: Picture
+    devices: tuple[MovingInstrument, ...]
+    still: FloatImage
+    chest: FloatImage
     margin: int
-    heart: Picture
-    liver: Picture
+    heart: FloatImage
+    liver: FloatImage
     coarse_margin: int
     head_px: FloatArray
     heart_px: FloatArray
 
 
-def paint(scene: XrayScene, view: int, length_m: float, width: int, height: int) -> Painted:
-    """Paint everything that ``view`` sees for pictures of ``width`` x ``height``."""
+def paint(scene: XrayScene, view: int, length_m: float, width: int, height: int) -> StaticLayers:
+    """Paint everything that ``view`` sees for images of ``width`` x ``height``."""
     plane = scene.views[view]
     camera, patient = scene.camera(view, width, height), plane.true.camera(width, height)
     px_per_m = width / 512.0 / plane.true.scale_m_per_px
@@ -82,11 +82,11 @@ def paint(scene: XrayScene, view: int, length_m: float, width: int, height: int)
     )
     shape = (height // COARSE + 2 * (margin // COARSE), width // COARSE + 2 * (margin // COARSE))
     middle, slopes = patient.project_with_slopes(np.zeros((1, 3)))
-    devices: list[MovingDevice] = []
-    for device in scene.devices:
-        points, share, long = device_course(device)
-        devices.append(MovingDevice(device, device_tube(device, long, px_per_m, blur), points, share))
-    return Painted(
+    devices: list[MovingInstrument] = []
+    for instrument in scene.devices:
+        points, share, long = instrument_path(instrument)
+        devices.append(MovingInstrument(instrument, instrument_tube(instrument, long, px_per_m, blur), points, share))
+    return StaticLayers(
         camera=camera,
         patient_camera=patient,
         px_per_m=px_per_m,
@@ -108,10 +108,10 @@ def _shifted(camera: CameraModel, margin: int) -> CameraModel:
 
 
 def _add_part(
-    part: Part, drawn: Picture, spans: IntArray, camera: CameraModel, px_per_m: float, blur_px: float
+    part: Part, drawn: FloatImage, spans: IntArray, camera: CameraModel, px_per_m: float, blur_px: float
 ) -> None:
-    table = profiles(part.materials, part.radius_m, px_per_m, blur_px)
-    way = course(part.length_m, part.sections, len(part.materials))
+    table = section_profiles(part.materials, part.radius_m, px_per_m, blur_px)
+    way = axial_profile(part.length_m, part.sections, len(part.materials))
     at = np.arange(way.size.size) / POINTS_PER_M
     for start, end, waist in part.waists:
         # Narrow in the middle, and the rims rounded off.
@@ -122,7 +122,7 @@ def _add_part(
 
 
 def _add_sheath(
-    scene: XrayScene, drawn: Picture, spans: IntArray, camera: CameraModel, px_per_m: float, blur_px: float
+    scene: XrayScene, drawn: FloatImage, spans: IntArray, camera: CameraModel, px_per_m: float, blur_px: float
 ) -> None:
     """From the base backwards, gently bent."""
     rng = np.random.default_rng([scene.seed, 3])
@@ -133,7 +133,7 @@ def _add_sheath(
     sheath_tube(scene.catheter, length, px_per_m, blur_px).add(drawn, spans, camera, points)
 
 
-def _texture(rng: np.random.Generator, height: int, width: int) -> Picture:
+def _texture(rng: np.random.Generator, height: int, width: int) -> FloatImage:
     """Fat, muscle and the table: slow differences of attenuation."""
     total = np.zeros((height, width), np.float32)
     for cells, size in ((3, 0.12), (6, 0.05), (14, 0.02), (40, 0.010), (100, 0.006)):
@@ -142,7 +142,7 @@ def _texture(rng: np.random.Generator, height: int, width: int) -> Picture:
     return total
 
 
-def _soft(blobs: list[Blob], camera: CameraModel, shape: tuple[int, int]) -> Picture:
+def _soft(blobs: list[Blob], camera: CameraModel, shape: tuple[int, int]) -> FloatImage:
     """Attenuation of ellipsoids that run into each other: a soft maximum of their chords, edges softened."""
     h, w = shape
     v, u = np.mgrid[0:h, 0:w]

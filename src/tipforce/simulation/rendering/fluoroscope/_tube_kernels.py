@@ -17,16 +17,25 @@ from ...._compile import STEADY
 from ....types import FloatArray, IntArray
 from .._raster import columns
 
-__all__ = ["POINTS_PER_M", "STEPS_PER_PX", "add_slabs", "add_tube", "fold_instant", "join_taken", "left_of", "no_spans"]
+__all__ = [
+    "POINTS_PER_M",
+    "STEPS_PER_PX",
+    "add_side_view",
+    "add_tube",
+    "fold_instant",
+    "join_taken",
+    "no_spans",
+    "transmittance",
+]
 
 STEPS_PER_PX = 16
 POINTS_PER_M = 50_000.0
 """Steps of what varies along a tube: 20 um; between them it is linear."""
-Picture = npt.NDArray[np.float32]
+FloatImage = npt.NDArray[np.float32]
 _LEAN = 0.8
 """Square of the cosine between axis and ray beyond which a tube is drawn as discs: 27 degrees from the ray."""
 _STEP_PX = 0.3
-"""Discs lie no farther apart than this in the picture: their sum is even to 0.3 %."""
+"""Discs lie no farther apart than this in the image: their sum is even to 0.3 %."""
 _SOFT_PX = 1.0
 """Half the width over which a disc is smeared along the axis: the pixel's own aperture and the focal spot."""
 
@@ -72,7 +81,7 @@ def _seen(camera: FloatArray, points: FloatArray, nodes: FloatArray) -> None:
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def _add_disc(
-    drawn: Picture,
+    drawn: FloatImage,
     spans: IntArray,
     at: tuple[float, float, float, float],
     lean_px: float,
@@ -81,7 +90,7 @@ def _add_disc(
     half_px: float,
     reach: float,
     weights: FloatArray,
-    table: Picture,
+    table: FloatImage,
 ) -> None:
     """One disc at u, v with the unit tangent (tu, tv) = ``at``; ``lean_px``: how far its rim leans along the tangent.
 
@@ -135,13 +144,13 @@ def _add_disc(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _add_discs(
-    drawn: Picture,
+    drawn: FloatImage,
     spans: IntArray,
     focal: float,
     nodes: FloatArray,
     discs: FloatArray,
     radius_m: float,
-    table: Picture,
+    table: FloatImage,
     half_px: float,
     reach_px: float,
     amount: FloatArray,
@@ -238,12 +247,12 @@ def _part(nodes: FloatArray, discs: FloatArray) -> tuple[bool, bool]:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def add_tube(
-    drawn: Picture,
+    drawn: FloatImage,
     spans: IntArray,
     camera: FloatArray,
     points: FloatArray,
     radius_m: float,
-    table: Picture,
+    table: FloatImage,
     half_px: float,
     reach_px: float,
     amount: FloatArray,
@@ -252,7 +261,7 @@ def add_tube(
     """Add the attenuation of a tube along ``points`` (n, 3), world, m, uniform in arc length, to ``drawn`` (h, w).
 
     ``spans`` (h, 2) grows to hold what is touched. ``camera``: `CameraModel.row` (no distortion is looked at);
-    ``table``, ``half_px``, ``reach_px``: `Profiles`; ``amount``, ``size``: `Course`.
+    ``table``, ``half_px``, ``reach_px``: `SectionProfile`; ``amount``, ``size``: `AxialProfile`.
     """
     nodes = np.empty((points.shape[0], 7))
     _seen(camera, points, nodes)
@@ -261,11 +270,11 @@ def add_tube(
     if some:
         _add_discs(drawn, spans, camera[1], nodes, discs, radius_m, table, half_px, reach_px, amount, size)
     if others:
-        add_slabs(drawn, spans, camera[1], nodes, discs, radius_m, table, half_px, reach_px, amount, size)
+        add_side_view(drawn, spans, camera[1], nodes, discs, radius_m, table, half_px, reach_px, amount, size)
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
-def fold_instant(drawn: Picture, spans: IntArray, mean: Picture, weight: float) -> None:
+def fold_instant(drawn: FloatImage, spans: IntArray, mean: FloatImage, weight: float) -> None:
     """Add ``weight`` times what ``drawn`` takes from the light, 1 - exp(-drawn), to ``mean``; empty ``drawn``."""
     share, over = np.float32(weight), np.float32(1.0 / 64.0)
     for v in range(drawn.shape[0]):
@@ -273,12 +282,12 @@ def fold_instant(drawn: Picture, spans: IntArray, mean: Picture, weight: float) 
         if first < end:
             row, out = drawn[v, first:end], mean[v, first:end]
             for u in range(row.size):
-                out[u] += share * (np.float32(1.0) - left_of(row[u] * over))
+                out[u] += share * (np.float32(1.0) - transmittance(row[u] * over))
                 row[u] = np.float32(0.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
-def join_taken(tube: Picture, spans: IntArray, taken: Picture) -> None:
+def join_taken(tube: FloatImage, spans: IntArray, taken: FloatImage) -> None:
     """What one behind the other takes: 1 - (1 - ``taken``) (1 - ``tube``), into ``taken``; empty ``tube``."""
     for v in range(tube.shape[0]):
         for u in range(spans[v, 0], spans[v, 1]):
@@ -286,12 +295,12 @@ def join_taken(tube: Picture, spans: IntArray, taken: Picture) -> None:
             tube[v, u] = np.float32(0.0)
 
 
-_ROOM = 1032
+_CAPACITY = 1032
 """Most pixels of a slab that are drawn in one go."""
 
 
-class _Stretch(NamedTuple):
-    """A tube between two nodes, in the picture.
+class _Segment(NamedTuple):
+    """A tube between two nodes, in the image.
 
     ``axis``: where it begins, and the coefficients of its cubic, as u, v pairs. ``sizes``: arc length where it begins,
     its length, m; half its width, px; how far a disc's rim leans, px; m along it that a pixel shows. ``discs``: shares
@@ -306,11 +315,11 @@ class _Stretch(NamedTuple):
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def _lay_slab(
-    drawn: Picture,
+    drawn: FloatImage,
     heap: FloatArray,
     kept: int,
-    stretch: _Stretch,
-    table: Picture,
+    stretch: _Segment,
+    table: FloatImage,
     half_px: float,
     amount: FloatArray,
     size: FloatArray,
@@ -325,7 +334,7 @@ def _lay_slab(
     ax, ay, x1, y1, x2, y2, x3, y3 = stretch.axis
     start_s, length_m, wide, lean, metres = stretch.sizes
     for i in range(kept):
-        u, v, ahead, left = heap[i], heap[i + _ROOM], heap[i + 2 * _ROOM], heap[i + 3 * _ROOM]
+        u, v, ahead, left = heap[i], heap[i + _CAPACITY], heap[i + 2 * _CAPACITY], heap[i + 3 * _CAPACITY]
         # Exact for a circle's arc: the share of the way at which the axis passes beside the pixel.
         t = ahead / (ahead + left)
         c = min(max(t, 0.0), 1.0)
@@ -334,12 +343,12 @@ def _lay_slab(
         across = ((v - qy) * gx - (u - qx) * gy) / math.sqrt(gx * gx + gy * gy)
         share = across / wide
         smear = (0.6 + lean * math.sqrt(max(1.0 - share * share, 0.0))) * metres * POINTS_PER_M
-        heap[i + 2 * _ROOM], heap[i + 3 * _ROOM] = c, (start_s + t * length_m) * POINTS_PER_M
-        heap[i + 4 * _ROOM], heap[i + 5 * _ROOM] = abs(across) * half_px, smear
+        heap[i + 2 * _CAPACITY], heap[i + 3 * _CAPACITY] = c, (start_s + t * length_m) * POINTS_PER_M
+        heap[i + 4 * _CAPACITY], heap[i + 5 * _CAPACITY] = abs(across) * half_px, smear
     for i in range(kept):
-        c, middle, smear = heap[i + 2 * _ROOM], heap[i + 3 * _ROOM], heap[i + 5 * _ROOM]
+        c, middle, smear = heap[i + 2 * _CAPACITY], heap[i + 3 * _CAPACITY], heap[i + 5 * _CAPACITY]
         thick = size[min(max(int(middle), 0), top)]
-        column = heap[i + 4 * _ROOM] / (wide * max(thick, 0.2)) * STEPS_PER_PX
+        column = heap[i + 4 * _CAPACITY] / (wide * max(thick, 0.2)) * STEPS_PER_PX
         k = int(column)
         if k > last:
             continue
@@ -353,19 +362,19 @@ def _lay_slab(
             much -= amount[m, e] + (amount[m, e + 1] - amount[m, e]) * fe
             value += much * (table[m, k] + (table[m, k + 1] - table[m, k]) * part)
         value *= 1.0 - stretch.discs[0] - c * (stretch.discs[1] - stretch.discs[0])
-        v, u = int(heap[i + _ROOM]), int(heap[i])
+        v, u = int(heap[i + _CAPACITY]), int(heap[i])
         drawn[v, u] += value * thick * stretch.thicker * POINTS_PER_M / (2.0 * smear)
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
-def add_slabs(
-    drawn: Picture,
+def add_side_view(
+    drawn: FloatImage,
     spans: IntArray,
     focal: float,
     nodes: FloatArray,
     discs: FloatArray,
     radius_m: float,
-    table: Picture,
+    table: FloatImage,
     half_px: float,
     reach_px: float,
     amount: FloatArray,
@@ -379,7 +388,7 @@ def add_slabs(
     n = nodes.shape[0]
     materials = table.shape[0]
     top = size.size - 2
-    active, heap = np.empty(materials, np.int64), np.empty(6 * _ROOM)
+    active, heap = np.empty(materials, np.int64), np.empty(6 * _CAPACITY)
     s = 0.0
     for i in range(n - 1):
         j = i + 1
@@ -398,7 +407,7 @@ def add_slabs(
         chord = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
         p, q = math.sqrt(nodes[i, 5] ** 2 + nodes[i, 6] ** 2), math.sqrt(nodes[j, 5] ** 2 + nodes[j, 6] ** 2)
         tx, ty, ox, oy = nodes[i, 5] / p, nodes[i, 6] / p, nodes[j, 5] / q, nodes[j, 6] / q
-        metres = length_m / chord  # along the tube, a pixel of the picture
+        metres = length_m / chord  # along the tube, a pixel of the image
         thicker = metres * px_per_m
         lean = wide * math.sqrt(max(1.0 - 1.0 / (thicker * thicker), 0.0))
         before, after = (2.0 if i == 0 else 0.0), (2.0 if j == n - 1 else 0.0)  # the ends' blurred edges
@@ -421,7 +430,7 @@ def add_slabs(
         cx, cy = (bx - ax) / chord, (by - ay) / chord
         bow = 0.15 * chord * abs(tx * oy - ty * ox) + 0.5
         axis, sizes = (ax, ay, x1, y1, x2, y2, x3, y3), (start_s, length_m, wide, lean, metres)
-        stretch = _Stretch(axis, sizes, (discs[i], discs[j]), thicker)
+        stretch = _Segment(axis, sizes, (discs[i], discs[j]), thicker)
         kept = 0
         for v in range(max(0, int(min(ay, by) - far - 2.0)), min(h, int(max(ay, by) + far + 2.0) + 2)):
             low, high = max(0, int(min(ax, bx) - far - 2.0)), min(w, int(max(ax, bx) + far + 2.0) + 2)
@@ -438,16 +447,21 @@ def add_slabs(
                 ahead, left = (u - ax) * tx + (v - ay) * ty, (bx - u) * ox + (by - v) * oy
                 if ahead < -before or left <= -after:
                     continue
-                heap[kept], heap[kept + _ROOM], heap[kept + 2 * _ROOM], heap[kept + 3 * _ROOM] = u, v, ahead, left
+                heap[kept], heap[kept + _CAPACITY], heap[kept + 2 * _CAPACITY], heap[kept + 3 * _CAPACITY] = (
+                    u,
+                    v,
+                    ahead,
+                    left,
+                )
                 kept += 1
-                if kept == _ROOM:
+                if kept == _CAPACITY:
                     _lay_slab(drawn, heap, kept, stretch, table, half_px, amount, size, active[:count])
                     kept = 0
         _lay_slab(drawn, heap, kept, stretch, table, half_px, amount, size, active[:count])
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY, inline="always")
-def left_of(x: np.float32) -> np.float32:
+def transmittance(x: np.float32) -> np.float32:
     """exp(-64 ``x``): the series of exp(-``x``) up to its fourth power, squared six times."""
     one, half, third, quarter = np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0), np.float32(0.25)
     y = one - x * (one - half * x * (one - third * x * (one - quarter * x)))

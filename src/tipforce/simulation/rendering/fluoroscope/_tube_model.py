@@ -13,18 +13,18 @@ import numpy.typing as npt
 
 from ....geometry import CameraModel
 from ....types import FloatArray, IntArray
-from ._tube_kernels import POINTS_PER_M, STEPS_PER_PX, Picture, add_tube
+from ._tube_kernels import POINTS_PER_M, STEPS_PER_PX, FloatImage, add_tube
 
 __all__ = [
     "ATTENUATION_PER_M",
-    "Course",
+    "AxialProfile",
     "Layer",
-    "Profiles",
+    "SectionProfile",
     "Tube",
+    "axial_profile",
     "chord_attenuation",
-    "course",
     "loaded_polymer_per_m",
-    "profiles",
+    "section_profiles",
 ]
 
 _OPAQUE = 12.0
@@ -40,7 +40,7 @@ class Layer:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Profiles:
+class SectionProfile:
     """What tubes of some materials take from the light across their width.
 
     ``table`` (materials, across) float32: attenuation of a tube that lies across the rays, by the distance from its
@@ -53,7 +53,7 @@ class Profiles:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Course:
+class AxialProfile:
     """How a tube goes on along its arc length, in points `POINTS_PER_M` apart from its start.
 
     ``amount`` (materials, n): length in metres of each material from the start to here, weighed by its strength;
@@ -73,7 +73,9 @@ def chord_attenuation(layers: tuple[Layer, ...], radius_m: float, across_m: Floa
     return total
 
 
-def profiles(materials: list[tuple[Layer, ...]], radius_m: float, px_per_m: float, blur_px: float) -> Profiles:
+def section_profiles(
+    materials: list[tuple[Layer, ...]], radius_m: float, px_per_m: float, blur_px: float
+) -> SectionProfile:
     """Tables of tubes of these ``materials``, seen through an aperture of ``blur_px`` (sigma).
 
     What the aperture averages is the light, not its logarithm: the edges of opaque metal lie where they are seen.
@@ -92,17 +94,17 @@ def profiles(materials: list[tuple[Layer, ...]], radius_m: float, px_per_m: floa
         left = np.exp(-np.minimum(chord_attenuation(layers, radius_m, at / px_per_m), _OPAQUE))
         table[k] = -np.log(np.convolve(left, kernel, mode="same"))[picked]
     table[:, -2:] = 0.0
-    return Profiles(table, half, reach)
+    return SectionProfile(table, half, reach)
 
 
-def course(length_m: float, sections: list[tuple[float, float, int, float]], materials: int) -> Course:
+def axial_profile(length_m: float, sections: list[tuple[float, float, int, float]], materials: int) -> AxialProfile:
     """From ``sections`` (from, to, material, strength) of a tube of ``length_m``; constant size."""
     n = math.ceil(length_m * POINTS_PER_M) + 2
     at = np.arange(n) / POINTS_PER_M
     amount = np.zeros((materials, n))
     for start, end, material, strength in sections:
         amount[material] += strength * np.clip(at - start, 0.0, end - start)
-    return Course(amount, np.ones(n))
+    return AxialProfile(amount, np.ones(n))
 
 
 _BARIUM_SULPHATE = (8.252, 4.50)
@@ -139,13 +141,13 @@ class Tube:
     """A tube as one view sees it."""
 
     radius_m: float
-    profiles: Profiles
-    course: Course
+    section_profiles: SectionProfile
+    axial_profile: AxialProfile
 
-    def add(self, drawn: Picture, spans: IntArray, camera: CameraModel, points_m: FloatArray) -> None:
+    def add(self, drawn: FloatImage, spans: IntArray, camera: CameraModel, points_m: FloatArray) -> None:
         """Add its attenuation along ``points_m`` (n, 3), in the camera's world, to ``drawn`` (h, w)."""
-        p = self.profiles
+        p = self.section_profiles
         add_tube(
             drawn, spans, camera.row, points_m, self.radius_m,
-            p.table, p.half_px, p.reach_px, self.course.amount, self.course.size,
+            p.table, p.half_px, p.reach_px, self.axial_profile.amount, self.axial_profile.size,
         )  # fmt: skip

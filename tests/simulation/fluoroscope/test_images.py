@@ -1,4 +1,4 @@
-"""The fluoroscope: geometry, attenuation, noise, lag, and pictures that come again."""
+"""The fluoroscope: geometry, attenuation, noise, lag, and images that come again."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -19,18 +19,18 @@ from tipforce.simulation.rendering.fluoroscope import (
     Pulse,
     XrayRenderer,
     XrayScene,
-    draw_xray_scene,
+    sample_xray_scene,
 )
 from tipforce.simulation.rendering.fluoroscope._detector import (
     blurred,
-    draw_quanta,
     frame_key,
-    quantum_tables,
+    photon_tables,
+    sample_photons,
     with_lag,
 )
 from tipforce.simulation.rendering.fluoroscope._scene import lag_weights
 from tipforce.simulation.rendering.fluoroscope._tube_kernels import add_tube, no_spans
-from tipforce.simulation.rendering.fluoroscope._tube_model import Layer, course, profiles
+from tipforce.simulation.rendering.fluoroscope._tube_model import Layer, axial_profile, section_profiles
 
 LENGTH_M = 50e-3
 SIZE = 256
@@ -54,7 +54,7 @@ def pulse(frame: int, shift_m: float = 0.0) -> Pulse:
 
 @pytest.fixture(scope="module")
 def scene() -> XrayScene:
-    return draw_xray_scene(BIPLANE, np.random.default_rng(5))
+    return sample_xray_scene(BIPLANE, np.random.default_rng(5))
 
 
 @pytest.fixture(scope="module")
@@ -63,19 +63,19 @@ def renderer(scene: XrayScene) -> XrayRenderer:
 
 
 def drawn(camera: CameraModel, points: np.ndarray, size: int = 512) -> np.ndarray:
-    table = profiles([(Layer(0.6, 1.0, 300.0),)], 1.2e-3, 4000.0, 0.4)
+    table = section_profiles([(Layer(0.6, 1.0, 300.0),)], 1.2e-3, 4000.0, 0.4)
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    way = course(length, [(0.0, length, 0, 1.0)], 1)
-    picture = np.zeros((size, size), np.float32)
+    way = axial_profile(length, [(0.0, length, 0, 1.0)], 1)
+    image = np.zeros((size, size), np.float32)
     arrays = table.table, table.half_px, table.reach_px, way.amount, way.size
-    add_tube(picture, no_spans(size), camera.row, points, 1.2e-3, *arrays)
-    return picture
+    add_tube(image, no_spans(size), camera.row, points, 1.2e-3, *arrays)
+    return image
 
 
 # Geometry
 
 
-def test_pictures_are_shown_as_usual() -> None:
+def test_images_are_shown_as_usual() -> None:
     ap, lateral = CArm(0.0, 0.0, 1.1, 0.75, 0.25e-3).camera(), CArm(90.0, 0.0, 1.1, 0.75, 0.25e-3).camera()
     middle, left, head, back = ap.project([[0, 0, 0], [0.01, 0, 0], [0, 0, 0.01], [0, 0.01, 0]]) - 255.5
     np.testing.assert_allclose(middle, 0.0, atol=1e-9)
@@ -102,7 +102,7 @@ def test_the_scale_holds_at_the_isocentre_whatever_the_angles(
 def test_the_stated_calibration_is_off_by_what_the_preset_says() -> None:
     grid = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]) * 40e-3
     for seed in range(6):
-        for view in draw_xray_scene(BIPLANE, np.random.default_rng(seed)).views:
+        for view in sample_xray_scene(BIPLANE, np.random.default_rng(seed)).views:
             off = view.stated.camera().project(grid) - view.true.camera().project(grid)
             assert math.sqrt((off**2).sum(axis=1).mean()) == pytest.approx(0.5, abs=1e-3)
 
@@ -110,7 +110,7 @@ def test_the_stated_calibration_is_off_by_what_the_preset_says() -> None:
 def test_the_planes_of_a_biplane_stand_across() -> None:
     for seed in range(20):
         first, second = (
-            view.true.display_axes()[2] for view in draw_xray_scene(BIPLANE, np.random.default_rng(seed)).views
+            view.true.display_axes()[2] for view in sample_xray_scene(BIPLANE, np.random.default_rng(seed)).views
         )
         assert 80.0 <= math.degrees(math.acos(first @ second)) <= 100.0
 
@@ -146,16 +146,16 @@ def test_the_tube_lies_where_its_axis_is_projected(lean: float, curvature: float
     way = math.cos(lean) * (math.cos(turn) * axes[0] + math.sin(turn) * axes[1]) + math.sin(lean) * axes[2]
     aside = np.cross(axes[2], way)
     points = s[:, None] * way + 0.5 * curvature * (s**2)[:, None] * aside / np.linalg.norm(aside)
-    picture = drawn(camera, points)
-    # All that the tube holds is in the picture, around the middle of the projected axis.
+    image = drawn(camera, points)
+    # All that the tube holds is in the image, around the middle of the projected axis.
     v, u = np.mgrid[0:512, 0:512]
-    middle = np.array([(picture * u).sum(), (picture * v).sum()]) / picture.sum()
+    middle = np.array([(image * u).sum(), (image * v).sum()]) / image.sum()
     nearness = camera.camera_from_world.apply(points)[:, 2] ** -2.0  # what is nearer is seen larger
     nearness[[0, -1]] *= 0.5
     np.testing.assert_allclose(middle, nearness @ camera.project(points) / nearness.sum(), atol=0.15)
     length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
     whole = 300.0 * math.pi * 1.2e-3**2 * (1 - 0.36) * length / 0.25e-3**2
-    assert picture.sum() == pytest.approx(whole, rel=0.02)  # attenuation per metre times volume
+    assert image.sum() == pytest.approx(whole, rel=0.02)  # attenuation per metre times volume
 
 
 def test_a_leaning_tube_is_as_much_thicker_as_it_is_shorter() -> None:
@@ -173,12 +173,12 @@ def test_attenuations_of_crossing_tubes_add(renderer: XrayRenderer) -> None:
     s = np.linspace(-15e-3, 15e-3, 31)[:, None]
     one, two = s * (1.0, 0.0, 0.0), s * (0.6, 0.0, 0.8)
     both = drawn(camera, one) + drawn(camera, two)
-    picture = drawn(camera, one)
-    assert both.max() > 1.9 * picture[256, 200:300].max()
-    table = profiles([(Layer(0.6, 1.0, 300.0),)], 1.2e-3, 4000.0, 0.4)
-    way = course(30e-3, [(0.0, 30e-3, 0, 1.0)], 1)
+    image = drawn(camera, one)
+    assert both.max() > 1.9 * image[256, 200:300].max()
+    table = section_profiles([(Layer(0.6, 1.0, 300.0),)], 1.2e-3, 4000.0, 0.4)
+    way = axial_profile(30e-3, [(0.0, 30e-3, 0, 1.0)], 1)
     add_tube(
-        picture,
+        image,
         no_spans(512),
         camera.row,
         two,
@@ -189,7 +189,7 @@ def test_attenuations_of_crossing_tubes_add(renderer: XrayRenderer) -> None:
         way.amount,
         way.size,
     )
-    np.testing.assert_allclose(picture, both, atol=1e-5)
+    np.testing.assert_allclose(image, both, atol=1e-5)
 
 
 def test_platinum_is_all_but_opaque_and_the_shaft_is_not(scene: XrayScene) -> None:
@@ -209,26 +209,26 @@ def test_platinum_is_all_but_opaque_and_the_shaft_is_not(scene: XrayScene) -> No
 
 @pytest.mark.parametrize("mean", [0.4, 3.3, 17.77, 35.9, 36.1, 90.0, 470.0])
 def test_quanta_are_poisson(mean: float) -> None:
-    tables = quantum_tables()
-    quanta = np.empty((512, 512), np.uint16)
-    draw_quanta(np.full((512, 512), mean, np.float32), frame_key(3, 0, 7, 0), tables.alias, tables.gauss, quanta)
-    counts = np.bincount(quanta.ravel(), minlength=2)
-    expected = stats.poisson.pmf(np.arange(counts.size), mean) * quanta.size
+    tables = photon_tables()
+    counts = np.empty((512, 512), np.uint16)
+    sample_photons(np.full((512, 512), mean, np.float32), frame_key(3, 0, 7, 0), tables.alias, tables.gauss, counts)
+    counts = np.bincount(counts.ravel(), minlength=2)
+    expected = stats.poisson.pmf(np.arange(counts.size), mean) * counts.size
     common = expected > 8
     seen = np.append(counts[common], counts[~common].sum())
-    due = np.append(expected[common], quanta.size - expected[common].sum())
+    due = np.append(expected[common], counts.size - expected[common].sum())
     assert stats.chisquare(seen, due * seen.sum() / due.sum()).pvalue > 1e-3
 
 
 def test_neighbours_frames_and_views_have_noise_of_their_own() -> None:
-    tables = quantum_tables()
+    tables = photon_tables()
 
     def noise(seed: int, view: int, frame: int) -> np.ndarray:
-        quanta = np.empty((256, 256), np.uint16)
-        draw_quanta(
-            np.full((256, 256), 80.0, np.float32), frame_key(seed, view, frame, 0), tables.alias, tables.gauss, quanta
+        counts = np.empty((256, 256), np.uint16)
+        sample_photons(
+            np.full((256, 256), 80.0, np.float32), frame_key(seed, view, frame, 0), tables.alias, tables.gauss, counts
         )
-        return (quanta - 80.0) / math.sqrt(80.0)
+        return (counts - 80.0) / math.sqrt(80.0)
 
     one = noise(1, 0, 0)
     others = [noise(1, 0, 1), noise(1, 1, 0), noise(2, 0, 0), np.roll(one, 1, 0), np.roll(one, 1, 1)]
@@ -238,7 +238,7 @@ def test_neighbours_frames_and_views_have_noise_of_their_own() -> None:
 
 def test_the_exposure_control_holds_the_photons_that_were_drawn() -> None:
     for seed in range(2):
-        scene = draw_xray_scene(FLUORO, np.random.default_rng(seed))
+        scene = sample_xray_scene(FLUORO, np.random.default_rng(seed))
         held = replace(scene, devices=(), rhythm=replace(scene.rhythm, breath_hz=0.0, beat=0.0))
         renderer = XrayRenderer(held, LENGTH_M, width=SIZE, height=SIZE)
         light = renderer.light(moved(bent(), 0.5)[None])
@@ -305,8 +305,8 @@ def test_the_same_frame_comes_out_the_same_alone_in_a_run_and_on_threads(
 
     with ThreadPoolExecutor(3) as pool:
         again = list(pool.map(alone, [5, 2, 4, 0, 1, 3]))
-    for k, picture in zip([5, 2, 4, 0, 1, 3], again, strict=True):
-        np.testing.assert_array_equal(picture, run[k])
+    for k, image in zip([5, 2, 4, 0, 1, 3], again, strict=True):
+        np.testing.assert_array_equal(image, run[k])
     assert (run[0] != run[1]).mean() > 0.5
 
 
@@ -327,7 +327,7 @@ def test_the_hearts_shadow_goes_with_its_wall(renderer: XrayRenderer) -> None:
 
 
 @pytest.mark.parametrize(("side", "bits"), [(500, 8), (512, 17)])
-def test_impossible_pictures_are_refused(scene: XrayScene, side: int, bits: int) -> None:
+def test_impossible_images_are_refused(scene: XrayScene, side: int, bits: int) -> None:
     with pytest.raises(ValueError, match="multiples of 8"):
         XrayRenderer(scene, LENGTH_M, width=side, height=side, bits=bits)
 
