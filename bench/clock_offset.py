@@ -17,7 +17,7 @@ import numpy as np
 
 from tipforce.alignment import StageMotion, estimate_offset, shape_coordinates
 from tipforce.io import RecordingReader
-from tipforce.twin import Truth, read_truth
+from tipforce.simulation import Truth, read_truth
 from tipforce.types import FloatArray, Frame, IntArray
 from tipforce.vision import Vision, VisionSettings, settle
 

@@ -23,7 +23,7 @@ from bench.tubes import distance_to_curve
 
 from tipforce.errors import InputError
 from tipforce.io import RecordingReader
-from tipforce.twin import Truth, read_truth
+from tipforce.simulation import Truth, read_truth
 from tipforce.types import Context
 from tipforce.vision import Vision, VisionSettings, in_session, settle
 

@@ -10,7 +10,7 @@ from tipforce.alignment import StageMotion, labels
 from tipforce.cli import app
 from tipforce.errors import FileFormatError, InputError
 from tipforce.io import RecordingReader
-from tipforce.twin import read_truth, truth_path
+from tipforce.simulation import read_truth, truth_path
 
 ARGUMENTS = ["--sessions", "2", "--seconds", "12", "--set", "world.tare_s=2", "--seed", "4"]
 

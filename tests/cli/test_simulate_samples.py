@@ -16,7 +16,7 @@ from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
 from tipforce.io import RecordingReader, SensorPose
 from tipforce.pipelines import record
-from tipforce.twin import PRESETS, read_truth, sample_set
+from tipforce.simulation import PRESETS, read_truth, sample_set
 from tipforce.types import SimulatedClock
 
 SMALL = PRESETS["bench-2021"].model_copy(update={"width": 320, "height": 240})

@@ -17,7 +17,7 @@ from tipforce.estimators import SvrSettings
 from tipforce.estimators._training import gather_rows
 from tipforce.io import RecordingReader, open_source
 from tipforce.pipelines import import_session
-from tipforce.twin import PRESETS, FluoroSettings, TwinBench, read_truth, sample_set
+from tipforce.simulation import PRESETS, FluoroSettings, SimulatedBench, read_truth, sample_set
 from tipforce.types import Frame
 
 
@@ -34,9 +34,9 @@ def run(verb, *arguments):
 
 
 @pytest.fixture(scope="module")
-def late() -> TwinBench:
+def late() -> SimulatedBench:
     """Its very first picture of view b was dropped."""
-    benches = (TwinBench(brief("biplane", 3.0), seed, 0) for seed in range(100))
+    benches = (SimulatedBench(brief("biplane", 3.0), seed, 0) for seed in range(100))
     return next(bench for bench in benches if bench.arrived("a")[0] == 0 < bench.arrived("b")[0])
 
 

@@ -25,7 +25,7 @@ from tipforce.estimators import (
     save_model,
 )
 from tipforce.evaluation import candidates_from
-from tipforce.twin import PRESETS, sample_set
+from tipforce.simulation import PRESETS, sample_set
 
 QUICK = {"c": (10.0,), "epsilon": (0.01,), "sigma": (1.0,), "force": "components"}
 MOST_BYTES = 30_000_000

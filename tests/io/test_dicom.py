@@ -7,7 +7,7 @@ import pytest
 
 from tipforce.errors import FileFormatError, MissingExtraError, TimeError
 from tipforce.io import open_source
-from tipforce.twin.xray import FLUORO, draw_xray_scene, write_dicom
+from tipforce.simulation.rendering.fluoroscope import FLUORO, draw_xray_scene, write_dicom
 from tipforce.types import Frame
 
 pydicom = pytest.importorskip("pydicom")

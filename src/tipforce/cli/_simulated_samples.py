@@ -13,7 +13,16 @@ from ..alignment import label_log, observations
 from ..datasets import Growing, GrowingImages, GrowingShards, SessionSamples
 from ..errors import InputError
 from ..io import SensorPose, encode_image
-from ..twin import SampleSet, Truth, TwinBench, refuse_other, truth_of, truth_path, write_sessions, write_truth
+from ..simulation import (
+    SampleSet,
+    SimulatedBench,
+    Truth,
+    refuse_other,
+    truth_of,
+    truth_path,
+    write_sessions,
+    write_truth,
+)
 from ..types import Actuation, Frame, IntArray, Observation
 
 __all__ = ["write_samples"]
@@ -87,7 +96,7 @@ def _write_session(
     into.add(number, _labelled(bench, frames, seen, wanted.offset_ms(bench, number), hidden, lossless))
 
 
-def _masks(bench: TwinBench, truth: Truth) -> dict[str, list[bytes]]:
+def _masks(bench: SimulatedBench, truth: Truth) -> dict[str, list[bytes]]:
     """The true masks of every view as PNGs, 255 where the catheter is."""
     shown = dict(zip(bench.views, (truth, *truth.others.values()), strict=True))
     return {
@@ -99,7 +108,7 @@ def _masks(bench: TwinBench, truth: Truth) -> dict[str, list[bytes]]:
     }
 
 
-def _observed(bench: TwinBench, frames: IntArray, tick: Callable[[], None]) -> list[Observation]:
+def _observed(bench: SimulatedBench, frames: IntArray, tick: Callable[[], None]) -> list[Observation]:
     """What an estimator would have seen at ``frames``."""
     readings, joints = bench.readings, bench.readings.joints
     rows = range(len(joints.stamp_ns) if bench.has_joints else 0)
@@ -111,7 +120,7 @@ def _observed(bench: TwinBench, frames: IntArray, tick: Callable[[], None]) -> l
 
 
 def _labelled(
-    bench: TwinBench,
+    bench: SimulatedBench,
     frames: IntArray,
     seen: Sequence[Observation],
     offset_ms: float,

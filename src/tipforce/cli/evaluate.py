@@ -143,7 +143,7 @@ def command(
 def _truths(folder: Path) -> "dict[str, tuple[IntArray, FloatArray]]":
     """Stamps (n,) and true forces (n, 3) by session, of all that simulate wrote under ``folder``."""
     from ..errors import InputError
-    from ..twin import read_truth
+    from ..simulation import read_truth
 
     found: dict[str, tuple[IntArray, FloatArray]] = {}
     for path in sorted(folder.rglob("*.truth.npz")):
