@@ -117,8 +117,9 @@ def test_what_is_no_picture_is_named(tmp_path: Path) -> None:
         inspect_image_file(fake, VisionSettings(), ShapeFeatureSettings())
 
 
-@pytest.mark.parametrize("target", ["no/folder.png", "drawing.gif"])
+@pytest.mark.parametrize("target", ["file/drawing.png", "drawing.gif"])
 def test_a_drawing_that_cannot_be_written_is_refused(tmp_path: Path, target: str) -> None:
+    (tmp_path / "file").write_text("no folder")
     with pytest.raises(FileFormatError):
         save_image(tmp_path / target, np.zeros((4, 4, 3), np.uint8))
 
