@@ -20,7 +20,7 @@ from tipforce.errors import InputError
 from tipforce.estimators import write_estimates
 from tipforce.estimators._run import COLUMNS
 from tipforce.recording import RecordingWriter, open_source
-from tipforce.types import STAGE, Actuation, Context, ForceEstimate
+from tipforce.types import STAGE, Actuation, ForceEstimate, SessionInfo
 
 KNOB = {"knob_deg": 10.0}
 
@@ -114,7 +114,7 @@ def test_without_the_knob_nothing_is_begun_and_the_option_is_named(
 
 def test_a_recording_may_be_told_what_its_streams_lack(model: Path, video: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with RecordingWriter(path, Context("first")) as writer, open_source(video) as source:
+    with RecordingWriter(path, SessionInfo("first")) as writer, open_source(video) as source:
         writer.write(Actuation(0, {"x_m": 0.0}, STAGE))
         writer.write(Actuation(0, {"wire_mm": 1.0}))
         for event in source:
@@ -168,7 +168,7 @@ def test_facts_that_the_model_needs_are_asked_for_before_the_work(trained, video
     assert not (tmp_path / "f.csv").exists()
     stated = context_from("thin,flexible_length_m=0.04", 2e-4, ["base_side=left"])
     with open_source(video, actuation=KNOB, stated=stated) as source:
-        assert source.context.session == video.stem
+        assert source.session_info.session == video.stem
         assert write_estimates(Told(), source, tmp_path / "f.csv").frames == 20
 
 
@@ -195,8 +195,8 @@ def test_an_interval_without_an_end_is_written_as_nothing(trained, video: Path, 
         settings = trained.settings
         needed_actuation, needed_facts = trained.needed_actuation, ()
 
-        def start(self, context):
-            stream = trained.start(context)
+        def start(self, info):
+            stream = trained.start(info)
             return SimpleNamespace(update=lambda observation: widened(stream.update(observation)))
 
     def widened(estimate: ForceEstimate) -> ForceEstimate:

@@ -45,14 +45,14 @@ def test_common_facts_reach_every_context(make_folder: Make) -> None:
     folder = make_folder()
     facts = {"frame": "sensor", "metres_per_px": 1e-4, "catheter": {"name": "X", "diameter_m": 0.002}}
     (folder / "dataset.json").write_text(json.dumps({**facts, "sessions": {"s1": {"wall": "soft"}}}))
-    contexts = open_dataset(folder).contexts
-    assert contexts["s0"].metres_per_px == 1e-4
-    assert contexts["s0"].catheter.diameter_m == 0.002
-    assert contexts["s1"].notes == {"force_frame": "sensor", "wall": "soft"}
+    infos = open_dataset(folder).session_info
+    assert infos["s0"].metres_per_px == 1e-4
+    assert infos["s0"].catheter.diameter_m == 0.002
+    assert infos["s1"].notes == {"force_frame": "sensor", "wall": "soft"}
 
 
 def same(a: Dataset, b: Dataset) -> bool:
-    return a.fingerprint() == b.fingerprint() and dict(a.contexts) == dict(b.contexts) and a.title == b.title
+    return a.fingerprint() == b.fingerprint() and dict(a.session_info) == dict(b.session_info) and a.title == b.title
 
 
 def test_masks_stand_beside_the_images_and_are_no_part_of_an_observation(make_folder: Make) -> None:

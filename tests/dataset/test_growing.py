@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tipforce.dataset import Dataset, Growing, GrowingImages, GrowingShards, SessionSamples, open_dataset, write_dataset
-from tipforce.types import Catheter, Context
+from tipforce.types import Catheter, SessionInfo
 
 SESSIONS, EACH = 5, 4
 
@@ -32,7 +32,7 @@ def samples(number: int, views: tuple[str, ...] = ("camera",), masks: bool = Fal
     notes = {"base_side": "left", "angle": str(number)}
     frame = np.arange(EACH) * 7 + number
     return SessionSamples(
-        context=Context(f"s{number}", catheter, 2e-4 + 1e-6 * number, notes),
+        info=SessionInfo(f"s{number}", catheter, 2e-4 + 1e-6 * number, notes),
         frame=frame,
         stamp_ns=frame * 41_666_667,
         actuation={"knob_deg": np.linspace(0.1, 0.7, EACH)},
@@ -68,7 +68,7 @@ def test_what_is_added_is_what_opens_with_the_facts_of_each_session(
     for number in range(SESSIONS):
         given = samples(number)
         rows = data.session == f"s{number}"
-        assert data.contexts[f"s{number}"] == given.context
+        assert data.session_info[f"s{number}"] == given.session_info
         assert np.array_equal(data.force_n[rows], given.force_n)
         assert np.array_equal(data.stamp_ns[rows], given.stamp_ns)
         assert np.array_equal(data.actuation["knob_deg"][rows], given.actuation["knob_deg"])
@@ -93,7 +93,7 @@ def test_two_views_are_two_columns(make: Callable[[Path], Growing], tmp_path: Pa
     assert {name: int(view[0, 0]) for name, view in first.views.items()} == {"a": 0, "b": 40}  # type: ignore[index]
     again = open_dataset(write_dataset(data, tmp_path / "copy"))
     assert again.fingerprint() == data.fingerprint()
-    assert dict(again.contexts) == dict(data.contexts)
+    assert dict(again.session_info) == dict(data.session_info)
     for one, other in zip(data.observations(), again.observations(), strict=True):
         assert all(np.array_equal(one.views[view], other.views[view]) for view in ("a", "b"))  # type: ignore[arg-type]
 
@@ -139,7 +139,7 @@ def test_gathering_that_was_cut_off_is_begun_again(
             count += 1
         return real(self, target)
 
-    with monkeypatch.context() as patch:
+    with monkeypatch.session_info() as patch:
         patch.setattr(Path, "replace", replace)
         try:
             into.finish("grown")

@@ -6,24 +6,22 @@ import pytest
 
 from tipforce.errors import FileFormatError, InputError, TableError, TimeError, TipforceError
 from tipforce.recording import (
-    ForceColumns,
     RecordingReader,
     RecordingWriter,
-    SensorPose,
     import_run,
     labels,
     observations,
     plot_summary,
     summarise,
 )
-from tipforce.types import Actuation, Context
+from tipforce.types import Actuation, ForceLogInfo, SensorInfo, SessionInfo
 
 from .conftest import BIAS, OFFSET_S, Run, push  # type: ignore[import-not-found]
 
 
 def test_import_finds_offset_and_tare_and_yields_the_force(run: Run, tmp_path: Path) -> None:
     report = import_run(
-        run.video, run.force, tmp_path / "run.mcap", actuation={"knob_deg": 10.0}, sensor=SensorPose(0, "tissue-on-tip")
+        run.video, run.force, tmp_path / "run.mcap", actuation={"knob_deg": 10.0}, sensor=SensorInfo(0, "tissue-on-tip")
     )
     info = report.summary.info
     assert info.clock_offset.how == "estimated", info.clock_offset.detail
@@ -46,7 +44,7 @@ def test_a_stated_offset_and_tare_are_taken_as_they_are(run: Run, tmp_path: Path
     info = report.summary.info
     assert (info.clock_offset.how, info.clock_offset.offset_ns) == ("stated", -12_500_000)
     assert (info.tare.how, info.tare.stretches_s) == ("stated", ((0.0, 1.5),))
-    assert info.sensor == SensorPose(0.0, "tip-on-tissue")
+    assert info.sensor == SensorInfo(0.0, "tip-on-tissue")
 
 
 def test_a_log_that_counts_from_another_zero_is_aligned_where_that_is_stated(run: Run, tmp_path: Path) -> None:
@@ -66,7 +64,7 @@ def test_stamps_before_zero_move_all_streams_alike(run: Run, tmp_path: Path) -> 
     early = tmp_path / "force.csv"
     early.write_text("time_s,fx_n,fy_n\n" + "".join(f"{k / 1000 - 0.5:.3f},{k / 1000},0\n" for k in range(8000)))
     import_run(
-        run.video, early, tmp_path / "run.mcap", offset_ms="none", tare="none", sensor=SensorPose(0, "tissue-on-tip")
+        run.video, early, tmp_path / "run.mcap", offset_ms="none", tare="none", sensor=SensorInfo(0, "tissue-on-tip")
     )
     with RecordingReader(tmp_path / "run.mcap") as reader:
         found = labels(reader)
@@ -128,7 +126,7 @@ BAD: list[tuple[dict[str, Any], type[TipforceError], str]] = [
     ({"target": "run.avi"}, InputError, "ends in .mcap"),
     ({"target": "nowhere/run.mcap"}, FileFormatError, "does not exist"),
     ({"tare": (100.0, 110.0)}, InputError, "the force log runs from 0 to"),
-    ({"columns": ForceColumns(fx="Fq")}, TableError, "no column 'Fq'"),
+    ({"columns": ForceLogInfo(fx="Fq")}, TableError, "no column 'Fq'"),
 ]
 
 
@@ -146,7 +144,7 @@ def test_a_failed_import_leaves_nothing_behind(
 
 def test_an_import_that_was_killed_is_simply_run_again(run: Run, tmp_path: Path) -> None:
     """A longer leftover of an earlier import stands under the temporary name."""
-    writer = RecordingWriter(tmp_path / "run.mcap", Context(), origin="import")
+    writer = RecordingWriter(tmp_path / "run.mcap", SessionInfo(), origin="import")
     for k in range(20_000):
         writer.write(Actuation(k * 1_000_000, {"a_mm": 1.0}))
     writer._halt()

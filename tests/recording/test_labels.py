@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tipforce.errors import InputError
-from tipforce.recording import ClockOffset, RecordingReader, RecordingWriter, SensorPose, Tare, labels, observations
-from tipforce.types import Actuation, Context, Event, Frame, Wrench
+from tipforce.recording import ClockOffset, RecordingReader, RecordingWriter, Tare, labels, observations
+from tipforce.types import Actuation, Event, Frame, SensorInfo, SessionInfo, Wrench
 
 GREY = np.zeros((8, 8), np.uint8)
 
 
-def write(path: Path, events: list[Event], *facts: ClockOffset | Tare | SensorPose) -> Path:
-    with RecordingWriter(path, Context()) as writer:
+def write(path: Path, events: list[Event], *facts: ClockOffset | Tare | SensorInfo) -> Path:
+    with RecordingWriter(path, SessionInfo()) as writer:
         for fact in facts:
             writer.state(fact)
         for event in sorted(events, key=lambda event: event.stamp_ns):
@@ -35,7 +35,7 @@ def test_offset_tare_and_pose_are_applied_and_time_is_interpolated(tmp_path: Pat
         [*readings, Frame(106_000_000, GREY), Frame(2_000_000, GREY), Frame(300_000_000, GREY)],
         ClockOffset(5_000_000, "stated"),
         Tare(np.array([0.5, 0.25, -0.5]), how="stated"),
-        SensorPose(90.0, "tip-on-tissue"),
+        SensorInfo(90.0, "tip-on-tissue"),
     )
     with RecordingReader(path) as reader:
         found = labels(reader)
@@ -75,11 +75,11 @@ def test_readings_in_a_frame_that_nobody_stated_make_no_label(tmp_path: Path) ->
 
 @given(st.floats(-360, 360), st.sampled_from(["tip-on-tissue", "tissue-on-tip"]))
 def test_the_pose_turns_without_stretching_and_the_two_readings_are_opposite(angle: float, reads: str) -> None:
-    pose = SensorPose(angle, reads)  # type: ignore[arg-type]
+    pose = SensorInfo(angle, reads)  # type: ignore[arg-type]
     np.testing.assert_allclose(pose.matrix @ pose.matrix.T, np.eye(3), atol=1e-12)
-    other = SensorPose(angle, "tip-on-tissue" if reads == "tissue-on-tip" else "tissue-on-tip")
+    other = SensorInfo(angle, "tip-on-tissue" if reads == "tissue-on-tip" else "tissue-on-tip")
     np.testing.assert_allclose(pose.matrix, -other.matrix)
-    back = SensorPose.of(pose.record())
+    back = SensorInfo.of(pose.record())
     assert back == pose
 
 

@@ -7,7 +7,6 @@ import pytest
 
 from tipforce.errors import FileFormatError, InputError, TimeError
 from tipforce.recording import (
-    ForceColumns,
     RecordingReader,
     VideoWriter,
     observations,
@@ -16,7 +15,7 @@ from tipforce.recording import (
     write_video,
 )
 from tipforce.recording._forcelog import read_force_log
-from tipforce.types import Actuation, Context, Frame
+from tipforce.types import Actuation, ForceLogInfo, Frame, SessionInfo
 
 REAL = Path(os.environ.get("TIPFORCE_REAL_DATA", "")) / "tendon-manipulator"
 
@@ -171,12 +170,12 @@ def test_a_folder_without_images_or_stamps_says_what_is_missing(tmp_path: Path) 
 
 def test_a_recording_is_a_source_too(recording: Path) -> None:
     with open_source(recording) as source:
-        assert source.context.session == "first"
+        assert source.session_info.session == "first"
         assert sum(isinstance(event, Frame) for event in source) == 25
-    with open_source(recording, stated=Context()) as source:
+    with open_source(recording, stated=SessionInfo()) as source:
         assert isinstance(source, RecordingReader)  # nothing was stated, so nothing stands in between
-    with open_source(recording, stated=Context("other")) as source:
-        assert source.context.session == "other"
+    with open_source(recording, stated=SessionInfo("other")) as source:
+        assert source.session_info.session == "other"
     with pytest.raises(InputError, match="carries knob_deg itself"):
         open_source(recording, actuation={"knob_deg": 1.0, "wire_mm": 2.0})
 
@@ -207,6 +206,6 @@ def test_real_frames_and_force_logs_are_read_as_they_are() -> None:
     frames = [event for event in open_source(REAL / "frames") if isinstance(event, Frame)]
     assert [frame.stamp_ns % 10**9 for frame in frames] == [375700928, 710305664, 883211914, 458522217]
     assert {frame.image.shape[:2] for frame in frames} == {(480, 640)}
-    found = read_force_log(sorted((REAL / "sessions").glob("data_*.csv"))[0], ForceColumns(force_unit="mN"))
+    found = read_force_log(sorted((REAL / "sessions").glob("data_*.csv"))[0], ForceLogInfo(force_unit="mN"))
     assert np.isfinite(found.force_n).all()
     assert 20 < 1e9 / np.median(np.diff(found.stamp_ns)) < 40

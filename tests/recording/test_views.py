@@ -20,7 +20,7 @@ from tipforce.recording import (
     record,
     summarise,
 )
-from tipforce.types import Actuation, Context, Frame, Wrench
+from tipforce.types import Actuation, Frame, SessionInfo, Wrench
 from tipforce.vision import ShapeFeatureSettings, VisionSettings
 
 STEP_NS = 66_666_667
@@ -46,7 +46,7 @@ def two_views(count: int = 12, dropped=(("b", 4), ("a", 7)), late_ns: int = 3_00
 
 
 class Bench:
-    context = Context("two views")
+    info = SessionInfo("two views")
 
     def __enter__(self):
         return self
@@ -161,7 +161,7 @@ def test_looking_for_a_view_that_is_not_there_says_which_are(run):
 
 def test_one_view_is_written_as_ever(tmp_path):
     events = [event for event in two_views() if not isinstance(event, Frame) or event.view == "a"]
-    with RecordingWriter(tmp_path / "one.mcap", Context("one")) as writer:
+    with RecordingWriter(tmp_path / "one.mcap", SessionInfo("one")) as writer:
         for event in events:
             writer.write(Frame(event.stamp_ns, event.image) if isinstance(event, Frame) else event)
     summary = summarise(tmp_path / "one.mcap")

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..dataset import Growing, GrowingImages, GrowingShards, SessionSamples
 from ..errors import InputError
-from ..recording import SensorPose, encode, label_log, observations
+from ..recording import encode, label_log, observations
 from ..twin import SampleSet, Truth, TwinBench, refuse_other, truth_of, truth_path, write_sessions, write_truth
 from ..types import Actuation, Frame, IntArray, Observation
 
@@ -117,14 +117,13 @@ def _labelled(
     masks: Mapping[str, Sequence[bytes]],
     lossless: bool,
 ) -> SessionSamples:
-    context, log = bench.context, bench.log
-    start, end = context.notes["no_contact_s"].split(":")
+    info, log = bench.session_info, bench.log
     found = label_log(
         bench.stamp_ns[frames],
         (log.stamp_ns, log.force_n),
         bench.stage_log(),
-        sensor=SensorPose(float(context.notes["sensor_angle_deg"]), "tip-on-tissue"),
-        tare=(float(start), float(end)),
+        sensor=info.sensor,
+        tare=info.sensor.no_contact_s or "none",
         offset_ms=offset_ms,
     )
     if not np.isfinite(found.force_n[:, found.known]).all():
@@ -136,7 +135,7 @@ def _labelled(
         for view in seen[0].views
     }
     return SessionSamples(
-        context=context,
+        session_info=info,
         frame=frames,
         stamp_ns=found.stamp_ns,
         actuation={name: np.array([each.actuation.get(name, np.nan) for each in seen]) for name in names},

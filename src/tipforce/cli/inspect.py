@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
+from ._facts import BenchOption, FactOption, stated_info
 from ._settings import SetOption, settings_from
 
 __all__ = ["command"]
@@ -17,10 +18,8 @@ def command(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE.png", help="The drawing; default NAME-inspect.png.")
     ] = None,
-    features: Annotated[
-        Literal["polynomial", "legendre"], typer.Option(help="Which curve is fitted to the shape.")
-    ] = "polynomial",
-    degree: Annotated[int, typer.Option(min=1, max=8, help="Its degree.")] = 4,
+    bench: BenchOption = None,
+    fact: FactOption = None,
     every: Annotated[int, typer.Option(min=1, help="Of a video, look at every so many frames.")] = 1,
     sheet: Annotated[int, typer.Option(min=1, help="Of a video, draw so many frames on one sheet.")] = 12,
     frames: Annotated[
@@ -39,9 +38,9 @@ def command(
     sessions (a folder of images, Parquet shards): samples, ranges, the share found, and a sheet.
 
     Example:
-        tipforce inspect frame.png --set base_side=bottom --figures
+        tipforce inspect frame.png --set vision.base_side=bottom --figures
 
-        tipforce inspect video.mp4 --every 5
+        tipforce inspect video.mp4 --bench bench.toml --every 5
 
         tipforce inspect run.mcap
     """
@@ -57,7 +56,7 @@ def command(
         save_picture,
         summarise,
     )
-    from ..vision import ShapeFeatureSettings, VisionSettings
+    from ..vision import InspectSettings
 
     target = output or Path(f"{file.stem}-inspect.png")
     check_outputs([file], target, json_file)
@@ -71,21 +70,21 @@ def command(
         write_json(summary.figures(), json_file)
         return
     refuse_picture(target)
-    vision = settings_from(VisionSettings, settings)
-    shape = ShapeFeatureSettings(kind=features, degree=degree)
+    chosen = settings_from(InspectSettings, settings)
+    vision, shape, stated = chosen.vision, chosen.features, stated_info(bench, fact)
     dataset = dataset_at(file)
     if dataset is not None:
         lines, facts = describe_dataset(dataset)
         with progress_bar() as progress:
-            seen = pictures(dataset, vision.view, every)
+            seen = ((info.updated(stated), shown) for info, shown in pictures(dataset, vision.view, every))
             total = -(-len(dataset) // every)
             look = look_over(seen, vision, shape, title=str(file), room=sheet, progress=progress, total=total)
         look = replace(look, text="\n".join([*lines, look.text]), figures={"file": str(file), **facts, **look.figures})
     elif is_picture(file):
-        look = look_at(file, vision, shape)
+        look = look_at(file, vision, shape, stated)
     else:
         with progress_bar() as progress:
-            look = look_through(file, vision, shape, every=every, room=sheet, progress=progress)
+            look = look_through(file, vision, shape, stated=stated, every=every, room=sheet, progress=progress)
     save_picture(target, look.drawing)
     say(look.text)
     say(f"wrote {target}")

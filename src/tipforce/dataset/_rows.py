@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import TableError
 from ..types import FloatArray, IntArray
 from ._dataset import Dataset, RowStore
-from ._facts import FolderFacts, contexts_of
+from ._facts import FolderFacts, session_info_of
 from ._tables import check_stamps
 
 __all__ = ["FORCES", "UNITS", "LabelTable", "dataset_of"]
@@ -87,7 +87,7 @@ def dataset_of(table: LabelTable, facts: FolderFacts, name: str, views: Sequence
         force_n=force[order],
         known=measured,
         names=next(iter(names.values())),
-        contexts=contexts_of(facts, sessions),
+        session_info=session_info_of(facts, sessions),
         rows=order,
         title=facts.title or name,
         view_names=names if len(names) > 1 else {},

@@ -1,9 +1,10 @@
 """Runs as files: the recording file (.mcap), videos and image folders, importers, time alignment."""
 
 from ._describe import describe
-from ._facts import ClockOffset, Inertia, Reads, SensorPose, Tare
+from ._facts import ClockOffset, Inertia, Tare
 from ._files import refuse_picture
-from ._import import ForceColumns, import_run
+from ._forcelog import logs_by_kind
+from ._import import import_run
 from ._labels import Labels, label_log, labels
 from ._look import Look, frame_count, is_picture, look_at, look_over, look_through, save_picture
 from ._observations import observations
@@ -19,17 +20,14 @@ from ._writer import RecordingWriter, encode, write_force_csv
 
 __all__ = [
     "ClockOffset",
-    "ForceColumns",
     "Inertia",
     "Labels",
     "Look",
-    "Reads",
     "RecordingInfo",
     "RecordingReader",
     "RecordingSummary",
     "RecordingWriter",
     "RunReport",
-    "SensorPose",
     "StreamInfo",
     "Tare",
     "VideoWriter",
@@ -42,6 +40,7 @@ __all__ = [
     "is_picture",
     "label_log",
     "labels",
+    "logs_by_kind",
     "look_at",
     "look_over",
     "look_through",

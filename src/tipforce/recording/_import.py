@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, TimeError
-from ..types import JOINTS, STAGE, Context, Event
+from ..types import JOINTS, STAGE, Event, ForceLogInfo, SensorInfo, SessionInfo
 from ..vision import VisionSettings
-from ._facts import SensorPose
 from ._find import OffsetChoice, TareChoice
-from ._forcelog import ForceColumns, ForceLog, read_force_log, read_knob_log
+from ._forcelog import ForceLog, read_force_log, read_knob_log
 from ._merge import Readings, merged
 from ._record import RunReport, refuse_target, write_run
 from ._sources import FileSource
@@ -19,7 +18,7 @@ from ._summary import summarise
 from ._tare import stated_tare
 from ._writer import RecordingWriter
 
-__all__ = ["ForceColumns", "import_run"]
+__all__ = ["import_run"]
 
 
 def import_run(
@@ -27,8 +26,8 @@ def import_run(
     force_log: Path | str | None,
     target: Path | str,
     *,
-    columns: ForceColumns | None = None,
-    sensor: SensorPose | None = None,
+    columns: ForceLogInfo | None = None,
+    sensor: SensorInfo | None = None,
     actuation: Mapping[str, float] | None = None,
     knob_column: str | None = None,
     knob_log: Path | str | None = None,
@@ -36,7 +35,7 @@ def import_run(
     tare: TareChoice = "auto",
     offset_ms: OffsetChoice = "auto",
     align_start: bool = False,
-    context: Context | None = None,
+    info: SessionInfo | None = None,
     vision: VisionSettings | None = None,
     lossless: bool = False,
     jpeg_quality: int = 90,
@@ -57,7 +56,7 @@ def import_run(
     target = Path(target)
     refuse_target(target, overwrite=overwrite, origin="import")
     log = None if force_log is None else read_force_log(Path(force_log), columns, knob_column)
-    source = FileSource(Path(frames), dict(actuation or {}), context or Context(target.stem))
+    source = FileSource(Path(frames), dict(actuation or {}), info or SessionInfo(target.stem))
     remarks: list[str] = []
     first_ns = next(event.stamp_ns for event in source)
     if log is not None and align_start:
@@ -87,7 +86,7 @@ def import_run(
 
     events = merged(pictures(), None if log is None else (log.stamp_ns, log.force_n), drives, shift_ns)
     writer = RecordingWriter(
-        target, source.context, lossless=lossless, jpeg_quality=jpeg_quality, overwrite=overwrite, origin="import"
+        target, source.session_info, lossless=lossless, jpeg_quality=jpeg_quality, overwrite=overwrite, origin="import"
     )
 
     def report(count: int) -> None:
@@ -97,7 +96,7 @@ def import_run(
     try:
         names = (Path(frames).name, str(force_log))
         found = write_run(
-            writer, events, source.context, sensor, tare, offset_ms, vision or VisionSettings(), report, names
+            writer, events, source.session_info, sensor, tare, offset_ms, vision or VisionSettings(), report, names
         )
         _check_drives(drives, (first_ns, last_ns), knob_log if knob_log else force_log, stage_log)
         writer.note("tipforce.import", _origin(Path(frames), force_log, knob_log, log, shift_ns))

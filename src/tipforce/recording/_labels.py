@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..types import BoolArray, FloatArray, IntArray
-from ._facts import ClockOffset, SensorPose
+from ..types import BoolArray, FloatArray, IntArray, SensorInfo
+from ._facts import ClockOffset
 from ._find import RunFacts, TareChoice, find_level
 from ._inertia import StageCourse
 from ._reader import RecordingReader
@@ -51,7 +51,7 @@ def label_log(
     readings: tuple[IntArray, FloatArray],
     stage: tuple[IntArray, Mapping[str, FloatArray]],
     *,
-    sensor: SensorPose,
+    sensor: SensorInfo,
     tare: TareChoice,
     offset_ms: float,
     max_gap_s: float = 0.05,
@@ -104,7 +104,7 @@ def _in_base(force: FloatArray, frame: str, facts: RunFacts, where: str) -> Floa
     if pose is None:
         raise InputError(
             f"{where}: forces are in the frame {frame!r}, whose pose the recording does not state; import it "
-            "again with --sensor-angle-deg and --reads"
+            "again with sensor.angle_deg and sensor.reads in bench.toml"
         )
     unknown = np.isnan(tared)
     # a planar sensor's unknown axis must not spoil the others: 0 * NaN is NaN

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FileFormatError, InputError, TableError
-from ...types import Catheter, Context, FloatArray
+from ...types import Catheter, FloatArray, SessionInfo
 from .._dataset import Dataset
 from .._stores import ShapeTable
 from .._tables import CsvTable, check_stamps
@@ -23,12 +23,11 @@ TARE_ROWS = 10
 
 SHAPE_NAMES = ("A1", "A2", "A3", "A4")
 NEWTONS_PER_UNIT = 1e-3
-NOTES = {
-    "source": "github.com/Bigyuun/LSTM-force-estimation, commit 621b92c9",
-    "force_frame": "sensor",
-    "force_unit": "undocumented in the source, taken as millinewtons",
-    "tare": f"median of the first {TARE_ROWS} rows",
-}
+REMARKS = (
+    "github.com/Bigyuun/LSTM-force-estimation, commit 621b92c9; the unit of the forces is undocumented there and taken "
+    f"as millinewtons; tared by the median of the first {TARE_ROWS} rows"
+)
+CATHETER = Catheter("planar tendon manipulator")
 
 
 def recognises(folder: Path) -> bool:
@@ -52,7 +51,7 @@ def open_layout(folder: Path) -> Dataset:
         force_n=np.concatenate(forces),
         known=np.array([True, True, False]),
         names=np.array([image for part in images for image in part]),
-        contexts={name: Context(name, Catheter("planar tendon manipulator"), None, NOTES) for name in names},
+        session_info={name: SessionInfo(name, CATHETER, force_frame="sensor", remarks=REMARKS) for name in names},
         rows=np.arange(len(stamp_ns)),
         title="tendon-manipulator (forces in an undocumented unit, taken as mN)",
     )
