@@ -19,8 +19,8 @@ from bench.parts import run_alone
 
 from tipforce.estimators import ESTIMATORS, NetworkEstimator, create
 from tipforce.estimators.networks import Graph
-from tipforce.learning import export_graph, quantise
-from tipforce.types import Observation, SessionInfo
+from tipforce.training import export_graph, quantise
+from tipforce.types import SessionInfo, Observation
 
 NETWORKS = ("dcfe", "compact")
 FRAME = (480, 640)

@@ -11,8 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tipforce.recording import RecordingReader, RecordingWriter, labels
-from tipforce.types import Actuation, Frame, SensorInfo, SessionInfo, Wrench
+from tipforce.types import SensorInfo
+from tipforce.alignment import labels
+from tipforce.io import RecordingReader, RecordingWriter
+from tipforce.types import Actuation, SessionInfo, Frame, Wrench
 
 
 def main() -> None:

@@ -58,7 +58,8 @@ def command(
 
     Example: tipforce import runs/*.mcap -o dataset/
     """
-    from ..recording import describe, import_run, logs_by_kind
+    from ..io import logs_by_kind
+    from ..pipelines import describe_recording, import_session
 
     check_outputs(inputs, json)
     if all(path.suffix == ".mcap" for path in inputs):
@@ -69,7 +70,7 @@ def command(
     logs = logs_by_kind(tables)
     offset = offset_from(offset_ms)
     with progress_bar() as report:
-        done = import_run(
+        done = import_session(
             frames,
             logs.get("force"),
             output,
@@ -86,13 +87,13 @@ def command(
             overwrite=overwrite,
             progress=report,
         )
-    for line in (*done.remarks, *describe(done.summary)):
+    for line in (*done.remarks, *describe_recording(done.summary)):
         say(line)
     write_json(done.summary.figures() | {"remarks": list(done.remarks)}, json)
 
 
 def _dataset(inputs: list[Path], folder: Path, *, overwrite: bool, json: str | None) -> None:
-    from ..dataset import open_recordings, write_dataset
+    from ..datasets import open_recordings, write_dataset
 
     with progress_bar() as report:
         dataset = open_recordings(inputs, folder.name)
