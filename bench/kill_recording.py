@@ -21,7 +21,7 @@ import numpy as np
 from tipforce.errors import FileFormatError
 from tipforce.io import RecordingReader, RecordingWriter, write_force_csv, write_video
 from tipforce.pipelines import import_session
-from tipforce.types import Actuation, SessionInfo, Frame, SystemClock, Wrench
+from tipforce.types import Actuation, Frame, SessionInfo, SystemClock, Wrench
 
 _LEDGER = struct.Struct("<qqqq")  # frames, wrenches and newest stamps that the writer has accepted
 

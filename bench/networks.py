@@ -20,7 +20,7 @@ from bench.parts import run_alone
 from tipforce.estimators import ESTIMATORS, NetworkEstimator, create
 from tipforce.estimators.networks import Graph
 from tipforce.training import export_graph, quantise
-from tipforce.types import SessionInfo, Observation
+from tipforce.types import Observation, SessionInfo
 
 NETWORKS = ("dcfe", "compact")
 FRAME = (480, 640)

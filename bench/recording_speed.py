@@ -11,10 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tipforce.types import SensorInfo
 from tipforce.alignment import labels
 from tipforce.io import RecordingReader, RecordingWriter
-from tipforce.types import Actuation, SessionInfo, Frame, Wrench
+from tipforce.types import Actuation, Frame, SensorInfo, SessionInfo, Wrench
 
 
 def main() -> None:

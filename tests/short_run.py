@@ -7,9 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.types import SensorInfo, ViewInfo
 from tipforce.io import RecordingWriter, write_video
-from tipforce.types import Actuation, SessionInfo, Frame, Wrench
+from tipforce.types import Actuation, Frame, SensorInfo, SessionInfo, ViewInfo, Wrench
 
 OFFSET_S = 0.04
 BIAS = np.array([0.3, -0.1])

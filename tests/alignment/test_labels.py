@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tipforce.types import SensorInfo
 from tipforce.alignment import labels, observations
 from tipforce.errors import InputError
 from tipforce.io import ClockOffset, RecordingReader, RecordingWriter, Tare
-from tipforce.types import Actuation, SessionInfo, Event, Frame, Wrench
+from tipforce.types import Actuation, Event, Frame, SensorInfo, SessionInfo, Wrench
 
 GREY = np.zeros((8, 8), np.uint8)
 

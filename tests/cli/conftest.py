@@ -11,7 +11,7 @@ from tipforce.datasets import Dataset
 from tipforce.estimators import Estimator, create, save_model
 from tipforce.geometry import curve_from_angle
 from tipforce.io import write_video
-from tipforce.types import BasePose, SessionInfo, Frame, Observation
+from tipforce.types import BasePose, Frame, Observation, SessionInfo
 from tipforce.vision import VisionSettings
 
 VISION = VisionSettings(polarity="dark", base_side="left")

@@ -20,7 +20,7 @@ from tipforce.errors import InputError
 from tipforce.estimators import write_estimates
 from tipforce.estimators._run import COLUMNS
 from tipforce.io import RecordingWriter, open_source
-from tipforce.types import STAGE, Actuation, SessionInfo, ForceEstimate
+from tipforce.types import STAGE, Actuation, ForceEstimate, SessionInfo
 
 KNOB = {"knob_deg": 10.0}
 

@@ -12,7 +12,7 @@ from tipforce.cli import app
 from tipforce.errors import FileFormatError, InputError
 from tipforce.io import RecordingWriter, save_image
 from tipforce.pipelines import inspect_image_file
-from tipforce.types import SessionInfo, Frame, Wrench
+from tipforce.types import Frame, SessionInfo, Wrench
 from tipforce.vision import ShapeFeatureSettings, VisionSettings
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from tipforce.types import SensorInfo
 from tipforce.alignment import labels
 from tipforce.cli import app
 from tipforce.cli._simulated_samples import write_samples
@@ -18,7 +17,7 @@ from tipforce.errors import InputError
 from tipforce.io import RecordingReader
 from tipforce.pipelines import record
 from tipforce.simulation import PRESETS, read_truth, sample_set
-from tipforce.types import SimulatedClock
+from tipforce.types import SensorInfo, SimulatedClock
 
 SMALL = PRESETS["bench-2021"].model_copy(update={"width": 320, "height": 240})
 SMALL = SMALL.model_copy(update={"world": SMALL.world.model_copy(update={"tare_s": 2.0})})

@@ -8,7 +8,7 @@ import pytest
 from tipforce.datasets import open_dataset, write_dataset
 from tipforce.errors import InputError
 from tipforce.io import RecordingWriter
-from tipforce.types import Actuation, SessionInfo, Frame, Wrench
+from tipforce.types import Actuation, Frame, SessionInfo, Wrench
 
 
 def write_run(path: Path, session: str, level: int, forces: bool = True, knob_from_ms: int = 0) -> None:

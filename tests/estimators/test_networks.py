@@ -25,7 +25,7 @@ from tipforce.estimators import (
 from tipforce.estimators.networks import _network
 from tipforce.estimators.networks._prepared import prepare
 from tipforce.training import weights_of
-from tipforce.types import SessionInfo, Observation, Status
+from tipforce.types import Observation, SessionInfo, Status
 
 pytest.importorskip("torch", reason="training needs the extra [train]")
 pytest.importorskip("onnxscript", reason="training needs the extra [train]")

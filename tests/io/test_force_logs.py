@@ -3,9 +3,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tipforce.types import ForceLogInfo
 from tipforce.errors import FileFormatError, InputError, TableError, TimeError, TipforceError
 from tipforce.io._force_log import read_force_log, read_knob_log
+from tipforce.types import ForceLogInfo
 from tipforce.units import GRAM_N
 
 

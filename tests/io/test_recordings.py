@@ -8,11 +8,10 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from tipforce.types import SensorInfo, ViewInfo
 from tipforce.errors import FileFormatError, InputError, TimeError
 from tipforce.io import ClockOffset, RecordingReader, RecordingWriter, Tare
 from tipforce.io import _cdr as cdr
-from tipforce.types import Actuation, Catheter, SessionInfo, Frame, SimulatedClock, Wrench
+from tipforce.types import Actuation, Catheter, Frame, SensorInfo, SessionInfo, SimulatedClock, ViewInfo, Wrench
 
 numbers = st.floats(allow_nan=True, allow_infinity=False, width=64)
 names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)

@@ -5,12 +5,11 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.types import ForceLogInfo
 from tipforce.alignment import observations
 from tipforce.errors import FileFormatError, InputError, TimeError
 from tipforce.io import RecordingReader, VideoWriter, open_source, require_actuation, write_video
 from tipforce.io._force_log import read_force_log
-from tipforce.types import Actuation, SessionInfo, Frame
+from tipforce.types import Actuation, ForceLogInfo, Frame, SessionInfo
 
 REAL = Path(os.environ.get("TIPFORCE_REAL_DATA", "")) / "tendon-manipulator"
 

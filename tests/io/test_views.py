@@ -12,7 +12,7 @@ from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
 from tipforce.io import RecordingReader, RecordingWriter
 from tipforce.pipelines import inspect_frames, plot_summary, record, summarise_recording
-from tipforce.types import Actuation, SessionInfo, Frame, Wrench
+from tipforce.types import Actuation, Frame, SessionInfo, Wrench
 from tipforce.vision import ShapeFeatureSettings, VisionSettings
 
 STEP_NS = 66_666_667

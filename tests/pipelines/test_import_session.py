@@ -4,12 +4,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tipforce.types import SensorInfo, ForceLogInfo
 from tipforce.alignment import labels, observations
 from tipforce.errors import FileFormatError, InputError, TableError, TimeError, TipforceError
 from tipforce.io import RecordingReader, RecordingWriter
 from tipforce.pipelines import import_session, plot_summary, summarise_recording
-from tipforce.types import Actuation, SessionInfo
+from tipforce.types import Actuation, ForceLogInfo, SensorInfo, SessionInfo
 
 from ..short_run import BIAS, OFFSET_S, Run, push  # type: ignore[import-not-found]
 

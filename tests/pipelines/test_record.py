@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from tipforce.types import SensorInfo
 from tipforce.alignment import StageMotion, _find, labels, observations
 from tipforce.errors import FileFormatError, InputError, TimeError
 from tipforce.io import ClockOffset, Inertia, RecordingReader, Tare
 from tipforce.pipelines import describe_recording, import_session, record
-from tipforce.types import STAGE, Actuation, Catheter, SessionInfo, Frame, Wrench
+from tipforce.types import STAGE, Actuation, Catheter, Frame, SensorInfo, SessionInfo, Wrench
 
 from ..short_run import picture, push  # type: ignore[import-not-found]
 
