@@ -54,7 +54,7 @@ def load(path: Path, truth: Truth) -> Session:
         assert info.sensor is not None
         tared = np.nan_to_num(force - info.tare.force_n - carried) @ info.sensor.matrix.T
         flexible, rigid = catheter.flexible_length_m or 1.0, catheter.rigid_length_m or 0.0
-        length_px = (flexible + rigid) / (reader.session_info.metres_per_px or 1.0)
+        length_px = (flexible + rigid) / (reader.session_info.view("camera").metres_per_px or 1.0)
         shape = shape_coordinates(seen, flexible_share=flexible / (flexible + rigid), length_px=length_px)
         return Session(path.stem, reader.stamps(), shape, stamps, tared, truth)
 

@@ -114,7 +114,7 @@ def training_set(size: tuple[int, int], samples: int = 220, seed: int = 1) -> Da
         force_n=force,
         known=np.array([True, True, False]),
         names=np.arange(samples).astype(str),
-        session_info={name: SessionInfo(session=name) for name in np.unique(sessions).tolist()},
+        session_info={name: SessionInfo(name=name) for name in np.unique(sessions).tolist()},
         rows=np.arange(samples),
     )
 

@@ -70,7 +70,10 @@ def test_the_label_is_the_same_wherever_the_chunks_end(tmp_path: Path) -> None:
 
 def test_readings_in_a_frame_that_nobody_stated_make_no_label(tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", [wrench(0, 1.0, 1.0, 1.0), Frame(0, GREY)])
-    with RecordingReader(path) as reader, pytest.raises(InputError, match="--sensor-angle-deg and --reads"):
+    with (
+        RecordingReader(path) as reader,
+        pytest.raises(InputError, match=r"sensor\.angle_deg and sensor\.reads in bench\.toml"),
+    ):
         labels(reader)
 
 
@@ -80,8 +83,6 @@ def test_the_pose_turns_without_stretching_and_the_two_readings_are_opposite(ang
     np.testing.assert_allclose(pose.matrix @ pose.matrix.T, np.eye(3), atol=1e-12)
     other = SensorInfo(angle, "tip-on-tissue" if reads == "tissue-on-tip" else "tissue-on-tip")
     np.testing.assert_allclose(pose.matrix, -other.matrix)
-    back = SensorInfo.of(pose.record())
-    assert back == pose
 
 
 @pytest.fixture

@@ -59,7 +59,7 @@ def samples() -> Dataset:
         force_n=force,
         known=np.array([True, True, False]),
         names=np.arange(count).astype(str),
-        session_info={name: SessionInfo(session=name) for name in np.unique(sessions).tolist()},
+        session_info={name: SessionInfo(name=name) for name in np.unique(sessions).tolist()},
         rows=np.arange(count),
     )
 

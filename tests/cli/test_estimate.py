@@ -168,7 +168,7 @@ def test_facts_that_the_model_needs_are_asked_for_before_the_work(trained, video
     assert not (tmp_path / "f.csv").exists()
     stated = context_from("thin,flexible_length_m=0.04", 2e-4, ["base_side=left"])
     with open_source(video, actuation=KNOB, stated=stated) as source:
-        assert source.session_info.session == video.stem
+        assert source.session_info.name == video.stem
         assert write_estimates(Told(), source, tmp_path / "f.csv").frames == 20
 
 

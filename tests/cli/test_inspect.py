@@ -96,7 +96,7 @@ def test_every_other_frame_of_a_video_is_half_the_work(video: Path, tmp_path: Pa
 
 def test_a_recording_shows_its_streams_and_a_plot(tube, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with RecordingWriter(path, SessionInfo(session="run")) as writer:
+    with RecordingWriter(path, SessionInfo(name="run")) as writer:
         for k in range(10):
             writer.write(Frame(k * 40_000_000, tube("bent")[::4, ::4].copy()))
             writer.write(Wrench(k * 40_000_000, np.array([0.1, 0.01 * k, 0.0]), np.zeros(3)))

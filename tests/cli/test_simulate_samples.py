@@ -17,7 +17,7 @@ from tipforce.errors import InputError
 from tipforce.io import RecordingReader
 from tipforce.pipelines import record
 from tipforce.simulation import PRESETS, read_truth, sample_set
-from tipforce.types import SensorInfo, SimulatedClock
+from tipforce.types import SimulatedClock
 
 SMALL = PRESETS["bench-2021"].model_copy(update={"width": 320, "height": 240})
 SMALL = SMALL.model_copy(update={"world": SMALL.world.model_copy(update={"tare_s": 2.0})})
@@ -44,7 +44,7 @@ def test_as_many_samples_as_asked_for_from_sessions_that_differ(made):
     data = open_dataset(made)
     assert len(data) == 30
     assert [int((data.session == name).sum()) for name in data.sessions] == [11, 11, 8]
-    assert len({info.metres_per_px for info in data.session_info.values()}) == 3
+    assert len({info.view("camera").metres_per_px for info in data.session_info.values()}) == 3
     assert all(name.startswith("bench-2021-samples-3-0000") for name in data.sessions)
     assert {tuple(each.views["camera"].shape) for each in data.observations()} == {(240, 320, 3)}
     before = data.stamp_ns < 3.5e9
@@ -56,9 +56,8 @@ def test_a_sample_is_what_importing_the_recording_would_give(made, tmp_path):
     data = open_dataset(made)
     bench = WANTED.bench(1)
     path = tmp_path / "run.mcap"
-    angle = float(bench.session_info.notes["sensor_angle_deg"])
     record(
-        bench, path, sensor=SensorInfo(angle, "tip-on-tissue"), tare=(0.0, 2.0), clock=SimulatedClock(),
+        bench, path, tare=(0.0, 2.0), clock=SimulatedClock(),
         offset_ms=WANTED.offset_ms(bench, 1), jpeg_quality=bench.imaging.jpeg_quality,
     )  # fmt: skip
     own = data.subset(data.session == bench.name)

@@ -16,7 +16,7 @@ Make = Callable[..., Path]
 
 def renamed(data: Dataset, before: str) -> Dataset:
     names = {name: f"{before}{name}" for name in data.sessions}
-    infos = {names[name]: replace(info, session=names[name]) for name, info in data.session_info.items()}
+    infos = {names[name]: replace(info, name=names[name]) for name, info in data.session_info.items()}
     return replace(data, session=np.array([names[name] for name in data.session]), session_info=infos, title=before)
 
 

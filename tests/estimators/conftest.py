@@ -84,7 +84,7 @@ def shown() -> Callable[..., Dataset]:
             force_n=force,
             known=np.array([True, True, False]),
             names=np.array([f"{place:03d}.png" for place in range(count)]),
-            session_info={f"s{k}": SessionInfo(session=f"s{k}") for k in range(sessions)},
+            session_info={f"s{k}": SessionInfo(name=f"s{k}") for k in range(sessions)},
             rows=np.arange(count),
             title="squares",
         )

@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 
 from tipforce.datasets import Dataset
-from tipforce.errors import InputError
 from tipforce.estimators import Compact, CompactSettings, load_model, save_model
-from tipforce.types import Catheter, Observation, SessionInfo, Status
+from tipforce.types import ActuationInfo, Catheter, Observation, SessionInfo, Status, ViewInfo
 
 pytest.importorskip("torch", reason="training needs the extra [train]")
 pytest.importorskip("onnxscript", reason="training needs the extra [train]")
 
 HEIGHT, WIDTH = 60, 80
 CATHETER = Catheter("7F", 2.33e-3, 40e-3, 8e-3, 4.3e-4)
-NOTES = {"base_side": "left", "knob_gain_per_m_deg": "0.533"}
+GAIN = ActuationInfo(0.533)
 QUICK = CompactSettings(size=64, epochs=30, batch=16, precision="fp32", validation=0.2)
 
 
@@ -30,6 +29,10 @@ def bench(force: np.ndarray, draw: np.random.Generator) -> tuple[np.ndarray, np.
     cv2.polylines(mask, line, isClosed=False, color=255, thickness=3, lineType=cv2.LINE_AA, shift=4)
     ground = draw.integers(150, 170, (HEIGHT, WIDTH)).astype(np.float64)
     return (ground - mask * 0.5).clip(0, 255).astype(np.uint8), mask
+
+
+def sheet(name: str, metres_per_px: float = 48e-3 / 50.0) -> SessionInfo:
+    return SessionInfo(name, CATHETER, {"camera": ViewInfo(metres_per_px, "left")}, actuation=GAIN)
 
 
 class Whips:
@@ -62,7 +65,7 @@ def whips(seed: int = 0, sessions: int = 5, each: int = 30, masks: bool = True) 
         force_n=force,
         known=np.array([True, True, False]),
         names=np.array([f"{k}.png" for k in range(count)]),
-        session_info={f"s{k}": SessionInfo(f"s{k}", CATHETER, 48e-3 / 50.0, NOTES) for k in range(sessions)},
+        session_info={f"s{k}": sheet(f"s{k}") for k in range(sessions)},
         rows=np.arange(count),
         title="whips",
     )
@@ -140,7 +143,7 @@ def test_what_the_sheets_told_in_training_is_asked_for(learnt):
     silent = learnt.start(SessionInfo("s0")).update(Observation(0, {"camera": empty()}, {"knob_deg": 10.0}))
     assert silent.status is Status.MISSING_INPUT
     assert all(name in silent.detail for name in learnt.needed_facts)
-    stated = learnt.start(SessionInfo("s0").with_facts(told)).update(
+    stated = learnt.start(SessionInfo("s0").updated(told)).update(
         Observation(0, {"camera": empty()}, {"knob_deg": 10.0})
     )
     assert stated.status is not Status.MISSING_INPUT
@@ -150,12 +153,16 @@ def test_what_no_sheet_told_in_training_changes_no_answer(learnt):
     data = whips(seed=4, sessions=1)
     told = data.session_info["s0"]
     silent = learnt.unfitted()
-    facts = {**learnt.fitted_.facts, "told": [], "ever_told": ["base_side"]}
+    facts = {**learnt.fitted_.facts, "told": [], "ever_told": ["views.camera.base_side"]}
     silent.fitted_ = replace(learnt.fitted_, facts=facts)
     for observation in list(data.observations())[:5]:
         answers = [
             silent.start(info).update(observation)
-            for info in (SessionInfo("s0", notes={"base_side": "left"}), told, replace(told, metres_per_px=1e-4))
+            for info in (
+                SessionInfo("s0", views={"camera": ViewInfo(base_side="left")}),
+                told,
+                told.updated(SessionInfo("s0", views={"camera": ViewInfo(1e-4)})),
+            )
         ]
         assert len({each.force_n.tobytes() for each in answers}) == 1
 
@@ -165,12 +172,6 @@ def test_the_knob_is_needed_where_sheets_tell_what_it_does(learnt):
     stream = learnt.start(whips().session_info["s0"])
     answer = stream.update(Observation(0, {"camera": empty()}, {"knob_deg": float("nan")}))
     assert answer.status is Status.MISSING_INPUT
-
-
-@pytest.mark.parametrize(("note", "value"), [("base_side", "Left"), ("knob_gain_per_m_deg", "much")])
-def test_notes_that_are_none_are_named(learnt, note, value):
-    with pytest.raises(InputError, match=f"s0: {note} is '{value}'"):
-        learnt.start(SessionInfo("s0", notes={note: value}))
 
 
 def test_a_window_is_cut_before_anything_was_learnt():
@@ -216,7 +217,7 @@ def test_where_sheets_are_silent_the_base_s_border_is_found():
     assert settled._seen_side == "left"
     other = {
         **data.session_info,
-        "s0": SessionInfo("s0", CATHETER, 8e-4, {"base_side": "top"}),
+        "s0": SessionInfo("s0", CATHETER, {"camera": ViewInfo(8e-4, "top")}),
         "s1": SessionInfo("s1"),
     }
     settled = Compact(QUICK)
@@ -244,7 +245,7 @@ def test_the_window_of_another_scale_shows_the_same(learnt):
     picture = next(data.observations()).views["camera"]
     near = cv2.resize(picture, None, fx=2, fy=2, interpolation=cv2.INTER_AREA)
     info = data.session_info["s0"]
-    twice = SessionInfo("near", CATHETER, info.metres_per_px / 2, NOTES)
+    twice = sheet("near", info.view("camera").metres_per_px / 2)
     one = learnt.start(info).update(Observation(0, {"camera": picture}, {"knob_deg": 10.0}))
     other = learnt.start(twice).update(Observation(0, {"camera": near}, {"knob_deg": 10.0}))
     assert one.valid

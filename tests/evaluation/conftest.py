@@ -48,7 +48,7 @@ def bench(sessions=4, frames=40, seed=0, noise_n=0.005, shift_n=0.02, views=None
         force_n=force,
         known=np.array([True, True, False]),
         names=np.array([f"{name}/{i:04d}.png" for name, i in zip(session, range(count), strict=True)]),
-        session_info={f"s{i}": SessionInfo(session=f"s{i}") for i in range(sessions)},
+        session_info={f"s{i}": SessionInfo(name=f"s{i}") for i in range(sessions)},
         rows=np.arange(count),
         title="bench of numbers",
     )

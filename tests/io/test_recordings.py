@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -71,7 +72,9 @@ def test_ros2_tools_read_every_message_of_a_recording(recording: Path) -> None:
 
 def test_what_was_written_comes_back(recording: Path) -> None:
     with RecordingReader(recording) as reader:
-        assert reader.session_info == SessionInfo("first", views={"camera": ViewInfo(2e-4)})
+        assert reader.session_info == SessionInfo(
+            "first", views={"camera": ViewInfo(2e-4)}, sensor=SensorInfo(90.0, "tip-on-tissue")
+        )
         events = list(reader)
         assert [event.stamp_ns for event in events] == sorted(event.stamp_ns for event in events)
         assert list(reader.events("camera"))[3].stamp_ns == 120_000_000
@@ -94,12 +97,12 @@ def test_lossless_pictures_come_back_bit_by_bit(tmp_path: Path, shape: tuple[int
         writer.write(Frame(0, image))
     with RecordingReader(tmp_path / "run.mcap") as reader:
         np.testing.assert_array_equal(reader.frame_at(0).image, image)
-        assert reader.session_info.session == "run"
+        assert reader.session_info.name == "run"
 
 
 def test_facts_come_back_and_the_last_of_a_kind_holds(tmp_path: Path) -> None:
-    info = SessionInfo("s", Catheter("decapolar", 0.002, 0.04), 1e-4, {"tissue": "silicone"})
-    with RecordingWriter(tmp_path / "run.mcap", info) as writer:
+    stated = SessionInfo("s", Catheter("decapolar", 0.002, 0.04), {"camera": ViewInfo(1e-4)}, remarks="silicone")
+    with RecordingWriter(tmp_path / "run.mcap", stated) as writer:
         writer.state(ClockOffset(1, "stated"))
         writer.state(ClockOffset(-7, "estimated", 0.5, 0.99))
         writer.state(Tare(np.array([0.1, 0.2, 0.0]), np.array([1e-3, 2e-3, math.nan]), ((0.0, 5.0),), "stated", "x"))
@@ -107,7 +110,7 @@ def test_facts_come_back_and_the_last_of_a_kind_holds(tmp_path: Path) -> None:
         writer.write(Actuation(0, {"knob_deg": 1.0}))
     with RecordingReader(tmp_path / "run.mcap") as reader:
         info = reader.info
-        assert reader.session_info == info
+        assert reader.session_info == replace(stated, sensor=SensorInfo(12.5, "tissue-on-tip"))
         assert info.clock_offset == ClockOffset(-7, "estimated", 0.5, 0.99)
         assert (info.tare.how, info.tare.stretches_s, info.tare.detail) == ("stated", ((0.0, 5.0),), "x")
         np.testing.assert_array_equal(info.tare.force_n, [0.1, 0.2, 0.0])
@@ -147,7 +150,7 @@ def test_a_finished_recording_is_not_overwritten_unless_asked(recording: Path) -
         assert recording.read_bytes() == before
         writer.write(Actuation(0, {"a_mm": 1.0}))
     with RecordingReader(recording) as reader:
-        assert reader.session_info.session == "second"
+        assert reader.session_info.name == "second"
 
 
 def test_a_stamp_before_zero_is_refused(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_a_recording_killed_while_it_was_written_is_recovered_when_opened(tmp_pa
     with pytest.warns(UserWarning, match=r"run\.mcap was cut off: 100 messages recovered"):
         assert len(events_of(path)) == 100
     with RecordingReader(path) as reader:
-        assert reader.session_info.session == "killed"
+        assert reader.session_info.name == "killed"
 
 
 def test_an_error_while_recording_keeps_what_was_recorded(tmp_path: Path) -> None:

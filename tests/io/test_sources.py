@@ -164,12 +164,12 @@ def test_a_folder_without_images_or_stamps_says_what_is_missing(tmp_path: Path) 
 
 def test_a_recording_is_a_source_too(recording: Path) -> None:
     with open_source(recording) as source:
-        assert source.session_info.session == "first"
+        assert source.session_info.name == "first"
         assert sum(isinstance(event, Frame) for event in source) == 25
     with open_source(recording, stated=SessionInfo()) as source:
         assert isinstance(source, RecordingReader)  # nothing was stated, so nothing stands in between
     with open_source(recording, stated=SessionInfo("other")) as source:
-        assert source.session_info.session == "other"
+        assert source.session_info.name == "other"
     with pytest.raises(InputError, match="carries knob_deg itself"):
         open_source(recording, actuation={"knob_deg": 1.0, "wire_mm": 2.0})
 
@@ -180,7 +180,9 @@ def test_what_a_source_never_carries_is_known_before_it_is_read(recording: Path,
     for path in (recording, folder):
         with open_source(path) as source:
             require_actuation(source, ["knob_deg"])
-            with pytest.raises(InputError, match=rf"{path.name}: does not carry wire_mm,.* --actuation wire_mm=VALUE$"):
+            with pytest.raises(
+                InputError, match=rf"{path.name}: does not carry wire_mm,.* --fact actuation\.constant\.wire_mm=VALUE$"
+            ):
                 require_actuation(source, ["knob_deg", "wire_mm"])
         with open_source(path, actuation={"wire_mm": 2.0}) as source:
             require_actuation(source, ["knob_deg", "wire_mm"])

@@ -38,7 +38,7 @@ def two_views(count: int = 12, dropped=(("b", 4), ("a", 7)), late_ns: int = 3_00
 
 
 class Bench:
-    info = SessionInfo("two views")
+    session_info = SessionInfo("two views")
 
     def __enter__(self):
         return self

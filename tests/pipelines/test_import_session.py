@@ -46,7 +46,7 @@ def test_a_log_that_counts_from_another_zero_is_aligned_where_that_is_stated(run
     lines = run.force.read_text().splitlines()
     moved = [f"{float(line.split(',')[0]) + 1.7e9:.3f},{line.split(',', 1)[1]}" for line in lines[1:]]
     later.write_text("\n".join([lines[0], *moved]))
-    with pytest.raises(TimeError, match=r"do not overlap with video\.mp4.*--align-start"):
+    with pytest.raises(TimeError, match=r"do not overlap with video\.mp4.*--offset-ms start"):
         import_session(run.video, later, tmp_path / "run.mcap", offset_ms="none")
     assert not list(tmp_path.glob("run*"))
     report = import_session(run.video, later, tmp_path / "run.mcap", offset_ms="none", align_start=True)
@@ -72,9 +72,9 @@ def test_forces_that_no_catheter_bears_are_remarked_on(run: Run, tmp_path: Path)
     lines[4000] = f"{lines[4000].split(',')[0]},500,0"
     (tmp_path / "force.csv").write_text("\n".join(lines))
     report = import_session(run.video, tmp_path / "force.csv", tmp_path / "run.mcap", offset_ms="none")
-    assert any("up to 500 N: check --force-unit" in remark for remark in report.remarks)
+    assert any("up to 500 N: check sensor.log.force_unit" in remark for remark in report.remarks)
     usual = import_session(run.video, run.force, tmp_path / "usual.mcap", offset_ms="none")
-    assert not any("--force-unit" in remark for remark in usual.remarks)
+    assert not any("force_unit" in remark for remark in usual.remarks)
 
 
 def test_the_knob_may_be_a_column_or_a_log_of_its_own(run: Run, tmp_path: Path) -> None:

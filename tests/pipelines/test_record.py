@@ -7,7 +7,7 @@ from tipforce.alignment import StageMotion, _find, labels, observations
 from tipforce.errors import FileFormatError, InputError, TimeError
 from tipforce.io import ClockOffset, Inertia, RecordingReader, Tare
 from tipforce.pipelines import describe_recording, import_session, record
-from tipforce.types import STAGE, Actuation, Catheter, Frame, SensorInfo, SessionInfo, Wrench
+from tipforce.types import STAGE, Actuation, Frame, SensorInfo, SessionInfo, ViewInfo, Wrench
 
 from ..short_run import picture, push  # type: ignore[import-not-found]
 
@@ -30,7 +30,7 @@ class Bench:
 
     def __init__(self, *, mass_kg=MASS_KG, force=True, seconds=9.0):
         self.mass_kg, self.force, self.seconds = mass_kg, force, seconds
-        self.session_info = SessionInfo("bench", Catheter(), 2e-4)
+        self.session_info = SessionInfo("bench", views={"camera": ViewInfo(2e-4)})
 
     def __enter__(self):
         return self
@@ -182,7 +182,7 @@ def test_where_the_deflection_is_in_doubt_the_stage_tells_the_offset(monkeypatch
     facts = _find.ForceCorrections(None, Tare(), Inertia(how=carried, lag_ns=45_000_000), StageMotion.of([]))
     stamps = np.arange(10, dtype=np.int64)
     remarks: list[str] = []
-    found = _find.find_offset(stamps, [], SessionInfo(), stamps, np.zeros((10, 3)), facts, "auto", remarks)
+    found = _find.find_offset(stamps, [], SessionInfo(), "camera", stamps, np.zeros((10, 3)), facts, "auto", remarks)
     assert found.how == how
     assert found.offset_ms == (45.0 if how == "stage" else seen_ms)
     assert bool(remarks) == (how == "stage")

@@ -41,7 +41,7 @@ def squares() -> Dataset:
         force_n=force,
         known=np.array([True, True, False]),
         names=np.array([f"{place}.png" for place in range(COUNT)]),
-        session_info={name: SessionInfo(session=name) for name in ("s0", "s1")},
+        session_info={name: SessionInfo(name=name) for name in ("s0", "s1")},
         rows=np.arange(COUNT),
         title="squares",
     )
