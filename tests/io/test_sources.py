@@ -149,7 +149,7 @@ def test_a_folder_without_images_or_stamps_says_what_is_missing(tmp_path: Path) 
     with pytest.raises(FileFormatError, match="holds no images"):
         open_source(tmp_path / "empty")
     with pytest.raises(FileFormatError, match=r"stamps\.csv with the columns file_name,stamp_ns"):
-        open_source(images(tmp_path / "counted", ["frame_0001.png", "frame_0002.png"]))
+        open_source(images(tmp_path / "some", ["frame_1.png", "frame_2_ns.png"]))
     with pytest.raises(TimeError, match=r"1_5_ns\.png and 2_5_ns\.png carry the same stamp"):
         open_source(images(tmp_path / "twice", ["1_5_ns.png", "2_5_ns.png"]))
     folder = images(tmp_path / "gone", ["a.png"])
@@ -158,8 +158,13 @@ def test_a_folder_without_images_or_stamps_says_what_is_missing(tmp_path: Path) 
         open_source(folder)
     (folder / "a.png").write_bytes(b"")
     (folder / "stamps.csv").write_text("file_name,stamp_ns\na.png,1\n")
-    with pytest.raises(FileFormatError, match=r"a\.png: is no picture"):
+    with pytest.raises(FileFormatError, match=r"a\.png: the image is missing, empty or damaged"):
         list(open_source(folder))
+
+
+def test_still_images_are_a_second_apart_in_the_order_of_their_names(tmp_path: Path) -> None:
+    source = open_source(images(tmp_path / "counted", ["frame_0002.png", "frame_0001.png", "frame_0010.png"]))
+    assert [event.stamp_ns for event in source] == [0, 1_000_000_000, 2_000_000_000]
 
 
 def test_a_recording_is_a_source_too(recording: Path) -> None:

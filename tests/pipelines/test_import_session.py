@@ -118,7 +118,8 @@ BAD: list[tuple[dict[str, Any], type[TipforceError], str]] = [
     ({"force_log": "text.csv"}, TableError, "line 3, column fy_n"),
     ({"frames": "text.csv"}, FileFormatError, "no video|no such|holds no video"),
     ({"target": "run.avi"}, InputError, "ends in .mcap"),
-    ({"target": "nowhere/run.mcap"}, FileFormatError, "does not exist"),
+    ({"target": "text.csv/run.mcap"}, FileFormatError, "is a file, not a folder"),
+    ({"frames": "stills"}, FileFormatError, "neither a table nor the names of the images say when"),
     ({"tare": (100.0, 110.0)}, InputError, "the force log runs from 0 to"),
     ({"columns": ForceLogInfo(fx="Fq")}, TableError, "no column 'Fq'"),
 ]
@@ -129,11 +130,13 @@ def test_a_failed_import_leaves_nothing_behind(
     run: Run, tmp_path: Path, change: dict[str, Any], error: type[TipforceError], said: str
 ) -> None:
     (tmp_path / "text.csv").write_text("time_s,fx_n,fy_n\n0,1,2\n1,1,much\n")
+    (tmp_path / "stills").mkdir()
+    (tmp_path / "stills" / "a.png").write_bytes(b"")
     wanted: dict[str, Any] = {"frames": run.video, "force_log": run.force, "target": tmp_path / "run.mcap"}
     wanted |= {key: tmp_path / value if isinstance(value, str) else value for key, value in change.items()}
     with pytest.raises(error, match=said):
         import_session(wanted.pop("frames"), wanted.pop("force_log"), wanted.pop("target"), offset_ms="none", **wanted)
-    assert [path.name for path in tmp_path.iterdir()] == ["text.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["stills", "text.csv"]
 
 
 def test_an_import_that_was_killed_is_simply_run_again(run: Run, tmp_path: Path) -> None:

@@ -63,4 +63,5 @@ def test_what_the_bench_tells_is_near_the_truth_but_not_the_truth(bench):
     assert stated != true_scale
     assert info.sensor.no_contact_s == (0.0, 2.0)
     assert info.simulated
-    assert info.sensor.angle_deg != truth.values["sensor_angle_deg"]
+    assert info.catheter.flexible_length_m != truth.values["flexible_length_m"]
+    assert info.catheter.bending_stiffness_nm2 != truth.values["stiffness_nm2"]

@@ -2,24 +2,16 @@
 
 import csv
 import json
-import math
 import shutil
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from ..types import SessionInfo
-from ._folder import FILE, METADATA
+from ._folder import FILE, METADATA, cell
 from ._samples import Growing, SessionSamples, about, as_json, context_of, put
 
-__all__ = ["GrowingImages", "cell"]
-
-
-def cell(value: Any) -> str:
-    """A value as ``metadata.csv`` shows it: nothing for NaN, else exact."""
-    if isinstance(value, float):
-        return "" if math.isnan(value) else repr(value)
-    return str(value)
+__all__ = ["GrowingImages"]
 
 
 class GrowingImages(Growing):

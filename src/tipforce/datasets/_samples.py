@@ -10,7 +10,7 @@ from typing import Any
 
 from ..types import BoolArray, FloatArray, IntArray, SessionInfo
 from ._facts import FACTS, facts_text
-from ._rows import FORCES
+from ._label_table import FORCES
 
 __all__ = ["Growing", "SessionSamples"]
 

@@ -11,8 +11,7 @@ import numpy as np
 from ..errors import InputError, TableError
 from ..types import FloatArray, ForceLogInfo, IntArray
 from ..units import FORCE_UNITS
-from ._columns import TimeUnit, rising, time_column, times_ns
-from ._tables import Table, listed, open_table
+from ._tables import Table, TimeUnit, listed, open_table, rising, time_column, times_ns
 
 __all__ = ["ForceLog", "logs_by_kind", "read_force_log", "read_knob_log"]
 
@@ -46,7 +45,7 @@ def read_force_log(path: Path, columns: ForceLogInfo | None = None, knob_column:
     if columns.counts_per_n is not None and not math.isfinite(columns.counts_per_n):
         raise InputError(f"sensor.log.counts_per_n: expected a number, got {columns.counts_per_n}")
     names = [name for _, name, _ in axes] + ([knob_column] if knob_column else [])
-    numbers = table.numbers(names)
+    numbers = table.matrix(names)
     force = np.full((len(stamps), 3), math.nan)
     for place, (axis, name, factor) in enumerate(axes):
         force[:, axis] = numbers[:, place] * factor
@@ -62,10 +61,10 @@ def _plausible(table: Table, force_n: FloatArray, numbers: FloatArray, name: str
     wrong = np.flatnonzero(np.abs(force_n) > _MOST_N)
     if len(wrong):
         row = int(wrong[0])
-        line = next(number for place, (number, _) in enumerate(table.lines()) if place == row)
+        where = f"{table.path}, {table.place(row)}, column {name}"
         raise TableError(
-            f"{table.path}, line {line}, column {name}: {numbers[row]:g} is {force_n[row]:.3g} N, which no sensor at a "
-            "catheter reads; correct the row or remove it, or check sensor.log.force_unit"
+            f"{where}: {numbers[row]:g} is {force_n[row]:.3g} N, which no sensor at a catheter reads; "
+            "correct the row or remove it, or check sensor.log.force_unit"
         )
 
 
@@ -73,16 +72,16 @@ def read_knob_log(path: Path, time_unit: TimeUnit | None = None) -> tuple[IntArr
     """A log of drives: a time column and columns NAME_UNIT. Raises as `read_force_log` does."""
     table = open_table(path)
     time, unit = time_column(table, None, time_unit)
-    names = [name for name in table.header if name not in (time, "sec", "nanosec")]
+    names = [name for name in table.columns if name not in (time, "sec", "nanosec")]
     bad = next((name for name in names if "_" not in name.strip("_")), None)
     if bad is not None or not names:
         raise TableError(
             f"{path}: expected a time and columns that end in their unit, as in time_s,knob_deg; got "
-            f"{listed(table.header)}"
+            f"{listed(table.columns)}"
         )
     stamps = times_ns(table, time, unit)
     rising(table, stamps)
-    values = table.numbers(names)
+    values = table.matrix(names)
     return stamps, {name: values[:, place] for place, name in enumerate(names)}
 
 
@@ -92,15 +91,15 @@ def _axes(table: Table, columns: ForceLogInfo) -> list[tuple[int, str, float]]:
     found: list[tuple[int, str, float]] = []
     for axis, name in enumerate(stated):
         if name is not None:
-            column = name[1:] if name.startswith("-") and name not in table.header else name
+            column = name[1:] if name.startswith("-") and name not in table.columns else name
             table.column(column)
             found.append((axis, column, -1.0 if column != name else 1.0))
     if not found:
-        matches = [(column, _AXIS.match(column)) for column in table.header]
+        matches = [(column, _AXIS.match(column)) for column in table.columns]
         found = sorted(("xyz".index(match[1].lower()), column, 1.0) for column, match in matches if match)
         if not found or len({axis for axis, _, _ in found}) < len(found):
             raise TableError(
-                f"{table.path}: cannot tell which columns are the force ({listed(table.header)}); state them as "
+                f"{table.path}: cannot tell which columns are the force ({listed(table.columns)}); state them as "
                 "sensor.log.fx, fy and fz in bench.toml"
             )
     units = [_unit(table, column, columns) for _, column, _ in found]
@@ -143,7 +142,7 @@ def logs_by_kind(paths: Sequence[Path]) -> dict[str, Path]:
         return {"force": paths[0]}
     found: dict[str, Path] = {}
     for path in paths:
-        header = open_table(path).header
+        header = open_table(path).columns
         if any(_AXIS.match(column) for column in header):
             kind = "force"
         elif any(column.lower().endswith("_deg") for column in header):

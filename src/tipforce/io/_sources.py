@@ -38,6 +38,11 @@ class FileSource:
             if clash:
                 raise InputError(f"{path}: has a column {min(clash)!r} already; do not state it a second time")
 
+    @property
+    def numbered(self) -> bool:
+        """Whether the stamps only count the images, because nobody stated when they were taken."""
+        return self._folder is not None and self._folder.numbered
+
     def lacks(self, names: Iterable[str]) -> list[str]:
         """Those of the actuation's ``names`` that never come."""
         columns = self._folder.actuation if self._folder else {}
@@ -53,7 +58,8 @@ class FileSource:
             if place == 0 and self._actuation:
                 yield Actuation(frame.stamp_ns, self._actuation)
             if columns:
-                yield Actuation(frame.stamp_ns, {name: float(values[place]) for name, values in columns.items()})
+                here = {name: float(values[place]) for name, values in columns.items()}
+                yield Actuation(frame.stamp_ns, {name: value for name, value in here.items() if value == value})
             yield frame
 
     def __enter__(self) -> Self:

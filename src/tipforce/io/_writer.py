@@ -13,6 +13,7 @@ from mcap.writer import CompressionType, Writer
 
 from ..errors import FileFormatError, TimeError
 from ..types import Clock, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, SystemClock, Wrench
+from ._atomic import atomic_text, part_of
 from ._cdr import (
     COMPRESSED_IMAGE,
     JOINT_STATE,
@@ -22,10 +23,10 @@ from ._cdr import (
     pack_joints,
     pack_wrench,
 )
-from ._columns import MAX_STAMP_S
 from ._facts import ClockOffset, Inertia, Tare, session_record
-from ._files import check_target, lock, part_of
 from ._images import encode_image
+from ._recover import check_target, lock
+from ._tables import MAX_STAMP_S
 
 __all__ = ["RecordingWriter", "write_force_csv"]
 
@@ -61,6 +62,7 @@ class RecordingWriter:
     ) -> None:
         self.path, self.part = Path(path), part_of(Path(path))
         check_target(self.path, overwrite=overwrite, origin=origin)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
         self._lossless, self._quality = lossless, jpeg_quality
         self._clock = clock or SystemClock()
         self._stream: IO[bytes] = self.part.open("ab")
@@ -192,11 +194,8 @@ class RecordingWriter:
 
 def write_force_csv(path: Path | str, stamps_ns: IntArray, force_n: FloatArray) -> None:
     """A force log ``stamp_ns,fx_n,fy_n,fz_n`` (newtons): stamps (n,), force (n, 3); unknown axes are left out."""
-    target = Path(path)
-    part = part_of(target)
     known = [axis for axis in range(3) if not np.isnan(force_n[:, axis]).all()]
-    with part.open("w", encoding="utf-8") as out:
+    with atomic_text(Path(path)) as out:
         out.write(",".join(["stamp_ns", *(f"f{'xyz'[axis]}_n" for axis in known)]) + "\n")
         for stamp, row in zip(stamps_ns.tolist(), force_n[:, known].tolist(), strict=True):
             out.write(",".join([str(stamp), *(f"{value:.6g}" for value in row)]) + "\n")
-    part.replace(target)

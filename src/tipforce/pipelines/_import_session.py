@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..alignment import OffsetChoice, TareChoice, stated_tare
-from ..errors import InputError, TimeError
+from ..errors import FileFormatError, InputError, TimeError
 from ..io import FileSource, ForceLog, RecordingWriter, read_force_log, read_knob_log
 from ..types import JOINTS, STAGE, Event, ForceLogInfo, SensorInfo, SessionInfo
 from ..vision import VisionSettings
@@ -54,6 +54,11 @@ def import_session(
     refuse_target(target, overwrite=overwrite, origin="import")
     log = None if force_log is None else read_force_log(Path(force_log), columns, knob_column)
     source = FileSource(Path(frames), dict(actuation or {}), info or SessionInfo(target.stem))
+    if source.numbered and (log is not None or knob_log is not None or stage_log is not None):
+        raise FileFormatError(
+            f"{frames}: neither a table nor the names of the images say when they were taken, so a log cannot be "
+            f"aligned with them; write {Path(frames) / 'stamps.csv'} with the columns file_name,stamp_ns"
+        )
     remarks: list[str] = []
     first_ns = next(event.stamp_ns for event in source)
     if log is not None and align_start:
@@ -109,7 +114,9 @@ def _drives(
 ) -> dict[str, Readings]:
     """The catheter's drives as a stream, where they come from a log."""
     if column and knob_log:
-        raise InputError("--knob-column and --knob-log: the knob's angle can come from one of them only")
+        raise InputError(
+            "the knob's angle can come from actuation.knob_column or from a log of the knob, not from both"
+        )
     found = None
     if column and log is not None and log.knob is not None:
         name = column if column.rpartition("_")[0] else "knob_deg"

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FileFormatError, InputError, TableError
+from ...io import open_table
 from ...types import Catheter, FloatArray, SessionInfo
 from .._dataset import Dataset
+from .._label_table import check_stamps
 from .._stores import ShapeTable
-from .._tables import CsvTable, check_stamps
 
 __all__ = ["TARE_ROWS", "open_layout", "recognises"]
 
@@ -69,7 +70,7 @@ def _session(
 ) -> tuple[str, np.ndarray[tuple[int], np.dtype[np.int64]], list[str], FloatArray, FloatArray, FloatArray]:
     """Name, stamps (n,), image names (n,), coefficients (n, 4), wire lengths (n, 2) in mm, forces (n, 3) in N."""
     name = path.stem.removeprefix("data_")
-    table, curves = CsvTable(path), path.with_name(_CURVES.format(name))
+    table, curves = open_table(path, comments=False), path.with_name(_CURVES.format(name))
     stamps = table.integers("sec") * 1_000_000_000 + table.integers("nanosec")
     if np.any(np.diff(stamps) < 0):
         raise TableError(f"{path}: its rows are not in the order of time")
