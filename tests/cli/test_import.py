@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
-from tipforce.errors import InputError, TipforceError
+from tipforce.errors import TipforceError
 from tipforce.io import RecordingReader, write_video
 from tipforce.types import Catheter, Frame, ViewInfo
 
@@ -98,11 +98,14 @@ def test_recordings_become_a_dataset_folder(files: Path) -> None:
         (["--knob-deg", "inf"], "--knob-deg: expected degrees, got 'inf'"),
         (["--bench", "none.toml"], "none.toml: does not exist; write one with `tipforce init-bench -o none.toml`"),
         (["--offset-ms", "1e30"], "less than 2e12 ms"),
-        (["extra.csv"], "got 3 files"),
+        (["again.csv"], "again.csv: cannot tell what it is a log of (zeit_ms, Fx)"),
+        (["extra.csv"], "extra.csv: "),
     ],
 )
 def test_a_mistyped_option_is_one_sentence_with_what_is_expected(files: Path, words: list[str], said: str) -> None:
-    with pytest.raises(InputError) as caught:
+    (files / "again.csv").write_text("zeit_ms;Fx\n0,0;0,5\n")
+    words = [str(files / word) if word.endswith("again.csv") else word for word in words]
+    with pytest.raises(TipforceError) as caught:
         run("import", files / "video.mp4", files / "log.csv", *words, "-o", files / "run.mcap")
     assert said in str(caught.value)
     assert not list(files.glob("run.mcap*"))

@@ -41,13 +41,9 @@ def test_a_session_is_a_video_with_true_stamps_and_logs(session):
 
 
 def test_imported_the_files_give_the_true_force_but_for_the_sensors_own_errors(session, tmp_path):
-    facts = json.loads((session / "bench.toml").read_text())
-    catheter = ",".join(["bench", *(f"{key}={value}" for key, value in facts["catheter"].items() if key != "name")])
     result = run(
-        "import", session / "video.mp4", session / "force.csv", "--stage-log", session / "stage.csv",
-        "--knob-deg", facts["knob_deg"], "--sensor-angle-deg", facts["sensor_angle_deg"], "--reads", facts["reads"],
-        "--tare", facts["no_contact_s"], "--metres-per-px", facts["metres_per_px"], "--catheter", catheter,
-        "--set", f"base_side={facts['base_side']}", "-o", tmp_path / "run.mcap",
+        "import", session / "video.mp4", session / "stage.csv", session / "force.csv",
+        "--bench", session / "bench.toml", "-o", tmp_path / "run.mcap",
     )  # fmt: skip
     assert result.exit_code == 0, result.exception
     truth = read_truth(session)

@@ -63,6 +63,14 @@ def test_commands_named_in_the_docs_exist() -> None:
         assert made <= targets, f"{document.name} names make targets that do not exist"
 
 
+def test_files_and_benchmarks_named_in_the_docs_exist() -> None:
+    for document in documents():
+        text = document.read_text(encoding="utf-8")
+        paths = set(re.findall(r"\b(?:bench|docs|tests|src|scripts)/[\w/]+\.(?:py|sh|md)\b", text))
+        paths |= {f"bench/{name}.py" for name in re.findall(r"python -m bench\.(\w+)", text)}
+        assert not [path for path in paths if "NAME" not in path and not (ROOT / path).is_file()], document.name
+
+
 def written_commands() -> list[tuple[str, str]]:
     """Where, and the command line: fenced code of the documents, examples of the verbs' help, longer inline code."""
     found = [(verb, line) for verb, command in COMMANDS.items() for line in (command.help or "").split("\n")]
