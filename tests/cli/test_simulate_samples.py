@@ -11,11 +11,10 @@ from typer.testing import CliRunner
 
 from tipforce.alignment import labels
 from tipforce.cli import app
-from tipforce.cli._simulated_samples import write_samples
 from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
 from tipforce.io import RecordingReader
-from tipforce.pipelines import record
+from tipforce.pipelines import record, write_samples
 from tipforce.simulation import PRESETS, read_truth, sample_set
 from tipforce.types import SimulatedClock
 

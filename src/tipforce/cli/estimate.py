@@ -44,8 +44,9 @@ def command(
     What bench.toml states stands in place of what a recording holds itself.
     """
     from ..errors import InputError
-    from ..estimators import load_model, write_estimates
+    from ..estimators import load_model
     from ..io import open_source
+    from ..pipelines import write_estimates
 
     target = sys.stdout if output == "-" else Path(output)
     check_outputs([frames], output, overlay, json_file)
