@@ -80,7 +80,7 @@ def test_without_commands_each_stream_is_the_recorded_one_to_the_byte():
             if isinstance(event, Frame):  # an exposure must have ended, and its image must have come through
                 assert running.clock.now_ns() >= event.stamp_ns + 15_000_000
         assert live == recorded
-        assert running.source.context == bench.context
+        assert running.source.session_info == bench.session_info
         done, trajectory = running.source.run.settled, running.source.trajectory
         np.testing.assert_array_equal(trajectory.wall_m[:done], bench.trajectory.wall_m[:done])
         truth, whole = running.truth(), collect_truth(bench)
@@ -254,11 +254,8 @@ def test_advancing_into_the_wall_raises_the_force_as_the_rods_stiffness_says(twi
         bench_model = source.session.bench_model
         bent = bench_model.rod.precurvature_per_m + np.array([0.0, 0.0, source.trajectory.curvature_per_m[row]])
         # its end is the dome's middle, through which a wall without friction pushes
-        rod = replace(
-            bench_model.rod,
-            precurvature_per_m=bent,
-            rigid_length_m=bench_model.rod.rigid_length_m - bench_model.radius_m,
-        )
+        to_dome = bench_model.rod.rigid_length_m - bench_model.radius_m
+        rod = replace(bench_model.rod, precurvature_per_m=bent, rigid_length_m=to_dome)
         normal, push = np.asarray(bench_model.wall.normal), float(np.linalg.norm(before))
         assert push > 0.02
         back = [float(solve_static_spatial(rod, -force * normal).tip_m @ normal) for force in (push, push + risen)]

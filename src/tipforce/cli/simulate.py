@@ -1,7 +1,5 @@
 """``tipforce simulate``: sessions of a bench without the bench."""
 
-import time
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -37,7 +35,7 @@ def command(
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same sessions.")] = 0,
     lossless: Annotated[bool, typer.Option("--lossless", help="Keep every pixel as it is drawn.")] = False,
     dataset: Annotated[
-        bool, typer.Option("--dataset", help="Leave labelled pictures for training instead of sessions.")
+        bool, typer.Option("--dataset", help="Leave labelled images for training instead of sessions.")
     ] = False,
     samples: Annotated[
         int | None, typer.Option(min=1, help="With --dataset: number of pictures; default 1000.")
@@ -56,7 +54,7 @@ def command(
     """Simulate a bench: sessions as real hardware leaves them, with the truth in a file beside each.
 
     A session is a recording (session_00.mcap) that holds what a bench would know, or with --as files a folder
-    (session_00) of video.mp4, force.csv, stage.csv, bench.json and, where the knob moves, knob.csv; and
+    (session_00) of video.mp4, force.csv, stage.csv, bench.toml and, where the knob moves, knob.csv; and
     session_00.truth.npz for evaluation only. --as dicom, for X-ray, leaves run.dcm (XA, multi-frame) instead of the
     video. A biplane session has two views, a and b, and a file of each. Sessions that stand there already are kept. A
     preset that is changed by --set or --seconds is none any more: the sessions say so.
@@ -75,58 +73,51 @@ def command(
 
         tipforce simulate --preset fluoro --as dicom --sessions 2 -o angio/
     """
-    from ..errors import InputError
-    from ..simulation import PRESETS, read_truth, sample_set, simulate
-    from ._simulated import FORMS, refuse_form
-    from ._simulated_samples import write_samples
+    from ..pipelines import preset_settings, simulate, simulate_dataset
 
     check_outputs([], json_file)
-    if preset not in PRESETS:
-        raise InputError(f"--preset {preset}: there is no such bench; there are {', '.join(PRESETS)}")
-    started = time.monotonic()
     _refuse_strays(
         dataset,
         {"--as": form, "--sessions": sessions},
         {"--samples": samples, "--samples-per-session": per_session, "--shards": shards, "--masks": masks},
     )
+    chosen = preset_settings(preset)
+    if settings:
+        changed = settings_from(type(chosen), settings, chosen)
+        renamed = changed != chosen and changed.preset == chosen.preset
+        chosen = changed.model_copy(update={"preset": f"{preset} changed"}) if renamed else changed
     if dataset:
-        samples = samples or 1000
-        chosen = _chosen(preset, settings)
-        wanted = sample_set(chosen, seed=seed, samples=samples, per_session=per_session or 80, seconds=seconds)
         with progress_bar() as report:
-            write_samples(output, wanted, shards=shards, masks=masks, lossless=lossless, say=say, progress=report)
-        took = time.monotonic() - started
-        say(f"{samples} samples of {wanted.sessions} sessions in {output} ({took:.0f} s)")
-        view = f" --set vision.view={wanted.views[0]}" if len(wanted.views) > 1 else ""
+            done = simulate_dataset(
+                output, chosen, samples=samples or 1000, samples_per_session=per_session or 80, seconds=seconds,
+                seed=seed, shards=shards, masks=masks, lossless=lossless, say=say, progress=report,
+            )  # fmt: skip
+        say(f"{done.frames} samples of {done.sessions} sessions in {output} ({done.seconds:.0f} s)")
+        view = f" --set vision.view={done.views[0]}" if len(done.views) > 1 else ""
         say(f"next: tipforce train {output} -o models/svr{view}")
-        figures = {"folder": str(output), "samples": samples, "sessions": wanted.sessions}
-        write_json({**figures, "wall_time_s": round(took, 2)}, json_file)
+        figures = {"folder": str(output), "samples": done.frames, "sessions": done.sessions}
+        write_json({**figures, "wall_time_s": round(done.seconds, 2)}, json_file)
         return
-    chosen = _chosen(preset, [*([] if seconds is None else [f"world.seconds={seconds}"]), *(settings or [])])
-    refuse_form(form or "recording", chosen)
-    suffix, write = FORMS[form or "recording"]
     with progress_bar() as report:
-        paths = simulate(
-            output,
-            partial(write, lossless=lossless),
-            chosen,
-            suffix=suffix,
-            sessions=sessions or 8,
-            seed=seed,
-            progress=report,
-        )
-    frames = sum(len(read_truth(path).stamp_ns) for path in paths)
-    took = time.monotonic() - started
+        done = simulate(
+            output, _of_seconds(chosen, seconds), sessions=sessions or 8, seed=seed, form=form or "recording",
+            lossless=lossless, progress=report,
+        )  # fmt: skip
+    say(f"{done.sessions} sessions, {done.frames} frames in {output} ({done.seconds:.0f} s)")
+    first = done.paths[0]
+    if first.is_file():
+        say(f"next: tipforce inspect {first}")
+    else:
+        inputs = sorted(path for path in first.iterdir() if path.suffix in (".mp4", ".dcm"))[:1]
+        logs = [path for name in ("force.csv", "stage.csv", "knob.csv") if (path := first / name).is_file()]
+        words = " ".join(str(path) for path in (*inputs, *logs))
+        say(f"next: tipforce import {words} --bench {first / 'bench.toml'} -o {first.name}.mcap")
     figures = {
         "folder": str(output),
-        "sessions": [path.stem for path in paths],
-        "frames": frames,
-        "wall_time_s": round(took, 2),
+        "sessions": [path.stem for path in done.paths],
+        "frames": done.frames,
+        "wall_time_s": round(done.seconds, 2),
     }
-    say(f"{len(paths)} sessions, {frames} frames in {output} ({took:.0f} s)")
-    first = paths[0]
-    video = first if first.is_file() else sorted(path for path in first.iterdir() if path.suffix in (".mp4", ".dcm"))[0]
-    say(f"next: tipforce inspect {video}" if first.is_file() else f"next: tipforce import {video} --help")
     write_json(figures, json_file)
 
 
@@ -148,11 +139,11 @@ def _refuse_strays(dataset: bool, of_sessions: dict[str, object], of_samples: di
         )
 
 
-def _chosen(preset: str, changes: list[str] | None) -> "AnySimulationSettings":
-    """The preset with ``changes``, and another name where there are any."""
-    from ..simulation import PRESETS
-
-    chosen = settings_from(type(PRESETS[preset]), changes, PRESETS[preset])
-    if chosen != PRESETS[preset] and chosen.preset == preset:
-        chosen = chosen.model_copy(update={"preset": f"{preset} changed"})
-    return chosen
+def _of_seconds(settings: "AnySimulationSettings", seconds: float | None) -> "AnySimulationSettings":
+    """``settings`` with sessions of another length; the preset is none any more then."""
+    if seconds is None:
+        return settings
+    changed = settings_from(type(settings), [f"world.seconds={seconds}"], settings)
+    if changed != settings and not settings.preset.endswith(" changed"):
+        changed = changed.model_copy(update={"preset": f"{settings.preset} changed"})
+    return changed

@@ -66,7 +66,7 @@ class Bounds:
 def bound_at(dataset: Dataset, bounds: Mapping[str, tuple[IntArray, FloatArray]]) -> FloatArray:
     """(n, 3): of every sample the bound on fx, fy and the magnitude, standard deviations in newtons; NaN: none known.
 
-    ``bounds``: session -> stamps (m,) and (m, 3), as `limits.ForceBound` has them (``stamp_ns`` and
+    ``bounds``: session -> stamps (m,) and (m, 3), as `limits.ForceCovarianceBound` has them (``stamp_ns`` and
     ``fx_fy_magnitude_n``); more columns come too. Raises InputError where no sample has one.
     """
     return values_at(dataset, bounds, "bound", "make it from the truth beside these recordings")

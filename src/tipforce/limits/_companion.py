@@ -107,8 +107,9 @@ def describe_nuisances(bounds: Sequence[CompanionBound]) -> list[str]:
         spread = ", ".join(f"{1e3 * math.sqrt(value):.2g}" for value in np.diag(CONTACT_FORCE_PRIORS_N2[preset]))
         sentences.append(
             f"Bound of {preset}: posterior Cramer-Rao bound of the centreline that the tracer detects, with its "
-            f"measured error; unknown, each a Gaussian of the standard deviation in brackets, are {', '.join(described)} "
-            f"and the error of detection that lasts a session; prior of the force: as wide as the preset's contact forces "
+            f"measured error; unknown, each a Gaussian of the standard deviation in brackets, are "
+            f"{', '.join(described)} and the error of detection that lasts a session; prior of the force: as wide as "
+            f"the preset's contact forces "
             f"({spread} mN along x, y, z), or broad, {1e3 * BROAD_FORCE_STD_N:.0f} mN along x and y."
         )
     return sentences
