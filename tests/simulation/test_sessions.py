@@ -1,6 +1,7 @@
 """Many sessions as files: what stands is kept, what failed leaves nothing, other settings do not mix."""
 
 import json
+import tomllib
 
 import numpy as np
 import pytest
@@ -45,10 +46,14 @@ def table(path):
     return names, np.array([[float(cell) for cell in row.split(",")] for row in rows])
 
 
-def test_logs_hold_what_the_bench_read_and_the_sheet_nothing_of_the_truth(root, bench):
+def test_logs_hold_what_the_bench_read_and_the_metadata_nothing_of_the_truth(root, bench):
     folder = root / "session_01"
     assert {path.name for path in root.iterdir()} >= {"session_01", "session_01.truth.npz"}
-    assert sorted(path.name for path in folder.glob("*.[cj]s*")) == ["bench.json", "force.csv", "stage.csv"]
+    assert sorted(path.name for path in folder.iterdir() if path.suffix in (".csv", ".toml")) == [
+        "bench.toml",
+        "force.csv",
+        "stage.csv",
+    ]
     names, rows = table(folder / "force.csv")
     assert names == "time_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm"
     np.testing.assert_allclose(rows[:, 0], bench.log.stamp_ns * 1e-9, atol=1e-9)
@@ -58,11 +63,11 @@ def test_logs_hold_what_the_bench_read_and_the_sheet_nothing_of_the_truth(root, 
     names, rows = table(folder / "stage.csv")
     assert names == "time_s,stage_forward_mm,stage_across_mm"
     np.testing.assert_allclose(rows, np.column_stack([stamps * 1e-9, *stage.values()]), atol=1e-4)
-    inputs = json.loads((folder / "bench.json").read_text())
-    assert inputs["session"] == "session_01"
-    assert (inputs["knob_deg"], inputs["reads"], inputs["no_contact_s"]) == (10.0, "tip-on-tissue", "0:2")
-    assert inputs["catheter"]["bending_stiffness_nm2"] == 4.3e-4
-    assert not set(inputs) & set(collect_truth(bench).values)
+    stated = tomllib.loads((folder / "bench.toml").read_text())
+    assert stated["actuation"]["constant"] == {"knob_deg": 10.0}
+    assert (stated["sensor"]["reads"], stated["sensor"]["no_contact_s"]) == ("tip-on-tissue", [0.0, 2.0])
+    assert stated["catheter"]["bending_stiffness_nm2"] == 4.3e-4
+    assert not set(stated) & set(collect_truth(bench).values)
 
 
 def test_a_knob_that_moves_has_a_log_of_its_own(short, tmp_path):
@@ -75,7 +80,7 @@ def test_a_knob_that_moves_has_a_log_of_its_own(short, tmp_path):
     assert names == "time_s,knob_deg"
     np.testing.assert_allclose(rows, np.column_stack([stamps * 1e-9, knob]), atol=1e-4)
     assert np.ptp(rows[:, 1]) > 1.0
-    assert "knob_deg" not in json.loads((tmp_path / "bench.json").read_text())
+    assert "constant" not in tomllib.loads((tmp_path / "bench.toml").read_text())["actuation"]
 
 
 def test_truth_comes_back_as_it_was(root, bench):

@@ -35,7 +35,7 @@ class SimulatedBench:
 
     A `Source` and context manager. Camera, knob and stage are stamped by the camera's clock, whose zero is where the
     first frame would be without jitter; the force sensor stamps by its own, and reads tip-on-tissue in the frame
-    "sensor". `session_info` holds what a person at the bench would know, nothing of the ground truth. The same arguments
+    "sensor". `session_info` holds what a person at the bench would know. The same arguments
     give the same bytes. Nothing is computed before it is asked for. ``resolution``: how finely the world is simulated;
     ``name``: what the session is called, session_00 and so on by default.
     """
