@@ -8,9 +8,9 @@ from scipy.interpolate import CubicSpline
 
 from tipforce.mechanics import SpatialContact, SpatialPress
 from tipforce.mechanics._spatial_rod import frames_of
-from tipforce.twin import PRESETS
-from tipforce.twin.world import STEP_S, Session
-from tipforce.twin.world.settings import ClockSettings, SensorSettings, WorldSettings
+from tipforce.simulation import PRESETS
+from tipforce.simulation.world import STEP_S, Session
+from tipforce.simulation.world.settings import ClockSettings, SensorSettings, WorldSettings
 
 EXACT_SENSOR = SensorSettings(
     pose_error_deg=(0.0, 0.0), noise_n=0.0, step_n=(1e-12, 1e-12, 1e-12), drift_n_per_min=(0.0, 0.0),

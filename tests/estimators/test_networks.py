@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.errors import InputError, ModelError, NotFittedError
 from tipforce.estimators import (
     Dcfe,

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.errors import InputError, ModelError
 from tipforce.estimators import Dcfe, NetworkEstimator, check_start, load_model
 from tipforce.estimators._workplace import workplace

@@ -1,6 +1,7 @@
 """The tip on a compliant, moving wall with friction, in the plane: quasi-static, instant after instant.
 
-The twin presses in space (`press_spatial`). This way, on another rod and with other stick and slip, is its oracle.
+The simulation presses in space (`press_spatial`). This way, on another rod and with other stick and slip, is its
+oracle.
 """
 
 import math

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ...dataset import Dataset
+from ...datasets import Dataset
 from ...errors import InputError
 from ...training import Part, Samples, Task
 from ...types import BoolArray, Image, IntArray, Observation

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from ...dataset import Dataset
+from ...datasets import Dataset
 from ...errors import InputError
 from ...training import COMPACT_OUTPUTS, COMPACT_UNIT_N, UNKNOWN, CompactTask
 from ...types import (
