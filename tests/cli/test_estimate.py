@@ -156,7 +156,10 @@ def test_a_folder_that_does_not_exist_is_named(trained, video: Path, tmp_path: P
 def test_facts_that_the_model_needs_are_asked_for_before_the_work(trained, video: Path, tmp_path: Path) -> None:
     class Told:
         settings = trained.settings
-        needed_actuation, needed_facts = trained.needed_actuation, ("flexible_length_m", "metres_per_px", "base_side")
+        required_actuation, required_metadata = (
+            trained.required_actuation,
+            ("flexible_length_m", "metres_per_px", "base_side"),
+        )
         start = staticmethod(trained.start)
 
     wanted = r"t\.mp4: .* state --catheter NAME,flexible_length_m=VALUE --metres-per-px VALUE --note base_side=VALUE$"
@@ -193,7 +196,7 @@ def test_facts_that_are_none_are_refused(model, video, tmp_path, option, value, 
 def test_an_interval_without_an_end_is_written_as_nothing(trained, video: Path, tmp_path: Path) -> None:
     class Unsure:
         settings = trained.settings
-        needed_actuation, needed_facts = trained.needed_actuation, ()
+        required_actuation, required_metadata = trained.required_actuation, ()
 
         def start(self, context):
             stream = trained.start(context)

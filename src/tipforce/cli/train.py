@@ -78,25 +78,25 @@ def command(
     """
     from ..datasets import join, open_dataset, without_sessions
     from ..estimators import (
-        check_start,
         check_target,
         create,
         export_onnx,
+        load_initial_model,
         method,
         read_manifest,
+        run_directory,
         save_model,
         train,
         training_lines,
-        workplace,
     )
 
     check_outputs([*data, *(calibrate or [])], onnx, json_file)
     recipe = create(estimator, settings_from(method(estimator).settings_type, settings))
     check_target(output, overwrite=overwrite)
-    begin = check_start(recipe, start, resume=resume)
+    begin = load_initial_model(recipe, start, resume=resume)
     dataset = without_sessions(join([open_dataset(each) for each in data]), without or [])
     apart = join([open_dataset(each) for each in calibrate]) if calibrate else None
-    with workplace(recipe, output, resume=resume) as folder:
+    with run_directory(recipe, output, resume=resume) as folder:
         with progress_bar() as report:
             done = train(
                 recipe, dataset, samples=samples, holdout=holdout, seed=seed,

@@ -20,7 +20,7 @@ from ..types import Context, FloatArray, ForceEstimate, Frame, Image, Observatio
 from ..units import newtons_to_grams
 from ..vision import Reasons, draw_estimate
 from ._base import Estimator, Progress
-from ._needed import missing_facts
+from ._session_metadata import missing_metadata
 from ._shows import ShowsShape, view_of
 
 __all__ = ["COLUMNS", "RunReport", "write_estimates"]
@@ -96,8 +96,8 @@ def write_estimates(
     where an arrow of ``full_scale_n`` is a quarter of the picture long. Files appear when they are complete, or not at
     all. Raises InputError where ``source`` holds no frame, or lacks actuation or facts that ``estimator`` needs.
     """
-    require_actuation(source, estimator.needed_actuation)
-    missing = missing_facts(estimator.needed_facts, source.context)
+    require_actuation(source, estimator.required_actuation)
+    missing = missing_metadata(estimator.required_metadata, source.context)
     if missing:
         raise InputError(f"{getattr(source, 'path', source.context.session)}: {missing}")
     view = view_of(estimator)

@@ -7,15 +7,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import InputError
-from ..training import CHECKPOINT, LOG
+from ..training import CHECKPOINT_FILE, LOG_FILE
 from ._base import Estimator
-from .networks import PREPARED, NetworkEstimator
+from .networks import PREPARED_FILE, NetworkEstimator
 from .store import MANIFEST, load_model
 
-__all__ = ["check_start", "workplace"]
+__all__ = ["load_initial_model", "run_directory"]
 
 
-def check_start(recipe: Estimator, start: str | None, *, resume: bool = False) -> NetworkEstimator | None:
+def load_initial_model(recipe: Estimator, start: str | None, *, resume: bool = False) -> NetworkEstimator | None:
     """The model that training is to begin with: the folder ``start``, None where that is None.
 
     ``start`` may be "pretrained": the one of that method that comes with the program.
@@ -35,7 +35,7 @@ def check_start(recipe: Estimator, start: str | None, *, resume: bool = False) -
 
 
 @contextmanager
-def workplace(recipe: Estimator, model: Path, *, resume: bool) -> Generator[Path | None]:
+def run_directory(recipe: Estimator, model: Path, *, resume: bool) -> Generator[Path | None]:
     """The folder MODEL.training beside ``model``, for prepared pictures, checkpoint and log; None for other methods.
 
     It goes when the block ends well. What ends it otherwise, a kill too, leaves it to be resumed once there is a
@@ -48,12 +48,12 @@ def workplace(recipe: Estimator, model: Path, *, resume: bool) -> Generator[Path
     folder = model.with_name(f"{model.name}.training")
     if resume and not folder.is_dir():
         raise InputError(f"there is nothing to resume: {folder} does not exist; leave out --resume")
-    if not resume and (folder / CHECKPOINT).is_file():
+    if not resume and (folder / CHECKPOINT_FILE).is_file():
         raise InputError(
             f"{folder}: holds a training that was not finished; go on with it by --resume, or remove the folder"
         )
-    arrays = {f"{name}.npy" for name in (*recipe.forms(training=True), "actuation", "heat")}
-    ours = arrays | {CHECKPOINT, LOG, PREPARED}
+    arrays = {f"{name}.npy" for name in (*recipe.input_specs(training=True), "actuation", "heatmap")}
+    ours = arrays | {CHECKPOINT_FILE, LOG_FILE, PREPARED_FILE}
     there = list(folder.iterdir()) if folder.is_dir() else []
     strange = [path.name for path in there if not path.is_file() or path.name.removesuffix(".part") not in ours]
     if strange:
@@ -65,7 +65,7 @@ def workplace(recipe: Estimator, model: Path, *, resume: bool) -> Generator[Path
     try:
         yield folder
     except BaseException:
-        if (folder / CHECKPOINT).is_file():
+        if (folder / CHECKPOINT_FILE).is_file():
             warnings.warn(f"{folder} keeps the training so far; go on with it by --resume", stacklevel=3)
         else:
             shutil.rmtree(folder)

@@ -1,4 +1,4 @@
-"""In 8 bits: nearly the same answers, the picture's bytes as they are, and a gate for when it is not near enough."""
+"""Quantisation: nearly the same outputs, the image's bytes as they are, and a limit for the growth of the error."""
 
 from collections.abc import Callable, Sequence
 
@@ -8,8 +8,8 @@ import onnxruntime
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from tipforce.training import LARGEST_GROWTH, error_growth, quantise
-from tipforce.training._bytes_in import gathered_in_groups
+from tipforce.training import MAX_ERROR_GROWTH, error_growth, quantise
+from tipforce.training._quantisation import group_pixels
 
 SIDE = 24
 
@@ -29,9 +29,9 @@ def network(size: int = 5, channels: int = 1, side: int = SIDE, before: Sequence
     constants.append(numpy_helper.from_array(np.array([2, 3]), "axes"))
     node = helper.make_node
     facing = (
-        node("Unsqueeze", ["picture", "axis"], ["facing"])
+        node("Unsqueeze", ["image", "axis"], ["facing"])
         if channels == 1
-        else node("Transpose", ["picture"], ["facing"], perm=[0, 3, 1, 2])
+        else node("Transpose", ["image"], ["facing"], perm=[0, 3, 1, 2])
     )
     nodes = [
         facing,
@@ -47,7 +47,7 @@ def network(size: int = 5, channels: int = 1, side: int = SIDE, before: Sequence
     ]
     shape = ["n", side, side] if channels == 1 else ["n", side, side, channels]
     inputs = [
-        helper.make_tensor_value_info("picture", TensorProto.UINT8, shape),
+        helper.make_tensor_value_info("image", TensorProto.UINT8, shape),
         helper.make_tensor_value_info("actuation", TensorProto.FLOAT, ["n", 1]),
     ]
     outputs = [helper.make_tensor_value_info("force_n", TensorProto.FLOAT, ["n", 2])]
@@ -64,8 +64,8 @@ def batch(samples: int, channels: int = 1, side: int = SIDE, seed: int = 0) -> d
     draw = np.random.default_rng(seed)
     shape = (samples, side, side) if channels == 1 else (samples, side, side, channels)
     dark = np.linspace(40, 255, samples).astype(np.uint8).reshape(-1, *[1] * (len(shape) - 1))
-    picture = (draw.integers(0, 256, shape) * (dark / 255.0)).astype(np.uint8)
-    return {"picture": picture, "actuation": draw.normal(size=(samples, 1)).astype(np.float32)}
+    image = (draw.integers(0, 256, shape) * (dark / 255.0)).astype(np.uint8)
+    return {"image": image, "actuation": draw.normal(size=(samples, 1)).astype(np.float32)}
 
 
 def answers(graph: bytes, inputs: dict[str, np.ndarray]) -> np.ndarray:
@@ -82,7 +82,7 @@ def test_eight_bits_answer_nearly_the_same(channels: int) -> None:
     model = onnx.load_from_string(small)
     kinds = {each.data_type for each in model.graph.initializer if len(each.dims) == 4}
     assert kinds == {TensorProto.INT8}, "kernels are stored as bytes"
-    assert [each.name for each in model.graph.input] == ["picture", "actuation"]
+    assert [each.name for each in model.graph.input] == ["image", "actuation"]
     assert {each.key: each.value for each in model.metadata_props} == {"trained_on": "nothing"}
     assert not [node for node in model.graph.node if node.op_type in ("Cast", "Div")], "bytes go in as they are"
 
@@ -92,7 +92,7 @@ def test_eight_bits_answer_nearly_the_same(channels: int) -> None:
 def test_pixels_taken_in_groups_answer_the_same(size: int, channels: int) -> None:
     graph = network(size, channels)
     model = onnx.load_from_string(graph)
-    gathered_in_groups(onnx, model)
+    group_pixels(onnx, model)
     onnx.checker.check_model(model, full_check=True)
     first = next(node for node in model.graph.node if node.op_type == "Conv")
     assert helper.get_attribute_value(next(a for a in first.attribute if a.name == "strides")) == [2, 1]
@@ -121,9 +121,9 @@ def test_the_gate_lets_through_what_hardly_grows_and_nothing_else() -> None:
     graph = network()
     spread = float(np.ptp(answers(graph, batch(30, seed=2))))
     good = quantise(graph, [batch(8)])
-    assert abs(error_growth(graph, good, labelled(graph, 0.2 * spread)())) < LARGEST_GROWTH
-    poor = quantise(graph, [{**batch(8), "picture": batch(8)["picture"] // 8}])  # ranges of dark pictures only
-    assert error_growth(graph, poor, labelled(graph, 0.02 * spread)()) > 5 * LARGEST_GROWTH
+    assert abs(error_growth(graph, good, labelled(graph, 0.2 * spread)())) < MAX_ERROR_GROWTH
+    poor = quantise(graph, [{**batch(8), "image": batch(8)["image"] // 8}])  # ranges of dark images only
+    assert error_growth(graph, poor, labelled(graph, 0.02 * spread)()) > 5 * MAX_ERROR_GROWTH
     with pytest.raises(ValueError, match="no labelled sample"):
         error_growth(graph, good, [])
 
@@ -133,4 +133,4 @@ def test_a_graph_that_answers_no_number_is_not_let_through() -> None:
     model = onnx.load_from_string(graph)
     dense = next(each for each in model.graph.initializer if each.name == "dense")
     dense.CopyFrom(numpy_helper.from_array(np.full((33, 2), np.nan, np.float32), "dense"))
-    assert not error_growth(graph, model.SerializeToString(), labelled(graph, 0.1)()) < LARGEST_GROWTH
+    assert not error_growth(graph, model.SerializeToString(), labelled(graph, 0.1)()) < MAX_ERROR_GROWTH

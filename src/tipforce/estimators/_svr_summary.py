@@ -1,37 +1,37 @@
-"""What a fitted svr tells people."""
+"""Summary of a fitted svr in words."""
 
 from collections.abc import Mapping
 from typing import Any
 
-from ._words import Words, count_of, half_width_text
+from ._summary import ModelSummary, count_of, half_width_text
 
-__all__ = ["svr_words"]
+__all__ = ["svr_summary"]
 
 
-def svr_words(facts: Mapping[str, Any]) -> Words:
-    """From the facts that `Svr.describe` gives."""
+def svr_summary(facts: Mapping[str, Any]) -> ModelSummary:
+    """Returns the summary of the facts that `Svr.describe` gives."""
     numbers = f"{count_of(len(facts['features']), 'number')} a frame"
     left_out = facts.get("samples_without_shape")
-    sees = f"{numbers}: {', '.join(facts['features'])}."
+    inputs = f"{numbers}: {', '.join(facts['features'])}."
     if left_out:
-        sees += f" In {left_out} of the samples no shape was found; they were left out."
-    how_well = [
-        "| answers | C | epsilon | sigma | support vectors | error over folds (RMSE) | 90 % interval |",
+        inputs += f" In {left_out} of the samples no shape was found; they were left out."
+    performance = [
+        "| estimate | C | epsilon | sigma | support vectors | error over folds (RMSE) | 90 % interval |",
         "|---|---|---|---|---|---|---|",
     ]
-    told = [f"in {left_out} of them no shape was found: left out"] if left_out else []
+    training = [f"in {left_out} of them no shape was found: left out"] if left_out else []
     for name, each in facts["targets"].items():
         rmse, half = f"{each['cv_rmse_n'] * 1e3:.1f} mN", half_width_text(each["interval_half_width_n"])
-        how_well.append(
+        performance.append(
             f"| {name} | {each['c']:.4g} | {each['epsilon']:g} | {each['sigma']:g} | {each['support_vectors']} "
             f"| {rmse} | {half} |"
         )
-        told.append(
+        training.append(
             f"{name}: C {each['c']:.4g}, epsilon {each['epsilon']:g}, sigma {each['sigma']:g}; "
             f"{each['support_vectors']} support vectors; error over folds {rmse}; 90 % interval {half}"
         )
-    how_well += [
+    performance += [
         "",
         "The errors are those on samples left out while the constants were chosen, within the training data.",
     ]
-    return Words(sees, numbers, tuple(how_well), tuple(told))
+    return ModelSummary(inputs, numbers, tuple(performance), tuple(training))

@@ -8,17 +8,17 @@ from typing import Any
 from ..errors import InputError
 from ..types import BASE_SIDE, BASE_SIDES, CATHETER_FACTS, KNOB_GAIN, Context
 
-__all__ = ["SCALE", "missing_facts", "only_facts", "refuse_malformed", "stated_facts"]
+__all__ = ["SCALE", "check_metadata", "missing_metadata", "restrict_metadata", "stated_metadata"]
 
 SCALE = "metres_per_px"
 
 _NOTES = (BASE_SIDE, KNOB_GAIN)
 
 
-def stated_facts(context: Context) -> tuple[str, ...]:
+def stated_metadata(context: Context) -> tuple[str, ...]:
     """Names of what ``context`` tells of catheter and bench.
 
-    >>> stated_facts(Context(metres_per_px=2e-4, notes={"base_side": "left"}))
+    >>> stated_metadata(Context(metres_per_px=2e-4, notes={"base_side": "left"}))
     ('metres_per_px', 'base_side')
     """
     values: dict[str, Any] = {name: getattr(context.catheter, name) for name in CATHETER_FACTS}
@@ -26,12 +26,12 @@ def stated_facts(context: Context) -> tuple[str, ...]:
     return tuple(name for name, value in values.items() if value is not None)
 
 
-def only_facts(names: Iterable[str], context: Context) -> Context:
+def restrict_metadata(names: Iterable[str], context: Context) -> Context:
     """``context`` without what it tells of catheter and bench beyond ``names``: what a model was never told.
 
-    >>> only_facts(["base_side"], Context(metres_per_px=2e-4, notes={"base_side": "left"})).metres_per_px
+    >>> restrict_metadata(["base_side"], Context(metres_per_px=2e-4, notes={"base_side": "left"})).metres_per_px
     """
-    others = set(stated_facts(context)) - set(names)
+    others = set(stated_metadata(context)) - set(names)
     return replace(
         context,
         catheter=replace(context.catheter, **{name: None for name in CATHETER_FACTS if name in others}),
@@ -40,13 +40,13 @@ def only_facts(names: Iterable[str], context: Context) -> Context:
     )
 
 
-def missing_facts(needed: Iterable[str], context: Context) -> str:
+def missing_metadata(needed: Iterable[str], context: Context) -> str:
     """Which of the ``needed`` ones ``context`` does not tell, and how they are stated; empty where it tells all.
 
-    >>> missing_facts(("metres_per_px",), Context())
+    >>> missing_metadata(("metres_per_px",), Context())
     'the sheet does not tell metres_per_px, which the model was told in training; state --metres-per-px VALUE'
     """
-    lacking = [name for name in needed if name not in stated_facts(context)]
+    lacking = [name for name in needed if name not in stated_metadata(context)]
     if not lacking:
         return ""
     catheter = ",".join(f"{name}=VALUE" for name in lacking if name in CATHETER_FACTS)
@@ -58,7 +58,7 @@ def missing_facts(needed: Iterable[str], context: Context) -> str:
     )
 
 
-def refuse_malformed(context: Context) -> None:
+def check_metadata(context: Context) -> None:
     """Raises InputError where a note is not what it has to be."""
     side, gain = context.notes.get(BASE_SIDE), context.notes.get(KNOB_GAIN)
     if side is not None and side not in BASE_SIDES:

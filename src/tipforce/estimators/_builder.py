@@ -1,74 +1,22 @@
-"""Answers at the rate of frames: a `ForceEstimate` without paying for checks whose outcome is known."""
+"""Estimates of a method with constant intervals, made without the checks whose outcome is known."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..types import BoolArray, FloatArray, ForceEstimate, Status
+from .uncertainty import Interval
 
-__all__ = ["AXES", "Answers", "Interval"]
+__all__ = ["AXES", "EstimateBuilder"]
 
 AXES = ("fx", "fy", "fz")
-"""What the components of a force are called."""
+"""Names of the force components."""
 
 _set = object.__setattr__
 
 
-@dataclass(frozen=True)
-class Interval:
-    """Half-widths of the 90 % intervals and what they rest on.
-
-    ``half_n`` (3,): of the components, NaN where unknown; ``magnitude_half_n``; ``covariance_n2`` (3, 3).
-    """
-
-    half_n: FloatArray
-    magnitude_half_n: float
-    covariance_n2: FloatArray
-    by_session: bool
-    basis: str
-    sessions: int
-    samples: int
-
-    def values(self) -> dict[str, Any]:
-        """As JSON values (None for NaN and infinity; an infinite half-width is "inf")."""
-        return {
-            "coverage": 0.9,
-            "half_width_n": [_plain(value) for value in self.half_n.tolist()],
-            "magnitude_half_width_n": _plain(self.magnitude_half_n),
-            "covariance_n2": [[_plain(value) for value in row] for row in self.covariance_n2.tolist()],
-            "by_session": self.by_session,
-            "basis": self.basis,
-            "sessions": self.sessions,
-            "samples": self.samples,
-        }
-
-    @classmethod
-    def of(cls, values: Mapping[str, Any]) -> "Interval":
-        """The inverse of `values`."""
-        return cls(
-            half_n=np.array([_number(value) for value in values["half_width_n"]]),
-            magnitude_half_n=_number(values["magnitude_half_width_n"]),
-            covariance_n2=np.array([[_number(value) for value in row] for row in values["covariance_n2"]]),
-            by_session=values["by_session"],
-            basis=values["basis"],
-            sessions=values["sessions"],
-            samples=values["samples"],
-        )
-
-
-def _plain(value: float) -> float | str | None:
-    return None if math.isnan(value) else ("inf" if math.isinf(value) else value)
-
-
-def _number(value: float | str | None) -> float:
-    return math.nan if value is None else float(value)
-
-
-class Answers:
-    """Makes estimates from forces; all that is the same in each is made once and shared, read-only."""
+class EstimateBuilder:
+    """Makes estimates from forces. What is the same in all of them is made once and shared, read-only."""
 
     def __init__(self, known: BoolArray, interval: Interval) -> None:
         self._axes = np.flatnonzero(known).tolist()
