@@ -4,7 +4,7 @@ import numpy as np
 from bench.balance_runs import EXACT_CLOCK, EXACT_SENSOR, Run, crept, tangential, touched_way
 from bench.strains import carried, moment
 
-from tipforce.mechanics._spatial_rod import frames_of
+from tipforce.mechanics.spatial._rod import frames_of
 from tipforce.simulation.world import Load, read_sensor
 from tipforce.simulation.world._sensor import GRAVITY_M_PER_S2
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tipforce.mechanics import bend_spatial
+from tipforce.mechanics import solve_static_spatial
 from tipforce.simulation import PRESETS, FluoroSettings, LiveSimulation, SimulatedBench, SimulationSettings, truth_of
 from tipforce.types import Actuators, Frame, Source, Wrench
 
@@ -73,7 +73,7 @@ def test_without_commands_each_stream_is_the_recorded_one_to_the_byte():
             if isinstance(event, Frame):  # an exposure must have ended, and its picture must have come through
                 assert running.clock.now_ns() >= event.stamp_ns + 15_000_000
         assert live == recorded
-        assert running.source.context == bench.context
+        assert running.source.session_info == bench.session_info
         done, course = running.source.run.settled, running.source.course
         np.testing.assert_array_equal(course.wall_m[:done], bench.course.wall_m[:done])
         truth, whole = running.truth(), truth_of(bench)
@@ -250,7 +250,7 @@ def test_advancing_into_the_wall_raises_the_force_as_the_rods_stiffness_says(twi
         rod = replace(rig.rod, precurvature_per_m=bent, rigid_length_m=rig.rod.rigid_length_m - rig.radius_m)
         normal, push = np.asarray(rig.wall.normal), float(np.linalg.norm(before))
         assert push > 0.02
-        back = [float(bend_spatial(rod, -force * normal).tip_m @ normal) for force in (push, push + risen)]
+        back = [float(solve_static_spatial(rod, -force * normal).tip_m @ normal) for force in (push, push + risen)]
         compliance = (back[0] - back[1]) / risen + 1.0 / rig.wall.stiffness_n_per_m
         assert risen == pytest.approx(1e-3 * normal[0] / compliance, rel=0.03)
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from pydantic import BaseModel
 
 from ..datasets import Dataset
-from ..types import Context, ForceEstimate, Observation
+from ..types import ForceEstimate, Observation, SessionInfo
 from ._summary import ModelSummary
 
 __all__ = ["Estimator", "Progress", "Stream"]
@@ -53,7 +53,7 @@ class Estimator(ABC):
         """Find the intervals anew on ``dataset``, of whose sessions ``fit`` saw none; the answers stay as they are."""
 
     @abstractmethod
-    def start(self, context: Context) -> Stream:
+    def start(self, info: SessionInfo) -> Stream:
         """A fresh stream for one session; raises NotFittedError before ``fit``."""
 
     @abstractmethod
@@ -84,7 +84,7 @@ class Estimator(ABC):
         stream, session = None, None
         for name, observation in zip(dataset.session.tolist(), dataset.observations(), strict=True):
             if stream is None or name != session:
-                stream, session = self.start(dataset.contexts[name]), name
+                stream, session = self.start(dataset.session_info[name]), name
             yield stream.update(observation)
 
     def predict(self, dataset: Dataset) -> list[ForceEstimate]:
@@ -115,7 +115,7 @@ class Estimator(ABC):
 
     @property
     def required_metadata(self) -> tuple[str, ...]:
-        """Names of the session metadata, as `stated_metadata` has them, without which there is no estimate."""
+        """Keys of the session metadata without which there is no estimate, as `SessionInfo.stated_keys` names them."""
         return ()
 
     @property

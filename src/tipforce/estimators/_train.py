@@ -46,7 +46,8 @@ def train(
     ``seed`` is that of drawing, holding out and, where its settings do not state their own, of the method. ``start``,
     ``folder`` and ``resume`` are for networks: see `NetworkEstimator.fit_resumable`. ``calibrate``: other sessions, on
     which the intervals are found. Raises InputError as `draw`, `random_split`, `Estimator.fit` and
-    `Estimator.calibrate` do, where ``start`` is another method's, and where ``calibrate`` has sessions of ``dataset``, or other forces.
+    `Estimator.calibrate` do, where ``start`` is another method's, and where ``calibrate`` has sessions of ``dataset``,
+    or other forces.
     """
     if start is not None and not isinstance(recipe, NetworkEstimator):
         raise InputError(f"{recipe.name} is no network and always learns from nothing; leave out what it starts from")

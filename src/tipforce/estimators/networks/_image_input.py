@@ -15,7 +15,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ..._compile import STEADY
-from ...types import Context, Image
+from ...types import Image, SessionInfo
 
 __all__ = [
     "RESNET_SIZE_PX",
@@ -57,7 +57,12 @@ _INWARD = ((1.0, 0.0), (0.0, -1.0), (-1.0, 0.0), (0.0, 1.0))
 
 
 def catheter_window(
-    context: Context, shape: tuple[int, ...], side: str | None, lengths: float = WINDOW_LENGTHS, across: float = 0.5
+    info: SessionInfo,
+    view: str,
+    shape: tuple[int, ...],
+    side: str | None,
+    lengths: float = WINDOW_LENGTHS,
+    across: float = 0.5,
 ) -> Window:
     """Returns the window around the catheter.
 
@@ -65,7 +70,8 @@ def catheter_window(
     the whole image.
 
     Args:
-        context: of the session.
+        info: of the session.
+        view: name of the view.
         shape: (h, w[, 3]) of its images.
         side: border at which the base lies; None: not known.
         lengths: side of the window in nominal lengths of the catheter.
@@ -73,7 +79,7 @@ def catheter_window(
     """
     height, width = shape[:2]
     along, beside = (width, height) if side in ("left", "right", None) else (height, width)
-    catheter, scale = context.catheter, context.metres_per_px
+    catheter, scale = info.catheter, info.view(view).metres_per_px
     size = float(max(along, beside) if side is None else min(along, beside))
     if side is not None and scale is not None and catheter.flexible_length_m is not None:
         size = lengths * (catheter.flexible_length_m + (catheter.rigid_length_m or 0.0)) / scale

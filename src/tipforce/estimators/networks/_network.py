@@ -28,7 +28,7 @@ from ...training import (
     train_network,
     train_val_split,
 )
-from ...types import BoolArray, Context, FloatArray, ForceEstimate, Image, Observation
+from ...types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
 from .._base import Estimator, Progress
 from .._builder import AXES, EstimateBuilder
 from .._reading import Abstention, actuation_names
@@ -122,7 +122,7 @@ class NetworkEstimator(Estimator):
         """Returns shape and dtype of what `reader` reads: for training, or as the graph takes it."""
 
     @abstractmethod
-    def reader(self, context: Context, *, training: bool) -> InputReader:
+    def reader(self, info: SessionInfo, *, training: bool) -> InputReader:
         """Returns what reads the inputs from the observations of one session."""
 
     @abstractmethod
@@ -290,7 +290,7 @@ class NetworkEstimator(Estimator):
         def read(session: str, observation: Observation, mask: Image | None) -> Arrays | Abstention:
             if session not in readers:
                 readers.clear()
-                readers[session] = self.reader(dataset.contexts[session], training=True)
+                readers[session] = self.reader(dataset.session_info[session], training=True)
             return read_inputs(readers[session], actuation, observation, mask)
 
         specs, view = {**self.input_specs(training=True), **actuation_spec(actuation)}, self.settings.view
@@ -298,7 +298,7 @@ class NetworkEstimator(Estimator):
         masks: Iterable[Image | None] = repeat(None, len(dataset))
         if heatmap is not None and dataset.has_masks(view):
             specs["heatmap"], masks = heatmap, dataset.masks(view)
-        sessions = [repr(dataset.contexts[name]) for name in sorted(dataset.contexts)]
+        sessions = [repr(dataset.session_info[name]) for name in sorted(dataset.session_info)]
         key = "\n".join([self.name, self.settings.model_dump_json(exclude=set(TrainConfig.model_fields)), *sessions])
         prepared = prepare(dataset, masks, specs, read, folder, key, dataset.names_of(view), report)
         if len(prepared.index) < MIN_SAMPLES:
@@ -343,10 +343,10 @@ class NetworkEstimator(Estimator):
         force = np.array([each.force_n[known] for each in estimates])
         return conformal_interval(known, force, force - truth, truth, session, not sampling, sampling)
 
-    def start(self, context: Context) -> "NetworkStream":
+    def start(self, info: SessionInfo) -> "NetworkStream":
         """Returns a stream for one session. Raises NotFittedError before ``fit``."""
         fitted = self._fitted()
-        reader = self.reader(context, training=False)
+        reader = self.reader(info, training=False)
         return NetworkStream(fitted.graph, reader, fitted.actuation, self.estimate_builder())
 
     def estimate_builder(self) -> BuildEstimate:
@@ -415,7 +415,7 @@ class NetworkEstimator(Estimator):
             facts=dict(values["facts"]),
             sessions=tuple(values["sessions"]),
         )
-        made.start(Context())  # what the state lacks is missed here, not at the first frame
+        made.start(SessionInfo())  # what the state lacks is missed here, not at the first frame
         return made
 
     def describe(self) -> dict[str, Any]:

@@ -18,21 +18,19 @@ from ...datasets import Dataset
 from ...errors import InputError
 from ...training import COMPACT_OUTPUTS, COMPACT_UNIT_N, HEATMAP_UNKNOWN, CompactTask
 from ...types import (
-    BASE_SIDE,
     KNOB,
-    KNOB_GAIN,
     BoolArray,
-    Context,
     FloatArray,
     ForceEstimate,
     Image,
     Observation,
+    SessionInfo,
     ShapeFeatures,
     Status,
 )
 from ...vision import VisionSettings, settle
 from .._reading import Abstention, read_actuation, read_view
-from .._session_metadata import check_metadata, missing_metadata, restrict_metadata, stated_metadata
+from .._session_metadata import missing_metadata
 from ..uncertainty import Interval, LastLayerLaplace, OodDetector, fit_laplace, fit_ood_detector, wider_interval
 from ._calibration import CalibrationBatch, spread_evenly
 from ._compact_estimates import (
@@ -58,24 +56,25 @@ knob sets, times the length."""
 STIFFNESS_NM2, LENGTH_M, DIAMETER_M = 4.3e-4, 0.04, 2.33e-3
 """A 7F ablation catheter 40 mm in front of its sheath."""
 
+_KNOB_GAIN = "actuation.knob_gain_per_m_deg"
 _TRAINING_SIZE = 1.3
 """Side of the training images over that of the network's: there is room for augmentation."""
 _CALIBRATION_IMAGES = 10
 """Images in which the base's border is detected, where the metadata do not state it."""
 
 
-def metadata_features(context: Context, actuation: Mapping[str, float]) -> npt.NDArray[np.float32]:
+def metadata_features(info: SessionInfo, actuation: Mapping[str, float]) -> npt.NDArray[np.float32]:
     """Returns (4,) `METADATA_FEATURES` of catheter and bench; 0 for what is not known.
 
-    >>> metadata_features(Context(), {}).tolist()
+    >>> metadata_features(SessionInfo(), {}).tolist()
     [0.0, 0.0, 0.0, 0.0]
     """
-    catheter = context.catheter
+    catheter = info.catheter
     stiffness, length, diameter = catheter.bending_stiffness_nm2, catheter.flexible_length_m, catheter.diameter_m
-    gain = context.notes.get(KNOB_GAIN)
+    gain = info.actuation.knob_gain_per_m_deg
     bend = 0.0
     if gain is not None and length is not None:
-        bend = float(gain) * actuation.get(KNOB, 0.0) * length
+        bend = gain * actuation.get(KNOB, 0.0) * length
     features = (
         math.log(stiffness / STIFFNESS_NM2) if stiffness else 0.0,
         math.log(length / LENGTH_M) if length else 0.0,
@@ -103,15 +102,16 @@ class Compact(NetworkEstimator):
 
         Where it cannot be detected, whole images are used.
         """
-        unstated = [name for name, context in dataset.contexts.items() if BASE_SIDE not in context.notes]
+        view = self.settings.view
+        unstated = [name for name, info in dataset.session_info.items() if info.view(view).base_side is None]
         if self.settings.base_side != "auto" or not unstated:
             return
         index = spread_evenly(np.flatnonzero(np.isin(dataset.session, unstated)), _CALIBRATION_IMAGES)
         some = dataset.subset(index)
-        views = [observation.views.get(self.settings.view) for observation in some.observations()]
-        images = [view for view in views if isinstance(view, np.ndarray)]
+        views = [observation.views.get(view) for observation in some.observations()]
+        images = [image for image in views if isinstance(image, np.ndarray)]
         try:
-            self._detected_base_side = settle(VisionSettings(view=self.settings.view), images).base_side
+            self._detected_base_side = settle(VisionSettings(view=view), images).base_side
         except InputError:
             self._detected_base_side = "none"
 
@@ -122,16 +122,22 @@ class Compact(NetworkEstimator):
 
     def metadata_names(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """See `NetworkEstimator`. Without what every session stated, another catheter would pass for a nominal one."""
-        each = [stated_metadata(context) for context in dataset.contexts.values()]
-        set_here = (BASE_SIDE,) if self.settings.base_side != "auto" else ()
-        names = [name for name in dict.fromkeys(itertools.chain(*each)) if name not in set_here]
+        each = [info.stated_keys() for info in dataset.session_info.values()]
+        names = [name for name in dict.fromkeys(itertools.chain(*each)) if name in self._used_metadata()]
         return tuple(name for name in names if all(name in other for other in each)), tuple(names)
+
+    def _used_metadata(self) -> tuple[str, ...]:
+        """Returns the keys of the session metadata that it uses."""
+        view = f"views.{self.settings.view}"
+        side = (f"{view}.base_side",) if self.settings.base_side == "auto" else ()
+        catheter = ("diameter_m", "flexible_length_m", "rigid_length_m", "bending_stiffness_nm2")
+        return (*(f"catheter.{name}" for name in catheter), f"{view}.metres_per_px", *side, _KNOB_GAIN)
 
     @property
     def required_actuation(self) -> tuple[str, ...]:
         """What it was trained with; the knob, too, where its gain is required. Raises NotFittedError."""
         fitted = self._fitted()
-        with_knob = KNOB_GAIN in self.required_metadata and KNOB not in fitted.actuation
+        with_knob = _KNOB_GAIN in self.required_metadata and KNOB not in fitted.actuation
         return (*fitted.actuation, KNOB) if with_knob else fitted.actuation
 
     def heatmap_spec(self) -> Spec:
@@ -143,25 +149,25 @@ class Compact(NetworkEstimator):
         size = self.settings.size
         return 8 * round(_TRAINING_SIZE * size / 8) if training else size
 
-    def reader(self, context: Context, *, training: bool) -> InputReader:
+    def reader(self, info: SessionInfo, *, training: bool) -> InputReader:
         """See `NetworkEstimator`: crops the window out of a session's images."""
         side = self._side(training=training)
-        check_metadata(context)
         missing, detected_base_side = "", self._detected_base_side
         if not training and self.fitted_ is not None:
-            missing = missing_metadata(self.required_metadata, context)
-            context = restrict_metadata(self.fitted_.facts["known_metadata"], context)
+            missing = missing_metadata(self.required_metadata, info)
+            info = info.only(self.fitted_.facts["known_metadata"])
             detected_base_side = str(self.fitted_.arrays["detected_base_side"])
-        needs_knob = bool(float(context.notes.get(KNOB_GAIN, 0.0)))
+        needs_knob = bool(info.actuation.knob_gain_per_m_deg)
         windows: dict[tuple[int, ...], Window] = {}
 
         def window(shape: tuple[int, ...]) -> Window:
             if shape not in windows:
                 base_side = self.settings.base_side
                 if base_side == "auto":
-                    base_side = context.notes.get(BASE_SIDE, detected_base_side)
+                    base_side = info.view(self.settings.view).base_side or detected_base_side
                 known_side = None if base_side == "none" else base_side
-                found = catheter_window(context, shape, known_side, self.settings.lengths, self.settings.across)
+                lengths, across = self.settings.lengths, self.settings.across
+                found = catheter_window(info, self.settings.view, shape, known_side, lengths, across)
                 windows[shape] = enlarged(found, side / self.settings.size)
             return windows[shape]
 
@@ -178,7 +184,7 @@ class Compact(NetworkEstimator):
                 return knob
             inputs: Arrays = {
                 "image": crop_window(view, window(view.shape[:2]), side),
-                "metadata": metadata_features(context, observation.actuation),
+                "metadata": metadata_features(info, observation.actuation),
             }
             if training and mask is None:
                 inputs["heatmap"] = np.full((side // 4, side // 4), HEATMAP_UNKNOWN, np.uint8)

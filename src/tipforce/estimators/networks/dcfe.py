@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from ...training import RESNET_OUTPUTS, ResnetTask
-from ...types import BoolArray, Context, ForceEstimate, Image, Observation, ShapeFeatures, Status
+from ...types import BoolArray, ForceEstimate, Image, Observation, SessionInfo, ShapeFeatures, Status
 from .._builder import EstimateBuilder
 from .._reading import Abstention, read_view
 from ..uncertainty import OodDetector, fit_ood_detector
@@ -39,9 +39,9 @@ class Dcfe(NetworkEstimator):
         del training
         return {"image": ((RESNET_SIZE_PX, RESNET_SIZE_PX, 3), "uint8")}
 
-    def reader(self, context: Context, *, training: bool) -> InputReader:
+    def reader(self, info: SessionInfo, *, training: bool) -> InputReader:
         """See `NetworkEstimator`; the image resized, whatever the session."""
-        del context, training
+        del info, training
         return self._read
 
     def task(self, known: BoolArray, base_frame: bool, actuation: tuple[tuple[float, float], ...]) -> ResnetTask:

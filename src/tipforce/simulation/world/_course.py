@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ...mechanics import Play, SpatialContact, SpatialPress
+from ...mechanics import Play, SpatialContact, SpatialContactSolver
 from ...types import FloatArray
 from ._axis import AxisModel, Drive
 from ._rig import Rig
@@ -108,7 +108,7 @@ class CourseRun:
             settings, tune, tune.programme_m(rig, motion)
         )
         self._dt = float(tune.time_s[1] - tune.time_s[0])
-        self._press = SpatialPress(
+        self._press = SpatialContactSolver(
             rig.rod,
             rig.wall,
             every * self._dt,

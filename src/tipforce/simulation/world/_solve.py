@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 from scipy.optimize import brentq
 
-from ...mechanics import SpatialPress
+from ...mechanics import SpatialContactSolver
 from ...types import FloatArray
 from ._course import Course, CourseRun, run_course, thinned
 from ._rig import Rig
@@ -129,7 +129,7 @@ def _pressed(rig: Rig, coarse: Tune) -> tuple[FloatArray, FloatArray]:
     amplitudes = np.linspace(*rig.settings.motion.amplitude_m, 16)
     deepest = np.array([float(coarse.push_m(rig, a).max()) - coarse.standoff_m(rig, a) for a in amplitudes])
     depth = np.arange(-_RAMP_M, float(deepest.max()) + _RAMP_M, _RAMP_M)
-    press = SpatialPress(rig.rod, rig.wall, 1.0, rig.radius_m)
+    press = SpatialContactSolver(rig.rod, rig.wall, 1.0, rig.radius_m)
     turned = np.zeros((depth.size, 3))
     turned[:, 2] = np.median(coarse.curvature_per_m)
     beyond = rig.reach_m(turned[:1, 2]) - depth
