@@ -18,7 +18,7 @@ import numpy as np
 from tipforce.recording import RecordingReader, estimate_offset, shape_coordinates
 from tipforce.twin import Truth, read_truth
 from tipforce.types import FloatArray, Frame, IntArray
-from tipforce.vision import Vision, VisionSettings, settle
+from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 
 OFFSETS_MS = (-80, 0, 80)
 CUT_S = 20.0
@@ -42,8 +42,8 @@ def load(path: Path, truth: Truth) -> Session:
     """See all pictures of a recording, and read its force as an import does."""
     with RecordingReader(path) as reader:
         first = [reader.frame_at(k).image for k in range(0, FIRST, 5)]
-        vision = Vision(settle(VisionSettings(), first, reader.context))
-        seen = [vision.see(event.image) for event in reader.events("camera") if isinstance(event, Frame)]
+        vision = ShapeDetector(auto_calibrate(VisionSettings(), first, reader.context))
+        seen = [vision.detect(event.image) for event in reader.events("camera") if isinstance(event, Frame)]
         stamps, force, _ = reader.wrenches()
         info, catheter = reader.info, reader.context.catheter
         carried = reader.stage.acceleration(stamps + info.inertia.lag_ns, info.inertia.axes) @ info.inertia.gain_kg

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from ..types import Context, FloatArray, IntArray
-from ..vision import Sighting
+from ..vision import DetectedShape
 from ._facts import ClockOffset, Inertia, SensorPose, Tare
 from ._inertia import StageCourse, fit_inertia
 from ._tare import find_tare, stated_tare
@@ -68,7 +68,7 @@ def find_level(
 
 def find_offset(
     frame_ns: IntArray,
-    sightings: Sequence[Sighting],
+    sightings: Sequence[DetectedShape],
     context: Context,
     stamps: IntArray,
     force: FloatArray,
@@ -111,7 +111,7 @@ def find_offset(
 
 def _by_sight(
     frame_ns: IntArray,
-    sightings: Sequence[Sighting],
+    sightings: Sequence[DetectedShape],
     context: Context,
     stamps: IntArray,
     force: FloatArray,

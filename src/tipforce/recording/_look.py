@@ -13,16 +13,16 @@ import numpy as np
 from ..errors import InputError
 from ..types import Context, Frame, Image, Source
 from ..vision import (
-    ClassicChain,
+    ClassicDetector,
     Inspection,
+    ShapeDetector,
     ShapeFeatureSettings,
     Tally,
-    Vision,
     VisionSettings,
+    auto_calibrate,
     figure_17,
     figure_18,
-    inspect_picture,
-    settle,
+    inspect_image,
 )
 from ._files import part_of, refuse_picture
 from ._folder import read_image
@@ -51,7 +51,7 @@ class Look:
 
     def thesis_figures(self) -> "dict[str, Figure]":
         """Thesis figures 17 and 18 of ``picture``: what thesis algorithm 1 makes of it."""
-        steps = ClassicChain(self.vision).steps(self.picture)
+        steps = ClassicDetector(self.vision).steps(self.picture)
         return {"figure17": figure_17(steps), "figure18": figure_18(steps)}
 
 
@@ -64,7 +64,7 @@ def look_at(path: Path, vision: VisionSettings, features: ShapeFeatureSettings) 
     """One picture file in detail. Raises FileFormatError for what is no picture."""
     image = read_image(path)
     settled = _settled(vision, [image], Context())
-    seen: Inspection = inspect_picture(image, Vision(settled).see, settled, features)
+    seen: Inspection = inspect_image(image, ShapeDetector(settled).detect, settled, features)
     figures = {"file": str(path), **seen.figures(), "vision": settled.model_dump()}
     return Look(f"{_stated(settled, vision)}\n{seen.text()}", figures, seen.drawing, image, settled)
 
@@ -86,12 +86,12 @@ def look_through(
     with open_source(path) as source:
         total = frame_count(source, vision.view)
         settled = _settled(vision, _spread(source, vision.view, total), source.context)
-        see = Vision(settled).see
+        see = ShapeDetector(settled).detect
         for count, frame in enumerate(_frames(source, vision.view)):
             first = frame if first is None else first
             if count % every == 0:
                 seconds = (frame.stamp_ns - first.stamp_ns) * 1e-9
-                tally.add(f"{count}  {seconds:.2f} s", inspect_picture(frame.image, see, settled, features))
+                tally.add(f"{count}  {seconds:.2f} s", inspect_image(frame.image, see, settled, features))
             if progress:
                 progress(f"frame {count}", min(1.0, count / total) if total else 0.0)
     if first is None:
@@ -119,10 +119,10 @@ def look_over(
         if not session:
             continue
         settled = _settled(vision, [image for _, image in session[:: -(-len(session) // _SETTLING)]], context)
-        see = Vision(settled).see
+        see = ShapeDetector(settled).detect
         for name, image in session:
             first = image if first is None else first
-            tally.add(Path(name).stem, inspect_picture(image, see, settled, features))
+            tally.add(Path(name).stem, inspect_image(image, see, settled, features))
             if progress:
                 progress(f"picture {tally.looked_at}", min(1.0, tally.looked_at / max(1, total)))
     if first is None:
@@ -161,7 +161,7 @@ def _spread(source: Source, view: str, total: int) -> list[Image]:
 def _settled(vision: VisionSettings, images: list[Image], context: Context) -> VisionSettings:
     """``vision`` with what it leaves open decided on ``images``; as it is where they show no catheter."""
     try:
-        return settle(vision, images, context)
+        return auto_calibrate(vision, images, context)
     except InputError:
         return vision  # to look at a file without a catheter is no mistake: each picture says why
 
