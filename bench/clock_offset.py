@@ -15,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tipforce.recording import RecordingReader, estimate_offset, shape_coordinates
-from tipforce.twin import Truth, read_truth
+from tipforce.alignment import StageMotion, estimate_offset, shape_coordinates
+from tipforce.io import RecordingReader
+from tipforce.simulation import Truth, read_truth
 from tipforce.types import FloatArray, Frame, IntArray
 from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 
@@ -46,7 +47,10 @@ def load(path: Path, truth: Truth) -> Session:
         seen = [vision.detect(event.image) for event in reader.events("camera") if isinstance(event, Frame)]
         stamps, force, _ = reader.wrenches()
         info, catheter = reader.info, reader.context.catheter
-        carried = reader.stage.acceleration(stamps + info.inertia.lag_ns, info.inertia.axes) @ info.inertia.gain_kg
+        carried = (
+            StageMotion.of(reader.stage_readings()).acceleration(stamps + info.inertia.lag_ns, info.inertia.axes)
+            @ info.inertia.gain_kg
+        )
         assert info.sensor is not None
         tared = np.nan_to_num(force - info.tare.force_n - carried) @ info.sensor.matrix.T
         flexible, rigid = catheter.flexible_length_m or 1.0, catheter.rigid_length_m or 0.0

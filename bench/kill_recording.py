@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from tipforce.errors import FileFormatError
-from tipforce.recording import RecordingReader, RecordingWriter, import_run, write_force_csv, write_video
+from tipforce.io import RecordingReader, RecordingWriter, write_force_csv, write_video
+from tipforce.pipelines import import_session
 from tipforce.types import Actuation, Context, Frame, SystemClock, Wrench
 
 _LEDGER = struct.Struct("<qqqq")  # frames, wrenches and newest stamps that the writer has accepted
@@ -131,7 +132,7 @@ def kill_imports(times: int, chance: random.Random) -> None:
                 opens = f"{_open(target)[0]} frames"
             except FileFormatError as error:
                 opens = "refused" if "import" in str(error) or "no such file" in str(error) else f"refused: {error}"
-            import_run(folder / "video.mp4", folder / "force.csv", target, offset_ms="none", overwrite=finished)
+            import_session(folder / "video.mp4", folder / "force.csv", target, offset_ms="none", overwrite=finished)
             again = _open(target)
             print(
                 f"{number + 1:>3} {seconds:8.2f} s  {'finished' if finished else 'absent':<10} "

@@ -19,7 +19,7 @@ from bench.parts import run_alone
 
 from tipforce.estimators import ESTIMATORS, NetworkEstimator, create
 from tipforce.estimators.networks import Graph
-from tipforce.learning import export_graph, quantise
+from tipforce.training import export_graph, quantise
 from tipforce.types import Context, Observation
 
 NETWORKS = ("dcfe", "compact")

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tipforce.recording import RecordingReader, RecordingWriter, SensorPose, labels
+from tipforce.alignment import labels
+from tipforce.io import RecordingReader, RecordingWriter, SensorPose
 from tipforce.types import Actuation, Context, Frame, Wrench
 
 

@@ -19,7 +19,7 @@ from bench.tubes import Look, Tube, distance_to_curve, draw, shape
 from sklearn.svm import SVR
 from threadpoolctl import threadpool_limits
 
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.estimators import Estimator, create
 from tipforce.types import Context, ForceEstimate, Observation, ShapeFeatures
 from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate, feature_names, shape_features

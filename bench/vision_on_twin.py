@@ -22,8 +22,8 @@ import numpy as np
 from bench.tubes import distance_to_curve
 
 from tipforce.errors import InputError
-from tipforce.recording import RecordingReader
-from tipforce.twin import Truth, read_truth
+from tipforce.io import RecordingReader
+from tipforce.simulation import Truth, read_truth
 from tipforce.types import Context
 from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate, for_session
 

@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.estimators import Estimator, create, save_model
 from tipforce.geometry import curve_from_angle
-from tipforce.recording import write_video
+from tipforce.io import write_video
 from tipforce.types import BasePose, Context, Frame, Observation
 from tipforce.vision import VisionSettings
 

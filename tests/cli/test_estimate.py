@@ -19,7 +19,7 @@ from tipforce.cli._facts import context_from
 from tipforce.errors import InputError
 from tipforce.estimators import write_estimates
 from tipforce.estimators._run import COLUMNS
-from tipforce.recording import RecordingWriter, open_source
+from tipforce.io import RecordingWriter, open_source
 from tipforce.types import STAGE, Actuation, Context, ForceEstimate
 
 KNOB = {"knob_deg": 10.0}

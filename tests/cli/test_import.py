@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from tipforce.cli import app
 from tipforce.errors import InputError, TipforceError
-from tipforce.recording import write_video
+from tipforce.io import write_video
 from tipforce.types import Frame
 
 

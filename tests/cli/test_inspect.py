@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 
 from tipforce.cli import app
 from tipforce.errors import FileFormatError, InputError
-from tipforce.recording import RecordingWriter, look_at, save_picture
+from tipforce.io import RecordingWriter, save_image
+from tipforce.pipelines import inspect_image_file
 from tipforce.types import Context, Frame, Wrench
 from tipforce.vision import ShapeFeatureSettings, VisionSettings
 
@@ -113,13 +114,13 @@ def test_what_is_no_picture_is_named(tmp_path: Path) -> None:
     fake = tmp_path / "fake.png"
     fake.write_text("not a picture")
     with pytest.raises(FileFormatError, match=r"fake\.png"):
-        look_at(fake, VisionSettings(), ShapeFeatureSettings())
+        inspect_image_file(fake, VisionSettings(), ShapeFeatureSettings())
 
 
 @pytest.mark.parametrize("target", ["no/folder.png", "drawing.gif"])
 def test_a_drawing_that_cannot_be_written_is_refused(tmp_path: Path, target: str) -> None:
     with pytest.raises(FileFormatError):
-        save_picture(tmp_path / target, np.zeros((4, 4, 3), np.uint8))
+        save_image(tmp_path / target, np.zeros((4, 4, 3), np.uint8))
 
 
 def test_a_setting_that_does_not_exist_is_named(frame: Path) -> None:

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tipforce.alignment import labels
 from tipforce.cli import app
 from tipforce.errors import InputError
-from tipforce.recording import RecordingReader, labels, open_source
-from tipforce.twin import read_truth
+from tipforce.io import RecordingReader, open_source
+from tipforce.simulation import read_truth
 from tipforce.types import Frame
 
 SETTINGS = ["--sessions", "1", "--seconds", "12", "--set", "world.tare_s=2", "--seed", "3"]
@@ -61,7 +62,7 @@ def test_imported_the_files_give_the_true_force_but_for_the_sensors_own_errors(s
 
 
 def test_lossless_files_hold_every_pixel_that_is_drawn(tmp_path):
-    from tipforce.twin import PRESETS, TwinBench, TwinSettings
+    from tipforce.simulation import PRESETS, SimulatedBench, SimulationSettings
 
     small = ["width=160", "height=120", "world.clock.fps=4", "world.tare_s=2"]
     settings = [word for pair in small for word in ("--set", pair)]
@@ -69,12 +70,12 @@ def test_lossless_files_hold_every_pixel_that_is_drawn(tmp_path):
         "simulate", "--as", "files", "--lossless", "--sessions", "1", "--seconds", "8", "-o", tmp_path, *settings
     )
     assert result.exit_code == 0, result.exception
-    chosen = TwinSettings.model_validate(
+    chosen = SimulationSettings.model_validate(
         read_truth(tmp_path / "session_00").settings | {}, strict=False, extra="ignore"
     )
     assert chosen.preset == "bench-2021 changed"
     assert chosen.world != PRESETS["bench-2021"].world
-    bench = TwinBench(chosen)
+    bench = SimulatedBench(chosen)
     with open_source(tmp_path / "session_00" / "video.mp4") as source:
         for index, event in enumerate(event for event in source if isinstance(event, Frame)):
             np.testing.assert_array_equal(event.image, bench.frame(index).image)

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tipforce.alignment import labels
 from tipforce.cli import app
 from tipforce.cli._simulated_samples import write_samples
-from tipforce.dataset import open_dataset
+from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
-from tipforce.recording import RecordingReader, SensorPose, labels, record
-from tipforce.twin import PRESETS, read_truth, sample_set
+from tipforce.io import RecordingReader, SensorPose
+from tipforce.pipelines import record
+from tipforce.simulation import PRESETS, read_truth, sample_set
 from tipforce.types import SimulatedClock
 
 SMALL = PRESETS["bench-2021"].model_copy(update={"width": 320, "height": 240})

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.dataset import Dataset, open_dataset
+from tipforce.datasets import Dataset, open_dataset
 from tipforce.estimators import DcfeSettings, NetworkEstimator
 from tipforce.estimators import _create as methods
 from tipforce.estimators.networks import _network

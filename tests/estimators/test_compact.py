@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.errors import InputError
 from tipforce.estimators import Compact, CompactSettings, load_model, save_model
 from tipforce.types import Catheter, Context, Observation, Status

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.errors import InputError, ModelError, NotFittedError
 from tipforce.estimators import (
     Dcfe,
@@ -24,7 +24,7 @@ from tipforce.estimators import (
 )
 from tipforce.estimators.networks import _network
 from tipforce.estimators.networks._prepared import prepare
-from tipforce.learning import weights_of
+from tipforce.training import weights_of
 from tipforce.types import Context, Observation, Status
 
 pytest.importorskip("torch", reason="training needs the extra [train]")

@@ -10,7 +10,7 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.errors import InputError, MissingExtraError, ModelError
 from tipforce.estimators import Svr, _create, create, export_onnx, load_model, read_manifest, save_model
 from tipforce.estimators.store import _own_sha256

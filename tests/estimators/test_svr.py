@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sklearn.svm import SVR
 
-from tipforce.dataset import Dataset, draw, open_dataset, random_split
+from tipforce.datasets import Dataset, open_dataset, random_split, random_subset
 from tipforce.errors import InputError, NotFittedError
 from tipforce.estimators import Svr, create
 from tipforce.geometry import curve_from_angle
@@ -117,7 +117,7 @@ def test_a_window_sees_the_past_of_its_own_session_alone(world: World) -> None:
 
 def test_a_window_learns_from_the_frames_between_drawn_samples(world: World) -> None:
     data = world()
-    some = draw(data, 60, seed=0)
+    some = random_subset(data, 60, seed=0)
     svr = fitted(some, window={"lags_ms": [0, 200]})
     by_row = [a.magnitude_n for a in svr.predict(data)]
     error = np.array(by_row)[some.rows] - some.magnitude_n

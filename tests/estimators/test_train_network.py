@@ -8,12 +8,12 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.errors import InputError, ModelError
 from tipforce.estimators import Dcfe, NetworkEstimator, check_start, load_model
 from tipforce.estimators._workplace import workplace
 from tipforce.estimators.networks._settings import DcfeSettings
-from tipforce.learning import _loop
+from tipforce.training import _loop
 
 pytest.importorskip("torch", reason="training needs the extra [train]")
 pytest.importorskip("onnxscript", reason="training needs the extra [train]")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.estimators import Estimator
 from tipforce.types import Context, ForceEstimate, Observation, Status
 

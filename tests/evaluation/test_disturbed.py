@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tipforce.dataset import DISTURBANCES, Disturbance, Light
+from tipforce.datasets import PERTURBATIONS, Light, Perturbation
 from tipforce.errors import InputError
 from tipforce.evaluation import Candidate, evaluate, report_lines, write_report
 from tipforce.evaluation._disturbed import bear
@@ -90,7 +90,7 @@ def test_the_first_line_is_the_undisturbed_error_on_the_same_samples(bright, mea
     assert first["coverage"] == pytest.approx(row.figures["quantities"]["magnitude"]["coverage"])
     assert first["constant"]["mae_n"] == pytest.approx(constant.mae_n)
     assert [(line["kind"], line["size"]) for line in rest] == list(
-        dict.fromkeys((each.kind, each.size) for each in DISTURBANCES)
+        dict.fromkeys((each.kind, each.size) for each in PERTURBATIONS)
     )
 
 
@@ -147,7 +147,7 @@ def test_a_method_that_remembers_is_shown_frames_in_a_row(bright, mean_class, ma
     result = evaluate(data, [candidate], protocols=["session"], every=4)
     row, constant = result.row("mean", "session"), result.row("constant", "session")
     seen.clear()
-    dark = Disturbance("light", "dark", Light(0.5))
+    dark = Perturbation("light", "dark", Light(0.5))
     first, _ = bear(candidate, row, constant, result.dataset, data, frames=100, disturbances=[dark])
     assert first["samples"] > 2
     for rows in seen:

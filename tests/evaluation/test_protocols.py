@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tipforce.dataset import splits
+from tipforce.datasets import splits
 from tipforce.errors import InputError
 from tipforce.evaluation import AS_SAVED, Candidate, Constant, evaluate, write_report
 from tipforce.evaluation._pictures import whole_session

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.estimators import create, load_model, save_model
 from tipforce.types import Context, Observation, Status
 

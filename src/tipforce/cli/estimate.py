@@ -54,7 +54,7 @@ def command(
     """
     from ..errors import InputError
     from ..estimators import load_model, write_estimates
-    from ..recording import open_source
+    from ..io import open_source
 
     target = sys.stdout if output == "-" else Path(output)
     check_outputs([frames], output, overlay, json_file)

@@ -115,13 +115,14 @@ def command(
     Example: tipforce import runs/*.mcap -o dataset/
     """
     from ..errors import InputError
-    from ..recording import ForceColumns, SensorPose, describe, import_run, plot_summary, refuse_picture
+    from ..io import ForceColumns, SensorPose, check_image_target
+    from ..pipelines import describe_recording, import_session, plot_summary
     from ..types import Context
     from ..vision import VisionSettings
 
     check_outputs([*inputs, *(log for log in (knob_log, stage_log) if log)], plot, json)
     if plot is not None:
-        refuse_picture(plot, plot=True)
+        check_image_target(plot, plot=True)
     if all(path.suffix == ".mcap" for path in inputs):
         _dataset(inputs, output, overwrite=overwrite, json=json)
         return
@@ -129,7 +130,7 @@ def command(
         raise InputError(f"expected a video and a force log, got {len(inputs)} files: {', '.join(map(str, inputs))}")
     frames, log = inputs[0], inputs[1] if len(inputs) == 2 else None
     with progress_bar() as report:
-        done = import_run(
+        done = import_session(
             frames,
             log,
             output,
@@ -157,7 +158,7 @@ def command(
             overwrite=overwrite,
             progress=report,
         )
-    for line in (*done.remarks, *describe(done.summary)):
+    for line in (*done.remarks, *describe_recording(done.summary)):
         say(line)
     if plot is not None:
         plot_summary(done.summary, plot)
@@ -165,7 +166,7 @@ def command(
 
 
 def _dataset(inputs: list[Path], folder: Path, *, overwrite: bool, json: str | None) -> None:
-    from ..dataset import open_recordings, write_dataset
+    from ..datasets import open_recordings, write_dataset
 
     with progress_bar() as report:
         dataset = open_recordings(inputs, folder.name)

@@ -45,53 +45,51 @@ def command(
 
         tipforce inspect run.mcap
     """
-    from ..dataset import dataset_at, describe_dataset, pictures
-    from ..recording import (
-        describe,
-        is_picture,
-        look_at,
-        look_over,
-        look_through,
+    from ..datasets import dataset_at, describe_dataset, session_images
+    from ..io import check_image_target, is_image, save_image
+    from ..pipelines import (
+        describe_recording,
+        inspect_frames,
+        inspect_image_file,
+        inspect_sessions,
         plot_summary,
-        refuse_picture,
-        save_picture,
-        summarise,
+        summarise_recording,
     )
     from ..vision import ShapeFeatureSettings, VisionSettings
 
     target = output or Path(f"{file.stem}-inspect.png")
     check_outputs([file], target, json_file)
     if file.suffix in (".mcap", ".part") and not (frames or figures):
-        refuse_picture(target, plot=True)
-        summary = summarise(file)
+        check_image_target(target, plot=True)
+        summary = summarise_recording(file)
         plot_summary(summary, target)
-        for line in describe(summary):
+        for line in describe_recording(summary):
             say(line)
         say(f"wrote {target}")
         write_json(summary.figures(), json_file)
         return
-    refuse_picture(target)
+    check_image_target(target)
     vision = settings_from(VisionSettings, settings)
     shape = ShapeFeatureSettings(kind=features, degree=degree)
     dataset = dataset_at(file)
     if dataset is not None:
         lines, facts = describe_dataset(dataset)
         with progress_bar() as progress:
-            seen = pictures(dataset, vision.view, every)
+            seen = session_images(dataset, vision.view, every)
             total = -(-len(dataset) // every)
-            look = look_over(seen, vision, shape, title=str(file), room=sheet, progress=progress, total=total)
+            look = inspect_sessions(seen, vision, shape, title=str(file), room=sheet, progress=progress, total=total)
         look = replace(look, text="\n".join([*lines, look.text]), figures={"file": str(file), **facts, **look.figures})
-    elif is_picture(file):
-        look = look_at(file, vision, shape)
+    elif is_image(file):
+        look = inspect_image_file(file, vision, shape)
     else:
         with progress_bar() as progress:
-            look = look_through(file, vision, shape, every=every, room=sheet, progress=progress)
-    save_picture(target, look.drawing)
+            look = inspect_frames(file, vision, shape, every=every, room=sheet, progress=progress)
+    save_image(target, look.drawing)
     say(look.text)
     say(f"wrote {target}")
     if figures:
         for name, figure in look.thesis_figures().items():
             beside = target.with_name(f"{target.stem.removesuffix('-inspect')}-{name}.png")
-            save_picture(beside, figure)
+            save_image(beside, figure)
             say(f"wrote {beside}")
     write_json(look.figures, json_file)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..types import Context, ForceEstimate, Observation
 from ._words import Words
 

@@ -13,8 +13,9 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from ..alignment import observations
 from ..errors import InputError
-from ..recording import VideoWriter, frame_count, observations, require_actuation
+from ..io import VideoWriter, frame_count, require_actuation
 from ..types import Context, FloatArray, ForceEstimate, Frame, Image, Observation, ShapeFeatures, Source, Status
 from ..units import newtons_to_grams
 from ..vision import Reasons, draw_estimate

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, IntArray, Observation
 from ._inputs import Inputs

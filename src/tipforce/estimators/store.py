@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
 
-from ..dataset import Dataset, replacing_folder
+from ..datasets import Dataset
 from ..errors import InputError, ModelError
+from ..io import replacing_folder
 from ._base import Estimator
 from ._card import model_card
 from ._create import ESTIMATORS

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..errors import InputError, ModelError, NotFittedError
 from ..types import BoolArray, Context, FloatArray, ForceEstimate, Image, Observation
 from ..vision import DetectedShape, auto_calibrate

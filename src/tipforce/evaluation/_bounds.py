@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..types import BoolArray, FloatArray, IntArray
 from ._outcome import Outcome
 from ._stamps import values_at
@@ -66,7 +66,7 @@ class Bounds:
 def bound_at(dataset: Dataset, bounds: Mapping[str, tuple[IntArray, FloatArray]]) -> FloatArray:
     """(n, 3): of every sample the bound on fx, fy and the magnitude, standard deviations in newtons; NaN: none known.
 
-    ``bounds``: session -> stamps (m,) and (m, 3), as `twin.bound.ForceBound` has them (``stamp_ns`` and
+    ``bounds``: session -> stamps (m,) and (m, 3), as `limits.ForceBound` has them (``stamp_ns`` and
     ``fx_fy_magnitude_n``); more columns come too. Raises InputError where no sample has one.
     """
     return values_at(dataset, bounds, "bound", "make it from the truth beside these recordings")

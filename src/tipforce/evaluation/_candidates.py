@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..errors import InputError
 from ..estimators import ESTIMATORS, NetworkEstimator, check_start, create, load_model, located, read_manifest
 from ..types import FloatArray, IntArray

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..errors import InputError, NotFittedError
 from ..estimators import Estimator, Progress, Stream
 from ..types import Context, ForceEstimate, Observation

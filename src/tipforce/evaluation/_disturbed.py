@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..dataset import DISTURBANCES, Dataset, Disturbance, disturbed, held
+from ..datasets import PERTURBATIONS, Dataset, Perturbation, in_memory, perturbed
 from ..errors import InputError
 from ..estimators import Estimator, Progress
 from ..types import ForceEstimate, IntArray
@@ -41,7 +41,7 @@ def bear(
     *,
     frames: int = 500,
     seed: int = 0,
-    disturbances: Sequence[Disturbance] = DISTURBANCES,
+    disturbances: Sequence[Perturbation] = PERTURBATIONS,
     progress: Progress | None = None,
 ) -> list[dict[str, Any]]:
     """The figures of ``row``'s fitted methods on up to ``frames`` of its test samples, undisturbed and then disturbed.
@@ -54,14 +54,14 @@ def bear(
     parts = list(_parts(row.outcome, dataset, everything, frames, methods))
     same = sorted(disturbances, key=lambda each: repr(each.picture))  # a picture is asked of once, whatever its labels
     pictures = [list(group) for _, group in groupby(same, key=lambda each: each.picture)]
-    plain = Disturbance("undisturbed", "", _as_it_is)
+    plain = Perturbation("undisturbed", "", _as_it_is)
     found: dict[tuple[str, str, str], tuple[list[Outcome], list[Outcome]]] = {
         (each.kind, each.size, each.way): ([], []) for each in (plain, *disturbances)
     }
     for number, part in enumerate(parts):
-        kept = held(part.samples)
+        kept = in_memory(part.samples)
         for group in ([plain], *pictures):
-            estimates = methods[part.fold].predict(disturbed(kept, group[0], seed))
+            estimates = methods[part.fold].predict(perturbed(kept, group[0], seed))
             for each in group:
                 labelled = replace(kept, force_n=each.force(kept.force_n))
                 own, others = found[each.kind, each.size, each.way]

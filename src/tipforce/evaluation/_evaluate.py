@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from ..dataset import Dataset, Protocol, Split, draw, splits, thin
+from ..datasets import Dataset, Protocol, Split, every_nth, random_subset, splits
 from ..errors import InputError
 from ..estimators import Progress
 from ..types import BoolArray, FloatArray
@@ -68,9 +68,9 @@ def evaluate(
         require_pictures(dataset)
     everything = dataset
     whole_truth_n = truth_n
-    dataset = thin(everything, every) if every != 1 else everything
+    dataset = every_nth(everything, every) if every != 1 else everything
     if samples is not None and "thesis" not in (protocols or ()):
-        dataset = draw(dataset, samples, seed)
+        dataset = random_subset(dataset, samples, seed)
     if truth_n is not None:
         places = places_in(everything, dataset)
         truth_n, bounds = truth_n[places], None if bounds is None else bounds.at(places)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..dataset import Dataset, Protocol
+from ..datasets import Dataset, Protocol
 from ..estimators import Estimator
 from ..types import FloatArray
 from ._bounds import Bounds

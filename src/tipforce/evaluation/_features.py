@@ -4,7 +4,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..types import FloatArray
 from ._evaluation import Evaluation
 

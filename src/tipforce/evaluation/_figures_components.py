@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..types import Image
 from ._outcome import Outcome
 from ._style import COLOURS, grams_axis, legend_above, make_figure

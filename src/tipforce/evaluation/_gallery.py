@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..estimators import Estimator, view_of
 from ..types import FloatArray, Image, IntArray, Observation, ShapeFeatures
 from ..units import newtons_to_grams

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..types import BoolArray, FloatArray
 from ._bounds import Bounds
 from ._evaluation import Row

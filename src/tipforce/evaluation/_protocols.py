@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..dataset import Dataset, Split
+from ..datasets import Dataset, Split
 from ..estimators import Estimator, Progress
 from ..types import BoolArray, IntArray
 from ._outcome import Outcome, gather, join

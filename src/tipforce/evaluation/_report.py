@@ -7,8 +7,8 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from ..dataset import replacing_folder
 from ..errors import InputError
+from ..io import replacing_folder
 from ._evaluation import Evaluation
 from ._gallery import worst_frames
 from ._numbers import FILTERS

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..dataset import Dataset, Split
+from ..datasets import Dataset, Split
 from ..errors import InputError
 from ..types import BoolArray
 from ._constant import Constant

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..errors import InputError
 from ..types import FloatArray, IntArray
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..estimators import Estimator
 
 __all__ = ["time_per_frame"]

@@ -14,18 +14,18 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from ...dataset import Dataset
+from ...datasets import Dataset
 from ...errors import InputError, ModelError, NotFittedError
-from ...learning import (
+from ...training import (
     LOG,
-    Recipe,
     Task,
+    TrainConfig,
     export_graph,
-    learn,
     network_of,
     parity_n,
     require_torch,
-    validation_part,
+    train_network,
+    train_val_split,
     weights_of,
 )
 from ...types import BoolArray, Context, FloatArray, ForceEstimate, Image, Observation
@@ -92,7 +92,7 @@ class NetworkEstimator(Estimator):
     """A network behind the face of all methods.
 
     A method states what its network is given (`forms`, `reader`), the task that trains it (`task`), and its settings,
-    which derive from `Recipe` and have ``view``, ``actuation`` and ``components``.
+    which derive from `TrainConfig` and have ``view``, ``actuation`` and ``components``.
     """
 
     looks_at: ClassVar[str] = "the whole picture"
@@ -197,9 +197,9 @@ class NetworkEstimator(Estimator):
             place = folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tipforce-")))
             prepared = self._prepared(dataset, names, place, lambda share: report("preparing pictures", 0.1 * share))
             samples = samples_of(dataset, prepared, known)
-            part = validation_part(samples.session, self.settings)
+            part = train_val_split(samples.session, self.settings)
             task = self.task(known, dataset.force_frames == {"base"}, spread_of(samples.inputs.get("actuation")))
-            learnt = learn(
+            learnt = train_network(
                 task, samples, part, self.settings,
                 start=None if start is None else weights_of(start.files()[MODEL]),
                 folder=folder, resume=resume,
@@ -273,7 +273,7 @@ class NetworkEstimator(Estimator):
         if heat is not None and dataset.has_masks(view):
             forms["heat"], masks = heat, dataset.masks(view)
         sheets = [repr(dataset.contexts[name]) for name in sorted(dataset.contexts)]
-        key = "\n".join([self.name, self.settings.model_dump_json(exclude=set(Recipe.model_fields)), *sheets])
+        key = "\n".join([self.name, self.settings.model_dump_json(exclude=set(TrainConfig.model_fields)), *sheets])
         prepared = prepare(dataset, masks, forms, read, folder, key, dataset.names_of(view), report)
         if len(prepared.kept) < MIN_SAMPLES:
             raise InputError(

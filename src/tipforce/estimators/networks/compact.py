@@ -13,9 +13,9 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from ...dataset import Dataset
+from ...datasets import Dataset
 from ...errors import InputError
-from ...learning import COMPACT_OUTPUTS, COMPACT_UNIT_N, UNKNOWN, CompactTask
+from ...training import COMPACT_OUTPUTS, COMPACT_UNIT_N, UNKNOWN, CompactTask
 from ...types import (
     BASE_SIDE,
     KNOB,

@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from ...learning import RESNET_OUTPUTS, ResnetTask
+from ...training import RESNET_OUTPUTS, ResnetTask
 from ...types import BoolArray, Context, ForceEstimate, Image, Observation, ShapeFeatures, Status
 from .._answers import Answers
 from .._reading import Refusal, read_view
