@@ -10,7 +10,7 @@ import pytest
 
 from tipforce.errors import InputError
 from tipforce.types import Status
-from tipforce.vision import DetectedShape, ShapeDetector, Tracer, VisionSettings, auto_calibrate
+from tipforce.vision import DetectedShape, ShapeDetector, Tracer, VisionSettings, auto_calibrate, inspect_image
 
 from .conftest import load  # type: ignore[import-not-found]
 
@@ -238,3 +238,42 @@ def test_real_frames_are_found_and_agree_with_the_stored_curves() -> None:
             assert row["max_px"] < 1.0
         else:
             assert row["max_percent"] < 3.0
+
+
+@pytest.mark.parametrize("side", ["right", "top", "bottom"])
+def test_a_light_catheter_from_another_side_of_a_large_image_is_inspected(side: str) -> None:
+    tubes_of_side = [drawn(seed, side, light=True, size=(800, 600)) for seed in range(3)]
+    assert tubes_of_side[0].image.shape[:2] == (600, 800)
+    stated = VisionSettings(base_side=side)  # type: ignore[arg-type]
+    resolved = auto_calibrate(stated, [tube.image for tube in tubes_of_side])
+    assert resolved.polarity == "light"
+    for tube in tubes_of_side:
+        inspection = inspect_image(tube.image, ShapeDetector(resolved).detect, resolved)
+        _, worst, tip = errors(inspection.shape, tube)
+        assert worst < 0.3
+        assert tip < 1.0
+        assert inspection.figures()["base"]["origin_px"] == pytest.approx(tube.curve[0], abs=1.0)
+        assert inspection.drawing.shape == (600, 800, 3)
+
+
+@pytest.mark.parametrize("size", [(0, 0), (1, 1), (2, 640), (3, 3), (480, 2), (4, 4), (5, 9), (12, 12)])
+@pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
+def test_images_too_small_for_a_catheter_have_none(size: tuple[int, int], side: str) -> None:
+    for image in (np.zeros(size, np.uint8), np.full((*size, 3), 90, np.uint8)):
+        shape = Tracer(KNOWN.model_copy(update={"base_side": side})).detect(image)
+        assert shape.status is Status.NO_CATHETER
+
+
+@pytest.mark.parametrize("place", ["roi", "base_region"])
+@pytest.mark.parametrize("box", [(900, 0, 1000, 100), (-50, -50, -10, -10), (0, 470, 640, 900), (100, 100, 100, 200)])
+def test_a_region_outside_the_image_is_said_to_lie_there(place: str, box: tuple[int, int, int, int]) -> None:
+    shape = Tracer(KNOWN.model_copy(update={place: box})).detect(drawn(0).image)
+    assert shape.status is Status.NO_CATHETER
+    if box[1] != 470:
+        assert "outside the image of 640 x 480 px" in shape.detail
+
+
+@pytest.mark.parametrize("image", [np.zeros((48, 64)), np.zeros((48, 64, 4), np.uint8), np.zeros(64, np.uint8)])
+def test_what_is_no_image_is_refused(image: np.ndarray) -> None:
+    with pytest.raises(InputError, match="uint8"):
+        Tracer(KNOWN).detect(image)

@@ -1,7 +1,7 @@
 """One candidate, from its entry to its centreline: trace, fit, tip, points; without the interpreter in between."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -65,14 +65,16 @@ class ShaftFit(NamedTuple):
 
 @fast
 def solve_shaft(
-    image: Raster, candidate: Candidate, template: np.ndarray, stations: np.ndarray, points: np.ndarray,
+    frame: tuple[Any, ...], entry: tuple[float, ...], template: np.ndarray, stations: np.ndarray, points: np.ndarray,
     work: np.ndarray,
 ) -> ShaftFit:  # fmt: skip
-    """Traces ``candidate``, fits its axis, finds its tip and resamples the centreline.
+    """Traces a candidate, fits its axis, finds its tip and resamples the centreline.
 
+    ``frame``, ``entry``: the fields of a `Raster` and a `Candidate`, as plain tuples; see `find_entries`.
     ``template``: of the tip, empty if unknown. ``stations`` (`STATIONS`, 6) and ``points`` (k, 2) are filled.
     ``work``: working memory, `WORK_SIZE` + 2 k.
     """
+    image, candidate = Raster(*frame), Candidate(*entry)
     sign, max_gap, known_length, give = candidate.sign, candidate.max_gap, candidate.length, candidate.tolerance
     profile = work[:_PROFILE]
     coefficients = work[_PROFILE:_COEFFICIENTS].reshape((100, 2))

@@ -7,7 +7,7 @@ the cost does not grow with the diameter.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -109,22 +109,24 @@ class TracedShaft(NamedTuple):
 
 @fast
 def find_entries(
-    image: Raster, start: BaseLine, sign: float, width_low: float, width_high: float, threshold: float, least: float,
+    frame: tuple[Any, ...], start: tuple[int, ...], sign: float, width_low: float, width_high: float, threshold: float, least: float,
     line: np.ndarray, slope: np.ndarray, edges: np.ndarray, entries: np.ndarray,
 ) -> int:  # fmt: skip
     """Finds candidates for the shaft on one line: pairs of opposite edges.
 
-    Three pixels are averaged towards the inside of the image. ``sign``: +1 for a light shaft, -1 for a dark one.
+    ``frame``, ``start``: the fields of a `Raster` and a `BaseLine`, as plain tuples: numba needs some 2 us to accept a
+    named one. Three pixels are averaged towards the inside of the image. ``sign``: +1 for a light shaft, -1 for a dark one.
     ``width_low``, ``width_high``: widths along the line in px. ``threshold``: grey level between catheter and ground;
     negative if unknown. ``least``: minimum contrast. ``line``, ``slope``, ``edges``: buffers, the first two at least
     as long as the line. ``entries`` (k, 4) receives centre and width along the line in px, contrast and grey level
     inside, the highest contrast first; their count is returned.
     """
-    n = start.n
+    image, base = Raster(*frame), BaseLine(*start)
+    n = base.n
     for i in range(n):
         total = 0.0
         for k in range(3):
-            total += grey_at(image, start.u + i * start.du + k * start.eu, start.v + i * start.dv + k * start.ev)
+            total += grey_at(image, base.u + i * base.du + k * base.eu, base.v + i * base.dv + k * base.ev)
         line[i] = sign * total / 3.0
     for i in range(2, n - 2):
         slope[i] = 0.5 * (line[i + 1] + line[i + 2] - line[i - 1] - line[i - 2])

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -9,7 +10,6 @@ from ...errors import InputError
 from ...types import BasePose, CentrelinePx, Image, Status
 from .._detected_shape import DetectedShape
 from .._settings import BaseSide, Box, VisionSettings
-from ._pixels import Raster
 from ._solve import STATIONS, WORK_SIZE, ShaftFit, solve_shaft
 from ._tip_template import TEMPLATE_COLUMNS, TEMPLATE_ROWS
 from ._trace import END_BORDER, END_LOST, END_SHORT, BaseLine, Candidate, find_entries
@@ -103,7 +103,7 @@ class Tracer:
         # depth in px and step
         self._heading = 0.0
         self._base_pixels = 0
-        self._lines: list[tuple[int, int, BaseLine]] = []
+        self._lines: list[tuple[int, int, tuple[int, ...]]] = []
 
     def detect(self, image: Image) -> DetectedShape:
         """Returns the catheter in ``image`` (h, w) or (h, w, 3) RGB, uint8; or the reason why it was not found."""
@@ -125,18 +125,15 @@ class Tracer:
     def best_trace(self, image: Image) -> tuple[Trace | None, str]:
         """Returns the best trace of ``image`` (valid or not), or None and the reason why there is none."""
         settings = self.settings
-        if image.dtype != np.uint8 or image.shape[2:] not in ((), (3,)):
+        if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
             raise InputError(f"expected an image of uint8, (h, w) or (h, w, 3), got {image.dtype} {image.shape}")
         if image.shape[:2] != self._size:
             self._resize(image.shape[0], image.shape[1])
         if not self._lines:
-            (width, height), (rows, columns) = _extent(self._area), self._size
             what = "base_region or roi" if settings.base_region or settings.roi else "the image"
-            return None, (
-                f"{what} is too small, or lies outside the image of {columns} x {rows} px: "
-                f"{max(0, width)} x {max(0, height)} px are searched"
-            )
-        raster = self._raster(image)
+            rows, columns = self._size
+            return None, f"{what} is too small for a catheter, or lies outside the image of {columns} x {rows} px"
+        frame = self._frame(image)
         sign = 1.0 if settings.polarity == "light" else -1.0
         known = settings.diameter_px or 0.0
         if known:
@@ -147,8 +144,9 @@ class Tracer:
         best: Trace | None = None
         wrong = 0.0
         for depth, every, line in self._lines:
+            first_u, first_v, step_u, step_v, *_ = line
             count = find_entries(
-                raster, line, sign, low if known == 0.0 else 2.0, high / every, threshold, 12.0,
+                frame, line, sign, low if known == 0.0 else 2.0, high / every, threshold, 12.0,
                 self._line, self._slope, self._edges, self._entries,
             )  # fmt: skip
             traced = 0
@@ -160,8 +158,8 @@ class Tracer:
                 if traced == _MAX_TRACED:
                     break
                 traced += 1
-                u, v = float(line.u + at * line.du), float(line.v + at * line.dv)
-                trace = self._trace(raster, (u, v), width, contrast, sign * inside, depth)
+                u, v = first_u + at * step_u, first_v + at * step_v
+                trace = self._trace(frame, (u, v), width, contrast, sign * inside, depth)
                 if trace.score > (best.score if best else 0.0):
                     best = trace
                     self._points, self._best = self._best, self._points
@@ -173,14 +171,15 @@ class Tracer:
                 return best, ""
         return None, self._why_not(wrong)
 
-    def _raster(self, image: Image) -> Raster:
+    def _frame(self, image: Image) -> tuple[Any, ...]:
+        """Returns the fields of a `Raster`."""
         pixels = image.reshape(-1) if image.flags.c_contiguous else np.ascontiguousarray(image).reshape(-1)
         channels = 1 if image.ndim == 2 else 3
         left, top, right, bottom = self._area
-        return Raster(pixels, image.shape[1] * channels, channels, float(left), float(top), float(right), float(bottom))
+        return pixels, image.shape[1] * channels, channels, float(left), float(top), float(right), float(bottom)
 
     def _trace(
-        self, raster: Raster, entry: tuple[float, float], width: float, contrast: float, level: float, depth: int
+        self, frame: tuple[Any, ...], entry: tuple[float, float], width: float, contrast: float, level: float, depth: int
     ) -> Trace:
         """Traces one entry at (u, v) on a line ``depth`` px inside the base line, and judges the result."""
         settings = self.settings
@@ -201,8 +200,8 @@ class Tracer:
             length=expected,
             tolerance=max(settings.length_tolerance * expected, _LEAST_TOLERANCE * 0.5 * known),
         )
-        template = self._template if self._template.shape[1] == TEMPLATE_COLUMNS * raster.channels else _NO_TEMPLATE
-        fit: ShaftFit = solve_shaft(raster, candidate, template, self._stations, self._points, self._work)
+        template = self._template if self._template.shape[1] == TEMPLATE_COLUMNS * frame[2] else _NO_TEMPLATE
+        fit: ShaftFit = solve_shaft(frame, tuple(candidate), template, self._stations, self._points, self._work)
         diameter, typical = fit.diameter, fit.contrast
         confidence = max(0.0, 1.0 - fit.blind / max(fit.length, 1.0))
         score = fit.length * confidence / (1.0 + 2.0 * fit.rms / max(diameter, 1.0))
@@ -280,15 +279,15 @@ class Tracer:
         (u, v, du, dv, n, eu, ev), self._heading = _base_line(region, settings.base_side)
         self._base_pixels = n
         inner_u, inner_v = u + 2 * eu, v + 2 * ev
-        if min(*_extent(self._area), n) < _LEAST_PX or not (0 <= inner_u < width and 0 <= inner_v < height):
-            # the kernels check no index
-            return
+        inside = 0 <= inner_u < width and 0 <= inner_v < height
+        if min(*_extent(self._area), n) < _LEAST_PX or min(_extent(region)) < 1 or not inside:
+            return  # the kernels check no index
         inward = region[2] - region[0] if eu else region[3] - region[1]
         # a stout shaft is not missed by reading every second pixel only; what fails is searched in all of them
         coarse = min(4, max(1, int((settings.diameter_px or 0.0) / 6.0)))
         passes = _PASSES if coarse == 1 else ((0, coarse), *_PASSES)
         self._lines = [
-            (depth, every, BaseLine(u + eu * depth, v + ev * depth, du * every, dv * every, n // every, eu, ev))
+            (depth, every, (u + eu * depth, v + ev * depth, du * every, dv * every, n // every, eu, ev))
             for depth, every in passes
             if depth <= max(0, inward - 4)
         ]
