@@ -16,8 +16,8 @@ Make = Callable[..., Path]
 
 def renamed(data: Dataset, before: str) -> Dataset:
     names = {name: f"{before}{name}" for name in data.sessions}
-    contexts = {names[name]: replace(context, session=names[name]) for name, context in data.contexts.items()}
-    return replace(data, session=np.array([names[name] for name in data.session]), contexts=contexts, title=before)
+    infos = {names[name]: replace(info, name=names[name]) for name, info in data.session_info.items()}
+    return replace(data, session=np.array([names[name] for name in data.session]), session_info=infos, title=before)
 
 
 @pytest.fixture

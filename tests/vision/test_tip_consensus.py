@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.types import Catheter, Context, FloatArray, Status
+from tipforce.types import Catheter, FloatArray, SessionInfo, Status, ViewInfo
 from tipforce.vision import DetectedShape, Tracer, VisionSettings, auto_calibrate, for_session
 from tipforce.vision._auto_calibrate import _TEMPLATES
 from tipforce.vision._session_size import learn_tip_template
 from tipforce.vision._tip_consensus import axis_offset, shift_tip
 
 LENGTH = 150.0
-SHEET = Context("monday", Catheter("test tube", 0.012, 0.156, 0.0), 1e-3, {"base_side": "left"})
+SESSION = SessionInfo("monday", Catheter("test tube", 0.012, 0.156, 0.0), {"camera": ViewInfo(1e-3, "left")})
 
 
 def _picture(turn: float, rail: float, cloth: float = 0.0, shadow: bool = False, patch: float = 0.0) -> np.ndarray:
@@ -62,7 +62,7 @@ def _beside(sight: DetectedShape, turn: float) -> float:
 def test_an_edge_that_lies_elsewhere_in_every_image_is_not_taken_for_the_tip() -> None:
     rails = (2.0, 5.0, 8.0, 11.0, 3.5, 6.5, 14.0, 9.5)
     pictures = [_picture(0.05 * k - 0.2, rail) for k, rail in enumerate(rails)]
-    resolved = auto_calibrate(VisionSettings(), pictures, SHEET)
+    resolved = auto_calibrate(VisionSettings(), pictures, SESSION)
     assert resolved.length_px == pytest.approx(LENGTH, abs=1.5)
     assert resolved.length_tolerance < 0.03
     for picture in pictures:
@@ -73,7 +73,7 @@ def test_an_edge_that_lies_elsewhere_in_every_image_is_not_taken_for_the_tip() -
 
 def test_a_shaft_lost_on_a_cloth_of_its_own_grey_is_found_again_by_the_tip_template() -> None:
     clear = [_picture(0.05 * k - 0.2, 40.0) for k in range(8)]
-    resolved = auto_calibrate(VisionSettings(), clear, SHEET)
+    resolved = auto_calibrate(VisionSettings(), clear, SESSION)
     assert resolved.tip_template is not None
     unaware = resolved.model_copy(update={"tip_template": None})
     for turn, cloth in ((-0.1, -0.15), (0.0, -0.05), (0.1, -0.1)):
@@ -95,7 +95,7 @@ def test_lines_that_lie_beside_the_tip_in_every_image_are_put_on_its_axis(aside:
 
 
 def test_a_tip_that_differs_from_the_template_is_refused() -> None:
-    resolved = auto_calibrate(VisionSettings(), [_picture(0.05 * k - 0.2, 40.0) for k in range(8)], SHEET)
+    resolved = auto_calibrate(VisionSettings(), [_picture(0.05 * k - 0.2, 40.0) for k in range(8)], SESSION)
     for turn in (-0.1, 0.0, 0.1):
         assert Tracer(resolved).detect(_picture(turn, 40.0)).found
         sight = Tracer(resolved).detect(_picture(turn, 40.0, patch=250.0))
@@ -115,14 +115,14 @@ def test_a_tip_template_that_no_image_fits_is_dropped(monkeypatch: pytest.Monkey
 
     pictures = [_picture(0.05 * k - 0.2, 40.0) for k in range(8)]
     monkeypatch.setattr("tipforce.vision._auto_calibrate.learn_tip_template", learn)
-    resolved = auto_calibrate(VisionSettings(), pictures, SHEET)
+    resolved = auto_calibrate(VisionSettings(), pictures, SESSION)
     assert resolved.tip_template is None
     assert all(Tracer(resolved).detect(picture).found for picture in pictures)
 
 
 def test_a_tip_template_is_not_used_in_another_session_and_not_learnt_from_several() -> None:
     pictures = [_picture(0.05 * k - 0.2, 40.0) for k in range(8)]
-    resolved = auto_calibrate(VisionSettings(), pictures, SHEET)
-    nearer = Context("tuesday", SHEET.catheter, 0.8e-3, SHEET.notes)
+    resolved = auto_calibrate(VisionSettings(), pictures, SESSION)
+    nearer = SessionInfo("tuesday", SESSION.catheter, {"camera": ViewInfo(0.8e-3, "left")})
     assert for_session(resolved, nearer).tip_template is None
-    assert auto_calibrate(VisionSettings(), pictures, [SHEET] * 8).tip_template is None
+    assert auto_calibrate(VisionSettings(), pictures, [SESSION] * 8).tip_template is None

@@ -49,7 +49,7 @@ def join(datasets: Sequence[Dataset]) -> Dataset:
         known=first.known,
         names=np.concatenate([dataset.names for dataset in datasets]),
         view_names={view: np.concatenate([dataset.names_of(view) for dataset in datasets]) for view in views},
-        contexts={name: context for dataset in datasets for name, context in dataset.contexts.items()},
+        session_info={name: info for dataset in datasets for name, info in dataset.session_info.items()},
         rows=np.arange(sum(counts)),
         title=" and ".join(dataset.title for dataset in datasets),
     )

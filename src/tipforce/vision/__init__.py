@@ -6,7 +6,7 @@ from ._detected_shape import DetectedShape
 from ._detector import ShapeDetector
 from ._draw import contact_sheet, draw_estimate, draw_shape, shaft_mask
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
-from ._inspect import Inspection, Reasons, Tally, inspect_image
+from ._inspect import Inspection, InspectSettings, Reasons, Tally, inspect_image
 from ._session_size import for_session
 from ._settings import BaseSide, Polarity, VisionSettings
 from ._thesis_figures import figure_17, figure_18
@@ -17,6 +17,7 @@ __all__ = [
     "ClassicDetector",
     "ClassicSteps",
     "DetectedShape",
+    "InspectSettings",
     "Inspection",
     "NoFeatures",
     "Polarity",

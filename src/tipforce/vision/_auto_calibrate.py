@@ -8,7 +8,7 @@ from itertools import islice, product
 import numpy as np
 
 from ..errors import InputError
-from ..types import Context, FloatArray, Image, Status
+from ..types import FloatArray, Image, SessionInfo, Status
 from ._detected_shape import DetectedShape
 from ._session_size import for_session, learn_length, learn_tip_template, on_axis, with_nominal
 from ._settings import BaseSide, Polarity, VisionSettings
@@ -52,14 +52,14 @@ def _convincing(trace: Trace, noise: float) -> bool:
     )
 
 
-def _threshold(settings: VisionSettings, frames: Sequence[Image], contexts: Sequence[Context]) -> int | None:
+def _threshold(settings: VisionSettings, frames: Sequence[Image], infos: Sequence[SessionInfo]) -> int | None:
     """Returns the grey level half-way from the shaft to what lies beside it, or further if that would lose frames.
 
     None where the catheter is detected in no frame.
     """
 
     def detected(tried: VisionSettings) -> list[DetectedShape]:
-        return [Tracer(for_session(tried, c)).detect(frame) for frame, c in zip(frames, contexts, strict=True)]
+        return [Tracer(for_session(tried, c)).detect(frame) for frame, c in zip(frames, infos, strict=True)]
 
     levels = [_levels(frame, shape) for frame, shape in zip(frames, detected(settings), strict=True) if shape.found]
     if not levels:
@@ -95,7 +95,7 @@ def _levels(image: Image, shape: DetectedShape) -> tuple[float, float]:
 
 
 def _best_side(
-    settings: VisionSettings, frames: Sequence[Image], contexts: Sequence[Context], reasons: list[str]
+    settings: VisionSettings, frames: Sequence[Image], infos: Sequence[SessionInfo], reasons: list[str]
 ) -> tuple[VisionSettings, list[Trace | None]] | None:
     """Returns the side and polarity with the best shafts, and each frame's trace if convincing; fills ``reasons``."""
     noise = [_noise(frame) for frame in frames]
@@ -104,7 +104,7 @@ def _best_side(
     best: tuple[float, VisionSettings, list[Trace | None]] | None = None
     for side, polarity in product(sides, polarities):
         tried = settings.model_copy(update={"base_side": side, "polarity": polarity})
-        found = [Tracer(for_session(tried, c)).best_trace(frame) for frame, c in zip(frames, contexts, strict=True)]
+        found = [Tracer(for_session(tried, c)).best_trace(frame) for frame, c in zip(frames, infos, strict=True)]
         traces = [
             trace if trace and _convincing(trace, n) else None for (trace, _), n in zip(found, noise, strict=True)
         ]
@@ -121,18 +121,18 @@ def _best_side(
 
 
 def _lines(
-    settings: VisionSettings, frames: Sequence[Image], contexts: Sequence[Context], traces: Sequence[Trace | None]
+    settings: VisionSettings, frames: Sequence[Image], infos: Sequence[SessionInfo], traces: Sequence[Trace | None]
 ) -> list[FloatArray | None]:
     """Returns the centreline in each frame whose trace is convincing."""
     lines = [
         Tracer(for_session(settings, c)).detect(frame).centreline if trace else None
-        for frame, c, trace in zip(frames, contexts, traces, strict=True)
+        for frame, c, trace in zip(frames, infos, traces, strict=True)
     ]
     return [line.points if line else None for line in lines]
 
 
 def auto_calibrate(
-    settings: VisionSettings, images: Iterable[Image], contexts: Context | Sequence[Context] | None = None
+    settings: VisionSettings, images: Iterable[Image], infos: SessionInfo | Sequence[SessionInfo] | None = None
 ) -> VisionSettings:
     """Finds what ``settings`` leave open on the first 16 of ``images``: polarity, base side, threshold, diameter.
 
@@ -144,7 +144,7 @@ def auto_calibrate(
     Args:
         settings: what the user says.
         images: (h, w) grey or (h, w, 3) RGB, uint8.
-        contexts: what is known of the session; or one entry for each image.
+        infos: what is known of the session; or one entry for each image.
 
     Returns:
         The settings with the found values.
@@ -152,18 +152,19 @@ def auto_calibrate(
     Raises:
         InputError: no frame shows a catheter.
     """
-    if is_resolved(settings) and (contexts is None or settings.length_px is not None):
+    if is_resolved(settings) and (infos is None or settings.length_px is not None):
         return settings
     frames = list(islice(images, _FRAMES))
     if not frames:
         raise InputError("there is no frame for the auto-calibration of the vision settings; give at least one")
-    infos = [contexts or Context()] * len(frames) if contexts is None or isinstance(contexts, Context) else contexts
+    each = [infos or SessionInfo()] * len(frames) if infos is None or isinstance(infos, SessionInfo) else list(infos)
+    each = each[: len(frames)]
     reasons: list[str] = []
     found = None
-    sized = with_nominal(settings, infos[0])
+    sized = with_nominal(settings, each[0])
     # a view that shows only a part of the catheter must not be rejected for its length
     for start in dict.fromkeys((sized, sized.model_copy(update={"length_px": settings.length_px}))):
-        found = found or _best_side(start, frames, infos[: len(frames)], reasons)
+        found = found or _best_side(start, frames, each, reasons)
     if found is None:
         different = list(dict.fromkeys(reason for reason in reasons if reason))
         what = different[0] if len(different) == 1 else f"{len(reasons)} combinations of side and polarity tried"
@@ -174,17 +175,16 @@ def auto_calibrate(
         )
     chosen, traces = found
     guess = chosen
-    infos = list(infos[: len(frames)])
     if settings.length_px is None and chosen.length_px is not None:
-        chosen = learn_length(guess, infos, frames, _lines(guess, frames, infos, traces))
-        if isinstance(contexts, Context) and chosen is not guess:
+        chosen = learn_length(guess, each, frames, _lines(guess, frames, each, traces))
+        if isinstance(infos, SessionInfo) and chosen is not guess:
             for _ in range(_TEMPLATES):
-                lines = on_axis(chosen, frames, _lines(chosen, frames, infos, traces))
-                chosen = learn_tip_template(learn_length(guess, infos, frames, lines), frames, lines)
+                lines = on_axis(chosen, frames, _lines(chosen, frames, each, traces))
+                chosen = learn_tip_template(learn_length(guess, each, frames, lines), frames, lines)
     if chosen.threshold is None:
         # a wrongly learnt length or template rejects every frame: then go without it
         for tried in dict.fromkeys((chosen, chosen.model_copy(update={"tip_template": None}), guess)):
-            threshold = _threshold(tried, frames, infos)
+            threshold = _threshold(tried, frames, each)
             if threshold is not None:
                 chosen = tried.model_copy(update={"threshold": threshold})
                 break
@@ -194,7 +194,7 @@ def auto_calibrate(
                 "base_side, or mark the shaft's base with base_region"
             )
     if settings.diameter_px is None:
-        scales = [for_session(chosen, info).nominal_px for info in infos]
+        scales = [for_session(chosen, info).nominal_px for info in each]
         widths = [
             trace.diameter_px * (chosen.nominal_px[1] / scale[1] if chosen.nominal_px and scale else 1.0)
             for trace, scale in zip(traces, scales, strict=True)

@@ -9,6 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from pydantic import BaseModel, ConfigDict
 
 from ..types import FloatArray, Image
 from ._classic import ClassicDetector
@@ -17,7 +18,18 @@ from ._draw import contact_sheet, draw_shape
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._settings import VisionSettings
 
-__all__ = ["Inspection", "Reasons", "Tally", "inspect_image"]
+__all__ = ["InspectSettings", "Inspection", "Reasons", "Tally", "inspect_image"]
+
+
+class InspectSettings(BaseModel):
+    """Settings of an inspection, with the same keys as those of method 1."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    vision: VisionSettings = VisionSettings()
+    """How the catheter is detected."""
+    features: ShapeFeatureSettings = ShapeFeatureSettings()
+    """The curve that is fitted to the shape."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

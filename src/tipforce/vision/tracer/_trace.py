@@ -109,15 +109,15 @@ class TracedShaft(NamedTuple):
 
 @fast
 def find_entries(
-    frame: tuple[Any, ...], start: tuple[int, ...], sign: float, width_low: float, width_high: float, threshold: float, least: float,
-    line: np.ndarray, slope: np.ndarray, edges: np.ndarray, entries: np.ndarray,
+    frame: tuple[Any, ...], start: tuple[int, ...], sign: float, width_low: float, width_high: float,
+    threshold: float, least: float, line: np.ndarray, slope: np.ndarray, edges: np.ndarray, entries: np.ndarray,
 ) -> int:  # fmt: skip
     """Finds candidates for the shaft on one line: pairs of opposite edges.
 
     ``frame``, ``start``: the fields of a `Raster` and a `BaseLine`, as plain tuples: numba needs some 2 us to accept a
-    named one. Three pixels are averaged towards the inside of the image. ``sign``: +1 for a light shaft, -1 for a dark one.
-    ``width_low``, ``width_high``: widths along the line in px. ``threshold``: grey level between catheter and ground;
-    negative if unknown. ``least``: minimum contrast. ``line``, ``slope``, ``edges``: buffers, the first two at least
+    named one. Three pixels are averaged towards the inside of the image. ``sign``: +1 for a light shaft, -1 for a dark
+    one. ``width_low``, ``width_high``: widths along the line in px. ``threshold``: grey level between catheter and
+    ground; negative if unknown. ``least``: minimum contrast. ``line``, ``slope``, ``edges``: buffers, the first two at least
     as long as the line. ``entries`` (k, 4) receives centre and width along the line in px, contrast and grey level
     inside, the highest contrast first; their count is returned.
     """

@@ -179,16 +179,16 @@ class Tracer:
         return pixels, image.shape[1] * channels, channels, float(left), float(top), float(right), float(bottom)
 
     def _trace(
-        self, frame: tuple[Any, ...], entry: tuple[float, float], width: float, contrast: float, level: float, depth: int
+        self, frame: tuple[Any, ...], at: tuple[float, float], width: float, contrast: float, level: float, depth: int
     ) -> Trace:
-        """Traces one entry at (u, v) on a line ``depth`` px inside the base line, and judges the result."""
+        """Traces the entry ``at`` (u, v) on a line ``depth`` px inside the base line, and judges the result."""
         settings = self.settings
         known = settings.diameter_px or 0.0
         expected = settings.length_px or 0.0
         candidate = Candidate(
             sign=1.0 if settings.polarity == "light" else -1.0,
-            u=entry[0],
-            v=entry[1],
+            u=at[0],
+            v=at[1],
             heading=self._heading,
             width=width,
             contrast=contrast,

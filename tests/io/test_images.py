@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tipforce.errors import FileFormatError
-from tipforce.io import open_source, write_video
-from tipforce.io._folder import read_image
+from tipforce.io import open_source, read_image, write_video
 from tipforce.types import Frame
 
 RAMP = np.tile(np.linspace(0, 255, 64).astype(np.uint8), (48, 1))
