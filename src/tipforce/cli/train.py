@@ -96,6 +96,8 @@ def command(
     begin = check_start(recipe, start, resume=resume)
     dataset = without_sessions(join([open_dataset(each) for each in data]), without or [])
     apart = join([open_dataset(each) for each in calibrate]) if calibrate else None
+    for remark in (*dataset.remarks, *(apart.remarks if apart else ())):
+        say(remark)
     with workplace(recipe, output, resume=resume) as folder:
         with progress_bar() as report:
             done = train(
