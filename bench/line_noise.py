@@ -93,7 +93,7 @@ def session_errors(preset: str, seed: int, frames: int, number: int) -> dict[str
     spread = np.linspace(0, len(lines) - 1, SPREAD).astype(int).tolist()
     try:
         pictures = [through_jpeg(bench.frame(k).image, quality) for k in spread]
-        vision = Vision(settle(VisionSettings(), pictures, bench.context))
+        vision = Vision(settle(VisionSettings(), pictures, bench.session_info))
     except InputError:  # nothing is seen in this session
         return {"number": number, "frames": [], "errors": [], "lengths": [], "lost": frames, "wrong": 0}
     right, rows, lengths, lost, wrong = [], [], [], 0, 0

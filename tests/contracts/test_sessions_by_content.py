@@ -8,20 +8,18 @@ import numpy as np
 import pytest
 
 from tipforce.datasets import PERTURBATIONS, Dataset, open_dataset, perturbed, write_dataset
-from tipforce.io import RecordingWriter, SensorPose
-from tipforce.types import Context, Frame, Wrench
+from tipforce.io import RecordingWriter
+from tipforce.types import Frame, SensorInfo, SessionInfo, Wrench
 
 
 def recorded(path: Path, name: str, scale: float) -> Path:
     """A second of frames and forces."""
-    with RecordingWriter(path, Context(name)) as writer:
-        writer.state(SensorPose(0.0, "tissue-on-tip"))
+    with RecordingWriter(path, SessionInfo(name)) as writer:
+        writer.state(SensorInfo(0.0, "tissue-on-tip"))
         for k in range(0, 1000, 10):
             stamp = k * 1_000_000
             force = np.array([scale * np.sin(k), 0.1 * scale, np.nan])
             writer.write(Wrench(stamp, force, np.full(3, np.nan), "sensor"))
-                Wrench(stamp, np.array([scale * np.sin(k), 0.1 * scale, np.nan]), np.full(3, np.nan), "sensor")
-            )
             if k % 40 == 0:
                 writer.write(Frame(stamp, np.full((48, 64), 50 + k // 40, np.uint8)))
     return path

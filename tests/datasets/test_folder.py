@@ -4,6 +4,7 @@ import json
 import os
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ import pytest
 
 from tipforce.datasets import Dataset, open_dataset, write_dataset
 from tipforce.errors import FileFormatError, InputError, TableError, TimeError
-from tipforce.types import ShapeFeatures
+from tipforce.types import Catheter, SessionInfo, ShapeFeatures, ViewInfo
 
 Make = Callable[..., Path]
 
@@ -42,18 +43,23 @@ def test_rows_come_in_the_order_of_sessions_and_stamps(make_folder: Make) -> Non
     assert values == [*range(20, 28), *range(10, 18), *range(8)]
 
 
-def test_common_facts_reach_every_context(make_folder: Make) -> None:
+def test_common_facts_reach_every_session(make_folder: Make) -> None:
     folder = make_folder()
-    facts = {"frame": "sensor", "metres_per_px": 1e-4, "catheter": {"name": "X", "diameter_m": 0.002}}
-    (folder / "dataset.json").write_text(json.dumps({**facts, "sessions": {"s1": {"wall": "soft"}}}))
-    contexts = open_dataset(folder).contexts
-    assert contexts["s0"].metres_per_px == 1e-4
-    assert contexts["s0"].catheter.diameter_m == 0.002
-    assert contexts["s1"].notes == {"force_frame": "sensor", "wall": "soft"}
+    facts = {
+        "force_frame": "sensor",
+        "views": {"camera": {"metres_per_px": 1e-4, "base_side": "left"}},
+        "catheter": {"name": "X", "diameter_m": 0.002},
+    }
+    own = {"s1": {"remarks": "soft wall", "catheter": {"diameter_m": 0.003}}}
+    (folder / "dataset.json").write_text(json.dumps({**facts, "sessions": own}))
+    infos = open_dataset(folder).session_info
+    shared = SessionInfo("s0", Catheter("X", 0.002), {"camera": ViewInfo(1e-4, "left")}, force_frame="sensor")
+    assert infos["s0"] == shared
+    assert infos["s1"] == replace(shared, name="s1", catheter=Catheter("X", 0.003), remarks="soft wall")
 
 
 def same(a: Dataset, b: Dataset) -> bool:
-    return a.fingerprint() == b.fingerprint() and dict(a.contexts) == dict(b.contexts) and a.title == b.title
+    return a.fingerprint() == b.fingerprint() and dict(a.session_info) == dict(b.session_info) and a.title == b.title
 
 
 def test_masks_stand_beside_the_images_and_are_no_part_of_an_observation(make_folder: Make) -> None:
@@ -224,11 +230,24 @@ def test_a_damaged_image_names_its_file(make_folder: Make) -> None:
         list(data.observations())
 
 
-@pytest.mark.parametrize(("text", "message"), [("{", "is no JSON"), ('{"scale": 1}', "scale: .*it may hold title")])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "is no JSON"),
+        ('{"scale": 1}', "scale is not known; it may hold title"),
+        ('{"title": 1}', "title and view must be text"),
+        ('{"sessions": {"s1": 1}}', "sessions must be an object"),
+        ('{"catheter": {"length_m": 1}}', r"dataset\.json: catheter\.length_m is not known; catheter may hold name"),
+        (
+            '{"sessions": {"s1": {"views": {"camera": {"base_side": "up"}}}}}',
+            r"dataset\.json: views\.camera\.base_side = 'up' is refused: .*'left'",
+        ),
+    ],
+)
 def test_wrong_facts_are_one_clear_sentence(make_folder: Make, text: str, message: str) -> None:
     folder = make_folder()
     (folder / "dataset.json").write_text(text)
-    with pytest.raises(FileFormatError, match=message):
+    with pytest.raises(InputError, match=message):
         open_dataset(folder)
 
 

@@ -16,8 +16,8 @@ Make = Callable[..., Path]
 
 def renamed(data: Dataset, before: str) -> Dataset:
     names = {name: f"{before}{name}" for name in data.sessions}
-    contexts = {names[name]: replace(context, session=names[name]) for name, context in data.contexts.items()}
-    return replace(data, session=np.array([names[name] for name in data.session]), contexts=contexts, title=before)
+    infos = {names[name]: replace(info, name=names[name]) for name, info in data.session_info.items()}
+    return replace(data, session=np.array([names[name] for name in data.session]), session_info=infos, title=before)
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_other_sessions_of_the_same_name_get_names_of_their_own(two: tuple[Datas
     other = replace(first, title="other", force_n=first.force_n + 0.1, _fingerprints=None)
     both = join((first, other, second))
     assert both.sessions == ("as0", "as1", "as0 (2)", "as1 (2)", "bs0", "bs1")
-    assert both.contexts["as0 (2)"].session == "as0 (2)"
+    assert both.session_info["as0 (2)"].name == "as0 (2)"
     assert both.remarks[0] == "as0 of other is called as0 (2), because a has a as0 too"
     assert first_pixels(both)[6:12] == first_pixels(first)
 

@@ -114,7 +114,7 @@ def test_compact_answers_a_picture_and_its_mirror_image_alike(unseen: Dataset) -
     assert isinstance(model, NetworkEstimator)
     assert model.fitted_ is not None
     graph, session = model.fitted_.graph, unseen.session[0]
-    row = model.reader(unseen.contexts[session], training=False)(next(unseen.observations()))
+    row = model.reader(unseen.session_info[session], training=False)(next(unseen.observations()))
     assert isinstance(row, dict)
     picture, sheet = row["picture"][None], row["sheet"][None]
     force = graph(picture=picture, sheet=sheet)["force_n"][0]
@@ -142,7 +142,7 @@ def test_those_for_the_twin_read_sessions_that_they_never_saw(name: str, unseen:
     assert valid.mean() > 0.7
     off = np.array([each.magnitude_n for each in answers]) - data.magnitude_n
     assert np.nanmean(np.abs(off)) < 0.6 * np.mean(np.abs(data.magnitude_n - data.magnitude_n.mean()))
-    stream, first = model.start(data.contexts[data.session[0]]), next(data.observations())
+    stream, first = model.start(data.session_info[data.session[0]]), next(data.observations())
     for shown in (
         np.zeros((480, 640, 3), np.uint8),
         np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8),

@@ -55,7 +55,7 @@ def test_a_training_that_was_cut_off_is_gone_on_with(
         return line(row, recipe)
 
     work = tmp_path / "cut.training"
-    with monkeypatch.context() as patch:
+    with monkeypatch.session_info() as patch:
         patch.setattr(_loop, "progress_line", stop)
         with pytest.warns(UserWarning, match="keeps the training so far; go on with it by --resume"):
             assert run(*words, tmp_path / "cut").exit_code != 0

@@ -65,7 +65,7 @@ def mean_class(ridge_class):
         def calibrate(self, dataset, progress=None):
             return self
 
-        def start(self, context):
+        def start(self, info):
             return Stream(self)
 
     return PictureMean

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tipforce.errors import FileFormatError, InputError, TableError, TimeError, TipforceError
-from tipforce.io import ForceColumns
 from tipforce.io._force_log import read_force_log, read_knob_log
+from tipforce.types import ForceLogInfo
 from tipforce.units import GRAM_N
 
 
@@ -18,16 +18,16 @@ def log(tmp_path: Path, text: str) -> Path:
 @pytest.mark.parametrize(
     ("text", "columns", "newtons"),
     [
-        ("time_s,fx_n,fy_n,fz_n\n0.5,1,2,3\n0.501,4,5,6\n", ForceColumns(), [[1, 2, 3], [4, 5, 6]]),
+        ("time_s,fx_n,fy_n,fz_n\n0.5,1,2,3\n0.501,4,5,6\n", ForceLogInfo(), [[1, 2, 3], [4, 5, 6]]),
         (
             "# logger 3\nstamp_ns\tFx (mN)\tFy (mN)\n500000000\t1000\t2000\n501000000\t4000\t5000\n",
-            ForceColumns(),
+            ForceLogInfo(),
             None,
         ),
-        ("t;Fx;Fy\n0,5;1,0;2,0\n0,501;4,0;5,0\n", ForceColumns(time_unit="s", force_unit="N"), None),
-        ("time_ms fx_n fy_n\n500  1.0 2.0\n501 4.0 5.0\n", ForceColumns(), None),
-        ('"sec","nanosec","fx_n","fy_n"\n0,500000000,1,2\n0,501000000,4,5\n', ForceColumns(), None),
-        ("clock,a,b\n5e8,-10,20\n5.01e8,-40,50\n", ForceColumns("clock", "-a", "b", None, "ns", "counts", 10.0), None),
+        ("t;Fx;Fy\n0,5;1,0;2,0\n0,501;4,0;5,0\n", ForceLogInfo(time_unit="s", force_unit="N"), None),
+        ("time_ms fx_n fy_n\n500  1.0 2.0\n501 4.0 5.0\n", ForceLogInfo(), None),
+        ('"sec","nanosec","fx_n","fy_n"\n0,500000000,1,2\n0,501000000,4,5\n', ForceLogInfo(), None),
+        ("clock,a,b\n5e8,-10,20\n5.01e8,-40,50\n", ForceLogInfo("clock", "-a", "b", None, "ns", "counts", 10.0), None),
     ],
     ids=[
         "names tell all",
@@ -39,7 +39,7 @@ def log(tmp_path: Path, text: str) -> Path:
     ],
 )
 def test_logs_of_many_kinds_hold_the_same_forces(
-    tmp_path: Path, text: str, columns: ForceColumns, newtons: list[list[float]] | None
+    tmp_path: Path, text: str, columns: ForceLogInfo, newtons: list[list[float]] | None
 ) -> None:
     found = read_force_log(log(tmp_path, text), columns)
     assert found.stamp_ns.tolist() == [500_000_000, 501_000_000]
@@ -47,7 +47,7 @@ def test_logs_of_many_kinds_hold_the_same_forces(
 
 
 def test_grams_become_newtons(tmp_path: Path) -> None:
-    found = read_force_log(log(tmp_path, "time_s,fx\n0,20\n1,30\n"), ForceColumns(force_unit="g"))
+    found = read_force_log(log(tmp_path, "time_s,fx\n0,20\n1,30\n"), ForceLogInfo(force_unit="g"))
     np.testing.assert_allclose(found.force_n[:, 0], [20 * GRAM_N, 30 * GRAM_N])
 
 
@@ -59,44 +59,44 @@ def test_stamps_since_1970_in_nanoseconds_are_exact(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "columns", "error", "said"),
     [
-        ("", ForceColumns(), FileFormatError, "is empty"),
-        ("0.1,2,3\n0.2,3,4\n", ForceColumns(), TableError, "line 1: expected the names of the columns"),
-        ("time_s,fx_n\n", ForceColumns(), TableError, "has a header but no rows"),
-        ("time_s,load\n0,1\n", ForceColumns(), TableError, "--fx, --fy and --fz"),
-        ("time_s,fx_n\n0,1\n", ForceColumns(fy="Fy"), TableError, "has no column 'Fy'; it has time_s, fx_n"),
-        ("clock,fx_n\n0,1\n", ForceColumns(), TableError, "state it with --time"),
-        ("time,fx_n\n0,1\n", ForceColumns(), TableError, "--time-unit s"),
-        ("time_s,fx\n0,1\n", ForceColumns(), TableError, "--force-unit N"),
-        ("time_s,fx_counts\n0,1\n", ForceColumns(), TableError, "--counts-per-n"),
-        ("time_s,fx_n\n0,1\n", ForceColumns(counts_per_n=5), InputError, "leave --counts-per-n out"),
+        ("", ForceLogInfo(), FileFormatError, "is empty"),
+        ("0.1,2,3\n0.2,3,4\n", ForceLogInfo(), TableError, "line 1: expected the names of the columns"),
+        ("time_s,fx_n\n", ForceLogInfo(), TableError, "has a header but no rows"),
+        ("time_s,load\n0,1\n", ForceLogInfo(), TableError, "sensor.log.fx, fy and fz"),
+        ("time_s,fx_n\n0,1\n", ForceLogInfo(fy="Fy"), TableError, "has no column 'Fy'; it has time_s, fx_n"),
+        ("clock,fx_n\n0,1\n", ForceLogInfo(), TableError, "state sensor.log.time in"),
+        ("time,fx_n\n0,1\n", ForceLogInfo(), TableError, "state sensor.log.time_unit"),
+        ("time_s,fx\n0,1\n", ForceLogInfo(), TableError, "state sensor.log.force_unit"),
+        ("time_s,fx_counts\n0,1\n", ForceLogInfo(), TableError, "sensor.log.counts_per_n"),
+        ("time_s,fx_n\n0,1\n", ForceLogInfo(counts_per_n=5), InputError, "leave counts_per_n out"),
         (
             "time_s,fx_n\n0,1\n# x\n1,two\n",
-            ForceColumns(),
+            ForceLogInfo(),
             TableError,
             "line 4, column fx_n: expected a number, got 'two'",
         ),
-        ("time_s,fx_n\n0,1\n1,\n", ForceColumns(), TableError, "line 3, column fx_n: is empty"),
-        ("time_s,fx_n\n0,1\n1,nan\n", ForceColumns(), TableError, "line 3, column fx_n: expected a number, got 'nan'"),
-        ("time_s,fx_n,fy_n\n0,1,2\n1,2\n", ForceColumns(), TableError, "line 3: has 2 cells, the header has 3"),
-        ("time_s,fx_n\n0,1,5,2\n", ForceColumns(), TableError, "both decimal sign and separator"),
-        ("time_s;fx_n\n0;1.5\n1;2,5\n", ForceColumns(), TableError, "line 3, column fx_n: '2,5' has a decimal comma"),
-        ("time_s,fx_n,fx_n\n0,1,2\n", ForceColumns(), TableError, "appears twice"),
-        ("time_s,fx_n\n0,1\n\n0.002,1\n0.001,1\n", ForceColumns(), TimeError, "line 5: is stamped before"),
-        ("time_s,fx_n\n0,1\n0,1\n", ForceColumns(), TimeError, "line 3: repeats the stamp"),
-        ("time_s,fx_n\n0,1\n\n1,1e300\n", ForceColumns(), TableError, "line 4, column fx_n: 1e+300 is 1e+300 N"),
-        ("time_ms,fx_n\n1723092491697277832,1\n", ForceColumns(), TimeError, "check --time-unit"),
-        ("time_s,fx_n\n1e15,1\n", ForceColumns(), TimeError, "check --time-unit"),
+        ("time_s,fx_n\n0,1\n1,\n", ForceLogInfo(), TableError, "line 3, column fx_n: is empty"),
+        ("time_s,fx_n\n0,1\n1,nan\n", ForceLogInfo(), TableError, "line 3, column fx_n: expected a number, got 'nan'"),
+        ("time_s,fx_n,fy_n\n0,1,2\n1,2\n", ForceLogInfo(), TableError, "line 3: has 2 cells, the header has 3"),
+        ("time_s,fx_n\n0,1,5,2\n", ForceLogInfo(), TableError, "both decimal sign and separator"),
+        ("time_s;fx_n\n0;1.5\n1;2,5\n", ForceLogInfo(), TableError, "line 3, column fx_n: '2,5' has a decimal comma"),
+        ("time_s,fx_n,fx_n\n0,1,2\n", ForceLogInfo(), TableError, "appears twice"),
+        ("time_s,fx_n\n0,1\n\n0.002,1\n0.001,1\n", ForceLogInfo(), TimeError, "line 5: is stamped before"),
+        ("time_s,fx_n\n0,1\n0,1\n", ForceLogInfo(), TimeError, "line 3: repeats the stamp"),
+        ("time_s,fx_n\n0,1\n\n1,1e300\n", ForceLogInfo(), TableError, "line 4, column fx_n: 1e+300 is 1e+300 N"),
+        ("time_ms,fx_n\n1723092491697277832,1\n", ForceLogInfo(), TimeError, "check sensor.log.time_unit"),
+        ("time_s,fx_n\n1e15,1\n", ForceLogInfo(), TimeError, "check sensor.log.time_unit"),
         (
             "time,fx_n\n2024-05-03T10:00:00,1\n2024-05-33T10:00:01,1\n",
-            ForceColumns(),
+            ForceLogInfo(),
             TableError,
             "line 3, column time: expected a date",
         ),
-        ("time_s," + ",".join(f"a{k}" for k in range(300)) + "\n", ForceColumns(), TableError, "and 281 more"),
+        ("time_s," + ",".join(f"a{k}" for k in range(300)) + "\n", ForceLogInfo(), TableError, "and 281 more"),
     ],
 )
 def test_a_bad_log_is_told_in_one_sentence(
-    tmp_path: Path, text: str, columns: ForceColumns, error: type[TipforceError], said: str
+    tmp_path: Path, text: str, columns: ForceLogInfo, error: type[TipforceError], said: str
 ) -> None:
     with pytest.raises(error) as caught:
         read_force_log(log(tmp_path, text), columns)
@@ -119,7 +119,7 @@ def test_a_log_of_a_german_windows_is_read(tmp_path: Path, encoding: str) -> Non
     rows = "".join(f"{k},{k % 7}\n" for k in range(3000))
     path = tmp_path / "Prüfstand [3].csv"
     path.write_text(f"zeit_ms,Kraft ä_mN\n{rows}# Prüfstand\n", encoding=encoding)
-    found = read_force_log(path, ForceColumns(fx="Kraft ä_mN"))
+    found = read_force_log(path, ForceLogInfo(fx="Kraft ä_mN"))
     assert len(found.stamp_ns) == 3000
     assert found.force_n[6, 0] == pytest.approx(6e-3)
 

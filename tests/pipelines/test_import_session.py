@@ -6,16 +6,16 @@ import pytest
 
 from tipforce.alignment import labels, observations
 from tipforce.errors import FileFormatError, InputError, TableError, TimeError, TipforceError
-from tipforce.io import ForceColumns, RecordingReader, RecordingWriter, SensorPose
+from tipforce.io import RecordingReader, RecordingWriter
 from tipforce.pipelines import import_session, plot_summary, summarise_recording
-from tipforce.types import Actuation, Context
+from tipforce.types import Actuation, ForceLogInfo, SensorInfo, SessionInfo
 
 from ..short_run import BIAS, OFFSET_S, Run, push  # type: ignore[import-not-found]
 
 
 def test_import_finds_offset_and_tare_and_yields_the_force(run: Run, tmp_path: Path) -> None:
     report = import_session(
-        run.video, run.force, tmp_path / "run.mcap", actuation={"knob_deg": 10.0}, sensor=SensorPose(0, "tissue-on-tip")
+        run.video, run.force, tmp_path / "run.mcap", actuation={"knob_deg": 10.0}, sensor=SensorInfo(0, "tissue-on-tip")
     )
     info = report.summary.info
     assert info.clock_offset.how == "estimated", info.clock_offset.detail
@@ -38,7 +38,7 @@ def test_a_stated_offset_and_tare_are_taken_as_they_are(run: Run, tmp_path: Path
     info = report.summary.info
     assert (info.clock_offset.how, info.clock_offset.offset_ns) == ("stated", -12_500_000)
     assert (info.tare.how, info.tare.stretches_s) == ("stated", ((0.0, 1.5),))
-    assert info.sensor == SensorPose(0.0, "tip-on-tissue")
+    assert info.sensor == SensorInfo(0.0, "tip-on-tissue")
 
 
 def test_a_log_that_counts_from_another_zero_is_aligned_where_that_is_stated(run: Run, tmp_path: Path) -> None:
@@ -46,7 +46,7 @@ def test_a_log_that_counts_from_another_zero_is_aligned_where_that_is_stated(run
     lines = run.force.read_text().splitlines()
     moved = [f"{float(line.split(',')[0]) + 1.7e9:.3f},{line.split(',', 1)[1]}" for line in lines[1:]]
     later.write_text("\n".join([lines[0], *moved]))
-    with pytest.raises(TimeError, match=r"do not overlap with video\.mp4.*--align-start"):
+    with pytest.raises(TimeError, match=r"do not overlap with video\.mp4.*--offset-ms start"):
         import_session(run.video, later, tmp_path / "run.mcap", offset_ms="none")
     assert not list(tmp_path.glob("run*"))
     report = import_session(run.video, later, tmp_path / "run.mcap", offset_ms="none", align_start=True)
@@ -58,7 +58,7 @@ def test_stamps_before_zero_move_all_streams_alike(run: Run, tmp_path: Path) -> 
     early = tmp_path / "force.csv"
     early.write_text("time_s,fx_n,fy_n\n" + "".join(f"{k / 1000 - 0.5:.3f},{k / 1000},0\n" for k in range(8000)))
     import_session(
-        run.video, early, tmp_path / "run.mcap", offset_ms="none", tare="none", sensor=SensorPose(0, "tissue-on-tip")
+        run.video, early, tmp_path / "run.mcap", offset_ms="none", tare="none", sensor=SensorInfo(0, "tissue-on-tip")
     )
     with RecordingReader(tmp_path / "run.mcap") as reader:
         found = labels(reader)
@@ -72,9 +72,9 @@ def test_forces_that_no_catheter_bears_are_remarked_on(run: Run, tmp_path: Path)
     lines[4000] = f"{lines[4000].split(',')[0]},500,0"
     (tmp_path / "force.csv").write_text("\n".join(lines))
     report = import_session(run.video, tmp_path / "force.csv", tmp_path / "run.mcap", offset_ms="none")
-    assert any("up to 500 N: check --force-unit" in remark for remark in report.remarks)
+    assert any("up to 500 N: check sensor.log.force_unit" in remark for remark in report.remarks)
     usual = import_session(run.video, run.force, tmp_path / "usual.mcap", offset_ms="none")
-    assert not any("--force-unit" in remark for remark in usual.remarks)
+    assert not any("force_unit" in remark for remark in usual.remarks)
 
 
 def test_the_knob_may_be_a_column_or_a_log_of_its_own(run: Run, tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ BAD: list[tuple[dict[str, Any], type[TipforceError], str]] = [
     ({"target": "text.csv/run.mcap"}, FileFormatError, "is a file, not a folder"),
     ({"frames": "stills"}, FileFormatError, "neither a table nor the names of the images say when"),
     ({"tare": (100.0, 110.0)}, InputError, "the force log runs from 0 to"),
-    ({"columns": ForceColumns(fx="Fq")}, TableError, "no column 'Fq'"),
+    ({"columns": ForceLogInfo(fx="Fq")}, TableError, "no column 'Fq'"),
 ]
 
 
@@ -141,7 +141,7 @@ def test_a_failed_import_leaves_nothing_behind(
 
 def test_an_import_that_was_killed_is_simply_run_again(run: Run, tmp_path: Path) -> None:
     """A longer leftover of an earlier import stands under the temporary name."""
-    writer = RecordingWriter(tmp_path / "run.mcap", Context(), origin="import")
+    writer = RecordingWriter(tmp_path / "run.mcap", SessionInfo(), origin="import")
     for k in range(20_000):
         writer.write(Actuation(k * 1_000_000, {"a_mm": 1.0}))
     writer._halt()

@@ -57,10 +57,20 @@ def test_commands_named_in_the_docs_exist() -> None:
     for document in documents():
         text = document.read_text(encoding="utf-8")
         code = "\n".join(re.findall(r"```[a-z]*\n(.*?)```", text, flags=re.S) + re.findall(r"`([^`\n]+)`", text))
-        verbs = set(re.findall(r"(?:^|[\s/])tipforce ([a-z]+)", code))
+        verbs = set(re.findall(r"(?:^|[\s/])tipforce ([a-z][a-z-]*)", code))
         assert verbs <= set(VERBS), f"{document.name} names verbs that do not exist"
         made = set(re.findall(r"(?:^|\n)make ([a-z]+)", code))
         assert made <= targets, f"{document.name} names make targets that do not exist"
+
+
+def test_files_and_benchmarks_named_in_the_docs_exist() -> None:
+    for document in documents():
+        text = document.read_text(encoding="utf-8")
+        paths = set(re.findall(r"\b(?:bench|docs|tests|src|scripts)/[\w/]+\.(?:py|sh|md)\b", text))
+        paths |= {f"bench/{name}.py" for name in re.findall(r"python -m bench\.(\w+)", text)}
+        assert not [path for path in paths if not re.search("[A-Z]", path) and not (ROOT / path).is_file()], (
+            document.name
+        )
 
 
 def written_commands() -> list[tuple[str, str]]:
@@ -72,7 +82,7 @@ def written_commands() -> list[tuple[str, str]]:
         inline = [code for code in re.findall(r"`([^`\n]+)`", text) if len(code.split()) > 4]
         found += [(document.name, line) for line in (*fenced, *inline)]
     written = [(place, line.strip().removeprefix("Example: ")) for place, line in found]
-    typed = [(place, line) for place, line in written if re.match(r"tipforce [a-z]+ .", line)]
+    typed = [(place, line) for place, line in written if re.match(r"tipforce [a-z][a-z-]* .", line)]
     return [(place, line) for place, line in typed if not any(word.isupper() for word in line.split())]  # SEED: a gap
 
 

@@ -15,7 +15,7 @@ SOURCE = Path(tipforce.__file__).parent
 
 BASE = {"types", "errors", "units"}
 ALLOWED: dict[str, set[str]] = {
-    "types": set(),
+    "types": {"errors"},
     "errors": set(),
     "units": set(),
     "geometry": BASE,

@@ -5,26 +5,20 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from ..errors import InputError, MissingExtraError
-from ..io import SensorPose, replacing_folder, write_video
+from ..io import replacing_folder, write_video
 from ..pipelines import record
 from ..simulation import AnySimulationSettings, FluoroSettings, SimulatedBench, write_logs
 from ..simulation.rendering.fluoroscope import XrayScene, write_dicom
 from ..types import Frame, SimulatedClock
-from ..vision import VisionSettings
 
 __all__ = ["FORMS", "leave_dicom", "leave_files", "record_session", "refuse_form"]
 
 
 def record_session(bench: SimulatedBench, target: Path, tick: Callable[[], None], lossless: bool = False) -> None:
-    """Record ``bench``, with what its sheet of facts says of the sensor, the tare and the picture."""
-    notes = bench.context.notes
-    start, end = notes["no_contact_s"].split(":")
+    """Record ``bench``, with what its session metadata state of sensor, tare and view."""
     record(
         bench,
         target,
-        sensor=SensorPose(float(notes["sensor_angle_deg"]), "tip-on-tissue"),
-        tare=(float(start), float(end)),
-        vision=VisionSettings.model_validate({"base_side": notes["base_side"]}),
         lossless=lossless,
         jpeg_quality=bench.imaging.jpeg_quality,
         overwrite=True,

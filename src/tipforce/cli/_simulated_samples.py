@@ -12,7 +12,7 @@ import numpy as np
 from ..alignment import label_log, observations
 from ..datasets import Growing, GrowingImages, GrowingShards, SessionSamples
 from ..errors import InputError
-from ..io import SensorPose, encode_image
+from ..io import encode_image
 from ..simulation import (
     SampleSet,
     SimulatedBench,
@@ -127,14 +127,13 @@ def _labelled(
     masks: Mapping[str, Sequence[bytes]],
     lossless: bool,
 ) -> SessionSamples:
-    context, log = bench.context, bench.log
-    start, end = context.notes["no_contact_s"].split(":")
+    info, log = bench.session_info, bench.log
     found = label_log(
         bench.stamp_ns[frames],
         (log.stamp_ns, log.force_n),
         bench.stage_log(),
-        sensor=SensorPose(float(context.notes["sensor_angle_deg"]), "tip-on-tissue"),
-        tare=(float(start), float(end)),
+        sensor=info.sensor,
+        tare=info.sensor.no_contact_s or "none",
         offset_ms=offset_ms,
     )
     if not np.isfinite(found.force_n[:, found.known]).all():
@@ -146,7 +145,7 @@ def _labelled(
         for view in seen[0].views
     }
     return SessionSamples(
-        context=context,
+        session_info=info,
         frame=frames,
         stamp_ns=found.stamp_ns,
         actuation={name: np.array([each.actuation.get(name, np.nan) for each in seen]) for name in names},

@@ -56,7 +56,7 @@ def command(
     """Simulate a bench: sessions as real hardware leaves them, with the truth in a file beside each.
 
     A session is a recording (session_00.mcap) that holds what a bench would know, or with --as files a folder
-    (session_00) of video.mp4, force.csv, stage.csv, bench.json and, where the knob moves, knob.csv; and
+    (session_00) of video.mp4, force.csv, stage.csv, bench.toml and, where the knob moves, knob.csv; and
     session_00.truth.npz for evaluation only. --as dicom, for X-ray, leaves run.dcm (XA, multi-frame) instead of the
     video. A biplane session has two views, a and b, and a file of each. Sessions that stand there already are kept. A
     preset that is changed by --set or --seconds is none any more: the sessions say so.

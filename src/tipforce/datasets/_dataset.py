@@ -9,7 +9,7 @@ from typing import Protocol, TypeVar, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from ..types import BoolArray, Context, FloatArray, Image, IntArray, Observation
+from ..types import BoolArray, FloatArray, Image, IntArray, Observation, SessionInfo
 
 __all__ = ["Dataset", "RowStore"]
 
@@ -44,7 +44,7 @@ class Dataset:
     ``session`` (n,) names, ``stamp_ns`` (n,), ``actuation``: name -> (n,); ``force_n`` (n, 3): what the tissue does to
     the tip, base frame, NaN where ``known`` (3,) is False; ``names`` (n,): what a person calls each sample (its file,
     of several views the first's); ``view_names``: view -> (n,) what its pictures are called where that is another name.
-    ``contexts``: session -> public facts; ``rows`` (n,): the samples' places in ``store``.
+    ``session_info``: session -> public facts; ``rows`` (n,): the samples' places in ``store``.
     """
 
     store: RowStore
@@ -54,7 +54,7 @@ class Dataset:
     force_n: FloatArray
     known: BoolArray
     names: npt.NDArray[np.str_]
-    contexts: Mapping[str, Context]
+    session_info: Mapping[str, SessionInfo]
     rows: IntArray
     title: str = ""
     view_names: Mapping[str, npt.NDArray[np.str_]] = field(default_factory=dict[str, npt.NDArray[np.str_]])
@@ -94,7 +94,7 @@ class Dataset:
     @property
     def force_frames(self) -> set[str]:
         """Frames that the sessions' forces are in: "base" as far as nothing else is noted."""
-        return {context.notes.get("force_frame", "base") for context in self.contexts.values()}
+        return {info.force_frame for info in self.session_info.values()}
 
     @property
     def magnitude_n(self) -> FloatArray:
@@ -112,7 +112,7 @@ class Dataset:
         return replace(
             self,
             session=session,
-            contexts={name: context for name, context in self.contexts.items() if name in left},
+            session_info={name: info for name, info in self.session_info.items() if name in left},
             stamp_ns=self.stamp_ns[index],
             actuation={name: values[index] for name, values in self.actuation.items()},
             force_n=self.force_n[index],

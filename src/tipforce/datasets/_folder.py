@@ -88,8 +88,8 @@ def write_dataset(
         raise InputError(f"{dataset.title}: has no samples to write")
     with replacing_folder(folder) as part:
         view = _write_rows(dataset, part, progress)
-        contexts = [dataset.contexts[name] for name in dataset.sessions]
-        (part / FACTS).write_text(facts_text(dataset.title, contexts, view), encoding="utf-8")
+        infos = [dataset.session_info[name] for name in dataset.sessions]
+        (part / FACTS).write_text(facts_text(dataset.title, infos, view), encoding="utf-8")
     return folder
 
 

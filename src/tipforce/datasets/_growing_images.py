@@ -7,7 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ..types import Context
+from ..types import SessionInfo
 from ._folder import FILE, METADATA, cell
 from ._samples import Growing, SessionSamples, about, as_json, context_of, put
 
@@ -54,7 +54,7 @@ class GrowingImages(Growing):
     def _read(self, number: int) -> dict[str, Any]:
         return json.loads(self._part(number).read_text(encoding="utf-8"))
 
-    def context(self, number: int) -> Context:
+    def session_info(self, number: int) -> SessionInfo:
         """Of a session that was added."""
         return context_of(self._read(number))
 

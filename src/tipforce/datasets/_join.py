@@ -48,7 +48,7 @@ def join(datasets: Sequence[Dataset]) -> Dataset:
         known=first.known,
         names=np.concatenate([dataset.names for dataset in datasets]),
         view_names={view: np.concatenate([dataset.names_of(view) for dataset in datasets]) for view in views},
-        contexts={name: context for dataset in datasets for name, context in dataset.contexts.items()},
+        session_info={name: info for dataset in datasets for name, info in dataset.session_info.items()},
         rows=np.arange(sum(counts)),
         title=" and ".join(dataset.title for dataset in datasets),
         remarks=(*(remark for dataset in datasets for remark in dataset.remarks), *renamed, *_lacking(datasets)),
@@ -85,14 +85,13 @@ def _told_apart(datasets: Sequence[Dataset]) -> tuple[list[Dataset], list[str]]:
 
 def _renamed(dataset: Dataset, names: Mapping[str, str]) -> Dataset:
     """``dataset`` with the sessions in ``names`` called by their new names."""
-    contexts = {
-        names.get(name, name): replace(context, session=names.get(name, name))
-        for name, context in dataset.contexts.items()
+    infos = {
+        names.get(name, name): replace(info, name=names.get(name, name)) for name, info in dataset.session_info.items()
     }
     return replace(
         dataset,
         session=np.array([names.get(name, name) for name in dataset.session.tolist()]),
-        contexts=contexts,
+        session_info=infos,
         whole=None,
         _fingerprints={names.get(name, name): value for name, value in dataset.session_fingerprints.items()},
     )

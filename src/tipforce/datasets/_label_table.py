@@ -10,7 +10,7 @@ from ..errors import TableError, TimeError
 from ..io import ACTUATION_UNITS, STILL_STEP_NS, is_actuation, is_force
 from ..types import FloatArray, IntArray
 from ._dataset import Dataset, RowStore
-from ._facts import FolderFacts, contexts_of
+from ._facts import FolderFacts, session_info_of
 
 __all__ = ["FORCES", "LabelTable", "check_stamps", "dataset_of"]
 
@@ -90,7 +90,7 @@ def dataset_of(table: LabelTable, facts: FolderFacts, name: str, views: Sequence
         force_n=force[order],
         known=measured,
         names=next(iter(names.values())),
-        contexts=contexts_of(facts, sessions),
+        session_info=session_info_of(facts, sessions),
         rows=order,
         title=facts.title or name,
         view_names=names if len(names) > 1 else {},

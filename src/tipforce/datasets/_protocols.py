@@ -63,7 +63,7 @@ def catheter_splits(dataset: Dataset) -> list[Split]:
     """
     groups: dict[Catheter, list[str]] = {}
     for name in dataset.sessions:
-        groups.setdefault(dataset.contexts[name].catheter, []).append(name)
+        groups.setdefault(dataset.session_info[name].catheter, []).append(name)
     found = [
         Split(
             f"{catheter.name}, trained on {first}",

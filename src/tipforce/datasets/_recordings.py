@@ -1,6 +1,7 @@
 """Recordings as a dataset: every labelled frame is a sample, every file a session."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from ..alignment import labels
 from ..errors import InputError
 from ..io import RecordingReader
-from ..types import Context, FloatArray, IntArray
+from ..types import FloatArray, IntArray, SessionInfo
 from ._dataset import Dataset
 from ._stores import Recordings
 
@@ -26,7 +27,7 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
     forces: list[FloatArray] = []
     frames: list[IntArray] = []
     actuation: list[dict[str, FloatArray]] = []
-    contexts: dict[str, Context] = {}
+    infos: dict[str, SessionInfo] = {}
     remarks: list[str] = []
     known, some = np.ones(3, np.bool_), np.zeros(3, np.bool_)
     views = (camera,) if camera else _views_of(paths[0])
@@ -46,9 +47,9 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
             forces.append(found.force_n[rows])
             frames.append(rows)
             actuation.append(reader.actuation_at(found.stamp_ns[rows]))
-            context = reader.context
-            name = context.session if context.session not in contexts else f"{context.session} ({path.stem})"
-            contexts[name] = Context(name, context.catheter, context.metres_per_px, context.notes)
+            info = reader.session_info
+            name = info.name if info.name not in infos else f"{info.name} ({path.stem})"
+            infos[name] = replace(info, name=name)
     counts = [len(rows) for rows in frames]
     if not sum(counts):
         raise InputError(f"{title}: no frame has a force; see `tipforce inspect {paths[0]}` for the times of both")
@@ -73,13 +74,13 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
     called = [f"{paths[k].name} frame {i}" for k, i in zip(recording.tolist(), frame.tolist(), strict=True)]
     return Dataset(
         store=Recordings(stamp_ns, gathered, tuple(paths), recording, frame, views[0], views[1:]),
-        session=np.repeat(list(contexts), counts),
+        session=np.repeat(list(infos), counts),
         stamp_ns=stamp_ns,
         actuation=gathered,
         force_n=force_n,
         known=known,
         names=np.array(called),
-        contexts=contexts,
+        session_info=infos,
         rows=np.arange(len(stamp_ns)),
         title=title,
         remarks=tuple(remarks),

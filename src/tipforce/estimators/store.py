@@ -110,7 +110,7 @@ def _manifest(
         "training": {
             **_of(training),
             **({} if calibration is None else {"calibration": _of(calibration)}),
-            "simulated": all(context.notes.get("simulated") == "true" for context in training.contexts.values()),
+            "simulated": all(info.simulated for info in training.session_info.values()),
             "force_range_n": [float(np.min(training.magnitude_n)), float(np.max(training.magnitude_n))],
         },
         "metrics": dict(metrics or {}),

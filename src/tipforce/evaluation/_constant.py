@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict
 from ..datasets import Dataset
 from ..errors import InputError, NotFittedError
 from ..estimators import Estimator, Progress, Stream
-from ..types import Context, ForceEstimate, Observation
+from ..types import ForceEstimate, Observation, SessionInfo
 
 __all__ = ["Constant"]
 
@@ -77,7 +77,7 @@ class Constant(Estimator):
             progress("quantiles of the labels", 1.0)
         return self
 
-    def start(self, context: Context) -> Stream:  # noqa: ARG002 - the same answer in every session
+    def start(self, info: SessionInfo) -> Stream:  # noqa: ARG002 - the same answer in every session
         """A stream that answers the same every time."""
         if self.answer_ is None:
             raise NotFittedError("the constant predictor has no mean yet; call fit first")

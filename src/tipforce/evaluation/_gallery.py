@@ -83,7 +83,7 @@ def _card(outcome: Outcome, place: int, observation: Observation, estimator: Est
     if isinstance(view, ShapeFeatures):
         svg = _curve_svg(view, _session_curves(dataset.subset(np.flatnonzero(dataset.session == session))), name)
     elif view is not None:
-        uri = _photo(picture_of(estimator, observation, view, dataset.contexts[session]))
+        uri = _photo(picture_of(estimator, observation, view, dataset.session_info[session]))
     return Card(name, session, text, svg, uri)
 
 

@@ -3,17 +3,17 @@
 import numpy as np
 
 from ..estimators import Estimator, ShowsShape
-from ..types import Context, FloatArray, Image, Observation, ShapeFeatures
+from ..types import FloatArray, Image, Observation, SessionInfo, ShapeFeatures
 from ..vision import draw_sighting
 
 __all__ = ["curve_of_features", "picture_of"]
 
 
-def picture_of(estimator: Estimator, observation: Observation, image: Image, context: Context) -> Image:
+def picture_of(estimator: Estimator, observation: Observation, image: Image, info: SessionInfo) -> Image:
     """``image`` with what ``estimator`` saw in it; the bare picture for a method that looks for no shape."""
     if not isinstance(estimator, ShowsShape):
         return image
-    sighting, curve_px = estimator.look(observation, context)
+    sighting, curve_px = estimator.look(observation, info)
     return draw_sighting(image, sighting, curve_px=curve_px)
 
 

@@ -22,7 +22,7 @@ def time_per_frame(estimator: Estimator, dataset: Dataset, frames: int = 300) ->
     observations = list(islice(session.observations(), frames))
     taken_ns: list[int] = []
     for counted in (False, True):
-        stream = estimator.start(dataset.contexts[name])
+        stream = estimator.start(dataset.session_info[name])
         for observation in observations:
             start = time.perf_counter_ns()
             stream.update(observation)

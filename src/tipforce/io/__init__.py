@@ -2,8 +2,8 @@
 
 from ._actuation import WAIT_S, ActuationSeries
 from ._atomic import atomic_path, atomic_text, check_folder, replacing_folder, write_atomic
-from ._facts import ClockOffset, Inertia, Reads, SensorPose, Tare
-from ._force_log import ForceColumns, ForceLog, read_force_log, read_knob_log
+from ._facts import ClockOffset, Inertia, Tare
+from ._force_log import ForceLog, logs_by_kind, read_force_log, read_knob_log
 from ._images import StreamDepth, check_image_target, decode_image, encode_image, is_image, read_image, save_image
 from ._reader import RecordingInfo, RecordingReader, StreamInfo
 from ._recover import check_target
@@ -19,14 +19,11 @@ __all__ = [
     "ActuationSeries",
     "ClockOffset",
     "FileSource",
-    "ForceColumns",
     "ForceLog",
     "Inertia",
-    "Reads",
     "RecordingInfo",
     "RecordingReader",
     "RecordingWriter",
-    "SensorPose",
     "StreamDepth",
     "StreamInfo",
     "Table",
@@ -43,6 +40,7 @@ __all__ = [
     "is_actuation",
     "is_force",
     "is_image",
+    "logs_by_kind",
     "open_source",
     "open_table",
     "read_force_log",

@@ -11,12 +11,12 @@ from typing import Self
 import numpy as np
 
 from ..errors import FileFormatError, InputError
-from ..types import STAGE, Actuation, Context, Event, FloatArray, Frame, IntArray, Wrench
+from ..types import STAGE, Actuation, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, Wrench
 from ._actuation import WAIT_S, ActuationSeries
 from ._cdr import COMPRESSED_IMAGE, JOINT_STATE, WRENCH_STAMPED, unpack_image, unpack_joints, unpack_wrench
 from ._cdr import wrench_layout as _wrench_layout
 from ._container import MESSAGE_HEAD, Container, Entries
-from ._facts import ClockOffset, Inertia, SensorPose, Tare, context_from
+from ._facts import ClockOffset, Inertia, Tare, session_from
 from ._images import StreamDepth, decode_image
 from ._recover import resolve
 
@@ -51,7 +51,7 @@ class RecordingInfo:
     clock_offset: ClockOffset
     tare: Tare
     inertia: Inertia
-    sensor: SensorPose | None
+    sensor: SensorInfo | None
     metadata: Mapping[str, Mapping[str, str]]
     recovered: str = ""
 
@@ -93,13 +93,13 @@ class RecordingReader:
             self._topics[name] = (channel.id, kind if channel.message_encoding == "cdr" else "other")
         self._entries: dict[str, Entries] = {}
         self._depths: dict[str, StreamDepth] = {}
-        context = context_from(self._file.metadata)
-        self._context = replace(context, session=context.session or self.path.stem)
+        info = session_from(self._file.metadata.get("tipforce.session", {}), str(self.path))
+        self._session_info = replace(info, name=info.name or self.path.stem)
 
     @property
-    def context(self) -> Context:
+    def session_info(self) -> SessionInfo:
         """What is publicly known of the session."""
-        return self._context
+        return self._session_info
 
     @cached_property
     def info(self) -> RecordingInfo:
@@ -109,16 +109,20 @@ class RecordingReader:
             name: stream_info(name, self._file.channels[channel].topic, kind, self._of(name).time_ns)
             for name, (channel, kind) in self._topics.items()
         }
-        sensor = metadata.get("tipforce.sensor")
         return RecordingInfo(
             streams=streams,
             clock_offset=ClockOffset.of(metadata.get("tipforce.clock_offset", {})),
             tare=Tare.of(metadata.get("tipforce.tare", {})),
             inertia=Inertia.of(metadata.get("tipforce.inertia", {})),
-            sensor=None if sensor is None else SensorPose.of(sensor),
+            sensor=self._sensor(),
             metadata=metadata,
             recovered=self.recovered or metadata.get("tipforce.recovered", {}).get("detail", ""),
         )
+
+    def _sensor(self) -> SensorInfo | None:
+        """The sensor as far as its pose is stated."""
+        sensor = self._session_info.sensor
+        return None if sensor.angle_deg is None and sensor.reads is None else sensor
 
     @property
     def views(self) -> tuple[str, ...]:

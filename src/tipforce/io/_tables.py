@@ -389,7 +389,7 @@ def time_column(table: Table, name: str | None, unit: TimeUnit | None) -> tuple[
         if len(fitting) != 1:
             said = "several columns that may be the time" if fitting else "no column that is called a time"
             raise TableError(
-                f"{table.path}: has {said} ({listed(fitting or table.columns)}); state it with --time and --time-unit; "
+                f"{table.path}: has {said} ({listed(fitting or table.columns)}); state sensor.log.time in bench.toml; "
                 "the names must stand in the first line that does not begin with #"
             )
         name = fitting[0]
@@ -400,7 +400,9 @@ def time_column(table: Table, name: str | None, unit: TimeUnit | None) -> tuple[
     if unit is None:
         stated = re.search(r"[ _\[(](s|sec|seconds|ms|us|µs|ns)[\])]?$", name.lower())
         if stated is None:
-            raise TableError(f"{table.path}: the column {name!r} does not name its unit; state it, as in --time-unit s")
+            raise TableError(
+                f"{table.path}: the column {name!r} does not name its unit; state sensor.log.time_unit in bench.toml"
+            )
         found = _UNITS.get(stated[1], stated[1])
         unit = "s" if found == "s" else "ms" if found == "ms" else "us" if found == "us" else "ns"
     return name, unit
@@ -429,7 +431,7 @@ def _held(table: Table, values: IntArray | FloatArray, factor: int) -> IntArray:
     """``values`` times ``factor`` as whole nanoseconds, where a recording can hold them."""
     most_s = float(np.abs(values).max()) * factor * 1e-9 if len(values) else 0.0
     if most_s >= MAX_STAMP_S:
-        raise TimeError(f"{table.path}: holds a time of {most_s:.4g} s, beyond the year 2038; check --time-unit")
+        raise TimeError(f"{table.path}: holds a time of {most_s:.4g} s, past the year 2038; check sensor.log.time_unit")
     return values.astype(np.int64) * factor
 
 

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import threading
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -11,7 +12,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from ..errors import FileFormatError, TimeError
-from ..types import Clock, Context, Event, FloatArray, Frame, IntArray, SystemClock, Wrench
+from ..types import Clock, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, SystemClock, Wrench
 from ._atomic import atomic_text, part_of
 from ._cdr import (
     COMPRESSED_IMAGE,
@@ -22,7 +23,7 @@ from ._cdr import (
     pack_joints,
     pack_wrench,
 )
-from ._facts import ClockOffset, Inertia, SensorPose, Tare, context_records
+from ._facts import ClockOffset, Inertia, Tare, session_record
 from ._images import encode_image
 from ._recover import check_target, lock
 from ._tables import MAX_STAMP_S
@@ -51,7 +52,7 @@ class RecordingWriter:
     def __init__(
         self,
         path: Path | str,
-        context: Context,
+        info: SessionInfo,
         *,
         lossless: bool = False,
         jpeg_quality: int = 90,
@@ -80,8 +81,8 @@ class RecordingWriter:
         self._pending_since: int | None = None
         self._span: tuple[int, int] | None = None
         self._closed = False
-        for name, record in context_records(context).items():
-            self._mcap.add_metadata(name, record | ({"origin": origin} if name == "tipforce.session" else {}))
+        self._info, self._origin = info, origin
+        self._mcap.add_metadata("tipforce.session", {"origin": origin, **session_record(info)})
         self._stream.flush()
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -106,9 +107,13 @@ class RecordingWriter:
         else:
             self._add(f"/{event.stream}", JOINT_STATE, event.stamp_ns, pack_joints(event.stamp_ns, event.values))
 
-    def state(self, fact: ClockOffset | Inertia | Tare | SensorPose) -> None:
-        """A fact about the run; the last one of its kind holds."""
-        names = {ClockOffset: "clock_offset", Inertia: "inertia", Tare: "tare", SensorPose: "sensor"}
+    def state(self, fact: ClockOffset | Inertia | Tare | SensorInfo) -> None:
+        """A fact about the run; the last one of its kind holds. A sensor stands in place of that of the metadata."""
+        if isinstance(fact, SensorInfo):
+            self._info = replace(self._info, sensor=fact)
+            self.note("tipforce.session", {"origin": self._origin, **session_record(self._info)})
+            return
+        names = {ClockOffset: "clock_offset", Inertia: "inertia", Tare: "tare"}
         self.note(f"tipforce.{names[type(fact)]}", fact.record())
 
     def note(self, name: str, record: dict[str, str]) -> None:

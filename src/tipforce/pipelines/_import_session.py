@@ -8,8 +8,8 @@ import numpy as np
 
 from ..alignment import OffsetChoice, TareChoice, stated_tare
 from ..errors import FileFormatError, InputError, TimeError
-from ..io import FileSource, ForceColumns, ForceLog, RecordingWriter, SensorPose, read_force_log, read_knob_log
-from ..types import JOINTS, STAGE, Context, Event
+from ..io import FileSource, ForceLog, RecordingWriter, read_force_log, read_knob_log
+from ..types import JOINTS, STAGE, Event, ForceLogInfo, SensorInfo, SessionInfo
 from ..vision import VisionSettings
 from ._merge import Readings, merged
 from ._record import RecordingReport, refuse_target, write_run
@@ -23,8 +23,8 @@ def import_session(
     force_log: Path | str | None,
     target: Path | str,
     *,
-    columns: ForceColumns | None = None,
-    sensor: SensorPose | None = None,
+    columns: ForceLogInfo | None = None,
+    sensor: SensorInfo | None = None,
     actuation: Mapping[str, float] | None = None,
     knob_column: str | None = None,
     knob_log: Path | str | None = None,
@@ -32,7 +32,7 @@ def import_session(
     tare: TareChoice = "auto",
     offset_ms: OffsetChoice = "auto",
     align_start: bool = False,
-    context: Context | None = None,
+    info: SessionInfo | None = None,
     vision: VisionSettings | None = None,
     lossless: bool = False,
     jpeg_quality: int = 90,
@@ -53,7 +53,7 @@ def import_session(
     target = Path(target)
     refuse_target(target, overwrite=overwrite, origin="import")
     log = None if force_log is None else read_force_log(Path(force_log), columns, knob_column)
-    source = FileSource(Path(frames), dict(actuation or {}), context or Context(target.stem))
+    source = FileSource(Path(frames), dict(actuation or {}), info or SessionInfo(target.stem))
     if source.numbered and (log is not None or knob_log is not None or stage_log is not None):
         raise FileFormatError(
             f"{frames}: neither a table nor the names of the images say when they were taken, so a log cannot be "
@@ -88,7 +88,7 @@ def import_session(
 
     events = merged(pictures(), None if log is None else (log.stamp_ns, log.force_n), drives, shift_ns)
     writer = RecordingWriter(
-        target, source.context, lossless=lossless, jpeg_quality=jpeg_quality, overwrite=overwrite, origin="import"
+        target, source.session_info, lossless=lossless, jpeg_quality=jpeg_quality, overwrite=overwrite, origin="import"
     )
 
     def report(count: int) -> None:
@@ -98,7 +98,7 @@ def import_session(
     try:
         names = (Path(frames).name, str(force_log))
         found = write_run(
-            writer, events, source.context, sensor, tare, offset_ms, vision or VisionSettings(), report, names
+            writer, events, source.session_info, sensor, tare, offset_ms, vision or VisionSettings(), report, names
         )
         _check_drives(drives, (first_ns, last_ns), knob_log if knob_log else force_log, stage_log)
         writer.note("tipforce.import", _origin(Path(frames), force_log, knob_log, log, shift_ns))
@@ -114,7 +114,9 @@ def _drives(
 ) -> dict[str, Readings]:
     """The catheter's drives as a stream, where they come from a log."""
     if column and knob_log:
-        raise InputError("--knob-column and --knob-log: the knob's angle can come from one of them only")
+        raise InputError(
+            "the knob's angle can come from actuation.knob_column or from a log of the knob, not from both"
+        )
     found = None
     if column and log is not None and log.knob is not None:
         name = column if column.rpartition("_")[0] else "knob_deg"
