@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCE_OF_PAGE = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md", "security.md": "SECURITY.md"}
 ROOT_FILES_ON_SITE = {source: page for page, source in SOURCE_OF_PAGE.items()}
 
-_BENCH_FILE = """Describes a bench, for all verbs (`--bench FILE`). `tipforce init-bench` writes this file: remove the `#`
+_BENCH_FILE = """Describes a bench, for all verbs (`--bench FILE`). `tipforce init-bench` writes it: remove the `#`
 before a line and state your own value. A single value is stated with `--fact KEY=VALUE`, where the key begins with the
 section, as in `--fact catheter.diameter_m=2.33e-3`."""
 

@@ -10,7 +10,6 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
-from tipforce.cli._simulated_samples import write_samples
 from tipforce.datasets import PERTURBATIONS, Dataset, open_dataset, perturbed
 from tipforce.errors import ModelError
 from tipforce.estimators import (
@@ -25,6 +24,7 @@ from tipforce.estimators import (
     save_model,
 )
 from tipforce.evaluation import candidates_from
+from tipforce.pipelines import write_samples
 from tipforce.simulation import PRESETS, sample_set
 
 QUICK = {"c": (10.0,), "epsilon": (0.01,), "sigma": (1.0,), "force": "components"}
