@@ -84,7 +84,7 @@ def test_intervals_are_not_found_on_what_was_learnt(rows: Path, tmp_path: Path) 
 
 
 def test_the_thesis_s_samples_and_share(rows: Path, tmp_path: Path) -> None:
-    result = run(rows, "-o", tmp_path / "svr", "--samples", 80, "--holdout", 0.25, "--seed", 7, *QUICK)
+    result = run(rows, "-o", tmp_path / "svr", "--samples", 80, "--holdout", 0.25, "--set", "seed=7", *QUICK)
     assert "held out, magnitude: RMSE" in result.output
     manifest = read_manifest(tmp_path / "svr")
     assert manifest["training"]["samples"] == 60

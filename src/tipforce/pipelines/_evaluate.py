@@ -17,10 +17,7 @@ from ._bounds import bounds_from
 from ._estimate import session_info_from
 from ._train import Data, data_of
 
-__all__ = ["PERTURBED_FRAMES", "EvaluateReport", "evaluate"]
-
-PERTURBED_FRAMES = 500
-"""At most so many test samples are perturbed, unless stated otherwise."""
+__all__ = ["EvaluateReport", "evaluate"]
 
 Protocol = Literal["all", "random", "blocked", "session", "thesis", "standard", "catheter", "saved"]
 
@@ -53,7 +50,7 @@ def evaluate(
     samples: int | None = None,
     every: int = 1,
     folds: int | None = None,
-    perturb: bool | int = False,
+    perturb: int = 0,
     seed: int = 0,
     command: str = "",
     progress: Progress | None = None,
@@ -75,7 +72,7 @@ def evaluate(
         samples: draw so many samples first; all by default.
         every: take every so many-th frame of each session.
         folds: cross-validate with so many folds.
-        perturb: also ask for perturbed images; a number: of so many samples.
+        perturb: also ask for so many samples with perturbed images, spread over all.
         seed: of drawn samples and splits.
         command: what a person typed, for the report.
         progress: called with what is done and its share.
@@ -109,7 +106,7 @@ def evaluate(
         seed=seed,
         truth_n=true_n,
         bounds=bounds_from(dataset, truth, report) if truth is not None and bound is not False else None,
-        disturbed_frames=None if perturb is False else PERTURBED_FRAMES if perturb is True else perturb,
+        disturbed_frames=perturb or None,
         progress=report,
     )
     report("report", 1.0)

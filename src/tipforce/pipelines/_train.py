@@ -56,7 +56,7 @@ def train(
     calibrate: Data | None = None,
     samples: int | None = None,
     holdout: float = 0.0,
-    seed: int = 0,
+    seed: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
     progress: Progress | None = None,
@@ -74,7 +74,7 @@ def train(
         calibrate: other sessions, on which the intervals are found.
         samples: draw so many samples; all by default.
         holdout: share of the samples, 0..1, held out at random to measure errors on.
-        seed: of drawing, holding out, cross-validation and training.
+        seed: of drawing, holding out, cross-validation and training; by default that of the settings.
         resume: networks only: go on with a training that was cut off.
         overwrite: replace a model that is there already.
         progress: called with what is done and its share.
@@ -92,7 +92,8 @@ def train(
     apart = None if calibrate is None else data_of(calibrate, stated)
     with workplace(recipe, output, resume=resume) as folder:
         done = fit(
-            recipe, dataset, samples=samples, holdout=holdout, seed=seed,
+            recipe, dataset, samples=samples, holdout=holdout,
+            seed=getattr(recipe.settings, "seed", 0) if seed is None else seed,
             start=start, folder=folder, resume=resume, calibrate=apart, progress=progress,
         )  # fmt: skip
         save_model(
