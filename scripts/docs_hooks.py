@@ -168,10 +168,15 @@ def api_reference(name: str) -> str:
 
 
 def _home(module: ModuleType, member: str) -> str:
-    """The package on whose page a name is described: the innermost one that exports it and holds its definition."""
+    """The package on whose page a name is described.
+
+    Functions of the public API are described with it, others in the innermost package that exports and defines them.
+    """
     value = getattr(module, member)
     if not isinstance(value, type | FunctionType):
         return module.__name__
+    if isinstance(value, FunctionType) and _exports(importlib.import_module("tipforce"), member, value):
+        return "tipforce"
     exporting = [name for name in public_packages() if _exports(importlib.import_module(name), member, value)]
     around = [name for name in exporting if f"{value.__module__}.".startswith(f"{name}.") and name != "tipforce"]
     return max(around, key=len) if around else exporting[0]

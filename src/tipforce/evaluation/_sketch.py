@@ -4,7 +4,7 @@ import numpy as np
 
 from ..estimators import Estimator, ShowsShape
 from ..types import FloatArray, Image, Observation, SessionInfo, ShapeFeatures
-from ..vision import draw_sighting
+from ..vision import draw_shape
 
 __all__ = ["curve_of_features", "picture_of"]
 
@@ -14,7 +14,7 @@ def picture_of(estimator: Estimator, observation: Observation, image: Image, inf
     if not isinstance(estimator, ShowsShape):
         return image
     sighting, curve_px = estimator.look(observation, info)
-    return draw_sighting(image, sighting, curve_px=curve_px)
+    return draw_shape(image, sighting, curve_px=curve_px)
 
 
 def curve_of_features(view: ShapeFeatures, points: int = 48) -> FloatArray | None:

@@ -275,7 +275,7 @@ class NetworkEstimator(Estimator):
                 "fine_tuned_from": None if initial is None else initial.describe()["network"],
                 "trained_on": [*before.facts["trained_on"], trained_on] if before else [trained_on],
             },
-            sessions=tuple(sorted({*dataset.sessions, *(before.sessions if before else ())})),
+            sessions=tuple(sorted({*dataset.session_fingerprints.values(), *(before.sessions if before else ())})),
         )
         # the split that chose the epoch guarantees nothing for another session, even where it has whole ones
         sampling = f"{'held-out' if split.by_session else 'random'} samples that also chose the epoch,"

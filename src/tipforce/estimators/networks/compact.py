@@ -28,7 +28,7 @@ from ...types import (
     ShapeFeatures,
     Status,
 )
-from ...vision import VisionSettings, settle
+from ...vision import VisionSettings, auto_calibrate
 from .._reading import Abstention, read_actuation, read_view
 from .._session_metadata import missing_metadata
 from ..uncertainty import Interval, LastLayerLaplace, OodDetector, fit_laplace, fit_ood_detector, wider_interval
@@ -111,7 +111,7 @@ class Compact(NetworkEstimator):
         views = [observation.views.get(view) for observation in some.observations()]
         images = [image for image in views if isinstance(image, np.ndarray)]
         try:
-            self._detected_base_side = settle(VisionSettings(view=view), images).base_side
+            self._detected_base_side = auto_calibrate(VisionSettings(view=view), images).base_side
         except InputError:
             self._detected_base_side = "none"
 
