@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["command"]
 
-DISTURBED_FRAMES = 500
-"""At most so many test samples are disturbed, unless stated otherwise."""
+PERTURBED_FRAMES = 500
+"""At most so many test samples are perturbed, unless stated otherwise."""
 
 
 def command(
@@ -63,14 +63,14 @@ def command(
             help="Networks that are named: begin each split with this model's weights: a folder, or `pretrained`.",
         ),
     ] = None,
-    disturb: Annotated[
+    perturb: Annotated[
         bool,
         typer.Option(
-            "--disturb", help="Also ask for pictures shifted, turned, zoomed, lit otherwise, blurred and so on."
+            "--perturb", help="Also score images that are shifted, turned, zoomed, lit otherwise, blurred and so on."
         ),
     ] = False,
-    disturb_frames: Annotated[
-        int | None, typer.Option(min=1, help="With --disturb: so many samples, spread over all (500).")
+    perturb_frames: Annotated[
+        int | None, typer.Option(min=1, help="With --perturb: so many samples, spread over all (500).")
     ] = None,
     settings: SetOption = None,
     json_file: JsonOption = None,
@@ -86,16 +86,24 @@ def command(
 
         tipforce evaluate svr --data runs/ --truth runs/ --protocol standard --every 4 -o report/
 
-        tipforce evaluate models/svr --data runs/ --disturb -o report/
+        tipforce evaluate models/svr --data runs/ --perturb -o report/
 
         tipforce evaluate compact --from pretrained --data runs/ --protocol catheter -o report/
     """
     from ..dataset import open_dataset
     from ..errors import InputError
     from ..estimators import ESTIMATORS
-    from ..evaluation import candidates_from, check_folder, evaluate, report_lines, truth_at, write_report
+    from ..evaluation import (
+        EvaluationSettings,
+        check_report_folder,
+        evaluate,
+        methods_from,
+        report_lines,
+        truth_at,
+        write_report,
+    )
 
-    check_folder(output)
+    check_report_folder(output)
     check_outputs([data], json_file)
     named = [model for model in models if model in ESTIMATORS and not Path(model).is_dir()]
     if settings and not named:
@@ -107,9 +115,9 @@ def command(
         )
     if start is not None and not named:
         raise InputError("--from goes with a method that is named, such as compact; a saved model has its own weights")
-    if disturb_frames is not None and not disturb:
-        raise InputError("--disturb-frames goes with --disturb only: state that too, or leave it out")
-    candidates = candidates_from(
+    if perturb_frames is not None and not perturb:
+        raise InputError("--perturb-frames goes with --perturb only: state that too, or leave it out")
+    methods = methods_from(
         models, {name: settings_from(ESTIMATORS[name].settings_type, settings) for name in named}, start
     )
     dataset = open_dataset(data)
@@ -120,16 +128,18 @@ def command(
         bounds = bounds_from(dataset, truth, report) if truth is not None and bound is not False else None
         result = evaluate(
             dataset,
-            candidates,
-            protocols=None if protocol in ("all", "saved") else [protocol],
-            as_saved=protocol == "saved",
-            samples=samples,
-            folds=folds,
-            every=every,
-            seed=seed,
+            methods,
+            EvaluationSettings(
+                protocols=None if protocol in ("all", "saved") else [protocol],
+                as_saved=protocol == "saved",
+                samples=samples,
+                folds=folds,
+                every=every,
+                seed=seed,
+                perturbed_frames=(perturb_frames or PERTURBED_FRAMES) if perturb else None,
+            ),
             truth_n=true_n,
             bounds=bounds,
-            disturbed_frames=(disturb_frames or DISTURBED_FRAMES) if disturb else None,
             progress=report,
         )
         report("report", 1.0)
