@@ -126,8 +126,8 @@ def test_the_page_leads_with_trace_and_scatter_then_results_agreement_and_covera
     places = [page.index(mark) for mark in marks]
     assert places == sorted(places)
     trace = (report[1] / "figures" / "trace.svg").read_text(encoding="utf-8")
-    assert "below 0.1 N" in trace
-    assert "above 0.4 N" in trace
+    assert "&lt; 0.1 N" in trace
+    assert "&gt; 0.4 N" in trace
 
 
 def test_a_table_for_each_protocol_gives_confidence_intervals_or_says_why_not(report, make_bench, make_ridge):

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -24,7 +25,7 @@ from ._figures_results import (
     typical_session,
 )
 from ._figures_thesis import figure_23a, figure_23b, figure_24, figure_31, figure_32, sample_sheet
-from ._style import METHOD_COLOURS, Drawing, drawing_of, image_drawing
+from ._style import METHOD_COLOURS, WIDE_IN, WIDTH_IN, Drawing, drawing_of, image_drawing
 
 __all__ = ["HEAD", "head_drawings", "method_drawings", "traces_of", "whole_session"]
 
@@ -64,15 +65,15 @@ def head_drawings(evaluation: Evaluation, best: str, traces: Mapping[str, Predic
         whole = traces[best]
         session = str(whole.session[0])
         figure = figure_trace(
-            whole, session, evaluation.truth_n, quantities=("magnitude",), width_in=8.9, height_in=5.6
+            whole, session, evaluation.truth_n, quantities=("magnitude",), width_in=8.4, height_in=5.3
         )
         caption = (
-            f"Session {session}, the one with the median error of all, {PROTOCOL_WORDS[evaluation.strictest].held}. "
+            f"Session {session}, the one with the median error: {PROTOCOL_WORDS[evaluation.strictest].held}. "
             "Below 0.1 N (10 g) an ablation fails, above 0.4 N (41 g) the wall may be pierced."
         )
         drawings["trace"] = drawing_of("trace", caption, figure)
         caption = f"Each point is a sample of {of}; on the line the estimate equals the force sensor."
-        drawings["scatter"] = drawing_of("scatter", caption, figure_scatter(strict.predictions, height_in=5.6))
+        drawings["scatter"] = drawing_of("scatter", caption, figure_scatter(strict.predictions))
         drawings["agreement"] = _agreement(strict, "bland-altman")
     drawings |= _coverage(evaluation)
     drawings["splits"] = _splits(evaluation)
@@ -96,7 +97,7 @@ def _agreement(result: MethodResult, slug: str) -> Drawing:
 def _coverage(evaluation: Evaluation) -> dict[str, Drawing]:
     """Coverage by force and, where the contact angle is known, by angle, all methods under the strictest protocol."""
     results = {m.label: evaluation.result(m.label, evaluation.strictest) for m in evaluation.methods}
-    drawings: dict[str, Drawing] = {}
+    found: list[tuple[str, dict[str, Any], str, str, str]] = []
     for key, unit, axis_label, title in (
         ("coverage_by_force", "n", "measured force, N", "Coverage of the 90 % intervals by force"),
         (
@@ -108,13 +109,17 @@ def _coverage(evaluation: Evaluation) -> dict[str, Drawing]:
     ):
         strata = {name: result.metrics.get(key, []) for name, result in results.items() if result is not None}
         strata = {name: parts for name, parts in strata.items() if any(np.isfinite(part["coverage"]) for part in parts)}
-        if not strata:
-            continue
-        caption = "Bars through the points: 95 % confidence intervals from resampled sessions"
-        caption += ", where a stratum has enough sessions."
-        name = "coverage-force" if unit == "n" else "coverage-angle"
-        drawing = drawing_of(name, caption, figure_coverage(strata, unit, axis_label, title))
-        drawings[name.replace("-", "_")] = drawing
+        if strata:
+            found.append((key, strata, unit, axis_label, title))
+    caption = (
+        "Bars through the points: 95 % confidence intervals from resampled sessions, where a stratum has enough "
+        "sessions. Coverage of fewer than 10 samples is not drawn."
+    )
+    drawings: dict[str, Drawing] = {}
+    for key, strata, unit, axis_label, title in found:
+        figure = figure_coverage(strata, unit, axis_label, title, width_in=WIDTH_IN if len(found) > 1 else WIDE_IN)
+        name = "coverage_force" if key == "coverage_by_force" else "coverage_angle"
+        drawings[name] = drawing_of(name.replace("_", "-"), caption, figure)
     return drawings
 
 
@@ -180,14 +185,7 @@ def method_drawings(evaluation: Evaluation, method: str, best: str, traces: Mapp
     panels = {PROTOCOL_WORDS[each.protocol].name: each.predictions for each in (first, strict)}
     made: list[Drawing] = []
     if method in traces:
-        session = str(traces[method].session[0])
         made += [
-            drawing_of(
-                f"{name}-trace",
-                f"Session {session}, the one with the median error of all sessions, "
-                f"{PROTOCOL_WORDS[evaluation.strictest].held}.",
-                figure_trace(traces[method], session, evaluation.truth_n),
-            ),
             drawing_of(
                 f"{name}-residuals",
                 "Error over force. The band is the median of the 90 % intervals; a median error that leaves zero is "
@@ -206,12 +204,6 @@ def method_drawings(evaluation: Evaluation, method: str, best: str, traces: Mapp
             made.append(_agreement(strict, f"{name}-bland-altman"))
     made += [
         drawing_of(
-            f"{name}-fig23a",
-            f"Thesis fig. 23(a): over-estimates are positive. Samples of the split “{_protocol_name(first)}”; "
-            "forces below 10 mN have no percentage.",
-            figure_23a(first.predictions),
-        ),
-        drawing_of(
             f"{name}-fig23b",
             "Thesis fig. 23(b): on the line y = x the estimate equals the sensor's force.",
             figure_23b(panels),
@@ -226,7 +218,21 @@ def method_drawings(evaluation: Evaluation, method: str, best: str, traces: Mapp
         made.append(drawing_of(f"{name}-fig24", caption, figure_24(fitted)))
     if len(first.predictions.quantities) > 1:
         made += _of_components(evaluation, first, name)
-    return [*made, *_of_training(evaluation, strict, name)]
+    made += _of_training(evaluation, strict, name)
+    odd = sum(not drawing.wide for drawing in made) % 2 == 0  # with fig. 23(a), which then goes across
+    caption = (
+        f"Thesis fig. 23(a): over-estimates are positive. Samples of the split “{_protocol_name(first)}”; forces below "
+        "10 mN have no percentage."
+    )
+    figure = figure_23a(first.predictions, width_in=WIDE_IN if odd else WIDTH_IN)
+    made.append(drawing_of(f"{name}-fig23a", caption, figure))
+    if method not in traces:
+        return made
+    session = str(traces[method].session[0])
+    caption = f"Session {session}, the one with the median error: {PROTOCOL_WORDS[evaluation.strictest].held}."
+    height_in = 1.3 + 1.25 * len(traces[method].quantities)
+    figure = figure_trace(traces[method], session, evaluation.truth_n, width_in=WIDE_IN, height_in=height_in)
+    return [drawing_of(f"{name}-trace", caption, figure), *made]
 
 
 def _of_training(evaluation: Evaluation, result: MethodResult, name: str) -> list[Drawing]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import MultipleLocator, PercentFormatter
 
 from ...types import BoolArray, FloatArray
 from .._predictions import Predictions
@@ -15,8 +15,11 @@ from ._style import (
     COLOURS,
     CONTACT_WINDOW_N,
     GREY,
+    HEIGHT_IN,
     MANY_POINTS,
     METHOD_COLOURS,
+    WIDE_IN,
+    WIDTH_IN,
     draw_window,
     grams_axis,
     legend_above,
@@ -49,8 +52,8 @@ def figure_trace(
     truth_n: FloatArray | None = None,
     *,
     quantities: Sequence[str] | None = None,
-    width_in: float = 6.8,
-    height_in: float | None = None,
+    width_in: float = WIDTH_IN,
+    height_in: float = HEIGHT_IN,
 ) -> Figure:
     """One session in time: reference, estimate, 90 % interval and where the method abstained; a panel a quantity.
 
@@ -62,7 +65,7 @@ def figure_trace(
         truth_n: (m, 3) true force at ``predictions.index``, drawn beside the sensor's.
         quantities: Panels; None: all that the predictions have.
         width_in: Width in inches.
-        height_in: Height in inches; None: by the number of panels.
+        height_in: Height in inches.
     """
     part = predictions.where(np.flatnonzero(predictions.session == session))
     part = part.where(np.argsort(part.stamp_ns, kind="stable")[:_TRACE])
@@ -97,7 +100,7 @@ def figure_trace(
         panels[-1].set_xlim(seconds[0], max(seconds[-1], 1e-3))
 
     title = f"{predictions.method}: {_short(session, 40)} in time, {PROTOCOL_WORDS[predictions.protocol].of}"
-    return make_figure(draw, title, width_in, height_in or 1.6 + 1.9 * len(shown))
+    return make_figure(draw, title, width_in, height_in)
 
 
 def _truth_of(part: Predictions, truth_n: FloatArray, quantity: str) -> FloatArray:
@@ -108,7 +111,7 @@ def _truth_of(part: Predictions, truth_n: FloatArray, quantity: str) -> FloatArr
     return np.sqrt(np.sum(true[:, known] ** 2, axis=1))
 
 
-def figure_scatter(predictions: Predictions, *, width_in: float = 5.0, height_in: float = 5.0) -> Figure:
+def figure_scatter(predictions: Predictions, *, width_in: float = 5.6, height_in: float = 5.3) -> Figure:
     """Estimated over measured magnitude of all test samples, with the identity line and the contact window."""
     reference, estimate, _ = predictions.column("magnitude")
     largest = max(float(np.nanmax(estimate, initial=0.0)), float(np.max(reference, initial=0.0)))
@@ -123,16 +126,23 @@ def figure_scatter(predictions: Predictions, *, width_in: float = 5.0, height_in
         axes.plot([0, top], [0, top], color=COLOURS["reference"], linewidth=1.2, label="estimated = measured")
         axes.set_xlim(0, top)
         axes.set_ylim(0, top)
-        draw_window(axes)
+        draw_window(axes, label=False)
         draw_window(axes, vertical=True, label=False)
         axes.set_aspect("equal")
+        axes.xaxis.set_major_locator(MultipleLocator(_step(top)))
+        axes.yaxis.set_major_locator(MultipleLocator(_step(top)))
         axes.set_xlabel("measured force, N")
         axes.set_ylabel("estimated force, N")
         grams_axis(axes)
-        legend_above(axes, 3 if width_in > 6 else 2)
+        legend_above(axes)
 
     title = f"{predictions.method}: all {len(predictions)} samples"
     return make_figure(draw, title, width_in, height_in)
+
+
+def _step(top: float) -> float:
+    """Distance of ticks that shows both limits of the contact window where the forces are small."""
+    return next((step for step in (0.1, 0.2, 0.5, 1.0, 2.0) if top / step <= 8), 5.0)
 
 
 def figure_bland_altman(predictions: Predictions, agreement: Mapping[str, Any]) -> Figure:
@@ -170,8 +180,17 @@ def figure_bland_altman(predictions: Predictions, agreement: Mapping[str, Any]) 
     return make_figure(draw, f"{predictions.method}: agreement with the force sensor (Bland-Altman)")
 
 
+_MIN_INTERVALS = 10
+"""Coverage of fewer samples is not drawn."""
+
+
 def figure_coverage(
-    strata: Mapping[str, Sequence[Mapping[str, Any]]], unit: str, axis_label: str, title: str
+    strata: Mapping[str, Sequence[Mapping[str, Any]]],
+    unit: str,
+    axis_label: str,
+    title: str,
+    *,
+    width_in: float = WIDTH_IN,
 ) -> Figure:
     """Coverage of the 90 % intervals by stratum, with 95 % confidence intervals; below, the samples of each stratum.
 
@@ -180,6 +199,7 @@ def figure_coverage(
         unit: Of the strata, ``n`` or ``deg``.
         axis_label: Of the strata.
         title: Of the figure.
+        width_in: Width in inches.
     """
     names = sorted({(each[f"from_{unit}"], each[f"below_{unit}"]) for parts in strata.values() for each in parts})
 
@@ -190,7 +210,8 @@ def figure_coverage(
             colour = METHOD_COLOURS[number % len(METHOD_COLOURS)]
             x = np.array([names.index((each[f"from_{unit}"], each[f"below_{unit}"])) for each in parts], np.float64)
             x += (number - (len(strata) - 1) / 2) * 0.18
-            coverage = np.array([each["coverage"] for each in parts], np.float64)
+            enough = np.array([each["intervals"] >= _MIN_INTERVALS for each in parts])
+            coverage = np.where(enough, [each["coverage"] for each in parts], np.nan)
             ends = np.array([each["coverage_ci95"] for each in parts], np.float64).reshape(-1, 2)
             above.vlines(x, ends[:, 0], ends[:, 1], color=colour, linewidth=2, alpha=0.5)
             above.plot(x, coverage, "o", color=colour, markersize=6, label=method)
@@ -213,7 +234,7 @@ def figure_coverage(
             axes.tick_params(axis="x", length=0)
         legend_above(above)
 
-    return make_figure(draw, title, 6.8, 4.6)
+    return make_figure(draw, title, width_in)
 
 
 def _stratum(low: float, high: float) -> str:
@@ -221,7 +242,8 @@ def _stratum(low: float, high: float) -> str:
 
 
 def _signed(newtons: float) -> str:
-    return f"{1e3 * newtons:+.0f}".replace("-", "\u2212")
+    text = f"{1e3 * newtons:+.{0 if abs(newtons) >= 0.01 else 1}f}"
+    return text.replace("-", "\u2212")
 
 
 def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[str]) -> Figure:
@@ -238,6 +260,7 @@ def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[st
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         width = 0.8 / len(methods)
+        numbered = len(methods) * len(protocols) <= _NUMBERED
         for place, method in enumerate(methods):
             colour = GREY if method == "constant" else METHOD_COLOURS[place % len(METHOD_COLOURS)]
             offset = (place - (len(methods) - 1) / 2) * width
@@ -256,16 +279,19 @@ def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[st
                     x + spread, sessions, "o", color=COLOURS["reference"], markersize=2.6, alpha=0.55, mew=0,
                 )  # fmt: skip
                 tall = values[0] > 0.07 * top
+                if not numbered:
+                    continue
+                text = f"{values[0] * 1e3:.{0 if values[0] >= 0.01 else 1}f}"
                 axes.annotate(
-                    f"{values[0] * 1e3:.3g}", (x, 0 if tall else values[0]), xytext=(0, 4), textcoords="offset points",
+                    text, (x, 0 if tall else values[0]), xytext=(0, 4), textcoords="offset points",
                     ha="center", fontweight="bold",
                     color=COLOURS["reference"] if not tall else "#000000" if colour in _LIGHT else "#ffffff",
                 )  # fmt: skip
-        mark_line(axes, THESIS_MAE_N, "thesis: 42 mN, on 0.16-0.275 N")
+        mark_line(axes, THESIS_MAE_N, "thesis: 42 mN")
         axes.set_xticks(range(len(protocols)), [PROTOCOL_WORDS[name].bar for name in protocols])
         axes.tick_params(axis="x", length=0)
         axes.grid(visible=False, axis="x")
-        axes.set_ylabel("MAE of the magnitude, N (in the bars: mN)")
+        axes.set_ylabel("MAE, N (in the bars: mN)")
         grams_axis(axes)
         legend_above(axes)
 
@@ -273,6 +299,8 @@ def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[st
     return make_figure(draw, f"Mean absolute error: {split}")
 
 
+_NUMBERED = 9
+"""More bars than these leave no room for numbers of a legible size."""
 _LIGHT = {"#e69f00", "#56b4e9", "#cc79a7"}
 """Bars that need dark numbers."""
 
@@ -329,6 +357,10 @@ def typical_session(predictions: Predictions) -> str:
     return ranked[len(ranked) // 2] if ranked else names[0]
 
 
+_SESSIONS_NARROW = 9
+"""More sessions than these go across the page."""
+
+
 def figure_sessions(
     title: str, names: Sequence[str], mae_n: FloatArray, constant_n: FloatArray, coverage: FloatArray, colour: str
 ) -> Figure:
@@ -363,7 +395,9 @@ def figure_sessions(
         right.grid(visible=False, axis="y")
         legend_above(right, 1)
 
-    return make_figure(draw, title, 6.8, 1.8 + 0.36 * len(names))
+    if len(names) <= _SESSIONS_NARROW:
+        return make_figure(draw, title)
+    return make_figure(draw, title, WIDE_IN, 1.8 + 0.3 * len(names))
 
 
 def _stretches(seconds: FloatArray, chosen: BoolArray) -> list[tuple[float, float]]:

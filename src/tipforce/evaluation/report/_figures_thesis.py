@@ -12,7 +12,7 @@ from ...dataset import Dataset
 from ...types import FloatArray, Image
 from .._metrics import percent_of_true
 from .._predictions import Predictions
-from ._style import COLOURS, MANY_POINTS, grams_axis, legend_above, make_figure
+from ._style import COLOURS, MANY_POINTS, WIDTH_IN, grams_axis, legend_above, make_figure
 
 __all__ = ["figure_23a", "figure_23b", "figure_24", "figure_31", "figure_32", "sample_sheet"]
 
@@ -22,7 +22,7 @@ _SAMPLES, _COLUMNS = 12, 4
 _TILE_PX = 300
 
 
-def figure_23a(predictions: Predictions) -> Figure:
+def figure_23a(predictions: Predictions, *, width_in: float = WIDTH_IN) -> Figure:
     """Error in percent of the true value over the test samples (thesis fig. 23a)."""
     percent = percent_of_true(predictions.reference_magnitude_n, predictions.magnitude_n)
 
@@ -49,7 +49,7 @@ def figure_23a(predictions: Predictions) -> Figure:
         axes.set_xlabel("test sample")
         axes.set_ylabel("error, % of the true force")
 
-    return make_figure(draw, f"{predictions.method}: error of each test sample (thesis fig. 23a)")
+    return make_figure(draw, f"{predictions.method}: error of each test sample (thesis fig. 23a)", width_in)
 
 
 def figure_23b(panels_of: Mapping[str, Predictions]) -> Figure:
@@ -68,9 +68,7 @@ def figure_23b(panels_of: Mapping[str, Predictions]) -> Figure:
             if place == len(panels_of) - 1:
                 grams_axis(axes)
 
-    return make_figure(
-        draw, f"{method}: estimated and true force (thesis fig. 23b)", 3.4 * max(2, len(panels_of)) + 0.2, 4.2
-    )
+    return make_figure(draw, f"{method}: estimated and true force (thesis fig. 23b)", 3.4 * max(2, len(panels_of)))
 
 
 def figure_24(predictions: Predictions) -> Figure:
@@ -175,7 +173,7 @@ def figure_32(predictions: Predictions) -> Figure:
         panels[-1].set_xlim(0, len(part) + 1)
 
     title = f"{predictions.method}: estimates of the test samples (thesis fig. 32)"
-    return make_figure(draw, title, 6.8, 1.4 + 1.8 * len(axes_of))
+    return make_figure(draw, title)
 
 
 def sample_sheet(dataset: Dataset, predictions: Predictions, view: str) -> Image | None:
@@ -193,6 +191,7 @@ def sample_sheet(dataset: Dataset, predictions: Predictions, view: str) -> Image
             tiles.append(_tile(image))
     if not tiles:
         return None
+    tiles = tiles[: len(tiles) // _COLUMNS * _COLUMNS] or tiles  # whole rows, without a gap at the end
     height = max(tile.shape[0] for tile in tiles)
     rows = -(-len(tiles) // _COLUMNS)
     columns = min(_COLUMNS, len(tiles))

@@ -20,10 +20,13 @@ __all__ = [
     "COLOURS",
     "CONTACT_WINDOW_N",
     "GREY",
+    "HEIGHT_IN",
     "INK",
     "MANY_POINTS",
     "METHOD_COLOURS",
     "TEXT_PX",
+    "WIDE_IN",
+    "WIDTH_IN",
     "Drawing",
     "draw_window",
     "drawing_of",
@@ -40,6 +43,8 @@ __all__ = [
 
 TEXT_PX = 12.0
 """Smallest type. One unit of a figure's SVG is never shown smaller than one pixel of the page."""
+WIDTH_IN, WIDE_IN, HEIGHT_IN = 6.8, 14.2, 3.7
+"""Of a figure in one of two columns, of one across both, and of either: four fit on a printed page."""
 CONTACT_WINDOW_N = (0.1, 0.4)
 """Contact forces that ablation wants: with less a lesion fails, with more the wall may be pierced."""
 MANY_POINTS = 1500
@@ -105,6 +110,7 @@ class Drawing:
         page: SVG for the inside of the page.
         file: SVG as a file of its own.
         width_px: Width below which the page does not show it, so that its type stays legible.
+        wide: Whether it goes across both columns of the page.
     """
 
     slug: str
@@ -112,9 +118,12 @@ class Drawing:
     page: str
     file: str
     width_px: int = 0
+    wide: bool = False
 
 
-def make_figure(draw: Callable[[Figure], None], title: str, width_in: float = 6.8, height_in: float = 4.2) -> Figure:
+def make_figure(
+    draw: Callable[[Figure], None], title: str, width_in: float = WIDTH_IN, height_in: float = HEIGHT_IN
+) -> Figure:
     """Makes a figure in the common style, without touching the state of pyplot.
 
     Args:
@@ -155,8 +164,9 @@ def standalone_svg(svg: str) -> str:
 def drawing_of(slug: str, caption: str, figure: Figure) -> Drawing:
     """Makes a drawing of a figure."""
     svg = to_svg(figure)
-    width_px = round(72 * float(figure.get_figwidth()))
-    return Drawing(slug, caption, page_svg(svg, caption), standalone_svg(svg), width_px)
+    width_in = float(figure.get_figwidth())
+    drawn = page_svg(svg, caption), standalone_svg(svg)
+    return Drawing(slug, caption, *drawn, round(72 * width_in), width_in >= WIDE_IN)
 
 
 def image_drawing(slug: str, caption: str, image: Image) -> Drawing:
@@ -201,8 +211,8 @@ def draw_window(axes: Axes, *, vertical: bool = False, label: bool = True) -> No
     bottom, top = axes.get_xlim() if vertical else axes.get_ylim()
     span, line = (axes.axvspan, axes.axvline) if vertical else (axes.axhspan, axes.axhline)
     for start, end, colour, name in (
-        (bottom, min(low, top), _BELOW, f"below {low:g} N"),
-        (max(high, bottom), top, _ABOVE, f"above {high:g} N"),
+        (bottom, min(low, top), _BELOW, f"< {low:g} N"),
+        (max(high, bottom), top, _ABOVE, f"> {high:g} N"),
     ):
         if end > start:
             span(start, end, color=colour, alpha=0.16, linewidth=0, zorder=0.5, label=name if label else None)
