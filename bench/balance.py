@@ -19,7 +19,7 @@ from bench.balance_energy import NUMERICAL, energy_balance
 from bench.balance_forces import force_balance
 from bench.balance_runs import run, run_fine_at_events, settings_of
 
-from tipforce.twin.world import run_session
+from tipforce.simulation.world import run_session
 
 PARTS = 16
 """Of the step of an event."""

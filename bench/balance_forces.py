@@ -4,9 +4,9 @@ import numpy as np
 from bench.balance_runs import EXACT_CLOCK, EXACT_SENSOR, Run, crept, tangential, touched_way
 from bench.strains import carried, moment
 
-from tipforce.mechanics._spatial_rod import frames_of
-from tipforce.twin.world import Load, read_sensor
-from tipforce.twin.world._sensor import GRAVITY_M_PER_S2
+from tipforce.mechanics.spatial._rod import frames_of
+from tipforce.simulation.world import Load, read_sensor
+from tipforce.simulation.world._sensor import GRAVITY_M_PER_S2
 
 LEVER_PER_M = 25.0
 """Scales forces to moments in the least squares: one over a rod's length."""

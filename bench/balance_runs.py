@@ -6,11 +6,11 @@ import numpy as np
 from bench.strains import rotation_vectors
 from scipy.interpolate import CubicSpline
 
-from tipforce.mechanics import SpatialContact, SpatialPress
-from tipforce.mechanics._spatial_rod import frames_of
-from tipforce.twin import PRESETS
-from tipforce.twin.world import STEP_S, Session
-from tipforce.twin.world.settings import ClockSettings, SensorSettings, WorldSettings
+from tipforce.mechanics import SpatialContact, SpatialContactSolver
+from tipforce.mechanics.spatial._rod import frames_of
+from tipforce.simulation import PRESETS
+from tipforce.simulation.world import STEP_S, Session
+from tipforce.simulation.world.settings import ClockSettings, SensorSettings, WorldSettings
 
 EXACT_SENSOR = SensorSettings(
     pose_error_deg=(0.0, 0.0), noise_n=0.0, step_n=(1e-12, 1e-12, 1e-12), drift_n_per_min=(0.0, 0.0),
@@ -74,7 +74,7 @@ def _run(session: Session, settings: WorldSettings, begin_s: float, step: np.nda
     wall = CubicSpline(course.time_s, course.wall_m)(time)
     change = np.zeros((time.size, 3))
     change[:, 2] = np.interp(time, course.time_s, course.curvature_per_m)
-    press = SpatialPress(
+    press = SpatialContactSolver(
         rig.rod, rig.wall, step[0], rig.radius_m, creep=shaft.creep_share, creep_time_s=shaft.creep_s
     )  # fmt: skip
     # The first instant has no step before it; after it the stretches of even steps, one by one.

@@ -67,7 +67,7 @@ def tip_errors(settings: dict[str, float], degrees: float) -> dict[str, list[flo
         errors[name] = []
         for alpha in ALPHAS:
             force = force_of(coarse, alpha, degrees)
-            here, there = model.bend(force), exact.bend(force)
+            here, there = model.solve_static(force), exact.solve_static(force)
             off = float(np.linalg.norm(here.tip_m - there.tip_m)) / coarse.length_m * 100
             errors[name].append(off if here.converged and there.converged else math.nan)
     return errors
@@ -78,7 +78,7 @@ def microseconds(model: RodModel, force: np.ndarray, blocks: int = 30, times: in
     for _ in range(blocks):
         start = time.perf_counter()
         for _ in range(times):
-            model.bend(force)
+            model.solve_static(force)
         best = min(best, (time.perf_counter() - start) / times)
     return best * 1e6
 

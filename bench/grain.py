@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tipforce.recording import RecordingReader
+from tipforce.io import RecordingReader
 
 TILE, TILES = 32, 40
 FLAT_PX, GROUND_PX = 3.0, 4.0

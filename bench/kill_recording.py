@@ -19,8 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from tipforce.errors import FileFormatError
-from tipforce.recording import RecordingReader, RecordingWriter, import_run, write_force_csv, write_video
-from tipforce.types import Actuation, Context, Frame, SystemClock, Wrench
+from tipforce.io import RecordingReader, RecordingWriter, write_force_csv, write_video
+from tipforce.pipelines import import_session
+from tipforce.types import Actuation, Frame, SessionInfo, SystemClock, Wrench
 
 _LEDGER = struct.Struct("<qqqq")  # frames, wrenches and newest stamps that the writer has accepted
 
@@ -36,7 +37,7 @@ def record(folder: Path) -> None:
     clock, rng = SystemClock(), np.random.default_rng(0)
     images = [_image(k, rng) for k in range(48)]
     zero = clock.now_ns()
-    with (folder / "ledger").open("r+b") as file, RecordingWriter(folder / "run.mcap", Context("run")) as writer:
+    with (folder / "ledger").open("r+b") as file, RecordingWriter(folder / "run.mcap", SessionInfo("run")) as writer:
         ledger = mmap.mmap(file.fileno(), _LEDGER.size)
         writer.write(Actuation(0, {"knob_deg": 10.0}))
         frames = 0
@@ -131,7 +132,7 @@ def kill_imports(times: int, chance: random.Random) -> None:
                 opens = f"{_open(target)[0]} frames"
             except FileFormatError as error:
                 opens = "refused" if "import" in str(error) or "no such file" in str(error) else f"refused: {error}"
-            import_run(folder / "video.mp4", folder / "force.csv", target, offset_ms="none", overwrite=finished)
+            import_session(folder / "video.mp4", folder / "force.csv", target, offset_ms="none", overwrite=finished)
             again = _open(target)
             print(
                 f"{number + 1:>3} {seconds:8.2f} s  {'finished' if finished else 'absent':<10} "

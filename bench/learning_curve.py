@@ -20,7 +20,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tipforce.cli._settings import settings_from
-from tipforce.dataset import Dataset, draw, open_dataset, random_split
+from tipforce.datasets import Dataset, open_dataset, random_split, random_subset
 from tipforce.errors import TipforceError
 from tipforce.estimators import Estimator, NetworkEstimator, check_start, create, method
 from tipforce.evaluation import Constant, error_metrics
@@ -162,7 +162,7 @@ def main() -> None:
         settings = settings_from(method(options.estimator).settings_type, options.set)
         dataset = open_dataset(options.data)
         if options.samples:
-            dataset = draw(dataset, options.samples)
+            dataset = random_subset(dataset, options.samples)
         start = check_start(create(options.estimator, settings), options.start)
         if start is not None:
             settings = settings.for_fine_tuning()

@@ -26,9 +26,9 @@ from scipy.interpolate import CubicSpline
 
 from tipforce.errors import InputError
 from tipforce.geometry import arc_length
+from tipforce.limits import SeenNoise
 from tipforce.mechanics import LineNoise
-from tipforce.twin import PRESETS, TwinBench
-from tipforce.twin.bound import SeenNoise
+from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.vision import Vision, VisionSettings, settle
 
 POINTS = 33
@@ -87,13 +87,13 @@ def line_errors(seen: np.ndarray, true: np.ndarray, width: int, height: int) -> 
 
 def session_errors(preset: str, seed: int, frames: int, number: int) -> dict[str, Any]:
     """Errors (k, POINTS + 1) in px of the frames that were seen rightly, their numbers (k,), and how many were not."""
-    bench = TwinBench(PRESETS[preset], seed, number)
+    bench = SimulatedBench(PRESETS[preset], seed, number)
     quality, camera = bench.imaging.scene.jpeg_quality, bench.imaging.renderer.camera
     lines = bench.instants.lines_m(bench.frame_s)
     spread = np.linspace(0, len(lines) - 1, SPREAD).astype(int).tolist()
     try:
         pictures = [through_jpeg(bench.frame(k).image, quality) for k in spread]
-        vision = Vision(settle(VisionSettings(), pictures, bench.context))
+        vision = Vision(settle(VisionSettings(), pictures, bench.session_info))
     except InputError:  # nothing is seen in this session
         return {"number": number, "frames": [], "errors": [], "lengths": [], "lost": frames, "wrong": 0}
     right, rows, lengths, lost, wrong = [], [], [], 0, 0

@@ -19,8 +19,8 @@ from bench.parts import run_alone
 
 from tipforce.estimators import ESTIMATORS, NetworkEstimator, create
 from tipforce.estimators.networks import Graph
-from tipforce.learning import export_graph, quantise
-from tipforce.types import Context, Observation
+from tipforce.training import export_graph, quantise
+from tipforce.types import Observation, SessionInfo, ViewInfo
 
 NETWORKS = ("dcfe", "compact")
 FRAME = (480, 640)
@@ -91,8 +91,8 @@ def of(name: str) -> dict[str, Any]:
     small = quantise(graph, [_batch(forms, 1, seed) for seed in range(4)])
     draw = np.random.default_rng(0)
     picture = np.clip(draw.normal(150, 40, FRAME), 0, 255).astype(np.uint8)
-    context = Context(notes={"base_side": "left"})
-    read, observation = method.reader(context, training=False), Observation(0, {"camera": picture}, {})
+    info = SessionInfo(views={"camera": ViewInfo(base_side="left")})
+    read, observation = method.reader(info, training=False), Observation(0, {"camera": picture}, {})
 
     def ready() -> dict[str, Any]:
         row = read(observation)

@@ -11,11 +11,11 @@ from bench.parts import run_alone
 from bench.timing import interleaved
 from scipy.stats import chi2, norm, poisson
 
-from tipforce.twin._random import gauss_table
-from tipforce.twin.camera import SensorNoise
-from tipforce.twin.camera._noise import add_noise, frame_key
-from tipforce.twin.xray._quanta import draw_quanta, quantum_tables
-from tipforce.twin.xray._quanta import frame_key as quantum_key
+from tipforce.simulation.rendering._random import gauss_table
+from tipforce.simulation.rendering.camera import SensorNoise
+from tipforce.simulation.rendering.camera._noise import add_noise, frame_key
+from tipforce.simulation.rendering.fluoroscope._quanta import draw_quanta, quantum_tables
+from tipforce.simulation.rendering.fluoroscope._quanta import frame_key as quantum_key
 
 LEVELS = (3.0, 20.3, 45.0, 128.0, 199.6, 240.0)
 NOISES = {sigma: SensorNoise.at_mid_grey(sigma, read_share=share) for sigma, share in ((2.0, 0.4), (5.0, 0.3))}

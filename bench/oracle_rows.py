@@ -24,8 +24,8 @@ from tipforce.mechanics import (
     Rod,
     RodModel,
     SpatialRod,
-    bend,
-    bend_spatial,
+    solve_static,
+    solve_static_spatial,
 )
 
 
@@ -56,7 +56,7 @@ def row(oracle: str, model: str, expected: object, got: object, tolerance: float
 
 def planar_tip(alpha: float, segments: int) -> np.ndarray:
     """Deflection, shortening, angle of a planar cantilever of unit length and EI."""
-    shape = bend(Rod(1.0, 1.0, segments=segments), np.array([0.0, alpha]))
+    shape = solve_static(Rod(1.0, 1.0, segments=segments), np.array([0.0, alpha]))
     x, y = shape.tip_m
     return np.array([y, 1 - x, shape.tip_angle_rad])
 
@@ -64,7 +64,7 @@ def planar_tip(alpha: float, segments: int) -> np.ndarray:
 def spatial_tip(alpha: float, segments: int) -> np.ndarray:
     """The same in space, under a load in a slanted plane."""
     way = np.array([0.0, math.cos(0.7), math.sin(0.7)])
-    shape = bend_spatial(SpatialRod(1.0, 1.0, segments=segments), alpha * way)
+    shape = solve_static_spatial(SpatialRod(1.0, 1.0, segments=segments), alpha * way)
     return np.array([shape.tip_m @ way, 1 - shape.tip_m[0], math.acos(shape.frames[-1, 0, 0])])
 
 
@@ -103,7 +103,7 @@ def moment_in_space() -> Iterator[Row]:
         )
         for torsion in (0.5, 1.0, 3.0):
             tips = [
-                bend_spatial(SpatialRod(2.0, 2.0, 0.0, torsion, segments=n), np.zeros(3), load).tip_m
+                solve_static_spatial(SpatialRod(2.0, 2.0, 0.0, torsion, segments=n), np.zeros(3), load).tip_m
                 for n in (100, 200, 400, 800)
             ]
             for level in range(1, 4):  # Romberg: the error is a series in the square of the segment's length
@@ -117,12 +117,12 @@ def bend_of_45_degrees() -> Iterator[Row]:
     for load, want in BEND_45.items():
         for segments in (100, 400):
             rod = SpatialRod(100 * math.pi / 4, 8.333e5, 0.0, 8.333e5, np.array([0, 0, 0.01]), segments=segments)
-            x, y, z = bend_spatial(rod, np.array([0.0, 0.0, load])).tip_m
+            x, y, z = solve_static_spatial(rod, np.array([0.0, 0.0, load])).tip_m
             yield row(f"45-degree bend, P = {load:g}", f"spatial rod, {segments} segments", want, [y, x, z], 0.02)
 
 
 def deflection(make: Callable[[Rod], RodModel], alpha: float) -> float:
-    return float(make(Rod(1.0, 1.0)).bend(np.array([0.0, alpha])).tip_m[1])
+    return float(make(Rod(1.0, 1.0)).solve_static(np.array([0.0, alpha])).tip_m[1])
 
 
 def other_models() -> Iterator[Row]:
@@ -151,7 +151,9 @@ def order() -> Iterator[Row]:
 
     def twisted(n: int) -> np.ndarray:
         rod = SpatialRod(1.0, 1.0, 0.1, 0.6, np.array([0.5, 1.0, 0.4]), 4.0, np.linspace(1.3, 0.8, n + 1), n)
-        return bend_spatial(rod, np.array([-0.5, 1.0, 2.0]), np.array([0.2, 0.1, -0.3]), np.array([0, 1, -0.5])).tip_m
+        return solve_static_spatial(
+            rod, np.array([-0.5, 1.0, 2.0]), np.array([0.2, 0.1, -0.3]), np.array([0, 1, -0.5])
+        ).tip_m
 
     for model, tip in (("planar rod", partial(planar_tip, 5.0)), ("spatial rod, with all features", twisted)):
         exact = (4 * tip(400) - tip(200)) / 3
@@ -165,18 +167,20 @@ FORCE, MOMENT = np.array([-0.05, 0.08, 0.06]), np.array([5e-4, -1e-3, 8e-4])
 
 
 def invariance() -> Iterator[Row]:
-    here = bend_spatial(ROD, FORCE, MOMENT).tip_m
+    here = solve_static_spatial(ROD, FORCE, MOMENT).tip_m
     for angle in (0.5, 2.0, 3.1):
         turn = Rotation.from_rotvec([angle, 0, 0]).as_matrix()
         turned = replace(ROD, precurvature_per_m=np.asarray(ROD.precurvature_per_m) @ turn.T)
-        there = bend_spatial(turned, turn @ FORCE, turn @ MOMENT).tip_m
+        there = solve_static_spatial(turned, turn @ FORCE, turn @ MOMENT).tip_m
         yield row(f"bench turned by {angle:g} rad, tip in m", "spatial rod", turn @ here, there, 1e-9)
     flat, rod = np.array([-0.08, 0.06]), Rod(0.057, 4.3e-4, 0.008, 8.0, 40.0)
-    mirrored = bend(replace(rod, precurvature_per_m=-8.0), flat * [1, -1], -1e-3).tip_m
-    yield row("bench mirrored, tip in m", "planar rod", bend(rod, flat, 1e-3).tip_m * [1, -1], mirrored, 1e-9)
+    mirrored = solve_static(replace(rod, precurvature_per_m=-8.0), flat * [1, -1], -1e-3).tip_m
+    yield row("bench mirrored, tip in m", "planar rod", solve_static(rod, flat, 1e-3).tip_m * [1, -1], mirrored, 1e-9)
     in_space = SpatialRod(0.057, 4.3e-4, 0.008, None, np.array([0, 0, 8.0]), 40.0)
-    got = bend_spatial(in_space, np.array([*flat, 0.0]), np.array([0, 0, 1e-3])).tip_m
-    yield row("planar load, tip in m", "spatial rod as the planar one", [*bend(rod, flat, 1e-3).tip_m, 0.0], got, 1e-9)
+    got = solve_static_spatial(in_space, np.array([*flat, 0.0]), np.array([0, 0, 1e-3])).tip_m
+    yield row(
+        "planar load, tip in m", "spatial rod as the planar one", [*solve_static(rod, flat, 1e-3).tip_m, 0.0], got, 1e-9
+    )
 
 
 def work_along_the_path() -> Iterator[Row]:
@@ -187,11 +191,11 @@ def work_along_the_path() -> Iterator[Row]:
     flat = FORCE[:2]
 
     def store(force: np.ndarray) -> tuple[float, np.ndarray]:
-        shape = bend(rod, force)
+        shape = solve_static(rod, force)
         return shape.energy_j + float(force @ shape.tip_m), shape.tip_m
 
     def store_spatial(force: np.ndarray) -> tuple[float, np.ndarray]:
-        shape = bend_spatial(ROD, force)
+        shape = solve_static_spatial(ROD, force)
         strain = rotation_vectors(shape.quaternions) / ROD.joint_spans_m[:, None]
         energy = np.sum(density(ROD, strain, np.asarray(ROD.precurvature_per_m)) * ROD.joint_spans_m)
         return float(energy), shape.tip_m

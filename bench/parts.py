@@ -13,7 +13,7 @@ PARTS = {
     "planar": "bench.rods",
     "spatial": "bench.spatial_rods",
     "camera": "bench.rendering",
-    "fluoroscope": "bench.rendering_xray",
+    "fluoroscope": "bench.rendering_fluoroscope",
     "noise": "bench.noise",
     "force": "bench.speed",
     "networks": "bench.networks",

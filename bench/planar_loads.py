@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tipforce.mechanics import Branch, Rod, Shapes, bend_many
+from tipforce.mechanics import Branch, Rod, Shapes, solve_static_batch
 
 LENGTH, STIFFNESS = 0.065, 4.3e-4
 RODS = {
@@ -51,10 +51,10 @@ def walked(rod: Rod, given: dict[str, np.ndarray], steps: int) -> tuple[np.ndarr
     """Angles after raising the loads in many equal steps, and the largest change of an angle in one of them."""
     curved = given["precurvature_per_m"]
     none = {"force_n": 0 * given["force_n"], "moment_nm": 0 * given["moment_nm"], "precurvature_per_m": curved}
-    shapes, largest = bend_many(rod, **none), np.zeros(len(curved))
+    shapes, largest = solve_static_batch(rod, **none), np.zeros(len(curved))
     for share in np.arange(1, steps + 1) / steps:
         part = {"force_n": share * given["force_n"], "moment_nm": share * given["moment_nm"]}
-        following = bend_many(rod, **part, precurvature_per_m=curved, start=shapes)
+        following = solve_static_batch(rod, **part, precurvature_per_m=curved, start=shapes)
         largest = np.maximum(largest, np.abs(following.angles_rad - shapes.angles_rad).max(axis=1))
         shapes = following
     return shapes.angles_rad, largest
@@ -63,7 +63,7 @@ def walked(rod: Rod, given: dict[str, np.ndarray], steps: int) -> tuple[np.ndarr
 def measure(rod: Rod, seed: int, count: int = 100_000, walked_too: int = 3000) -> dict[str, Any]:
     """Of ``count`` loads: how many converged, their residuals, branches, and what a walk says of the branches."""
     given = loads(count, seed)
-    shapes = bend_many(rod, **given)
+    shapes = solve_static_batch(rod, **given)
     fallen = shapes.branch == Branch.FALLEN
     rows = np.append(np.flatnonzero(fallen), np.flatnonzero(~fallen)[:walked_too])
     angles, largest = walked(rod, {name: value[rows] for name, value in given.items()}, 500)

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from sklearn.ensemble import ExtraTreesRegressor
 
-from tipforce.dataset import Dataset, open_dataset, splits
-from tipforce.dataset.layouts._tendon_manipulator import TARE_ROWS
+from tipforce.datasets import Dataset, open_dataset, splits
+from tipforce.datasets.layouts._tendon_manipulator import TARE_ROWS
 from tipforce.estimators import create
 from tipforce.types import FloatArray
 

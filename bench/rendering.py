@@ -15,7 +15,14 @@ from bench.parts import run_alone
 from bench.timing import interleaved
 from bench.written import Packed, pack, write
 
-from tipforce.twin.camera import BENCH_2021, GENERALISE, CameraRenderer, TissueHome, TissueState, draw_scene
+from tipforce.simulation.rendering.camera import (
+    BENCH_2021,
+    GENERALISE,
+    CameraRenderer,
+    TissueHome,
+    TissueState,
+    draw_scene,
+)
 
 LENGTH_M = 0.048
 FRAMES = 48

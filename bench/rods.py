@@ -2,8 +2,8 @@
 
 Both solve the same rods under the same loads. `solve_bvp` begins with 11 nodes at the unloaded shape, with and without
 its Jacobian given, at the coarsest tolerance at which its tips are as exact as the rod's; only loads count where it
-finds the shape of the rod's branch. "batched": all loads in one call of `bend_many`; "singly": the same solver, one
-load after the other; "from Python": one call of `bend` each.
+finds the shape of the rod's branch. "batched": all loads in one call of `solve_static_batch`; "singly": the same
+solver, one load after the other; "from Python": one call of `solve_static` each.
 """
 
 import math
@@ -17,10 +17,10 @@ from numba import njit
 from scipy.integrate import solve_bvp
 from threadpoolctl import threadpool_limits
 
-from tipforce.mechanics import CentrelineNoise, Rod, bend, bend_many, derivatives, fisher_information
-from tipforce.mechanics._free import carried_n
-from tipforce.mechanics._newton import elastic_of
-from tipforce.mechanics._rows import settle_rows
+from tipforce.mechanics import CentrelineNoise, Rod, derivatives, fisher_information, solve_static, solve_static_batch
+from tipforce.mechanics.planar._newton import elastic_of
+from tipforce.mechanics.planar._rows import settle_rows
+from tipforce.mechanics.planar._statics import carried_n
 
 SHAFT, TIP, STIFFNESS, CURVATURE = 0.057, 0.008, 4.3e-4, 10.0
 LENGTH = SHAFT + TIP
@@ -81,7 +81,7 @@ def _singly(angles, warm, rod, k0, force, moment, carried, numbers):
 
 
 def singly(rod: Rod, loads: np.ndarray, start: np.ndarray | None = None) -> Callable[[], None]:
-    """All ``loads`` one after the other, by the solver that `bend` calls; warm where ``start`` (m, n) is given."""
+    """All ``loads`` one after the other, by the solver of `solve_static`; warm where ``start`` (m, n) is given."""
     rows = len(loads)
     angles = np.empty((rows, rod.segments + 1)) if start is None else start.copy()
     numbers = np.empty((rows, 6))
@@ -111,19 +111,19 @@ def as_exact(loads: np.ndarray, exact: np.ndarray, error: float) -> tuple[float,
 def against_bvp(segments: int, loads: np.ndarray, blocks: int = 12) -> dict[str, float]:
     """Microseconds a solve, |F| L^2 / EI to 5."""
     rod = rod_of(segments)
-    tips = bend_many(rod, loads).tip_m
+    tips = solve_static_batch(rod, loads).tip_m
     usual = [by_boundary_value_solver(load) for load in loads]
     same = [s.success and np.linalg.norm(tip_of(s) - t) < 1e-3 * LENGTH for s, t in zip(usual, tips, strict=True)]
     loads, tips, usual = loads[same], tips[same], [s for s, kept in zip(usual, same, strict=True) if kept]
     exact = np.array([tip_of(by_boundary_value_solver(f, s, 1e-9)) for f, s in zip(loads, usual, strict=True)])
     error = float(np.linalg.norm(tips - exact, axis=1).max())
     tolerance, theirs = as_exact(loads, exact, error)
-    near = bend_many(rod, loads / 1.02)
+    near = solve_static_batch(rod, loads / 1.02)
     found = [by_boundary_value_solver(load / 1.02, tolerance=tolerance) for load in loads]
     ways: dict[str, Callable[[], Any]] = {
-        "rod, cold, batched": lambda: bend_many(rod, loads),
+        "rod, cold, batched": lambda: solve_static_batch(rod, loads),
         "rod, cold, singly": singly(rod, loads),
-        "rod, warm, batched": lambda: bend_many(rod, loads, start=near),
+        "rod, warm, batched": lambda: solve_static_batch(rod, loads, start=near),
         "rod, warm, singly": singly(rod, loads, near.angles_rad),
         "solve_bvp, cold": lambda: [
             by_boundary_value_solver(load, tolerance=tolerance, jacobian_given=False) for load in loads
@@ -149,18 +149,20 @@ def against_bvp(segments: int, loads: np.ndarray, blocks: int = 12) -> dict[str,
 def beyond(segments: int = 50, blocks: int = 20) -> dict[str, float]:
     """Microseconds a solve: loads to 12 EI / L^2, and what a call from Python costs."""
     rod, loads = rod_of(segments), random_loads(400, 12.0)
-    near = bend_many(rod, loads)
+    near = solve_static_batch(rod, loads)
     few = loads[:60]
-    shapes = [bend(rod, load) for load in few]
+    shapes = [solve_static(rod, load) for load in few]
     seen, noise = derivatives(shapes[0], 20), CentrelineNoise(2e-4)
     times = interleaved(
         {
-            "cold, batched": lambda: bend_many(rod, loads),
-            "warm, load 2 % off, batched": lambda: bend_many(rod, 1.02 * loads, start=near),
-            "warm, load 10 % off, batched": lambda: bend_many(rod, 1.1 * loads, start=near),
+            "cold, batched": lambda: solve_static_batch(rod, loads),
+            "warm, load 2 % off, batched": lambda: solve_static_batch(rod, 1.02 * loads, start=near),
+            "warm, load 10 % off, batched": lambda: solve_static_batch(rod, 1.1 * loads, start=near),
             "cold, singly": singly(rod, loads),
-            "cold, from Python": lambda: [bend(rod, load) for load in few],
-            "warm, from Python": lambda: [bend(rod, 1.02 * f, start=s) for f, s in zip(few, shapes, strict=True)],
+            "cold, from Python": lambda: [solve_static(rod, load) for load in few],
+            "warm, from Python": lambda: [
+                solve_static(rod, 1.02 * f, start=s) for f, s in zip(few, shapes, strict=True)
+            ],
             "derivatives at 20 points": lambda: [derivatives(s, 20) for s in shapes],
             "Fisher information": lambda: [fisher_information(seen, noise) for _ in few],
         },

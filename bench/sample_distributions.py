@@ -14,14 +14,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tipforce.twin import PRESETS, SampleSet, TwinBench, sample_set
-from tipforce.twin.world import SWIFT, Pace, Session
-from tipforce.twin.world._course import run_course
+from tipforce.simulation import PRESETS, SampleSet, SimulatedBench, sample_set
+from tipforce.simulation.world import SWIFT, Pace, Session
+from tipforce.simulation.world._course import run_course
 
 AT = (0.1, 0.25, 0.5, 0.75, 0.9, 0.99)
 
 
-def figures(bench: TwinBench, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def figures(bench: SimulatedBench, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Force (k,), angle between tip and wall's normal where it touches (j,), knob (k,) at the frames ``rows``."""
     times = bench.frame_s[rows]
     contact, near = bench.course.contact, bench.instants.nearest(times)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tipforce.mechanics import SpatialRod, bend_spatial
+from tipforce.mechanics import SpatialRod, solve_static_spatial
 
 LOADS = {
     "across": ((0.0, 0.0, 0.0), (0.0, 2.0, 1.0)),
@@ -66,5 +66,5 @@ def settle(rest: np.ndarray, force: np.ndarray, elements: int = 20) -> Iterator[
 def apart(strain: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Tip where PyElastica's rod settles, and that of ours under the same load, (3,) each."""
     tip, _, torsion, held = list(settle(strain, force))[-1]
-    shape = bend_spatial(SpatialRod(1 - 2 * held, 1.0, held, torsion, strain, segments=100), force)
+    shape = solve_static_spatial(SpatialRod(1 - 2 * held, 1.0, held, torsion, strain, segments=100), force)
     return tip - [held, 0, 0], shape.tip_m

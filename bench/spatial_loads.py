@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tipforce.mechanics import Branch, SpatialRod, bend_spatial
+from tipforce.mechanics import Branch, SpatialRod, solve_static_spatial
 
 
 def random_case(rng: np.random.Generator, largest: float) -> tuple[SpatialRod, np.ndarray]:
@@ -28,10 +28,10 @@ def random_case(rng: np.random.Generator, largest: float) -> tuple[SpatialRod, n
 
 def crawl(rod: SpatialRod, force: np.ndarray, steps: int = 400) -> tuple[np.ndarray, bool]:
     """Orientations after many small steps of the load, and whether none of them jumped or lost its stability."""
-    shape, smooth = bend_spatial(rod, 0 * force), True
+    shape, smooth = solve_static_spatial(rod, 0 * force), True
     for share in np.arange(1, steps + 1) / steps:
         last = shape.quaternions
-        shape = bend_spatial(rod, share * force, start=shape)
+        shape = solve_static_spatial(rod, share * force, start=shape)
         turn = 2 * np.arccos(min(1.0, np.abs(np.sum(shape.quaternions * last, axis=1)).min()))
         smooth = smooth and shape.stable and turn < 0.2
     return shape.quaternions, smooth
@@ -40,7 +40,7 @@ def crawl(rod: SpatialRod, force: np.ndarray, steps: int = 400) -> tuple[np.ndar
 def measure(count: int = 20_000, crawled: int = 300, largest: float = 8.0, seed: int = 0) -> dict[str, Any]:
     """Of ``count`` loads: how many converged, their residuals, branches, and what a crawl says of the branches."""
     rng = np.random.default_rng(seed)
-    shapes = [bend_spatial(*random_case(rng, largest)) for _ in range(count)]
+    shapes = [solve_static_spatial(*random_case(rng, largest)) for _ in range(count)]
     agree = differ = jumped = 0
     for shape in shapes[:crawled]:
         end, smooth = crawl(shape.rod, shape.force_n)

@@ -19,9 +19,9 @@ from tipforce.mechanics import (
     SpatialContact,
     SpatialRod,
     SpatialWall,
-    bend_spatial,
     damping_of_loss_factor,
-    press_spatial,
+    solve_contact_spatial,
+    solve_static_spatial,
 )
 
 SEGMENTS = 50
@@ -82,7 +82,9 @@ TOLERANCES = (0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-5)
 def extrapolated(rod: SpatialRod, force: np.ndarray) -> np.ndarray:
     """The tip with the error of second order taken out."""
     coarse, fine = (
-        bend_spatial(SpatialRod(1.0, 1.0, precurvature_per_m=rod.precurvature_per_m[0], segments=n), force).tip_m
+        solve_static_spatial(
+            SpatialRod(1.0, 1.0, precurvature_per_m=rod.precurvature_per_m[0], segments=n), force
+        ).tip_m
         for n in (200, 400)
     )
     return (4 * fine - coarse) / 3
@@ -91,8 +93,8 @@ def extrapolated(rod: SpatialRod, force: np.ndarray) -> np.ndarray:
 def against_bvp(count: int = 30, blocks: int = 5) -> dict[str, float]:
     """Microseconds a solve, with what Python's share of the call costs."""
     todo = cases(count)
-    shapes = [bend_spatial(rod, force) for rod, force in todo]
-    near = [bend_spatial(rod, 0.98 * force) for rod, force in todo]
+    shapes = [solve_static_spatial(rod, force) for rod, force in todo]
+    near = [solve_static_spatial(rod, 0.98 * force) for rod, force in todo]
     exact = [extrapolated(rod, force) for rod, force in todo]
     ours = [float(np.linalg.norm(s.tip_m - t)) for s, t in zip(shapes, exact, strict=True)]
     for tolerance in TOLERANCES:
@@ -105,11 +107,13 @@ def against_bvp(count: int = 30, blocks: int = 5) -> dict[str, float]:
         raise RuntimeError("no tolerance is as exact as the rod")
     times = interleaved(
         {
-            "rod, cold": lambda: [bend_spatial(rod, force) for rod, force in todo],
+            "rod, cold": lambda: [solve_static_spatial(rod, force) for rod, force in todo],
             "rod, warm, load 2 % off": lambda: [
-                bend_spatial(r, f, start=s) for (r, f), s in zip(todo, near, strict=True)
+                solve_static_spatial(r, f, start=s) for (r, f), s in zip(todo, near, strict=True)
             ],
-            "rod, already there": lambda: [bend_spatial(r, f, start=s) for (r, f), s in zip(todo, shapes, strict=True)],
+            "rod, already there": lambda: [
+                solve_static_spatial(r, f, start=s) for (r, f), s in zip(todo, shapes, strict=True)
+            ],
             "solve_bvp, cold": lambda: [by_bvp(rod, force, tolerance) for rod, force in todo],
         },
         blocks,
@@ -143,7 +147,7 @@ def press_time(segments: int, seconds: float = 20.0) -> dict[str, float]:
     )  # fmt: skip
     wall = SpatialWall(np.array([0.75, 0.65, 0.05]), 120.0, damping_of_loss_factor(120.0, 0.175, BEAT_HZ), 0.2)
     t = np.arange(round(seconds * 1e3)) * 1e-3
-    tip = bend_spatial(rod, np.zeros(3)).tip_m
+    tip = solve_static_spatial(rod, np.zeros(3)).tip_m
     push = 4e-3 - 6e-3 * np.cos(2 * np.pi * BEAT_HZ * t) + 1e-3 * np.sin(2 * np.pi * 0.25 * t)
     side = 3e-3 * np.sin(2 * np.pi * BEAT_HZ * t + 1)
     way = tip - push[:, None] * wall.normal + side[:, None] * wall.axes[1] + 0.5 * side[:, None] * wall.axes[2]
@@ -151,7 +155,7 @@ def press_time(segments: int, seconds: float = 20.0) -> dict[str, float]:
     change[:, 2] = 0.3 * np.sin(0.3 * t)
 
     def run() -> SpatialContact:
-        return press_spatial(
+        return solve_contact_spatial(
             rod, wall, way, 1e-3, 0.00116, precurvature_change_per_m=change, creep=0.03, creep_time_s=2
         )
 

@@ -19,9 +19,9 @@ from bench.tubes import Look, Tube, distance_to_curve, draw, shape
 from sklearn.svm import SVR
 from threadpoolctl import threadpool_limits
 
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.estimators import Estimator, create
-from tipforce.types import Context, ForceEstimate, Observation, ShapeFeatures
+from tipforce.types import ForceEstimate, Observation, SessionInfo, ShapeFeatures
 from tipforce.vision import Vision, VisionSettings, feature_names, settle, shape_features
 
 POOL_BYTES = 96 * 2**20
@@ -114,7 +114,7 @@ def training_set(size: tuple[int, int], samples: int = 220, seed: int = 1) -> Da
         force_n=force,
         known=np.array([True, True, False]),
         names=np.arange(samples).astype(str),
-        contexts={name: Context(session=name) for name in np.unique(sessions).tolist()},
+        session_info={name: SessionInfo(name=name) for name in np.unique(sessions).tolist()},
         rows=np.arange(samples),
     )
 
@@ -182,7 +182,7 @@ def measure_case(case: Case, blocks: int) -> dict[str, Any]:
     """Microseconds, p50 and p99, of reading, of seeing, of the whole way to the force, and of the textbook chain."""
     pool, words, n = case.pool, case.words, len(case.pool)
     estimator = trained(case)
-    stream = estimator.start(Context())
+    stream = estimator.start(SessionInfo())
     textbook = Textbook(case.size)
     vision: VisionSettings = estimator.settings.vision  # type: ignore[attr-defined]
     features = estimator.settings.features  # type: ignore[attr-defined]

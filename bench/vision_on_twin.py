@@ -22,9 +22,9 @@ import numpy as np
 from bench.tubes import distance_to_curve
 
 from tipforce.errors import InputError
-from tipforce.recording import RecordingReader
-from tipforce.twin import Truth, read_truth
-from tipforce.types import Context
+from tipforce.io import RecordingReader
+from tipforce.simulation import Truth, read_truth
+from tipforce.types import SessionInfo
 from tipforce.vision import Vision, VisionSettings, in_session, settle
 
 FIRST, SPREAD = 50, 16
@@ -60,14 +60,14 @@ def covered(curve: np.ndarray, visible: float, size: tuple[int, int]) -> bool:
 def settled_together(paths: list[Path]) -> dict[str, VisionSettings]:
     """By view, settled once on `SPREAD` pictures spread over all recordings at ``paths``."""
     images: dict[str, list[np.ndarray]] = {}
-    contexts: dict[str, list[Context]] = {}
+    infos: dict[str, list[SessionInfo]] = {}
     for path in paths:
         with RecordingReader(path) as reader:
             for view in reader.views:
                 places = np.linspace(0, len(reader.stamps(view)) - 1, max(1, SPREAD // len(paths))).astype(int)
                 images.setdefault(view, []).extend(reader.frame_at(int(k), view).image for k in places)
-                contexts.setdefault(view, []).extend([reader.context] * len(places))
-    return {view: settle(VisionSettings(), images[view], contexts[view]) for view in images}
+                infos.setdefault(view, []).extend([reader.session_info] * len(places))
+    return {view: settle(VisionSettings(), images[view], infos[view]) for view in images}
 
 
 def session(
@@ -95,11 +95,11 @@ def one_view(
     else:
         settling = np.unique(np.linspace(0, count - 1, SPREAD).astype(int)).tolist()
     if view in shared:
-        vision = Vision(in_session(shared[view], reader.context))
+        vision = Vision(in_session(shared[view], reader.session_info))
     else:
         pictures = [reader.frame_at(k, view).image for k in settling]
         try:
-            vision = Vision(settle(VisionSettings(), pictures, None if options.blind else reader.context))
+            vision = Vision(settle(VisionSettings(), pictures, None if options.blind else reader.session_info))
         except InputError as error:
             print(f"{path.stem} {view}: {error}")
             vision = Vision(VisionSettings())

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from tipforce.twin.camera import PictureTruth
+from tipforce.simulation.rendering.camera import PictureTruth
 
 
 class Packed(NamedTuple):

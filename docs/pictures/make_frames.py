@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Arc, FancyArrowPatch, Polygon, Rectangle
 
-from tipforce.mechanics import Rod, Wall, press
+from tipforce.mechanics import Rod, Wall, solve_contact
 
 INK, GREY, BLUE, RED, GREEN, SENSOR = "#1c2733", "#76828d", "#1f6fb4", "#c8322b", "#2b7a4b", "#8a5a00"
 SILICONE, SILICONE_EDGE, STEEL = "#f3d3c9", "#c99a8b", "#dde2e7"
@@ -37,7 +37,7 @@ def shape() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     wall = Wall(math.radians(WALL_DEG), 120.0, friction=0.25)
     start = rod.nodes_m(rod.unloaded_angles_rad)[-1] @ polar(wall.angle_rad) + 1e-3
     push = np.linspace(0.0, 10e-3, 100)
-    contact = press(rod, wall, start - push, 0.3 * push, 1e-3, 1.165e-3)
+    contact = solve_contact(rod, wall, start - push, 0.3 * push, 1e-3, 1.165e-3)
     free, bent = (rod.centreline_m(angles, 200) * 1e3 for angles in (rod.unloaded_angles_rad, contact.angles_rad[-1]))
     return free, bent, contact.force_n[-1]
 

@@ -13,7 +13,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from tipforce.dataset import Dataset, draw, leave_out, open_dataset
+from tipforce.datasets import Dataset, open_dataset, random_subset, without_sessions
 from tipforce.estimators import Svr, load_model
 from tipforce.types import ForceEstimate, Image
 from tipforce.units import newtons_to_grams
@@ -25,7 +25,7 @@ INK, BLUE, GREY, ORANGE = "#1c2733", "#0072b2", "#8a949e", "#d55e00"
 
 def held_out(recipe: Svr, data: Dataset, session: str) -> tuple[Svr, Dataset, list[ForceEstimate], float]:
     """Estimates of ``session`` by a model that never saw it, and their MAE in N."""
-    model = recipe.unfitted().fit(draw(leave_out(data, [session]), SAMPLES))
+    model = recipe.unfitted().fit(random_subset(without_sessions(data, [session]), SAMPLES))
     test = data.subset(data.session == session)
     estimates = model.predict(test)
     return (
@@ -52,7 +52,7 @@ def main(demo: Path) -> None:
     observation = next(test.subset(np.array([peak])).observations())
     image = observation.views["camera"]
     assert isinstance(image, np.ndarray)
-    sighting, _ = model.look(observation, test.contexts[str(test.session[peak])])
+    sighting, _ = model.look(observation, test.session_info[str(test.session[peak])])
     picture: Image = draw_estimate(image, sighting, estimates[peak])
 
     plt.rcParams.update({"font.size": 12, "text.color": INK, "axes.edgecolor": GREY, "axes.labelcolor": INK})

@@ -1,14 +1,14 @@
 """tipforce reads the force at a catheter's tip from pictures of the catheter. Research use only."""
 
 from .errors import TipforceError
-from .types import Catheter, Context, ForceEstimate, Frame, Observation, Status, Wrench
+from .types import Catheter, ForceEstimate, Frame, Observation, SessionInfo, Status, Wrench
 
 __all__ = [
     "Catheter",
-    "Context",
     "ForceEstimate",
     "Frame",
     "Observation",
+    "SessionInfo",
     "Status",
     "TipforceError",
     "Wrench",

@@ -76,7 +76,7 @@ def test_one_protocol_with_drawn_samples(rows, tmp_path):
 
 
 def test_a_saved_model_is_also_scored_as_saved_on_new_sessions(rows, tmp_path):
-    from tipforce.dataset import open_dataset
+    from tipforce.datasets import open_dataset
     from tipforce.estimators import create, save_model
 
     data = open_dataset(rows)
@@ -137,9 +137,9 @@ def test_truth_of_nothing_is_refused(rows, tmp_path):
 
 
 def test_the_truth_of_the_simulated_bench_is_scored_beside_the_sensor(rows, tmp_path):
-    from tipforce.dataset import open_dataset
+    from tipforce.datasets import open_dataset
     from tipforce.geometry import Pose
-    from tipforce.twin import Truth, truth_path, write_truth
+    from tipforce.simulation import Truth, truth_path, write_truth
 
     data = open_dataset(rows)
     for name in ("s0", "s2"):
@@ -187,13 +187,13 @@ def test_the_truth_of_the_simulated_bench_is_scored_beside_the_sensor(rows, tmp_
 
 
 def test_errors_on_the_simulated_bench_are_held_against_the_smallest_possible(tmp_path, monkeypatch):
-    from tipforce.twin import PRESETS, TwinBench, truth_of, truth_path, write_truth
+    from tipforce.simulation import PRESETS, SimulatedBench, truth_of, truth_path, write_truth
 
     preset = PRESETS["bench-2021"]
     world = preset.world.model_copy(update={"seconds": 9.0})
     lines = ["session,stamp_ns,shape_A1,shape_A2,shape_A3,shape_A4,knob_deg,fx_n,fy_n"]
     (tmp_path / "runs").mkdir()
-    bench = TwinBench(preset.model_copy(update={"preset": "bench-2021 changed", "world": world}), 5, 0)
+    bench = SimulatedBench(preset.model_copy(update={"preset": "bench-2021 changed", "world": world}), 5, 0)
     truth = truth_of(bench, np.arange(0, len(bench.frame_s), 3))
     write_truth(truth, truth_path(tmp_path / "runs" / f"{bench.name}.mcap"))
     for stamp, (fx, fy, _) in zip(truth.stamp_ns, truth.force_n, strict=True):

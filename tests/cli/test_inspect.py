@@ -10,8 +10,9 @@ from typer.testing import CliRunner
 
 from tipforce.cli import app
 from tipforce.errors import FileFormatError, InputError
-from tipforce.recording import RecordingWriter, look_at, save_picture
-from tipforce.types import Context, Frame, Wrench
+from tipforce.io import RecordingWriter, save_image
+from tipforce.pipelines import inspect_image_file
+from tipforce.types import Frame, SessionInfo, Wrench
 from tipforce.vision import ShapeFeatureSettings, VisionSettings
 
 
@@ -29,7 +30,7 @@ def frame(tube, tmp_path: Path) -> Path:
 @pytest.mark.parametrize("method", ["fine", "classic"])
 def test_a_picture_is_drawn_and_described(frame: Path, tmp_path: Path, method: str, axis_of) -> None:
     drawn, table = tmp_path / "d.png", tmp_path / "d.json"
-    result = run(frame, "-o", drawn, "--json", table, "--set", f"method={method}")
+    result = run(frame, "-o", drawn, "--json", table, "--set", f"vision.method={method}")
     assert result.exit_code == 0, result.output
     figures = json.loads(table.read_text())
     assert figures["status"] == "valid"
@@ -61,7 +62,7 @@ def test_a_hook_has_no_polynomial_but_an_angle_series(tube, tmp_path: Path) -> N
     refused = run(tmp_path / "hook.png", "-o", tmp_path / "a.png")
     assert "past 90 degrees" in refused.stderr
     table = tmp_path / "t.json"
-    run(tmp_path / "hook.png", "-o", tmp_path / "b.png", "--features", "legendre", "--json", table)
+    run(tmp_path / "hook.png", "-o", tmp_path / "b.png", "--set", "features.form=legendre", "--json", table)
     series = json.loads(table.read_text())["features"]
     assert series["L0"] + series["L1"] + series["L2"] == pytest.approx(3.2, abs=0.5)
 
@@ -95,7 +96,7 @@ def test_every_other_frame_of_a_video_is_half_the_work(video: Path, tmp_path: Pa
 
 def test_a_recording_shows_its_streams_and_a_plot(tube, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with RecordingWriter(path, Context(session="run")) as writer:
+    with RecordingWriter(path, SessionInfo(name="run")) as writer:
         for k in range(10):
             writer.write(Frame(k * 40_000_000, tube("bent")[::4, ::4].copy()))
             writer.write(Wrench(k * 40_000_000, np.array([0.1, 0.01 * k, 0.0]), np.zeros(3)))
@@ -113,13 +114,14 @@ def test_what_is_no_picture_is_named(tmp_path: Path) -> None:
     fake = tmp_path / "fake.png"
     fake.write_text("not a picture")
     with pytest.raises(FileFormatError, match=r"fake\.png"):
-        look_at(fake, VisionSettings(), ShapeFeatureSettings())
+        inspect_image_file(fake, VisionSettings(), ShapeFeatureSettings())
 
 
-@pytest.mark.parametrize("target", ["no/folder.png", "drawing.gif"])
+@pytest.mark.parametrize("target", ["file/drawing.png", "drawing.gif"])
 def test_a_drawing_that_cannot_be_written_is_refused(tmp_path: Path, target: str) -> None:
+    (tmp_path / "file").write_text("no folder")
     with pytest.raises(FileFormatError):
-        save_picture(tmp_path / target, np.zeros((4, 4, 3), np.uint8))
+        save_image(tmp_path / target, np.zeros((4, 4, 3), np.uint8))
 
 
 def test_a_setting_that_does_not_exist_is_named(frame: Path) -> None:
@@ -133,6 +135,6 @@ def test_settings_that_were_found_are_said_to_be_so(frame: Path, tmp_path: Path)
     stated = [
         word
         for key in ("polarity=dark", "base_side=left", "threshold=130", "diameter_px=13")
-        for word in ("--set", key)
+        for word in ("--set", f"vision.{key}")
     ]
     assert "found automatically" not in run(frame, "-o", tmp_path / "d.png", *stated).stderr

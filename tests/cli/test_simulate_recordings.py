@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tipforce.alignment import StageMotion, labels
 from tipforce.cli import app
 from tipforce.errors import FileFormatError, InputError
-from tipforce.recording import RecordingReader, labels
-from tipforce.twin import read_truth, truth_path
+from tipforce.io import RecordingReader
+from tipforce.simulation import read_truth, truth_path
 
 ARGUMENTS = ["--sessions", "2", "--seconds", "12", "--set", "world.tare_s=2", "--seed", "4"]
 
@@ -34,13 +35,13 @@ def test_a_recording_holds_what_a_bench_has_and_nothing_of_the_truth(runs):
         "session_01.truth.npz",
     ]
     with RecordingReader(runs / "session_01.mcap") as reader:
-        info, context = reader.info, reader.context
+        info, session = reader.info, reader.session_info
         assert set(info.streams) == {"camera", "force", "joints", "stage"}
         assert info.streams["force"].rate_hz == pytest.approx(1000, rel=1e-3)
         assert info.streams["camera"].rate_hz == pytest.approx(24, rel=1e-2)
         assert info.inertia.how == "estimated"
-        assert (context.catheter.flexible_length_m, context.catheter.bending_stiffness_nm2) == (0.04, 4.3e-4)
-        assert context.notes["preset"] == "bench-2021 changed"
+        assert (session.catheter.flexible_length_m, session.catheter.bending_stiffness_nm2) == (0.04, 4.3e-4)
+        assert session.preset == "bench-2021 changed"
         told = json.dumps({name: dict(record) for name, record in info.metadata.items()})
     truth = read_truth(runs / "session_01.mcap")
     for name in ("flexible_length_m", "stiffness_nm2", "friction", "contact_angle_deg", "knob_factor", "amplitude_m"):
@@ -90,7 +91,9 @@ def test_the_truth_in_the_sensors_frame_is_what_the_sensor_reads(runs):
     truth = read_truth(runs / "session_00.mcap")
     with RecordingReader(runs / "session_00.mcap") as reader:
         stamps, readings, _ = reader.wrenches()
-        carried = reader.stage.acceleration(stamps + reader.info.inertia.lag_ns, reader.info.inertia.axes)
+        carried = StageMotion.of(reader.stage_readings()).acceleration(
+            stamps + reader.info.inertia.lag_ns, reader.info.inertia.axes
+        )
         readings = readings - carried @ reader.info.inertia.gain_kg
     own = np.interp(truth.stamp_ns, stamps + 1e9 * truth.clock_offset_s, np.arange(len(stamps)))
     mean = np.array([readings[max(0, int(k) - 5) : int(k) + 6].mean(axis=0) for k in own])

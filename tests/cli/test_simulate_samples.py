@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tipforce.alignment import labels
 from tipforce.cli import app
 from tipforce.cli._simulated_samples import write_samples
-from tipforce.dataset import open_dataset
+from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
-from tipforce.recording import RecordingReader, SensorPose, labels, record
-from tipforce.twin import PRESETS, read_truth, sample_set
+from tipforce.io import RecordingReader
+from tipforce.pipelines import record
+from tipforce.simulation import PRESETS, read_truth, sample_set
 from tipforce.types import SimulatedClock
 
 SMALL = PRESETS["bench-2021"].model_copy(update={"width": 320, "height": 240})
@@ -42,7 +44,7 @@ def test_as_many_samples_as_asked_for_from_sessions_that_differ(made):
     data = open_dataset(made)
     assert len(data) == 30
     assert [int((data.session == name).sum()) for name in data.sessions] == [11, 11, 8]
-    assert len({context.metres_per_px for context in data.contexts.values()}) == 3
+    assert len({info.view("camera").metres_per_px for info in data.session_info.values()}) == 3
     assert all(name.startswith("bench-2021-samples-3-0000") for name in data.sessions)
     assert {tuple(each.views["camera"].shape) for each in data.observations()} == {(240, 320, 3)}
     before = data.stamp_ns < 3.5e9
@@ -54,9 +56,8 @@ def test_a_sample_is_what_importing_the_recording_would_give(made, tmp_path):
     data = open_dataset(made)
     bench = WANTED.bench(1)
     path = tmp_path / "run.mcap"
-    angle = float(bench.context.notes["sensor_angle_deg"])
     record(
-        bench, path, sensor=SensorPose(angle, "tip-on-tissue"), tare=(0.0, 2.0), clock=SimulatedClock(),
+        bench, path, tare=(0.0, 2.0), clock=SimulatedClock(),
         offset_ms=WANTED.offset_ms(bench, 1), jpeg_quality=bench.imaging.jpeg_quality,
     )  # fmt: skip
     own = data.subset(data.session == bench.name)
@@ -66,7 +67,7 @@ def test_a_sample_is_what_importing_the_recording_would_give(made, tmp_path):
         assert np.array_equal(found.stamp_ns[rows], own.stamp_ns)
         assert np.array_equal(found.force_n[rows], own.force_n)
         assert np.array_equal(reader.actuation_at(own.stamp_ns)["knob_deg"], own.actuation["knob_deg"])
-        assert replace(reader.context) == own.contexts[bench.name]
+        assert replace(reader.session_info) == own.session_info[bench.name]
         for row, sample in zip(rows.tolist(), own.observations(), strict=True):
             assert np.array_equal(reader.frame_at(row).image, sample.views["camera"])
 
@@ -104,7 +105,7 @@ def sharded(tmp_path_factory) -> Path:
 def test_shards_hold_the_same_samples(made, sharded):
     images, shards = open_dataset(made), open_dataset(sharded)
     assert shards.fingerprint() == images.fingerprint()
-    assert dict(shards.contexts) == dict(images.contexts)
+    assert dict(shards.session_info) == dict(images.session_info)
     assert shards.names.tolist() == images.names.tolist()
     for one, other in zip(images.observations(), shards.observations(), strict=True):
         assert np.array_equal(one.views["camera"], other.views["camera"])

@@ -11,12 +11,13 @@ from typer.testing import CliRunner
 from tipforce.cli import app
 from tipforce.cli._simulated import leave_dicom
 from tipforce.cli._simulated_samples import write_samples
-from tipforce.dataset import open_dataset
+from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
 from tipforce.estimators import SvrSettings
 from tipforce.estimators._training import gather_rows
-from tipforce.recording import RecordingReader, import_run, open_source
-from tipforce.twin import PRESETS, FluoroSettings, TwinBench, read_truth, sample_set
+from tipforce.io import RecordingReader, open_source
+from tipforce.pipelines import import_session
+from tipforce.simulation import PRESETS, FluoroSettings, SimulatedBench, read_truth, sample_set
 from tipforce.types import Frame
 
 
@@ -33,9 +34,9 @@ def run(verb, *arguments):
 
 
 @pytest.fixture(scope="module")
-def late() -> TwinBench:
+def late() -> SimulatedBench:
     """Its very first picture of view b was dropped."""
-    benches = (TwinBench(brief("biplane", 3.0), seed, 0) for seed in range(100))
+    benches = (SimulatedBench(brief("biplane", 3.0), seed, 0) for seed in range(100))
     return next(bench for bench in benches if bench.arrived("a")[0] == 0 < bench.arrived("b")[0])
 
 
@@ -49,7 +50,9 @@ def test_two_views_as_dicom_stay_on_one_clock_where_the_first_picture_of_one_was
         assert stamps == late.stamp_ns[late.arrived(view)].tolist()
         target = tmp_path / f"{view}.mcap"
         knob_log = tmp_path / "session" / "knob.csv"
-        import_run(path, tmp_path / "session" / "force.csv", target, knob_log=knob_log, offset_ms="none", tare="none")
+        import_session(
+            path, tmp_path / "session" / "force.csv", target, knob_log=knob_log, offset_ms="none", tare="none"
+        )
         with RecordingReader(target) as reader:
             found_deg = reader.actuation_at(reader.stamps())["knob_deg"]
         true_deg = late.instants.at(late.course.knob_deg, late.frame_s[late.arrived(view)])
@@ -121,8 +124,8 @@ def test_of_two_views_inspect_looks_at_the_one_that_is_named_and_asks_for_it(wan
     if len(wanted.views) > 1:
         result = run("inspect", made, "-o", tmp_path / "sheet.png")
         assert isinstance(result.exception, InputError)
-        assert "its views are a, b: state --set view=a" in str(result.exception)
-    result = run("inspect", made, "-o", tmp_path / "sheet.png", "--set", f"view={wanted.views[-1]}")
+        assert "its views are a, b: state --set vision.view=a" in str(result.exception)
+    result = run("inspect", made, "-o", tmp_path / "sheet.png", "--set", f"vision.view={wanted.views[-1]}")
     assert result.exit_code == 0, result.output
     assert (tmp_path / "sheet.png").is_file()
 

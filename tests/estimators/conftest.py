@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.dataset import Dataset, open_dataset
+from tipforce.datasets import Dataset, open_dataset
 from tipforce.estimators import DcfeSettings, NetworkEstimator
 from tipforce.estimators import _create as methods
 from tipforce.estimators.networks import _network
-from tipforce.types import Context, Observation, Status
+from tipforce.types import Observation, SessionInfo, Status
 
 
 @pytest.fixture
@@ -84,7 +84,7 @@ def shown() -> Callable[..., Dataset]:
             force_n=force,
             known=np.array([True, True, False]),
             names=np.array([f"{place:03d}.png" for place in range(count)]),
-            contexts={f"s{k}": Context(session=f"s{k}") for k in range(sessions)},
+            session_info={f"s{k}": SessionInfo(name=f"s{k}") for k in range(sessions)},
             rows=np.arange(count),
             title="squares",
         )
@@ -142,7 +142,7 @@ class Small(NetworkEstimator):
     def forms(self, *, training: bool) -> Any:
         return {"picture": ((32, 32, 3), "uint8")}
 
-    def reader(self, context: Context, *, training: bool) -> Any:
+    def reader(self, info: SessionInfo, *, training: bool) -> Any:
         def read(observation: Observation, mask: Any = None) -> Any:
             view = observation.views.get("camera")
             if view is None:

@@ -7,17 +7,16 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.dataset import Dataset
-from tipforce.errors import InputError
+from tipforce.datasets import Dataset
 from tipforce.estimators import Compact, CompactSettings, load_model, save_model
-from tipforce.types import Catheter, Context, Observation, Status
+from tipforce.types import ActuationInfo, Catheter, Observation, SessionInfo, Status, ViewInfo
 
 pytest.importorskip("torch", reason="training needs the extra [train]")
 pytest.importorskip("onnxscript", reason="training needs the extra [train]")
 
 HEIGHT, WIDTH = 60, 80
 CATHETER = Catheter("7F", 2.33e-3, 40e-3, 8e-3, 4.3e-4)
-NOTES = {"base_side": "left", "knob_gain_per_m_deg": "0.533"}
+GAIN = ActuationInfo(0.533)
 QUICK = CompactSettings(size=64, epochs=30, batch=16, precision="fp32", validation=0.2)
 
 
@@ -30,6 +29,10 @@ def bench(force: np.ndarray, draw: np.random.Generator) -> tuple[np.ndarray, np.
     cv2.polylines(mask, line, isClosed=False, color=255, thickness=3, lineType=cv2.LINE_AA, shift=4)
     ground = draw.integers(150, 170, (HEIGHT, WIDTH)).astype(np.float64)
     return (ground - mask * 0.5).clip(0, 255).astype(np.uint8), mask
+
+
+def sheet(name: str, metres_per_px: float = 48e-3 / 50.0) -> SessionInfo:
+    return SessionInfo(name, CATHETER, {"camera": ViewInfo(metres_per_px, "left")}, actuation=GAIN)
 
 
 class Whips:
@@ -62,7 +65,7 @@ def whips(seed: int = 0, sessions: int = 5, each: int = 30, masks: bool = True) 
         force_n=force,
         known=np.array([True, True, False]),
         names=np.array([f"{k}.png" for k in range(count)]),
-        contexts={f"s{k}": Context(f"s{k}", CATHETER, 48e-3 / 50.0, NOTES) for k in range(sessions)},
+        session_info={f"s{k}": sheet(f"s{k}") for k in range(sessions)},
         rows=np.arange(count),
         title="whips",
     )
@@ -121,26 +124,26 @@ def empty(shape: tuple[int, ...] = (HEIGHT, WIDTH)) -> np.ndarray:
     ids=["ground alone", "black", "noise"],
 )
 def test_a_picture_without_a_catheter_is_refused(learnt, picture):
-    stream = learnt.start(whips().contexts["s0"])
+    stream = learnt.start(whips().session_info["s0"])
     answer = stream.update(Observation(0, {"camera": picture}, {"knob_deg": 10.0}))
     assert answer.status in (Status.NO_CATHETER, Status.OUT_OF_DOMAIN, Status.UNOBSERVABLE)
     assert answer.detail
 
 
 def test_an_absent_knob_is_asked_for(learnt):
-    stream = learnt.start(whips().contexts["s0"])
+    stream = learnt.start(whips().session_info["s0"])
     answer = stream.update(Observation(0, {"camera": empty()}))
     assert answer.status is Status.MISSING_INPUT
     assert "knob_deg" in answer.detail
 
 
 def test_what_the_sheets_told_in_training_is_asked_for(learnt):
-    told = whips().contexts["s0"]
+    told = whips().session_info["s0"]
     assert learnt.needed_facts
-    silent = learnt.start(Context("s0")).update(Observation(0, {"camera": empty()}, {"knob_deg": 10.0}))
+    silent = learnt.start(SessionInfo("s0")).update(Observation(0, {"camera": empty()}, {"knob_deg": 10.0}))
     assert silent.status is Status.MISSING_INPUT
     assert all(name in silent.detail for name in learnt.needed_facts)
-    stated = learnt.start(Context("s0").with_facts(told)).update(
+    stated = learnt.start(SessionInfo("s0").updated(told)).update(
         Observation(0, {"camera": empty()}, {"knob_deg": 10.0})
     )
     assert stated.status is not Status.MISSING_INPUT
@@ -148,34 +151,32 @@ def test_what_the_sheets_told_in_training_is_asked_for(learnt):
 
 def test_what_no_sheet_told_in_training_changes_no_answer(learnt):
     data = whips(seed=4, sessions=1)
-    told = data.contexts["s0"]
+    told = data.session_info["s0"]
     silent = learnt.unfitted()
-    facts = {**learnt.fitted_.facts, "told": [], "ever_told": ["base_side"]}
+    facts = {**learnt.fitted_.facts, "told": [], "ever_told": ["views.camera.base_side"]}
     silent.fitted_ = replace(learnt.fitted_, facts=facts)
     for observation in list(data.observations())[:5]:
         answers = [
-            silent.start(context).update(observation)
-            for context in (Context("s0", notes={"base_side": "left"}), told, replace(told, metres_per_px=1e-4))
+            silent.start(info).update(observation)
+            for info in (
+                SessionInfo("s0", views={"camera": ViewInfo(base_side="left")}),
+                told,
+                told.updated(SessionInfo("s0", views={"camera": ViewInfo(1e-4)})),
+            )
         ]
         assert len({each.force_n.tobytes() for each in answers}) == 1
 
 
 def test_the_knob_is_needed_where_sheets_tell_what_it_does(learnt):
     assert learnt.needed_actuation == ("knob_deg",)
-    stream = learnt.start(whips().contexts["s0"])
+    stream = learnt.start(whips().session_info["s0"])
     answer = stream.update(Observation(0, {"camera": empty()}, {"knob_deg": float("nan")}))
     assert answer.status is Status.MISSING_INPUT
 
 
-@pytest.mark.parametrize(("note", "value"), [("base_side", "Left"), ("knob_gain_per_m_deg", "much")])
-def test_notes_that_are_none_are_named(learnt, note, value):
-    with pytest.raises(InputError, match=f"s0: {note} is '{value}'"):
-        learnt.start(Context("s0", notes={note: value}))
-
-
 def test_a_window_is_cut_before_anything_was_learnt():
-    context, observation = whips().contexts["s0"], next(whips().observations())
-    row = Compact(QUICK).reader(context, training=False)(observation)
+    info, observation = whips().session_info["s0"], next(whips().observations())
+    row = Compact(QUICK).reader(info, training=False)(observation)
     assert row["picture"].shape == (64, 64)
 
 
@@ -194,7 +195,7 @@ def test_a_frame_shortly_before_leads_the_answer(learnt):
     own = {**learnt.fitted_.own, "lead_s": seconds, "lead_alone": np.array(2.0)}
     leading.fitted_ = replace(learnt.fitted_, own=own)
     assert leading.remembers
-    still, stream = learnt.start(data.contexts["s0"]), leading.start(data.contexts["s0"])
+    still, stream = learnt.start(data.session_info["s0"]), leading.start(data.session_info["s0"])
     shown = [replace(each, stamp_ns=42_000_000 * k) for k, each in enumerate(data.observations())][:8]
     alone, led = [still.update(each) for each in shown], [stream.update(each) for each in shown]
     valid = [k for k, each in enumerate(alone) if each.valid and k and alone[k - 1].valid]
@@ -208,13 +209,19 @@ def test_a_frame_shortly_before_leads_the_answer(learnt):
 
 def test_where_sheets_are_silent_the_base_s_border_is_found():
     data = whips(masks=False)
-    bare = Dataset(**{**vars(data), "contexts": {name: Context(name) for name in data.contexts}, "_memo": {}})
+    bare = Dataset(
+        **{**vars(data), "session_info": {name: SessionInfo(name) for name in data.session_info}, "_memo": {}}
+    )
     settled = Compact(QUICK)
     settled.settle(bare)
     assert settled._seen_side == "left"
-    other = {**data.contexts, "s0": Context("s0", CATHETER, 8e-4, {"base_side": "top"}), "s1": Context("s1")}
+    other = {
+        **data.session_info,
+        "s0": SessionInfo("s0", CATHETER, {"camera": ViewInfo(8e-4, "top")}),
+        "s1": SessionInfo("s1"),
+    }
     settled = Compact(QUICK)
-    settled.settle(Dataset(**{**vars(data), "contexts": other, "_memo": {}}))
+    settled.settle(Dataset(**{**vars(data), "session_info": other, "_memo": {}}))
     assert settled._seen_side == "left"  # for s1 alone: what a sheet tells stands
     assert settled.settings.base_side == "auto"
 
@@ -225,7 +232,9 @@ def test_without_a_catheter_in_view_pictures_are_shown_whole():
             return iter([Observation(row, {"camera": np.full((32, 32), 100, np.uint8)}) for row in rows.tolist()])
 
     data = whips(masks=False)
-    bare = Dataset(**{**vars(data), "contexts": {n: Context(n) for n in data.contexts}, "store": Grey(), "_memo": {}})
+    bare = Dataset(
+        **{**vars(data), "session_info": {n: SessionInfo(n) for n in data.session_info}, "store": Grey(), "_memo": {}}
+    )
     settled = Compact(QUICK)
     settled.settle(bare)
     assert settled._seen_side == "none"
@@ -235,9 +244,9 @@ def test_the_window_of_another_scale_shows_the_same(learnt):
     data = whips(seed=5, sessions=1, each=1)
     picture = next(data.observations()).views["camera"]
     near = cv2.resize(picture, None, fx=2, fy=2, interpolation=cv2.INTER_AREA)
-    context = data.contexts["s0"]
-    twice = Context("near", CATHETER, context.metres_per_px / 2, NOTES)
-    one = learnt.start(context).update(Observation(0, {"camera": picture}, {"knob_deg": 10.0}))
+    info = data.session_info["s0"]
+    twice = sheet("near", info.view("camera").metres_per_px / 2)
+    one = learnt.start(info).update(Observation(0, {"camera": picture}, {"knob_deg": 10.0}))
     other = learnt.start(twice).update(Observation(0, {"camera": near}, {"knob_deg": 10.0}))
     assert one.valid
     assert other.valid

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.estimators import create
 from tipforce.estimators._conformal import basis_of, half_width
 from tipforce.types import ForceEstimate

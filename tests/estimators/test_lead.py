@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tipforce.estimators.networks._arrays import Looked
 from tipforce.estimators.networks._lead import Lead, Trail, earlier, lead_from, learn_lead
-from tipforce.learning import Samples
+from tipforce.training import Samples
 
 MS = 1_000_000
 NOTHING = Lead(np.zeros((2, 2)), 1.0)

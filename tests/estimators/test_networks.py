@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.errors import InputError, ModelError, NotFittedError
 from tipforce.estimators import (
     Dcfe,
@@ -24,8 +24,8 @@ from tipforce.estimators import (
 )
 from tipforce.estimators.networks import _network
 from tipforce.estimators.networks._prepared import prepare
-from tipforce.learning import weights_of
-from tipforce.types import Context, Observation, Status
+from tipforce.training import weights_of
+from tipforce.types import Observation, SessionInfo, Status
 
 pytest.importorskip("torch", reason="training needs the extra [train]")
 pytest.importorskip("onnxscript", reason="training needs the extra [train]")
@@ -118,7 +118,7 @@ def test_actuation_and_samples_that_cannot_be_read(small: NetworkEstimator, show
     unseen = fitted.predict(data.subset(np.array([3])))[0]
     assert (unseen.status, unseen.detail) == (Status.NO_CATHETER, "nothing was filmed")
     assert fitted.needed_actuation == ("knob_deg",)
-    stream = fitted.start(Context())
+    stream = fitted.start(SessionInfo())
     picture = next(iter(data.observations())).views
     low, high = (stream.update(Observation(0, picture, {"knob_deg": knob})).force_n[:2] for knob in (10.0, 30.0))
     assert not np.array_equal(low, high)
@@ -191,7 +191,7 @@ def test_what_cannot_be_learnt_from_is_refused(
 def test_dcfe_takes_pictures_and_says_what_it_cannot_take() -> None:
     dcfe = create("dcfe")
     assert isinstance(dcfe, Dcfe)
-    read = dcfe.reader(Context(), training=False)
+    read = dcfe.reader(SessionInfo(), training=False)
     grey = read(Observation(0, {"camera": np.full((480, 640), 7, np.uint8)}, {}))
     assert grey["picture"].shape == (224, 224, 3)
     assert np.unique(grey["picture"]).tolist() == [7]

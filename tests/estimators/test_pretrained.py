@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from tipforce.cli import app
 from tipforce.cli._simulated_samples import write_samples
-from tipforce.dataset import DISTURBANCES, Dataset, disturbed, open_dataset
+from tipforce.datasets import PERTURBATIONS, Dataset, open_dataset, perturbed
 from tipforce.errors import ModelError
 from tipforce.estimators import (
     NetworkEstimator,
@@ -25,7 +25,7 @@ from tipforce.estimators import (
     save_model,
 )
 from tipforce.evaluation import methods_from
-from tipforce.twin import PRESETS, sample_set
+from tipforce.simulation import PRESETS, sample_set
 
 QUICK = {"c": (10.0,), "epsilon": (0.01,), "sigma": (1.0,), "force": "components"}
 MOST_BYTES = 30_000_000
@@ -100,11 +100,11 @@ def test_compact_refuses_the_pictures_of_a_bench_that_moved(unseen: Dataset) -> 
     model = load_pretrained("compact")
     far = {("shift", "40 px", "up"), ("shift", "40 px", "down")}
     far |= {("turn", size, way) for size in ("15°", "45°") for way in ("clockwise", "counter-clockwise")}
-    moved = [each for each in DISTURBANCES if (each.kind, each.size, each.way) in far]
+    moved = [each for each in PERTURBATIONS if (each.kind, each.size, each.way) in far]
     assert len(moved) == 6
     some = unseen.subset(np.arange(0, len(unseen), 3))
     for how in moved:
-        told = [each.detail for each in model.predict(disturbed(some, how)) if not each.valid]
+        told = [each.detail for each in model.predict(perturbed(some, how)) if not each.valid]
         assert sum("lies as in no picture" in each for each in told) >= 0.8 * len(some), how
 
 
@@ -113,7 +113,7 @@ def test_compact_answers_a_picture_and_its_mirror_image_alike(unseen: Dataset) -
     assert isinstance(model, NetworkEstimator)
     assert model.fitted_ is not None
     graph, session = model.fitted_.graph, unseen.session[0]
-    row = model.reader(unseen.contexts[session], training=False)(next(unseen.observations()))
+    row = model.reader(unseen.session_info[session], training=False)(next(unseen.observations()))
     assert isinstance(row, dict)
     picture, sheet = row["picture"][None], row["sheet"][None]
     force = graph(picture=picture, sheet=sheet)["force_n"][0]
@@ -126,9 +126,9 @@ def test_compact_bears_small_disturbances(unseen: Dataset) -> None:
     near = {("shift", "10 px"), ("shift", "20 px"), ("zoom", "× 1.1"), ("object", "10 %")}
     some = unseen.subset(np.arange(0, len(unseen), 3))
     worst = 0.4 * np.mean(np.abs(some.magnitude_n - some.magnitude_n.mean()))
-    for how in DISTURBANCES:
+    for how in PERTURBATIONS:
         if (how.kind, how.size) in near:
-            answers = model.predict(disturbed(some, how))
+            answers = model.predict(perturbed(some, how))
             assert sum(each.valid for each in answers) >= 0.8 * len(some), how
             assert np.nanmean([abs(a.magnitude_n - f) for a, f in zip(answers, some.magnitude_n, strict=True)]) < worst
 
@@ -141,7 +141,7 @@ def test_those_for_the_twin_read_sessions_that_they_never_saw(name: str, unseen:
     assert valid.mean() > 0.7
     off = np.array([each.magnitude_n for each in answers]) - data.magnitude_n
     assert np.nanmean(np.abs(off)) < 0.6 * np.mean(np.abs(data.magnitude_n - data.magnitude_n.mean()))
-    stream, first = model.start(data.contexts[data.session[0]]), next(data.observations())
+    stream, first = model.start(data.session_info[data.session[0]]), next(data.observations())
     for shown in (
         np.zeros((480, 640, 3), np.uint8),
         np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8),

@@ -10,7 +10,7 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.errors import InputError, MissingExtraError, ModelError
 from tipforce.estimators import Svr, _create, create, export_onnx, load_model, read_manifest, save_model
 from tipforce.estimators.store import _own_sha256
@@ -149,7 +149,7 @@ def test_saving_is_whole_or_not_at_all(
     def broken(*_: Any, **__: Any) -> None:
         raise OSError("disk full")
 
-    with monkeypatch.context() as patch:
+    with monkeypatch.session_info() as patch:
         patch.setattr(np, "savez", broken)
         with pytest.raises(OSError, match="disk full"):
             save_model(svr, model, data, overwrite=True)

@@ -8,12 +8,12 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.errors import InputError, ModelError
 from tipforce.estimators import Dcfe, NetworkEstimator, check_start, load_model
 from tipforce.estimators._workplace import workplace
 from tipforce.estimators.networks._settings import DcfeSettings
-from tipforce.learning import _loop
+from tipforce.training import _loop
 
 pytest.importorskip("torch", reason="training needs the extra [train]")
 pytest.importorskip("onnxscript", reason="training needs the extra [train]")
@@ -55,7 +55,7 @@ def test_a_training_that_was_cut_off_is_gone_on_with(
         return line(row, recipe)
 
     work = tmp_path / "cut.training"
-    with monkeypatch.context() as patch:
+    with monkeypatch.session_info() as patch:
         patch.setattr(_loop, "progress_line", stop)
         with pytest.warns(UserWarning, match="keeps the training so far; go on with it by --resume"):
             assert run(*words, tmp_path / "cut").exit_code != 0

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 
-from tipforce.dataset import Dataset
+from tipforce.datasets import Dataset
 from tipforce.estimators import Estimator
-from tipforce.types import Context, ForceEstimate, Observation, Status
+from tipforce.types import ForceEstimate, Observation, SessionInfo, Status
 
 
 class Rows:
@@ -48,7 +48,7 @@ def bench(sessions=4, frames=40, seed=0, noise_n=0.005, shift_n=0.02, views=None
         force_n=force,
         known=np.array([True, True, False]),
         names=np.array([f"{name}/{i:04d}.png" for name, i in zip(session, range(count), strict=True)]),
-        contexts={f"s{i}": Context(session=f"s{i}") for i in range(sessions)},
+        session_info={f"s{i}": SessionInfo(name=f"s{i}") for i in range(sessions)},
         rows=np.arange(count),
         title="bench of numbers",
     )
@@ -92,7 +92,7 @@ class Ridge(Estimator):
         self.calibrated_rows_ = dataset.rows
         return self
 
-    def start(self, context):
+    def start(self, info):
         return RidgeStream(self)
 
     def unfitted(self) -> Self:

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tipforce.dataset import splits
+from tipforce.datasets import splits
 from tipforce.errors import InputError
 from tipforce.evaluation import AS_SAVED, Constant, EvaluationSettings, Method, evaluate, write_report
 from tipforce.evaluation.report._drawings import whole_session
@@ -63,7 +63,7 @@ def test_the_constant_survives_being_stored(make_bench):
     fitted = Constant().fit(data)
     again = Constant.from_state({}, *fitted.state())
     assert again.predict(data)[3].magnitude_n == fitted.predict(data)[3].magnitude_n
-    stream = again.start(data.contexts["s0"])
+    stream = again.start(data.session_info["s0"])
     assert stream.update(next(data.observations())).force_n[0] == fitted.predict(data)[0].force_n[0]
 
 
@@ -280,11 +280,11 @@ def test_the_standard_protocol_trains_calibrates_and_tests_on_sessions_apart(mak
 
 def with_catheters(data, *names):
     """The sessions of ``data``, each of the catheter of that name."""
-    contexts = {
-        session: replace(data.contexts[session], catheter=Catheter(name, flexible_length_m=0.06))
+    infos = {
+        session: replace(data.session_info[session], catheter=Catheter(name, flexible_length_m=0.06))
         for session, name in zip(data.sessions, names, strict=True)
     }
-    return replace(data, contexts=contexts)
+    return replace(data, session_info=infos)
 
 
 def test_the_catheter_protocol_trains_on_a_catheters_first_session_and_tests_on_its_others(make_bench, make_ridge):
@@ -305,8 +305,8 @@ def test_the_catheter_protocol_trains_on_a_catheters_first_session_and_tests_on_
 def test_catheters_of_other_nominal_values_are_others(make_bench):
     data = with_catheters(make_bench(sessions=3), "a", "a", "a")
     longer = Catheter("a", flexible_length_m=0.07)
-    contexts = {**data.contexts, "s1": replace(data.contexts["s1"], catheter=longer)}
-    (split,) = splits("catheter", replace(data, contexts=contexts))
+    infos = {**data.session_info, "s1": replace(data.session_info["s1"], catheter=longer)}
+    (split,) = splits("catheter", replace(data, session_info=infos))
     assert set(data.session[split.train]) == {"s0"}
     assert set(data.session[split.test]) == {"s2"}
 

@@ -230,7 +230,7 @@ def test_the_gallery_draws_the_curve_of_ready_made_coefficients(make_bench, make
 
 def test_the_gallery_shows_the_worst_frames_with_what_was_seen(make_bench, ridge_class, tmp_path):
     class Seeing(ridge_class):
-        def look(self, observation, context):
+        def look(self, observation, info):
             points = np.column_stack([np.linspace(0, 60, 16), np.full(16, 24.0)])
             sighting = Sighting(Status.VALID, "", CentrelinePx(points), BasePose(np.array([0.0, 24.0]), 0.0), 6.0, 1.0)
             return sighting, points + 3.0

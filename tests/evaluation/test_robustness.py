@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tipforce.dataset import DISTURBANCES, Disturbance, Light
+from tipforce.datasets import PERTURBATIONS, Light, Perturbation
 from tipforce.errors import InputError
 from tipforce.evaluation import EvaluationSettings, Method, evaluate, report_lines, write_report
 from tipforce.evaluation._protocols import ScoredData
@@ -66,7 +66,7 @@ def mean_class(ridge_class):
         def calibrate(self, dataset, progress=None):
             return self
 
-        def start(self, context):
+        def start(self, info):
             return Stream(self)
 
     return ImageMean
@@ -95,7 +95,7 @@ def test_the_first_line_is_the_unperturbed_error_on_the_same_samples(bright, mea
     assert first["coverage"] == pytest.approx(row.metrics["quantities"]["magnitude"]["coverage"])
     assert first["constant"]["mae_n"] == pytest.approx(constant.mae_n)
     assert [(line["kind"], line["size"]) for line in rest] == list(
-        dict.fromkeys((each.kind, each.size) for each in DISTURBANCES)
+        dict.fromkeys((each.kind, each.size) for each in PERTURBATIONS)
     )
 
 
@@ -157,7 +157,7 @@ def test_a_method_that_remembers_is_shown_frames_in_a_row(bright, mean_class, ma
     row, constant = result.result("mean", "session"), result.result("constant", "session")
     seen.clear()
     scored = ScoredData(result.dataset, data, result.dataset.magnitude_n > 0.01)
-    dark = Disturbance("light", "dark", Light(0.5))
+    dark = Perturbation("light", "dark", Light(0.5))
     first, _ = perturbed_metrics(method, row, constant, scored, frames=100, perturbations=[dark])
     assert first["samples"] > 2
     for rows in seen:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_bvp
 
-from tipforce.mechanics import Rod, bend
+from tipforce.mechanics import Rod, solve_static
 
 SHAFT, TIP, STIFFNESS = 0.057, 0.008, 4.3e-4
 loads = st.tuples(
@@ -42,7 +42,7 @@ def turn(a, b):
 def test_the_clamp_holds_the_moment_of_all_loads(load, stiffening):
     rod = full(stiffening=stiffening)
     force, moment, spread = load
-    shape = bend(rod, force, moment, spread)
+    shape = solve_static(rod, force, moment, spread)
     assert shape.converged
     middles = (rod.nodes_m(shape.angles_rad)[1:] + rod.nodes_m(shape.angles_rad)[:-1]) / 2
     weights = rod.element_lengths_m[:, None] * spread
@@ -57,7 +57,7 @@ def test_the_work_of_the_loads_is_stored_in_the_bend(load):
     nodes, weights = np.polynomial.legendre.leggauss(12)
     work, shape = 0.0, None
     arc = np.linspace(0, rod.length_m, 2001)
-    at_rest = bend(rod, np.zeros(2))
+    at_rest = solve_static(rod, np.zeros(2))
 
     def work_of_the_whole_load(shape):
         """What the whole load does on the way from the unloaded shape."""
@@ -68,9 +68,9 @@ def test_the_work_of_the_loads_is_stored_in_the_bend(load):
     # by parts: the integral of share d(way) = whole way - integral of way d(share)
     for node, weight in zip(nodes, weights, strict=True):
         share = (node + 1) / 2
-        shape = bend(rod, share * force, share * moment, share * spread)
+        shape = solve_static(rod, share * force, share * moment, share * spread)
         work -= weight / 2 * work_of_the_whole_load(shape)
-    end = bend(rod, force, moment, spread)
+    end = solve_static(rod, force, moment, spread)
     if not end.branch == shape.branch == 0 or np.abs(end.angles_rad - at_rest.angles_rad).max() > 1.5:
         return  # a quadrature with twelve nodes does not see a fold or what is nearly one
     work += work_of_the_whole_load(end)
@@ -85,8 +85,8 @@ def test_the_work_of_the_loads_is_stored_in_the_bend(load):
 def test_everything_mirrored_gives_the_mirrored_shape(load):
     rod, (force, moment, spread) = full(stiffening=40.0), load
     mirrored = replace(rod, precurvature_per_m=-rod.precurvatures_per_m)
-    there = bend(mirrored, force * [1, -1], -moment, spread * [1, -1])
-    np.testing.assert_allclose(there.angles_rad, -bend(rod, force, moment, spread).angles_rad, atol=1e-8)
+    there = solve_static(mirrored, force * [1, -1], -moment, spread * [1, -1])
+    np.testing.assert_allclose(there.angles_rad, -solve_static(rod, force, moment, spread).angles_rad, atol=1e-8)
 
 
 def integrated(force, moment, spread):
@@ -112,7 +112,7 @@ def integrated(force, moment, spread):
 def test_a_rod_with_all_features_is_that_of_a_boundary_value_solver_with_second_order(force):
     force, moment, spread = np.array(force), 3e-3, np.array([0.4, -0.9])
     exact = integrated(force, moment, spread)
-    tips = [bend(full(n), force, moment, spread).tip_m for n in (25, 50, 100)]
+    tips = [solve_static(full(n), force, moment, spread).tip_m for n in (25, 50, 100)]
     errors = [np.linalg.norm(tip - exact) for tip in tips]
     assert errors[1] < 1e-4 * (SHAFT + TIP)
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
@@ -122,21 +122,21 @@ def test_a_rod_with_all_features_is_that_of_a_boundary_value_solver_with_second_
 
 def test_a_light_beam_sags_under_its_own_weight_by_the_textbooks_eighth():
     weight = 1e-4
-    shape = bend(Rod(0.05, STIFFNESS, segments=200), np.zeros(2), distributed_n_per_m=np.array([0.0, -weight]))
+    shape = solve_static(Rod(0.05, STIFFNESS, segments=200), np.zeros(2), distributed_n_per_m=np.array([0.0, -weight]))
     assert shape.tip_m[1] == pytest.approx(-weight * 0.05**4 / (8 * STIFFNESS), rel=1e-4)
 
 
 def test_weight_on_the_electrode_alone_acts_in_its_middle():
     rod, spread = full(), np.zeros((61, 2))
     spread[-1] = [0.0, -8.0]
-    shape = bend(rod, np.zeros(2), distributed_n_per_m=spread)
+    shape = solve_static(rod, np.zeros(2), distributed_n_per_m=spread)
     force = np.array([0.0, -8.0 * TIP])
     back = -TIP / 2 * np.array([math.cos(shape.tip_angle_rad), math.sin(shape.tip_angle_rad)])
-    alone = bend(rod, force, float(turn(back, force)))
+    alone = solve_static(rod, force, float(turn(back, force)))
     np.testing.assert_allclose(alone.angles_rad, shape.angles_rad, atol=1e-9)
 
 
 def test_a_load_row_by_row_is_the_same_as_one_value():
     spread = np.array([0.5, -1.0])
-    one, rows = (bend(full(), np.zeros(2), distributed_n_per_m=q) for q in (spread, np.tile(spread, (61, 1))))
+    one, rows = (solve_static(full(), np.zeros(2), distributed_n_per_m=q) for q in (spread, np.tile(spread, (61, 1))))
     np.testing.assert_array_equal(one.angles_rad, rows.angles_rad)

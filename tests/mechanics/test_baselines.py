@@ -52,7 +52,7 @@ def along(angle, size):
 
 
 def deflection(model, alpha):
-    return model.bend(np.array([0.0, alpha])).tip_m[1]
+    return model.solve_static(np.array([0.0, alpha])).tip_m[1]
 
 
 @pytest.mark.parametrize("alpha", CANTILEVER)
@@ -66,13 +66,13 @@ def deflection(model, alpha):
     ],
 )
 def test_models_of_large_bending_meet_the_published_cantilever(model, tolerance, alpha):
-    x, y = model.bend(np.array([0.0, alpha])).tip_m
+    x, y = model.solve_static(np.array([0.0, alpha])).tip_m
     np.testing.assert_allclose([y, 1 - x], CANTILEVER[alpha][:2], atol=tolerance)
 
 
 @pytest.mark.parametrize("alpha", [0.01, 2.0, 10.0])
 def test_the_linear_beam_bends_in_proportion_however_far(alpha):
-    x, y = LinearBeam(UNIT).bend(np.array([0.0, alpha])).tip_m
+    x, y = LinearBeam(UNIT).solve_static(np.array([0.0, alpha])).tip_m
     assert y == pytest.approx(alpha / 3, rel=1e-9)
     assert x == pytest.approx(1.0, abs=1e-12)
 
@@ -82,7 +82,7 @@ def test_the_linear_beam_is_off_by_35_percent_at_alpha_2():
 
 
 def test_the_linear_beam_has_the_cubic_line_of_a_straight_cantilever():
-    line = LinearBeam(UNIT, 8).bend(np.array([0.0, 1.0])).centreline_m(9)
+    line = LinearBeam(UNIT, 8).solve_static(np.array([0.0, 1.0])).centreline_m(9)
     x = np.linspace(0, 1, 9)
     np.testing.assert_allclose(line[:, 1], x**2 * (3 - x) / 6, atol=1e-12)
 
@@ -95,7 +95,7 @@ def test_the_pseudo_rigid_body_is_within_one_percent_for_large_loads(alpha):
 def test_the_pseudo_rigid_body_is_too_stiff_for_small_loads_and_for_moments():
     assert deflection(PseudoRigidBody(UNIT), 1e-4) == pytest.approx(1e-4 * 0.8517 / 2.67617, rel=1e-6)
     with_tip = Rod(1.0, 1.0, rigid_length_m=0.5)
-    *_, end, tip = PseudoRigidBody(with_tip).bend(np.zeros(2), 1e-4).centreline_m(31)
+    *_, end, tip = PseudoRigidBody(with_tip).solve_static(np.zeros(2), 1e-4).centreline_m(31)
     turn = math.atan2(*(tip - end)[::-1])
     assert turn / 1e-4 == pytest.approx(1.2385**2 / (0.8517 * 2.67617), rel=1e-6)  # the true one is 1
 
@@ -109,7 +109,7 @@ def test_few_pieces_are_wrong_by_a_known_share_for_small_loads(n):
 
 
 def test_particles_on_springs_give_way_along_the_string():
-    tip = MassSpring(UNIT, 7, diameter_m=0.1).bend(np.array([3.0, 0.0])).tip_m
+    tip = MassSpring(UNIT, 7, diameter_m=0.1).solve_static(np.array([3.0, 0.0])).tip_m
     np.testing.assert_allclose(tip, [1 + 3.0 / (16 / 0.1**2), 0], atol=1e-12)
 
 
@@ -126,8 +126,8 @@ def test_particles_on_springs_give_way_along_the_string():
 def test_the_error_falls_with_the_square_of_the_number_of_pieces(of):
     rod = Rod(1.0, 1.0, 0.2, 1.2, 3.0)
     load = np.array([-0.8, 1.5])
-    exact = (4 * of(rod, 400).bend(load).tip_m - of(rod, 200).bend(load).tip_m) / 3
-    errors = [np.linalg.norm(of(rod, n).bend(load).tip_m - exact) for n in (10, 20, 40)]
+    exact = (4 * of(rod, 400).solve_static(load).tip_m - of(rod, 200).solve_static(load).tip_m) / 3
+    errors = [np.linalg.norm(of(rod, n).solve_static(load).tip_m - exact) for n in (10, 20, 40)]
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
     assert errors[1] / errors[2] == pytest.approx(4, rel=0.1)
 
@@ -135,10 +135,10 @@ def test_the_error_falls_with_the_square_of_the_number_of_pieces(of):
 def test_many_links_and_many_arcs_are_the_elastica():
     rod = Rod(0.04, 4.3e-4, 0.008, 15.0, 40.0, segments=400)
     load = np.array([-0.2, 0.15])
-    exact = Elastica(rod).bend(load, 0.002).tip_m
-    np.testing.assert_allclose(RigidLinks(rod, 400).bend(load, 0.002).tip_m, exact, atol=1e-7)
-    np.testing.assert_allclose(ConstantCurvature(rod, 400).bend(load, 0.002).tip_m, exact, atol=1e-7)
-    np.testing.assert_allclose(MassSpring(rod, 400, 1e-5).bend(load, 0.002).tip_m, exact, atol=1e-7)
+    exact = Elastica(rod).solve_static(load, 0.002).tip_m
+    np.testing.assert_allclose(RigidLinks(rod, 400).solve_static(load, 0.002).tip_m, exact, atol=1e-7)
+    np.testing.assert_allclose(ConstantCurvature(rod, 400).solve_static(load, 0.002).tip_m, exact, atol=1e-7)
+    np.testing.assert_allclose(MassSpring(rod, 400, 1e-5).solve_static(load, 0.002).tip_m, exact, atol=1e-7)
 
 
 JOINTS = np.linspace(0, 1, 401)
@@ -157,14 +157,14 @@ JOINTS = np.linspace(0, 1, 401)
 def test_precurvature_along_the_shaft_is_followed(model):
     rod = Rod(0.04, 4.3e-4, 0.008, 15 * np.sin(5 * JOINTS), segments=400)
     load = np.array([-0.1, 0.15])
-    np.testing.assert_allclose(model(rod).bend(load).tip_m, Elastica(rod).bend(load).tip_m, atol=3e-7)
+    np.testing.assert_allclose(model(rod).solve_static(load).tip_m, Elastica(rod).solve_static(load).tip_m, atol=3e-7)
 
 
 @pytest.mark.parametrize("model", [lambda rod: RigidLinks(rod, 300), lambda rod: ConstantCurvature(rod, 300)])
 def test_stiffness_along_the_shaft_is_followed(model):
     rod = Rod(0.04, 4.3e-4, 0.008, 10.0, stiffness_profile=1 + 0.5 * np.cos(4 * JOINTS), segments=400)
     load = np.array([-0.1, 0.15])
-    np.testing.assert_allclose(model(rod).bend(load).tip_m, Elastica(rod).bend(load).tip_m, atol=3e-7)
+    np.testing.assert_allclose(model(rod).solve_static(load).tip_m, Elastica(rod).solve_static(load).tip_m, atol=3e-7)
 
 
 @pytest.mark.parametrize("model", [LinearBeam, LargeDeflection])
@@ -172,7 +172,9 @@ def test_stiffness_along_the_shaft_counts_by_what_it_does_to_the_tip(model):
     # Exact for small loads across a straight shaft, also where the model knows one stiffness only.
     rod = Rod(0.04, 4.3e-4, stiffness_profile=1 + 0.5 * np.cos(4 * JOINTS), segments=400)
     small = np.array([0.0, 1e-5])
-    assert model(rod).bend(small).tip_m[1] == pytest.approx(Elastica(rod).bend(small).tip_m[1], rel=2e-3)
+    assert model(rod).solve_static(small).tip_m[1] == pytest.approx(
+        Elastica(rod).solve_static(small).tip_m[1], rel=2e-3
+    )
 
 
 TOLERANCE = {  # of the deflection of a straight shaft under the same force across
@@ -194,8 +196,8 @@ def test_all_agree_for_small_loads(name, rod, direction):
     small = along(direction, 1e-3 * rod.bending_stiffness_nm2 / rod.length_m**2)
     scale = np.linalg.norm(small) * rod.length_m**3 / (3 * rod.bending_stiffness_nm2)
     model, elastica = MODELS[name](rod), Elastica(rod)
-    way = model.bend(small).tip_m - model.bend(0 * small).tip_m
-    true = elastica.bend(small).tip_m - elastica.bend(0 * small).tip_m
+    way = model.solve_static(small).tip_m - model.solve_static(0 * small).tip_m
+    true = elastica.solve_static(small).tip_m - elastica.solve_static(0 * small).tip_m
     assert np.linalg.norm(way - true) < TOLERANCE[name] * scale
 
 
@@ -211,8 +213,8 @@ def test_mirrored_rod_under_mirrored_load_has_the_mirrored_shape(model, rod, dir
         rod.stiffening_curvature_per_m,
     )
     force = along(direction, size)
-    here = model(rod).bend(force, moment).centreline_m(20)
-    there = model(mirrored).bend(force * [1, -1], -moment).centreline_m(20)
+    here = model(rod).solve_static(force, moment).centreline_m(20)
+    there = model(mirrored).solve_static(force * [1, -1], -moment).centreline_m(20)
     np.testing.assert_allclose(there, here * [1, -1], atol=1e-9)
 
 
@@ -220,8 +222,8 @@ def test_mirrored_rod_under_mirrored_load_has_the_mirrored_shape(model, rod, dir
 @settings(max_examples=15)
 @given(rods, directions, st.floats(0, 0.1))
 def test_compliance_is_symmetric_and_smooth(model, rod, direction, size):
-    # All follow from an energy, so what fx does to y is what fy does to x (Maxwell); and `bend` can be differenced.
-    force, bent = along(direction, size), model(rod).bend
+    # All follow from an energy, so what fx does to y is what fy does to x (Maxwell); and differences can be taken.
+    force, bent = along(direction, size), model(rod).solve_static
 
     def compliance(step):
         ways = np.eye(2) * step
@@ -240,7 +242,7 @@ def test_compliance_is_symmetric_and_smooth(model, rod, direction, size):
 @settings(max_examples=15)
 @given(rods, directions, st.floats(0, 0.35), st.floats(-0.005, 0.005))
 def test_clinical_loads_converge_and_the_line_runs_from_base_to_tip(model, rod, direction, size, moment):
-    shape = model(rod).bend(along(direction, size), moment)
+    shape = model(rod).solve_static(along(direction, size), moment)
     assert shape.converged
     line = shape.centreline_m(33)
     np.testing.assert_allclose(line[[0, -1]], [[0, 0], shape.tip_m], atol=1e-12)
@@ -254,7 +256,7 @@ def test_a_pure_moment_turns_the_tip_by_moment_length_over_stiffness(model):
     else:
         tolerance = 1e-6
     rod = Rod(0.04, 4.3e-4, 0.008, 5.0)
-    shape = model(rod).bend(np.zeros(2), 0.004)
+    shape = model(rod).solve_static(np.zeros(2), 0.004)
     before, tip = shape.centreline_m(97)[-2:]
     turned = math.atan2(*(tip - before)[::-1]) - 5.0 * 0.04
     assert turned == pytest.approx(0.004 * 0.04 / 4.3e-4, rel=tolerance)
@@ -263,28 +265,28 @@ def test_a_pure_moment_turns_the_tip_by_moment_length_over_stiffness(model):
 @pytest.mark.parametrize("model", [RigidLinks, ConstantCurvature, lambda rod: MassSpring(rod, 300)])
 def test_moment_over_curvature_follows_the_stiffening(model):
     rod = Rod(0.04, 4.3e-4, 0.008, 5.0, 40.0)
-    before, tip = model(rod).bend(np.zeros(2), 0.012).centreline_m(97)[-2:]
+    before, tip = model(rod).solve_static(np.zeros(2), 0.012).centreline_m(97)[-2:]
     curvature = math.atan2(*(tip - before)[::-1]) / 0.04
     assert 4.3e-4 * (1 + (curvature / 40) ** 2) * (curvature - 5.0) == pytest.approx(0.012, rel=1e-6)
 
 
 def test_large_deflection_takes_one_stiffness_for_the_whole_shaft():
     load = np.array([-0.1, 0.2])
-    stiffening = LargeDeflection(Rod(0.04, 4.3e-4, 0.008, 20.0, 40.0)).bend(load).tip_m
+    stiffening = LargeDeflection(Rod(0.04, 4.3e-4, 0.008, 20.0, 40.0)).solve_static(load).tip_m
     uniform = Rod(0.04, 4.3e-4 * 1.25, 0.008, 20.0, segments=800)
-    np.testing.assert_allclose(stiffening, Elastica(uniform).bend(load).tip_m, atol=1e-7)
+    np.testing.assert_allclose(stiffening, Elastica(uniform).solve_static(load).tip_m, atol=1e-7)
 
 
 def test_large_deflection_converges_with_the_fourth_power_of_its_steps():
     rod, load = Rod(1.0, 1.0, 0.2, 1.0), np.array([-1.0, 3.0])
-    exact = LargeDeflection(rod, 400).bend(load).tip_m
-    errors = [np.linalg.norm(LargeDeflection(rod, n).bend(load).tip_m - exact) for n in (10, 20)]
+    exact = LargeDeflection(rod, 400).solve_static(load).tip_m
+    errors = [np.linalg.norm(LargeDeflection(rod, n).solve_static(load).tip_m - exact) for n in (10, 20)]
     assert errors[0] / errors[1] == pytest.approx(16, rel=0.3)
 
 
 @large_models
 def test_a_straight_column_stays_straight(model):
-    shape = model(Rod(0.065, 4.3e-4)).bend(np.array([-0.4, 0.0]))  # 1.6 times its buckling load
+    shape = model(Rod(0.065, 4.3e-4)).solve_static(np.array([-0.4, 0.0]))  # 1.6 times its buckling load
     assert shape.converged
     assert shape.tip_m[1] == 0.0
 
@@ -296,7 +298,7 @@ def test_columns_buckle_at_their_own_load(model, share):
     # Just below, a small push across is enlarged by 1 / (1 - P / P_c). One arc: 3 EI / L^2 instead of pi^2 / 4.
     critical = share * math.pi**2 / 4
     push = 1e-6
-    ways = [model(UNIT).bend(np.array([-part * critical, push])).tip_m[1] for part in (0.9, 0.95)]
+    ways = [model(UNIT).solve_static(np.array([-part * critical, push])).tip_m[1] for part in (0.9, 0.95)]
     assert ways[1] / ways[0] == pytest.approx(2, rel=0.1)
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tipforce.mechanics import Branch, Rod, bend
+from tipforce.mechanics import Branch, Rod, solve_static
 
 ROD = Rod(0.057, 4.3e-4, 0.008)
 # A push along the axis and a moment against the sideways force: the moment wins at first, then the force does.
@@ -14,9 +14,9 @@ PUSH, MOMENT = np.array([-0.22165, 0.14796]), -0.006339
 
 def walked(rod, force, moment, steps):
     """The shape at the end of many small steps, each from the one before, and the largest change of an angle in one."""
-    shape, largest = bend(rod, np.zeros(2)), 0.0
+    shape, largest = solve_static(rod, np.zeros(2)), 0.0
     for share in np.arange(1, steps + 1) / steps:
-        following = bend(rod, share * force, share * moment, start=shape)
+        following = solve_static(rod, share * force, share * moment, start=shape)
         largest = max(largest, float(np.abs(following.angles_rad - shape.angles_rad).max()))
         shape = following
     return shape, largest
@@ -27,7 +27,7 @@ def walked(rod, force, moment, steps):
 def test_a_cold_start_ends_where_many_small_steps_end(direction, alpha, moment, curvature):
     rod = Rod(0.057, 4.3e-4, 0.008, curvature)
     force = alpha * 4.3e-4 / 0.065**2 * np.array([math.cos(direction), math.sin(direction)])
-    shape = bend(rod, force, moment * 4.3e-4 / 0.065)
+    shape = solve_static(rod, force, moment * 4.3e-4 / 0.065)
     assert shape.converged
     assert shape.residual <= 1e-11
     end, largest = walked(rod, force, moment * 4.3e-4 / 0.065, 150)
@@ -38,7 +38,7 @@ def test_a_cold_start_ends_where_many_small_steps_end(direction, alpha, moment, 
 
 
 def test_where_the_branch_ends_at_a_fold_the_rod_falls_and_says_so():
-    before, after = bend(ROD, 0.99 * PUSH, 0.99 * MOMENT), bend(ROD, 1.02 * PUSH, 1.02 * MOMENT)
+    before, after = solve_static(ROD, 0.99 * PUSH, 0.99 * MOMENT), solve_static(ROD, 1.02 * PUSH, 1.02 * MOMENT)
     assert before.branch is Branch.UNLOADED
     assert after.branch is Branch.FALLEN
     assert not after.on_unloaded_branch()
@@ -49,8 +49,8 @@ def test_where_the_branch_ends_at_a_fold_the_rod_falls_and_says_so():
 
 
 def test_unloading_after_the_fall_goes_back_on_another_branch():
-    cold = bend(ROD, 0.99 * PUSH, 0.99 * MOMENT)
-    back = bend(ROD, 0.99 * PUSH, 0.99 * MOMENT, start=bend(ROD, 1.02 * PUSH, 1.02 * MOMENT))
+    cold = solve_static(ROD, 0.99 * PUSH, 0.99 * MOMENT)
+    back = solve_static(ROD, 0.99 * PUSH, 0.99 * MOMENT, start=solve_static(ROD, 1.02 * PUSH, 1.02 * MOMENT))
     assert back.converged
     assert back.stable
     assert back.branch is Branch.GIVEN
@@ -61,8 +61,8 @@ def test_unloading_after_the_fall_goes_back_on_another_branch():
 
 
 def test_a_start_on_the_unloaded_branch_is_known_again():
-    cold = bend(ROD, np.array([-0.1, 0.05]))
-    warm = bend(ROD, np.array([-0.1, 0.05]), start=bend(ROD, np.array([-0.09, 0.06])).angles_rad)
+    cold = solve_static(ROD, np.array([-0.1, 0.05]))
+    warm = solve_static(ROD, np.array([-0.1, 0.05]), start=solve_static(ROD, np.array([-0.09, 0.06])).angles_rad)
     assert cold.on_unloaded_branch()
     assert warm.branch is Branch.GIVEN
     assert warm.on_unloaded_branch()

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tipforce.mechanics import Rod, Wall, bend, press
+from tipforce.mechanics import Rod, Wall, solve_contact, solve_static
 
 ROD = Rod(0.04, 4.3e-4, 0.008, 5.33, 40.0)
 RADIUS = 0.00116
@@ -13,7 +13,7 @@ RADIUS = 0.00116
 
 def touching_position(wall, rod=ROD):
     """Where the undented surface just meets the unloaded tip."""
-    shape = bend(rod, np.zeros(2))
+    shape = solve_static(rod, np.zeros(2))
     axis = np.array([math.cos(shape.tip_angle_rad), math.sin(shape.tip_angle_rad)])
     ball = shape.tip_m - RADIUS * axis
     return ball @ [math.cos(wall.angle_rad), math.sin(wall.angle_rad)] + RADIUS
@@ -21,7 +21,9 @@ def touching_position(wall, rod=ROD):
 
 def pushed(wall, push, along=None, dt=1e-3):
     push = np.asarray(push, dtype=float)
-    return press(ROD, wall, touching_position(wall) - push, np.zeros(push.size) if along is None else along, dt, RADIUS)
+    return solve_contact(
+        ROD, wall, touching_position(wall) - push, np.zeros(push.size) if along is None else along, dt, RADIUS
+    )
 
 
 def test_before_the_wall_is_met_there_is_no_force_and_the_shape_is_the_unloaded_one():
@@ -42,7 +44,7 @@ def test_the_wall_gives_back_what_the_tip_puts_on_it(angle, friction, sideways):
         force = contact.force_n[row]
         arm = contact.touch_m[row] - ROD.nodes_m(contact.angles_rad[row])[-1]
         # The same rod under the wall's force as a dead load, moved from the place of touch to the tip's end.
-        alone = bend(ROD, force, arm[0] * force[1] - arm[1] * force[0], start=contact.angles_rad[row])
+        alone = solve_static(ROD, force, arm[0] * force[1] - arm[1] * force[0], start=contact.angles_rad[row])
         np.testing.assert_allclose(alone.angles_rad, contact.angles_rad[row], atol=1e-6)
 
 
@@ -120,8 +122,8 @@ def test_steps_four_times_shorter_give_the_same_force():
 
 def test_unequal_rows_and_impossible_walls_are_refused():
     with pytest.raises(ValueError, match="equally long"):
-        press(ROD, Wall(0.5, 120.0), np.zeros(3), np.zeros(4), 1e-3, RADIUS)
+        solve_contact(ROD, Wall(0.5, 120.0), np.zeros(3), np.zeros(4), 1e-3, RADIUS)
     with pytest.raises(ValueError, match="positive stiffness"):
         Wall(0.5, 0.0)
     with pytest.raises(ValueError, match="tip_radius_m"):
-        press(ROD, Wall(0.5, 120.0), np.zeros(3), np.zeros(3), 1e-3, 0.01)
+        solve_contact(ROD, Wall(0.5, 120.0), np.zeros(3), np.zeros(3), 1e-3, 0.01)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tipforce.mechanics import SpatialRod, bend_spatial, contact_derivatives, derivatives
+from tipforce.mechanics import SpatialRod, contact_derivatives, derivatives, solve_static_spatial
 
 SEGMENTS, POINTS = 24, 9
 ROD = SpatialRod(
@@ -23,7 +23,7 @@ FORCES = np.array([[0.0, 0.0, 0.0], [-0.05, -0.08, 0.004], [-0.12, 0.06, -0.01],
 
 @pytest.fixture(scope="module")
 def shapes():
-    return [bend_spatial(ROD, force) for force in FORCES]
+    return [solve_static_spatial(ROD, force) for force in FORCES]
 
 
 @pytest.fixture(scope="module")
@@ -92,14 +92,14 @@ def test_creep_bends_what_was_bent_further():
     def run(creep):
         rod = replace(ROD, bending_stiffness_nm2=4.3e-4 / (1 + creep), torsional_stiffness_nm2=4.0e-4 / (1 + creep),
                       stiffening_curvature_per_m=np.inf)  # fmt: skip
-        line = np.tile(bend_spatial(rod, force[0]).centreline_m(49), (40, 1, 1))
+        line = np.tile(solve_static_spatial(rod, force[0]).centreline_m(49), (40, 1, 1))
         return contact_derivatives(rod, line, force, line[:, -1], POINTS, time_s=times, creep=creep, creep_time_s=2.0)
 
     found = run(share)
     assert np.abs(found["creep"][0]).max() == 0.0  # nothing has crept at the first instant
     measured = (run(1.01 * share).centreline_m - run(0.99 * share).centreline_m)[-1] / 0.02
     np.testing.assert_allclose(found["creep"][-1, :, :, 0], measured, atol=0.05 * np.abs(measured).max())
-    settled = bend_spatial(
+    settled = solve_static_spatial(
         replace(ROD, bending_stiffness_nm2=4.3e-4 / 1.03, torsional_stiffness_nm2=4.0e-4 / 1.03,
                 stiffening_curvature_per_m=np.inf), force[0],
     )  # fmt: skip
@@ -108,7 +108,7 @@ def test_creep_bends_what_was_bent_further():
 
 def test_a_rod_without_an_electrode_has_derivatives_too():
     rod = replace(ROD, rigid_length_m=0.0)
-    shape = bend_spatial(rod, FORCES[1])
+    shape = solve_static_spatial(rod, FORCES[1])
     line = shape.centreline_m(49)[None]
     found = contact_derivatives(rod, line, FORCES[1:2], line[:, -1], POINTS)
     expected = derivatives(shape, POINTS).force

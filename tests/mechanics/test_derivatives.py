@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from tipforce.mechanics import Rod, bend, derivatives
+from tipforce.mechanics import Rod, derivatives, solve_static
 
 POINTS = 13
 
@@ -28,7 +28,7 @@ def bent(draw):
     )
     angle, alpha = draw(st.floats(0, 2 * math.pi)), draw(st.floats(0, 6))
     force = alpha * rod.bending_stiffness_nm2 / rod.length_m**2 * np.array([math.cos(angle), math.sin(angle)])
-    shape = bend(rod, force, draw(st.floats(-3e-3, 3e-3)), rng.uniform(-1, 1, 2))
+    shape = solve_static(rod, force, draw(st.floats(-3e-3, 3e-3)), rng.uniform(-1, 1, 2))
     assume(shape.stable)
     softness = np.abs(derivatives(shape, 5).force).max() / (rod.length_m**3 / (3 * rod.bending_stiffness_nm2))
     assume(softness < 4)
@@ -44,7 +44,7 @@ def assert_close(derived, measured):
 
 
 def again(shape, rod=None, force=None, moment=None, spread=None):
-    other = bend(
+    other = solve_static(
         rod or shape.rod,
         shape.force_n if force is None else force,
         shape.moment_nm if moment is None else moment,
@@ -98,7 +98,7 @@ def test_the_tips_compliance_is_symmetric_and_positive(shape):
 
 def test_a_straight_cantilever_has_the_textbooks_flexibilities():
     length, ei = 0.05, 4.3e-4
-    shape = bend(Rod(length, ei, segments=400), np.zeros(2))
+    shape = solve_static(Rod(length, ei, segments=400), np.zeros(2))
     at_tip = derivatives(shape, np.array([length]))
     assert at_tip.force[0, 1, 1] == pytest.approx(length**3 / (3 * ei), rel=1e-4)
     assert at_tip.moment[0, 1, 0] == pytest.approx(length**2 / (2 * ei), rel=1e-4)
@@ -109,6 +109,6 @@ def test_a_straight_cantilever_has_the_textbooks_flexibilities():
 
 
 def test_a_shape_that_has_not_converged_has_no_derivatives():
-    shape = replace(bend(Rod(0.05, 4.3e-4), np.zeros(2)), converged=False)
+    shape = replace(solve_static(Rod(0.05, 4.3e-4), np.zeros(2)), converged=False)
     with pytest.raises(ValueError, match="not converged"):
         derivatives(shape, 5)

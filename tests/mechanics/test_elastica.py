@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipj, ellipk, ellipkinc
 
-from tipforce.mechanics import Branch, Rod, bend
+from tipforce.mechanics import Branch, Rod, solve_static
 
 LENGTH, STIFFNESS = 0.065, 4.3e-4
 CRITICAL = math.pi**2 * STIFFNESS / (4 * LENGTH**2)
@@ -46,7 +46,7 @@ def exact_tips(alpha, direction):
 def extrapolated_tip(alpha, direction, segments=50):
     """Place over L and angle of the tip: error of second order taken out with half as many segments."""
     force = alpha * STIFFNESS / LENGTH**2 * np.array([math.cos(direction), math.sin(direction)])
-    fine, coarse = (bend(Rod(LENGTH, STIFFNESS, segments=n), force) for n in (segments, segments // 2))
+    fine, coarse = (solve_static(Rod(LENGTH, STIFFNESS, segments=n), force) for n in (segments, segments // 2))
     assert fine.converged
     assert fine.stable
     a, b = (np.append(shape.tip_m / LENGTH, shape.tip_angle_rad) for shape in (fine, coarse))
@@ -80,7 +80,7 @@ def test_a_buckled_column_is_reached_from_a_bent_start(share, side):
     tips = []
     for segments in (50, 100):
         rod = Rod(LENGTH, STIFFNESS, segments=segments)
-        shape = bend(rod, force, start=bend(rod, force + np.array([0.0, side * 0.05 * CRITICAL])))
+        shape = solve_static(rod, force, start=solve_static(rod, force + np.array([0.0, side * 0.05 * CRITICAL])))
         assert shape.converged
         assert shape.stable
         assert shape.branch is Branch.GIVEN
@@ -93,7 +93,7 @@ def test_a_buckled_column_is_reached_from_a_bent_start(share, side):
 
 @pytest.mark.parametrize(("share", "stable"), [(0.98, True), (1.02, False), (3.0, False)])
 def test_a_straight_column_stays_on_its_branch_and_loses_its_stability_at_the_buckling_load(share, stable):
-    shape = bend(Rod(LENGTH, STIFFNESS), np.array([-share * CRITICAL, 0.0]))
+    shape = solve_static(Rod(LENGTH, STIFFNESS), np.array([-share * CRITICAL, 0.0]))
     assert shape.converged
     assert shape.stable is stable
     assert shape.branch is Branch.UNLOADED

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tipforce.mechanics import CentrelineNoise, Priors, Rod, bend, cramer_rao, derivatives, fisher_information
+from tipforce.mechanics import CentrelineNoise, Priors, Rod, cramer_rao, derivatives, fisher_information, solve_static
 
 LENGTH, STIFFNESS, POINTS = 0.065, 4.3e-4, 20
 NOISE = CentrelineNoise(0.2e-3)
@@ -19,7 +19,7 @@ def pushed(curvature, contact_deg, force_n=0.1):
     """A rod under a force of 0.1 N, from a push along the unloaded tip's axis (0 degrees) to one across it (90)."""
     angle = curvature * LENGTH + math.pi - math.radians(contact_deg)
     rod = Rod(LENGTH, STIFFNESS, precurvature_per_m=curvature)
-    return bend(rod, force_n * np.array([math.cos(angle), math.sin(angle)]))
+    return solve_static(rod, force_n * np.array([math.cos(angle), math.sin(angle)]))
 
 
 def bound_mn(shape, priors=KNOWN_REST, noise=NOISE):
@@ -61,7 +61,7 @@ def test_a_fit_reaches_the_bound():
         seen = shape.centreline_m(POINTS) + rng.normal(0, std, (POINTS, 2))
         force, fitted = shape.force_n * 0.9, shape
         for _ in range(4):
-            fitted = bend(shape.rod, force, start=fitted)
+            fitted = solve_static(shape.rod, force, start=fitted)
             slopes = derivatives(fitted, POINTS).force.reshape(-1, 2)
             force = force + np.linalg.lstsq(slopes, (seen - fitted.centreline_m(POINTS)).ravel())[0]
         errors.append(force - shape.force_n)
@@ -98,7 +98,7 @@ def test_a_narrow_prior_is_knowledge_and_a_wide_one_is_none():
 
 
 def test_what_a_straight_rod_cannot_tell_is_infinite_unless_it_was_known():
-    straight = bend(Rod(LENGTH, STIFFNESS), np.zeros(2))
+    straight = solve_static(Rod(LENGTH, STIFFNESS), np.zeros(2))
     axial, lateral = bound_mn(straight)
     assert axial == math.inf
     assert lateral < 10

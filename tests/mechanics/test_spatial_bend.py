@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tipforce.mechanics import Branch, Rod, SpatialRod, bend, bend_spatial
+from tipforce.mechanics import Branch, Rod, SpatialRod, solve_static, solve_static_spatial
 
 vectors = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
 rods = st.builds(
@@ -51,7 +51,7 @@ def test_published_cantilever_is_met_by_extrapolation(alpha):
     direction = np.array([0.0, math.cos(0.7), math.sin(0.7)])
 
     def tip(segments):
-        x, *across = bend_spatial(SpatialRod(1.0, 1.0, segments=segments), alpha * direction).tip_m
+        x, *across = solve_static_spatial(SpatialRod(1.0, 1.0, segments=segments), alpha * direction).tip_m
         return np.array([direction[1:] @ across, 1 - x])
 
     np.testing.assert_allclose((4 * tip(100) - tip(50)) / 3, CANTILEVER[alpha][:2], atol=1e-5)
@@ -65,7 +65,7 @@ def test_a_moment_in_space_winds_the_rod_to_a_helix(torsion, order):
     tips = []
     for segments in (80, 160, 320, 640):
         rod = SpatialRod(2.0, 2.0, torsional_stiffness_nm2=torsion, segments=segments)
-        shape = bend_spatial(rod, np.zeros(3), np.array([3.0, 0.0, 4.0])[order])
+        shape = solve_static_spatial(rod, np.zeros(3), np.array([3.0, 0.0, 4.0])[order])
         assert shape.converged
         tips.append(shape.tip_m)
     for level in range(1, 4):  # Romberg: the error is a series in the square of the segment's length
@@ -76,7 +76,7 @@ def test_a_moment_in_space_winds_the_rod_to_a_helix(torsion, order):
 @pytest.mark.parametrize("load", BEND_45)
 def test_the_45_degree_bend_is_met(load):
     rod = SpatialRod(100 * math.pi / 4, 8.333e5, 0.0, 8.333e5, np.array([0, 0, 0.01]), segments=100)
-    x, y, z = bend_spatial(rod, np.array([0.0, 0.0, load])).tip_m
+    x, y, z = solve_static_spatial(rod, np.array([0.0, 0.0, load])).tip_m
     np.testing.assert_allclose([y, x, z], BEND_45[load], atol=0.02)
 
 
@@ -84,7 +84,9 @@ def test_error_falls_with_the_square_of_the_segment_length():
     def tip(segments):
         profile = np.linspace(1.3, 0.8, segments + 1)
         rod = SpatialRod(1.0, 1.0, 0.1, 0.6, np.array([0.5, 1.0, 0.4]), 4.0, profile, segments)
-        return bend_spatial(rod, np.array([-0.5, 1.0, 2.0]), np.array([0.2, 0.1, -0.3]), np.array([0, 1, -0.5])).tip_m
+        return solve_static_spatial(
+            rod, np.array([-0.5, 1.0, 2.0]), np.array([0.2, 0.1, -0.3]), np.array([0, 1, -0.5])
+        ).tip_m
 
     exact = (4 * tip(400) - tip(200)) / 3
     errors = [np.abs(tip(n) - exact).max() for n in (20, 40, 80)]
@@ -97,9 +99,9 @@ def test_error_falls_with_the_square_of_the_segment_length():
     st.tuples(*[st.floats(-0.2, 0.2)] * 2), st.floats(-20, 20), st.sampled_from([math.inf, 40.0]), st.floats(0.02, 0.06)
 )
 def test_in_the_plane_it_is_the_planar_rod(force, curvature, softness, length):
-    flat = bend(Rod(length, 4.3e-4, 0.008, curvature, softness), np.array(force))
+    flat = solve_static(Rod(length, 4.3e-4, 0.008, curvature, softness), np.array(force))
     rod = SpatialRod(length, 4.3e-4, 0.008, None, np.array([0, 0, curvature]), softness)
-    shape = bend_spatial(rod, np.array([*force, 0.0]))
+    shape = solve_static_spatial(rod, np.array([*force, 0.0]))
     assert shape.converged
     if shape.branch is flat.branch is Branch.UNLOADED:
         np.testing.assert_allclose(shape.tip_m, [*flat.tip_m, 0.0], atol=1e-9)
@@ -108,7 +110,7 @@ def test_in_the_plane_it_is_the_planar_rod(force, curvature, softness, length):
 @settings(max_examples=60)
 @given(rods, forces, vectors.map(lambda v: 2e-3 * v), vectors)
 def test_every_joint_carries_the_moment_of_the_loads_beyond_it(rod, force, moment, line):
-    shape = bend_spatial(rod, force, moment, line)
+    shape = solve_static_spatial(rod, force, moment, line)
     assert shape.converged
     assert shape.residual < 1e-9
     nodes = rod.nodes_m(shape.quaternions)
@@ -137,7 +139,7 @@ def test_turning_the_bench_about_the_base_tangent_turns_the_shape(rod, force, mo
         rod.stiffness_profile,
         rod.segments,
     )
-    here, there = bend_spatial(rod, force, moment), bend_spatial(turned, turn @ force, turn @ moment)
+    here, there = solve_static_spatial(rod, force, moment), solve_static_spatial(turned, turn @ force, turn @ moment)
     if here.branch is there.branch is Branch.UNLOADED:
         np.testing.assert_allclose(there.tip_m, turn @ here.tip_m, atol=1e-8)
         np.testing.assert_allclose(there.frames, turn @ here.frames @ turn.T, atol=1e-6)
@@ -149,7 +151,7 @@ def test_the_loads_path_does_the_work_that_the_rod_stores(rod, force):
     # The force raised in small steps does the elastic energy's work; the energy comes from the joints' strains.
     shares, shape, work, tip = np.linspace(0, 1, 201), None, 0.0, None
     for share in shares:
-        shape = bend_spatial(rod, 0.3 * share * force, start=shape)
+        shape = solve_static_spatial(rod, 0.3 * share * force, start=shape)
         if tip is not None:
             work += 0.3 * (share - 0.5 * shares[1]) * force @ (shape.tip_m - tip)
         tip = shape.tip_m
@@ -169,8 +171,8 @@ def test_the_loads_path_does_the_work_that_the_rod_stores(rod, force):
 @given(rods, vectors)
 def test_a_warm_start_ends_where_continuation_ends(rod, direction):
     force = 0.06 * direction
-    cold = bend_spatial(rod, force)
-    warm = bend_spatial(rod, force, start=bend_spatial(rod, 0.95 * force))
+    cold = solve_static_spatial(rod, force)
+    warm = solve_static_spatial(rod, force, start=solve_static_spatial(rod, 0.95 * force))
     assert warm.branch is Branch.GIVEN
     assert warm.on_unloaded_branch()
     np.testing.assert_allclose(warm.tip_m, cold.tip_m, atol=1e-9)
@@ -179,7 +181,7 @@ def test_a_warm_start_ends_where_continuation_ends(rod, direction):
 @pytest.mark.parametrize(("share", "stable"), [(0.98, True), (1.02, False)])
 def test_euler_column_loses_its_stability_at_the_buckling_load(share, stable):
     critical = math.pi**2 * 4.3e-4 / (4 * 0.065**2)
-    shape = bend_spatial(SpatialRod(0.065, 4.3e-4), np.array([-share * critical, 0.0, 0.0]))
+    shape = solve_static_spatial(SpatialRod(0.065, 4.3e-4), np.array([-share * critical, 0.0, 0.0]))
     assert shape.converged
     assert shape.stable is stable
 
@@ -189,7 +191,7 @@ def test_a_slightly_bent_column_buckles_out_of_its_plane_of_least_resistance(bey
     # Bent about y: with gravity sideways the shape leaves both planes; the load path stays on one branch.
     critical = math.pi**2 * 4.3e-4 / (4 * 0.065**2)
     rod = SpatialRod(0.065, 4.3e-4, precurvature_per_m=np.array([0, -0.5, 0.0]))
-    shape = bend_spatial(rod, np.array([-beyond * critical, 0, 0]), distributed_n_per_m=np.array([0, 0.02, 0]))
+    shape = solve_static_spatial(rod, np.array([-beyond * critical, 0, 0]), distributed_n_per_m=np.array([0, 0.02, 0]))
     assert shape.converged
     assert shape.stable
     assert shape.branch is Branch.UNLOADED
@@ -199,29 +201,31 @@ def test_a_slightly_bent_column_buckles_out_of_its_plane_of_least_resistance(bey
 
 def test_its_own_weight_bends_it_as_the_linear_beam_says():
     rod = SpatialRod(0.05, 4.3e-4, segments=200)
-    shape = bend_spatial(rod, np.zeros(3), distributed_n_per_m=np.array([0, 0, -1e-3]))
+    shape = solve_static_spatial(rod, np.zeros(3), distributed_n_per_m=np.array([0, 0, -1e-3]))
     assert shape.tip_m[2] == pytest.approx(-1e-3 * 0.05**4 / (8 * 4.3e-4), rel=1e-4)
 
 
 def test_moment_over_curvature_follows_the_stiffening_in_any_plane():
     turn = Rotation.from_rotvec([1.1, 0, 0]).as_matrix()
     rod = SpatialRod(0.04, 4.3e-4, precurvature_per_m=turn @ [0, 0, 5.0], stiffening_curvature_per_m=40.0)
-    shape = bend_spatial(rod, np.zeros(3), turn @ [0, 0, 0.012])
+    shape = solve_static_spatial(rod, np.zeros(3), turn @ [0, 0, 0.012])
     curvature = np.arccos(shape.frames[-1, 0, 0]) / 0.04
     assert 4.3e-4 * (1 + (curvature / 40) ** 2) * (curvature - 5.0) == pytest.approx(0.012, rel=1e-8)
 
 
 def test_a_rigid_tip_acts_as_a_lever():
     force = np.array([-0.1, -0.1, 0.08])
-    whole = bend_spatial(SpatialRod(0.04, 4.3e-4, 0.008, None, np.array([0, 2.0, 5.0])), force)
+    whole = solve_static_spatial(SpatialRod(0.04, 4.3e-4, 0.008, None, np.array([0, 2.0, 5.0])), force)
     lever = 0.008 * whole.frames[-1, :, 0]
-    shaft = bend_spatial(SpatialRod(0.04, 4.3e-4, 0.0, None, np.array([0, 2.0, 5.0])), force, np.cross(lever, force))
+    shaft = solve_static_spatial(
+        SpatialRod(0.04, 4.3e-4, 0.0, None, np.array([0, 2.0, 5.0])), force, np.cross(lever, force)
+    )
     np.testing.assert_allclose(shaft.frames, whole.frames, atol=1e-8)
 
 
 def test_centreline_is_uniform_and_ends_at_the_tip():
     rod = SpatialRod(0.0393, 4.3e-4, 0.008, None, np.array([0, 3.0, 5.0]))
-    shape = bend_spatial(rod, np.array([-0.05, -0.1, 0.1]))
+    shape = solve_static_spatial(rod, np.array([-0.05, -0.1, 0.1]))
     line = shape.centreline_m(97)
     np.testing.assert_allclose(np.linalg.norm(np.diff(line, axis=0), axis=1), rod.length_m / 96, rtol=2e-4)
     np.testing.assert_allclose(line[[0, -1]], [[0, 0, 0], shape.tip_m], atol=1e-15)
@@ -247,4 +251,4 @@ def test_impossible_rods_are_refused(wrong, says):
 
 def test_a_force_of_the_wrong_length_is_refused():
     with pytest.raises(ValueError, match="force_n"):
-        bend_spatial(SpatialRod(0.04, 4e-4), np.zeros(2))
+        solve_static_spatial(SpatialRod(0.04, 4e-4), np.zeros(2))

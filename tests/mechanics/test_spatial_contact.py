@@ -8,14 +8,14 @@ from scipy.spatial.transform import Rotation
 
 from tipforce.mechanics import (
     Rod,
-    SpatialPress,
+    SpatialContactSolver,
     SpatialRod,
     SpatialWall,
     Wall,
-    bend_spatial,
     damping_of_loss_factor,
-    press,
-    press_spatial,
+    solve_contact,
+    solve_contact_spatial,
+    solve_static_spatial,
 )
 
 ROD = SpatialRod(0.04, 4.3e-4, 0.008, None, np.array([0.0, 1.2, 5.33]), 40.0, segments=40)
@@ -25,7 +25,7 @@ GRAVITY = np.array([0.0, 0.0, -0.3])
 
 def meeting_point(normal, rod=ROD, load=None):
     """A point of the undented surface that just meets the unloaded tip."""
-    shape = bend_spatial(rod, np.zeros(3), distributed_n_per_m=load)
+    shape = solve_static_spatial(rod, np.zeros(3), distributed_n_per_m=load)
     return shape.tip_m - RADIUS * shape.frames[-1, :, 0] + RADIUS * normal
 
 
@@ -34,7 +34,7 @@ def pushed(wall, push, along=0.0, dt=1e-3, rod=ROD, load=None, **more):
     along = np.zeros((len(push), 2)) + along
     way = -np.asarray(push)[:, None] * wall.normal + along @ wall.axes[1:]
     meet = meeting_point(wall.normal, rod, load)
-    return press_spatial(rod, wall, meet + way, dt, RADIUS, distributed_n_per_m=load, **more)
+    return solve_contact_spatial(rod, wall, meet + way, dt, RADIUS, distributed_n_per_m=load, **more)
 
 
 def beating(seconds=1.7, dt=1e-3, hz=1.2, lateral=2e-3):
@@ -73,7 +73,7 @@ def test_in_the_plane_it_is_the_planar_contact(angle, friction, damping):
     along[:, 1] = 0.0
     spatial = pushed(wall, push, along, rod=rod)
     position = meeting_point(wall.normal, rod) @ wall.normal - push
-    planar = press(flat, Wall(angle, 120.0, damping, friction), position, along[:, 0], 1e-3, RADIUS)
+    planar = solve_contact(flat, Wall(angle, 120.0, damping, friction), position, along[:, 0], 1e-3, RADIUS)
     assert planar.touching.any()
     assert not planar.touching.all()
     np.testing.assert_allclose(spatial.force_n, np.column_stack([planar.force_n, 0 * push]), atol=1e-8)
@@ -109,11 +109,11 @@ def test_the_rod_under_the_walls_force_alone_has_the_same_shape(normal, friction
         if not contact.stable[row]:
             continue
         arm = contact.touch_m[row] - contact.nodes_m()[row, -1]
-        start = bend_spatial(ROD, np.zeros(3))
+        start = solve_static_spatial(ROD, np.zeros(3))
         near = type(start)(
             **{**{n: getattr(start, n) for n in start.__slots__}, "quaternions": contact.quaternions[row]}
         )
-        alone = bend_spatial(ROD, contact.force_n[row], np.cross(arm, contact.force_n[row]), start=near)
+        alone = solve_static_spatial(ROD, contact.force_n[row], np.cross(arm, contact.force_n[row]), start=near)
         np.testing.assert_allclose(alone.tip_m, contact.nodes_m()[row, -1], atol=3e-6)
 
 
@@ -218,7 +218,7 @@ def test_turning_everything_about_the_base_tangent_turns_the_force():
     turned = SpatialRod(0.04, 4.3e-4, 0.008, None, turn @ ROD.precurvature_per_m[0], 40.0, segments=40)
     other = SpatialWall(turn @ NORMAL, 120.0, 2.8, 0.2)
     way = (-push[:, None] * wall.normal + along @ wall.axes[1:]) @ turn.T
-    there = press_spatial(turned, other, turn @ meeting_point(wall.normal) + way, 1e-3, RADIUS)
+    there = solve_contact_spatial(turned, other, turn @ meeting_point(wall.normal) + way, 1e-3, RADIUS)
     np.testing.assert_allclose(there.force_n, here.force_n @ turn.T, atol=1e-7)
 
 
@@ -229,8 +229,10 @@ def test_step_by_step_is_the_whole_march():
     change = np.column_stack([0 * push, 0.3 * np.sin(7 * push / 1e-3), push / 1e-3])
     advance = 0.5 * push
     options = {"distributed_n_per_m": GRAVITY, "creep": 0.03, "creep_time_s": 0.1}
-    whole = press_spatial(ROD, wall, way, 1e-3, RADIUS, precurvature_change_per_m=change, advance_m=advance, **options)
-    live = SpatialPress(ROD, wall, 1e-3, RADIUS, **options)
+    whole = solve_contact_spatial(
+        ROD, wall, way, 1e-3, RADIUS, precurvature_change_per_m=change, advance_m=advance, **options
+    )
+    live = SpatialContactSolver(ROD, wall, 1e-3, RADIUS, **options)
     for row in range(600):
         now = live.step(way[row], change[row], advance[row])
         np.testing.assert_array_equal(now.force_n[0], whole.force_n[row])
@@ -243,13 +245,13 @@ def test_a_step_may_change_on_the_way():
     meet, ends = meeting_point(wall.normal), []
     depth = np.linspace(-1e-3, 3e-3, 101)
     for finer in (1, 4):  # from then on the wall stands still, and all that is left is the dashpots' time
-        live = SpatialPress(ROD, wall, 1e-3, RADIUS, **options)
+        live = SpatialContactSolver(ROD, wall, 1e-3, RADIUS, **options)
         live.run(meet - depth[:, None] * wall.normal)
         live.change_step(4e-3 / finer)
         ends.append(live.run(np.tile(meet - depth[-1] * wall.normal, (25 * finer, 1))))
     coarse, fine = ends
     np.testing.assert_allclose(coarse.force_n[-1], fine.force_n[-1], rtol=2e-3)
-    again = SpatialPress(ROD, wall, 1e-3, RADIUS, **options)
+    again = SpatialContactSolver(ROD, wall, 1e-3, RADIUS, **options)
     again.run(meet - depth[:, None] * wall.normal)
     same = again.run(np.tile(meet - depth[-1] * wall.normal, (25, 1)))  # a quarter of the time: not yet there
     gap = np.linalg.norm(same.force_n[-1] - fine.force_n[-1])
@@ -262,7 +264,7 @@ def test_a_step_changed_to_itself_changes_nothing():
     wall = SpatialWall(NORMAL, 120.0, damping_ns_per_m=2.8, friction=0.2)
     push, along = beating(0.5)
     way = meeting_point(wall.normal) - push[:, None] * wall.normal + along @ wall.axes[1:]
-    one, two = (SpatialPress(ROD, wall, 1e-3, RADIUS, creep=0.03) for _ in range(2))
+    one, two = (SpatialContactSolver(ROD, wall, 1e-3, RADIUS, creep=0.03) for _ in range(2))
     two.change_step(7e-3)
     two.change_step(1e-3)
     np.testing.assert_array_equal(one.run(way).quaternions, two.run(way).quaternions)
@@ -272,8 +274,8 @@ def test_advancing_the_clamp_is_the_wall_coming_closer():
     wall = SpatialWall(NORMAL, 120.0, 2.8, 0.2)
     ahead = np.linspace(-2e-3, 5e-3, 400)
     meet = meeting_point(wall.normal)
-    moved = press_spatial(ROD, wall, np.tile(meet, (400, 1)), 1e-3, RADIUS, advance_m=ahead)
-    still = press_spatial(ROD, wall, meet - ahead[:, None] * [1.0, 0, 0], 1e-3, RADIUS)
+    moved = solve_contact_spatial(ROD, wall, np.tile(meet, (400, 1)), 1e-3, RADIUS, advance_m=ahead)
+    still = solve_contact_spatial(ROD, wall, meet - ahead[:, None] * [1.0, 0, 0], 1e-3, RADIUS)
     assert moved.touching.any()
     np.testing.assert_allclose(moved.force_n, still.force_n, atol=1e-9)
     np.testing.assert_allclose(moved.touch_m - ahead[:, None] * [1.0, 0, 0], still.touch_m, atol=1e-9)
@@ -283,7 +285,7 @@ def test_advancing_the_clamp_is_the_wall_coming_closer():
 def test_without_a_wall_in_reach_the_knob_bends_the_shaft_freely():
     change = np.column_stack([np.zeros(50), np.linspace(0, 3, 50), np.linspace(0, 15, 50)])
     far = np.tile([1.0, 0, 0], (50, 1))
-    moved = press_spatial(
+    moved = solve_contact_spatial(
         ROD, SpatialWall(np.array([1.0, 0, 0]), 120.0), far, 1e-3, RADIUS, precurvature_change_per_m=change, creep=0.03
     )
     bent = SpatialRod(0.04, 4.3e-4, 0.008, None, np.array([0, 4.2, 20.33]), 40.0, segments=40)
@@ -319,7 +321,7 @@ def test_a_shaft_that_lies_on_the_wall_is_held_by_its_side():
     push = np.linspace(-1e-3, 11e-3, 300)
     meet = np.array([0.0, -RADIUS - 8e-3, 0.0])
     bare, sided = (
-        press_spatial(
+        solve_contact_spatial(
             rod, SpatialWall(normal, 120.0, side_stiffness_n_per_m2=side), meet - push[:, None] * normal, 1e-3, RADIUS
         )
         for side in (0.0, 2e4)
@@ -353,16 +355,18 @@ def test_steps_four_times_shorter_give_the_same_force():
 def test_impossible_walls_and_unequal_rows_are_refused():
     wall = SpatialWall(NORMAL, 120.0)
     with pytest.raises(ValueError, match=r"wall_m \(m, 3\)"):
-        press_spatial(ROD, wall, np.zeros((3, 3)), 1e-3, RADIUS, advance_m=np.zeros(4))
+        solve_contact_spatial(ROD, wall, np.zeros((3, 3)), 1e-3, RADIUS, advance_m=np.zeros(4))
     with pytest.raises(ValueError, match="positive stiffness"):
         SpatialWall(NORMAL, 0.0)
     with pytest.raises(ValueError, match="direction"):
         SpatialWall(np.zeros(3), 120.0)
     with pytest.raises(ValueError, match="tip_radius_m"):
-        press_spatial(ROD, wall, np.zeros((3, 3)), 1e-3, 0.01)
+        solve_contact_spatial(ROD, wall, np.zeros((3, 3)), 1e-3, 0.01)
     with pytest.raises(ValueError, match="dt_s"):
-        press_spatial(ROD, wall, np.zeros((3, 3)), 0.0, RADIUS)
+        solve_contact_spatial(ROD, wall, np.zeros((3, 3)), 0.0, RADIUS)
     with pytest.raises(ValueError, match="must stay below"):
-        press_spatial(ROD, wall, np.zeros((1, 3)), 1e-3, RADIUS, precurvature_change_per_m=np.array([[0, 0, 90.0]]))
+        solve_contact_spatial(
+            ROD, wall, np.zeros((1, 3)), 1e-3, RADIUS, precurvature_change_per_m=np.array([[0, 0, 90.0]])
+        )
     with pytest.raises(ValueError, match="loss_factor"):
         damping_of_loss_factor(120.0, -1.0, 1.2)

@@ -13,11 +13,11 @@ from tipforce.mechanics import (
     Priors,
     Rod,
     SpatialRod,
-    bend,
-    bend_spatial,
     cramer_rao,
     derivatives,
     fisher_information,
+    solve_static,
+    solve_static_spatial,
 )
 
 POINTS, N = 9, 24
@@ -39,7 +39,7 @@ def bent(draw):
     )
     force = rng.normal(size=3)
     force *= draw(st.floats(0, 5)) * 4.3e-4 / 0.065**2 / np.linalg.norm(force)
-    shape = bend_spatial(rod, force, rng.uniform(-2e-3, 2e-3, 3), rng.uniform(-1, 1, 3))
+    shape = solve_static_spatial(rod, force, rng.uniform(-2e-3, 2e-3, 3), rng.uniform(-1, 1, 3))
     assume(shape.converged)
     assume(shape.stable)
     softness = np.abs(derivatives(shape, 5).force).max() / (rod.length_m**3 / (3 * rod.bending_stiffness_nm2))
@@ -50,7 +50,7 @@ def bent(draw):
 def again(shape, **changed):
     rod = replace(shape.rod, **{k: v for k, v in changed.items() if hasattr(shape.rod, k)})
     loads = [changed.get(k, getattr(shape, k)) for k in ("force_n", "moment_nm", "distributed_n_per_m")]
-    return bend_spatial(rod, *loads, start=shape).centreline_m(POINTS)
+    return solve_static_spatial(rod, *loads, start=shape).centreline_m(POINTS)
 
 
 def assert_slope(derived, line, step):
@@ -88,9 +88,9 @@ def test_derivatives_in_space_are_what_finite_differences_measure(shape, axis):
 
 def test_in_the_plane_both_rods_have_the_same_derivatives():
     force = np.array([-0.08, 0.1])
-    plane = derivatives(bend(Rod(0.057, 4.3e-4, 0.008, 7.0, 40.0), force, 1e-3), POINTS)
+    plane = derivatives(solve_static(Rod(0.057, 4.3e-4, 0.008, 7.0, 40.0), force, 1e-3), POINTS)
     rod = SpatialRod(0.057, 4.3e-4, 0.008, None, np.array([0.0, 0.0, 7.0]), 40.0)
-    space = derivatives(bend_spatial(rod, np.append(force, 0.0), np.array([0.0, 0.0, 1e-3])), POINTS)
+    space = derivatives(solve_static_spatial(rod, np.append(force, 0.0), np.array([0.0, 0.0, 1e-3])), POINTS)
     for flat, full in (
         (plane.force, space.force[:, :2, :2]),
         (plane.moment, space.moment[:, :2, 2:]),
@@ -104,9 +104,9 @@ def test_in_the_plane_both_rods_have_the_same_derivatives():
 def test_a_planar_shape_tells_of_its_own_plane_what_it_tells_without_the_third_axis():
     force, noise = np.array([-0.06, 0.08]), CentrelineNoise(2e-4)
     priors = Priors(precurvature_per_m=2.0, base_position_m=2e-4, base_angle_rad=0.02)
-    flat = derivatives(bend(Rod(0.065, 4.3e-4, 0.0, 15.0), force), 20)
+    flat = derivatives(solve_static(Rod(0.065, 4.3e-4, 0.0, 15.0), force), 20)
     rod = SpatialRod(0.065, 4.3e-4, precurvature_per_m=np.array([0.0, 0.0, 15.0]))
-    full = derivatives(bend_spatial(rod, np.append(force, 0.0)), 20)
+    full = derivatives(solve_static_spatial(rod, np.append(force, 0.0)), 20)
     plane, space = (cramer_rao(fisher_information(seen, noise, priors)) for seen in (flat, full))
     np.testing.assert_allclose(space.covariance_n2[:2, :2], plane.covariance_n2, rtol=1e-5)
     np.testing.assert_allclose(space.axial_std_n, plane.axial_std_n, rtol=1e-5)

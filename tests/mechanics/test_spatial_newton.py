@@ -7,11 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tipforce.mechanics import SpatialRod
-from tipforce.mechanics._spatial_assembly import assemble
-from tipforce.mechanics._spatial_band import factorise, solve
-from tipforce.mechanics._spatial_energy import energy_at
-from tipforce.mechanics._spatial_newton import TOLERANCE, newton_step, relax, solve_factorised
-from tipforce.mechanics._spatial_parts import Load, Touch, elastic_of, make_work
+from tipforce.mechanics.spatial._energy import assemble, energy_at
+from tipforce.mechanics.spatial._newton import TOLERANCE, factorise, newton_step, relax, solve, solve_factorised
+from tipforce.mechanics.spatial._state import Load, Touch, elastic_of, make_work
 
 SEGMENTS = 6
 SIZE = 3 * (SEGMENTS + 1)
@@ -170,7 +168,7 @@ def test_from_any_start_a_minimum_is_reached(seed):
 
 
 def test_the_logarithm_keeps_its_figures_where_series_and_closed_form_meet():
-    from tipforce.mechanics._spatial_joint import log_factors, log_scale
+    from tipforce.mechanics.spatial._energy import log_factors, log_scale
 
     for half in (0.1, 0.1409, 0.1419, 0.2, 1.0, 1.5):
         angle, sine2, cosine = 2 * half, math.sin(half) ** 2, math.cos(half)

@@ -50,7 +50,7 @@ def test_the_clock_offset_is_found_within_three_milliseconds_or_refused() -> Non
 
 def test_fits_of_the_whole_model_reach_the_bound(tmp_path: Path) -> None:
     figures = tmp_path / "fits.json"
-    command = [sys.executable, "-m", "bench.bound_monte_carlo", "--frames", "3", "--draws", "60", "--width", "0.05"]
+    command = [sys.executable, "-m", "bench.limits_monte_carlo", "--frames", "3", "--draws", "60", "--width", "0.05"]
     subprocess.run([*command, "--json", str(figures)], cwd=ROOT, capture_output=True, text=True, check=True)
     found = json.loads(figures.read_text())
     assert all(row["settled"] >= 50 for row in found["frames"])

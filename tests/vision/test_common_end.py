@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.types import Catheter, Context, FloatArray, Status
+from tipforce.types import Catheter, FloatArray, SessionInfo, Status, ViewInfo
 from tipforce.vision import FineTracer, Sighting, VisionSettings, in_session, settle
 from tipforce.vision._common_axis import common_axis, turn_end
 from tipforce.vision._nominal import learn_look
 from tipforce.vision._settle import _LOOKS
 
 LENGTH = 150.0
-SHEET = Context("monday", Catheter("test tube", 0.012, 0.156, 0.0), 1e-3, {"base_side": "left"})
+SHEET = SessionInfo("monday", Catheter("test tube", 0.012, 0.156, 0.0), {"camera": ViewInfo(1e-3, "left")})
 
 
 def _picture(turn: float, rail: float, cloth: float = 0.0, shadow: bool = False, patch: float = 0.0) -> np.ndarray:
@@ -123,6 +123,6 @@ def test_a_look_of_the_end_that_no_picture_has_is_dropped(monkeypatch: pytest.Mo
 def test_how_an_end_looks_is_not_carried_to_another_session_or_learnt_of_several() -> None:
     pictures = [_picture(0.05 * k - 0.2, 40.0) for k in range(8)]
     settled = settle(VisionSettings(), pictures, SHEET)
-    nearer = Context("tuesday", SHEET.catheter, 0.8e-3, SHEET.notes)
+    nearer = SessionInfo("tuesday", SHEET.catheter, {"camera": ViewInfo(0.8e-3, "left")})
     assert in_session(settled, nearer).end_look is None
     assert settle(VisionSettings(), pictures, [SHEET] * 8).end_look is None

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tipforce.types import Catheter, Context, Status
+from tipforce.types import Catheter, SessionInfo, Status, ViewInfo
 from tipforce.vision import FineTracer, VisionSettings, in_session, settle
 
 from .conftest import judge, load  # type: ignore[import-not-found]
@@ -13,7 +13,7 @@ LENGTH = (260.0, 260.0)
 """Of the curve; the dome reaches a radius further."""
 OPEN = VisionSettings(polarity="dark", base_side="left", diameter_px=12.0)
 KNOWN = OPEN.model_copy(update={"length_px": 266.0, "length_tolerance": 0.015})
-SHEET = Context("monday", Catheter("test tube", 0.012, 0.234, 0.04), 1e-3, {"base_side": "left"})
+SHEET = SessionInfo("monday", Catheter("test tube", 0.012, 0.234, 0.04), {"camera": ViewInfo(1e-3, "left")})
 """274 px, of which the picture shows 97 %."""
 NO_METAL = tubes.Look(length=LENGTH, turning=0.12, electrode=190.0, electrode_length=40.0)
 """The metal end has the ground's own grey: only a faint lustre shows."""
@@ -73,7 +73,7 @@ def test_settling_learns_the_length_that_the_session_shows() -> None:
 
 def test_several_sessions_teach_a_length_that_each_of_them_scales() -> None:
     looks = [tubes.Look(length=(240.0, 240.0)), tubes.Look(length=(300.0, 300.0), diameter=15.0)]
-    far, near = SHEET, Context("tuesday", SHEET.catheter, 0.8e-3, SHEET.notes)
+    far, near = SHEET, SessionInfo("tuesday", SHEET.catheter, {"camera": ViewInfo(0.8e-3, "left")})
     drawn = [tubes.draw(np.random.default_rng(820 + k), looks[k % 2]) for k in range(6)]
     settled = settle(VisionSettings(), [tube.image for tube in drawn], [far, near] * 3)
     for sheet, length in ((far, 246.0), (near, 307.5)):
@@ -82,7 +82,7 @@ def test_several_sessions_teach_a_length_that_each_of_them_scales() -> None:
 
 
 def test_a_sheet_of_another_length_does_not_hide_what_is_there() -> None:
-    longer = Context("monday", Catheter("test tube", 0.012, 0.6, 0.04), 1e-3)
+    longer = SessionInfo("monday", Catheter("test tube", 0.012, 0.6, 0.04), {"camera": ViewInfo(1e-3)})
     drawn = [tubes.draw(np.random.default_rng(840 + k), tubes.Look(length=LENGTH)) for k in range(3)]
     settled = settle(VisionSettings(), [tube.image for tube in drawn], longer)
     assert settled.length_px is None

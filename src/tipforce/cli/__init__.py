@@ -17,6 +17,7 @@ __all__ = ["VERBS", "app", "main"]
 VERBS: dict[str, str] = {
     "demo": "demo",
     "simulate": "simulate",
+    "init-bench": "init_bench",
     "import": "import_",
     "train": "train",
     "evaluate": "evaluate",

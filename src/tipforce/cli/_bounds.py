@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..dataset import Dataset
+    from ..datasets import Dataset
     from ..evaluation import CramerRaoBounds
 
 __all__ = ["bounds_from"]
@@ -17,7 +17,7 @@ def bounds_from(dataset: "Dataset", folder: Path, progress: Callable[[str, float
     import numpy as np
 
     from ..evaluation import CramerRaoBounds, bound_at
-    from ..twin.bound import bounds_beside, nuisances
+    from ..limits import bounds_beside, nuisances
 
     found = bounds_beside(sorted(folder.rglob("*.truth.npz")), dataset.sessions, progress=progress)
     whole = [each for each in found if not each.refused]

@@ -4,27 +4,21 @@ import importlib.util
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from ..dataset import replacing_folder
 from ..errors import InputError, MissingExtraError
-from ..recording import SensorPose, record, write_video
-from ..twin import AnyTwinSettings, FluoroSettings, TwinBench, write_logs
-from ..twin.xray import XrayScene, write_dicom
+from ..io import replacing_folder, write_video
+from ..pipelines import record
+from ..simulation import AnySimulationSettings, FluoroSettings, SimulatedBench, write_logs
+from ..simulation.rendering.fluoroscope import XrayScene, write_dicom
 from ..types import Frame, SimulatedClock
-from ..vision import VisionSettings
 
 __all__ = ["FORMS", "leave_dicom", "leave_files", "record_session", "refuse_form"]
 
 
-def record_session(bench: TwinBench, target: Path, tick: Callable[[], None], lossless: bool = False) -> None:
-    """Record ``bench``, with what its sheet of facts says of the sensor, the tare and the picture."""
-    notes = bench.context.notes
-    start, end = notes["no_contact_s"].split(":")
+def record_session(bench: SimulatedBench, target: Path, tick: Callable[[], None], lossless: bool = False) -> None:
+    """Record ``bench``, with what its session metadata state of sensor, tare and view."""
     record(
         bench,
         target,
-        sensor=SensorPose(float(notes["sensor_angle_deg"]), "tip-on-tissue"),
-        tare=(float(start), float(end)),
-        vision=VisionSettings.model_validate({"base_side": notes["base_side"]}),
         lossless=lossless,
         jpeg_quality=bench.imaging.jpeg_quality,
         overwrite=True,
@@ -33,18 +27,18 @@ def record_session(bench: TwinBench, target: Path, tick: Callable[[], None], los
     )
 
 
-def _frames(bench: TwinBench, view: str, tick: Callable[[], None]) -> Iterator[Frame]:
+def _frames(bench: SimulatedBench, view: str, tick: Callable[[], None]) -> Iterator[Frame]:
     for index in bench.arrived(view).tolist():
         yield bench.frame(index, view)
         tick()
 
 
-def _named(stem: str, bench: TwinBench, view: str, suffix: str) -> str:
+def _named(stem: str, bench: SimulatedBench, view: str, suffix: str) -> str:
     """A file a view: "video.mp4", or where there are two, "video_a.mp4"."""
     return f"{stem}{suffix}" if len(bench.views) == 1 else f"{stem}_{view}{suffix}"
 
 
-def leave_files(bench: TwinBench, target: Path, tick: Callable[[], None], lossless: bool = False) -> None:
+def leave_files(bench: SimulatedBench, target: Path, tick: Callable[[], None], lossless: bool = False) -> None:
     """``video.mp4``, of each view, and the logs beside it in the folder ``target``, to be imported."""
     with replacing_folder(target) as part:
         # Drawing and encoding share the time: a faster preset pays with larger files, not with quality; one thread, for
@@ -56,7 +50,7 @@ def leave_files(bench: TwinBench, target: Path, tick: Callable[[], None], lossle
         write_logs(bench, part)
 
 
-def leave_dicom(bench: TwinBench, target: Path, tick: Callable[[], None], lossless: bool = False) -> None:
+def leave_dicom(bench: SimulatedBench, target: Path, tick: Callable[[], None], lossless: bool = False) -> None:
     """``run.dcm``, of each view, and the logs beside it in the folder ``target``; the pictures lose nothing."""
     del lossless
     scene = bench.imaging.scene
@@ -70,7 +64,7 @@ def leave_dicom(bench: TwinBench, target: Path, tick: Callable[[], None], lossle
         write_logs(bench, part)
 
 
-def refuse_form(form: str, settings: AnyTwinSettings) -> None:
+def refuse_form(form: str, settings: AnySimulationSettings) -> None:
     """Raises InputError or MissingExtraError where sessions of ``settings`` cannot be left as ``form``; ask first."""
     if form != "dicom":
         return

@@ -9,10 +9,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ..dataset import Growing, GrowingImages, GrowingShards, SessionSamples
+from ..alignment import label_log, observations
+from ..datasets import Growing, GrowingImages, GrowingShards, SessionSamples
 from ..errors import InputError
-from ..recording import SensorPose, encode, label_log, observations
-from ..twin import SampleSet, Truth, TwinBench, refuse_other, truth_of, truth_path, write_sessions, write_truth
+from ..io import encode_image
+from ..simulation import (
+    SampleSet,
+    SimulatedBench,
+    Truth,
+    refuse_other,
+    truth_of,
+    truth_path,
+    write_sessions,
+    write_truth,
+)
 from ..types import Actuation, Frame, IntArray, Observation
 
 __all__ = ["write_samples"]
@@ -86,19 +96,19 @@ def _write_session(
     into.add(number, _labelled(bench, frames, seen, wanted.offset_ms(bench, number), hidden, lossless))
 
 
-def _masks(bench: TwinBench, truth: Truth) -> dict[str, list[bytes]]:
+def _masks(bench: SimulatedBench, truth: Truth) -> dict[str, list[bytes]]:
     """The true masks of every view as PNGs, 255 where the catheter is."""
     shown = dict(zip(bench.views, (truth, *truth.others.values()), strict=True))
     return {
         view: [
-            encode(each.mask(k).astype(np.uint8) * np.uint8(255), lossless=True, jpeg_quality=0)[1]
+            encode_image(each.mask(k).astype(np.uint8) * np.uint8(255), lossless=True, jpeg_quality=0)[1]
             for k in range(len(truth.stamp_ns))
         ]
         for view, each in shown.items()
     }
 
 
-def _observed(bench: TwinBench, frames: IntArray, tick: Callable[[], None]) -> list[Observation]:
+def _observed(bench: SimulatedBench, frames: IntArray, tick: Callable[[], None]) -> list[Observation]:
     """What an estimator would have seen at ``frames``."""
     readings, joints = bench.readings, bench.readings.joints
     rows = range(len(joints.stamp_ns) if bench.has_joints else 0)
@@ -110,21 +120,20 @@ def _observed(bench: TwinBench, frames: IntArray, tick: Callable[[], None]) -> l
 
 
 def _labelled(
-    bench: TwinBench,
+    bench: SimulatedBench,
     frames: IntArray,
     seen: Sequence[Observation],
     offset_ms: float,
     masks: Mapping[str, Sequence[bytes]],
     lossless: bool,
 ) -> SessionSamples:
-    context, log = bench.context, bench.log
-    start, end = context.notes["no_contact_s"].split(":")
+    info, log = bench.session_info, bench.log
     found = label_log(
         bench.stamp_ns[frames],
         (log.stamp_ns, log.force_n),
         bench.stage_log(),
-        sensor=SensorPose(float(context.notes["sensor_angle_deg"]), "tip-on-tissue"),
-        tare=(float(start), float(end)),
+        sensor=info.sensor,
+        tare=info.sensor.no_contact_s or "none",
         offset_ms=offset_ms,
     )
     if not np.isfinite(found.force_n[:, found.known]).all():
@@ -132,11 +141,11 @@ def _labelled(
     names = dict.fromkeys(name for observation in seen for name in observation.actuation)
     quality = bench.imaging.jpeg_quality
     encoded = {
-        view: [encode(each.views[view], lossless=lossless, jpeg_quality=quality)[1] for each in seen]  # type: ignore[arg-type]
+        view: [encode_image(each.views[view], lossless=lossless, jpeg_quality=quality)[1] for each in seen]  # type: ignore[arg-type]
         for view in seen[0].views
     }
     return SessionSamples(
-        context=context,
+        session_info=info,
         frame=frames,
         stamp_ns=found.stamp_ns,
         actuation={name: np.array([each.actuation.get(name, np.nan) for each in seen]) for name in names},

@@ -90,7 +90,7 @@ def command(
 
         tipforce evaluate compact --from pretrained --data runs/ --protocol catheter -o report/
     """
-    from ..dataset import open_dataset
+    from ..datasets import open_dataset
     from ..errors import InputError
     from ..estimators import ESTIMATORS
     from ..evaluation import (
@@ -153,7 +153,7 @@ def command(
 def _truths(folder: Path) -> "dict[str, tuple[IntArray, FloatArray]]":
     """Stamps (n,) and true forces (n, 3) by session, of all that simulate wrote under ``folder``."""
     from ..errors import InputError
-    from ..twin import read_truth
+    from ..simulation import read_truth
 
     found: dict[str, tuple[IntArray, FloatArray]] = {}
     for path in sorted(folder.rglob("*.truth.npz")):

@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
+from ._facts import BenchOption, FactOption, stated_info
 from ._settings import SetOption, settings_from
 
 __all__ = ["command"]
@@ -17,10 +18,8 @@ def command(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE.png", help="The drawing; default NAME-inspect.png.")
     ] = None,
-    features: Annotated[
-        Literal["polynomial", "legendre"], typer.Option(help="Which curve is fitted to the shape.")
-    ] = "polynomial",
-    degree: Annotated[int, typer.Option(min=1, max=8, help="Its degree.")] = 4,
+    bench: BenchOption = None,
+    fact: FactOption = None,
     every: Annotated[int, typer.Option(min=1, help="Of a video, look at every so many frames.")] = 1,
     sheet: Annotated[int, typer.Option(min=1, help="Of a video, draw so many frames on one sheet.")] = 12,
     frames: Annotated[
@@ -39,59 +38,57 @@ def command(
     sessions (a folder of images, Parquet shards): samples, ranges, the share found, and a sheet.
 
     Example:
-        tipforce inspect frame.png --set base_side=bottom --figures
+        tipforce inspect frame.png --set vision.base_side=bottom --figures
 
-        tipforce inspect video.mp4 --every 5
+        tipforce inspect video.mp4 --bench bench.toml --every 5
 
         tipforce inspect run.mcap
     """
-    from ..dataset import dataset_at, describe_dataset, pictures
-    from ..recording import (
-        describe,
-        is_picture,
-        look_at,
-        look_over,
-        look_through,
+    from ..datasets import dataset_at, describe_dataset, session_images
+    from ..io import check_image_target, is_image, save_image
+    from ..pipelines import (
+        describe_recording,
+        inspect_frames,
+        inspect_image_file,
+        inspect_sessions,
         plot_summary,
-        refuse_picture,
-        save_picture,
-        summarise,
+        summarise_recording,
     )
-    from ..vision import ShapeFeatureSettings, VisionSettings
+    from ..vision import InspectSettings
 
     target = output or Path(f"{file.stem}-inspect.png")
     check_outputs([file], target, json_file)
     if file.suffix in (".mcap", ".part") and not (frames or figures):
-        refuse_picture(target, plot=True)
-        summary = summarise(file)
+        check_image_target(target, plot=True)
+        summary = summarise_recording(file)
         plot_summary(summary, target)
-        for line in describe(summary):
+        for line in describe_recording(summary):
             say(line)
         say(f"wrote {target}")
         write_json(summary.figures(), json_file)
         return
-    refuse_picture(target)
-    vision = settings_from(VisionSettings, settings)
-    shape = ShapeFeatureSettings(kind=features, degree=degree)
+    check_image_target(target)
+    chosen = settings_from(InspectSettings, settings)
+    vision, shape, stated = chosen.vision, chosen.features, stated_info(bench, fact)
     dataset = dataset_at(file)
     if dataset is not None:
         lines, facts = describe_dataset(dataset)
         with progress_bar() as progress:
-            seen = pictures(dataset, vision.view, every)
+            seen = ((info.updated(stated), shown) for info, shown in session_images(dataset, vision.view, every))
             total = -(-len(dataset) // every)
-            look = look_over(seen, vision, shape, title=str(file), room=sheet, progress=progress, total=total)
+            look = inspect_sessions(seen, vision, shape, title=str(file), room=sheet, progress=progress, total=total)
         look = replace(look, text="\n".join([*lines, look.text]), figures={"file": str(file), **facts, **look.figures})
-    elif is_picture(file):
-        look = look_at(file, vision, shape)
+    elif is_image(file):
+        look = inspect_image_file(file, vision, shape, stated)
     else:
         with progress_bar() as progress:
-            look = look_through(file, vision, shape, every=every, room=sheet, progress=progress)
-    save_picture(target, look.drawing)
+            look = inspect_frames(file, vision, shape, stated=stated, every=every, room=sheet, progress=progress)
+    save_image(target, look.drawing)
     say(look.text)
     say(f"wrote {target}")
     if figures:
         for name, figure in look.thesis_figures().items():
             beside = target.with_name(f"{target.stem.removesuffix('-inspect')}-{name}.png")
-            save_picture(beside, figure)
+            save_image(beside, figure)
             say(f"wrote {beside}")
     write_json(look.figures, json_file)

@@ -11,7 +11,7 @@ from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._settings import SetOption, settings_from
 
 if TYPE_CHECKING:
-    from ..twin import AnyTwinSettings
+    from ..simulation import AnySimulationSettings
 
 __all__ = ["command"]
 
@@ -56,7 +56,7 @@ def command(
     """Simulate a bench: sessions as real hardware leaves them, with the truth in a file beside each.
 
     A session is a recording (session_00.mcap) that holds what a bench would know, or with --as files a folder
-    (session_00) of video.mp4, force.csv, stage.csv, bench.json and, where the knob moves, knob.csv; and
+    (session_00) of video.mp4, force.csv, stage.csv, bench.toml and, where the knob moves, knob.csv; and
     session_00.truth.npz for evaluation only. --as dicom, for X-ray, leaves run.dcm (XA, multi-frame) instead of the
     video. A biplane session has two views, a and b, and a file of each. Sessions that stand there already are kept. A
     preset that is changed by --set or --seconds is none any more: the sessions say so.
@@ -76,7 +76,7 @@ def command(
         tipforce simulate --preset fluoro --as dicom --sessions 2 -o angio/
     """
     from ..errors import InputError
-    from ..twin import PRESETS, read_truth, sample_set, simulate
+    from ..simulation import PRESETS, read_truth, sample_set, simulate
     from ._simulated import FORMS, refuse_form
     from ._simulated_samples import write_samples
 
@@ -144,13 +144,13 @@ def _refuse_strays(dataset: bool, of_sessions: dict[str, object], of_samples: di
     if of_samples["--shards"] and of_samples["--masks"]:
         raise InputError(
             "--masks does not go with --shards: Parquet files hold no masks; leave out --shards for a folder of images "
-            "with masks/, or leave out --masks and take them from truth/ with tipforce.twin.read_truth"
+            "with masks/, or leave out --masks and take them from truth/ with tipforce.simulation.read_truth"
         )
 
 
-def _chosen(preset: str, changes: list[str] | None) -> "AnyTwinSettings":
+def _chosen(preset: str, changes: list[str] | None) -> "AnySimulationSettings":
     """The preset with ``changes``, and another name where there are any."""
-    from ..twin import PRESETS
+    from ..simulation import PRESETS
 
     chosen = settings_from(type(PRESETS[preset]), changes, PRESETS[preset])
     if chosen != PRESETS[preset] and chosen.preset == preset:

@@ -76,7 +76,7 @@ def command(
 
         tipforce train runs/ --estimator dcfe -o models/dcfe --set minutes=60 --resume
     """
-    from ..dataset import join, leave_out, open_dataset
+    from ..datasets import join, open_dataset, without_sessions
     from ..estimators import (
         check_start,
         check_target,
@@ -94,7 +94,7 @@ def command(
     recipe = create(estimator, settings_from(method(estimator).settings_type, settings))
     check_target(output, overwrite=overwrite)
     begin = check_start(recipe, start, resume=resume)
-    dataset = leave_out(join([open_dataset(each) for each in data]), without or [])
+    dataset = without_sessions(join([open_dataset(each) for each in data]), without or [])
     apart = join([open_dataset(each) for each in calibrate]) if calibrate else None
     with workplace(recipe, output, resume=resume) as folder:
         with progress_bar() as report:

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel
 
-from ..dataset import Dataset
-from ..types import Context, ForceEstimate, Observation
+from ..datasets import Dataset
+from ..types import ForceEstimate, Observation, SessionInfo
 from ._words import Words
 
 __all__ = ["Estimator", "Progress", "Stream"]
@@ -53,7 +53,7 @@ class Estimator(ABC):
         """Find the intervals anew on ``dataset``, of whose sessions ``fit`` saw none; the answers stay as they are."""
 
     @abstractmethod
-    def start(self, context: Context) -> Stream:
+    def start(self, info: SessionInfo) -> Stream:
         """A fresh stream for one session; raises NotFittedError before ``fit``."""
 
     @abstractmethod
@@ -84,7 +84,7 @@ class Estimator(ABC):
         stream, session = None, None
         for name, observation in zip(dataset.session.tolist(), dataset.observations(), strict=True):
             if stream is None or name != session:
-                stream, session = self.start(dataset.contexts[name]), name
+                stream, session = self.start(dataset.session_info[name]), name
             yield stream.update(observation)
 
     def predict(self, dataset: Dataset) -> list[ForceEstimate]:
@@ -115,7 +115,7 @@ class Estimator(ABC):
 
     @property
     def needed_facts(self) -> tuple[str, ...]:
-        """What a session's `Context` must tell, as `stated_facts` names it, or this fitted method answers nothing."""
+        """Keys of the session metadata without which this fitted method answers nothing."""
         return ()
 
     @property

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import angle_matrix, arc_length, turning_angles
-from ..types import Context, FloatArray, Image, Observation, ShapeFeatures, Status
+from ..types import FloatArray, Image, Observation, SessionInfo, ShapeFeatures, Status
 from ..vision import NoFeatures, ShapeFeatureSettings, Vision, feature_names, in_session, shape_features
 from ._reading import Refusal, read_actuation, read_view
 from ._settings import AngleSettings, SvrSettings
@@ -19,14 +19,14 @@ _CURVE_POINTS = 65
 class Inputs:
     """Reads observations; one for each session, because `Vision` keeps its working memory.
 
-    ``context``: of that session. ``actuation``: the names wanted, in order. ``shape``: names that ready-made shape
+    ``info``: of that session. ``actuation``: the names wanted, in order. ``shape``: names that ready-made shape
     numbers must have, in order; None where it is not settled yet (training).
     """
 
     def __init__(
-        self, settings: SvrSettings, actuation: Sequence[str], context: Context, shape: Sequence[str] | None = None
+        self, settings: SvrSettings, actuation: Sequence[str], info: SessionInfo, shape: Sequence[str] | None = None
     ) -> None:
-        self._settings, self._view, self._context = settings, settings.vision.view, context
+        self._settings, self._view, self._context = settings, settings.vision.view, info
         self._actuation = tuple(actuation)
         self._vision: Vision | None = None
         self._angles = None

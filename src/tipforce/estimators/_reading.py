@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..errors import InputError
 from ..types import FloatArray, Observation, Status, View
 

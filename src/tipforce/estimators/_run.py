@@ -13,9 +13,10 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from ..alignment import observations
 from ..errors import InputError
-from ..recording import VideoWriter, frame_count, observations, require_actuation
-from ..types import Context, FloatArray, ForceEstimate, Frame, Image, Observation, ShapeFeatures, Source, Status
+from ..io import VideoWriter, frame_count, require_actuation
+from ..types import FloatArray, ForceEstimate, Frame, Image, Observation, SessionInfo, ShapeFeatures, Source, Status
 from ..units import newtons_to_grams
 from ..vision import Reasons, draw_estimate
 from ._base import Estimator, Progress
@@ -96,17 +97,19 @@ def write_estimates(
     all. Raises InputError where ``source`` holds no frame, or lacks actuation or facts that ``estimator`` needs.
     """
     require_actuation(source, estimator.needed_actuation)
-    missing = missing_facts(estimator.needed_facts, source.context)
+    missing = missing_facts(estimator.needed_facts, source.session_info)
     if missing:
-        raise InputError(f"{getattr(source, 'path', source.context.session)}: {missing}")
+        raise InputError(f"{getattr(source, 'path', source.session_info.name)}: {missing}")
     view = view_of(estimator)
     total = frame_count(source, view)
-    stream = estimator.start(source.context)
+    stream = estimator.start(source.session_info)
     report = RunReport()
     with ExitStack() as stack:
         table = stack.enter_context(_replacing(forces)) if isinstance(forces, Path) else forces
         video = (
-            stack.enter_context(_Overlay(overlay, estimator, source.context, view, full_scale_n)) if overlay else None
+            stack.enter_context(_Overlay(overlay, estimator, source.session_info, view, full_scale_n))
+            if overlay
+            else None
         )
         rows = csv.writer(table, lineterminator="\n")
         rows.writerow(COLUMNS)
@@ -159,11 +162,11 @@ def _replacing(path: Path) -> Generator[TextIO]:
 class _Overlay:
     """The video with the force in it; its rate is that of the first two frames."""
 
-    def __init__(self, path: Path, estimator: Estimator, context: Context, view: str, full_scale_n: float) -> None:
+    def __init__(self, path: Path, estimator: Estimator, info: SessionInfo, view: str, full_scale_n: float) -> None:
         if not path.parent.is_dir():
             raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
         self.path, self.estimator, self.view, self.full_scale_n = path, estimator, view, full_scale_n
-        self.context = context
+        self.session_info = info
         self.first: Frame | None = None
         self.writer: VideoWriter | None = None
         self.stack = ExitStack()
@@ -188,7 +191,9 @@ class _Overlay:
         image = observation.views[self.view]
         if isinstance(image, ShapeFeatures):
             raise InputError("an overlay needs pictures, and these data are ready-made shape coefficients")
-        sighting = self.estimator.look(observation, self.context)[0] if isinstance(self.estimator, ShowsShape) else None
+        sighting = (
+            self.estimator.look(observation, self.session_info)[0] if isinstance(self.estimator, ShowsShape) else None
+        )
         return draw_estimate(image, sighting, estimate, full_scale_n=self.full_scale_n)
 
     def __enter__(self) -> "_Overlay":

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..dataset import Dataset, draw, random_split
+from ..datasets import Dataset, random_split, random_subset
 from ..errors import InputError
 from ..types import FloatArray
 from ._base import Estimator, Progress
@@ -66,7 +66,7 @@ def train(
             fitted = fresh.fit_from(part, progress, folder=folder, resume=resume)
         return fitted if calibrate is None else fitted.calibrate(calibrate, progress)
 
-    drawn = dataset if samples is None else draw(dataset, samples, seed)
+    drawn = dataset if samples is None else random_subset(dataset, samples, seed)
     if not holdout:
         return Training(fit(drawn), drawn, {}, calibrate)
     split = random_split(drawn, holdout, seed)

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, IntArray, Observation
 from ._inputs import Inputs
@@ -66,7 +66,7 @@ def gather_rows(
     recipe = settings.model_dump_json(include={"vision", "features", "angles"}) + repr(tuple(actuation))
     seen: list[tuple[tuple[str, ...], FloatArray | Refusal]] = []
     for name in frames.sessions:
-        inputs = Inputs(settings, actuation, frames.contexts[name])
+        inputs = Inputs(settings, actuation, frames.session_info[name])
         seen += frames.subset(frames.session == name).derive(f"svr inputs {recipe}", partial(read, inputs=inputs))
     found: dict[int, FloatArray] = {}
     why_not = ""

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import InputError
-from ..learning import CHECKPOINT, LOG
+from ..training import CHECKPOINT, LOG
 from ._base import Estimator
 from .networks import PREPARED, NetworkEstimator
 from .store import MANIFEST, load_model

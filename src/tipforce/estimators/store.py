@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
 
-from ..dataset import Dataset, replacing_folder
+from ..datasets import Dataset
 from ..errors import InputError, ModelError
+from ..io import replacing_folder
 from ._base import Estimator
 from ._card import model_card
 from ._create import ESTIMATORS
@@ -108,7 +109,7 @@ def _manifest(
         "training": {
             **_of(training),
             **({} if calibration is None else {"calibration": _of(calibration)}),
-            "simulated": all(context.notes.get("simulated") == "true" for context in training.contexts.values()),
+            "simulated": all(info.simulated for info in training.session_info.values()),
             "force_range_n": [float(np.min(training.magnitude_n)), float(np.max(training.magnitude_n))],
         },
         "metrics": dict(metrics or {}),

@@ -12,9 +12,9 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..errors import InputError, ModelError, NotFittedError
-from ..types import BoolArray, Context, FloatArray, ForceEstimate, Image, Observation
+from ..types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
 from ..vision import Sighting, settle
 from ._answers import AXES, Answers, Interval
 from ._base import Estimator, Progress
@@ -158,27 +158,27 @@ class Svr(Estimator):
         some = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, SETTLING_SAMPLES).astype(np.int64)))
         warn_of_sizes(dataset, self.settings.vision.view)
         images: list[Image] = []
-        contexts: list[Context] = []
+        infos: list[SessionInfo] = []
         for session, observation in zip(some.session.tolist(), some.observations(), strict=True):
             view = observation.views.get(self.settings.vision.view)
             if isinstance(view, np.ndarray):
                 images.append(view)
-                contexts.append(dataset.contexts[session])
+                infos.append(dataset.session_info[session])
         if not images:
             return self.settings
         try:
-            settled = settle(self.settings.vision, images, contexts)
+            settled = settle(self.settings.vision, images, infos)
         except InputError as error:
             raise InputError(f"{dataset.title}: {error}") from None
         return self.settings.model_copy(update={"vision": settled})
 
-    def start(self, context: Context) -> "SvrStream":
-        """A stream for one session; ``context`` tells scale and catheter. Raises NotFittedError before ``fit``."""
-        return SvrStream(self.settings, self._known(), context)
+    def start(self, info: SessionInfo) -> "SvrStream":
+        """A stream for one session; ``info`` tells scale and catheter. Raises NotFittedError before ``fit``."""
+        return SvrStream(self.settings, self._known(), info)
 
-    def look(self, observation: Observation, context: Context) -> tuple[Sighting, FloatArray | None]:
+    def look(self, observation: Observation, info: SessionInfo) -> tuple[Sighting, FloatArray | None]:
         """What is seen in the picture, and the fitted curve (n, 2) in image points: see `ShowsShape`."""
-        return look_with(self.settings.vision, self.settings.features, observation, context)
+        return look_with(self.settings.vision, self.settings.features, observation, info)
 
     def normalised(self, dataset: Dataset) -> tuple[tuple[str, ...], FloatArray, tuple[str, ...], FloatArray]:
         """Thesis table 3: names (k,) and scaled values (m, k) of the features, then (t,) and (m, t) of the forces.
@@ -287,8 +287,8 @@ class Svr(Estimator):
 class SvrStream:
     """One session, frame after frame."""
 
-    def __init__(self, settings: SvrSettings, fitted: _Fitted, context: Context) -> None:
-        self._inputs = Inputs(settings, fitted.actuation, context, fitted.shape)
+    def __init__(self, settings: SvrSettings, fitted: _Fitted, info: SessionInfo) -> None:
+        self._inputs = Inputs(settings, fitted.actuation, info, fitted.shape)
         self._window = Window(settings.window) if settings.window.used else None
         self._machines = fitted.machines
         self._answers = Answers(fitted.known, fitted.interval)

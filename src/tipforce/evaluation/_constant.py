@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..errors import InputError, NotFittedError
 from ..estimators import Estimator, Progress, Stream
-from ..types import Context, ForceEstimate, Observation
+from ..types import ForceEstimate, Observation, SessionInfo
 
 __all__ = ["Constant"]
 
@@ -85,7 +85,7 @@ class Constant(Estimator):
             progress("quantiles of the labels", 1.0)
         return self
 
-    def start(self, context: Context) -> Stream:  # noqa: ARG002 - the same estimate in every session
+    def start(self, info: SessionInfo) -> Stream:  # noqa: ARG002 - the same estimate in every session
         """Starts a stream that gives the same estimate every time."""
         if self.estimate_ is None:
             raise NotFittedError("the constant predictor has no mean yet; call fit first")

@@ -9,7 +9,7 @@ from typing import Protocol as Interface
 
 import numpy as np
 
-from ..dataset import Dataset, Protocol, Split, draw, splits, thin
+from ..datasets import Dataset, Protocol, Split, every_nth, random_subset, splits
 from ..errors import InputError
 from ..estimators import Estimator, Progress
 from ..types import FloatArray
@@ -147,9 +147,9 @@ def evaluate(
     settings = settings or EvaluationSettings()
     _check(dataset, methods, settings, truth_n, bounds)
     everything, whole_truth_n = dataset, truth_n
-    dataset = thin(everything, settings.every) if settings.every != 1 else everything
+    dataset = every_nth(everything, settings.every) if settings.every != 1 else everything
     if settings.samples is not None and "thesis" not in (settings.protocols or ()):
-        dataset = draw(dataset, settings.samples, settings.seed)
+        dataset = random_subset(dataset, settings.samples, settings.seed)
     if truth_n is not None:
         index = index_in(everything, dataset)
         truth_n, bounds = truth_n[index], None if bounds is None else bounds.at(index)
@@ -300,7 +300,7 @@ def time_per_frame(estimator: Estimator, dataset: Dataset, frames: int = 300) ->
     observations = list(islice(session.observations(), frames))
     taken_ns: list[int] = []
     for counted in (False, True):
-        stream = estimator.start(dataset.contexts[name])
+        stream = estimator.start(dataset.session_info[name])
         for observation in observations:
             start = time.perf_counter_ns()
             stream.update(observation)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, IntArray
 from ._predictions import Predictions

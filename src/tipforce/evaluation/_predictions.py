@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ..dataset import Dataset
+from ..datasets import Dataset
 from ..types import BoolArray, FloatArray, ForceEstimate, IntArray
 
 __all__ = ["AXES", "CONTACT_N", "Predictions", "collect", "concatenate", "in_contact", "with_reference"]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..dataset import Dataset, Protocol, Split
+from ..datasets import Dataset, Protocol, Split
 from ..errors import InputError
 from ..estimators import Estimator, Progress
 from ..types import BoolArray, FloatArray, IntArray

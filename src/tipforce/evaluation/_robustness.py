@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..dataset import DISTURBANCES, Dataset, Disturbance, disturbed, held
+from ..datasets import PERTURBATIONS, Dataset, Perturbation, in_memory, perturbed
 from ..errors import InputError
 from ..estimators import Estimator, Progress
 from ..types import ForceEstimate, IntArray
@@ -42,7 +42,7 @@ def perturbed_metrics(
     data: ScoredData,
     *,
     frames: int = 500,
-    perturbations: Sequence[Disturbance] = DISTURBANCES,
+    perturbations: Sequence[Perturbation] = PERTURBATIONS,
     progress: Progress | None = None,
 ) -> list[dict[str, Any]]:
     """Scores the fitted methods of a result on some of its test samples, as they are and then perturbed.
@@ -67,14 +67,14 @@ def perturbed_metrics(
     parts = list(_parts(result.predictions, data, frames, estimators))
     ordered = sorted(perturbations, key=lambda each: repr(each.picture))  # an image is predicted once for all labels
     images = [list(group) for _, group in groupby(ordered, key=lambda each: each.picture)]
-    plain = Disturbance(UNPERTURBED, "", _unchanged)
+    plain = Perturbation(UNPERTURBED, "", _unchanged)
     found: dict[tuple[str, str, str], tuple[list[Predictions], list[Predictions]]] = {
         (each.kind, each.size, each.way): ([], []) for each in (plain, *perturbations)
     }
     for number, part in enumerate(parts):
-        kept = held(part.samples)
+        kept = in_memory(part.samples)
         for group in ([plain], *images):
-            estimates = estimators[part.fold].predict(disturbed(kept, group[0], data.seed))
+            estimates = estimators[part.fold].predict(perturbed(kept, group[0], data.seed))
             for each in group:
                 labelled = replace(kept, force_n=each.force(kept.force_n))
                 own, others = found[each.kind, each.size, each.way]

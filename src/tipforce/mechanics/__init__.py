@@ -1,44 +1,54 @@
 """Statics of the catheter, in the plane and in space: large bending under loads, and contact with a soft wall."""
 
-from ._contact import Contact, Wall, press
-from ._contact_derivatives import ContactDerivatives, contact_derivatives
-from ._continuation import Branch
-from ._derivatives import derivatives
-from ._free import Shape, Shapes, bend, bend_many
+from ._branch import Branch
+from ._derivatives import Derivatives, derivatives
 from ._heart import HEART_WAVES, HeartMotion
-from ._information import Bound, CentrelineNoise, Information, Priors, cramer_rao, fisher_information
-from ._line_noise import LineNoise
-from ._posterior import posterior_covariance, posterior_covariance_along
-from ._rod import Rod
-from ._sensitivity import Derivatives
-from ._spatial_contact import SpatialContact, SpatialPress, press_spatial
-from ._spatial_free import SpatialShape, bend_spatial
-from ._spatial_rod import SpatialRod
-from ._spatial_wall import SpatialWall, damping_of_loss_factor
+from ._information import (
+    CentrelineNoise,
+    CramerRaoBound,
+    Information,
+    LineNoise,
+    Priors,
+    cramer_rao,
+    fisher_information,
+    posterior_covariance,
+    posterior_covariance_along,
+)
 from .actuation import Hysteresis, KnobMap, Play, PrandtlIshlinskii, Tendon
-from .baselines import (
-    Bent,
-    BentShape,
+from .models import (
     ConstantCurvature,
     Elastica,
     LargeDeflection,
     LinearBeam,
     MassSpring,
+    PolylineShape,
     PseudoRigidBody,
     RigidLinks,
     RodModel,
+    RodShape,
+)
+from .planar import Contact, Rod, Shape, Shapes, Wall, solve_contact, solve_static, solve_static_batch
+from .spatial import (
+    ContactDerivatives,
+    SpatialContact,
+    SpatialContactSolver,
+    SpatialRod,
+    SpatialShape,
+    SpatialWall,
+    contact_derivatives,
+    damping_of_loss_factor,
+    solve_contact_spatial,
+    solve_static_spatial,
 )
 
 __all__ = [
     "HEART_WAVES",
-    "Bent",
-    "BentShape",
-    "Bound",
     "Branch",
     "CentrelineNoise",
     "ConstantCurvature",
     "Contact",
     "ContactDerivatives",
+    "CramerRaoBound",
     "Derivatives",
     "Elastica",
     "HeartMotion",
@@ -50,24 +60,23 @@ __all__ = [
     "LinearBeam",
     "MassSpring",
     "Play",
+    "PolylineShape",
     "PrandtlIshlinskii",
     "Priors",
     "PseudoRigidBody",
     "RigidLinks",
     "Rod",
     "RodModel",
+    "RodShape",
     "Shape",
     "Shapes",
     "SpatialContact",
-    "SpatialPress",
+    "SpatialContactSolver",
     "SpatialRod",
     "SpatialShape",
     "SpatialWall",
     "Tendon",
     "Wall",
-    "bend",
-    "bend_many",
-    "bend_spatial",
     "contact_derivatives",
     "cramer_rao",
     "damping_of_loss_factor",
@@ -75,6 +84,9 @@ __all__ = [
     "fisher_information",
     "posterior_covariance",
     "posterior_covariance_along",
-    "press",
-    "press_spatial",
+    "solve_contact",
+    "solve_contact_spatial",
+    "solve_static",
+    "solve_static_batch",
+    "solve_static_spatial",
 ]

@@ -1,17 +1,46 @@
-"""How the centreline of an equilibrium moves with the load, the rod and its base."""
+"""How the centreline of an equilibrium moves with the load, the rod and its base, in the plane and in space."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_banded
 
 from ..types import FloatArray
 from ._arc import arc_m, way_m
-from ._free import Shape, carried_n
-from ._newton import Load, elastic_of, hessian_bands
-from ._sensitivity import Derivatives
-from ._spatial_derivatives import spatial_derivatives
-from ._spatial_free import SpatialShape
+from .planar import Shape
+from .planar._newton import Load, elastic_of, hessian_bands
+from .planar._statics import carried_n
+from .spatial import SpatialShape
+from .spatial._energy import add_pull, assemble
+from .spatial._newton import newton_step, solve_factorised
+from .spatial._state import NO_TOUCH, line_of, make_work
+from .spatial._state import Elastic as SpatialElastic
+from .spatial._state import Load as SpatialLoad
+from .spatial._state import elastic_of as spatial_elastic_of
 
-__all__ = ["derivatives"]
+__all__ = ["Derivatives", "derivatives"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Derivatives:
+    """First derivatives of a centreline, (points, D, parameters) each; D = 2 in the plane, 3 in space.
+
+    ``force``: m/N, D of them. ``moment``: m/(N m), at the tip; in space about x, y and z. ``precurvature``: m per 1/m,
+    the same all along the shaft; in space of the twist and about y and z of the material frame. ``stiffness``: m per
+    N m^2 of the bending stiffness, in space of the torsional one too, their profile kept. ``base``: of the clamp's
+    place (D, m/m) and of its rotation (m/rad, in space about x, y and z); the loads keep their directions meanwhile.
+
+    ``arc_m`` (points,), ``centreline_m`` (points, D) and ``tip_axis`` (D,), a unit vector: where they hold.
+    """
+
+    arc_m: FloatArray
+    centreline_m: FloatArray
+    tip_axis: FloatArray
+    force: FloatArray
+    moment: FloatArray
+    precurvature: FloatArray
+    stiffness: FloatArray
+    base: FloatArray
 
 
 def derivatives(shape: Shape | SpatialShape, points: int | FloatArray) -> Derivatives:
@@ -22,8 +51,8 @@ def derivatives(shape: Shape | SpatialShape, points: int | FloatArray) -> Deriva
 
     Raises ValueError where the shape has not converged.
 
-    >>> from tipforce.mechanics import Rod, bend
-    >>> at_tip = derivatives(bend(Rod(0.05, 4.3e-4, segments=200), np.zeros(2)), np.array([0.05]))
+    >>> from tipforce.mechanics import Rod, solve_static
+    >>> at_tip = derivatives(solve_static(Rod(0.05, 4.3e-4, segments=200), np.zeros(2)), np.array([0.05]))
     >>> (at_tip.force[0, 1, 1] / (0.05**3 / (3 * 4.3e-4))).round(4)  # the linear beam's L^3 / 3EI
     np.float64(1.0)
     """
@@ -33,7 +62,7 @@ def derivatives(shape: Shape | SpatialShape, points: int | FloatArray) -> Deriva
     arc = arc_m(lengths, points)
     way = way_m(lengths, arc)
     if isinstance(shape, SpatialShape):
-        return spatial_derivatives(shape, arc, way)
+        return _spatial(shape, arc, way)
     return _planar(shape, arc, way)
 
 
@@ -77,3 +106,50 @@ def _planar(shape: Shape, arc: FloatArray, way: FloatArray) -> Derivatives:
 def _across_joints(moment: FloatArray) -> FloatArray:
     """(n,) moments at the joints -> (n,): each element's, less that of the joint after it."""
     return moment - np.append(moment[1:], 0.0)
+
+
+def _spatial(shape: SpatialShape, arc_m: FloatArray, way_m: FloatArray) -> Derivatives:
+    """``way_m`` (points, segments + 1): how far each element is walked to the places ``arc_m``."""
+    rod, q = shape.rod, np.array(shape.quaternions)
+    elastic, work = spatial_elastic_of(rod, rod.rigid_length_m), make_work(rod.segments + 1, 0)
+    load = SpatialLoad(np.array(shape.force_n), np.array(shape.moment_nm), line_of(rod, shape.distributed_n_per_m))
+    none = SpatialLoad(np.zeros(3), np.zeros(3), np.zeros_like(load.line))
+    sides = np.zeros((14, 3 * len(q)))  # -dg/dp: force, moment, pre-curvature (3 each), EI, GJ, turn of the clamp (3)
+
+    def gradient(changed: SpatialElastic) -> FloatArray:
+        assemble(q, changed, load, NO_TOUCH, work)
+        return work.gradient.copy()
+
+    here = gradient(elastic)
+    for axis, unit in enumerate(np.eye(3)):
+        add_pull(q, elastic, none._replace(force=unit), sides[axis])
+        add_pull(q, elastic, none._replace(moment=unit), sides[3 + axis])
+        # The gradient is linear in the pre-curvature and in the stiffnesses: a difference is the derivative.
+        sides[6 + axis] = here - gradient(elastic._replace(rest=elastic.rest + unit))
+        # Turning the clamp is turning all, and the loads back.
+        back = [np.cross(part, unit) for part in load]
+        add_pull(q, elastic, SpatialLoad(back[0], back[1], back[2]), sides[11 + axis])
+    sides[9] = (here - gradient(elastic._replace(bend=2 * elastic.bend))) / rod.bending_stiffness_nm2
+    sides[10] = (here - gradient(elastic._replace(twist=2 * elastic.twist))) / rod.gj_nm2
+    assemble(q, elastic, load, NO_TOUCH, work)
+    newton_step(work, 0, 0, 0.0)
+    for side in sides:
+        solve_factorised(work, 0, side)
+
+    frames = shape.frames
+    turns = sides.reshape(14, len(q), 3)
+    # An element's direction turns by w x (1, 0, 0) in its own frame.
+    swings = frames[:, :, 1] * turns[:, :, 2:] - frames[:, :, 2] * turns[:, :, 1:2]
+    moves = np.moveaxis(way_m @ swings, 0, -1)
+    line = way_m @ frames[:, :, 0]
+    turned = moves[:, :, 11:] + np.stack([np.cross(unit, line) for unit in np.eye(3)], axis=-1)
+    return Derivatives(
+        arc_m=arc_m,
+        centreline_m=line,
+        tip_axis=frames[-1, :, 0],
+        force=moves[:, :, :3],
+        moment=moves[:, :, 3:6],
+        precurvature=moves[:, :, 6:9],
+        stiffness=moves[:, :, 9:11],
+        base=np.concatenate([np.broadcast_to(np.eye(3), (arc_m.size, 3, 3)), turned], axis=2),
+    )

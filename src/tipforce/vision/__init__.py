@@ -5,7 +5,7 @@ from ._draw import contact_sheet, draw_estimate, draw_sighting, shaft_mask
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._figures import figure_17, figure_18
 from ._fine import FineTracer
-from ._inspect import Inspection, Reasons, Tally, inspect_picture
+from ._inspect import Inspection, InspectSettings, Reasons, Tally, inspect_picture
 from ._nominal import in_session
 from ._see import Vision
 from ._settings import BaseSide, Polarity, VisionSettings
@@ -17,6 +17,7 @@ __all__ = [
     "ClassicChain",
     "ClassicSteps",
     "FineTracer",
+    "InspectSettings",
     "Inspection",
     "NoFeatures",
     "Polarity",

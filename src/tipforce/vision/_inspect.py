@@ -9,6 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from pydantic import BaseModel, ConfigDict
 
 from ..types import FloatArray, Image
 from ._classic import ClassicChain
@@ -17,7 +18,18 @@ from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_c
 from ._settings import VisionSettings
 from ._sighting import Sighting
 
-__all__ = ["Inspection", "Reasons", "Tally", "inspect_picture"]
+__all__ = ["InspectSettings", "Inspection", "Reasons", "Tally", "inspect_picture"]
+
+
+class InspectSettings(BaseModel):
+    """Settings of an inspection, with the same keys as those of method 1."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    vision: VisionSettings = VisionSettings()
+    """How the catheter is detected."""
+    features: ShapeFeatureSettings = ShapeFeatureSettings()
+    """The curve that is fitted to the shape."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

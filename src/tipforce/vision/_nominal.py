@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..types import Context, FloatArray, Image
+from ..types import FloatArray, Image, SessionInfo
 from ._common_axis import common_axis, turn_end
 from ._common_end import common_end, common_look
 from ._settings import VisionSettings
 
 __all__ = ["in_session", "learn_length", "learn_look", "on_axis", "with_nominal"]
 
-_SIDES = ("left", "right", "top", "bottom")
 _WIDER = 1.03
 """Flanks are seen so much further apart than the catheter is thick: blur and the rim's lustre."""
 _SHOWN, _GIVE = 0.97, 0.08
@@ -26,42 +25,48 @@ _ONE, _MANY, _MOST = 0.01, 0.03, 0.08
 """Least tolerance of a length that was learnt in one session, in many, and the most."""
 
 
-def _nominal_px(context: Context) -> tuple[float, float] | None:
-    catheter, scale = context.catheter, context.metres_per_px
+def _nominal_px(info: SessionInfo, view: str) -> tuple[float, float] | None:
+    catheter, scale = info.catheter, info.view(view).metres_per_px
     if scale is None or catheter.diameter_m is None or catheter.flexible_length_m is None:
         return None
     length_m = catheter.flexible_length_m + (catheter.rigid_length_m or 0.0)
     return round(length_m / scale, 2), round(catheter.diameter_m / scale, 3)
 
 
-def with_nominal(settings: VisionSettings, context: Context) -> VisionSettings:
-    """``settings`` with the size and the base's side that ``context`` states, where they leave these open."""
-    side = context.notes.get("base_side")
-    if settings.base_side == "auto" and side in _SIDES:
-        settings = settings.model_copy(update={"base_side": side})
-    nominal = _nominal_px(context)
+def with_nominal(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
+    """``settings`` with the size and the base's side that ``info`` states, where they leave these open."""
+    view = info.view(settings.view)
+    stated = {
+        "base_side": view.base_side if settings.base_side == "auto" else None,
+        "polarity": view.polarity if settings.polarity == "auto" else None,
+        "base_region": view.base_region if settings.base_region is None else None,
+        "roi": view.roi if settings.roi is None else None,
+    }
+    if update := {name: value for name, value in stated.items() if value is not None}:
+        settings = settings.model_copy(update=update)
+    nominal = _nominal_px(info, settings.view)
     if nominal is None or settings.nominal_px is not None or settings.length_px is not None:
         return settings
-    update: dict[str, object] = {
+    sized: dict[str, object] = {
         "nominal_px": nominal,
         "length_px": round(_SHOWN * nominal[0], 2),
         "length_tolerance": _GIVE,
     }
     if settings.diameter_px is None:
-        update["diameter_px"] = round(_WIDER * nominal[1], 2)
-    return settings.model_copy(update=update)
+        sized["diameter_px"] = round(_WIDER * nominal[1], 2)
+    return settings.model_copy(update=sized)
 
 
-def in_session(settings: VisionSettings, context: Context) -> VisionSettings:
+def in_session(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
     """``settings`` for the catheter and the scale of another session; as they are where its sheet tells neither.
 
-    >>> from tipforce.types import Catheter
+    >>> from tipforce.types import Catheter, ViewInfo
     >>> settled = VisionSettings(length_px=230.0, diameter_px=12.0, nominal_px=(240.0, 11.7))
-    >>> nearer = Context("day 2", Catheter("7F", 2.34e-3, 40e-3, 8e-3), metres_per_px=0.1e-3)
+    >>> nearer = SessionInfo("day 2", Catheter("7F", 2.34e-3, 40e-3, 8e-3), {"camera": ViewInfo(0.1e-3)})
     >>> in_session(settled, nearer).length_px
     460.0
     """
-    nominal = _nominal_px(context)
+    nominal = _nominal_px(info, settings.view)
     if nominal is None or settings.nominal_px is None or nominal == settings.nominal_px:
         return settings
     update: dict[str, object] = {"nominal_px": nominal, "end_look": None}
@@ -73,7 +78,7 @@ def in_session(settings: VisionSettings, context: Context) -> VisionSettings:
 
 
 def learn_length(
-    settings: VisionSettings, contexts: Sequence[Context], images: Sequence[Image], lines: Sequence[FloatArray | None]
+    settings: VisionSettings, infos: Sequence[SessionInfo], images: Sequence[Image], lines: Sequence[FloatArray | None]
 ) -> VisionSettings:
     """``settings`` with the length that was seen: the median over the sessions, each by all of its pictures together.
 
@@ -81,15 +86,15 @@ def learn_length(
     known; several sessions differ by how far the catheter stands out of its sheath.
     """
     sessions: dict[str, list[int]] = {}
-    for k, (context, line) in enumerate(zip(contexts, lines, strict=True)):
+    for k, (info, line) in enumerate(zip(infos, lines, strict=True)):
         if line is not None:
-            sessions.setdefault(context.session, []).append(k)
+            sessions.setdefault(info.name, []).append(k)
     if sum(map(len, sessions.values())) < _FRAMES:
         return settings
     ratios: list[float] = []
     spreads: list[float] = []
     for members in sessions.values():
-        own = in_session(settings, contexts[members[0]])
+        own = in_session(settings, infos[members[0]])
         if own.length_px is None or own.diameter_px is None:
             return settings
         found = common_end(

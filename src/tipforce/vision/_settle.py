@@ -8,7 +8,7 @@ from itertools import islice, product
 import numpy as np
 
 from ..errors import InputError
-from ..types import Context, FloatArray, Image, Status
+from ..types import FloatArray, Image, SessionInfo, Status
 from ._fine import FineTracer, Trace
 from ._nominal import in_session, learn_length, learn_look, on_axis, with_nominal
 from ._settings import BaseSide, Polarity, VisionSettings
@@ -52,14 +52,14 @@ def _convincing(trace: Trace, noise: float) -> bool:
     )
 
 
-def _threshold(settings: VisionSettings, frames: Sequence[Image], contexts: Sequence[Context]) -> int | None:
+def _threshold(settings: VisionSettings, frames: Sequence[Image], infos: Sequence[SessionInfo]) -> int | None:
     """The grey level half-way from the shaft to what lies beside it, or as little further as loses no frame.
 
     None where no frame is seen.
     """
 
     def seen(tried: VisionSettings) -> list[Sighting]:
-        return [FineTracer(in_session(tried, c)).see(frame) for frame, c in zip(frames, contexts, strict=True)]
+        return [FineTracer(in_session(tried, c)).see(frame) for frame, c in zip(frames, infos, strict=True)]
 
     levels = [_levels(frame, sight) for frame, sight in zip(frames, seen(settings), strict=True) if sight.found]
     if not levels:
@@ -95,7 +95,7 @@ def _levels(image: Image, sighting: Sighting) -> tuple[float, float]:
 
 
 def _best_way(
-    settings: VisionSettings, frames: Sequence[Image], contexts: Sequence[Context], reasons: list[str]
+    settings: VisionSettings, frames: Sequence[Image], infos: Sequence[SessionInfo], reasons: list[str]
 ) -> tuple[VisionSettings, list[Trace | None]] | None:
     """The side and polarity with the best shafts, and what is convincing of each frame's; ``reasons`` if none is."""
     noise = [_noise(frame) for frame in frames]
@@ -104,7 +104,7 @@ def _best_way(
     best: tuple[float, VisionSettings, list[Trace | None]] | None = None
     for side, polarity in product(sides, polarities):
         tried = settings.model_copy(update={"base_side": side, "polarity": polarity})
-        looks = [FineTracer(in_session(tried, c)).look(frame) for frame, c in zip(frames, contexts, strict=True)]
+        looks = [FineTracer(in_session(tried, c)).look(frame) for frame, c in zip(frames, infos, strict=True)]
         traces = [
             trace if trace and _convincing(trace, n) else None for (trace, _), n in zip(looks, noise, strict=True)
         ]
@@ -121,33 +121,33 @@ def _best_way(
 
 
 def _lines(
-    settings: VisionSettings, frames: Sequence[Image], contexts: Sequence[Context], traces: Sequence[Trace | None]
+    settings: VisionSettings, frames: Sequence[Image], infos: Sequence[SessionInfo], traces: Sequence[Trace | None]
 ) -> list[FloatArray | None]:
     """The centreline in each frame whose trace convinced."""
     seen = [
         FineTracer(in_session(settings, c)).see(frame).centreline if trace else None
-        for frame, c, trace in zip(frames, contexts, traces, strict=True)
+        for frame, c, trace in zip(frames, infos, traces, strict=True)
     ]
     return [line.points if line else None for line in seen]
 
 
 def settle(
-    settings: VisionSettings, images: Iterable[Image], contexts: Context | Sequence[Context] | None = None
+    settings: VisionSettings, images: Iterable[Image], infos: SessionInfo | Sequence[SessionInfo] | None = None
 ) -> VisionSettings:
     """``settings`` with polarity, base side, threshold and diameter fixed on the first 16 of ``images``.
 
     Every open combination of side and polarity is traced; the one with the longest, best seen shaft that ends inside
-    the picture wins. What is already set stays. ``contexts``: the session's, or one for each image; where they tell
+    the picture wins. What is already set stays. ``infos``: the session's, or one for each image; where they tell
     the catheter's size and the scale, only a shaft of such a size counts, and its length is learnt too, and of one
     session also how its end looks. That goes best with images from all over a session, for what lies beneath the end
     must change. Raises InputError where no frame shows a catheter.
     """
-    if is_settled(settings) and (contexts is None or settings.length_px is not None):
+    if is_settled(settings) and (infos is None or settings.length_px is not None):
         return settings
     frames = list(islice(images, _FRAMES))
     if not frames:
         raise InputError("there is no frame to settle the vision settings on; give at least one")
-    sheets = [contexts or Context()] * len(frames) if contexts is None or isinstance(contexts, Context) else contexts
+    sheets = [infos or SessionInfo()] * len(frames) if infos is None or isinstance(infos, SessionInfo) else infos
     reasons: list[str] = []
     found = None
     sized = with_nominal(settings, sheets[0])
@@ -167,7 +167,7 @@ def settle(
     sheets = list(sheets[: len(frames)])
     if settings.length_px is None and chosen.length_px is not None:
         chosen = learn_length(guess, sheets, frames, _lines(guess, frames, sheets, traces))
-        if isinstance(contexts, Context) and chosen is not guess:
+        if isinstance(infos, SessionInfo) and chosen is not guess:
             for _ in range(_LOOKS):
                 lines = on_axis(chosen, frames, _lines(chosen, frames, sheets, traces))
                 chosen = learn_look(learn_length(guess, sheets, frames, lines), frames, lines)

@@ -7,9 +7,9 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ...dataset import Dataset
+from ...datasets import Dataset
 from ...errors import InputError
-from ...learning import Part, Samples, Task
+from ...training import Part, Samples, Task
 from ...types import BoolArray, Image, IntArray, Observation
 from .._reading import Refusal, read_actuation
 from ._graph import Graph

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...learning import LARGEST_GROWTH, Part, Samples, Task, error_growth, quantise
+from ...training import LARGEST_GROWTH, Part, Samples, Task, error_growth, quantise
 from ...types import FloatArray, IntArray
 from ._arrays import TOGETHER, Arrays, spread_over
 

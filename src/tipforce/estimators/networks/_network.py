@@ -14,21 +14,21 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from ...dataset import Dataset
+from ...datasets import Dataset
 from ...errors import InputError, ModelError, NotFittedError
-from ...learning import (
+from ...training import (
     LOG,
-    Recipe,
     Task,
+    TrainConfig,
     export_graph,
-    learn,
     network_of,
     parity_n,
     require_torch,
-    validation_part,
+    train_network,
+    train_val_split,
     weights_of,
 )
-from ...types import BoolArray, Context, FloatArray, ForceEstimate, Image, Observation
+from ...types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
 from .._answers import AXES, Answers, Interval
 from .._base import Estimator, Progress
 from .._conformal import interval_from
@@ -92,7 +92,7 @@ class NetworkEstimator(Estimator):
     """A network behind the face of all methods.
 
     A method states what its network is given (`forms`, `reader`), the task that trains it (`task`), and its settings,
-    which derive from `Recipe` and have ``view``, ``actuation`` and ``components``.
+    which derive from `TrainConfig` and have ``view``, ``actuation`` and ``components``.
     """
 
     looks_at: ClassVar[str] = "the whole picture"
@@ -110,7 +110,7 @@ class NetworkEstimator(Estimator):
         """What `reader` makes of an observation: name -> shape and dtype; to train, or as the graph takes it."""
 
     @abstractmethod
-    def reader(self, context: Context, *, training: bool) -> Reader:
+    def reader(self, info: SessionInfo, *, training: bool) -> Reader:
         """Makes those of the observations of one session."""
 
     @abstractmethod
@@ -197,9 +197,9 @@ class NetworkEstimator(Estimator):
             place = folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tipforce-")))
             prepared = self._prepared(dataset, names, place, lambda share: report("preparing pictures", 0.1 * share))
             samples = samples_of(dataset, prepared, known)
-            part = validation_part(samples.session, self.settings)
+            part = train_val_split(samples.session, self.settings)
             task = self.task(known, dataset.force_frames == {"base"}, spread_of(samples.inputs.get("actuation")))
-            learnt = learn(
+            learnt = train_network(
                 task, samples, part, self.settings,
                 start=None if start is None else weights_of(start.files()[MODEL]),
                 folder=folder, resume=resume,
@@ -264,7 +264,7 @@ class NetworkEstimator(Estimator):
         def read(session: str, observation: Observation, mask: Image | None) -> Arrays | Refusal:
             if session not in readers:
                 readers.clear()
-                readers[session] = self.reader(dataset.contexts[session], training=True)
+                readers[session] = self.reader(dataset.session_info[session], training=True)
             return read_one(readers[session], names, observation, mask)
 
         forms, view = {**self.forms(training=True), **actuation_form(names)}, self.settings.view
@@ -272,8 +272,8 @@ class NetworkEstimator(Estimator):
         masks: Iterable[Image | None] = repeat(None, len(dataset))
         if heat is not None and dataset.has_masks(view):
             forms["heat"], masks = heat, dataset.masks(view)
-        sheets = [repr(dataset.contexts[name]) for name in sorted(dataset.contexts)]
-        key = "\n".join([self.name, self.settings.model_dump_json(exclude=set(Recipe.model_fields)), *sheets])
+        sheets = [repr(dataset.session_info[name]) for name in sorted(dataset.session_info)]
+        key = "\n".join([self.name, self.settings.model_dump_json(exclude=set(TrainConfig.model_fields)), *sheets])
         prepared = prepare(dataset, masks, forms, read, folder, key, dataset.names_of(view), report)
         if len(prepared.kept) < MIN_SAMPLES:
             raise InputError(
@@ -315,10 +315,10 @@ class NetworkEstimator(Estimator):
         force = np.array([each.force_n[known] for each in found])
         return interval_from(known, force, force - truth, truth, session, not drawn, drawn)
 
-    def start(self, context: Context) -> "NetworkStream":
+    def start(self, info: SessionInfo) -> "NetworkStream":
         """A stream for one session. Raises NotFittedError before ``fit``."""
         fitted = self._known()
-        return NetworkStream(fitted.graph, self.reader(context, training=False), fitted.actuation, self.answering())
+        return NetworkStream(fitted.graph, self.reader(info, training=False), fitted.actuation, self.answering())
 
     def answering(self) -> Answering:
         """What makes estimates of the graph's outputs."""
@@ -384,7 +384,7 @@ class NetworkEstimator(Estimator):
             facts={"learnt_from": [f"{values['facts']['samples']} samples"], **values["facts"]},
             sessions=tuple(values.get("sessions", ())),
         )
-        made.start(Context())  # what an earlier version did not keep is missed here, not at the first frame
+        made.start(SessionInfo())  # what an earlier version did not keep is missed here, not at the first frame
         return made
 
     def describe(self) -> dict[str, Any]:

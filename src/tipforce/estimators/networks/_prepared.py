@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.format import open_memmap
 
-from ...dataset import Dataset
+from ...datasets import Dataset
 from ...errors import InputError
 from ...types import Image, IntArray, Observation
 from .._reading import Refusal

@@ -5,13 +5,13 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field
 
-from ...learning import Augmentation, Recipe
+from ...training import Augmentation, TrainConfig
 from ._window import LENGTHS
 
 __all__ = ["CompactSettings", "DcfeSettings"]
 
 
-class NetworkSettings(Recipe):
+class NetworkSettings(TrainConfig):
     """What all networks have."""
 
     fine_tuning: ClassVar[Mapping[str, Any]] = {}
@@ -105,10 +105,10 @@ class CompactSettings(NetworkSettings):
     weight_decay: Annotated[float, Field(ge=0)] = 0.02
     """Pull of the weights toward 0."""
     schedule: Literal["constant", "cosine", "plateau"] = "cosine"
-    """See `Recipe`."""
+    """See `TrainConfig`."""
     warmup_epochs: Annotated[float, Field(ge=0)] = 0.5
     """The rate rises in a straight line over so many epochs first."""
     clip_norm: Annotated[float, Field(gt=0)] | None = 1.0
     """Longer gradients are shortened to this length."""
     average: Annotated[float, Field(ge=0, lt=1)] = 0.998
-    """See `Recipe`."""
+    """See `TrainConfig`."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from ...types import KNOB, KNOB_GAIN, Context
+from ...types import KNOB, SessionInfo
 
 __all__ = ["SHEET", "sheet_of"]
 
@@ -17,18 +17,18 @@ STIFFNESS_NM2, LENGTH_M, DIAMETER_M = 4.3e-4, 0.04, 2.33e-3
 """A 7F ablation catheter 40 mm in front of its sheath."""
 
 
-def sheet_of(context: Context, actuation: Mapping[str, float]) -> npt.NDArray[np.float32]:
+def sheet_of(info: SessionInfo, actuation: Mapping[str, float]) -> npt.NDArray[np.float32]:
     """(4,): `SHEET`; 0 for what is not known of the catheter.
 
-    >>> sheet_of(Context(), {}).tolist()
+    >>> sheet_of(SessionInfo(), {}).tolist()
     [0.0, 0.0, 0.0, 0.0]
     """
-    catheter = context.catheter
+    catheter = info.catheter
     stiffness, length, diameter = catheter.bending_stiffness_nm2, catheter.flexible_length_m, catheter.diameter_m
-    gain = context.notes.get(KNOB_GAIN)
+    gain = info.actuation.knob_gain_per_m_deg
     bend = 0.0
     if gain is not None and length is not None:
-        bend = float(gain) * actuation.get(KNOB, 0.0) * length
+        bend = gain * actuation.get(KNOB, 0.0) * length
     known = (
         math.log(stiffness / STIFFNESS_NM2) if stiffness else 0.0,
         math.log(length / LENGTH_M) if length else 0.0,

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from ..._compile import STEADY
-from ...types import Context, Image
+from ...types import Image, SessionInfo
 
 __all__ = ["LENGTHS", "Window", "cut", "widened", "window_of"]
 
@@ -40,16 +40,21 @@ _QUARTERS = ((1.0, 0.0), (0.0, -1.0), (-1.0, 0.0), (0.0, 1.0))
 
 
 def window_of(
-    context: Context, shape: tuple[int, ...], side: str | None, lengths: float = LENGTHS, across: float = 0.5
+    info: SessionInfo,
+    view: str,
+    shape: tuple[int, ...],
+    side: str | None,
+    lengths: float = LENGTHS,
+    across: float = 0.5,
 ) -> Window:
-    """The window in pictures of ``shape`` (h, w[, 3]) of a session whose base lies at ``side``; None: nobody knows.
+    """The window in a session's images of ``view``, of ``shape`` (h, w[, 3]), with the base at ``side`` or None.
 
     Without a scale or a length it is the largest square at that border; without a side, the smallest that holds the
     whole picture. ``across``: where along the border the base lies, as a share from its left or upper end.
     """
     height, width = shape[:2]
     along, beside = (width, height) if side in ("left", "right", None) else (height, width)
-    catheter, scale = context.catheter, context.metres_per_px
+    catheter, scale = info.catheter, info.view(view).metres_per_px
     size = float(max(along, beside) if side is None else min(along, beside))
     if side is not None and scale is not None and catheter.flexible_length_m is not None:
         size = lengths * (catheter.flexible_length_m + (catheter.rigid_length_m or 0.0)) / scale

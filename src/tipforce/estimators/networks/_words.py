@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from ...learning import duration
+from ...training import duration
 from .._words import Words, half_width_text
 
 __all__ = ["network_words"]

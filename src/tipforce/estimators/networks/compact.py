@@ -13,25 +13,23 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from ...dataset import Dataset
+from ...datasets import Dataset
 from ...errors import InputError
-from ...learning import COMPACT_OUTPUTS, COMPACT_UNIT_N, UNKNOWN, CompactTask
+from ...training import COMPACT_OUTPUTS, COMPACT_UNIT_N, UNKNOWN, CompactTask
 from ...types import (
-    BASE_SIDE,
     KNOB,
-    KNOB_GAIN,
     BoolArray,
-    Context,
     FloatArray,
     ForceEstimate,
     Image,
     Observation,
+    SessionInfo,
     ShapeFeatures,
     Status,
 )
 from ...vision import VisionSettings, settle
 from .._answers import Interval
-from .._needed import missing_facts, only_facts, refuse_malformed, stated_facts
+from .._needed import missing_facts
 from .._reading import Refusal, read_actuation, read_view
 from ._arrays import Arrays, Looked, Reader, spread_over
 from ._doubt import Doubt, learn_doubt
@@ -45,6 +43,7 @@ from ._window import Window, cut, widened, window_of
 
 __all__ = ["Compact"]
 
+_KNOB_GAIN = "actuation.knob_gain_per_m_deg"
 _WIDER = 1.3
 """Side of the pictures that are trained on, in those of the network: there is room to shift and turn them."""
 _SETTLING = 10
@@ -66,7 +65,9 @@ class Compact(NetworkEstimator):
 
     def settle(self, dataset: Dataset) -> None:
         """Find the border that the base lies at, where neither sheet nor settings tell; none: whole pictures."""
-        silent = [name for name, context in dataset.contexts.items() if BASE_SIDE not in context.notes]
+        silent = [
+            name for name, info in dataset.session_info.items() if info.view(self.settings.view).base_side is None
+        ]
         if self.settings.base_side != "auto" or not silent:
             return
         rows = spread_over(np.flatnonzero(np.isin(dataset.session, silent)), _SETTLING)
@@ -85,16 +86,22 @@ class Compact(NetworkEstimator):
 
     def told(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Without what every session tells, another catheter would be taken for a nominal one."""
-        each = [stated_facts(context) for context in dataset.contexts.values()]
-        settled = (BASE_SIDE,) if self.settings.base_side != "auto" else ()
-        names = [name for name in dict.fromkeys(itertools.chain(*each)) if name not in settled]
+        each = [info.stated_keys() for info in dataset.session_info.values()]
+        names = [name for name in dict.fromkeys(itertools.chain(*each)) if name in self._used_metadata()]
         return tuple(name for name in names if all(name in other for other in each)), tuple(names)
+
+    def _used_metadata(self) -> tuple[str, ...]:
+        """Keys of the session metadata that it makes use of."""
+        view = f"views.{self.settings.view}"
+        side = (f"{view}.base_side",) if self.settings.base_side == "auto" else ()
+        catheter = ("diameter_m", "flexible_length_m", "rigid_length_m", "bending_stiffness_nm2")
+        return (*(f"catheter.{name}" for name in catheter), f"{view}.metres_per_px", *side, _KNOB_GAIN)
 
     @property
     def needed_actuation(self) -> tuple[str, ...]:
         """What it was trained with; the knob, where the sheets tell what it does. Raises NotFittedError."""
         known = self._known()
-        told = KNOB_GAIN in self.needed_facts and KNOB not in known.actuation
+        told = _KNOB_GAIN in self.needed_facts and KNOB not in known.actuation
         return (*known.actuation, KNOB) if told else known.actuation
 
     def mask_form(self) -> Form:
@@ -106,25 +113,24 @@ class Compact(NetworkEstimator):
         size = self.settings.size
         return 8 * round(_WIDER * size / 8) if training else size
 
-    def reader(self, context: Context, *, training: bool) -> Reader:
+    def reader(self, info: SessionInfo, *, training: bool) -> Reader:
         """Cuts the window out of a session's pictures."""
         side = self._side(training=training)
-        refuse_malformed(context)
         missing, seen_side = "", self._seen_side
         if not training and self.fitted_ is not None:
-            missing = missing_facts(self.needed_facts, context)
-            context = only_facts(self.fitted_.facts["ever_told"], context)
+            missing = missing_facts(self.needed_facts, info)
+            info = info.only(self.fitted_.facts["ever_told"])
             seen_side = str(self.fitted_.own["seen_side"])
-        turns_knob = bool(float(context.notes.get(KNOB_GAIN, 0.0)))
+        turns_knob = bool(info.actuation.knob_gain_per_m_deg)
         windows: dict[tuple[int, ...], Window] = {}
 
         def window(shape: tuple[int, ...]) -> Window:
             if shape not in windows:
                 side_of_base = self.settings.base_side
                 if side_of_base == "auto":
-                    side_of_base = context.notes.get(BASE_SIDE, seen_side)
+                    side_of_base = info.view(self.settings.view).base_side or seen_side
                 base = None if side_of_base == "none" else side_of_base
-                found = window_of(context, shape, base, self.settings.lengths, self.settings.across)
+                found = window_of(info, self.settings.view, shape, base, self.settings.lengths, self.settings.across)
                 windows[shape] = widened(found, side / self.settings.size)
             return windows[shape]
 
@@ -141,7 +147,7 @@ class Compact(NetworkEstimator):
                 return knob
             made: Arrays = {
                 "picture": cut(view, window(view.shape[:2]), side),
-                "sheet": sheet_of(context, observation.actuation),
+                "sheet": sheet_of(info, observation.actuation),
             }
             if training and mask is None:
                 made["heat"] = np.full((side // 4, side // 4), UNKNOWN, np.uint8)

@@ -2,8 +2,8 @@
 
 from typing import ClassVar
 
-from ...learning import RESNET_OUTPUTS, ResnetTask
-from ...types import BoolArray, Context, ForceEstimate, Image, Observation, ShapeFeatures, Status
+from ...training import RESNET_OUTPUTS, ResnetTask
+from ...types import BoolArray, ForceEstimate, Image, Observation, SessionInfo, ShapeFeatures, Status
 from .._answers import Answers
 from .._reading import Refusal, read_view
 from ._arrays import Arrays, Looked, Outputs, Reader
@@ -37,9 +37,9 @@ class Dcfe(NetworkEstimator):
         del training
         return {"picture": ((SIDE, SIDE, 3), "uint8")}
 
-    def reader(self, context: Context, *, training: bool) -> Reader:
+    def reader(self, info: SessionInfo, *, training: bool) -> Reader:
         """The picture resized; nothing hangs on the session."""
-        del context, training
+        del info, training
         return self._read
 
     def task(self, known: BoolArray, in_base: bool, actuation: tuple[tuple[float, float], ...]) -> ResnetTask:

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...dataset import Dataset
+from ...datasets import Dataset
 from ...types import FloatArray, Image
 from .._metrics import percent_of_true
 from .._predictions import Predictions

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...dataset import Dataset
+from ...datasets import Dataset
 from ...estimators import Estimator, ShowsShape, view_of
-from ...types import Context, FloatArray, Image, IntArray, Observation, ShapeFeatures
+from ...types import FloatArray, Image, IntArray, Observation, SessionInfo, ShapeFeatures
 from ...units import newtons_to_grams
 from ...vision import draw_sighting
 from .._evaluate import Evaluation
@@ -91,7 +91,7 @@ def _card(
     if isinstance(view, ShapeFeatures):
         svg = _curve_svg(view, _session_curves(dataset.subset(np.flatnonzero(dataset.session == session))), name)
     elif view is not None:
-        uri = _photo(_overlay(estimator, observation, view, dataset.contexts[session]))
+        uri = _photo(_overlay(estimator, observation, view, dataset.session_info[session]))
     return Card(name, session, text, svg, uri)
 
 
@@ -136,11 +136,11 @@ def _curve_svg(view: ShapeFeatures, others: list[FloatArray], name: str) -> str:
     return page_svg(to_svg(make_figure(draw, "", 3.2, 2.5)), f"shape of {name}")
 
 
-def _overlay(estimator: Estimator, observation: Observation, image: Image, context: Context) -> Image:
+def _overlay(estimator: Estimator, observation: Observation, image: Image, info: SessionInfo) -> Image:
     """``image`` with the shape that ``estimator`` detected in it; bare for a method that detects none."""
     if not isinstance(estimator, ShowsShape):
         return image
-    shape, curve_px = estimator.look(observation, context)
+    shape, curve_px = estimator.look(observation, info)
     return draw_sighting(image, shape, curve_px=curve_px)
 
 

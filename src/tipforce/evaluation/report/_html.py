@@ -7,8 +7,8 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from ...dataset import replacing_folder
 from ...errors import InputError
+from ...io import replacing_folder
 from .._evaluate import Evaluation
 from ._drawings import HEAD, head_drawings, method_drawings, traces_of
 from ._gallery import worst_frames

@@ -1,8 +1,6 @@
-"""From the knob to the curvature: play, hysteresis, the tendon; all independent of speed, with their memory inside."""
+"""From the knob to the curvature: play, hysteresis, tendon. All are independent of speed and keep their state."""
 
-from ._knob import KnobMap
-from ._play import Hysteresis, Play
-from ._prandtl_ishlinskii import PrandtlIshlinskii
-from ._tendon import Tendon
+from ._hysteresis import Hysteresis, Play, PrandtlIshlinskii
+from ._knob import KnobMap, Tendon
 
 __all__ = ["Hysteresis", "KnobMap", "Play", "PrandtlIshlinskii", "Tendon"]

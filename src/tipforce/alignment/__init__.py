@@ -1,0 +1,28 @@
+"""Streams brought together: clock offset, tare, inertia, labels at mid-exposure, views of one instant."""
+
+from ._find import ForceCorrections, OffsetChoice, TareChoice, find_offset, find_tare_and_inertia
+from ._inertia import StageMotion, fit_inertia
+from ._labels import Labels, label_log, labels
+from ._observations import observations
+from ._pairing import nearest_frames
+from ._tare import find_tare, stated_tare
+from ._timing import estimate_offset, shape_coordinates
+
+__all__ = [
+    "ForceCorrections",
+    "Labels",
+    "OffsetChoice",
+    "StageMotion",
+    "TareChoice",
+    "estimate_offset",
+    "find_offset",
+    "find_tare",
+    "find_tare_and_inertia",
+    "fit_inertia",
+    "label_log",
+    "labels",
+    "nearest_frames",
+    "observations",
+    "shape_coordinates",
+    "stated_tare",
+]

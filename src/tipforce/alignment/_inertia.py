@@ -1,0 +1,139 @@
+"""What a sensor that rides on a moving stage shows of its own load: mass times acceleration, taken out by the commands.
+
+The sensor carries tissue and plate. While the stage moves out of the tip's reach, its readings are
+
+    F(t) = level + sum over axes of k_axis a_axis(t + lag),
+
+with the accelerations a of the stage's commanded positions. The fit gives the level (the tare), a vector k for each
+axis (the carried mass times the axis's direction in the sensor's frame) and the lag between the force log's clock and
+the stage's movement, whatever delays it is made of. The same sum is then subtracted from every reading.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from ..errors import InputError
+from ..io import Inertia, Tare
+from ..types import FloatArray, IntArray
+
+__all__ = ["StageMotion", "fit_inertia"]
+
+_GRID_S = 0.01
+_WINDOW, _DEGREE = 9, 4
+_BIN_S = 4e-3
+_EDGE_S = 0.05
+_MIN_GAIN = 60.0
+"""By so many variances of a binned reading the fit must lower the sum of squares, or else the stage's movement is not
+seen: some ten for each number that is fitted, for many lags are tried. A mass of which 1.7 mN are seen in noise of 3 mN
+still turns the force on a nearly straight shaft by a tenth.
+"""
+_CROOKED = 0.03
+"""Standard deviation allowed to the axes' being perpendicular and carrying one mass."""
+
+
+class StageMotion:
+    """The stage's commanded positions as accelerations.
+
+    ``stamp_ns`` (m,) on the recording's clock; ``positions``: name -> (m,), in m or, by their names' end, in mm.
+    """
+
+    def __init__(self, stamp_ns: IntArray, positions: Mapping[str, FloatArray]) -> None:
+        self.names = tuple(positions)
+        self.start_ns = int(stamp_ns[0]) if len(stamp_ns) else 0
+        seconds = (stamp_ns - self.start_ns) * 1e-9
+        count = 1 + round(seconds[-1] / _GRID_S) if len(stamp_ns) else 0
+        self._grid: FloatArray = np.arange(count, dtype=np.float64) * _GRID_S
+        self._values = np.zeros((len(self.names), count))
+        if count >= _WINDOW:
+            for place, (name, values) in enumerate(positions.items()):
+                smooth = np.interp(self._grid, seconds, values) * (1e-3 if name.endswith("_mm") else 1.0)
+                self._values[place] = savgol_filter(smooth, _WINDOW, _DEGREE, deriv=2, delta=_GRID_S)
+
+    @classmethod
+    def of(cls, readings: Sequence[tuple[int, Mapping[str, float]]]) -> "StageMotion":
+        """From (stamp, values by name) reading by reading; the names are the first one's."""
+        names = readings[0][1] if readings else {}
+        return cls(
+            np.array([stamp for stamp, _ in readings], np.int64),
+            {name: np.array([values[name] for _, values in readings]) for name in names},
+        )
+
+    def acceleration(self, stamp_ns: IntArray, axes: Sequence[str]) -> FloatArray:
+        """(n,) stamps on the stage's clock -> (n, axes) m/s^2; 0 outside of the stage's time."""
+        seconds = (stamp_ns - self.start_ns) * 1e-9
+        rows = [np.interp(seconds, self._grid, self._values[self.names.index(axis)], 0.0, 0.0) for axis in axes]
+        return np.stack(rows, axis=-1) if rows else np.zeros((len(stamp_ns), 0))
+
+
+def fit_inertia(
+    stamps_ns: IntArray,
+    force_n: FloatArray,
+    stage: StageMotion,
+    stretch_s: tuple[float, float],
+    *,
+    window_s: float = 0.3,
+) -> tuple[Tare, Inertia]:
+    """Tare and inertia from the contact-free ``stretch_s`` (seconds since the log's first row).
+
+    ``stamps_ns`` (n,), ``force_n`` (n, 3): readings as they are. Lags within +-``window_s`` are tried. ``how="none"``
+    with the reason where the readings do not show the stage's movement; the tare is then their mean. Raises InputError
+    where fewer than a second of readings lies in the stretch.
+    """
+    seconds = (stamps_ns - stamps_ns[0]) * 1e-9
+    inside = (seconds >= stretch_s[0]) & (seconds <= stretch_s[1])
+    span = float(np.ptp(seconds[inside])) if inside.any() else 0.0
+    if span < 1.0:
+        raise InputError(
+            f"--tare {stretch_s[0]:g}:{stretch_s[1]:g}: {span:.2f} s of readings lie there, and the stage's inertia "
+            f"needs one second; the force log runs from 0 to {seconds[-1]:.1f} s"
+        )
+    axes = ~np.isnan(force_n[inside]).any(axis=0)
+    number = np.floor((seconds[inside] - seconds[inside][0]) / _BIN_S).astype(np.int64)
+    _, place, filled = np.unique(number, return_inverse=True, return_counts=True)
+    known = np.stack([np.bincount(place, column) / filled for column in force_n[inside][:, axes].T], axis=1)
+    middle = np.bincount(place, (stamps_ns[inside] - stamps_ns[0]).astype(np.float64)) / filled
+    at = stamps_ns[0] + np.round(middle).astype(np.int64)
+    told = at >= stage.start_ns + round((window_s + _EDGE_S) * 1e9)  # at every lag that is tried the stage has spoken
+    if told.sum() * _BIN_S >= 0.5 * span:
+        at, known = at[told], known[told]
+
+    def fit(lag_s: float) -> tuple[FloatArray, float]:
+        columns = np.column_stack([np.ones(len(at)), stage.acceleration(at + round(lag_s * 1e9), stage.names)])
+        solved: FloatArray = np.linalg.lstsq(columns, known, rcond=1e-6)[0].astype(np.float64)
+        return solved, float(np.sum((known - columns @ solved) ** 2))
+
+    lags = np.arange(-round(window_s / _BIN_S), round(window_s / _BIN_S) + 1) * _BIN_S
+    tried = [fit(lag) for lag in lags]
+    sums = np.array([loss for _, loss in tried])
+    losses = sums * known.size / max(float(sums.min()), 1e-30) + np.array([_crookedness(s[1:]) for s, _ in tried])
+    best = int(np.argmin(losses))
+    lag_s = float(lags[best])
+    if 0 < best < len(lags) - 1:
+        before, here, after = losses[best - 1 : best + 2]
+        lag_s += _BIN_S * 0.5 * float((before - after) / max(before - 2 * here + after, 1e-30))
+    solved, loss = fit(lag_s)
+    still = float(np.sum((known - known.mean(axis=0)) ** 2))
+    level, stderr, gains = np.zeros(3), np.full(3, math.nan), np.zeros((len(stage.names), 3))
+    if still - loss < _MIN_GAIN * loss / known.size:
+        solved[0], solved[1:], loss = known.mean(axis=0), 0.0, still
+    level[axes], gains[:, axes] = solved[0], solved[1:]
+    # residuals are not independent within a beat: one degree of freedom for each half second
+    stderr[axes] = np.sqrt(loss / known.size / max(1.0, span / 0.5))
+    tare = Tare(level, stderr, (stretch_s,), "stated")
+    if not gains.any():
+        return tare, Inertia(detail="the readings do not show the stage's movement: no inertia is taken out")
+    return tare, Inertia(stage.names, gains, 1000 * round(lag_s * 1e6), "estimated")
+
+
+def _crookedness(gains: FloatArray) -> float:
+    """How far ``gains`` (axes, k) are from one mass on perpendicular axes, as a squared number of standard deviations.
+
+    Two axes that move with the same frequency can take over each other's part at a wrong lag; one mass cannot.
+    """
+    gram = gains @ gains.T
+    mass = float(np.trace(gram)) / max(1, len(gram))
+    away = gram / max(mass, 1e-30) - np.eye(len(gram))
+    return float(np.sum(away**2)) / _CROOKED**2

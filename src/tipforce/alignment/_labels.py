@@ -1,0 +1,125 @@
+"""The force at each picture's mid-exposure."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..io import ClockOffset, RecordingReader
+from ..types import BoolArray, FloatArray, IntArray, SensorInfo
+from ._find import ForceCorrections, TareChoice, find_tare_and_inertia
+from ._inertia import StageMotion
+
+__all__ = ["Labels", "label_log", "labels"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Labels:
+    """Forces of the tissue on the tip, base frame.
+
+    ``stamp_ns`` (n,): the frames'; ``force_n`` (n, 3): NaN where there is none; ``known`` (3,): the components that
+    the sensor gives at all.
+    """
+
+    stamp_ns: IntArray
+    force_n: FloatArray
+    known: BoolArray
+
+
+def labels(
+    reader: RecordingReader, *, camera: str | None = None, force: str = "force", max_gap_s: float = 0.05
+) -> Labels:
+    """Force at every frame, linear in time: offset applied, tare and inertia subtracted, turned into the base frame.
+
+    ``camera``: None for the first view. NaN where the readings around a frame lie more than ``max_gap_s`` apart or on
+    one side only. The force series is read chunk by chunk. Raises InputError where readings are in the sensor's frame
+    and nobody stated its pose.
+    """
+    info = reader.info
+    stage = StageMotion.of(reader.stage_readings() if info.inertia.axes else [])
+    facts = ForceCorrections(info.sensor, info.tare, info.inertia, stage)
+    blocks = ((times, wrench[:, :3], frame) for times, wrench, frame in reader.wrench_blocks(force))
+    frames = reader.stamps(camera or next(iter(reader.views), "camera"))
+    return _label(frames, blocks, facts, info.clock_offset, max_gap_s, str(reader.path))
+
+
+def label_log(
+    frame_ns: IntArray,
+    readings: tuple[IntArray, FloatArray],
+    stage: tuple[IntArray, Mapping[str, FloatArray]],
+    *,
+    sensor: SensorInfo,
+    tare: TareChoice,
+    offset_ms: float,
+    max_gap_s: float = 0.05,
+) -> Labels:
+    """Labels at ``frame_ns`` (n,) of a run that is at hand as arrays: those that `record` and `labels` would give.
+
+    ``readings``: stamps (m,) and force (m, 3) in the sensor's frame; ``stage``: stamps (k,) and commanded positions,
+    NAME_m or NAME_mm -> (k,), may be empty. Raises InputError as `record` does.
+    """
+    stamps, force = readings
+    course = StageMotion(*stage)
+    facts = ForceCorrections(sensor, *find_tare_and_inertia(stamps, force, course, tare, []), course)
+    offset = ClockOffset(round(offset_ms * 1e6), "stated")
+    return _label(frame_ns, [(stamps, force, "sensor")], facts, offset, max_gap_s, "the readings")
+
+
+def _label(
+    frames: IntArray,
+    blocks: Iterable[tuple[IntArray, FloatArray, str]],
+    facts: ForceCorrections,
+    offset: ClockOffset,
+    max_gap_s: float,
+    where: str,
+) -> Labels:
+    values = np.full((len(frames), 3), math.nan)
+    last_time, last_value = np.empty(0, np.int64), np.empty((0, 3))
+    for times, force, frame in blocks:
+        here = times + offset.offset_ns
+        readings = _in_base(force - facts.carried(times), frame, facts, where)
+        here, readings = np.concatenate([last_time, here]), np.concatenate([last_value, readings])
+        if np.any(np.diff(here) < 0):
+            order = np.argsort(here, kind="stable")
+            here, readings = here[order], readings[order]
+        inside = np.flatnonzero((frames >= here[0]) & (frames <= here[-1]))
+        if len(inside):
+            values[inside] = _interpolate(frames[inside], here, readings, round(max_gap_s * 1e9))
+        last_time, last_value = here[-1:], readings[-1:]
+    known = np.zeros(3, np.bool_)
+    if len(last_value):
+        known = np.logical_not(np.isnan(last_value[0]))
+    values[np.isnan(values[:, known]).any(axis=1)] = math.nan
+    return Labels(frames, values, known)
+
+
+def _in_base(force: FloatArray, frame: str, facts: ForceCorrections, where: str) -> FloatArray:
+    tared = force - facts.tare.force_n
+    if frame == "base":
+        return tared
+    pose = facts.sensor
+    if pose is None:
+        raise InputError(
+            f"{where}: forces are in the frame {frame!r}, whose pose the recording does not state; import it "
+            "again with sensor.angle_deg and sensor.reads in bench.toml"
+        )
+    unknown = np.isnan(tared)
+    # a planar sensor's unknown axis must not spoil the others: 0 * NaN is NaN
+    turned = np.where(unknown, 0.0, tared) @ pose.matrix.T
+    spoilt = unknown @ (np.abs(pose.matrix.T) > 1e-12)
+    turned[spoilt.astype(np.bool_)] = math.nan
+    return turned
+
+
+def _interpolate(at: IntArray, times: IntArray, values: FloatArray, max_gap_ns: int) -> FloatArray:
+    right = np.clip(np.searchsorted(times, at, side="left"), 1, len(times) - 1) if len(times) > 1 else None
+    if right is None:
+        return np.where((at == times[0])[:, None], values[0], math.nan)
+    left = right - 1
+    gap = times[right] - times[left]
+    share = ((at - times[left]) / np.maximum(gap, 1))[:, None]
+    found = values[left] + share * (values[right] - values[left])
+    apart = (gap > max_gap_ns) & (at != times[right])
+    return np.where(apart[:, None], math.nan, found)

@@ -1,0 +1,127 @@
+"""What the sensor shows without contact: from a stretch that a person states, or from the quiet stretches."""
+
+import math
+
+import numpy as np
+
+from ..errors import InputError
+from ..io import Tare
+from ..types import BoolArray, FloatArray, IntArray
+
+__all__ = ["find_tare", "stated_tare"]
+
+_BIN_S = 0.05
+_WINDOW_BINS = 10
+_MIN_RUN_S = 1.0
+_EDGE_BINS = 4
+_QUIET = 0.08
+"""Largest scatter of a quiet half second, as a share of the force's range in the whole log."""
+
+
+def stated_tare(stamps_ns: IntArray, force_n: FloatArray, start_s: float, end_s: float) -> Tare:
+    """The mean between ``start_s`` and ``end_s`` (seconds since the log's first row): (n,) stamps, (n, 3) readings.
+
+    Raises InputError where fewer than ten readings lie there.
+    """
+    seconds = (stamps_ns - stamps_ns[0]) * 1e-9
+    inside = (seconds >= start_s) & (seconds <= end_s)
+    if inside.sum() < 10:
+        raise InputError(
+            f"--tare {start_s:g}:{end_s:g}: only {int(inside.sum())} readings lie there; the force log runs from 0 to "
+            f"{seconds[-1]:.1f} s"
+        )
+    mean, stderr = _mean(seconds[inside], force_n[inside])
+    return Tare(mean, stderr, ((start_s, end_s),), "stated")
+
+
+def find_tare(stamps_ns: IntArray, force_n: FloatArray) -> Tare:
+    """The mean of the quiet stretches of one level; ``how="none"`` with the reason where there is none.
+
+    Quiet: a second or more in which every half second scatters by less than 8 % of the log's whole range. Of several
+    quiet levels those with forces on all sides of them are contact, and of what is left the earliest counts: a run
+    starts free.
+    """
+    seconds = (stamps_ns - stamps_ns[0]) * 1e-9
+    axes = ~np.isnan(force_n).all(axis=0)
+    known = force_n[:, axes]
+    number = np.floor(seconds / _BIN_S).astype(np.int64)
+    count = int(number[-1]) + 1
+    filled = np.bincount(number, minlength=count)
+    if count < 2 * _WINDOW_BINS or not known.shape[1]:
+        return Tare(detail=f"the force log of {seconds[-1]:.1f} s is too short to look for a contact-free stretch")
+    sums = np.stack([np.bincount(number, column, minlength=count) for column in known.T], axis=1)
+    bins = sums / np.maximum(filled, 1)[:, None]
+    spread = np.linalg.norm(np.percentile(bins, 97.5, axis=0) - np.percentile(bins, 2.5, axis=0))
+    if spread < 1e-9:
+        return Tare(detail="the force never changes: there is nothing to tell contact from its absence")
+    runs = _quiet_runs(bins, filled > 0, float(spread))
+    if not runs:
+        return Tare(detail="no second in which the force is quiet: state a contact-free stretch, as in --tare 0:5")
+    levels = _levels(bins, runs, float(spread))
+    free = [level for level in levels if not _surrounded(bins, level, float(spread))] or levels
+    chosen = min(free, key=lambda level: level[0][0])
+    inside = np.zeros(len(seconds), dtype=np.bool_)
+    for first, last in chosen:
+        inside |= (number >= first) & (number < last)
+    mean, stderr = _mean(seconds[inside], force_n[inside])
+    others = [run for level in levels if level is not chosen for run in level]
+    detail = ""
+    if others:
+        places = ", ".join(f"{first * _BIN_S:.1f}-{last * _BIN_S:.1f} s" for first, last in others[:3])
+        detail = f"quiet at another level too ({places}), taken for held contact; state --tare if that is wrong"
+    return Tare(mean, stderr, tuple((first * _BIN_S, last * _BIN_S) for first, last in chosen), "detected", detail)
+
+
+def _quiet_runs(bins: FloatArray, filled: BoolArray, spread: float) -> list[tuple[int, int]]:
+    """(first, behind the last) bins of stretches that are quiet for at least a second."""
+    windows = np.lib.stride_tricks.sliding_window_view(bins, _WINDOW_BINS, axis=0)
+    scatter = np.sqrt(np.sum(np.var(windows, axis=-1), axis=-1))
+    whole = np.lib.stride_tricks.sliding_window_view(filled, _WINDOW_BINS).all(axis=-1)
+    quiet = np.zeros(len(bins) + 1, dtype=np.int64)
+    for start in np.flatnonzero((scatter < _QUIET * spread) & whole).tolist():
+        quiet[start : start + _WINDOW_BINS] = 1
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet])))
+    runs: list[tuple[int, int]] = []
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=False):
+        if (last - first) * _BIN_S >= _MIN_RUN_S:
+            # the outer bins may already belong to the onset of contact, but not at the log's own ends
+            runs.append((first + _EDGE_BINS * (first > 0), last - _EDGE_BINS * (last < len(bins))))
+    return runs
+
+
+def _levels(bins: FloatArray, runs: list[tuple[int, int]], spread: float) -> list[list[tuple[int, int]]]:
+    """Runs sorted into groups of the same mean force."""
+    levels: list[tuple[FloatArray, list[tuple[int, int]]]] = []
+    for first, last in runs:
+        mean = np.median(bins[first:last], axis=0)
+        for centre, members in levels:
+            if np.linalg.norm(mean - centre) < _QUIET * spread:
+                members.append((first, last))
+                break
+        else:
+            levels.append((mean, [(first, last)]))
+    return [members for _, members in levels]
+
+
+def _surrounded(bins: FloatArray, level: list[tuple[int, int]], spread: float) -> bool:
+    """True where forces lie on both sides of a level: contact only pushes, so it cannot be the free one."""
+    centre = np.median(np.concatenate([bins[first:last] for first, last in level]), axis=0)
+    away = bins - centre
+    _, axes = np.linalg.eigh(away.T @ away)
+    along = away @ axes[:, -1]
+    return bool(min((along > 0.15 * spread).mean(), (along < -0.15 * spread).mean()) > 0.02)
+
+
+def _mean(seconds: FloatArray, force_n: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and its standard error from the scatter of half seconds, within which readings are not independent."""
+    mean, stderr = np.zeros(3), np.full(3, math.nan)
+    block = np.floor((seconds - seconds[0]) / 0.5).astype(np.int64)
+    for axis in range(3):
+        values = force_n[:, axis]
+        if np.isnan(values).all():
+            continue
+        mean[axis] = values.mean()
+        means = np.array([values[block == number].mean() for number in np.unique(block)])
+        scatter = means.std(ddof=1) / math.sqrt(len(means)) if len(means) > 2 else values.std() / math.sqrt(2)
+        stderr[axis] = max(float(scatter), float(values.std()) / math.sqrt(len(values)))
+    return mean, stderr

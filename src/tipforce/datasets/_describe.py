@@ -1,0 +1,82 @@
+"""A dataset in plain lines and figures, and its pictures session by session."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..types import FloatArray, Image, SessionInfo
+from ..units import newtons_to_grams
+from ._dataset import Dataset
+from ._folder import METADATA
+from ._open import open_dataset
+from ._parquet import SUFFIX
+
+__all__ = ["dataset_at", "describe_dataset", "session_images"]
+
+
+def dataset_at(path: Path) -> Dataset | None:
+    """The dataset at ``path`` where it is Parquet shards or a dataset folder of several sessions, else None."""
+    shards = path.suffix == SUFFIX or (path.is_dir() and any(path.glob(f"*{SUFFIX}")))
+    if not (shards or (path / METADATA).is_file()):
+        return None
+    dataset = open_dataset(path)
+    return dataset if shards or len(dataset.sessions) > 1 else None
+
+
+def describe_dataset(dataset: Dataset) -> tuple[list[str], dict[str, Any]]:
+    """One line a fact (samples, sessions, actuation, forces), and the same as JSON values."""
+    count = [int((dataset.session == name).sum()) for name in dataset.sessions]
+    each = f"{min(count)}" if min(count) == max(count) else f"{min(count)} to {max(count)}"
+    lines = [f"{dataset.title}: {len(dataset)} samples of {len(count)} sessions, {each} each"]
+    ranges = {name: _spread(values) for name, values in dataset.actuation.items() if np.isfinite(values).any()}
+    forces = {"magnitude_n": dataset.magnitude_n}
+    forces |= {f"f{'xyz'[axis]}_n": dataset.force_n[:, axis] for axis in np.flatnonzero(dataset.known).tolist()}
+    spreads = {name: _spread(values) for name, values in forces.items()}
+    lines += [f"{name:<13} {low:g} to {high:g}, median {middle:g}" for name, (low, middle, high) in ranges.items()]
+    for name, (low, middle, high) in spreads.items():
+        grams = f"{newtons_to_grams(low):.1f} to {newtons_to_grams(high):.1f} g"
+        lines.append(f"{name:<13} {low:.3f} to {high:.3f} N, median {middle:.3f} ({grams})")
+    figures = {
+        "title": dataset.title,
+        "samples": len(dataset),
+        "sessions": len(count),
+        "actuation": {name: dict(zip(_NAMES, values, strict=True)) for name, values in ranges.items()},
+        "forces": {name: dict(zip(_NAMES, values, strict=True)) for name, values in spreads.items()},
+    }
+    return lines, figures
+
+
+_NAMES = ("min", "median", "max")
+
+
+def _spread(values: FloatArray) -> tuple[float, float, float]:
+    low, middle, high = np.nanquantile(values, [0.0, 0.5, 1.0]).tolist()
+    return low, middle, high
+
+
+def session_images(
+    dataset: Dataset, view: str, every: int = 1
+) -> Iterator[tuple[SessionInfo, list[tuple[str, Image]]]]:
+    """Session by session: what is known of it; name and picture of every ``every``-th sample with one in ``view``.
+
+    Raises InputError where there are pictures of other views only.
+    """
+    others, found = set[str](), False
+    for name in dataset.sessions:
+        part = dataset.subset(np.flatnonzero(dataset.session == name)[::every])
+        shown: list[tuple[str, Image]] = []
+        for own, each in zip(part.names_of(view).tolist(), part.observations(), strict=True):
+            others |= each.views.keys() - {view}
+            if isinstance(image := each.views.get(view), np.ndarray):
+                shown.append((own, image))
+        found = found or bool(shown)
+        yield dataset.session_info[name], shown
+    if others and not found:
+        there = sorted(others)
+        raise InputError(
+            f"{dataset.title}: has no picture of the view {view!r}; its views are {', '.join(there)}: state --set "
+            f"view={there[0]}"
+        )

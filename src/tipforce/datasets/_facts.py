@@ -1,0 +1,104 @@
+"""``dataset.json``: the metadata that all sessions of a dataset folder share, and what each has of its own.
+
+The keys are those of ``bench.toml``, beside ``title``, ``view`` and ``sessions`` (name -> the same keys once more).
+"""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from ..errors import FileFormatError
+from ..types import SessionInfo, merged_values
+
+__all__ = ["FACTS", "FolderFacts", "facts_text", "read_facts", "session_info_of"]
+
+FACTS = "dataset.json"
+
+
+@dataclass(frozen=True, slots=True)
+class FolderFacts:
+    """Content of ``dataset.json``.
+
+    ``view``: of the column ``file_name`` (in shards: ``image``), or of shape columns. ``shared``: metadata of all
+    sessions; ``sessions``: name -> what stands in its place for one session.
+    """
+
+    title: str = ""
+    view: str = "camera"
+    shared: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    sessions: Mapping[str, Mapping[str, Any]] = field(default_factory=dict[str, Mapping[str, Any]])
+    path: str = FACTS
+
+
+def read_facts(path: Path) -> FolderFacts:
+    """``path``, or nothing known where it is not there. Raises FileFormatError."""
+    if not path.exists():
+        return FolderFacts(path=str(path))
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise FileFormatError(f"{path}: is no JSON ({error})") from None
+    if not isinstance(values, dict):
+        raise FileFormatError(f"{path}: expected an object with keys like title, view, catheter, views, sessions")
+    shared = dict[str, Any](values)
+    title, view, sessions = shared.pop("title", ""), shared.pop("view", "camera"), shared.pop("sessions", {})
+    if not (isinstance(title, str) and isinstance(view, str)):
+        raise FileFormatError(f"{path}: title and view must be text")
+    if not isinstance(sessions, dict) or not all(isinstance(own, dict) for own in sessions.values()):
+        raise FileFormatError(f"{path}: sessions must be an object: name -> its metadata")
+    known = {each.name for each in fields(SessionInfo)} - {"name"}
+    for key in shared:
+        if key not in known:
+            raise FileFormatError(
+                f"{path}: {key} is not known; it may hold title, view, sessions, {', '.join(sorted(known))}"
+            )
+    facts = FolderFacts(title, view, shared, sessions, str(path))
+    session_info_of(facts, sessions or [""])  # what is wrong with it is told here
+    return facts
+
+
+def session_info_of(facts: FolderFacts, sessions: Iterable[str]) -> dict[str, SessionInfo]:
+    """Session -> what is publicly known of it. Raises InputError for a value that is not what it has to be."""
+    found: dict[str, SessionInfo] = {}
+    for name in sessions:
+        values = merged_values(facts.shared, facts.sessions.get(name, {}))
+        found[name] = SessionInfo.from_values({**values, "name": name}, facts.path)
+    return found
+
+
+def facts_text(title: str, infos: Sequence[SessionInfo], view: str) -> str:
+    """The inverse of `read_facts` and `session_info_of`: what all ``infos`` share is stated once."""
+    known = [{key: value for key, value in info.values().items() if key != "name"} for info in infos]
+    shared = known[0]
+    for other in known[1:]:
+        shared = _common(shared, other)
+    own = {info.name: _beyond(values, shared) for info, values in zip(infos, known, strict=True)}
+    content = {"title": title, "view": view, **shared, "sessions": own}
+    return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+
+
+def _common(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:
+    """What both hold with the same value."""
+    found: dict[str, Any] = {}
+    for key, value in a.items():
+        other = b.get(key)
+        if isinstance(value, dict) and isinstance(other, dict):
+            if inner := _common(value, other):
+                found[key] = inner
+        elif key in b and value == other:
+            found[key] = value
+    return found
+
+
+def _beyond(values: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
+    """What ``values`` hold and ``shared`` does not."""
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, dict) and isinstance(shared.get(key), dict):
+            if inner := _beyond(value, shared[key]):
+                found[key] = inner
+        elif key not in shared:
+            found[key] = value
+    return found

@@ -1,0 +1,81 @@
+"""Recordings as a dataset: every labelled frame is a sample, every file a session."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..alignment import labels
+from ..errors import InputError
+from ..io import RecordingReader
+from ..types import FloatArray, IntArray, SessionInfo
+from ._dataset import Dataset
+from ._stores import Recordings
+
+__all__ = ["open_recordings"]
+
+
+def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = None, force: str = "force") -> Dataset:
+    """The frames of ``paths`` that have a force; frames outside the force log's time are left out.
+
+    ``camera``: the view whose frames are the samples; None: the first of the first recording, and the pictures that
+    its other views took at the same instants come with them.
+    Raises InputError for a recording without pictures or forces, or when no frame has a force.
+    """
+    stamps: list[IntArray] = []
+    forces: list[FloatArray] = []
+    frames: list[IntArray] = []
+    actuation: list[dict[str, FloatArray]] = []
+    infos: dict[str, SessionInfo] = {}
+    known = np.ones(3, np.bool_)
+    views = (camera,) if camera else _views_of(paths[0])
+    for path in paths:
+        with RecordingReader(path) as reader:
+            for stream in (*views, force):
+                if stream not in reader.info.streams:
+                    there = ", ".join(reader.info.streams) or "none"
+                    raise InputError(f"{path}: to learn from it, a recording needs a stream {stream!r}; it has {there}")
+            found = labels(reader, camera=views[0], force=force)
+            rows = np.flatnonzero(np.isfinite(found.force_n[:, found.known]).all(axis=1) & found.known.any())
+            known &= found.known
+            stamps.append(found.stamp_ns[rows])
+            forces.append(found.force_n[rows])
+            frames.append(rows)
+            actuation.append(reader.actuation_at(found.stamp_ns[rows]))
+            info = reader.session_info
+            name = info.name if info.name not in infos else f"{info.name} ({path.stem})"
+            infos[name] = replace(info, name=name)
+    counts = [len(rows) for rows in frames]
+    if not sum(counts):
+        raise InputError(f"{title}: no frame has a force; see `tipforce inspect {paths[0]}` for the times of both")
+    force_n = np.concatenate(forces)
+    force_n[:, ~known] = np.nan
+    names = dict.fromkeys(name for values in actuation for name in values)
+    gathered = {
+        name: np.concatenate(
+            [values.get(name, np.full(count, np.nan)) for values, count in zip(actuation, counts, strict=True)]
+        )
+        for name in names
+    }
+    recording, frame = np.repeat(np.arange(len(paths)), counts), np.concatenate(frames)
+    stamp_ns = np.concatenate(stamps)
+    called = [f"{paths[k].name} frame {i}" for k, i in zip(recording.tolist(), frame.tolist(), strict=True)]
+    return Dataset(
+        store=Recordings(stamp_ns, gathered, tuple(paths), recording, frame, views[0], views[1:]),
+        session=np.repeat(list(infos), counts),
+        stamp_ns=stamp_ns,
+        actuation=gathered,
+        force_n=force_n,
+        known=known,
+        names=np.array(called),
+        session_info=infos,
+        rows=np.arange(len(stamp_ns)),
+        title=title,
+        view_names={view: np.array([f"{name}, view {view} beside it" for name in called]) for view in views[1:]},
+    )
+
+
+def _views_of(path: Path) -> tuple[str, ...]:
+    with RecordingReader(path) as reader:
+        return reader.views or ("camera",)

@@ -1,0 +1,128 @@
+"""Where a dataset's observations come from. Nothing is read before it is asked for."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ..alignment import nearest_frames
+from ..io import RecordingReader, StreamDepth, read_image
+from ..types import FloatArray, Image, IntArray, Observation, ShapeFeatures, View
+
+__all__ = ["ImageArray", "ImageFiles", "Recordings", "ShapeTable", "Table"]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """``stamp_ns`` (n,), ``actuation``: name -> (n,), NaN where a reading is absent."""
+
+    stamp_ns: IntArray
+    actuation: Mapping[str, FloatArray]
+
+    def _observation(self, row: int, views: Mapping[str, View]) -> Observation:
+        actuation = {name: float(values[row]) for name, values in self.actuation.items() if values[row] == values[row]}
+        return Observation(int(self.stamp_ns[row]), views, actuation)
+
+
+@dataclass(frozen=True, eq=False)
+class _RowByRow(Table, ABC):
+    """Stores whose views are had one by one, in any order."""
+
+    def read(self, rows: IntArray) -> Iterator[Observation]:
+        """The observations of ``rows``, in the order given."""
+        for row in rows.tolist():
+            yield self._observation(row, self._views(row))
+
+    @abstractmethod
+    def _views(self, row: int) -> Mapping[str, View]:
+        """The pictures of one row by view, or the coefficients in their place."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImageFiles(_RowByRow):
+    """Images in files: ``paths``: view -> (n,); ``mask_paths``, where somebody drew them: view -> (n,)."""
+
+    paths: Mapping[str, tuple[Path, ...]]
+    mask_paths: Mapping[str, tuple[Path, ...]] = field(default_factory=dict[str, tuple[Path, ...]])
+
+    def has_masks(self, rows: IntArray, view: str) -> bool:
+        """Whether there is a file of every one of ``rows``."""
+        paths = self.mask_paths.get(view)
+        return paths is not None and all(paths[row].is_file() for row in rows.tolist())
+
+    def masks(self, rows: IntArray, view: str) -> Iterator[Image | None]:
+        """(h, w), not 0 on the catheter, of each of ``rows``; None where there is no file of it."""
+        paths = self.mask_paths.get(view)
+        for row in rows.tolist():
+            yield None if paths is None or not paths[row].is_file() else read_image(paths[row])
+
+    def _views(self, row: int) -> Mapping[str, View]:
+        return {view: read_image(paths[row], self._depths[view]) for view, paths in self.paths.items()}
+
+    @cached_property
+    def _depths(self) -> dict[str, StreamDepth]:
+        return {view: StreamDepth.of_files(paths) for view, paths in self.paths.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class ImageArray(_RowByRow):
+    """Images in memory: ``images`` (n, h, w) uint8."""
+
+    images: Image
+
+    def _views(self, row: int) -> Mapping[str, View]:
+        return {"camera": self.images[row]}
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeTable(_RowByRow):
+    """Ready-made shape numbers: ``values`` (n, k), ``names`` (k,)."""
+
+    names: tuple[str, ...]
+    values: FloatArray
+    view: str = "camera"
+
+    def _views(self, row: int) -> Mapping[str, View]:
+        return {self.view: ShapeFeatures(self.names, self.values[row])}
+
+
+@dataclass(frozen=True, eq=False)
+class Recordings(Table):
+    """Frames in recordings: ``recording`` (n,) index into ``paths``, ``frame`` (n,) index of the picture in it.
+
+    ``others``: views whose picture of the same instant comes with each; absent where it was dropped.
+    """
+
+    paths: tuple[Path, ...]
+    recording: npt.NDArray[np.int64]
+    frame: IntArray
+    view: str = "camera"
+    others: tuple[str, ...] = ()
+
+    def read(self, rows: IntArray) -> Iterator[Observation]:
+        """The observations of ``rows``, in the order given; one recording is open at a time."""
+        reader, current = None, -1
+        try:
+            for row in rows.tolist():
+                place = int(self.recording[row])
+                if reader is None or place != current:
+                    if reader is not None:
+                        reader.close()
+                    reader, current = RecordingReader(self.paths[place]), place
+                picture = reader.frame_at(int(self.frame[row]), self.view)
+                yield self._observation(row, {self.view: picture.image, **self._beside(reader, row)})
+        finally:
+            if reader is not None:
+                reader.close()
+
+    def _beside(self, reader: RecordingReader, row: int) -> dict[str, View]:
+        found: dict[str, View] = {}
+        for view in self.others:
+            place = int(nearest_frames(self.stamp_ns[row : row + 1], reader.stamps(view))[0])
+            if place >= 0:
+                found[view] = reader.frame_at(place, view).image
+        return found

@@ -1,0 +1,67 @@
+"""github.com/chendaxia777/Vision-force-estimation: pictures of a soft arm and three force components (ICRA 2024).
+
+``images.mat``: ``input_test`` (n, 1, 64, 64), 0..1, stored with rows and columns exchanged; ``forces.mat``:
+``target_test`` (n, 3, 1, 1) in newtons. MATLAB 7.3 files. The rows are no frames of one video: their stamps only count.
+"""
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import FileFormatError, MissingExtraError
+from ...types import Catheter, FloatArray, SessionInfo
+from .._dataset import Dataset
+from .._stores import ImageArray
+
+__all__ = ["open_layout", "recognises"]
+
+SESSION = "soft-arm"
+REMARKS = (
+    "github.com/chendaxia777/Vision-force-estimation, commit 87f02557, All_1camera/no_pressure; the stamps are "
+    "counted, for the images are no consecutive frames"
+)
+
+
+def recognises(folder: Path) -> bool:
+    """True where both files are there."""
+    return (folder / "images.mat").is_file() and (folder / "forces.mat").is_file()
+
+
+def open_layout(folder: Path) -> Dataset:
+    """All pictures as one session; raises MissingExtraError without h5py, FileFormatError for other contents."""
+    pictures = _read(folder / "images.mat", "input_test", (None, 1, 64, 64))
+    forces = _read(folder / "forces.mat", "target_test", (len(pictures), 3, 1, 1))
+    count = len(pictures)
+    grey = np.rint(np.clip(pictures[:, 0].transpose(0, 2, 1), 0.0, 1.0) * 255.0).astype(np.uint8)
+    stamps = np.arange(count, dtype=np.int64) * 1_000_000_000
+    return Dataset(
+        store=ImageArray(stamps, {}, np.ascontiguousarray(grey)),
+        session=np.full(count, SESSION),
+        stamp_ns=stamps,
+        actuation={},
+        force_n=np.ascontiguousarray(forces[:, :, 0, 0]),
+        known=np.ones(3, np.bool_),
+        names=np.array([f"picture {k}" for k in range(count)]),
+        session_info={
+            SESSION: SessionInfo(SESSION, Catheter("soft continuum arm"), force_frame="sensor", remarks=REMARKS)
+        },
+        rows=np.arange(count),
+        title="soft-arm (pictures of 64x64, three force components)",
+    )
+
+
+def _read(path: Path, key: str, shape: tuple[int | None, ...]) -> FloatArray:
+    try:
+        h5py: Any = importlib.import_module("h5py")
+    except ModuleNotFoundError:
+        raise MissingExtraError("h5py", extra="real-data") from None
+    try:
+        with h5py.File(path, "r") as file:
+            values = np.asarray(file[key], dtype=np.float64)
+    except (OSError, KeyError) as error:
+        raise FileFormatError(f"{path}: expected a MATLAB 7.3 file with {key!r} ({error})") from None
+    if values.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, values.shape, strict=True)):
+        raise FileFormatError(f"{path}: {key} has the shape {values.shape}, expected {shape}")
+    return values

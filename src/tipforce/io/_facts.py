@@ -1,0 +1,179 @@
+"""What a recording knows of itself beside its streams: clock offset, tare, inertia, session metadata.
+
+Each fact is one metadata record of the file, all of whose values are text.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ..errors import FileFormatError
+from ..types import FloatArray, SessionInfo, frozen
+
+__all__ = ["ClockOffset", "Inertia", "Tare", "session_from", "session_record"]
+
+
+_DIGITS = 7
+"""Decimals of a fact in newtons or kilograms: what lies beyond is the rounding of sums, and no fact."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockOffset:
+    """How far the force log's clock lies from the camera's: camera time = force stamp + ``offset_ns``.
+
+    ``how``: "estimated" from deflection against force, "stated" by a person, "none" where the clocks are taken as one,
+    "refused" where it could not be told (``offset_ns`` is then 0, ``detail`` the reason), "stage" where the pictures do
+    not tell (``detail``: why) and it was taken from when the stage's movement shows in the force, early by as much as
+    the stage lags behind its commands: some milliseconds. ``stderr_ms``: one standard error, NaN unless estimated.
+    ``explained``: share of the deflection's variance that the force explains at this offset, NaN unless tried.
+    """
+
+    offset_ns: int = 0
+    how: Literal["estimated", "stated", "stage", "none", "refused"] = "none"
+    stderr_ms: float = math.nan
+    explained: float = math.nan
+    detail: str = ""
+
+    @property
+    def offset_ms(self) -> float:
+        """Milliseconds to add to a force stamp."""
+        return self.offset_ns * 1e-6
+
+    def record(self) -> dict[str, str]:
+        """As a metadata record."""
+        return {
+            "offset_ns": str(self.offset_ns),
+            "how": self.how,
+            "stderr_ms": repr(self.stderr_ms),
+            "explained": repr(self.explained),
+            "detail": self.detail,
+            "meaning": "camera time = force stamp + offset_ns",
+        }
+
+    @classmethod
+    def of(cls, record: Mapping[str, str]) -> "ClockOffset":
+        """The inverse of `record`."""
+        how = record.get("how", "none")
+        return cls(
+            offset_ns=int(record.get("offset_ns", "0")),
+            how=how if how in ("estimated", "stated", "stage", "refused") else "none",
+            stderr_ms=float(record.get("stderr_ms", "nan")),
+            explained=float(record.get("explained", "nan")),
+            detail=record.get("detail", ""),
+        )
+
+
+def _zeros() -> FloatArray:
+    return np.zeros(3)
+
+
+def _nans() -> FloatArray:
+    return np.full(3, math.nan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tare:
+    """What the sensor shows without contact, to be subtracted from every reading.
+
+    ``force_n`` (3,): in the frame of the readings, 0 where the sensor has no such axis; ``stderr_n`` (3,), NaN where
+    unknown. ``stretches_s``: (start, end) in seconds of the force log's clock since its first row. ``how``: "stated",
+    "detected", "none" (nothing is subtracted).
+    """
+
+    force_n: FloatArray = field(default_factory=_zeros)
+    stderr_n: FloatArray = field(default_factory=_nans)
+    stretches_s: tuple[tuple[float, float], ...] = ()
+    how: Literal["stated", "detected", "none"] = "none"
+    detail: str = ""
+
+    def __post_init__(self) -> None:
+        for name, value in (("force_n", self.force_n), ("stderr_n", self.stderr_n)):
+            object.__setattr__(self, name, frozen(name, np.round(value, _DIGITS), (3,)))
+
+    def record(self) -> dict[str, str]:
+        """As a metadata record."""
+        return {
+            "force_n": json.dumps(self.force_n.tolist()),
+            "stderr_n": json.dumps(self.stderr_n.tolist()),
+            "stretches_s": json.dumps(self.stretches_s),
+            "how": self.how,
+            "detail": self.detail,
+            "meaning": "subtract force_n from every reading, before any rotation",
+        }
+
+    @classmethod
+    def of(cls, record: Mapping[str, str]) -> "Tare":
+        """The inverse of `record`."""
+        how = record.get("how", "none")
+        return cls(
+            force_n=np.array(json.loads(record.get("force_n", "[0, 0, 0]"))),
+            stderr_n=np.array(json.loads(record.get("stderr_n", "[NaN, NaN, NaN]"))),
+            stretches_s=tuple((float(a), float(b)) for a, b in json.loads(record.get("stretches_s", "[]"))),
+            how=how if how in ("stated", "detected") else "none",
+            detail=record.get("detail", ""),
+        )
+
+
+def _no_gains() -> FloatArray:
+    return np.zeros((0, 3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inertia:
+    """What a sensor that rides on a stage shows of the mass it carries, to be subtracted from every reading.
+
+    ``axes``: names of the stage's positions; ``gain_kg`` (axes, 3): reading for each m/s^2, in the frame of the
+    readings; ``lag_ns``: stage stamp = force stamp + lag. ``how``: "estimated" or "none" (nothing is subtracted).
+    """
+
+    axes: tuple[str, ...] = ()
+    gain_kg: FloatArray = field(default_factory=_no_gains)
+    lag_ns: int = 0
+    how: Literal["estimated", "none"] = "none"
+    detail: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "gain_kg", frozen("gain_kg", np.round(self.gain_kg, _DIGITS), (len(self.axes), 3)))
+
+    def record(self) -> dict[str, str]:
+        """As a metadata record."""
+        return {
+            "axes": json.dumps(self.axes),
+            "gain_kg": json.dumps(self.gain_kg.tolist()),
+            "lag_ns": str(self.lag_ns),
+            "how": self.how,
+            "detail": self.detail,
+            "meaning": "subtract the sum over axes of gain_kg x acceleration of the stage at force stamp + lag_ns",
+        }
+
+    @classmethod
+    def of(cls, record: Mapping[str, str]) -> "Inertia":
+        """The inverse of `record`."""
+        axes = tuple(str(name) for name in json.loads(record.get("axes", "[]")))
+        return cls(
+            axes=axes,
+            gain_kg=np.array(json.loads(record.get("gain_kg", "[]")), np.float64).reshape(len(axes), 3),
+            lag_ns=int(record.get("lag_ns", "0")),
+            how="estimated" if record.get("how") == "estimated" else "none",
+            detail=record.get("detail", ""),
+        )
+
+
+def session_record(info: SessionInfo) -> dict[str, str]:
+    """The metadata record that holds ``info``: as JSON, in the form of ``bench.toml``."""
+    return {"json": json.dumps(info.values(), ensure_ascii=False)}
+
+
+def session_from(record: Mapping[str, str], where: str) -> SessionInfo:
+    """The inverse of `session_record`; nothing is known where there is no record. Raises InputError."""
+    if "json" not in record:
+        return SessionInfo()
+    try:
+        values = json.loads(record["json"])
+    except json.JSONDecodeError as error:
+        raise FileFormatError(f"{where}: its session metadata are no JSON ({error}); import it again") from None
+    return SessionInfo.from_values(values, f"{where}: session metadata")

@@ -1,0 +1,119 @@
+"""A folder of images with stamps in a table or in the files' names."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import FileFormatError, InputError, TimeError
+from ..types import FloatArray, Frame, IntArray
+from ._images import IMAGE_SUFFIXES, StreamDepth, read_image
+from ._tables import STILL_STEP_NS, TIME_UNITS, Table, is_actuation, open_table
+
+__all__ = ["ImageFolder", "frames_of", "read_folder"]
+
+_TABLES = ("stamps.csv", "metadata.csv")
+_SEC_NANOSEC = re.compile(r"(?<!\d)(\d{9,10})[-_.](\d{9})(?!\d)")
+_WITH_UNIT = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)_?(ns|us|ms|s)(?![A-Za-z0-9])")
+_DIGITS = re.compile(r"\d+")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageFolder:
+    """``files``: n paths in the order of ``stamp_ns`` (n,); ``actuation``: name -> (n,), NaN without a reading.
+
+    ``numbered``: nobody stated the stamps, which only count the images.
+    """
+
+    files: tuple[Path, ...]
+    stamp_ns: IntArray
+    actuation: dict[str, FloatArray]
+    numbered: bool = False
+
+
+def read_folder(folder: Path) -> ImageFolder:
+    """The images of ``folder`` in the order of their stamps.
+
+    Stamps come from ``stamps.csv`` or ``metadata.csv`` (``file_name`` and a time column such as ``stamp_ns`` or
+    ``time_s``; further columns NAME_UNIT are actuation), else from the names: ``SECONDS-NANOSECONDS``, a number with
+    its unit (``123_ns``, ``0.25s``), or a count of nanoseconds, microseconds or milliseconds since 1970. Where no name
+    holds one, the images are still images, in the order of their names and one second apart. Raises FileFormatError
+    without images or where some names only hold stamps, TimeError where stamps repeat.
+    """
+    for name in _TABLES:
+        if (folder / name).exists():
+            found = _from_table(folder, open_table(folder / name))
+            break
+    else:
+        found = _from_names(folder)
+    order = np.argsort(found.stamp_ns, kind="stable")
+    stamps = found.stamp_ns[order]
+    files = tuple(found.files[place] for place in order.tolist())
+    repeated = np.flatnonzero(np.diff(stamps) == 0)
+    if len(repeated):
+        first, second = files[int(repeated[0])], files[int(repeated[0]) + 1]
+        raise TimeError(f"{folder}: {first.name} and {second.name} carry the same stamp, {stamps[repeated[0]]} ns")
+    actuation = {name: values[order] for name, values in found.actuation.items()}
+    return ImageFolder(files, stamps, actuation, found.numbered)
+
+
+def frames_of(folder: ImageFolder, view: str) -> Iterator[Frame]:
+    """The pictures, one after the other."""
+    depth = StreamDepth.of_files(folder.files)
+    for path, stamp in zip(folder.files, folder.stamp_ns.tolist(), strict=True):
+        yield Frame(stamp, read_image(path, depth), view)
+
+
+def _from_table(folder: Path, table: Table) -> ImageFolder:
+    files = tuple(folder / name for name in table.text("file_name"))
+    missing = next((path for path in files if not path.is_file()), None)
+    if missing is not None:
+        raise FileFormatError(f"{table.path}: names {missing.name}, which is not in {missing.parent}")
+    if "session" in table.columns and len(set(table.text("session"))) > 1:
+        raise InputError(f"{table.path}: holds several sessions; a source of events is one; use it as a dataset folder")
+    stamps = table.stamps_ns()
+    taken = table.time_columns()
+    names = [name for name in table.columns if is_actuation(name) and name not in taken]
+    return ImageFolder(
+        files,
+        _numbered(len(files)) if stamps is None else stamps,
+        {name: table.numbers(name, may_be_empty=True) for name in names},
+        numbered=stamps is None,
+    )
+
+
+def _numbered(count: int) -> IntArray:
+    return np.arange(count, dtype=np.int64) * STILL_STEP_NS
+
+
+def _from_names(folder: Path) -> ImageFolder:
+    files = tuple(sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()))
+    if not files:
+        raise FileFormatError(f"{folder}: holds no images ({', '.join(sorted(IMAGE_SUFFIXES))})")
+    stamps = [_stamp_of(path) for path in files]
+    known = [stamp for stamp in stamps if stamp is not None]
+    if not known:
+        return ImageFolder(files, _numbered(len(files)), {}, numbered=True)
+    if len(known) < len(files):
+        path = files[stamps.index(None)]
+        raise FileFormatError(
+            f"{path}: its name holds no time stamp (seconds-nanoseconds, or a number with its unit: 41666667_ns), as "
+            f"others in {path.parent} do; write the stamps into {path.parent / 'stamps.csv'} with the columns "
+            "file_name,stamp_ns"
+        )
+    return ImageFolder(files, np.array(known, dtype=np.int64), {})
+
+
+def _stamp_of(path: Path) -> int | None:
+    name = path.stem
+    if both := _SEC_NANOSEC.search(name):
+        return int(both[1]) * 1_000_000_000 + int(both[2])
+    if stamped := _WITH_UNIT.search(name):
+        factor = TIME_UNITS[stamped[2]]
+        return int(stamped[1]) * factor if stamped[1].isdigit() else round(float(stamped[1]) * factor)
+    longest = max(_DIGITS.findall(name), key=len, default="")
+    if len(longest) >= 12:  # since 1970: milliseconds have 12 or 13 digits, micro 15 or 16, nano 18 or 19
+        return int(longest) * (1 if len(longest) >= 18 else 1_000 if len(longest) >= 15 else 1_000_000)
+    return None

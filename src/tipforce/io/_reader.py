@@ -1,0 +1,242 @@
+"""Reading a recording: streams, single frames and whole force series, without holding the file in memory."""
+
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from ..errors import FileFormatError, InputError
+from ..types import STAGE, Actuation, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, Wrench
+from ._actuation import WAIT_S, ActuationSeries
+from ._cdr import COMPRESSED_IMAGE, JOINT_STATE, WRENCH_STAMPED, unpack_image, unpack_joints, unpack_wrench
+from ._cdr import wrench_layout as _wrench_layout
+from ._container import MESSAGE_HEAD, Container, Entries
+from ._facts import ClockOffset, Inertia, Tare, session_from
+from ._images import StreamDepth, decode_image
+from ._recover import resolve
+
+__all__ = ["RecordingInfo", "RecordingReader", "StreamInfo"]
+
+_KINDS = {COMPRESSED_IMAGE: "frame", WRENCH_STAMPED: "wrench", JOINT_STATE: "actuation"}
+
+
+@dataclass(frozen=True, slots=True)
+class StreamInfo:
+    """One stream: its ROS topic, what it carries, and how regularly.
+
+    ``kind``: "frame", "wrench", "actuation", or "other" (carried by the file, not read by this program).
+    ``dropped``: readings that a regular stream should have had in between; ``rate_hz`` counts them.
+    """
+
+    name: str
+    topic: str
+    kind: str
+    count: int
+    rate_hz: float
+    first_ns: int
+    last_ns: int
+    dropped: int
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingInfo:
+    """What a recording holds. ``recovered``: empty, or one line on what a cut-off file lost."""
+
+    streams: Mapping[str, StreamInfo]
+    clock_offset: ClockOffset
+    tare: Tare
+    inertia: Inertia
+    sensor: SensorInfo | None
+    metadata: Mapping[str, Mapping[str, str]]
+    recovered: str = ""
+
+
+def stream_info(name: str, topic: str, kind: str, times_ns: IntArray) -> StreamInfo:
+    """Rate and drops from the stamps (n,), sorted."""
+    if len(times_ns) < 2:
+        first = int(times_ns[0]) if len(times_ns) else 0
+        return StreamInfo(name, topic, kind, len(times_ns), 0.0, first, first, 0)
+    steps = np.diff(times_ns)
+    usual = float(np.median(steps))
+    # knob readings come when the knob moves: only a regular stream can have lost any
+    regular = kind in ("frame", "wrench") and usual > 0
+    dropped = int(np.sum(np.maximum(np.rint(steps / usual) - 1, 0))) if regular else 0
+    span = int(times_ns[-1] - times_ns[0])
+    rate = 1e9 * (len(times_ns) - 1 + dropped) / span if span else 0.0
+    return StreamInfo(name, topic, kind, len(times_ns), rate, int(times_ns[0]), int(times_ns[-1]), dropped)
+
+
+class RecordingReader:
+    """A `Source` that reads one ``.mcap`` (ours, or any with the same ROS 2 messages); a context manager.
+
+    Streams are named by their topics: ``/camera/compressed`` is "camera", ``/force`` "force", ``/joints`` "joints".
+    Where only the ``.part`` of ``path`` is there, or ``path`` is one, what is whole in it is recovered first, with a
+    warning; ``recovered`` then says what was lost. Raises FileFormatError.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path, self.recovered = resolve(Path(path))
+        if self.recovered:
+            warnings.warn(self.recovered, stacklevel=2)
+        if not self.path.exists():
+            raise FileFormatError(f"{self.path}: there is no such file")
+        self._file = Container(self.path)
+        self._topics: dict[str, tuple[int, str]] = {}
+        for channel in self._file.channels.values():
+            name = channel.topic.strip("/").removesuffix("/compressed") or channel.topic
+            kind = _KINDS.get(self._file.schema_names.get(channel.schema_id, ""), "other")
+            self._topics[name] = (channel.id, kind if channel.message_encoding == "cdr" else "other")
+        self._entries: dict[str, Entries] = {}
+        self._depths: dict[str, StreamDepth] = {}
+        info = session_from(self._file.metadata.get("tipforce.session", {}), str(self.path))
+        self._session_info = replace(info, name=info.name or self.path.stem)
+
+    @property
+    def session_info(self) -> SessionInfo:
+        """What is publicly known of the session."""
+        return self._session_info
+
+    @cached_property
+    def info(self) -> RecordingInfo:
+        """Streams, counts, rates, drops, offset, tare, sensor pose."""
+        metadata = self._file.metadata
+        streams = {
+            name: stream_info(name, self._file.channels[channel].topic, kind, self._of(name).time_ns)
+            for name, (channel, kind) in self._topics.items()
+        }
+        return RecordingInfo(
+            streams=streams,
+            clock_offset=ClockOffset.of(metadata.get("tipforce.clock_offset", {})),
+            tare=Tare.of(metadata.get("tipforce.tare", {})),
+            inertia=Inertia.of(metadata.get("tipforce.inertia", {})),
+            sensor=self._sensor(),
+            metadata=metadata,
+            recovered=self.recovered or metadata.get("tipforce.recovered", {}).get("detail", ""),
+        )
+
+    def _sensor(self) -> SensorInfo | None:
+        """The sensor as far as its pose is stated."""
+        sensor = self._session_info.sensor
+        return None if sensor.angle_deg is None and sensor.reads is None else sensor
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """Names of the streams of pictures: "camera" first, which stands for all where there is one, then by name."""
+        names = [stream.name for stream in self.info.streams.values() if stream.kind == "frame" and stream.count]
+        return tuple(sorted(names, key=lambda name: (name != "camera", name)))
+
+    def __iter__(self) -> Iterator[Event]:
+        return self.events()
+
+    def events(self, *streams: str) -> Iterator[Event]:
+        """Events of the named streams (all where none is named), in the order of their stamps."""
+        chosen = {name: self._topics[self._known(name)] for name in streams} if streams else self._topics
+        names = {channel: (name, kind) for name, (channel, kind) in chosen.items() if kind != "other"}
+        for time_ns, channel, raw in self._file.in_time_order(set(names)):
+            name, kind = names[channel]
+            if kind == "frame":
+                where = f"{self.path}, frame at {time_ns} ns"
+                yield Frame(time_ns, decode_image(unpack_image(raw)[2], where, self._depth(name)), name)
+            elif kind == "wrench":
+                _, frame, force, torque = unpack_wrench(raw)
+                yield Wrench(time_ns, force, torque, frame)
+            else:
+                yield Actuation(time_ns, unpack_joints(raw)[1], name)
+
+    def frame_at(self, index: int, stream: str = "camera") -> Frame:
+        """The ``index``-th picture of ``stream``, decoded from its place in the file."""
+        entries = self._of(stream)
+        raw = self._file.payload(int(entries.chunk[index]), int(entries.offset[index]))
+        image = decode_image(unpack_image(raw)[2], f"{self.path}, frame {index}", self._depth(stream))
+        return Frame(int(entries.time_ns[index]), image, stream)
+
+    def _depth(self, stream: str) -> StreamDepth:
+        """For recordings of others, which may hold images with more than 8 bits."""
+        if stream not in self._depths:
+            self._depths[stream] = StreamDepth(partial(self._compressed, stream))
+        return self._depths[stream]
+
+    def _compressed(self, stream: str) -> Iterator[memoryview]:
+        entries = self._of(stream)
+        for chunk, offset in zip(entries.chunk.tolist(), entries.offset.tolist(), strict=True):
+            yield unpack_image(self._file.payload(chunk, offset))[2]
+
+    def stamps(self, stream: str = "camera") -> IntArray:
+        """(n,) stamps of a stream, sorted."""
+        return self._of(stream).time_ns
+
+    def wrench_blocks(self, stream: str = "force") -> Iterator[tuple[IntArray, FloatArray, str]]:
+        """Stamps (m,), force and torque (m, 6) and frame of reference, chunk by chunk."""
+        channel, _ = self._topics[self._known(stream)]
+        for number in range(len(self._file.chunks)):
+            times, offsets = self._file.chunk_entries(number, channel)
+            if not len(times):
+                continue
+            data = np.frombuffer(self._file.chunk_data(number), np.uint8)
+            # one writer gives all its messages the same frame and so the same length; others are taken apart by length
+            lengths = data[offsets[:, None] + np.arange(1, 9)].view("<u8")[:, 0]
+            for length in np.unique(lengths):
+                same = lengths == length
+                start = int(offsets[same][0]) + MESSAGE_HEAD
+                frame, place = _wrench_layout(data[start : start + int(length)].tobytes())
+                places = offsets[same][:, None] + (MESSAGE_HEAD + place + np.arange(48))
+                yield times[same], data[places].view("<f8").astype(np.float64), frame
+
+    def wrenches(self, stream: str = "force") -> tuple[IntArray, FloatArray, FloatArray]:
+        """Raw stamps (n,), force (n, 3), torque (n, 3): as the sensor gave them, on its own clock."""
+        blocks = list(self.wrench_blocks(stream))
+        if not blocks:
+            return np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3))
+        times = np.concatenate([times for times, _, _ in blocks])
+        values = np.concatenate([values for _, values, _ in blocks])
+        if np.any(np.diff(times) < 0):
+            order = np.argsort(times, kind="stable")
+            times, values = times[order], values[order]
+        return times, values[:, :3].copy(), values[:, 3:].copy()
+
+    @cached_property
+    def _actuation(self) -> ActuationSeries:
+        series = ActuationSeries()
+        for name, (_, kind) in self._topics.items():
+            if kind == "actuation" and name != STAGE:
+                for event in self.events(name):
+                    assert isinstance(event, Actuation)
+                    series.add(event)
+        return series
+
+    def actuation_at(self, stamps_ns: IntArray, *, wait_s: float = WAIT_S) -> dict[str, FloatArray]:
+        """Name -> (n,) values at ``stamps_ns``; NaN before the first reading. The rule of `observations`."""
+        return self._actuation.at(stamps_ns, wait_s=wait_s)
+
+    def stage_readings(self) -> list[tuple[int, Mapping[str, float]]]:
+        """Stamp and commanded positions by name, reading by reading; empty where the recording does not say."""
+        events = self.events(STAGE) if STAGE in self._topics else ()
+        return [(event.stamp_ns, event.values) for event in events if isinstance(event, Actuation)]
+
+    def _known(self, stream: str) -> str:
+        if stream not in self._topics:
+            there = ", ".join(sorted(self._topics)) or "none"
+            raise InputError(f"{self.path}: has no stream {stream!r}; it has {there}")
+        return stream
+
+    def _of(self, stream: str) -> Entries:
+        if stream not in self._entries:
+            self._entries[stream] = self._file.entries(self._topics[self._known(stream)][0])
+        return self._entries[stream]
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,221 @@
+"""The ``.part`` of a recording: locked while it is written; once cut off, what is whole in it becomes a valid file."""
+
+import importlib
+import os
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import IO
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+
+from ..errors import FileFormatError
+from ._atomic import check_folder, part_of
+
+__all__ = ["check_target", "lock", "recover", "resolve"]
+
+_HEAD = struct.Struct("<BQ")
+_CHUNK_HEAD = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of the compression's name
+
+
+def finished_of(part: Path) -> Path:
+    """What a ``.part`` will be called."""
+    return part.with_name(part.name.removesuffix(".part"))
+
+
+def lock(stream: IO[bytes], path: Path) -> None:
+    """Hold ``path`` for this process until it ends, so that nobody recovers what is still being written.
+
+    Raises FileFormatError where another process holds it.
+    """
+    try:
+        fcntl = importlib.import_module("fcntl")
+    except ModuleNotFoundError:  # Windows: an open file can be neither renamed nor removed there, which is lock enough
+        return
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise FileFormatError(
+            f"{path}: is still being written by another process; open it when that has ended"
+        ) from None
+
+
+def origin_of(part: Path) -> str:
+    """Who wrote a ``.part``: "record", "import", or empty where even its start is unreadable."""
+    with part.open("rb") as stream:
+        try:
+            for record in StreamReader(stream, emit_chunks=True).records:
+                if isinstance(record, Metadata) and record.name == "tipforce.session":
+                    return record.metadata.get("origin", "")
+        except (McapError, ValueError, OSError, struct.error):  # cut within a record
+            return ""
+    return ""
+
+
+def check_target(path: Path, *, overwrite: bool, origin: str) -> None:
+    """Raises FileFormatError where writing ``path`` would destroy something.
+
+    The ``.part`` of an import may be replaced by another import: its sources are still there. That of a recording
+    holds the only copy of a run.
+    """
+    check_folder(path)
+    if path.exists() and not overwrite:
+        raise FileFormatError(f"{path}: exists already; choose another name or state --overwrite")
+    part = part_of(path)
+    if part.exists() and not overwrite and not (origin == "import" == origin_of(part)) and part.stat().st_size:
+        raise FileFormatError(
+            f"{part}: holds a recording that was cut off; recover it with `tipforce inspect {path}` or remove it"
+        )
+
+
+@dataclass
+class _Findings:
+    """What a walk through a damaged file came across."""
+
+    lost_bytes: int = 0
+    damaged_chunks: int = 0
+    messages: int = 0
+    end_ns: int = 0
+    notes: list[str] = field(default_factory=list[str])
+
+
+def resolve(path: Path) -> tuple[Path, str]:
+    """The finished file to read for ``path``, and what had to be recovered for it (empty: nothing).
+
+    Raises FileFormatError where there is neither the file nor its ``.part``, or where the ``.part`` is an import that
+    can be run again.
+    """
+    if path.name.endswith(".part"):
+        target = finished_of(path)
+        if target.exists():
+            raise FileFormatError(f"{path}: cannot be recovered, because {target.name} exists too; move one of the two")
+        return target, recover(path, target)
+    part = part_of(path)
+    if path.exists() or not part.exists():
+        return path, ""
+    if origin_of(part) == "import":
+        raise FileFormatError(
+            f"{path}: its import was cut off; run the import again (or open {part.name} to get what is in it)"
+        )
+    return path, recover(part, path)
+
+
+def recover(part: Path, target: Path) -> str:
+    """Write what is whole in ``part`` to ``target``, then remove ``part``; says what was lost.
+
+    Records are read one after the other up to the cut; of a chunk that is cut itself the messages before the cut are
+    kept (our chunks are not compressed). Raises FileFormatError where nothing is left or somebody still writes.
+    """
+    made = target.with_name(target.name + ".recovering")
+    found = _Findings()
+    with part.open("rb") as source, made.open("wb") as sink:
+        lock(source, part)
+        writer = Writer(sink, compression=CompressionType.NONE, chunk_size=4 << 20)
+        writer.start(profile="ros2", library="tipforce")
+        schemas: dict[int, int] = {}
+        channels: dict[int, int] = {}
+        for record in _records(source, found):
+            if isinstance(record, Schema) and record.id not in schemas:
+                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+            elif isinstance(record, Channel) and record.id not in channels and record.schema_id in schemas:
+                channels[record.id] = writer.register_channel(
+                    record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
+                )
+            elif isinstance(record, Message) and record.channel_id in channels:
+                found.messages += 1
+                found.end_ns = max(found.end_ns, record.log_time)
+                channel = channels[record.channel_id]
+                writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
+            elif isinstance(record, Metadata):
+                writer.add_metadata(record.name, record.metadata)
+        said = f"{target.name} was cut off: {found.messages} messages recovered"
+        said += f", {found.lost_bytes} bytes of an unfinished record lost" if found.lost_bytes else ""
+        said += f", {found.damaged_chunks} damaged chunks lost" if found.damaged_chunks else ""
+        if found.messages:
+            writer.add_metadata("tipforce.recovered", {"detail": said})
+            writer.finish()
+            sink.flush()
+            os.fsync(sink.fileno())
+    if not found.messages:
+        made.unlink()
+        raise FileFormatError(f"{part}: was cut off before its first message was written; nothing is in it, remove it")
+    made.replace(target)
+    part.unlink()
+    return said
+
+
+def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:
+    """Whole records, those inside of chunks too, up to the end of the file or of what is whole in it."""
+    size = stream.seek(0, 2)
+    stream.seek(0)
+    if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+        raise FileFormatError(f"{stream.name}: is not the beginning of a recording (.mcap)")
+    while True:
+        head = stream.read(_HEAD.size)
+        if len(head) < _HEAD.size:
+            found.lost_bytes += len(head) if head != MCAP0_MAGIC else 0
+            return
+        opcode, length = _HEAD.unpack(head)
+        if opcode in (Opcode.DATA_END, Opcode.FOOTER):  # what follows is the index, which is made anew
+            return
+        whole = stream.tell() + length <= size
+        if opcode == Opcode.CHUNK:
+            yield from _chunk(stream.read(length), found, whole)
+        elif whole and opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.METADATA):
+            yield _parse(opcode, stream.read(length))
+        elif whole:
+            stream.seek(length, 1)
+        if not whole:
+            found.lost_bytes += min(_HEAD.size + length, size)
+            return
+
+
+def _chunk(raw: bytes, found: _Findings, whole: bool) -> Iterator[object]:
+    """The records of one chunk; of a chunk that is cut, those before the cut; of a damaged one no message."""
+    if whole:
+        try:
+            records = breakup_chunk(Chunk.read(ReadDataStream(BytesIO(raw))), validate_crc=True)
+        except Exception:  # a decompressor or parser that met damage; each raises its own kind
+            found.damaged_chunks += 1
+            # which message is hurt cannot be told, but what the later ones need may stand here alone
+            yield from (record for record in _inside(raw) if isinstance(record, Schema | Channel))
+            return
+        yield from records
+        return
+    yield from _inside(raw)
+
+
+def _inside(raw: bytes) -> Iterator[object]:
+    """Whole records of an uncompressed chunk, one after the other, as far as their lengths make sense."""
+    if len(raw) < _CHUNK_HEAD.size:
+        return
+    name_length = _CHUNK_HEAD.unpack_from(raw)[-1]
+    at = _CHUNK_HEAD.size + name_length + 8
+    if name_length:  # compressed: nothing of it can be told without its end
+        return
+    while at + _HEAD.size <= len(raw):
+        opcode, length = _HEAD.unpack_from(raw, at)
+        at += _HEAD.size
+        if at + length > len(raw):
+            return
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+            yield _parse(opcode, raw[at : at + length])
+        at += length
+
+
+def _parse(opcode: int, raw: bytes) -> object:
+    stream = ReadDataStream(BytesIO(raw))
+    if opcode == Opcode.MESSAGE:
+        return Message.read(stream, len(raw))
+    kind = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}[Opcode(opcode)]
+    try:
+        return kind.read(stream)
+    except (McapError, ValueError, struct.error):  # its text is hurt
+        return None

@@ -1,0 +1,163 @@
+"""One door for everything that yields events from files."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from ..errors import FileFormatError, InputError
+from ..types import STAGE, Actuation, Event, SessionInfo, Source
+from ._dicom import dicom_size, is_dicom, read_dicom
+from ._folder import frames_of, read_folder
+from ._reader import RecordingReader
+from ._video import read_video, video_size
+
+__all__ = ["FileSource", "frame_count", "open_source", "require_actuation"]
+
+
+class FileSource:
+    """A video, a DICOM file or a folder of images as a `Source`: may be iterated again, and reads as it is asked.
+
+    ``frame_count``: as far as the file says, 0 where it does not.
+    """
+
+    def __init__(self, path: Path, actuation: Mapping[str, float], stated: SessionInfo) -> None:
+        self.path = path
+        self._folder = read_folder(path) if path.is_dir() else None
+        own = self._folder.actuation if self._folder else {}
+        constant = {name: value for name, value in stated.actuation.constant.items() if name not in own}
+        self._actuation = {**constant, **actuation}
+        self._dicom = is_dicom(path)
+        if self._folder:
+            self.frame_count = len(self._folder.files)
+        else:
+            self.frame_count = dicom_size(path) if self._dicom else video_size(path)
+        self.session_info = SessionInfo(path.stem).updated(stated)
+        if self._folder:
+            clash = set(self._folder.actuation) & set(actuation)
+            if clash:
+                raise InputError(f"{path}: has a column {min(clash)!r} already; do not state it a second time")
+
+    @property
+    def numbered(self) -> bool:
+        """Whether the stamps only count the images, because nobody stated when they were taken."""
+        return self._folder is not None and self._folder.numbered
+
+    def lacks(self, names: Iterable[str]) -> list[str]:
+        """Those of the actuation's ``names`` that never come."""
+        columns = self._folder.actuation if self._folder else {}
+        return [name for name in names if name not in self._actuation and name not in columns]
+
+    def __iter__(self) -> Iterator[Event]:
+        if self._folder:
+            frames = frames_of(self._folder, "camera")
+        else:
+            frames = read_dicom(self.path) if self._dicom else read_video(self.path)
+        columns = self._folder.actuation if self._folder else {}
+        for place, frame in enumerate(frames):
+            if place == 0 and self._actuation:
+                yield Actuation(frame.stamp_ns, self._actuation)
+            if columns:
+                here = {name: float(values[place]) for name, values in columns.items()}
+                yield Actuation(frame.stamp_ns, {name: value for name, value in here.items() if value == value})
+            yield frame
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Nothing stays open between two iterations."""
+
+
+def open_source(
+    path: Path | str, *, actuation: Mapping[str, float] | None = None, stated: SessionInfo | None = None
+) -> Source:
+    """A video, a DICOM file, a folder of images or a recording as a `Source`; a context manager, may be iterated again.
+
+    ``stated``: metadata in place of those that the file holds; constant readings of drives among them are used where
+    the file carries none. ``actuation``: constant readings, too.
+    Raises InputError where ``actuation`` has a name that the file carries itself.
+    """
+    where = Path(path)
+    if where.suffix in (".mcap", ".part"):
+        reader = RecordingReader(where)
+        constant = {} if stated is None else stated.actuation.constant
+        wanted = {**constant, **(actuation or {})}
+        lacking = set(_never_read(reader, wanted))
+        carried = sorted(set(actuation or {}) - lacking)
+        if carried:
+            reader.close()
+            raise InputError(f"{where}: carries {', '.join(carried)} itself; do not state it as well")
+        filled = {name: value for name, value in wanted.items() if name in lacking}
+        silent = not filled and stated in (None, SessionInfo())
+        return reader if silent else _Stated(reader, filled, stated or SessionInfo())
+    if not where.exists():
+        raise FileFormatError(f"{where}: there is no such file or folder")
+    return FileSource(where, actuation or {}, stated or SessionInfo())
+
+
+def frame_count(source: Source, view: str = "camera") -> int:
+    """How many frames of ``view`` will come, as far as the file says; 0 where it does not."""
+    if isinstance(source, RecordingReader):
+        stream = source.info.streams.get(view)
+        return stream.count if stream else 0
+    return source.frame_count if isinstance(source, FileSource) else 0
+
+
+def require_actuation(source: Source, names: Iterable[str]) -> None:
+    """Raises InputError where ``source`` can tell that one of ``names`` never comes: ask before the work.
+
+    A live source cannot tell.
+    """
+    if isinstance(source, RecordingReader):
+        path, lacking = source.path, _never_read(source, names)
+    elif isinstance(source, FileSource | _Stated):
+        path, lacking = source.path, source.lacks(names)
+    else:
+        return
+    if lacking:
+        options = (f"--fact actuation.constant.{name}=VALUE" for name in lacking)
+        raise InputError(
+            f"{path}: does not carry {', '.join(lacking)}, which the model needs; record it, or where it "
+            f"is constant state {' '.join(options)}"
+        )
+
+
+def _never_read(reader: RecordingReader, names: Iterable[str]) -> list[str]:
+    """Those of ``names`` without a reading; what is there is mostly there in the first ones, so few are looked at."""
+    streams = [name for name, stream in reader.info.streams.items() if stream.kind == "actuation" and name != STAGE]
+    missing = list(names)
+    for event in reader.events(*streams) if streams else ():
+        if not missing:
+            break
+        if isinstance(event, Actuation):
+            missing = [name for name in missing if name not in event.values]
+    return missing
+
+
+class _Stated:
+    """A recording with values or facts that a person adds."""
+
+    def __init__(self, reader: RecordingReader, actuation: Mapping[str, float], stated: SessionInfo) -> None:
+        self._reader, self._actuation = reader, dict(actuation)
+        self.path, self.session_info = reader.path, reader.session_info.updated(stated)
+
+    def lacks(self, names: Iterable[str]) -> list[str]:
+        """Those of the actuation's ``names`` that never come."""
+        return _never_read(self._reader, [name for name in names if name not in self._actuation])
+
+    def __iter__(self) -> Iterator[Event]:
+        for place, event in enumerate(self._reader):
+            if place == 0 and self._actuation:
+                yield Actuation(event.stamp_ns, self._actuation)
+            yield event
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._reader.close()

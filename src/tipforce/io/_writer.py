@@ -1,0 +1,201 @@
+"""Writing a recording so that a kill -9 costs at most its last second."""
+
+import contextlib
+import os
+import threading
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+
+from ..errors import FileFormatError, TimeError
+from ..types import Clock, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, SystemClock, Wrench
+from ._atomic import atomic_text, part_of
+from ._cdr import (
+    COMPRESSED_IMAGE,
+    JOINT_STATE,
+    SCHEMAS,
+    WRENCH_STAMPED,
+    pack_image,
+    pack_joints,
+    pack_wrench,
+)
+from ._facts import ClockOffset, Inertia, Tare, session_record
+from ._images import encode_image
+from ._recover import check_target, lock
+from ._tables import MAX_STAMP_S
+
+__all__ = ["RecordingWriter", "write_force_csv"]
+
+LIBRARY = "tipforce"
+_FLUSH_NS = 250_000_000
+"""Age at which what is pending goes to the operating system; half a second is promised, a second allowed."""
+_CHUNK_NS = 500_000_000
+"""Longest stretch of recorded time in one chunk: what reading one moment costs."""
+_CHUNK_BYTES = 4 << 20
+
+
+class RecordingWriter:
+    """Writes ``path + ".part"``, renamed to ``path`` when closed without an error; a context manager.
+
+    ROS 2 profile, uncompressed chunks (pictures are compressed already, and the rest then reads as arrays), each at
+    most half a second long and handed to the operating system when it is a quarter of a second old, also while nothing
+    arrives. After an error inside the ``with`` block the ``.part`` stays: the next reader recovers it.
+
+    ``clock`` tells the age of what is pending. Raises FileFormatError where ``path`` exists and ``overwrite`` is False,
+    or where the ``.part`` of an earlier run waits to be recovered.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        info: SessionInfo,
+        *,
+        lossless: bool = False,
+        jpeg_quality: int = 90,
+        clock: Clock | None = None,
+        overwrite: bool = False,
+        origin: str = "record",
+    ) -> None:
+        self.path, self.part = Path(path), part_of(Path(path))
+        check_target(self.path, overwrite=overwrite, origin=origin)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._lossless, self._quality = lossless, jpeg_quality
+        self._clock = clock or SystemClock()
+        self._stream: IO[bytes] = self.part.open("ab")
+        try:
+            lock(self._stream, self.part)
+        except FileFormatError:
+            self._stream.close()
+            raise
+        self._stream.truncate(0)  # only now that nobody else is known to write it
+        self._stream.seek(0)
+        self._mcap = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.NONE)
+        self._mcap.start(profile="ros2", library=LIBRARY)
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._sequence: dict[int, int] = {}
+        self._pending_since: int | None = None
+        self._span: tuple[int, int] | None = None
+        self._closed = False
+        self._info, self._origin = info, origin
+        self._mcap.add_metadata("tipforce.session", {"origin": origin, **session_record(info)})
+        self._stream.flush()
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._flusher = threading.Thread(target=self._flush_while_idle, name="recording-flush", daemon=True)
+        self._flusher.start()
+
+    def write(self, event: Event) -> None:
+        """One event; frames are compressed here. Raises TimeError for a stamp below zero or beyond `MAX_STAMP_S`."""
+        if event.stamp_ns >= MAX_STAMP_S * 1_000_000_000:
+            raise TimeError(f"{self.path}: the stamp {event.stamp_ns} ns lies beyond the year 2038; check its unit")
+        if event.stamp_ns < 0:
+            raise TimeError(
+                f"{self.path}: the stamp {event.stamp_ns} ns lies before zero, which the format cannot hold"
+            )
+        if isinstance(event, Frame):
+            encoding, data = encode_image(event.image, lossless=self._lossless, jpeg_quality=self._quality)
+            message = pack_image(event.stamp_ns, event.view, encoding, data)
+            self._add(f"/{event.view}/compressed", COMPRESSED_IMAGE, event.stamp_ns, message)
+        elif isinstance(event, Wrench):
+            message = pack_wrench(event.stamp_ns, event.frame, event.force_n, event.torque_nm)
+            self._add("/force", WRENCH_STAMPED, event.stamp_ns, message)
+        else:
+            self._add(f"/{event.stream}", JOINT_STATE, event.stamp_ns, pack_joints(event.stamp_ns, event.values))
+
+    def state(self, fact: ClockOffset | Inertia | Tare | SensorInfo) -> None:
+        """A fact about the run; the last one of its kind holds. A sensor stands in place of that of the metadata."""
+        if isinstance(fact, SensorInfo):
+            self._info = replace(self._info, sensor=fact)
+            self.note("tipforce.session", {"origin": self._origin, **session_record(self._info)})
+            return
+        names = {ClockOffset: "clock_offset", Inertia: "inertia", Tare: "tare"}
+        self.note(f"tipforce.{names[type(fact)]}", fact.record())
+
+    def note(self, name: str, record: dict[str, str]) -> None:
+        """A metadata record of any name; the last one of a name holds."""
+        with self._lock:
+            self._mcap.add_metadata(name, record)
+            self._stream.flush()
+
+    def close(self) -> None:
+        """Finish the file and give it its name."""
+        if self._closed:
+            return
+        self._halt()
+        self._mcap.finish()
+        self._stream.flush()
+        os.fsync(self._stream.fileno())
+        self.part.replace(self.path)
+        self._stream.close()
+
+    def abandon(self) -> None:
+        """Stop and remove what was written: for what can be made again from its sources."""
+        if not self._closed:
+            self._halt()
+            self._stream.close()
+        self.part.unlink(missing_ok=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            self.close()
+        elif not self._closed:
+            self._halt()
+            with contextlib.suppress(OSError):  # a full disk is why we are here; the first error is the one to show
+                self._mcap.flush()
+                self._stream.close()
+
+    def _halt(self) -> None:
+        self._closed = True
+        self._stop.set()
+        self._flusher.join()
+
+    def _add(self, topic: str, schema: str, stamp_ns: int, message: bytes) -> None:
+        with self._lock:
+            if self._closed:
+                raise FileFormatError(f"{self.path}: the recording is closed")
+            channel = self._channels.get(topic) or self._register(topic, schema)
+            sequence = self._sequence.get(channel, 0)
+            self._sequence[channel] = sequence + 1
+            self._mcap.add_message(channel, stamp_ns, message, stamp_ns, sequence)
+            now = self._clock.now_ns()
+            if self._pending_since is None:
+                self._pending_since = now
+            first, last = self._span or (stamp_ns, stamp_ns)
+            self._span = min(first, stamp_ns), max(last, stamp_ns)
+            if now - self._pending_since >= _FLUSH_NS or self._span[1] - self._span[0] >= _CHUNK_NS:
+                self._flush()
+
+    def _register(self, topic: str, schema: str) -> int:
+        if schema not in self._schemas:
+            self._schemas[schema] = self._mcap.register_schema(schema, "ros2msg", SCHEMAS[schema].encode())
+        self._channels[topic] = self._mcap.register_channel(topic, "cdr", self._schemas[schema])
+        return self._channels[topic]
+
+    def _flush(self) -> None:
+        self._mcap.flush()
+        self._pending_since, self._span = None, None
+
+    def _flush_while_idle(self) -> None:
+        while not self._stop.wait(_FLUSH_NS * 1e-9):
+            with self._lock:
+                if self._pending_since is not None and self._clock.now_ns() - self._pending_since >= _FLUSH_NS:
+                    self._flush()
+
+
+def write_force_csv(path: Path | str, stamps_ns: IntArray, force_n: FloatArray) -> None:
+    """A force log ``stamp_ns,fx_n,fy_n,fz_n`` (newtons): stamps (n,), force (n, 3); unknown axes are left out."""
+    known = [axis for axis in range(3) if not np.isnan(force_n[:, axis]).all()]
+    with atomic_text(Path(path)) as out:
+        out.write(",".join(["stamp_ns", *(f"f{'xyz'[axis]}_n" for axis in known)]) + "\n")
+        for stamp, row in zip(stamps_ns.tolist(), force_n[:, known].tolist(), strict=True):
+            out.write(",".join([str(stamp), *(f"{value:.6g}" for value in row)]) + "\n")

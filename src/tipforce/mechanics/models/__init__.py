@@ -1,0 +1,19 @@
+"""The rod models that thesis chapter 2 and table 2 compare with, behind one interface, each with its known failures."""
+
+from ._beams import LargeDeflection, LinearBeam
+from ._chain_models import ConstantCurvature, MassSpring, RigidLinks
+from ._interface import Elastica, PolylineShape, RodModel, RodShape
+from ._pseudo_rigid_body import PseudoRigidBody
+
+__all__ = [
+    "ConstantCurvature",
+    "Elastica",
+    "LargeDeflection",
+    "LinearBeam",
+    "MassSpring",
+    "PolylineShape",
+    "PseudoRigidBody",
+    "RigidLinks",
+    "RodModel",
+    "RodShape",
+]

@@ -1,0 +1,220 @@
+"""Beams in the plane: linear finite elements (Gao et al.), and large deflection by shooting (Khoshnam et al.)."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+
+from ...types import FloatArray, frozen
+from ..planar import Rod
+from ._interface import (
+    CATHETER_7F_M,
+    PolylineShape,
+    curvature_at,
+    first_share,
+    mean_curvature,
+    mean_stiffness,
+    nodes_at,
+    stiffness_at,
+)
+
+__all__ = ["LargeDeflection", "LinearBeam"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearBeam:
+    """Bernoulli-Euler frame elements, linear about the unloaded shape; stiffness = slope of the moment there.
+
+    ``elements`` straight two-node elements with cubic deflection and a stretch stiffness EA = 16 EI / d^2, that of a
+    solid round section of ``diameter_m``. Exact for small loads on a straight shaft. Known failures: a tip that is
+    bent by 90 degrees grows longer instead of turning back (deflection alpha / 3: +35 % at alpha = 2), and an
+    axial force on a straight shaft never bends it.
+    """
+
+    rod: Rod
+    elements: int = 20
+    diameter_m: float = CATHETER_7F_M
+    _rest: PolylineShape = field(init=False, repr=False)
+    _compliance: FloatArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.elements < 1 or not self.diameter_m > 0:
+            raise ValueError(f"a linear beam needs an element and a positive diameter, got {self}")
+        rod, n = self.rod, self.elements
+        edges = np.linspace(0.0, rod.flexible_length_m, n + 1)
+        nodes, angles = nodes_at(rod, edges)
+        lever = rod.rigid_length_m * np.array([np.cos(angles[-1]), np.sin(angles[-1])])
+        stiffer = 1 + (mean_curvature(rod, edges) / rod.stiffening_curvature_per_m) ** 2
+        bending = stiffness_at(rod, 0.5 * (edges[1:] + edges[:-1])) * stiffer
+        whole = np.zeros((3 * n + 3, 3 * n + 3))
+        for i in range(n):
+            whole[3 * i : 3 * i + 6, 3 * i : 3 * i + 6] += _element(
+                nodes[i + 1] - nodes[i], bending[i], self.diameter_m
+            )
+        # Loads at the tip: unit fx, fy and moment, carried to the last node by the rigid electrode.
+        loads = np.zeros((3 * n, 3))
+        loads[-3:] = [[1, 0, 0], [0, 1, 0], [-lever[1], lever[0], 1]]
+        moved = np.linalg.solve(whole[3:, 3:], loads).reshape(n, 3, 3)
+        turned = np.array([[-lever[1]], [lever[0]]]) * moved[-1, 2]
+        compliance = np.concatenate([np.zeros((1, 2, 3)), moved[:, :2], (moved[-1, :2] + turned)[None]])
+        rest = PolylineShape(np.append(edges, rod.length_m), np.vstack([nodes, nodes[-1] + lever]), True)
+        object.__setattr__(self, "_rest", rest)
+        object.__setattr__(self, "_compliance", frozen("compliance", compliance, (n + 2, 2, 3)))
+
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
+        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z; linear in both."""
+        load = np.array([force_n[0], force_n[1], moment_nm])
+        return PolylineShape(self._rest.arc_m, self._rest.nodes_m + self._compliance @ load, True)
+
+
+def _element(chord: FloatArray, ei: float, diameter_m: float) -> FloatArray:
+    """(6, 6) stiffness of a frame element along ``chord`` (2,) for x, y and angle of either end."""
+    length = float(np.hypot(*chord))
+    c, s = chord / length
+    ea = 16 * ei / diameter_m**2
+    axial, shear, couple = ea / length, 12 * ei / length**3, 6 * ei / length**2
+    local = np.zeros((6, 6))
+    local[np.ix_([0, 3], [0, 3])] = [[axial, -axial], [-axial, axial]]
+    local[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = [
+        [shear, couple, -shear, couple],
+        [couple, 4 * ei / length, -couple, 2 * ei / length],
+        [-shear, -couple, shear, -couple],
+        [couple, 2 * ei / length, -couple, 4 * ei / length],
+    ]
+    turn = np.kron(np.eye(2), np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]))
+    return turn.T @ local @ turn
+
+
+_MAX_ITERATIONS = 25
+_TOLERANCE = 1e-11
+"""Residual moment relative to EI / (length of the shaft)."""
+_MAX_TURN = 0.5
+"""Largest change of the tip's angle in one step of Newton's method, rad."""
+_MAX_JUMP = 0.7
+"""Largest change of the tip's angle from one load to the next, rad."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LargeDeflection:
+    """Quasi-static Bernoulli-Euler beam, bent far, from its initial bend (Khoshnam et al.; thesis 2.3.2.3).
+
+    Along the shaft: angle' = k_0 + M / EI and M' = F_x sin(angle) - F_y cos(angle), clamped at the base, with the tip
+    load's moment at its end. They measure one EI for each bend that the knob gives (4.3e-4 N m^2 slightly bent to
+    9.2e-4 strongly bent) and take it for the whole shaft: here it is the rod's law at the pre-curvature, the same
+    all along. Known failure: the stiffness does not follow the curvature from place to place, nor as the load
+    bends the shaft on; with constant stiffness it is the elastica.
+
+    Fourth-order Runge-Kutta with ``steps`` steps; the unknown moment at the base by Newton's method, its derivative
+    carried along.
+    """
+
+    rod: Rod
+    steps: int = 40
+    _curvature_per_m: FloatArray = field(init=False, repr=False)
+    _stiffness_nm2: float = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.steps < 1:
+            raise ValueError(f"steps: expected at least 1, got {self.steps}")
+        halves = np.linspace(0.0, self.rod.flexible_length_m, 2 * self.steps + 1)
+        object.__setattr__(self, "_curvature_per_m", curvature_at(self.rod, halves))
+        object.__setattr__(self, "_stiffness_nm2", mean_stiffness(self.rod))
+
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
+        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
+        rod = self.rod
+        fx, fy = float(force_n[0]), float(force_n[1])
+        nodes = np.zeros((self.steps + 2, 2))
+        converged = _solve(
+            self._curvature_per_m,
+            rod.flexible_length_m,
+            rod.rigid_length_m,
+            self._stiffness_nm2,
+            (fx, fy, float(moment_nm)),
+            first_share(rod, fx, fy, moment_nm),
+            nodes,
+        )
+        arc = np.append(np.linspace(0.0, rod.flexible_length_m, self.steps + 1), rod.length_m)
+        return PolylineShape(arc, nodes, bool(converged))
+
+
+@njit(cache=True, error_model="numpy")
+def _shoot(
+    curvature: FloatArray,
+    length: float,
+    lever: float,
+    ei: float,
+    load: tuple[float, float, float],
+    at_base: float,
+    nodes: FloatArray,
+) -> tuple[float, float, float, float]:
+    """Integrate from the base moment ``at_base``: miss of the moment at the end, its slope, end angle, its slope."""
+    fx, fy, moment = load
+    steps = nodes.shape[0] - 2
+    h = length / steps
+    angle, m, angle1, m1, x, y = 0.0, at_base, 0.0, 1.0, 0.0, 0.0
+    for i in range(steps):
+        sa = sm = sa1 = sm1 = sx = sy = 0.0  # weighted sums of the four slopes
+        da = dm = da1 = dm1 = 0.0
+        for stage in range(4):
+            ahead = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
+            weight = 1.0 / 6.0 if stage == 0 or stage == 3 else 1.0 / 3.0
+            k0 = curvature[2 * i + (0 if stage == 0 else (2 if stage == 3 else 1))]
+            a_, m_ = angle + ahead * da, m + ahead * dm
+            a1_, m1_ = angle1 + ahead * da1, m1 + ahead * dm1
+            c, s = math.cos(a_), math.sin(a_)
+            da, dm = k0 + m_ / ei, fx * s - fy * c
+            da1, dm1 = m1_ / ei, (fx * c + fy * s) * a1_
+            sa += weight * da
+            sm += weight * dm
+            sa1 += weight * da1
+            sm1 += weight * dm1
+            sx += weight * c
+            sy += weight * s
+        angle += h * sa
+        m += h * sm
+        angle1 += h * sa1
+        m1 += h * sm1
+        x += h * sx
+        y += h * sy
+        nodes[i + 1, 0], nodes[i + 1, 1] = x, y
+    c, s = math.cos(angle), math.sin(angle)
+    nodes[steps + 1, 0], nodes[steps + 1, 1] = x + lever * c, y + lever * s
+    miss = m - moment - lever * (c * fy - s * fx)
+    return miss, m1 + lever * (s * fy + c * fx) * angle1, angle, angle1
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(
+    curvature: FloatArray,
+    length: float,
+    lever: float,
+    ei: float,
+    whole: tuple[float, float, float],
+    first_share: float,
+    nodes: FloatArray,
+) -> bool:
+    """Raise the load from nothing, as the chain does; the last shot's places stay in ``nodes``."""
+    at_base = share = angle = 0.0
+    step = first_share
+    _, _, angle, _ = _shoot(curvature, length, lever, ei, (0.0, 0.0, 0.0), 0.0, nodes)
+    converged = True
+    while share < 1.0:
+        target = min(1.0, share + step)
+        load = (target * whole[0], target * whole[1], target * whole[2])
+        tried, now, converged = at_base, angle, False
+        for _ in range(_MAX_ITERATIONS):
+            miss, slope, now, turn = _shoot(curvature, length, lever, ei, load, tried, nodes)
+            if abs(miss) * length < _TOLERANCE * ei:
+                converged = True
+                break
+            if not slope > 0.0:  # a conjugate point: on another branch, or not stable
+                break
+            change = -miss / slope
+            tried += change * min(1.0, _MAX_TURN / max(abs(change * turn), 1e-300))
+        if (converged and abs(now - angle) < _MAX_JUMP) or step < 1e-3:
+            share, at_base, angle = target, tried, now
+        else:
+            step *= 0.5
+    return converged

@@ -1,0 +1,333 @@
+"""Rod models whose state is angles alone: rigid links, particles and springs, arcs of constant curvature.
+
+Unknowns are the angles q_1 .. q_m; q_0 = 0 is the clamp. Between q_(i-1) and q_i acts a spring of span a_i with the
+moment EI (1 + (k / k_s)^2) (k - k_0), k = (q_i - q_(i-1)) / a_i. Either the shaft is straight links at the angles
+q_i, which may yield along themselves, or it is arcs that turn from q_(i-1) to q_i. The Hessian of the energy is
+tridiagonal for both, and Newton's method finds the equilibrium.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ...types import FloatArray
+from ..planar import Rod
+from ._interface import CATHETER_7F_M, PolylineShape, first_share, mean_curvature, stiffness_at
+
+__all__ = ["ConstantCurvature", "MassSpring", "RigidLinks"]
+
+_MAX_ITERATIONS = 60
+_MAX_TURN = 0.4
+"""Largest change of an angle in one step, rad: keeps the iteration on the branch it comes from."""
+_MAX_JUMP = 0.7
+"""Largest change of an angle from one load to the next, rad; beyond, the load is raised in smaller steps."""
+_TOLERANCE = 1e-11
+"""Residual moment relative to the softest spring's moment for one radian."""
+
+
+class Chain(NamedTuple):
+    """All arrays (m,). ``link_m``, ``arc_m``: length of link i, of arc i, zero where there is none.
+
+    ``give_m_per_n``: lengthening of link i for each newton of pull along it. ``soft``: 1 / k_s^2.
+    """
+
+    span_m: FloatArray
+    stiffness_nm2: FloatArray
+    precurvature_per_m: FloatArray
+    soft: float
+    link_m: FloatArray
+    give_m_per_n: FloatArray
+    arc_m: FloatArray
+
+
+@njit(cache=True, error_model="numpy")
+def _shrink(d: float) -> tuple[float, float, float]:
+    """Chord over length of an arc that turns by ``d``, with its first two derivatives."""
+    if abs(d) < 0.1:
+        d2 = d * d
+        return (
+            1.0 - d2 / 24.0 * (1.0 - d2 / 80.0 * (1.0 - d2 / 168.0)),
+            -d / 12.0 * (1.0 - d2 / 40.0 * (1.0 - d2 / 112.0)),
+            -1.0 / 12.0 + d2 / 160.0 * (1.0 - d2 * (5.0 / 336.0)),
+        )
+    x = 0.5 * d
+    s = math.sin(x) / x
+    slope = (math.cos(x) - s) / x
+    return s, 0.5 * slope, 0.25 * (-s - 2.0 * slope / x)
+
+
+@njit(cache=True, error_model="numpy")
+def _energy(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float) -> float:
+    total, before = -moment * q[-1], 0.0
+    for i in range(q.size):
+        a, k0 = chain.span_m[i], chain.precurvature_per_m[i]
+        k = (q[i] - before) / a
+        density = 0.5 * (k - k0) ** 2 + chain.soft * (k**4 / 4 - k0 * k**3 / 3 + k0**4 / 12)
+        total += a * chain.stiffness_nm2[i] * density
+        pull = fx * math.cos(q[i]) + fy * math.sin(q[i])
+        total -= (chain.link_m[i] + 0.5 * chain.give_m_per_n[i] * pull) * pull
+        if chain.arc_m[i] > 0.0:
+            middle = 0.5 * (q[i] + before)
+            total -= chain.arc_m[i] * _shrink(q[i] - before)[0] * (fx * math.cos(middle) + fy * math.sin(middle))
+        before = q[i]
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _assemble(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float, work: FloatArray) -> float:
+    """Gradient, diagonal and upper diagonal of the energy into ``work`` (4, m); returns max |gradient|."""
+    gradient, diagonal, upper = work[0], work[1], work[2]
+    before = 0.0
+    for i in range(q.size):
+        a, ei, k0 = chain.span_m[i], chain.stiffness_nm2[i], chain.precurvature_per_m[i]
+        k = (q[i] - before) / a
+        stiffer = 1.0 + chain.soft * k * k
+        bend = ei * stiffer * (k - k0)
+        slope = ei * (stiffer + 2.0 * chain.soft * k * (k - k0)) / a
+        c, s = math.cos(q[i]), math.sin(q[i])
+        pull, push = fx * c + fy * s, fy * c - fx * s
+        reach = chain.link_m[i] + chain.give_m_per_n[i] * pull
+        gradient[i] = bend - reach * push
+        diagonal[i] = slope + reach * pull - chain.give_m_per_n[i] * push * push
+        left_gradient, left_diagonal, coupling = -bend, slope, -slope
+        if chain.arc_m[i] > 0.0:
+            middle = 0.5 * (q[i] + before)
+            c, s = math.cos(middle), math.sin(middle)
+            along, across = chain.arc_m[i] * (fx * c + fy * s), chain.arc_m[i] * (fy * c - fx * s)
+            short, short1, short2 = _shrink(q[i] - before)
+            gradient[i] -= 0.5 * across * short + along * short1
+            left_gradient -= 0.5 * across * short - along * short1
+            diagonal[i] -= -0.25 * along * short + across * short1 + along * short2
+            left_diagonal -= -0.25 * along * short - across * short1 + along * short2
+            coupling += 0.25 * along * short + along * short2
+        if i > 0:
+            gradient[i - 1] += left_gradient
+            diagonal[i - 1] += left_diagonal
+            upper[i - 1] = coupling
+        before = q[i]
+    gradient[q.size - 1] -= moment
+    return np.max(np.abs(gradient))
+
+
+@njit(cache=True, error_model="numpy")
+def _newton_step(work: FloatArray, shift: float, step: FloatArray) -> bool:
+    """Solve (H + shift I) step = -gradient; False where that matrix is not positive definite."""
+    gradient, diagonal, upper, pivot = work[0], work[1], work[2], work[3]
+    n = step.size
+    for i in range(n):
+        pivot[i] = diagonal[i] + shift
+        step[i] = -gradient[i]
+        if i > 0:
+            factor = upper[i - 1] / pivot[i - 1]
+            pivot[i] -= factor * upper[i - 1]
+            step[i] -= factor * step[i - 1]
+        if not pivot[i] > 0.0:
+            return False
+    step[n - 1] /= pivot[n - 1]
+    for i in range(n - 2, -1, -1):
+        step[i] = (step[i] - upper[i] * step[i + 1]) / pivot[i]
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _relax(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float, work: FloatArray) -> bool:
+    """Move ``q`` in place to the nearest equilibrium downhill; False where none was found. ``work`` (6, m)."""
+    step, trial = work[4], work[5]
+    spring = np.min(chain.stiffness_nm2 / chain.span_m)
+    energy = _energy(q, chain, fx, fy, moment)
+    for _ in range(_MAX_ITERATIONS):
+        residual = _assemble(q, chain, fx, fy, moment, work)
+        definite = _newton_step(work, 0.0, step)
+        if residual <= _TOLERANCE * spring:
+            if definite:  # what is left goes with one more step: smooth in the load down to rounding
+                q += step
+            return True  # also where it is a saddle: a straight column above its buckling load stays straight
+        shift = 1e-3 * spring
+        while not definite:
+            definite = _newton_step(work, shift, step)
+            shift *= 4.0
+        scale = min(1.0, _MAX_TURN / np.max(np.abs(step)))
+        descent = np.dot(work[0], step)
+        slack = 1e-14 * (abs(energy) + spring)  # close to the minimum the gain drowns in rounding
+        while True:
+            trial[:] = q + scale * step
+            tried = _energy(trial, chain, fx, fy, moment)
+            if tried <= energy + 1e-4 * scale * descent + slack:
+                break
+            scale *= 0.5
+            if scale < 1e-10:
+                return False
+        energy = tried
+        q[:] = trial
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def settle(chain: Chain, fx: float, fy: float, moment: float, first_share: float, q: FloatArray) -> bool:
+    """Raise the load from nothing, so that ``q`` (m,) ends on the unloaded shape's branch; False: not converged.
+
+    ``first_share``: of the load, for the first step; steps are halved where they fail or jump.
+    """
+    work, saved = np.empty((6, q.size)), np.empty(q.size)
+    q[:] = np.cumsum(chain.span_m * chain.precurvature_per_m)
+    share, step, converged = 0.0, first_share, True
+    while share < 1.0:
+        saved[:] = q
+        target = min(1.0, share + step)
+        converged = _relax(q, chain, target * fx, target * fy, target * moment, work)
+        if (converged and np.max(np.abs(q - saved)) < _MAX_JUMP) or step < 1e-3:
+            share = target
+        else:
+            q[:] = saved
+            step *= 0.5
+    return converged
+
+
+def bend_links(rod: Rod, chain: Chain, clamped_m: float, force_n: FloatArray, moment_nm: float) -> PolylineShape:
+    """Straight links behind a first one of ``clamped_m`` that stays along x."""
+    fx, fy = float(force_n[0]), float(force_n[1])
+    angles = np.empty(chain.span_m.size)
+    converged = settle(chain, fx, fy, float(moment_nm), first_share(rod, fx, fy, moment_nm), angles)
+    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    ways *= (chain.link_m + chain.give_m_per_n * (ways @ np.array([fx, fy])))[:, None]
+    nodes = np.zeros((angles.size + 2, 2))
+    arc = np.zeros(angles.size + 2)
+    nodes[1:, 0] = arc[1:] = clamped_m
+    nodes[2:] += np.cumsum(ways, axis=0)
+    arc[2:] += np.cumsum(chain.link_m)
+    return PolylineShape(arc, nodes, bool(converged))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigidLinks:
+    """Multi-body model (thesis 2.3.2.1): ``joints`` hinges with torsion springs between rigid links, in its rest state.
+
+    The finite segment method (Huston): the shaft is cut into equal pieces of length h, and each piece's flexibility
+    sits in one hinge at its middle, stiffness EI / h. The first half piece is clamped, the last one carries the
+    electrode. Known failure: too stiff and angular with few joints; deflection under a small load is
+    1 - 1 / (4 joints^2) of the true one.
+    """
+
+    rod: Rod
+    joints: int = 10
+    _chain: Chain = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.joints < 1:
+            raise ValueError(f"joints: expected at least 1, got {self.joints}")
+        rod, n = self.rod, self.joints
+        edges = np.linspace(0.0, rod.flexible_length_m, n + 1)
+        h = rod.flexible_length_m / n
+        links = np.append(np.full(n - 1, h), 0.5 * h + rod.rigid_length_m)
+        chain = Chain(
+            np.full(n, h),
+            stiffness_at(rod, 0.5 * (edges[1:] + edges[:-1])),
+            mean_curvature(rod, edges),
+            rod.stiffening_curvature_per_m**-2,
+            links,
+            np.zeros(n),
+            np.zeros(n),
+        )
+        object.__setattr__(self, "_chain", chain)
+
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
+        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
+        return bend_links(self.rod, self._chain, 0.5 * self._chain.span_m[0], force_n, moment_nm)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MassSpring:
+    """Particles on a string (thesis 2.3.2.2) in the state in which their motion has died out.
+
+    ``pieces`` + 1 particles along the shaft with stretch springs between neighbours and bending springs at each; the
+    masses do not matter at rest. Stretch stiffness EA = 16 EI / d^2, that of a solid round section of ``diameter_m``.
+    For given directions the lengths follow from the load, so only directions are solved for. Known failure: the
+    length is not kept, and what the springs should be is a matter of taste ("not physically reliable").
+    """
+
+    rod: Rod
+    pieces: int = 20
+    diameter_m: float = CATHETER_7F_M
+    _chain: Chain = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.pieces < 1 or not self.diameter_m > 0:
+            raise ValueError(f"a mass-spring chain needs a piece and a positive diameter, got {self}")
+        rod, n = self.rod, self.pieces
+        h = rod.flexible_length_m / n
+        middles = np.concatenate([[0.0], (np.arange(n) + 0.5) * h, [rod.flexible_length_m]])
+        particles = np.linspace(0.0, rod.flexible_length_m, n + 1)
+        stretch = 16 * stiffness_at(rod, middles[1:-1]) / self.diameter_m**2
+        chain = Chain(
+            np.diff(middles),
+            stiffness_at(rod, particles),
+            mean_curvature(rod, middles),
+            rod.stiffening_curvature_per_m**-2,
+            np.append(np.full(n, h), rod.rigid_length_m),
+            np.append(h / stretch, 0.0),
+            np.zeros(n + 1),
+        )
+        object.__setattr__(self, "_chain", chain)
+
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
+        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
+        return bend_links(self.rod, self._chain, 0.0, force_n, moment_nm)
+
+
+_SHOWN = 48
+"""Places of the centreline along the shaft, at least."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConstantCurvature:
+    """The shaft as ``arcs`` equal arcs, each of one curvature, with the least energy: exact bending energy and load.
+
+    One arc is the kinematics that catheter robots are steered by. More arcs are the strain parametrisation of a
+    Cosserat rod and tend to it, the differential-geometry model of Back et al. (thesis table 2), here in the plane
+    and without stretch and shear. Known failure of one arc: a force cannot bend the base more than the tip, so the
+    deflection under a small force is 1 - 1 / (4 arcs^2) = 3/4 of the true one. Exact for a pure moment.
+    """
+
+    rod: Rod
+    arcs: int = 1
+    _chain: Chain = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.arcs < 1:
+            raise ValueError(f"arcs: expected at least 1, got {self.arcs}")
+        rod, n = self.rod, self.arcs
+        edges = np.linspace(0.0, rod.flexible_length_m, n + 1)
+        links = np.zeros(n)
+        links[-1] = rod.rigid_length_m
+        chain = Chain(
+            np.diff(edges),
+            stiffness_at(rod, 0.5 * (edges[1:] + edges[:-1])),
+            mean_curvature(rod, edges),
+            rod.stiffening_curvature_per_m**-2,
+            links,
+            np.zeros(n),
+            np.diff(edges),
+        )
+        object.__setattr__(self, "_chain", chain)
+
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
+        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
+        rod, n, chain = self.rod, self.arcs, self._chain
+        fx, fy = float(force_n[0]), float(force_n[1])
+        ends = np.empty(n)
+        converged = settle(chain, fx, fy, float(moment_nm), first_share(rod, fx, fy, moment_nm), ends)
+        # Chord after chord of equal pieces of the arcs: exact places on them.
+        per_arc = -(-_SHOWN // n)
+        turn = np.diff(ends, prepend=0.0) / per_arc
+        starts = np.append(0.0, ends[:-1])
+        middles = (starts[:, None] + turn[:, None] * (np.arange(per_arc) + 0.5)).ravel()
+        chords = np.repeat(chain.arc_m / per_arc * np.sinc(0.5 * turn / np.pi), per_arc)
+        angles = np.append(middles, ends[-1])
+        lengths = np.append(chords, rod.rigid_length_m)
+        nodes = np.zeros((angles.size + 1, 2))
+        np.cumsum(lengths[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1), axis=0, out=nodes[1:])
+        arc = np.append(np.linspace(0.0, rod.flexible_length_m, n * per_arc + 1), rod.length_m)
+        return PolylineShape(arc, nodes, bool(converged))

@@ -1,0 +1,141 @@
+"""The interface of all rod models, what they share, and the elastica behind it, by which the others are measured."""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ...types import FloatArray
+from ..planar import Rod, Shape, solve_static
+
+__all__ = [
+    "CATHETER_7F_M",
+    "Elastica",
+    "PolylineShape",
+    "RodModel",
+    "RodShape",
+    "curvature_at",
+    "first_share",
+    "mean_curvature",
+    "mean_stiffness",
+    "nodes_at",
+    "stiffness_at",
+]
+
+
+class RodShape(Protocol):
+    """What a model says of the bent catheter, base frame."""
+
+    @property
+    def tip_m(self) -> FloatArray:
+        """(2,): the electrode's end."""
+        ...
+
+    @property
+    def converged(self) -> bool:
+        """False: no equilibrium was found, and the numbers are not to be used."""
+        ...
+
+    def centreline_m(self, points: int) -> FloatArray:
+        """(points, 2): base to tip, uniform in the arc length of the unloaded catheter."""
+        ...
+
+
+class RodModel(Protocol):
+    """A model of the planar catheter, clamped at the base, loaded at its tip."""
+
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> RodShape:
+        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z; smooth in both."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PolylineShape:
+    """A shape as places ``nodes_m`` (k, 2), straight in between, at ``arc_m`` (k,) along the unloaded catheter."""
+
+    arc_m: FloatArray
+    nodes_m: FloatArray
+    converged: bool
+
+    @property
+    def tip_m(self) -> FloatArray:
+        """(2,): the electrode's end, base frame."""
+        return self.nodes_m[-1]
+
+    def centreline_m(self, points: int) -> FloatArray:
+        """(points, 2): base to tip, uniform in the arc length of the unloaded catheter."""
+        wanted = np.linspace(0.0, self.arc_m[-1], points)
+        line = np.empty((points, 2))
+        for axis in range(2):
+            line[:, axis] = np.interp(wanted, self.arc_m, self.nodes_m[:, axis])
+        return line
+
+
+@dataclass(frozen=True, slots=True)
+class Elastica:
+    """The reference for the other models: `solve_static` of ``rod``, Kirchhoff's planar rod without stretch."""
+
+    rod: Rod
+
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> Shape:
+        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
+        return solve_static(self.rod, force_n, moment_nm)
+
+
+CATHETER_7F_M = 2.33e-3
+"""Outer diameter of a 7F catheter."""
+
+
+def curvature_at(rod: Rod, arc_m: FloatArray) -> FloatArray:
+    """Pre-curvature at ``arc_m`` (k,) along the shaft, linear between the rod's joints."""
+    joints = np.linspace(0.0, rod.flexible_length_m, rod.segments + 1)
+    return np.interp(arc_m, joints, rod.precurvatures_per_m)
+
+
+def _angle_at(rod: Rod, arc_m: FloatArray) -> FloatArray:
+    """Tangent angle of the unloaded shaft at ``arc_m`` (k,), the exact integral of `curvature_at`."""
+    joints = np.linspace(0.0, rod.flexible_length_m, rod.segments + 1)
+    curvature = curvature_at(rod, joints)
+    at_joints = np.append(0.0, np.cumsum(0.5 * (curvature[1:] + curvature[:-1]) * np.diff(joints)))
+    left = np.clip(np.searchsorted(joints, arc_m, side="right") - 1, 0, rod.segments - 1)
+    return at_joints[left] + 0.5 * (curvature[left] + curvature_at(rod, arc_m)) * (arc_m - joints[left])
+
+
+def mean_curvature(rod: Rod, edges_m: FloatArray) -> FloatArray:
+    """Mean pre-curvature of each piece of the shaft between ``edges_m`` (k + 1,)."""
+    return np.diff(_angle_at(rod, edges_m)) / np.diff(edges_m)
+
+
+def stiffness_at(rod: Rod, arc_m: FloatArray) -> FloatArray:
+    """EI for small curvature at ``arc_m`` (k,) along the shaft, linear between the rod's joints."""
+    joints = np.linspace(0.0, rod.flexible_length_m, rod.segments + 1)
+    return np.interp(arc_m, joints, rod.stiffnesses_nm2)
+
+
+def mean_stiffness(rod: Rod) -> float:
+    """One EI for the whole shaft, for models that know no other: as the rest shape has it, weighed by compliance.
+
+    The slope of the moment at the pre-curvature; weights are those with which a piece's compliance moves the tip.
+    """
+    edges = np.linspace(0.0, rod.flexible_length_m, 4 * rod.segments + 1)
+    arc = 0.5 * (edges[1:] + edges[:-1])
+    slope = stiffness_at(rod, arc) * (1 + (curvature_at(rod, arc) / rod.stiffening_curvature_per_m) ** 2)
+    weight = (rod.length_m - arc) ** 2
+    return float(weight.sum() / (weight / slope).sum())
+
+
+def nodes_at(rod: Rod, arc_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Places (k, 2) and tangent angles (k,) of the unloaded shaft at ``arc_m`` (k,), which begins with 0."""
+    nodes, weights = np.polynomial.legendre.leggauss(5)
+    step = np.diff(arc_m)
+    inside = arc_m[:-1, None] + 0.5 * step[:, None] * (1 + nodes)
+    angle = _angle_at(rod, inside.ravel()).reshape(inside.shape)
+    ways = 0.5 * step[:, None] * np.stack([np.cos(angle) @ weights, np.sin(angle) @ weights], axis=1)
+    return np.vstack([np.zeros((1, 2)), np.cumsum(ways, axis=0)]), _angle_at(rod, arc_m)
+
+
+def first_share(rod: Rod, fx: float, fy: float, moment_nm: float) -> float:
+    """Share of the load that bends the rod by a radian or less."""
+    size = (math.hypot(fx, fy) * rod.length_m**2 + abs(moment_nm) * rod.length_m) / rod.bending_stiffness_nm2
+    return 1.0 / max(1.0, math.ceil(size))

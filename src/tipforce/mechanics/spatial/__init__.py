@@ -1,0 +1,19 @@
+"""The Kirchhoff rod in space: static equilibria under loads, and contact with a soft wall, instant by instant."""
+
+from ._contact import SpatialContact, SpatialContactSolver, SpatialWall, damping_of_loss_factor, solve_contact_spatial
+from ._contact_derivatives import ContactDerivatives, contact_derivatives
+from ._rod import SpatialRod
+from ._statics import SpatialShape, solve_static_spatial
+
+__all__ = [
+    "ContactDerivatives",
+    "SpatialContact",
+    "SpatialContactSolver",
+    "SpatialRod",
+    "SpatialShape",
+    "SpatialWall",
+    "contact_derivatives",
+    "damping_of_loss_factor",
+    "solve_contact_spatial",
+    "solve_static_spatial",
+]

@@ -1,0 +1,268 @@
+"""The spatial rod on a moving wall: the wall, the solver that goes from instant to instant, and its results."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...types import BoolArray, FloatArray, IntArray, frozen
+from ._rod import SpatialRod, frames_of
+from ._state import Load, elastic_of, line_of, make_work
+from ._time_stepping import NUMBERS, Law, make_history, march
+
+__all__ = ["SpatialContact", "SpatialContactSolver", "SpatialWall", "damping_of_loss_factor", "solve_contact_spatial"]
+
+
+def damping_of_loss_factor(stiffness_n_per_m: float, loss_factor: float, frequency_hz: float) -> float:
+    """Damping in N s/m whose force leads the dent by atan(``loss_factor``) at ``frequency_hz``.
+
+    A spring and a dashpot side by side have the loss factor 2 pi f c / k.
+
+    >>> round(damping_of_loss_factor(120.0, 0.175, 1.2), 3)
+    2.785
+    """
+    if not (stiffness_n_per_m > 0 and loss_factor >= 0 and frequency_hz > 0):
+        raise ValueError(
+            "expected positive stiffness_n_per_m and frequency_hz and no negative loss_factor, "
+            f"got {stiffness_n_per_m}, {frequency_hz}, {loss_factor}"
+        )
+    return stiffness_n_per_m * loss_factor / (2 * math.pi * frequency_hz)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpatialWall:
+    """A plane that yields where it is touched, in the base frame.
+
+    ``normal`` (3,): the direction INTO the wall, d, made a unit vector. Normal force = spring + ``damping_ns_per_m`` x
+    rate of depth, never pulling: after a release the dent goes back by itself and is met again where it then is. The
+    spring is ``stiffness_n_per_m`` x depth, or with ``hertz_depth_m`` h, Hertz's law for a ball:
+    ``stiffness_n_per_m`` x depth x sqrt(depth / h), so that the stiffness is the secant's at depth h.
+
+    Along the wall the tissue yields by ``shear_n_per_m`` (None: 2/3 of ``stiffness_n_per_m``, Mindlin's ratio for an
+    incompressible half-space) until Coulomb's ``friction`` is reached, then the tip slips, in any direction of the
+    plane. ``side_stiffness_n_per_m2``: spring, per metre of length, against the shaft's side, without friction or
+    damping; 0: the shaft passes through the wall.
+
+    Raises ValueError where a value has no physical meaning.
+    """
+
+    normal: FloatArray
+    stiffness_n_per_m: float
+    damping_ns_per_m: float = 0.0
+    friction: float = 0.0
+    shear_n_per_m: float | None = None
+    hertz_depth_m: float | None = None
+    side_stiffness_n_per_m2: float = 0.0
+
+    def __post_init__(self) -> None:
+        normal = np.array(frozen("normal", self.normal, (3,)))
+        size = float(np.linalg.norm(normal))
+        if not (size > 0 and math.isfinite(size)):
+            raise ValueError(f"a wall needs a direction, got normal {normal}")
+        object.__setattr__(self, "normal", frozen("normal", normal / size, (3,)))
+        positive = [self.stiffness_n_per_m, self.tangential_n_per_m]
+        positive += [] if self.hertz_depth_m is None else [self.hertz_depth_m]
+        others = [self.damping_ns_per_m, self.friction, self.side_stiffness_n_per_m2]
+        if not (all(value > 0 for value in positive) and all(value >= 0 for value in others)):
+            raise ValueError(
+                "a wall needs positive stiffness, shear and Hertz depth, and no negative damping, friction or side "
+                f"stiffness, got {self}"
+            )
+
+    @property
+    def tangential_n_per_m(self) -> float:
+        """Stiffness along the wall while the tip sticks."""
+        return self.stiffness_n_per_m * 2 / 3 if self.shear_n_per_m is None else self.shear_n_per_m
+
+    @property
+    def axes(self) -> FloatArray:
+        """(3, 3), rows: d, and two directions of the plane; the first of them is z x d where that exists."""
+        d = np.asarray(self.normal)
+        across = np.array([-d[1], d[0], 0.0])
+        size = float(np.linalg.norm(across))
+        first = across / size if size > 1e-6 else np.array([1.0, 0.0, 0.0]) - d[0] * d
+        first /= np.linalg.norm(first)
+        return np.stack([d, first, np.cross(d, first)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpatialContact:
+    """The rod at m instants, base frame.
+
+    ``quaternions`` (m, segments + 1, 4), see `SpatialRod.unloaded_quaternions`; ``advance_m`` (m,): the clamp along x.
+    ``force_n`` (m, 3): what the wall does to the electrode's dome, at ``touch_m`` (m, 3); ``side_force_n`` (m, 3): what
+    it does to the shaft's side. ``reaction_force_n``, ``reaction_moment_nm`` (m, 3): what the clamp does to the rod,
+    about the clamp, the moment taken from the shaft's strain. ``indentation_m`` (m,): dent in the wall, which
+    outlasts the contact where there is damping. ``touching``, ``slipping`` (of the dome), ``converged``, ``stable``
+    (m,); a sticking tip counts as held by its tie.
+    """
+
+    rod: SpatialRod
+    wall: SpatialWall
+    quaternions: FloatArray
+    advance_m: FloatArray
+    force_n: FloatArray
+    touch_m: FloatArray
+    side_force_n: FloatArray
+    reaction_force_n: FloatArray
+    reaction_moment_nm: FloatArray
+    indentation_m: FloatArray
+    touching: BoolArray
+    slipping: BoolArray
+    converged: BoolArray
+    stable: BoolArray
+
+    def nodes_m(self) -> FloatArray:
+        """(m, segments + 2, 3): clamp, segment ends, tip of the electrode."""
+        return self.rod.nodes_m(self.quaternions, self.advance_m)
+
+    def frames(self) -> FloatArray:
+        """(m, segments + 1, 3, 3): material frames of the segments and of the electrode, in columns."""
+        return frames_of(self.quaternions)
+
+    def tip_axes(self, rows: BoolArray | IntArray) -> FloatArray:
+        """(k, 3): the electrode's direction at ``rows``."""
+        return frames_of(self.quaternions[rows, -1])[..., 0]
+
+
+class SpatialContactSolver:
+    """A rod and a wall that are moved instant by instant: for a closed loop that commands the motion live.
+
+    ``dt_s`` is the time between instants and matters with damping and creep only. The electrode ends in a ball of
+    ``tip_radius_m``, which is the shaft's radius too. ``distributed_n_per_m``: dead load along the whole length, (3,)
+    or (segments + 1, 3). ``creep``: the shaft is a standard linear solid on the strain against its pre-curvature: a
+    spring ``creep`` times as stiff as EI and GJ lies beside the shaft and goes slack with the time constant
+    ``creep_time_s``, so that under a fixed strain the moment falls by creep / (1 + creep), under a fixed moment the
+    strain grows by ``creep``, and what is left in the end is the rod of `solve_static_spatial`.
+
+    The first instant is reached from the rod hanging free for long, so it should be without contact, and steps should
+    be short beside the ball. Raises ValueError where a value has no physical meaning.
+
+    >>> wall = SpatialWall(np.array([0.6, 0.8, 0.0]), 120.0)
+    >>> solver = SpatialContactSolver(SpatialRod(0.04, 4.3e-4, 0.008), wall, 1e-3, 1e-3)
+    >>> for depth in np.linspace(-1e-3, 4e-3, 50):
+    ...     now = solver.step(np.array([0.048, 0.0, 0.0]) - depth * wall.normal)
+    >>> now.force_n[0, :2].round(4), bool(now.touching[0])
+    (array([-0.0399, -0.0532]), True)
+    """
+
+    def __init__(
+        self,
+        rod: SpatialRod,
+        wall: SpatialWall,
+        dt_s: float,
+        tip_radius_m: float,
+        *,
+        distributed_n_per_m: FloatArray | None = None,
+        creep: float = 0.0,
+        creep_time_s: float = 1.0,
+    ) -> None:
+        if not (dt_s > 0 and creep >= 0 and creep_time_s > 0):
+            raise ValueError(
+                f"expected positive dt_s and creep_time_s and no negative creep, got {dt_s}, {creep_time_s}, {creep}"
+            )
+        if not 0.0 <= tip_radius_m <= rod.rigid_length_m:
+            raise ValueError(
+                f"tip_radius_m: expected 0 to the electrode's length {rod.rigid_length_m}, got {tip_radius_m}"
+            )
+        self.rod, self.wall = rod, wall
+        self._load = Load(np.zeros(3), np.zeros(3), line_of(rod, distributed_n_per_m))
+        weight = np.zeros(3) if distributed_n_per_m is None else np.asarray(distributed_n_per_m)
+        self._weight_n = (np.broadcast_to(weight, (rod.segments + 1, 3)) * rod.element_lengths_m[:, None]).sum(axis=0)
+        self._creep, self._creep_time_s = creep, creep_time_s
+        self._elastic = elastic_of(rod, rod.rigid_length_m - tip_radius_m)
+        self._law = Law(
+            axes=wall.axes,
+            radius=tip_radius_m,
+            stiffness=wall.stiffness_n_per_m,
+            hertz=0.0 if wall.hertz_depth_m is None else wall.hertz_depth_m**-0.5,
+            damping=wall.damping_ns_per_m,
+            kt=wall.tangential_n_per_m,
+            friction=wall.friction,
+            side=wall.side_stiffness_n_per_m2 * rod.flexible_length_m / rod.segments,
+            dt_s=dt_s,
+            relaxing=0.0,
+            base_rest=np.array(rod.precurvature_per_m),
+        )
+        self.change_step(dt_s)
+        self._history = make_history(rod.unloaded_quaternions)
+        self._work = make_work(rod.segments + 1, 3 + (rod.segments if wall.side_stiffness_n_per_m2 > 0 else 0))
+
+    def change_step(self, dt_s: float) -> None:
+        """From now on ``dt_s`` is the time between instants. Raises ValueError where it is not positive."""
+        if not dt_s > 0:
+            raise ValueError(f"expected positive dt_s, got {dt_s}")
+        relaxing = dt_s / self._creep_time_s
+        self._elastic = self._elastic._replace(maxwell=self._creep / (1 + relaxing))
+        self._law = self._law._replace(dt_s=dt_s, relaxing=relaxing)
+
+    def run(
+        self,
+        wall_m: FloatArray,
+        precurvature_change_per_m: FloatArray | None = None,
+        advance_m: FloatArray | None = None,
+    ) -> SpatialContact:
+        """The next m instants, see `solve_contact_spatial`; they go on from the last one."""
+        wall = np.ascontiguousarray(wall_m, np.float64)
+        m = wall.shape[0]
+        change = np.zeros((m, 3)) if precurvature_change_per_m is None else precurvature_change_per_m
+        change = np.ascontiguousarray(change, np.float64)
+        advance = np.ascontiguousarray(np.zeros(m) if advance_m is None else advance_m, np.float64)
+        if wall.shape != (m, 3) or change.shape != (m, 3) or advance.shape != (m,):
+            raise ValueError(
+                "expected wall_m (m, 3), precurvature_change_per_m (m, 3) and advance_m (m,), "
+                f"got {wall.shape}, {change.shape}, {advance.shape}"
+            )
+        rod = self.rod
+        rod.check_stiffening(np.abs(change).max(axis=0, initial=0.0) + np.abs(self._law.base_rest).max(axis=0))
+        shapes, numbers = np.empty((m, rod.segments + 1, 4)), np.empty((m, NUMBERS))
+        march(self._elastic, self._load, self._law, self._history, self._work, wall, change, advance, shapes, numbers)
+        side = -numbers[:, 9:10] * np.asarray(self.wall.normal)
+        return SpatialContact(
+            rod=rod,
+            wall=self.wall,
+            quaternions=shapes,
+            advance_m=advance,
+            force_n=numbers[:, 0:3],
+            touch_m=numbers[:, 3:6],
+            side_force_n=side,
+            reaction_force_n=-numbers[:, 0:3] - side - self._weight_n,
+            reaction_moment_nm=-numbers[:, 6:9],
+            indentation_m=numbers[:, 10],
+            touching=numbers[:, 11] > 0,
+            slipping=numbers[:, 12] > 0,
+            converged=numbers[:, 13] > 0,
+            stable=numbers[:, 14] > 0,
+        )
+
+    def step(
+        self, wall_m: FloatArray, precurvature_change_per_m: FloatArray | None = None, advance_m: float = 0.0
+    ) -> SpatialContact:
+        """The next instant, as a row of one: ``wall_m`` (3,), ``precurvature_change_per_m`` (3,)."""
+        change = None if precurvature_change_per_m is None else np.asarray(precurvature_change_per_m)[None]
+        return self.run(np.asarray(wall_m)[None], change, np.array([advance_m]))
+
+
+def solve_contact_spatial(
+    rod: SpatialRod,
+    wall: SpatialWall,
+    wall_m: FloatArray,
+    dt_s: float,
+    tip_radius_m: float,
+    *,
+    precurvature_change_per_m: FloatArray | None = None,
+    advance_m: FloatArray | None = None,
+    distributed_n_per_m: FloatArray | None = None,
+    creep: float = 0.0,
+    creep_time_s: float = 1.0,
+) -> SpatialContact:
+    """The rod while the wall moves: one equilibrium for each instant, each starting from the one before.
+
+    ``wall_m`` (m, 3): a point of the wall's undented surface, which the tissue carries along. For the rest see
+    `SpatialContactSolver`. ``precurvature_change_per_m`` (m, 3): added to the rod's own pre-curvature in every joint;
+    ``advance_m`` (m,): how far the clamp has moved along the base tangent.
+    """
+    solver = SpatialContactSolver(
+        rod, wall, dt_s, tip_radius_m, distributed_n_per_m=distributed_n_per_m, creep=creep, creep_time_s=creep_time_s
+    )
+    return solver.run(wall_m, precurvature_change_per_m, advance_m)

@@ -1,0 +1,333 @@
+"""How the centreline of a catheter in contact moves with all that is uncertain of it, instant by instant."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ...types import BoolArray, FloatArray, IntArray, frozen
+from .._arc import arc_m
+from ._compile import compiled
+from ._energy import add_pull, assemble
+from ._newton import TOLERANCE, relax, solve_factorised
+from ._rod import SpatialRod
+from ._state import NO_TOUCH, Elastic, Load, Work, elastic_of, line_of, make_work
+from ._time_stepping import creep_on
+
+__all__ = ["ContactDerivatives", "contact_derivatives"]
+
+_COLUMNS = {
+    "force": slice(0, 3),
+    "moment": slice(3, 6),
+    "precurvature": slice(6, 8),
+    "length": slice(8, 9),
+    "creep": slice(9, 10),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactDerivatives:
+    """First derivatives of a centreline at m instants; base frame.
+
+    ``centreline_m`` (m, points, 3). ``slopes`` (m, points, 3, columns); ``columns``: name -> its columns.
+    "force": m/N, 3 of them, where it acts. "moment": m/(N m) on the electrode, 3. "precurvature": m per 1/m about y and
+    z of the material frame, the same all along. "length": m/m of the flexible shaft, curvature and stiffness kept.
+    "creep": m per unit of the relative change of what the shaft crept by. "stiffness": m per unit of relative change
+    of EI and GJ, one for each pattern. ``stable`` (m,): where an equilibrium was found that is a minimum; elsewhere
+    the row means nothing.
+    """
+
+    centreline_m: FloatArray
+    slopes: FloatArray
+    columns: dict[str, slice]
+    stable: BoolArray
+
+    def __getitem__(self, name: str) -> FloatArray:
+        """(m, points, 3, c): the columns called ``name``."""
+        return self.slopes[..., self.columns[name]]
+
+
+def contact_derivatives(
+    rod: SpatialRod,
+    lines_m: FloatArray,
+    force_n: FloatArray,
+    touch_m: FloatArray,
+    points: int | FloatArray,
+    *,
+    tip_radius_m: float = 0.0,
+    precurvature_change_per_m: FloatArray | None = None,
+    stiffness_patterns: FloatArray | None = None,
+    time_s: FloatArray | None = None,
+    creep: float = 0.0,
+    creep_time_s: float = 1.0,
+) -> ContactDerivatives:
+    """Equilibria of ``rod`` under known forces, and the derivatives of their centrelines by implicit functions.
+
+    ``lines_m`` (m, p, 3): centrelines, uniform in arc length, roughly as they are: they tell which of several
+    equilibria is meant. ``force_n`` (m, 3) acts at ``touch_m`` (m, 3) of the electrode's dome, whose radius is
+    ``tip_radius_m``. ``points``: how many along the centreline, evenly, or their arc lengths.
+    ``precurvature_change_per_m`` (m, 3): as in `solve_contact_spatial`. ``stiffness_patterns`` (patterns,
+    segments + 1): relative change of the stiffness in each joint; None: one, the same all along. With ``creep`` (as in
+    `SpatialContactSolver`) the strains at ``time_s`` (m,) are taken to last until the next instant.
+
+    >>> rod = SpatialRod(0.05, 4.3e-4, segments=100)
+    >>> line = np.linspace(0, 1, 11)[None, :, None] * [0.05, 0.0, 0.0]
+    >>> found = contact_derivatives(rod, line, np.zeros((1, 3)), line[:, -1], np.array([0.05]))
+    >>> (found["force"][0, 0, 1, 1] / (0.05**3 / (3 * 4.3e-4))).round(3)  # the linear beam's L^3 / 3EI
+    np.float64(1.0)
+    """
+    lines = frozen("lines_m", lines_m, (None, None, 3))
+    m, k = len(lines), rod.segments + 1
+    force, touch = np.array(frozen("force_n", force_n, (m, 3))), frozen("touch_m", touch_m, (m, 3))
+    change = np.zeros((m, 3)) if precurvature_change_per_m is None else precurvature_change_per_m
+    patterns = np.ones((1, k)) if stiffness_patterns is None else stiffness_patterns
+    patterns = np.array(frozen("stiffness_patterns", patterns, (None, k)))
+    if creep > 0 and time_s is None:
+        raise ValueError("creep needs the instants time_s")
+    times = np.arange(m, dtype=np.float64) if time_s is None else frozen("time_s", time_s, (m,))
+    axis = lines[:, -1] - lines[:, -2]
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    # Where nothing touches, the place means nothing: the arm is none.
+    pressed = np.any(force != 0.0, axis=1)
+    arm = np.where(pressed[:, None], touch - (lines[:, -1] - tip_radius_m * axis), 0.0)
+    rows = Rows(
+        q=orientations_along(rod, lines),
+        change=np.array(frozen("precurvature_change_per_m", change, (m, 3))),
+        force=force,
+        moment=np.cross(arm, force),
+        arm=arm,
+        relaxing=np.expm1(np.diff(times, append=times[-1:]) / creep_time_s),
+    )
+    elastic = elastic_of(rod, rod.rigid_length_m - tip_radius_m)._replace(maxwell=creep)
+    arc = arc_m(rod.element_lengths_m, points)
+    begins = np.cumsum(rod.element_lengths_m) - rod.element_lengths_m
+    order = np.argsort(arc, kind="stable")
+    element = np.clip(np.searchsorted(begins, arc[order], side="right") - 1, 0, k - 1)
+    places = Places(element, arc[order] - begins[element], rod.element_lengths_m, rod.flexible_length_m)
+    columns = {**_COLUMNS, "stiffness": slice(10, 10 + len(patterns))}
+    count = columns["stiffness"].stop
+    spare = Spare(
+        rod=elastic._replace(**{name: np.zeros_like(getattr(elastic, name)) for name in _ARRAYS}),
+        unit=Load(np.zeros(3), np.zeros(3), line_of(rod, None)),
+        here=np.zeros(3 * k),
+        sides=np.zeros((count, 3 * k)),
+        moves=np.zeros((count, 3)),
+    )
+    line, slopes, good = np.empty((m, arc.size, 3)), np.empty((m, arc.size, 3, count)), np.empty(m)
+    slope_rows(
+        rows, elastic, Load(np.zeros(3), np.zeros(3), line_of(rod, None)), np.array(rod.precurvature_per_m), patterns,
+        places, spare, make_work(k, 0), line, slopes, good,
+    )  # fmt: skip
+    back = np.argsort(order, kind="stable")
+    return ContactDerivatives(line[:, back], slopes[:, back], columns, good > 0)
+
+
+_ARRAYS = ("span", "bend", "twist", "rest", "reach", "memory")
+
+
+def orientations_along(rod: SpatialRod, lines_m: FloatArray) -> FloatArray:
+    """(m, segments + 1, 4): orientations of the elements along centrelines (m, p, 3), uniform in arc length.
+
+    Each frame is turned on from the one before by the shortest way, so there is no twist but that of the curve.
+    """
+    lengths = rod.element_lengths_m
+    place = np.concatenate([[0.0], np.cumsum(lengths)]) / rod.length_m * (lines_m.shape[1] - 1)
+    low = np.minimum(place.astype(np.int64), lines_m.shape[1] - 2)
+    share = (place - low)[:, None]
+    nodes = lines_m[:, low] * (1 - share) + lines_m[:, low + 1] * share
+    tangents = np.diff(nodes, axis=1)
+    if rod.rigid_length_m == 0.0:
+        tangents[:, -1] = tangents[:, -2]  # no length has no direction: the shaft's end has
+    tangents /= np.linalg.norm(tangents, axis=2, keepdims=True)
+    q = np.empty((len(lines_m), rod.segments + 1, 4))
+    now, before = np.tile([1.0, 0.0, 0.0, 0.0], (len(lines_m), 1)), np.tile([1.0, 0.0, 0.0], (len(lines_m), 1))
+    for i in range(rod.segments + 1):
+        after = tangents[:, i]
+        turn = np.column_stack([1.0 + np.sum(before * after, axis=1), np.cross(before, after)])
+        turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+        w, v = turn[:, :1], turn[:, 1:]
+        scalar = w * now[:, :1] - np.sum(v * now[:, 1:], axis=1, keepdims=True)
+        now = np.hstack([scalar, w * now[:, 1:] + now[:, :1] * v + np.cross(v, now[:, 1:])])
+        before = after
+        q[:, i] = now
+    return q
+
+
+_FORCE, _MOMENT, _REST, _LENGTH, _CREEP, _PATTERNS = 0, 3, 6, 8, 9, 10
+"""First columns of: force (3), moment (3), rest strain about y and z (2), length, creep, stiffness patterns."""
+_SHARE = 1e-5
+"""Of the length, for its central difference."""
+
+
+class Rows(NamedTuple):
+    """A row for each equilibrium: ``q`` (m, k, 4) to start from, ``change`` (m, 3) of the pre-curvature.
+
+    ``force``, ``moment``, ``arm`` (m, 3): at the lever's end, on the electrode, and from the lever's end to where the
+    force acts: what the moment changes by when the force does. ``relaxing`` (m,): time until the next row over the
+    creep's time constant, as `creep_on` takes it.
+    """
+
+    q: FloatArray
+    change: FloatArray
+    force: FloatArray
+    moment: FloatArray
+    arm: FloatArray
+    relaxing: FloatArray
+
+
+class Places(NamedTuple):
+    """Points of the centreline: each in which ``element`` (n,), and how far along it ``beyond`` (n,).
+
+    ``lengths`` (k,): of the elements; ``flexible``: of the shaft, whose last element but one ends it.
+    """
+
+    element: IntArray
+    beyond: FloatArray
+    lengths: FloatArray
+    flexible: float
+
+
+class Spare(NamedTuple):
+    """Room: a second rod to differ from, a load of one unit, right-hand sides (C, 3k), and the nodes' moves."""
+
+    rod: Elastic
+    unit: Load
+    here: FloatArray
+    sides: FloatArray
+    moves: FloatArray
+
+
+@compiled
+def _differ(q: FloatArray, other: Elastic, load: Load, here: FloatArray, work: Work, side: FloatArray) -> None:
+    """``side`` = the gradient that is kept in ``here`` less that of ``other``."""
+    assemble(q, other, load, NO_TOUCH, work)
+    for r in range(here.shape[0]):
+        side[r] = here[r] - work.gradient[r]
+
+
+@compiled
+def _keep(q: FloatArray, rod: Elastic, load: Load, work: Work, here: FloatArray) -> None:
+    assemble(q, rod, load, NO_TOUCH, work)
+    for r in range(here.shape[0]):
+        here[r] = work.gradient[r]
+
+
+@compiled
+def _fill_sides(
+    q: FloatArray, rod: Elastic, load: Load, arm: FloatArray, patterns: FloatArray, flexible: float, spare: Spare,
+    work: Work,
+) -> None:  # fmt: skip
+    """``spare.sides``: -dg/dp of every unknown."""
+    k, sides, here, other = q.shape[0], spare.sides, spare.here, spare.rod
+    force, moment = spare.unit.force, spare.unit.moment
+    for r in range(3 * k):
+        for c in range(_REST):
+            sides[c, r] = 0.0
+    for axis in range(3):
+        one, two = (axis + 1) % 3, (axis + 2) % 3
+        force[axis], moment[one], moment[two] = 1.0, arm[two], -arm[one]  # arm x the unit force
+        add_pull(q, rod, spare.unit, sides[_FORCE + axis])
+        force[axis], moment[one], moment[two], moment[axis] = 0.0, 0.0, 0.0, 1.0
+        add_pull(q, rod, spare.unit, sides[_MOMENT + axis])
+        moment[axis] = 0.0
+
+    # A length's change is no linear matter: a central difference, the shorter rod's gradient kept meanwhile.
+    for sign in range(2):
+        share = 1.0 + (2 * sign - 1) * _SHARE
+        for i in range(k):
+            other.span[i] = rod.span[i] * share
+            other.reach[i] = rod.reach[i] * (share if i < k - 1 else 1.0)
+        scaled = Elastic(other.span, rod.bend, rod.twist, rod.rest, rod.soft, other.reach, rod.memory, rod.maxwell,
+                         rod.small)  # fmt: skip
+        if sign == 0:
+            _keep(q, scaled, load, work, here)
+        else:
+            _differ(q, scaled, load, here, work, sides[_LENGTH])
+    scale = 0.5 / (_SHARE * flexible)
+    for r in range(3 * k):
+        sides[_LENGTH, r] *= scale
+
+    # The gradient is linear in rest strain, memory and stiffnesses: a difference is the derivative.
+    _keep(q, rod, load, work, here)
+    for axis in range(1, 3):
+        for i in range(k):
+            for j in range(3):
+                other.rest[i, j] = rod.rest[i, j] + (1.0 if j == axis else 0.0)
+        bent = Elastic(rod.span, rod.bend, rod.twist, other.rest, rod.soft, rod.reach, rod.memory, rod.maxwell,
+                       rod.small)  # fmt: skip
+        _differ(q, bent, load, here, work, sides[_REST + axis - 1])
+    for i in range(k):
+        for j in range(3):
+            other.memory[i, j] = 2.0 * rod.memory[i, j]
+    crept = Elastic(rod.span, rod.bend, rod.twist, rod.rest, rod.soft, rod.reach, other.memory, rod.maxwell, rod.small)
+    _differ(q, crept, load, here, work, sides[_CREEP])
+    for p in range(patterns.shape[0]):
+        for i in range(k):
+            share = 1.0 + patterns[p, i]
+            other.bend[i], other.twist[i] = share * rod.bend[i], share * rod.twist[i]
+        firm = Elastic(rod.span, other.bend, other.twist, rod.rest, rod.soft, rod.reach, rod.memory, rod.maxwell,
+                       rod.small)  # fmt: skip
+        _differ(q, firm, load, here, work, sides[_PATTERNS + p])
+
+
+@compiled
+def _walk(q: FloatArray, places: Places, spare: Spare, points: FloatArray, slopes: FloatArray) -> None:
+    """Places (n, 3) and their slopes (n, 3, C) from the elements' turns, which stand in ``spare.sides``."""
+    sides, moves = spare.sides, spare.moves
+    columns, n = sides.shape[0], places.element.shape[0]
+    for c in range(columns):
+        for j in range(3):
+            moves[c, j] = 0.0
+    x = y = z = 0.0
+    point = 0
+    for i in range(q.shape[0]):
+        w, a, b, c_ = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+        t0, t1, t2 = 1 - 2 * (b * b + c_ * c_), 2 * (a * b + w * c_), 2 * (a * c_ - w * b)
+        y0, y1, y2 = 2 * (a * b - w * c_), 1 - 2 * (a * a + c_ * c_), 2 * (b * c_ + w * a)
+        z0, z1, z2 = 2 * (a * c_ + w * b), 2 * (b * c_ - w * a), 1 - 2 * (a * a + b * b)
+        stretch = 1.0 / places.flexible if i < q.shape[0] - 1 else 0.0
+        while point < n and places.element[point] == i:
+            way = places.beyond[point]
+            points[point, 0], points[point, 1], points[point, 2] = x + way * t0, y + way * t1, z + way * t2
+            for c in range(columns):
+                # an element's direction turns by w x (1, 0, 0) in its own frame
+                second, third = way * sides[c, 3 * i + 2], -way * sides[c, 3 * i + 1]
+                along = way * stretch if c == _LENGTH else 0.0
+                slopes[point, 0, c] = moves[c, 0] + second * y0 + third * z0 + along * t0
+                slopes[point, 1, c] = moves[c, 1] + second * y1 + third * z1 + along * t1
+                slopes[point, 2, c] = moves[c, 2] + second * y2 + third * z2 + along * t2
+            point += 1
+        way = places.lengths[i]
+        x, y, z = x + way * t0, y + way * t1, z + way * t2
+        for c in range(columns):
+            second, third = way * sides[c, 3 * i + 2], -way * sides[c, 3 * i + 1]
+            along = way * stretch if c == _LENGTH else 0.0
+            moves[c, 0] += second * y0 + third * z0 + along * t0
+            moves[c, 1] += second * y1 + third * z1 + along * t1
+            moves[c, 2] += second * y2 + third * z2 + along * t2
+
+
+@compiled
+def slope_rows(
+    rows: Rows, rod: Elastic, load: Load, base_rest: FloatArray, patterns: FloatArray, places: Places, spare: Spare,
+    work: Work, points: FloatArray, slopes: FloatArray, good: FloatArray,
+) -> None:  # fmt: skip
+    """Fill ``points`` (m, n, 3), ``slopes`` (m, n, 3, C) and ``good`` (m,): 1 where a stable shape was found.
+
+    ``rod.rest``, ``rod.memory`` and ``load`` are written over; the memory goes on from what it holds.
+    """
+    for row in range(rows.q.shape[0]):
+        q = rows.q[row]
+        for i in range(q.shape[0]):
+            for j in range(3):
+                rod.rest[i, j] = base_rest[i, j] + rows.change[row, j]
+        for j in range(3):
+            load.force[j], load.moment[j] = rows.force[row, j], rows.moment[row, j]
+        out = relax(q, rod, load, NO_TOUCH, work, TOLERANCE)
+        good[row] = 1.0 if out.converged and out.stable else 0.0
+        # `relax` leaves the factors at ``q`` in ``work``; assembling does not touch them.
+        _fill_sides(q, rod, load, rows.arm[row], patterns, places.flexible, spare, work)
+        for c in range(spare.sides.shape[0]):
+            solve_factorised(work, 0, spare.sides[c])
+        _walk(q, places, spare, points[row], slopes[row])
+        creep_on(q, rod, rows.relaxing[row])

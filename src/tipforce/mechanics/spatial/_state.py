@@ -1,0 +1,148 @@
+"""What the kernels of the spatial rod are told: the rod, its loads, the wall, and room to work in."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...types import FloatArray
+from ._rod import SpatialRod
+
+__all__ = ["NO_TOUCH", "Elastic", "Load", "Touch", "Work", "elastic_of", "line_of", "make_work"]
+
+
+class Elastic(NamedTuple):
+    """The rod as numbers; k = segments + 1 joints, each in front of one element (segments, then the electrode).
+
+    ``span``, ``solve_static`` (EI), ``twist`` (GJ) (k,), ``rest`` (k, 3): pre-curvature; ``soft``: 1 / k_s^2.
+    ``reach`` (k,): length of each element; the last one's is the lever of the loaded point.
+    ``memory`` (k, 3), ``maxwell``: crept strain and strength of the Maxwell spring. ``small``: EI / length of shaft.
+    """
+
+    span: FloatArray
+    bend: FloatArray
+    twist: FloatArray
+    rest: FloatArray
+    soft: float
+    reach: FloatArray
+    memory: FloatArray
+    maxwell: float
+    small: float
+
+
+class Load(NamedTuple):
+    """Dead loads, base frame: ``force`` (3,) at the lever's end, ``moment`` (3,) on the electrode.
+
+    ``line`` (k, 3): what a distributed load does to each element's direction, in N m.
+    """
+
+    force: FloatArray
+    moment: FloatArray
+    line: FloatArray
+
+
+class Touch(NamedTuple):
+    """A ball at the lever's end, and the shaft's side, against a plane that yields.
+
+    ``axes`` (3, 3): rows d (into the wall), t1, t2. ``place``: of the undented plane along d, less what the clamp's
+    advance has of d. Normal force = ``stiffness`` x depth (or x depth^1.5 ``hertz``, where that is positive) + ``rate``
+    x (depth - ``dent``), on depths beyond ``rest`` only. ``kt`` ties the touching point, carried along by ``arm`` (3,)
+    in the electrode's frame, to ``zero`` (2,) along t1 and t2; with ``friction`` >= 0 that tie slips at Coulomb's
+    limit, which has no energy. ``drag`` (2,): dead tangential force instead. ``side``: stiffness of the contact of
+    each node of the shaft, whose radius is ``side_radius``.
+    """
+
+    active: bool
+    axes: FloatArray
+    place: float
+    radius: float
+    stiffness: float
+    hertz: float
+    rate: float
+    dent: float
+    rest: float
+    kt: float
+    zero: FloatArray
+    arm: FloatArray
+    drag: FloatArray
+    friction: float
+    side: float
+    side_radius: float
+
+
+class Work(NamedTuple):
+    """Room for Newton's method; ``rows`` are the contacts' directions, ``firm`` (m, m) their stiffness."""
+
+    gradient: FloatArray
+    hessian: FloatArray
+    band: FloatArray
+    tail: FloatArray
+    skew: FloatArray
+    step: FloatArray
+    trial: FloatArray
+    tangent: FloatArray
+    rows: FloatArray
+    solved: FloatArray
+    firm: FloatArray
+    compliance: FloatArray
+    small: FloatArray
+    forces: FloatArray
+
+
+NO_TOUCH = Touch(
+    False, np.eye(3), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.zeros(2), np.zeros(3), np.zeros(2), -1.0, 0.0, 0.0
+)  # fmt: skip
+
+
+def elastic_of(rod: SpatialRod, lever_m: float) -> Elastic:
+    """The numbers of ``rod``, loaded at ``lever_m`` beyond the end of its shaft, without creep."""
+    reach = rod.element_lengths_m
+    reach[-1] = lever_m
+    profile = np.asarray(rod.stiffness_profile, np.float64)
+    return Elastic(
+        span=rod.joint_spans_m,
+        bend=rod.bending_stiffness_nm2 * profile,
+        twist=rod.gj_nm2 * profile,
+        rest=np.array(rod.precurvature_per_m),
+        soft=rod.stiffening_curvature_per_m**-2,
+        reach=reach,
+        memory=np.zeros((rod.segments + 1, 3)),
+        maxwell=0.0,
+        small=rod.bending_stiffness_nm2 / rod.flexible_length_m,
+    )
+
+
+def line_of(rod: SpatialRod, distributed_n_per_m: FloatArray | None) -> FloatArray:
+    """(segments + 1, 3): `Load.line` of a distributed load, the same along the whole length or one for each element.
+
+    Raises ValueError where it is neither (3,) nor (segments + 1, 3), or not finite.
+    """
+    whole = (rod.segments + 1, 3)
+    if distributed_n_per_m is None:
+        return np.zeros(whole)
+    if np.shape(distributed_n_per_m) not in ((3,), whole) or not np.isfinite(distributed_n_per_m).all():
+        raise ValueError(f"distributed_n_per_m: expected finite numbers (3,) or {whole}, got {distributed_n_per_m}")
+    lengths = rod.element_lengths_m[:, None]
+    weight = np.broadcast_to(distributed_n_per_m, whole) * lengths
+    beyond = np.cumsum(weight[::-1], axis=0)[::-1] - weight
+    return lengths * (beyond + 0.5 * weight)
+
+
+def make_work(elements: int, contacts: int) -> Work:
+    """Room for ``elements`` = segments + 1 unknown rotations and up to ``contacts`` springs."""
+    size = 3 * elements
+    return Work(
+        gradient=np.zeros(size),
+        hessian=np.zeros((size, 6)),
+        band=np.zeros((size, 6)),
+        tail=np.zeros((3, 3)),
+        skew=np.zeros(3),
+        step=np.zeros(size),
+        trial=np.zeros((elements, 4)),
+        tangent=np.zeros((elements, 3)),
+        rows=np.zeros((contacts, size)),
+        solved=np.zeros((contacts, size)),
+        firm=np.zeros((contacts, contacts)),
+        compliance=np.zeros((contacts, contacts)),
+        small=np.zeros((contacts, contacts)),
+        forces=np.zeros((2, contacts)),
+    )

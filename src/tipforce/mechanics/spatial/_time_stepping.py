@@ -1,0 +1,289 @@
+"""The tip on the wall, quasi-static, instant after instant."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ...types import FloatArray
+from ._compile import compiled
+from ._energy import contact_at, joint_moment, log_factors, log_scale, normal_force, tangential_force, tip_at, unturned
+from ._newton import TOLERANCE, Outcome, copy_turns, relax
+from ._state import Elastic, Load, Touch, Work
+
+__all__ = ["NUMBERS", "History", "Law", "creep_on", "make_history", "march"]
+
+NUMBERS = 15
+"""A row of numbers: force on the dome (3), touching point (3), moment carried at the clamp (3), force of the side
+along d, dent, touching, slipping, converged, stable."""
+
+_SLOW = math.cos(0.5 * 0.02)
+"""Turns of up to 0.02 rad an instant are expected to go on."""
+
+
+class Law(NamedTuple):
+    """The wall's laws as numbers, see `Touch`; ``base_rest`` (k, 3): the rod's own pre-curvature."""
+
+    axes: FloatArray
+    radius: float
+    stiffness: float
+    hertz: float
+    damping: float
+    kt: float
+    friction: float
+    side: float
+    dt_s: float
+    relaxing: float
+    """dt / time constant of the creep."""
+    base_rest: FloatArray
+
+
+class History(NamedTuple):
+    """What the next instant needs of the last.
+
+    Orientations (k, 4), those ``before`` them, centre of the dome, the wall's point (3,). ``way`` (2,): of the
+    touching point along the wall, seen from the wall; ``anchor`` (2,): where the tissue that it sticks to is at rest.
+    ``plain``: begun, dent, touching.
+    """
+
+    q: FloatArray
+    before: FloatArray
+    centre: FloatArray
+    wall: FloatArray
+    way: FloatArray
+    anchor: FloatArray
+    plain: FloatArray
+
+
+def make_history(start: FloatArray) -> History:
+    """Before the first instant, at the orientations ``start`` (k, 4)."""
+    return History(np.array(start), np.array(start), np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(2), np.zeros(3))
+
+
+@compiled
+def _resting_dent(law: Law, rate: float, dent: float) -> float:
+    """Where the dent would be at the end of this instant without contact, by implicit Euler."""
+    if rate == 0.0 or dent <= 0.0:
+        return 0.0
+    if law.hertz == 0.0:
+        return dent * rate / (law.stiffness + rate)
+    depth = dent
+    for _ in range(50):  # convex and rising: Newton's method comes down from the dent
+        root = law.stiffness * law.hertz * math.sqrt(depth)
+        change = (root * depth + rate * (depth - dent)) / (1.5 * root + rate)
+        depth -= change
+        if change <= 1e-15 * dent:
+            break
+    return max(depth, 0.0)
+
+
+@compiled
+def _go_on(q: FloatArray, before: FloatArray) -> None:
+    """Turn each element on by the turn of the last instant: from ``before`` to ``q``, which moves to ``before``.
+
+    Where one turned fast, as in a snap, that says nothing about the next instant: all stay.
+    """
+    slow = True
+    for i in range(q.shape[0]):
+        dot = 0.0
+        for k in range(4):
+            dot += q[i, k] * before[i, k]
+        slow = slow and abs(dot) > _SLOW
+    if not slow:
+        copy_turns(q, before)
+        return
+    for i in range(q.shape[0]):
+        w0, x0, y0, z0 = before[i, 0], before[i, 1], before[i, 2], before[i, 3]
+        w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+        dw, dx = w * w0 + x * x0 + y * y0 + z * z0, x * w0 - w * x0 - y * z0 + z * y0
+        dy, dz = y * w0 - w * y0 - z * x0 + x * z0, z * w0 - w * z0 - x * y0 + y * x0
+        before[i, 0], before[i, 1], before[i, 2], before[i, 3] = w, x, y, z
+        w, x, y, z = (
+            dw * w - dx * x - dy * y - dz * z,
+            dw * x + dx * w + dy * z - dz * y,
+            dw * y + dy * w + dz * x - dx * z,
+            dw * z + dz * w + dx * y - dy * x,
+        )
+        size = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
+        q[i, 0], q[i, 1], q[i, 2], q[i, 3] = w * size, x * size, y * size, z * size
+
+
+@compiled
+def _strain(q: FloatArray, rod: Elastic, i: int) -> tuple[float, float, float]:
+    """Strain in joint i."""
+    w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+    w0, x0, y0, z0 = 1.0, 0.0, 0.0, 0.0
+    if i > 0:
+        w0, x0, y0, z0 = q[i - 1, 0], q[i - 1, 1], q[i - 1, 2], q[i - 1, 3]
+    c = w0 * w + x0 * x + y0 * y + z0 * z
+    a = w0 * x - x0 * w - y0 * z + z0 * y
+    b = w0 * y - y0 * w - z0 * x + x0 * z
+    d = w0 * z - z0 * w - x0 * y + y0 * x
+    f = math.copysign(log_scale(a * a + b * b + d * d, abs(c)) / rod.span[i], c)
+    return f * a, f * b, f * d
+
+
+@compiled
+def creep_on(q: FloatArray, rod: Elastic, relaxing: float) -> None:
+    """The Maxwell springs' dashpots follow the strain, by implicit Euler; at once where ``relaxing`` is infinite."""
+    share = 1.0 if relaxing == math.inf else relaxing / (1.0 + relaxing)
+    for i in range(q.shape[0]):
+        u = _strain(q, rod, i)
+        for k in range(3):
+            rod.memory[i, k] += share * (u[k] - rod.rest[i, k] - rod.memory[i, k])
+
+
+@compiled
+def _with_tie(touch: Touch, kt: float) -> Touch:
+    """The same wall with a tie that never slips, or, where ``kt`` is 0, with the drag as a dead load."""
+    return Touch(
+        touch.active, touch.axes, touch.place, touch.radius, touch.stiffness, touch.hertz, touch.rate, touch.dent,
+        touch.rest, kt, touch.zero, touch.arm, touch.drag, -1.0, touch.side, touch.side_radius,
+    )  # fmt: skip
+
+
+@compiled
+def _settle(q: FloatArray, saved: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work) -> Outcome:
+    """Equilibrium on the wall.
+
+    On a rough one Newton's method with stick and slip in it goes straight there as a rule. Where it fails, for
+    instance where the rod snaps, the energy brings the rod down: first with the tip tied, then with the slipping force
+    frozen as a load, and the method is tried again from each of these.
+    """
+    copy_turns(q, saved)
+    out = relax(q, rod, load, touch, work, TOLERANCE)
+    steps = out.iterations
+    if not (touch.kt > 0.0 and touch.active):
+        return out
+    helper = _with_tie(touch, touch.kt)
+    attempt = 0
+    while not out.converged and attempt < 12:
+        attempt += 1
+        copy_turns(saved, q)
+        steps += relax(q, rod, load, helper, work, 1e-6).iterations
+        copy_turns(q, saved)
+        px, py, pz = tip_at(q, rod, work.tangent)
+        depth, first, second = contact_at(q, px, py, pz, touch)
+        touch.drag[0], touch.drag[1], _ = tangential_force(touch, normal_force(touch, depth)[0], first, second)
+        helper = _with_tie(touch, 0.0)
+        out = relax(q, rod, load, touch, work, TOLERANCE)
+        steps += out.iterations
+    touch.drag[0] = touch.drag[1] = 0.0
+    return Outcome(steps, out.converged, out.stable, out.residual)
+
+
+@compiled
+def _base_moment(q: FloatArray, rod: Elastic) -> tuple[float, float, float]:
+    """What the first joint carries, base frame: the loads' moment about the clamp."""
+    p0, p1, p2 = _strain(q, rod, 0)
+    rest = (rod.rest[0, 0], rod.rest[0, 1], rod.rest[0, 2])
+    memory = (rod.memory[0, 0], rod.memory[0, 1], rod.memory[0, 2])
+    g0, g1, g2, _, _, _, _ = joint_moment(rod.bend[0], rod.twist[0], rod.soft, (p0, p1, p2), rest, memory, rod.maxwell)
+    span = rod.span[0]
+    p0, p1, p2 = p0 * span, p1 * span, p2 * span
+    angle2 = p0 * p0 + p1 * p1 + p2 * p2
+    half = 0.5 * math.sqrt(angle2)
+    kappa, _ = log_factors(angle2, math.sin(half) ** 2, math.cos(half))
+    # g + phi x g / 2 + kappa phi x (phi x g), see `_add_joints`
+    c0, c1, c2 = p1 * g2 - p2 * g1, p2 * g0 - p0 * g2, p0 * g1 - p1 * g0
+    return (
+        g0 + 0.5 * c0 + kappa * (p1 * c2 - p2 * c1),
+        g1 + 0.5 * c1 + kappa * (p2 * c0 - p0 * c2),
+        g2 + 0.5 * c2 + kappa * (p0 * c1 - p1 * c0),
+    )
+
+
+@compiled
+def _side_force(rod: Elastic, touch: Touch, tangent: FloatArray) -> float:
+    """What the shaft's nodes press on the wall together, along d."""
+    height, total = touch.radius - touch.place, 0.0
+    for i in range(tangent.shape[0] - 1):
+        for k in range(3):
+            height += rod.reach[i] * tangent[i, k] * touch.axes[0, k]
+        total += touch.side * max(0.0, height)
+    return total
+
+
+@compiled
+def march(
+    rod: Elastic,
+    load: Load,
+    law: Law,
+    history: History,
+    work: Work,
+    wall: FloatArray,
+    change: FloatArray,
+    advance: FloatArray,
+    shapes: FloatArray,
+    numbers: FloatArray,
+) -> int:
+    """Instants in a row, from and to ``history``; fills ``shapes`` (m, k, 4) and ``numbers``. Newton's steps taken."""
+    q, axes, plain = history.q, law.axes, history.plain
+    saved, zero, arm, was, drag = np.empty_like(q), np.zeros(2), np.zeros(3), np.zeros(3), np.zeros(2)
+    rate = law.damping / law.dt_s
+    steps = 0
+    for row in range(wall.shape[0]):
+        for i in range(q.shape[0]):
+            for k in range(3):
+                rod.rest[i, k] = law.base_rest[i, k] + change[row, k]
+        if plain[0] == 0.0:  # hung up long ago
+            slack = Elastic(rod.span, rod.bend, rod.twist, rod.rest, rod.soft, rod.reach, rod.memory, 0.0, rod.small)
+            nowhere = Touch(False, axes, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zero, arm, drag, -1.0, 0.0, 0.0)
+            relax(q, slack, load, nowhere, work, TOLERANCE)
+            creep_on(q, rod, math.inf)
+            copy_turns(q, history.before)
+            px, py, pz = tip_at(q, rod, work.tangent)
+            history.centre[0], history.centre[1], history.centre[2] = px + advance[row], py, pz
+            for k in range(3):
+                history.wall[k] = wall[row, k]
+            plain[0] = 1.0
+        dent, touching = plain[1], plain[2] > 0.0
+        if not touching:
+            history.anchor[0], history.anchor[1] = history.way[0], history.way[1]
+        # The point of the dome that is about to touch: where the electrode is expected to stand.
+        _go_on(q, history.before)
+        arm[0], arm[1], arm[2] = unturned(q[-1, 0], q[-1, 1], q[-1, 2], q[-1, 3], axes[0, 0], axes[0, 1], axes[0, 2])
+        place = -axes[0, 0] * advance[row]
+        for k in range(3):
+            arm[k] *= law.radius
+        last = history.before[-1]
+        was[0], was[1], was[2] = unturned(last[0], -last[1], -last[2], -last[3], arm[0], arm[1], arm[2])
+        for k in range(2):
+            zero[k] = history.anchor[k] - history.way[k] - axes[k + 1, 0] * advance[row]
+        for k in range(3):
+            place += axes[0, k] * wall[row, k]
+            shift = history.centre[k] + was[k] + wall[row, k] - history.wall[k]
+            zero[0] += axes[1, k] * shift
+            zero[1] += axes[2, k] * shift
+        rest = _resting_dent(law, rate, dent)
+        grips = touching and law.friction > 0.0
+        touch = Touch(
+            True, axes, place, law.radius, law.stiffness, law.hertz, rate, dent, rest,
+            law.kt if grips else 0.0, zero, arm, drag, law.friction if grips else -1.0, law.side, law.radius,
+        )  # fmt: skip
+        out = _settle(q, saved, rod, load, touch, work)
+        steps += out.iterations
+        px, py, pz = tip_at(q, rod, work.tangent)
+        depth, first, second = contact_at(q, px, py, pz, touch)
+        normal, _, _ = normal_force(touch, depth)
+        t1, t2, slips = tangential_force(touch, normal, first, second)
+        slipping = slips and normal > 0.0
+        history.way[0], history.way[1] = history.anchor[0] + first, history.anchor[1] + second
+        if slipping:
+            history.anchor[0] = history.way[0] + t1 / law.kt
+            history.anchor[1] = history.way[1] + t2 / law.kt
+        history.centre[0], history.centre[1], history.centre[2] = px + advance[row], py, pz
+        plain[1] = depth if normal > 0.0 else rest
+        plain[2] = 1.0 if normal > 0.0 else 0.0
+        numbers[row, 6], numbers[row, 7], numbers[row, 8] = _base_moment(q, rod)
+        numbers[row, 9] = _side_force(rod, touch, work.tangent) if law.side > 0.0 else 0.0
+        if rod.maxwell > 0.0:
+            creep_on(q, rod, law.relaxing)
+        copy_turns(q, shapes[row])
+        for k in range(3):
+            numbers[row, k] = t1 * axes[1, k] + t2 * axes[2, k] - normal * axes[0, k]
+            history.wall[k] = wall[row, k]
+            numbers[row, 3 + k] = history.centre[k] + law.radius * axes[0, k]
+        numbers[row, 10], numbers[row, 11], numbers[row, 12] = plain[1], plain[2], 1.0 if slipping else 0.0
+        numbers[row, 13], numbers[row, 14] = 1.0 if out.converged else 0.0, 1.0 if out.stable else 0.0
+    return steps

@@ -1,0 +1,160 @@
+"""Video or images plus force log -> one recording."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..alignment import OffsetChoice, TareChoice, stated_tare
+from ..errors import FileFormatError, InputError, TimeError
+from ..io import FileSource, ForceLog, RecordingWriter, read_force_log, read_knob_log
+from ..types import JOINTS, STAGE, Event, ForceLogInfo, SensorInfo, SessionInfo
+from ..vision import VisionSettings
+from ._merge import Readings, merged
+from ._record import RecordingReport, refuse_target, write_run
+from ._summary import summarise_recording
+
+__all__ = ["import_session"]
+
+
+def import_session(
+    frames: Path | str,
+    force_log: Path | str | None,
+    target: Path | str,
+    *,
+    columns: ForceLogInfo | None = None,
+    sensor: SensorInfo | None = None,
+    actuation: Mapping[str, float] | None = None,
+    knob_column: str | None = None,
+    knob_log: Path | str | None = None,
+    stage_log: Path | str | None = None,
+    tare: TareChoice = "auto",
+    offset_ms: OffsetChoice = "auto",
+    align_start: bool = False,
+    info: SessionInfo | None = None,
+    vision: VisionSettings | None = None,
+    lossless: bool = False,
+    jpeg_quality: int = 90,
+    overwrite: bool = False,
+    progress: Callable[[str, float], None] | None = None,
+) -> RecordingReport:
+    """Write ``target`` (.mcap) from a video or a folder of images and a force log.
+
+    Readings are kept as the sensor gave them, on their own clock; ``sensor`` (default: x along the base, reading
+    tip-on-tissue), ``tare`` ("auto": found, or start and end in seconds of the force log) and clock offset (positive:
+    the camera's clock is ahead; "auto": estimated from the deflection) are stored beside them and applied when labels
+    are made. ``align_start``: the log's first row belongs to the first frame, for logs that count from another zero.
+    ``knob_column``: of the force log, NAME_UNIT or else taken as degrees. ``stage_log``: commanded
+    positions of the stage that moves tissue and sensor, NAME_m or NAME_mm, to take out the sensor's inertia.
+    ``target`` appears when it is whole.
+    Raises FileFormatError, TableError, TimeError, InputError.
+    """
+    target = Path(target)
+    refuse_target(target, overwrite=overwrite, origin="import")
+    log = None if force_log is None else read_force_log(Path(force_log), columns, knob_column)
+    source = FileSource(Path(frames), dict(actuation or {}), info or SessionInfo(target.stem))
+    if source.numbered and (log is not None or knob_log is not None or stage_log is not None):
+        raise FileFormatError(
+            f"{frames}: neither a table nor the names of the images say when they were taken, so a log cannot be "
+            f"aligned with them; write {Path(frames) / 'stamps.csv'} with the columns file_name,stamp_ns"
+        )
+    remarks: list[str] = []
+    first_ns = next(event.stamp_ns for event in source)
+    if log is not None and align_start:
+        moved = first_ns - int(log.stamp_ns[0])
+        log = ForceLog(log.stamp_ns + moved, log.force_n, log.knob, log.said)
+        remarks.append(f"the force log was moved by {moved * 1e-9:.6f} s: its first row belongs to the first frame")
+    drives = _drives(log, knob_column, knob_log, actuation)
+    if stage_log is not None:
+        drives[STAGE] = read_knob_log(Path(stage_log))
+    starts = [first_ns, *(int(stamps[0]) for stamps, _ in drives.values())]
+    starts += [] if log is None else [int(log.stamp_ns[0])]
+    # the file's format has no time before zero; whole seconds keep the stamps readable
+    shift_ns = max(0, -(min(starts) // 1_000_000_000)) * 1_000_000_000
+    if shift_ns:
+        remarks.append(f"all stamps were moved by {shift_ns // 1_000_000_000} s, so that none lies before zero")
+    if log is not None:
+        remarks.append(f"{Path(force_log or '').name}: {log.said}")
+        if not isinstance(tare, str):
+            stated_tare(log.stamp_ns, log.force_n, *tare)  # says what is wrong with it before a long video is read
+    last_ns = first_ns
+
+    def pictures() -> Iterator[Event]:
+        nonlocal last_ns
+        for event in source:
+            last_ns = event.stamp_ns
+            yield event
+
+    events = merged(pictures(), None if log is None else (log.stamp_ns, log.force_n), drives, shift_ns)
+    writer = RecordingWriter(
+        target, source.session_info, lossless=lossless, jpeg_quality=jpeg_quality, overwrite=overwrite, origin="import"
+    )
+
+    def report(count: int) -> None:
+        if progress:
+            progress("reading frames", min(count / max(source.frame_count, count), 1.0))
+
+    try:
+        names = (Path(frames).name, str(force_log))
+        found = write_run(
+            writer, events, source.session_info, sensor, tare, offset_ms, vision or VisionSettings(), report, names
+        )
+        _check_drives(drives, (first_ns, last_ns), knob_log if knob_log else force_log, stage_log)
+        writer.note("tipforce.import", _origin(Path(frames), force_log, knob_log, log, shift_ns))
+        writer.close()
+    except BaseException:
+        writer.abandon()
+        raise
+    return RecordingReport(summarise_recording(target), (*remarks, *found))
+
+
+def _drives(
+    log: ForceLog | None, column: str | None, knob_log: Path | str | None, actuation: Mapping[str, float] | None
+) -> dict[str, Readings]:
+    """The catheter's drives as a stream, where they come from a log."""
+    if column and knob_log:
+        raise InputError(
+            "the knob's angle can come from actuation.knob_column or from a log of the knob, not from both"
+        )
+    found = None
+    if column and log is not None and log.knob is not None:
+        name = column if column.rpartition("_")[0] else "knob_deg"
+        # a knob moves by hand: one reading in 10 ms is plenty, and a thousand a second would double the file
+        step = max(1, round(1e7 / max(float(np.median(np.diff(log.stamp_ns))), 1.0))) if len(log.stamp_ns) > 1 else 1
+        found = log.stamp_ns[::step], {name: log.knob[::step]}
+    elif knob_log:
+        found = read_knob_log(Path(knob_log))
+    clash = set(found[1] if found else ()) & set(actuation or ())
+    if clash:
+        raise InputError(f"{min(clash)} is stated as a constant and read from a log; state one of them")
+    return {} if found is None else {JOINTS: found}
+
+
+def _check_drives(
+    drives: Mapping[str, Readings],
+    frames: tuple[int, int],
+    knob_log: Path | str | None,
+    stage_log: Path | str | None,
+) -> None:
+    """Raises TimeError where a log of drives runs on another clock than the frames: no reading would be used."""
+    for stream, (stamps, _) in drives.items():
+        first, last = int(stamps[0]), int(stamps[-1])
+        if first > frames[1] or (last < frames[0] and len(stamps) > 1):
+            raise TimeError(
+                f"{stage_log if stream == STAGE else knob_log}: its {first * 1e-9:.3f} to {last * 1e-9:.3f} s do not "
+                f"overlap with the pictures, {frames[0] * 1e-9:.3f} to {frames[1] * 1e-9:.3f} s; bring its stamps to "
+                "the camera's clock"
+            )
+
+
+def _origin(
+    frames: Path, force_log: Path | str | None, knob_log: Path | str | None, log: ForceLog | None, shift_ns: int
+) -> dict[str, str]:
+    return {
+        "frames": frames.name,
+        "force_log": "" if force_log is None else Path(force_log).name,
+        "knob_log": "" if knob_log is None else Path(knob_log).name,
+        "columns": log.said if log else "",
+        "stamps_moved_ns": json.dumps(shift_ns),
+    }

@@ -1,0 +1,165 @@
+"""Looking through the pictures of a file: is the catheter seen, and in how many frames."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..io import RecordingReader, frame_count, open_source, read_image
+from ..types import Frame, Image, SessionInfo, Source
+from ..vision import (
+    ClassicChain,
+    Inspection,
+    ShapeFeatureSettings,
+    Tally,
+    Vision,
+    VisionSettings,
+    figure_17,
+    figure_18,
+    inspect_picture,
+    settle,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["InspectionSheet", "inspect_frames", "inspect_image_file", "inspect_sessions"]
+
+_SETTLING = 16
+"""Pictures on which vision settles."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InspectionSheet:
+    """What a file shows: ``found`` in words and figures, its ``drawing``, and one ``picture`` with settled settings."""
+
+    text: str
+    figures: dict[str, Any]
+    drawing: Image
+    picture: Image
+    vision: VisionSettings
+
+    def thesis_figures(self) -> "dict[str, Figure]":
+        """Thesis figures 17 and 18 of ``picture``: what thesis algorithm 1 makes of it."""
+        steps = ClassicChain(self.vision).steps(self.picture)
+        return {"figure17": figure_17(steps), "figure18": figure_18(steps)}
+
+
+def inspect_image_file(
+    path: Path, vision: VisionSettings, features: ShapeFeatureSettings, info: SessionInfo | None = None
+) -> InspectionSheet:
+    """One image file in detail, with what ``info`` states of it. Raises FileFormatError for what is no image."""
+    image = read_image(path)
+    settled = _settled(vision, [image], info or SessionInfo())
+    seen: Inspection = inspect_picture(image, Vision(settled).see, settled, features)
+    figures = {"file": str(path), **seen.figures(), "vision": settled.model_dump()}
+    return InspectionSheet(f"{_stated(settled, vision)}\n{seen.text()}", figures, seen.drawing, image, settled)
+
+
+def inspect_frames(
+    path: Path,
+    vision: VisionSettings,
+    features: ShapeFeatureSettings,
+    *,
+    stated: SessionInfo | None = None,
+    every: int = 1,
+    room: int = 12,
+    progress: Callable[[str, float], None] | None = None,
+) -> InspectionSheet:
+    """Every ``every``-th frame of a video, a folder or a recording; ``room`` of them are drawn on one sheet.
+
+    ``stated``: metadata in place of the file's own. Raises InputError where there is no frame.
+    """
+    tally, first = Tally(room), None
+    with open_source(path, stated=stated) as source:
+        total = frame_count(source, vision.view)
+        settled = _settled(vision, _spread(source, vision.view, total), source.session_info)
+        see = Vision(settled).see
+        for count, frame in enumerate(_frames(source, vision.view)):
+            first = frame if first is None else first
+            if count % every == 0:
+                seconds = (frame.stamp_ns - first.stamp_ns) * 1e-9
+                tally.add(f"{count}  {seconds:.2f} s", inspect_picture(frame.image, see, settled, features))
+            if progress:
+                progress(f"frame {count}", min(1.0, count / total) if total else 0.0)
+    if first is None:
+        raise InputError(f"{path}: there is no frame of the view {vision.view!r} in it{_views_in(path)}")
+    figures = {"file": str(path), "every": every, **tally.figures(), "vision": settled.model_dump()}
+    return InspectionSheet(f"{_stated(settled, vision)}\n{tally.text()}", figures, tally.sheet(), first.image, settled)
+
+
+def inspect_sessions(
+    sessions: Iterable[tuple[SessionInfo, Sequence[tuple[str, Image]]]],
+    vision: VisionSettings,
+    features: ShapeFeatureSettings,
+    *,
+    title: str,
+    room: int = 12,
+    progress: Callable[[str, float], None] | None = None,
+    total: int = 0,
+) -> InspectionSheet:
+    """Named pictures, session by session with what is known of each; what ``vision`` leaves open is settled on its own.
+
+    ``total``: of the pictures, for ``progress``. Raises InputError where there is none.
+    """
+    tally, first, settled = Tally(room), None, vision
+    for info, session in sessions:
+        if not session:
+            continue
+        settled = _settled(vision, [image for _, image in session[:: -(-len(session) // _SETTLING)]], info)
+        see = Vision(settled).see
+        for name, image in session:
+            first = image if first is None else first
+            tally.add(Path(name).stem, inspect_picture(image, see, settled, features))
+            if progress:
+                progress(f"picture {tally.looked_at}", min(1.0, tally.looked_at / max(1, total)))
+    if first is None:
+        raise InputError(f"{title}: there is no picture of the view {vision.view!r} in it")
+    return InspectionSheet(tally.text(), tally.figures(), tally.sheet(), first, settled)
+
+
+def _views_in(path: Path) -> str:
+    if path.suffix != ".mcap":
+        return ""
+    with RecordingReader(path) as reader:
+        views = reader.views
+    return f"; there is {', '.join(views)}: state --set vision.view={views[0]}" if views else ""
+
+
+def _spread(source: Source, view: str, total: int) -> list[Image]:
+    """Pictures from all over ``source``, or from its first seconds where nobody knows how many there are.
+
+    What lies beneath the catheter's end must change, or it is taken for a part of it.
+    """
+    if isinstance(source, RecordingReader) and view in source.views:
+        places = np.unique(np.linspace(0, total - 1, _SETTLING).astype(np.int64))
+        return [source.frame_at(int(k), view).image for k in places]
+    step = max(1, total // _SETTLING) if total else 5
+    return [frame.image for frame in islice(_frames(source, view), 0, step * _SETTLING, step)]
+
+
+def _settled(vision: VisionSettings, images: list[Image], info: SessionInfo) -> VisionSettings:
+    """``vision`` with what it leaves open decided on ``images``; as it is where they show no catheter."""
+    try:
+        return settle(vision, images, info)
+    except InputError:
+        return vision  # to look at a file without a catheter is no mistake: each picture says why
+
+
+def _frames(source: Source, view: str) -> Iterator[Frame]:
+    return (event for event in source if isinstance(event, Frame) and event.view == view)
+
+
+def _stated(settled: VisionSettings, given: VisionSettings) -> str:
+    threshold = "automatic" if settled.threshold is None else str(settled.threshold)
+    text = f"settings   {settled.method}, catheter {settled.polarity}, base {settled.base_side}, threshold {threshold}"
+    if settled == given or given.base_region is not None:
+        return text
+    return (
+        f"{text}: found automatically; where the drawing shows another thing, state polarity and base_side of the view "
+        "in bench.toml (--bench FILE), and base_region, a box across the shaft, where it does not reach the border"
+    )

@@ -1,0 +1,107 @@
+"""The small plot of a recording."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from ..alignment import Labels
+from ..io import RecordingReader, atomic_path
+from ..types import FloatArray, Image
+from ..units import newtons_to_grams
+
+__all__ = ["plot_run"]
+
+_INK, _GREY = "#15202b", "#8a939c"
+_COLOURS = ("#0072b2", "#d55e00", "#009e73")
+_POINTS = 4000
+
+
+def plot_run(reader: RecordingReader, found: Labels | None, path: Path) -> None:
+    """Three panels: force at the frames, the middle frame of each view, and the intervals between the first's."""
+    figure = Figure(figsize=(10.5, 3.6), dpi=120, layout="constrained")
+    grid = figure.add_gridspec(2, 2, width_ratios=(2.6, 1.0), height_ratios=(2.2, 1.0))
+    force, picture, steps = (figure.add_subplot(grid[place]) for place in ((slice(None), 0), (0, 1), (1, 1)))
+    _force(force, reader, found)
+    if not reader.views:
+        picture.axis("off")
+        steps.axis("off")
+    else:
+        stamps = reader.stamps(reader.views[0])
+        middle = len(stamps) // 2
+        picture.imshow(_together(reader, int(stamps[middle])), cmap="gray", vmin=0, vmax=255)
+        picture.set_title(f"frame {middle} of {len(stamps)}", fontsize=9, color=_INK, loc="left")
+        picture.axis("off")
+        _intervals(steps, (stamps - stamps[0]) * 1e-9)
+    with atomic_path(path) as part:
+        figure.savefig(part, format=path.suffix.lstrip(".").lower())
+
+
+def _together(reader: RecordingReader, stamp_ns: int) -> Image:
+    """The picture of each view that is nearest to ``stamp_ns``, side by side."""
+    places = (int(np.argmin(np.abs(reader.stamps(view) - stamp_ns))) for view in reader.views)
+    images = [reader.frame_at(place, view).image for place, view in zip(places, reader.views, strict=True)]
+    if len(images) == 1:
+        return images[0]
+    tall = max(image.shape[0] for image in images)
+    grey = [image if image.ndim == 2 else image.mean(axis=2).astype(np.uint8) for image in images]
+    return np.hstack([np.pad(image, ((0, tall - image.shape[0]), (0, 4)), constant_values=255) for image in grey])
+
+
+def _force(axes: Axes, reader: RecordingReader, found: Labels | None) -> None:
+    _plain(axes)
+    axes.set_xlabel("time, s", color=_INK)
+    if found is None or np.isnan(found.force_n).all():
+        axes.text(0.5, 0.5, "no force at the frames", ha="center", va="center", color=_GREY, transform=axes.transAxes)
+        return
+    origin = int(found.stamp_ns[0])
+    thin = slice(None, None, max(1, len(found.stamp_ns) // _POINTS))
+    seconds = (found.stamp_ns[thin] - origin) * 1e-9
+    for axis in np.flatnonzero(found.known).tolist():
+        axes.plot(seconds, found.force_n[thin, axis], color=_COLOURS[axis], lw=1.0, label=f"f{'xyz'[axis]}")
+    info = reader.info
+    for number, (start, end) in enumerate(info.tare.stretches_s):
+        wrench = next(stream for stream in info.streams.values() if stream.kind == "wrench")
+        move = (wrench.first_ns + info.clock_offset.offset_ns - origin) * 1e-9
+        axes.axvspan(start + move, end + move, color=_GREY, alpha=0.18, lw=0, label="tare" if number == 0 else None)
+    axes.axhline(0, color=_INK, lw=0.6)
+    axes.set_xlim(seconds[0], seconds[-1])
+    axes.set_ylabel("force of the tissue on the tip, N", color=_INK)
+    grams = axes.secondary_yaxis("right", functions=(_grams, _newtons))
+    grams.set_ylabel("g", color=_INK)
+    grams.tick_params(colors=_INK, labelsize=9)
+    offset = info.clock_offset
+    said = (
+        f"clock offset {offset.offset_ms:+.1f} ms"
+        if offset.how in ("estimated", "stated", "stage")
+        else f"offset {offset.how}"
+    )
+    if offset.how == "estimated":
+        said += f" ± {offset.stderr_ms:.1f}"
+    axes.set_title(f"{reader.path.name}   {said}", fontsize=10, color=_INK, loc="left", pad=22)
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False, fontsize=9, borderaxespad=0.1)
+
+
+def _grams(newtons: ArrayLike) -> FloatArray:
+    return np.asarray(newtons, dtype=np.float64) * newtons_to_grams(1.0)
+
+
+def _newtons(grams: ArrayLike) -> FloatArray:
+    return np.asarray(grams, dtype=np.float64) / newtons_to_grams(1.0)
+
+
+def _intervals(axes: Axes, seconds: FloatArray) -> None:
+    _plain(axes)
+    if len(seconds) > 1:
+        axes.plot(seconds[1:], 1e3 * np.diff(seconds), color=_COLOURS[0], lw=0, marker=".", ms=2, rasterized=True)
+        axes.set_ylim(0, 1.25 * 1e3 * float(np.max(np.diff(seconds))))
+    axes.set_title("ms between frames", fontsize=9, color=_INK, loc="left")
+    axes.set_xlabel("time, s", color=_INK, fontsize=9)
+
+
+def _plain(axes: Axes) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(visible=True, color=_INK, alpha=0.1, lw=0.6)
+    axes.tick_params(colors=_INK, labelsize=9)

@@ -1,0 +1,147 @@
+"""A recording at a glance: its figures."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..alignment import Labels, labels, nearest_frames
+from ..errors import InputError
+from ..io import RecordingInfo, RecordingReader, check_image_target
+from ..types import FloatArray, SessionInfo
+
+__all__ = ["RecordingSummary", "plot_summary", "summarise_recording"]
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingSummary:
+    """What a person wants to know of a recording.
+
+    ``duration_s``: from the first to the last stamp of all streams; ``image_size``: (width, height) of the first view;
+    ``paired``: of each further view, how many frames of the first have a partner in it; ``labelled``: frames of all
+    views that have a force; ``force_range_n``: "fx", "fy", "fz", "magnitude" -> (smallest, largest)
+    label; ``unlabelled_because``: why there is no label at all, or empty.
+    """
+
+    path: Path
+    info: RecordingInfo
+    session_info: SessionInfo
+    duration_s: float
+    image_size: tuple[int, int] | None
+    labelled: int
+    force_range_n: Mapping[str, tuple[float, float]]
+    actuation_range: Mapping[str, tuple[float, float]]
+    unlabelled_because: str = ""
+    paired: Mapping[str, int] = field(default_factory=dict[str, int])
+
+    def figures(self) -> dict[str, Any]:
+        """All of it as JSON values; unknown numbers are None."""
+        info = self.info
+        return {
+            "file": str(self.path),
+            "session": self.session_info.name,
+            "duration_s": self.duration_s,
+            "image_size": self.image_size,
+            "streams": {name: asdict(stream) for name, stream in info.streams.items()},
+            "clock_offset": _plain(asdict(info.clock_offset) | {"offset_ms": info.clock_offset.offset_ms}),
+            "tare": _plain(
+                {
+                    "how": info.tare.how,
+                    "force_n": info.tare.force_n.tolist(),
+                    "stderr_n": info.tare.stderr_n.tolist(),
+                    "stretches_s": info.tare.stretches_s,
+                    "detail": info.tare.detail,
+                }
+            ),
+            "inertia": asdict(info.inertia) | {"gain_kg": info.inertia.gain_kg.tolist()},
+            "labelled_frames": self.labelled,
+            **({"paired_frames": dict(self.paired)} if self.paired else {}),
+            "unlabelled_because": self.unlabelled_because,
+            "force_range_n": self.force_range_n,
+            "actuation_range": self.actuation_range,
+            "session_info": self.session_info.values(),
+            "recovered": info.recovered,
+        }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}  # pyright: ignore[reportUnknownVariableType]
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]  # pyright: ignore[reportUnknownVariableType]
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def summarise_recording(path: Path | str) -> RecordingSummary:
+    """Streams, rates, drops, offset, tare and ranges of the recording at ``path``. Raises FileFormatError."""
+    with RecordingReader(path) as reader:
+        info = reader.info
+        streams = [stream for stream in info.streams.values() if stream.count]
+        frames = next(iter(reader.views), None)
+        size, labelled, ranges, drives, why = None, 0, {}, {}, ""
+        if frames is not None:
+            image = reader.frame_at(0, frames).image
+            size = (image.shape[1], image.shape[0])
+            drives = {
+                name: (float(np.nanmin(values)), float(np.nanmax(values)))
+                for name, values in reader.actuation_at(reader.stamps(frames)).items()
+                if not np.isnan(values).all()
+            }
+        found, why = _labels(reader, frames)
+        if found is not None:
+            everywhere = [found, *(labels(reader, camera=view) for view in reader.views[1:])]
+            labelled = sum(int(np.sum(~np.isnan(each.force_n).all(axis=1))) for each in everywhere)
+            ranges = _ranges(found) if labelled else {}
+        return RecordingSummary(
+            path=reader.path,
+            info=info,
+            session_info=reader.session_info,
+            duration_s=(max(s.last_ns for s in streams) - min(s.first_ns for s in streams)) * 1e-9 if streams else 0.0,
+            image_size=size,
+            labelled=labelled,
+            force_range_n=ranges,
+            actuation_range=drives,
+            unlabelled_because=why,
+            paired=_paired(reader),
+        )
+
+
+def _paired(reader: RecordingReader) -> dict[str, int]:
+    first, *others = (reader.stamps(view) for view in reader.views) if reader.views else (np.empty(0, np.int64),)
+    counts = (int((nearest_frames(first, stamps) >= 0).sum()) for stamps in others)
+    return dict(zip(reader.views[1:], counts, strict=True))
+
+
+def _labels(reader: RecordingReader, frames: str | None) -> tuple[Labels | None, str]:
+    force = next((stream.name for stream in reader.info.streams.values() if stream.kind == "wrench"), None)
+    if frames is None or force is None:
+        return None, "the recording holds no frames" if frames is None else "the recording holds no forces"
+    try:
+        return labels(reader, camera=frames, force=force), ""
+    except InputError as error:
+        return None, str(error)
+
+
+def _ranges(found: Labels) -> dict[str, tuple[float, float]]:
+    def ends(values: FloatArray) -> tuple[float, float]:
+        return float(np.nanmin(values)), float(np.nanmax(values))
+
+    ranges = {f"f{'xyz'[axis]}": ends(found.force_n[:, axis]) for axis in np.flatnonzero(found.known).tolist()}
+    ranges["magnitude"] = ends(np.sqrt(np.sum(found.force_n[:, found.known] ** 2, axis=1)))
+    return ranges
+
+
+def plot_summary(summary: RecordingSummary, path: Path | str) -> None:
+    """Force over time, a picture and the frames' intervals, as a PNG or SVG (by the name's ending).
+
+    Raises FileFormatError where its kind or folder is none.
+    """
+    check_image_target(Path(path), plot=True)
+    from ._plot import plot_run  # matplotlib takes a third of a second to load
+
+    with RecordingReader(summary.path) as reader:
+        found, _ = _labels(reader, next(iter(reader.views), None))
+        plot_run(reader, found, Path(path))

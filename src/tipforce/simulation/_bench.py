@@ -1,0 +1,260 @@
+"""One session of the twin as a source of events."""
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from functools import cached_property
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from ..types import (
+    ActuationInfo,
+    BoolArray,
+    Catheter,
+    Clock,
+    Event,
+    FloatArray,
+    Frame,
+    IntArray,
+    SensorInfo,
+    SessionInfo,
+    SimulatedClock,
+)
+from ._imaging import Imaging, imaging_of, views_of
+from ._instants import Instants
+from ._readings import Readings
+from ._settings import AnySimulationSettings, SimulationSettings
+from .rendering.camera import PictureTruth
+from .world import FINE, Course, Pace, SensorLog, Session, run_session
+
+__all__ = ["SimulatedBench"]
+
+
+class SimulatedBench:
+    """Session ``session`` of ``seed`` on the bench of ``settings``: pictures, force readings, knob and stage.
+
+    A `Source` and context manager. Camera, knob and stage are stamped by the camera's clock, whose zero is where the
+    first frame would be without jitter; the force sensor stamps by its own, and reads tip-on-tissue in the frame
+    "sensor". `info` holds what a person at the bench would know, `truth` what only an evaluation may see. The same
+    arguments give the same bytes. Nothing is computed before it is asked for. ``pace``: how finely the world is run;
+    ``name``: what the session is called, session_00 and so on by default.
+    """
+
+    def __init__(
+        self,
+        settings: AnySimulationSettings | None = None,
+        seed: int = 0,
+        session: int = 0,
+        *,
+        pace: Pace = FINE,
+        name: str = "",
+    ) -> None:
+        self.settings = settings or SimulationSettings()
+        self.seed, self.number, self.pace = seed, session, pace
+        self.name = name or f"session_{session:02d}"
+        self.clock: Clock = SimulatedClock()
+        """Simulated time on the camera's clock; stands at the event that was yielded last."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass  # nothing is held open
+
+    def _rng(self, purpose: int) -> np.random.Generator:
+        return np.random.default_rng([self.seed, self.number, purpose])
+
+    @cached_property
+    def session(self) -> Session:
+        """What is drawn and what happens: the truth."""
+        return run_session(self.settings.world, self.seed, self.number, self.pace)
+
+    @property
+    def course(self) -> Course:
+        """What happens, instant by instant."""
+        return self.session.course
+
+    @cached_property
+    def imaging(self) -> Imaging:
+        """What looks at the bench."""
+        times, kept = self._exposures
+        shown = np.flatnonzero(kept.any(axis=1))
+        return imaging_of(self.settings, self.session.rig, self._rng(2), self.instants.exposure, times, shown)
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """Names of the pictures' streams."""
+        return views_of(self.settings)
+
+    @property
+    def has_knob(self) -> bool:
+        """Whether the device can be steered; a guidewire cannot."""
+        return self.settings.world.actuation.gain_per_m_deg > 0.0
+
+    @property
+    def has_joints(self) -> bool:
+        """Whether any drive of the device is read."""
+        return self.has_knob or self.settings.world.clamp.logged
+
+    @cached_property
+    def readings(self) -> Readings:
+        """All that is read but the pictures."""
+        readings = Readings(self.session.rig, self.instants.place, self._rng(3))
+        readings.take(self.course, self._rows_known())
+        return readings
+
+    def _rows_known(self) -> int:
+        """How many of the course's instants are known."""
+        return self.course.time_s.size
+
+    @property
+    def log(self) -> SensorLog:
+        """All readings of the force sensor, on its own clock."""
+        return self.readings.log
+
+    @cached_property
+    def _exposures(self) -> tuple[FloatArray, BoolArray]:
+        """(m,) middle of each exposure, and (m, views) whether its picture arrived."""
+        clock, rng = self.settings.world.clock, self._rng(4)
+        count = round(self.settings.world.seconds * clock.fps)
+        most = min(3.0 * clock.jitter_s, 0.45 / clock.fps)  # no frame comes before the one ahead of it
+        jitter = np.clip(rng.standard_normal(count) * clock.jitter_s, -most, most)
+        jitter[0] = abs(jitter[0])  # no stamp lies before zero
+        kept = rng.random((len(self.views), count)) >= clock.dropped_share
+        return np.arange(count) / clock.fps + jitter, kept.T
+
+    @property
+    def _shown(self) -> BoolArray:
+        """(m,): exposures of which at least one view's picture arrived."""
+        return np.asarray(self._exposures[1].any(axis=1), np.bool_)
+
+    @cached_property
+    def frame_s(self) -> FloatArray:
+        """(n,) middle of each exposure, of the frames that were not dropped in all views."""
+        return self._exposures[0][self._shown]
+
+    def arrived(self, view: str) -> IntArray:
+        """(k,): which of the frames (0 to n - 1) were not dropped in ``view``."""
+        return self._arrived[self.views.index(view)]
+
+    @cached_property
+    def _arrived(self) -> tuple[IntArray, ...]:
+        return tuple(np.flatnonzero(column) for column in self._exposures[1][self._shown].T)
+
+    @property
+    def stamp_ns(self) -> IntArray:
+        """(n,) the frames' stamps."""
+        return np.round(self.frame_s * 1e9).astype(np.int64)
+
+    @cached_property
+    def instants(self) -> Instants:
+        """The course at any time."""
+        return Instants(self.course, self.session.rig, self.pace)
+
+    def frame(self, index: int, view: str = "") -> Frame:
+        """The ``index``-th picture; of the first view where none is named."""
+        view = view or self.views[0]
+        return Frame(int(self.stamp_ns[index]), self.imaging.image(view, index), view)
+
+    def picture_truth(self, index: int, view: str = "") -> PictureTruth:
+        """What frame ``index`` shows of the catheter."""
+        return self.imaging.truth(view or self.views[0], index)
+
+    def stage_log(self) -> tuple[IntArray, dict[str, FloatArray]]:
+        """Stamps (k,) and the commanded positions of the stage's axes in mm."""
+        stage = self.readings.stage
+        return stage.stamp_ns, dict(zip(stage.names, stage.values.T, strict=True))
+
+    def knob_log(self) -> tuple[IntArray, FloatArray]:
+        """Stamps (k,) and the knob's reading in degrees (k,)."""
+        joints = self.readings.joints
+        return joints.stamp_ns, joints.values[:, 0]
+
+    def schedule(self) -> list[tuple[int, int, int]]:
+        """All events in their order: when, on this bench's clock in ns, which stream's, and its place in that."""
+        readings = self.readings
+        force_ns = np.round(readings.log.true_s * 1e9).astype(np.int64)
+        joints_ns = readings.joints.stamp_ns if self.has_joints else np.empty(0, np.int64)
+        pictures = [self.stamp_ns[self.arrived(view)] for view in self.views]
+        stamps = (force_ns, readings.stage.stamp_ns, joints_ns, *pictures)
+        *drives, camera = self._delays_ns()
+        delays = (*drives, *(camera for _ in pictures))
+        arrival = np.concatenate([own + late for own, late in zip(stamps, delays, strict=True)])
+        stream = np.repeat(np.arange(len(stamps)), [len(own) for own in stamps])
+        row = np.concatenate([np.arange(len(own)) for own in stamps])
+        order = np.argsort(arrival, kind="stable")
+        return list(zip(arrival[order].tolist(), stream[order].tolist(), row[order].tolist(), strict=True))
+
+    def _delays_ns(self) -> tuple[int, ...]:
+        """Of force, stage, joints and pictures: in a recording all stands when it happened."""
+        return (0, 0, 0, 0)
+
+    def event(self, stream: int, row: int) -> Event:
+        """The event at a place of `schedule`."""
+        readings = self.readings
+        match stream:
+            case 0:
+                return readings.wrench(row)
+            case 1:
+                return readings.actuation(readings.stage, row)
+            case 2:
+                return readings.actuation(readings.joints, row)
+            case _:
+                view = self.views[stream - 3]
+                return self.frame(int(self.arrived(view)[row]), view)
+
+    def __iter__(self) -> Iterator[Event]:
+        for at_ns, stream, row in self.schedule():
+            self.clock.sleep_until_ns(at_ns)
+            yield self.event(stream, row)
+
+    @property
+    def session_info(self) -> SessionInfo:
+        """What is written on the sheet beside the bench."""
+        return self._sheet
+
+    @cached_property
+    def _sheet(self) -> SessionInfo:
+        world, device = self.settings.world, self.session.rig.draw.device
+        imaging, gain = self.imaging, world.actuation.gain_per_m_deg
+        metres_per_px = float(f"{imaging.measured_scale_m_per_px(self._rng(5)):.4g}")
+        return SessionInfo(
+            name=self.name,
+            catheter=Catheter(
+                name=world.shaft.name,
+                diameter_m=device.diameter_m,
+                flexible_length_m=device.nominal_flexible_length_m,
+                rigid_length_m=world.shaft.rigid_length_m,
+                bending_stiffness_nm2=device.nominal_stiffness_nm2,
+                stiffness_profile=world.shaft.stiffness_knots,
+            ),
+            views={view: imaging.view_info(view, metres_per_px) for view in self.views},
+            sensor=SensorInfo(
+                angle_deg=float(f"{self.log.nominal_angle_deg:g}"),
+                reads="tip-on-tissue",
+                no_contact_s=(0.0, float(f"{world.tare_s:g}")),
+                moving_mass_kg=float(f"{world.sensor.moving_mass_kg:g}"),
+            ),
+            actuation=ActuationInfo(knob_gain_per_m_deg=float(f"{gain:g}") if gain else None),
+            simulated=True,
+            preset=self.settings.preset,
+        )
+
+    def values(self) -> dict[str, Any]:
+        """All that was drawn, flat."""
+        session, log = self.session, self.log
+        draw = asdict(session.rig.draw)
+        return {
+            **draw.pop("device"),
+            **draw,
+            **asdict(session.motion),
+            "wall_normal": session.rig.wall.normal.tolist(),
+            "forward": session.rig.forward.tolist(),
+            "bias_n": log.bias_n.tolist(),
+            "drift_n_per_s": log.drift_n_per_s.tolist(),
+            "redraws": session.redraws,
+            **self.imaging.values(),
+        }

@@ -1,0 +1,272 @@
+"""What looks at the bench: the camera, or the fluoroscope in one plane or two."""
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from functools import cached_property
+from typing import Any, Protocol, cast
+
+import numpy as np
+
+from ..geometry import CameraModel
+from ..types import FloatArray, Image, IntArray, ViewInfo
+from ._settings import AnySimulationSettings, FluoroSettings, SimulationSettings
+from .rendering.camera import CameraRenderer, CameraScene, PictureTruth, TissueHome, TissueState, draw_scene
+from .rendering.fluoroscope import Pulse, XrayRenderer, XrayScene, draw_xray_scene
+from .world import Rig
+
+__all__ = ["CameraImaging", "Imaging", "XrayImaging", "imaging_of", "views_of"]
+
+Exposed = Callable[[float, float, int], tuple[FloatArray, TissueState]]
+"""Middle of an exposure and its length in seconds, number of instants -> shapes (m, n, 3) and the tissue."""
+_CAMERA_INSTANTS, _XRAY_INSTANTS = 9, 5
+_KEPT_PULSES = 16
+
+
+class Imaging(Protocol):
+    """Draws the pictures of a session."""
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """The first is the one that stands for all."""
+        ...
+
+    @property
+    def scene(self) -> CameraScene | XrayScene:
+        """What is looked at."""
+        ...
+
+    @property
+    def jpeg_quality(self) -> int:
+        """Of the pictures as recorded."""
+        ...
+
+    @property
+    def exposure_s(self) -> float:
+        """How long the light of one picture is gathered."""
+        ...
+
+    def camera(self, view: str) -> CameraModel:
+        """How a view truly sees; world = base frame."""
+        ...
+
+    def image(self, view: str, index: int) -> Image:
+        """The ``index``-th picture."""
+        ...
+
+    def truth(self, view: str, index: int) -> PictureTruth:
+        """What that picture shows of the catheter."""
+        ...
+
+    def measured_scale_m_per_px(self, rng: np.random.Generator) -> float:
+        """As a person at the bench has it."""
+        ...
+
+    def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
+        """What that person knows of the images of ``view``."""
+        ...
+
+    def values(self) -> dict[str, Any]:
+        """What is true of them, for the truth only."""
+        ...
+
+
+def views_of(settings: AnySimulationSettings) -> tuple[str, ...]:
+    """Names of the pictures' streams: "camera" for one, "a" and "b" for two."""
+    return ("a", "b") if isinstance(settings, FluoroSettings) and settings.scene.planes == 2 else ("camera",)
+
+
+def imaging_of(
+    settings: AnySimulationSettings,
+    rig: Rig,
+    rng: np.random.Generator,
+    exposed: Exposed,
+    times_s: FloatArray,
+    kept: IntArray,
+) -> Imaging:
+    """The pictures of a session: ``times_s`` (m,) of all exposures, ``kept`` (n,): which of them became pictures."""
+    if isinstance(settings, FluoroSettings):
+        return XrayImaging(settings, rig, rng, exposed, times_s, kept)
+    return CameraImaging(settings, rig, rng, exposed, times_s[kept])
+
+
+class CameraImaging:
+    """One camera in front of the bench; ``times_s`` (n,) of its pictures."""
+
+    views = ("camera",)
+
+    def __init__(
+        self, settings: SimulationSettings, rig: Rig, rng: np.random.Generator, exposed: Exposed, times_s: FloatArray
+    ) -> None:
+        self.settings, self._rig, self._exposed, self._times_s = settings, rig, exposed, times_s
+        ranges = settings.scene.model_copy(update={"diameter_m": rig.draw.device.diameter_m})
+        self.scene = draw_scene(ranges, rng, length_m=rig.rod.length_m)
+
+    @cached_property
+    def renderer(self) -> CameraRenderer:
+        """Draws the pictures."""
+        rig, settings = self._rig, self.settings
+        return CameraRenderer(
+            scene=self.scene,
+            camera=self.camera(),
+            length_m=rig.rod.length_m,
+            tissue=TissueHome(rig.touch_m, np.asarray(rig.wall.normal)),
+            width=settings.width,
+            height=settings.height,
+        )
+
+    @property
+    def jpeg_quality(self) -> int:
+        """Of the pictures as recorded."""
+        return self.scene.jpeg_quality
+
+    @property
+    def exposure_s(self) -> float:
+        """The shutter's time."""
+        return self.scene.exposure_s
+
+    def camera(self, view: str = "camera") -> CameraModel:
+        """How it truly sees; world = base frame."""
+        del view  # there is one
+        return self.scene.camera(self.settings.width, self.settings.height)
+
+    def image(self, view: str, index: int) -> Image:
+        """The ``index``-th picture."""
+        del view
+        time_s = float(self._times_s[index])
+        shapes, tissue = self._exposed(time_s, self.scene.exposure_s, _CAMERA_INSTANTS)
+        return self.renderer.render(shapes, tissue, frame=index, time_s=time_s)
+
+    def truth(self, view: str, index: int) -> PictureTruth:
+        """What frame ``index`` shows of the catheter."""
+        del view
+        time_s = float(self._times_s[index])
+        shapes, tissue = self._exposed(time_s, self.scene.exposure_s, 1)
+        return self.renderer.truth(shapes, tissue, time_s=time_s)
+
+    def measured_scale_m_per_px(self, rng: np.random.Generator) -> float:
+        """Off by up to the stated share."""
+        off = self.settings.scale_error
+        scale = self.scene.lens.scale_m_per_px * (1.0 + float(rng.uniform(-off, off)))
+        return scale * 640.0 / self.settings.width
+
+    def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
+        """Scale, and the side at which the catheter comes in."""
+        del view
+        return ViewInfo(metres_per_px, self.settings.scene.base_side)
+
+    def values(self) -> dict[str, Any]:
+        """The lens."""
+        return {"lens": asdict(self.scene.lens)}
+
+
+class XrayImaging:
+    """A fluoroscope in one plane or two, whose pulses coincide; ``times_s`` (m,) of all pulses.
+
+    Heart and breath of the patient are those of the wall.
+    """
+
+    def __init__(
+        self,
+        settings: FluoroSettings,
+        rig: Rig,
+        rng: np.random.Generator,
+        exposed: Exposed,
+        times_s: FloatArray,
+        kept: IntArray,
+    ) -> None:
+        self.settings, self._exposed, self._times_s, self._kept = settings, exposed, times_s, kept
+        self.views = views_of(settings)
+        self._length_m = rig.rod.length_m
+        draw, breath_hz = rig.draw, rig.settings.motion.respiration_hz
+        diameter = draw.device.diameter_m
+        scene = draw_xray_scene(
+            settings.scene.model_copy(
+                update={
+                    "diameter_m": (diameter, diameter),
+                    "electrode_m": rig.settings.shaft.rigid_length_m,
+                    "rate_hz": rig.settings.clock.fps,
+                }
+            ),
+            rng,
+        )
+        # the wall meets the tip at the sine's top, when the heart is emptied and the chest is full
+        rhythm = replace(
+            scene.rhythm,
+            heart_hz=draw.beat_hz,
+            heart_phase=0.25 if draw.wave == "sine" else 0.5,
+            breath_hz=breath_hz,
+            breath_phase=(draw.respiration_phase + 0.5 * math.pi) / (2.0 * math.pi),
+        )
+        self.scene = replace(scene, rhythm=rhythm)
+        self._pulses: dict[int, Pulse] = {}
+
+    @cached_property
+    def _renderers(self) -> dict[str, XrayRenderer]:
+        size = {"width": self.settings.width, "height": self.settings.height}
+        return {
+            name: XrayRenderer(self.scene, self._length_m, view=place, **size) for place, name in enumerate(self.views)
+        }
+
+    @property
+    def jpeg_quality(self) -> int:
+        """Of the pictures as recorded."""
+        return self.settings.jpeg_quality
+
+    @property
+    def exposure_s(self) -> float:
+        """The pulse's time."""
+        return self.scene.views[0].beam.pulse_s
+
+    def camera(self, view: str) -> CameraModel:
+        """How a view truly sees; world = base frame."""
+        return self.scene.camera(self.views.index(view), self.settings.width, self.settings.height)
+
+    def image(self, view: str, index: int) -> Image:
+        """The ``index``-th picture; what the detector still shows of earlier pulses is in it, dropped ones too."""
+        number, renderer = int(self._kept[index]), self._renderers[view]
+        *before, now = [self._pulse(k) for k in range(max(0, number - renderer.memory), number + 1)]
+        picture = renderer.render(now.shapes_m, now.tissue, frame=now.frame, time_s=now.time_s, before=before)
+        return cast("Image", picture)  # 8 bits, as asked for
+
+    def _pulse(self, number: int) -> Pulse:
+        if number not in self._pulses:
+            time_s = float(self._times_s[number])
+            shapes, tissue = self._exposed(time_s, self.scene.views[0].beam.pulse_s, _XRAY_INSTANTS)
+            if len(self._pulses) >= _KEPT_PULSES:
+                del self._pulses[next(iter(self._pulses))]
+            self._pulses[number] = Pulse(shapes, tissue, number, time_s)
+        return self._pulses[number]
+
+    def truth(self, view: str, index: int) -> PictureTruth:
+        """What frame ``index`` shows of the catheter."""
+        time_s = float(self._times_s[self._kept[index]])
+        shapes, tissue = self._exposed(time_s, self.scene.views[0].beam.pulse_s, 1)
+        return self._renderers[view].truth(shapes, tissue, time_s=time_s)
+
+    def measured_scale_m_per_px(self, rng: np.random.Generator) -> float:
+        """At the isocentre, by the first view's calibration."""
+        del rng  # its error was drawn with the scene
+        return self.scene.views[0].stated.scale_m_per_px * 512.0 / self.settings.width
+
+    def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
+        """Scale, the side at which the catheter comes in, and the view's calibration as stated."""
+        size = self.settings.width, self.settings.height
+        matrix = self.scene.views[self.views.index(view)].stated.camera(*size).projection_matrix
+        a, b, c = ([float(f"{x:.8g}") for x in row] for row in matrix)
+        return ViewInfo(
+            metres_per_px,
+            self.settings.scene.base_side,
+            modality="xray",
+            projection=((a[0], a[1], a[2], a[3]), (b[0], b[1], b[2], b[3]), (c[0], c[1], c[2], c[3])),
+            projection_frame="isocentre",
+        )
+
+    def values(self) -> dict[str, Any]:
+        """Each view's true projection matrix, and where the base is in the frame that the calibration speaks of."""
+        pose = self.scene.patient_from_base
+        return {
+            "projection": {name: self.camera(name).projection_matrix.tolist() for name in self.views},
+            "isocentre_from_base": np.column_stack([pose.rotation, pose.translation_m]).tolist(),
+            "photons": [view.beam.photons for view in self.scene.views],
+        }

@@ -1,0 +1,157 @@
+"""All settings of a simulated bench, and the presets that the yardstick is made of."""
+
+from pydantic import Field
+
+from ._ranges import Settings
+from .rendering.camera import GENERALISE, SceneRanges
+from .rendering.fluoroscope import BIPLANE, FLUORO, XrayRanges
+from .world.settings import (
+    ActuationSettings,
+    ClockSettings,
+    MotionSettings,
+    SensorSettings,
+    ShaftSettings,
+    WallSettings,
+    WorldSettings,
+)
+
+__all__ = ["PRESETS", "AnySimulationSettings", "FluoroSettings", "SimulationSettings"]
+
+
+class _BenchSettings(Settings):
+    preset: str = "bench-2021"
+    """Where the settings come from; those that were changed carry another name."""
+    world: WorldSettings = WorldSettings()
+
+
+class SimulationSettings(_BenchSettings):
+    """A bench: the world that is pressed on and measured, and the camera that looks at it."""
+
+    scene: SceneRanges = SceneRanges()
+    scale_error: float = Field(default=0.01, ge=0, lt=1)
+    """The picture's scale is measured with a uniform error within +- this share."""
+    width: int = Field(default=640, ge=160, le=4096, multiple_of=2)
+    height: int = Field(default=480, ge=120, le=4096, multiple_of=2)
+
+
+class FluoroSettings(_BenchSettings):
+    """A bench inside a chest: the same world, and the fluoroscope that looks at it, in one plane or two.
+
+    The device's diameter and tip, the heart's rate and the breath's are the world's, whatever ``scene`` says of them.
+    """
+
+    preset: str = "fluoro"
+    scene: XrayRanges = FLUORO
+    jpeg_quality: int = Field(default=95, ge=1, le=100)
+    width: int = Field(default=512, ge=128, le=2048, multiple_of=8)
+    height: int = Field(default=512, ge=128, le=2048, multiple_of=8)
+
+
+AnySimulationSettings = SimulationSettings | FluoroSettings
+
+_FRENCH_M = 1e-3 / 3
+"""1 F of diameter."""
+
+_MANY_CATHETERS = WorldSettings(
+    shaft=ShaftSettings(
+        name="ablation catheter with 8 mm tip",
+        diameter_m=(5 * _FRENCH_M, 8 * _FRENCH_M),
+        flexible_length_m=(35e-3, 65e-3),
+        stiffness_nm2=(3.1e-4, 9.2e-4),
+        nominal_flexible_length_m=None,
+        nominal_stiffness_nm2=None,
+        known_to=0.05,
+        sessions_per_catheter=5,
+    ),
+    actuation=ActuationSettings(knob_deg=(0.0, 30.0), knob_deg_per_s=10.0),
+    wall=WallSettings(contact_angle_deg=(0.0, 80.0), either_side=True),
+)
+_IN_SPACE = _MANY_CATHETERS.model_copy(
+    update={
+        "shaft": _MANY_CATHETERS.shaft.model_copy(update={"out_of_plane_per_m": (-6.0, 6.0)}),
+        "wall": _MANY_CATHETERS.wall.model_copy(update={"tilt_deg": (-45.0, 45.0)}),
+        "clock": ClockSettings(fps=15.0),
+    }
+)
+"""Bend and wall leave the plane: nothing in a heart knows of a plane."""
+
+PRESETS: dict[str, AnySimulationSettings] = {
+    "bench-2021": SimulationSettings(),
+    "generalise": SimulationSettings(preset="generalise", world=_MANY_CATHETERS, scene=GENERALISE),
+    "fluoro": FluoroSettings(world=_IN_SPACE),
+    "biplane": FluoroSettings(preset="biplane", world=_IN_SPACE, scene=BIPLANE),
+    "guidewire": SimulationSettings(
+        preset="guidewire",
+        world=WorldSettings(
+            shaft=ShaftSettings(
+                name="0.035 inch guidewire with a soft distal part",
+                diameter_m=(0.889e-3, 0.889e-3),
+                rigid_length_m=1e-3,
+                flexible_length_m=(33e-3, 37e-3),
+                stiffness_nm2=(2.9e-4 * 0.93, 2.9e-4 * 1.07),
+                nominal_flexible_length_m=35e-3,
+                nominal_stiffness_nm2=2.9e-4,
+                proximal_stiffer=0.0,
+                stiffness_knots=(
+                    (0.0, 1.0),
+                    (0.15, 1.0),
+                    (0.3, 0.58),
+                    (0.45, 0.31),
+                    (0.6, 0.15),
+                    (0.75, 0.07),
+                    (1.0, 0.05),
+                ),
+                creep_share=0.01,
+            ),
+            actuation=ActuationSettings(knob_deg=(0.0, 0.0), gain_per_m_deg=0.0, play_deg=0.0, drift_rms=0.0),
+            wall=WallSettings(stiffness_n_per_m=(37.0, 55.0), friction=(0.04, 0.2)),
+            motion=MotionSettings(peak_force_n=(0.03, 0.10)),
+            sensor=SensorSettings(
+                moving_mass_kg=0.02,
+                noise_n=1e-3,
+                step_n=(1e-3, 1e-3, 2e-3),
+                drift_n_per_min=(-1e-3, 1e-3),
+                bias_n=(-0.05, 0.05),
+                torque_noise_nm=2e-5,
+                torque_step_nm=5e-5,
+            ),
+        ),
+        scene=SceneRanges(
+            scale_m_per_px=(0.095e-3, 0.105e-3),
+            camera_distance_m=(0.20, 0.30),
+            diameter_m=0.889e-3,
+            electrode_m=1e-3,
+            rings=0,
+            objects_clear_m=(9e-3, 13e-3),
+            shaft_grey=(35.0, 80.0),
+            shaft_tint=0.35,
+            metal_grey=(95.0, 150.0),
+        ),
+    ),
+    "catheter-5f": SimulationSettings(
+        preset="catheter-5f",
+        world=WorldSettings(
+            shaft=ShaftSettings(
+                name="5F steerable catheter with 4 mm tip",
+                diameter_m=(5 * _FRENCH_M, 5 * _FRENCH_M),
+                rigid_length_m=4e-3,
+                flexible_length_m=(29e-3, 31e-3),
+                stiffness_nm2=(1.12e-4 * 0.95, 1.12e-4 * 1.05),
+                nominal_flexible_length_m=30e-3,
+                nominal_stiffness_nm2=1.12e-4,
+            ),
+            wall=WallSettings(stiffness_n_per_m=(69.0, 103.0)),
+            motion=MotionSettings(peak_force_n=(0.06, 0.18)),
+        ),
+        scene=SceneRanges(
+            scale_m_per_px=(0.133e-3, 0.147e-3),
+            camera_distance_m=(0.25, 0.40),
+            diameter_m=5 * _FRENCH_M,
+            electrode_m=4e-3,
+            ring_m=1e-3,
+            ring_gap_m=2e-3,
+            objects_clear_m=(11e-3, 15e-3),
+        ),
+    ),
+}
+"""By name; ``bench-2021``, ``generalise``, ``fluoro`` and ``biplane`` are frozen: a change makes a new name."""

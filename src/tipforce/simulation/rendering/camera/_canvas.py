@@ -1,0 +1,162 @@
+"""A canvas on which still things are painted, at twice the picture's size: noise, outlines, shadows."""
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from ....types import FloatArray
+from ._patch import Part, Patch, Picture
+from ._scene import CameraScene, Colour
+
+__all__ = ["FINER", "Canvas", "band", "multi_scale_noise", "soften"]
+
+FINER = 2
+"""Canvas pixels per picture pixel."""
+_SUBPIXEL = 4
+
+
+def multi_scale_noise(
+    rng: np.random.Generator, shape: tuple[int, int], scales_px: tuple[float, ...], fall: float = 0.6
+) -> Picture:
+    """(h, w) smooth noise of standard deviation 1: a sum over ``scales_px``, each next weighing ``fall`` times less."""
+    h, w = shape
+    total, part = np.zeros(shape, np.float32), np.empty(shape, np.float32)
+    for k, scale in enumerate(sorted(scales_px, reverse=True)):
+        rough = rng.standard_normal((int(h / scale) + 4, int(w / scale) + 4), np.float32)
+        large = (round(rough.shape[1] * scale), round(rough.shape[0] * scale))
+        smooth = cv2.resize(rough, large, interpolation=cv2.INTER_CUBIC)
+        v, u = int(rng.integers(0, large[1] - h + 1)), int(rng.integers(0, large[0] - w + 1))
+        total += np.multiply(smooth[v : v + h, u : u + w], np.float32(fall**k), out=part)
+    mean, spread = total.mean(), total.std()
+    total -= mean
+    total /= spread
+    return total
+
+
+def soften(picture: Picture, sigma: float) -> Picture:
+    """Gaussian blur of ``sigma`` px; a wide one is done on a smaller picture, where nothing of it can be seen."""
+    shrink = int(sigma / 3.0)
+    if shrink < 2:
+        return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE), np.float32)
+    h, w = picture.shape[:2]
+    small = cv2.resize(picture, (max(1, w // shrink), max(1, h // shrink)), interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(small, (0, 0), sigma / shrink, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.resize(small, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def band(start: FloatArray, end: FloatArray, half: float) -> FloatArray:
+    """(4, 2): the corners of a straight band ``half`` wide to either side."""
+    way = (end - start) / np.linalg.norm(end - start)
+    side = half * np.array([-way[1], way[0]])
+    return np.stack([start - side, end - side, end + side, start + side])
+
+
+@dataclass(slots=True, eq=False)
+class Canvas:
+    """``levels`` (h, w, 3) and how much of what lies below is seen (``left``, (h, w)); ``px_per_m`` of the canvas.
+
+    ``changed``: where something was laid or darkened, part by part.
+    """
+
+    levels: Picture
+    left: Picture
+    px_per_m: float
+    scene: CameraScene
+    changed: list[Part] = field(default_factory=list[Part])
+
+    @classmethod
+    def empty(cls, width: int, height: int, px_per_m: float, scene: CameraScene) -> "Canvas":
+        """For a picture of ``width`` x ``height`` in which a metre is ``px_per_m``."""
+        shape = (height * FINER, width * FINER)
+        return cls(np.zeros((*shape, 3), np.float32), np.ones(shape, np.float32), px_per_m * FINER, scene)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.levels.shape[0], self.levels.shape[1]
+
+    def outline(self, points: FloatArray, *, closed: bool = True, width: float = 1.0) -> Patch:
+        """Cover of a polygon, or of a line ``width`` wide through ``points`` (n, 2), canvas pixels."""
+        mask = np.zeros(self.shape, np.uint8)
+        fixed = [np.round(points * 2**_SUBPIXEL).astype(np.int32)]
+        if closed:
+            cv2.fillPoly(mask, fixed, 255, cv2.LINE_AA, _SUBPIXEL)
+        else:
+            cv2.polylines(mask, fixed, False, 255, max(1, round(width)), cv2.LINE_AA, _SUBPIXEL)
+        part = self.box(points, 4.0 if closed else 4.0 + width)
+        return Patch.of(self.shape, part, mask[part].astype(np.float32) / np.float32(255.0))
+
+    def disc(self, centre: FloatArray, radius: float) -> Patch:
+        """Cover of a disc."""
+        turn = np.linspace(0.0, 2 * np.pi, 48, endpoint=False)
+        return self.outline(centre + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1))
+
+    def box(self, points: FloatArray, reach: float) -> Part:
+        """The part of the canvas around ``points`` (n, 2), and ``reach`` px more."""
+        ends = np.array(self.shape[::-1])
+        u0, v0 = np.clip(np.floor(points.min(axis=0) - reach), 0, ends).astype(int).tolist()
+        u1, v1 = np.clip(np.ceil(points.max(axis=0) + reach) + 1, 0, ends).astype(int).tolist()
+        return slice(v0, v1), slice(u0, u1)
+
+    def lay(
+        self,
+        cover: Patch,
+        colour: Colour | Picture,
+        *,
+        height_m: float = 0.0,
+        shading: Picture | float = 1.0,
+    ) -> None:
+        """Lay something of ``colour`` times ``shading`` over what is there, after its shadow where it is high.
+
+        A picture of either is of ``cover.part``.
+        """
+        if height_m > 0.0:
+            self.darken(cover, height_m)
+        paint = np.asarray(colour, np.float32)
+        bright = shading[..., None] if isinstance(shading, np.ndarray) else np.float32(shading)
+        self.levels[cover.part] += cover.values[..., None] * (paint * bright - self.levels[cover.part])
+        self.left[cover.part] *= 1.0 - cover.values
+        self.changed.append(cover.part)
+
+    def bevel(self, cover: Patch, width_px: float) -> Picture:
+        """Shading around 1 of a thing with rounded edges in its part: brighter where they face the lamps."""
+        part = cover.around(4.0 * width_px)
+        soft = soften(cover.within(part), max(0.8, width_px))
+        lean_u = cv2.Sobel(soft, cv2.CV_32F, 1, 0, scale=0.125) * np.float32(width_px * 2.5)
+        lean_v = cv2.Sobel(soft, cv2.CV_32F, 0, 1, scale=0.125) * np.float32(width_px * 2.5)
+        bright = np.ones(soft.shape, np.float32)
+        for lamp in self.scene.light.lamps:
+            # A surface that falls away to the right leans to the right: its outline's gradient points the other way.
+            bright -= np.float32(lamp.strength) * (lean_u * lamp.direction[0] + lean_v * lamp.direction[1])
+        return np.clip(bright[cover.seen_from(part)], 0.3, 1.9)
+
+    def darken(self, cover: Patch, height_m: float) -> None:
+        """Cast the shadows of something that covers ``cover`` and stands ``height_m`` high."""
+        soft = max(0.6, self.scene.shadow_sigma_m(height_m) * self.px_per_m)
+        corner = max(1.0, 0.5 * height_m * self.px_per_m)
+        falls = self.scene.shadow_falls_m(height_m)
+        farthest = max((abs(x) for right, down, _ in falls for x in (right, down)), default=0.0) * self.px_per_m
+        part = cover.around(max(farthest + 3.0 * soft, 3.0 * corner))
+        near = cover.within(part)
+        left = np.ones(near.shape, np.float32)
+        for right_m, down_m, strength in falls:
+            shift = np.array([[1, 0, right_m * self.px_per_m], [0, 1, down_m * self.px_per_m]], np.float32)
+            moved = cv2.warpAffine(near, shift, near.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
+            left *= 1.0 - np.float32(strength) * soften(np.asarray(moved, np.float32), soft)
+        # Light from all round does not get into the corner where the thing stands either.
+        left *= 1.0 - np.float32(0.25) * soften(near, corner)
+        self.levels[part] *= left[..., None]
+        self.left[part] *= left
+        self.changed.append(part)
+
+    def seen(self, sigma_px: float) -> tuple[Picture, Picture]:
+        """Levels (3, h, w) and what is left of the view (h, w), at the picture's size, blurred by ``sigma_px``."""
+        # The shrinking is itself a blur: a mean over FINER canvas pixels.
+        rest = max(0.0, (sigma_px * FINER) ** 2 - (FINER**2 - 1) / 12.0) ** 0.5
+        size = (self.left.shape[1] // FINER, self.left.shape[0] // FINER)
+        small = [
+            np.asarray(cv2.resize(soften(plane, rest), size, interpolation=cv2.INTER_AREA), np.float32)
+            for plane in (self.levels, self.left)
+        ]
+        return np.ascontiguousarray(small[0].transpose(2, 0, 1)), small[1]

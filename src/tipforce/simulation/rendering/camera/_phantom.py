@@ -1,0 +1,184 @@
+"""The tissue phantom, painted once a session: a silicone pad on a plate, on a round force sensor, on a stage's arm."""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ....geometry import CameraModel
+from ....types import FloatArray
+from ._canvas import FINER, Canvas, multi_scale_noise, soften
+from ._patch import Part, Patch, Picture
+from ._scene import CameraScene
+
+__all__ = ["MARGIN_M", "Phantom", "TissueHome", "paint_phantom"]
+
+MARGIN_M = 24e-3
+"""How far the phantom may move from its home and still be whole."""
+_VECTOR = 32
+_STEP_M = 1e-3
+"""By how much one part stands out over the next."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TissueHome:
+    """``surface_m`` (3,): a point of the undented surface, at rest; ``into`` (3,): unit vector into the tissue."""
+
+    surface_m: FloatArray
+    into: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Phantom:
+    """``sprite`` (2, 2, c + 1, rows, columns) and ``spans`` as `lay_moving` takes them; ``into_px`` (2,) unit vector.
+
+    At home, the picture's pixel (u, v) shows the sprite at (u, v) + ``margin_px``. ``px_per_m``: scale at the surface.
+    """
+
+    sprite: Picture
+    spans: npt.NDArray[np.int64]
+    margin_px: float
+    home_m: FloatArray
+    into_px: FloatArray
+    px_per_m: float
+
+
+def paint_phantom(
+    scene: CameraScene, camera: CameraModel, home: TissueHome, width: int, height: int, channels: int, sigma_px: float
+) -> Phantom:
+    """The phantom as it is seen at ``home``, blurred by ``sigma_px``, unlit."""
+    look = scene.tissue
+    home_px, slopes = (a[0] for a in camera.project_with_slopes(home.surface_m[None]))
+    seen = slopes @ home.into
+    px_per_m = float(np.sqrt(abs(np.linalg.det(slopes[:, :2]))))
+    into = seen / np.linalg.norm(seen)
+    margin = math.ceil(MARGIN_M * px_per_m)
+    canvas = Canvas.empty(width + 2 * margin, height + 2 * margin, px_per_m, scene)
+    rng = np.random.default_rng([scene.seed, 2])
+    origin = (home_px + margin) * FINER + 0.5 * (FINER - 1)
+    along = np.array([-into[1], into[0]])
+    unit = canvas.px_per_m
+
+    def box(deep_from: float, deep_to: float, half: float, corner: float, aside: float = 0.0) -> Patch:
+        return _rounded(canvas, origin, into, along, (deep_from, deep_to, aside - half, aside + half, corner), unit)
+
+    pad, plate = look.pad_m[0], look.pad_m[0] + look.plate_m[0]
+    body = plate + look.body_m[0]
+    reach = 1.5 * (width + height) / px_per_m
+    arm = box(body - 2e-3, reach, look.arm_half_m, 1e-3)
+    drum = box(plate - 1e-3, body, look.body_m[1], 2e-3)
+    disc = box(pad - 1e-3, plate, look.plate_m[1], 0.6e-3)
+    shape = box(0.0, pad, look.pad_m[1], look.corner_m)
+    # All parts are about as high as one another: their shadow falls on the ground, and hardly on their neighbours.
+    canvas.darken(arm.joined(drum).joined(disc.joined(shape)), scene.ground.depth_m)
+    groove = 0.10 * np.exp(-((_aside(arm.part, origin, along) / (0.18 * look.arm_half_m * unit)) ** 2))
+    bright = (canvas.bevel(arm, 3.0) * (1 - groove)).astype(np.float32)
+    canvas.lay(arm, (look.arm_grey, look.arm_grey, look.arm_grey), shading=bright)
+    bright = canvas.bevel(drum, 2.0) * _cylinder(scene, drum.part, origin, along, look.body_m[1] * unit)
+    canvas.lay(drum, (look.body_grey, look.body_grey, 1.02 * look.body_grey), height_m=_STEP_M, shading=bright)
+    plate_colour = (look.plate_grey, look.plate_grey, look.plate_grey)
+    canvas.lay(disc, plate_colour, height_m=_STEP_M, shading=canvas.bevel(disc, 1.8))
+    for side in (-0.8, 0.8):
+        at = origin + unit * ((0.5 * (pad + plate)) * into + side * look.plate_m[1] * along)
+        head = canvas.disc(at, min(1.6e-3, 0.42 * look.plate_m[0]) * unit)
+        dark = 0.55 * look.plate_grey
+        canvas.lay(head, (dark, dark, dark), height_m=0.5e-3, shading=canvas.bevel(head, 1.2))
+    mottle = 1.0 + look.mottle * multi_scale_noise(rng, shape.shape, (8.0, 30.0, 90.0), 0.7)[shape.part]
+    # Light comes out again near the edges of silicone, and its wet skin mirrors the lamps in soft patches.
+    part = shape.part
+    inner = soften(shape.within((slice(0, canvas.shape[0]), slice(0, canvas.shape[1]))), 1.1e-3 * unit)[part]
+    glow = 1.0 + 0.22 * np.clip(1.6 - 1.6 * inner, 0.0, 1.0)
+    shine = np.clip(multi_scale_noise(rng, shape.shape, (16.0, 50.0), 0.8)[part] - 2.0, 0.0, 1.0)
+    lit = mottle * glow * canvas.bevel(shape, 5.0)
+    paint = np.asarray(look.colour, np.float32) * lit[..., None] + np.float32(60.0) * shine[..., None]
+    canvas.lay(shape, paint.astype(np.float32, copy=False), height_m=_STEP_M)
+    return Phantom(*_sprite(canvas, channels, sigma_px), margin + 0.25, home.surface_m, into, px_per_m)
+
+
+def _places(part: Part, origin: FloatArray) -> tuple[Picture, Picture]:
+    """(1, w) and (h, 1): u and v of the part's pixels, from ``origin``."""
+    v, u = (np.arange(side.start, side.stop).astype(np.float32) for side in part)
+    across: Picture = u - np.float32(origin[0])
+    down: Picture = v - np.float32(origin[1])
+    return across[None], down[:, None]
+
+
+def _aside(part: Part, origin: FloatArray, along: FloatArray) -> Picture:
+    u, v = _places(part, origin)
+    return np.asarray(u * np.float32(along[0]) + v * np.float32(along[1]), np.float32)
+
+
+def _cylinder(scene: CameraScene, part: Part, origin: FloatArray, along: FloatArray, radius: float) -> Picture:
+    """Shading of a turned metal cylinder seen from its side."""
+    x = np.clip(_aside(part, origin, along) / np.float32(radius), -1.0, 1.0)
+    lamp = scene.light.lamps[0].direction
+    lean = np.float32(lamp[0] * along[0] + lamp[1] * along[1])
+    bright = 0.62 + 0.38 * np.sqrt(1 - x**2) + 0.35 * np.exp(-(((x - 0.6 * lean) / 0.13) ** 2)) + 0.15 * x * lean
+    return bright.astype(np.float32)
+
+
+def _rounded(
+    canvas: Canvas,
+    origin: FloatArray,
+    into: FloatArray,
+    along: FloatArray,
+    box: tuple[float, float, float, float, float],
+    unit: float,
+) -> Patch:
+    """Cover of a box with rounded corners in the wall's own directions, anti-aliased."""
+    corners = origin + unit * np.array([deep * into + side * along for deep in box[:2] for side in box[2:4]])
+    part = canvas.box(corners, 2.0)
+    low, high, left, right, corner = (np.float32(x * unit) for x in box)
+    u, v = _places(part, origin)
+    deep = np.abs(u * np.float32(into[0]) + v * np.float32(into[1]) - 0.5 * (low + high)) - 0.5 * (high - low) + corner
+    side = np.abs(u * np.float32(along[0]) + v * np.float32(along[1]) - 0.5 * (left + right))
+    side += corner - 0.5 * (right - left)
+    away = np.hypot(np.maximum(deep, 0), np.maximum(side, 0)) + np.minimum(np.maximum(deep, side), 0) - corner
+    return Patch.of(canvas.shape, part, np.clip(np.float32(0.5) - away, 0.0, 1.0))
+
+
+def _sprite(canvas: Canvas, channels: int, sigma_px: float) -> tuple[Picture, npt.NDArray[np.int64]]:
+    """Half-pixel phases, blurred; where each of their rows has something, and where it has light of its own."""
+    # Sampling between half pixels blurs a little too: up to 1/16 px^2, on average 1/24.
+    sigma = FINER * max(0.0, sigma_px**2 - 1 / 24 - 1 / 48) ** 0.5
+    part = _painted_part(canvas, math.ceil(8.0 * sigma) + 4)
+    levels, left = np.ascontiguousarray(canvas.levels[part]), np.ascontiguousarray(canvas.left[part])
+    planes = [cv2.cvtColor(levels, cv2.COLOR_RGB2GRAY)] if channels == 1 else list(cv2.split(levels))
+    planes.append(left)
+    if sigma > 0.0:  # in small pictures the sampling's own is all there is
+        planes = [cv2.GaussianBlur(plane, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for plane in planes]
+    rows, columns = canvas.shape[0] // FINER, canvas.shape[1] // FINER
+    sprite = np.zeros((FINER, FINER, channels + 1, rows, columns), np.float32)
+    sprite[:, :, -1] = 1.0
+    top, bottom, first, last = (end // FINER for side in part for end in (side.start, side.stop))
+    for k, plane in enumerate(planes):
+        for y in range(FINER):
+            for x in range(FINER):
+                sprite[y, x, k, top:bottom, first:last] = plane[y::FINER, x::FINER]
+    spans = np.zeros((rows, 4), np.int64)
+    inside = sprite[..., top:bottom, first:last]
+    for place, phases in enumerate((inside[:, :, -1] < 0.998, inside[:, :, 0] > 0.02)):
+        there = phases[0, 0] | phases[0, 1] | phases[1, 0] | phases[1, 1]
+        some = there.any(axis=1)
+        found = top + np.flatnonzero(some)
+        spans[found, 2 * place] = first + there[some].argmax(axis=1)
+        spans[found, 2 * place + 1] = last - there[some, ::-1].argmax(axis=1)
+    return sprite, spans
+
+
+def _painted_part(canvas: Canvas, reach: int) -> Part:
+    """Where anything was painted and ``reach`` px more, to whole pixels of the picture.
+
+    It begins at a multiple of the vector instructions' width, so that a blur of it rounds as one of the whole would.
+    """
+    ends = [
+        (min(part[axis].start for part in canvas.changed), max(part[axis].stop for part in canvas.changed))
+        for axis in (0, 1)
+    ]
+    rows, columns = (
+        slice(max(0, low - reach) // _VECTOR * _VECTOR, min(size, -(-(high + reach) // FINER) * FINER))
+        for (low, high), size in zip(ends, canvas.shape, strict=True)
+    )
+    return rows, columns

@@ -1,0 +1,193 @@
+"""What one session's camera looks at: drawn once, the same for every frame."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ....geometry import CameraModel, Pose
+from ....types import BasePose
+from ._noise import SensorNoise
+from ._profile import Lamp, TubeFinish
+
+__all__ = ["CameraScene", "CatheterLook", "Cover", "GroundLook", "Instrument", "Lens", "Lighting", "TissueLook"]
+
+Colour = tuple[float, float, float]
+"""Red, green, blue in grey levels at light 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lighting:
+    """``level``: overall; ``gradient``: relative change across the picture along ``gradient_rad`` (in the picture).
+
+    ``vignetting``: loss in the corners. ``spot``: how much brighter the middle of a lamp's pool is than its rim, and
+    ``spot_at``: where, in shares of the picture. ``lamps`` carry what ``ambient`` leaves of 1; ``lamp_size_rad``: how
+    large the lamps look from the table, which is what softens their shadows.
+    """
+
+    level: float
+    gradient: float
+    gradient_rad: float
+    vignetting: float
+    spot: float
+    spot_at: tuple[float, float]
+    ambient: float
+    lamps: tuple[Lamp, ...]
+    lamp_size_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class CatheterLook:
+    """``radius_m``; ``electrode_m``: length of the metal tip; ``rings_m``: from, to, measured back from the apex.
+
+    ``seam``: how dark the joints between metal and polymer are, 0..1; ``wear``: relative unevenness along the shaft.
+    """
+
+    radius_m: float
+    electrode_m: float
+    rings_m: tuple[tuple[float, float], ...]
+    finish: TubeFinish
+    seam: float
+    wear: float
+
+
+@dataclass(frozen=True, slots=True)
+class GroundLook:
+    """``kind``: board, cloth, paper or breadboard; ``depth_m``: below the base frame's plane; ``objects`` lie on it.
+
+    ``texture_grey``: standard deviation of the unevenness; ``lines_grey``: contrast of weave, print or holes.
+    ``clear_m``: every object is at least this far from the unbent catheter's axis; 0 or less: anywhere.
+    """
+
+    kind: str
+    colour: Colour
+    texture_grey: float
+    lines_grey: float
+    depth_m: float
+    objects: int
+    clear_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class TissueLook:
+    """A silicone pad on a plate, on a round sensor, on the arm of a stage; sizes in metres.
+
+    ``over_tip``: the pad is taller than the catheter and hides what the tip sinks in, else the tip is seen on the pad.
+    """
+
+    colour: Colour
+    mottle: float
+    pad_m: tuple[float, float]
+    plate_m: tuple[float, float]
+    plate_grey: float
+    body_m: tuple[float, float]
+    body_grey: float
+    arm_half_m: float
+    arm_grey: float
+    corner_m: float
+    over_tip: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Instrument:
+    """A second tube in view, from ``start_m`` to ``end_m`` (2,) in the base frame's plane, bent by ``bow_m``.
+
+    It sways by ``sway_m`` about its start at ``sway_hz``. ``in_front``: nearer to the camera than the catheter.
+    """
+
+    start_m: tuple[float, float]
+    end_m: tuple[float, float]
+    bow_m: float
+    sway_m: float
+    sway_hz: float
+    phase_rad: float
+    in_front: bool
+    look: CatheterLook
+
+
+@dataclass(frozen=True, slots=True)
+class Cover:
+    """Something in front of the shaft: a band across it from ``from_m`` to ``to_m`` along the base's tangent.
+
+    ``kind``: tape, bracket or cable; ``slant_rad`` from the perpendicular; ``colour``.
+    """
+
+    kind: str
+    from_m: float
+    to_m: float
+    slant_rad: float
+    colour: Colour
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """Where the camera stands and how sharp it sees.
+
+    ``base_at_m`` (2,): the base, right and down from the middle of the picture's left border; ``base_turn_rad``: its
+    tangent from the picture's u axis, counter-clockwise as displayed. ``yaw_rad``, ``pitch_rad``: the camera's turn
+    about its own vertical and horizontal axes, held on the middle of the picture. ``blur_px``: sigma in the base
+    frame's plane; ``sharpest_m``: where the focus lies above that plane (towards the camera); ``defocus_px_per_m``.
+    """
+
+    scale_m_per_px: float
+    distance_m: float
+    base_at_m: tuple[float, float]
+    base_turn_rad: float
+    yaw_rad: float
+    pitch_rad: float
+    distortion: tuple[float, float, float, float, float]
+    blur_px: float
+    sharpest_m: float
+    defocus_px_per_m: float
+
+    def camera(self, width: int = 640, height: int = 480) -> CameraModel:
+        """The camera; the scale is for 640 columns and shrinks with more of them. World = base frame."""
+        scale = self.scale_m_per_px * 640.0 / width
+        centre = np.array([0.5 * (width - 1), 0.5 * (height - 1)])
+        origin = np.array([-0.5, centre[1]]) + np.array(self.base_at_m) / scale
+        square = CameraModel.facing(
+            BasePose(origin, self.base_turn_rad), scale, self.distance_m, centre, self.distortion
+        )
+        about = np.array([0.0, 0.0, self.distance_m])
+        turn = Pose.from_euler([self.pitch_rad, self.yaw_rad, 0.0], np.zeros(3))
+        held = Pose(turn.rotation, about - turn.rotate(about))
+        return square.seen_from(held @ square.camera_from_world)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraScene:
+    """All that a session's pictures depend on but for what moves; see `draw_scene` for where it comes from.
+
+    ``colour``: pictures are (h, w, 3) RGB, else (h, w). ``seed``: of textures and noise.
+    """
+
+    seed: int
+    colour: bool
+    exposure_s: float
+    jpeg_quality: int
+    light: Lighting
+    lens: Lens
+    noise: SensorNoise
+    catheter: CatheterLook
+    ground: GroundLook
+    tissue: TissueLook
+    instrument: Instrument | None
+    covers: tuple[Cover, ...]
+
+    def camera(self, width: int = 640, height: int = 480) -> CameraModel:
+        """The camera of this scene; see `Lens.camera`."""
+        return self.lens.camera(width, height)
+
+    def shadow_falls_m(self, depth_m: float) -> list[tuple[float, float, float]]:
+        """For each lamp: how far right and down the shadow of something ``depth_m`` above lies, and its strength."""
+        light = self.light
+        facing = light.ambient + sum(lamp.strength * lamp.direction[2] for lamp in light.lamps)
+        falls: list[tuple[float, float, float]] = []
+        for lamp in light.lamps:
+            right, down, up = lamp.direction
+            falls.append((-depth_m * right / up, -depth_m * down / up, lamp.strength * up / facing))
+        return falls
+
+    def shadow_sigma_m(self, depth_m: float) -> float:
+        """Softness of a shadow ``depth_m`` below what throws it: the lamp's size as a Gaussian."""
+        return depth_m * math.tan(self.light.lamp_size_rad) / 2.0

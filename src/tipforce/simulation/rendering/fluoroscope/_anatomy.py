@@ -1,0 +1,211 @@
+"""Bones, wires and leads of a chest as tubes in space, and its soft parts as ellipsoids; the patient's frame, metres.
+
+Not a copy of anybody: rough shapes of the usual sizes, enough to lay on the picture the edges and gradients that
+fluoroscopy of the heart has.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ....geometry import arc_length
+from ....types import FloatArray
+from ._materials import ATTENUATION_PER_M as PER_M
+from ._profile import Layer
+from ._scene import Anatomy
+
+__all__ = ["Blob", "Part", "chest_parts", "heart_blobs", "liver_blobs", "spine_parts"]
+
+_SOFT = PER_M["soft_tissue"]
+_SPONGY, _CORTICAL = PER_M["spongy_bone"] - _SOFT, PER_M["cortical_bone"] - _SOFT
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A tube along ``points_m`` (n, 3): layers of its materials, and sections (from, to, material, strength).
+
+    ``waists``: from, to, and how much narrower the tube is in the middle of that stretch than at its ends.
+    """
+
+    points_m: FloatArray
+    radius_m: float
+    materials: list[tuple[Layer, ...]]
+    sections: list[tuple[float, float, int, float]]
+    waists: list[tuple[float, float, float]] = field(default_factory=list[tuple[float, float, float]])
+
+    @property
+    def length_m(self) -> float:
+        """Arc length."""
+        return float(np.linalg.norm(np.diff(self.points_m, axis=0), axis=1).sum())
+
+
+@dataclass(frozen=True, slots=True)
+class Blob:
+    """An ellipsoid with half axes ``half_m`` along the patient's axes; ``per_m``: over what surrounds it."""
+
+    middle_m: tuple[float, float, float]
+    half_m: tuple[float, float, float]
+    per_m: float
+
+
+def _bone(knots_mm: FloatArray, radius_mm: float, shell_mm: float, density: float, fade: bool = False) -> Part:
+    at = arc_length(knots_mm)
+    count = max(6, int(at[-1] / 3.0))
+    points = 1e-3 * CubicSpline(at, knots_mm)(np.linspace(0.0, at[-1], count))
+    inner = max(0.0, 1.0 - shell_mm / radius_mm)
+    layers = (Layer(0.0, inner, density * _SPONGY), Layer(inner, 1.0, density * _CORTICAL))
+    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    steps = np.linspace(0.0, length, 65 if fade else 2)
+    strong = np.linspace(1.0, 0.0, 64) ** 0.7 if fade else np.ones(1)
+    sections = [(float(a), float(b), 0, float(s)) for a, b, s in zip(steps[:-1], steps[1:], strong, strict=True)]
+    return Part(points, 1e-3 * radius_mm, [layers], sections)
+
+
+def _off(point: FloatArray, x: float, y: float, z: float) -> FloatArray:
+    return point + np.array([x, y, z])
+
+
+def spine_parts(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
+    """Vertebrae with end plates, pedicles, spinous and transverse processes."""
+    x0, y0 = (1e3 * a for a in anatomy.spine_m)
+    pitch, disc = rng.uniform(25, 30), rng.uniform(3.5, 6.0)
+    offset = rng.uniform(0, pitch)
+    z = np.linspace(-150, 150, 60)
+    sway = rng.normal(0, 3.0) * np.sin(z / 70 + rng.uniform(0, 6))
+    axis = np.stack([x0 + sway, y0 + 4e-4 * (z - 20) ** 2 * 0.3, z], axis=1)
+    radius = rng.uniform(14.5, 17.5)
+    density = anatomy.bone
+    spongy = (Layer(0.0, 0.96, density * _SPONGY), Layer(0.96, 1.0, density * _CORTICAL))
+    plate = (Layer(0.0, 0.93, 0.35 * density * _CORTICAL),)
+    whole = Part(1e-3 * axis, 1e-3 * radius, [spongy, plate], [])
+    total = whole.length_m
+    parts = [whole]
+    for k in range(int(1e3 * total / pitch) + 1):
+        low, high = 1e-3 * (offset + (k - 1) * pitch + disc), 1e-3 * (offset + k * pitch)
+        low, high = max(0.0, low), min(total, high)
+        if high - low < 4e-3:
+            continue
+        whole.waists.append((low, high, float(rng.uniform(0.10, 0.17))))
+        steps, strong = np.linspace(low, high, 9), rng.uniform(0.8, 1.2, 8)
+        whole.sections.extend(
+            (float(a), float(b), 0, float(c)) for a, b, c in zip(steps, steps[1:], strong, strict=False)
+        )
+        whole.sections.extend([(low, low + 1.5e-3, 1, 1.0), (high - 1.5e-3, high, 1, 1.0)])
+        middle = np.array([np.interp(0.5 * (low + high), np.linspace(0, total, 60), axis[:, a]) for a in range(3)])
+        for side in (-1.0, 1.0):
+            root = _off(middle, side * 0.68 * radius, 0.8 * radius, 0.28 * pitch)
+            parts.append(
+                _bone(np.array([root, _off(root, side * 1, 7, 0), _off(root, side * 2, 15, -1)]), 4.2, 1.1, density)
+            )
+            base = _off(root, side * 2, 13, -2)
+            ribs = [base, _off(base, side * 14, 7, 2), _off(base, side * 27, 13, 5)]
+            parts.append(_bone(np.array(ribs), 4.0, 0.7, 0.8 * density))
+        back = _off(middle, 0, radius + 16, 0)
+        ridge = np.array([back, _off(back, rng.normal(0, 1), 14, -9), _off(back, rng.normal(0, 1.5), 24, -22)])
+        parts.append(_bone(ridge, 3.6, 1.0, density))
+    return parts
+
+
+def chest_parts(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
+    """What moves a little with the breath: ribs, the lung's vessels, sternal wires, leads on the skin."""
+    return [*_ribs(anatomy, rng), *_vessels(anatomy, rng), *_sternal(anatomy, rng), *_leads(anatomy, rng)]
+
+
+def _ribs(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
+    parts: list[Part] = []
+    x0, y0 = (1e3 * a for a in anatomy.spine_m)
+    pitch, first = rng.uniform(25, 30), rng.uniform(-15, 15)
+    wide, deep, drop = rng.uniform(112, 132), rng.uniform(82, 98), rng.uniform(75, 120)
+    turn = np.linspace(0.005, 2.75, 24)
+    for k in range(-4, 8):
+        for side in (-1.0, 1.0):
+            x = x0 + side * (12 + (wide - 0.5 * side * x0) * np.sin(turn) ** 0.8)
+            y = y0 + 14 - deep * (1 - np.cos(turn))
+            z = first + k * pitch + 22 - drop * (turn / turn[-1]) ** 1.25 + rng.normal(0, 1.0)
+            parts.append(_bone(np.stack([x, y, z], axis=1), rng.uniform(4.6, 6.0), 0.9, 0.75 * anatomy.bone, fade=True))
+    return parts
+
+
+def _vessels(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
+    """The lung's vessels: they branch outward from both hila and get thinner."""
+    parts: list[Part] = []
+    contrast = anatomy.lung * (PER_M["soft_tissue"] - PER_M["lung"])
+    for side in (-1.0, 1.0):
+        for _ in range(34):
+            start = np.array([side * rng.uniform(25, 40), rng.normal(5, 8), rng.normal(12, 12)])
+            way = np.array([side * rng.uniform(0.2, 1.0), rng.normal(0, 0.6), rng.normal(0, 0.8)])
+            way /= np.linalg.norm(way)
+            points, radius = [start], rng.uniform(0.8, 2.8)
+            for _ in range(6):
+                way = way + rng.normal(0, 0.16, 3)
+                way /= np.linalg.norm(way)
+                points.append(points[-1] + 11 * way)
+            part = _bone(np.array(points), radius, radius, 1.0, fade=True)
+            parts.append(Part(part.points_m, part.radius_m, [(Layer(0.0, 1.0, contrast),)], part.sections))
+    return parts
+
+
+def _metal(points_mm: FloatArray, radius_mm: float, per_m: float) -> Part:
+    made = _bone(points_mm, radius_mm, radius_mm, 1.0)
+    return Part(made.points_m, made.radius_m, [(Layer(0.0, 1.0, per_m),)], [(0.0, made.length_m, 0, 1.0)])
+
+
+def _sternal(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
+    """Steel loops that closed the breastbone, each with its twist."""
+    parts: list[Part] = []
+    x0 = 1e3 * anatomy.spine_m[0] + rng.normal(0, 4)
+    for k in range(anatomy.sternal_wires):
+        turn = np.linspace(0.0, 2 * math.pi, 22)
+        wide, high = rng.uniform(7, 11), rng.uniform(4, 9)
+        middle = np.array([x0 + rng.normal(0, 2), -78.0 + 0.1 * k, -45 + 21 * k + rng.normal(0, 3)])
+        loop = middle + np.stack(
+            [wide * np.sin(turn), 6 * np.cos(turn), high * np.cos(turn) + 2 * np.sin(turn)], axis=1
+        )
+        twist = np.linspace(0.0, 1.0, 12)[:, None] * (rng.normal(0, 3), -1.0, rng.uniform(-11, -6)) + loop[11]
+        parts += [_metal(loop, 0.4, PER_M["steel"]), _metal(twist, 0.65, PER_M["steel"])]
+    return parts
+
+
+def _leads(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
+    """Electrocardiogram leads on the skin, some with their clip in view."""
+    parts: list[Part] = []
+    for _ in range(anatomy.leads):
+        y = rng.choice([-105.0, 105.0])
+        start, away = rng.uniform(-70, 70, 2), rng.uniform(0.0, 2 * math.pi)
+        end = 130 * np.array([math.cos(away), math.sin(away)])  # out of the picture
+        knots = np.array([(*start, y), (*(0.6 * start + 0.4 * end + rng.normal(0, 18, 2)), y), (*end, y)])
+        parts.append(_metal(knots[:, [0, 2, 1]], rng.uniform(0.35, 0.6), 0.35 * PER_M["copper"]))
+        clip = knots[0, [0, 2, 1]]
+        parts.append(_metal(np.array([clip, _off(clip, 0, 1.0, 0), _off(clip, 0, 2.0, 0)]), rng.uniform(3, 5), 130.0))
+    return parts
+
+
+def heart_blobs(anatomy: Anatomy) -> list[Blob]:
+    """Ventricles, atria, great vessels: soft tissue where the lung would be."""
+    contrast = anatomy.lung * (PER_M["soft_tissue"] - PER_M["lung"])
+    size = anatomy.heart_size
+    shapes = [
+        ((22, -18, -18), (44, 40, 36)), ((-6, -24, -14), (46, 34, 40)), ((-26, 2, 4), (28, 32, 36)),
+        ((10, 22, 8), (36, 28, 30)), ((2, 0, 52), (22, 26, 34)), ((16, -4, 46), (18, 20, 26)),
+        ((-24, 6, 60), (12, 12, 50)), ((-8, 44, 0), (26, 24, 160)),
+    ]  # fmt: skip
+    return [
+        Blob(
+            (1e-3 * m[0], 1e-3 * m[1], 1e-3 * m[2]),
+            (1e-3 * size * h[0], 1e-3 * size * h[1], 1e-3 * size * h[2]),
+            contrast,
+        )
+        for m, h in shapes
+    ]
+
+
+def liver_blobs(anatomy: Anatomy) -> list[Blob]:
+    """What lies below the two domes of the diaphragm, breathed out."""
+    contrast = anatomy.lung * (PER_M["soft_tissue"] - PER_M["lung"])
+    right, left = anatomy.dome_m + 8e-3, anatomy.dome_m - 6e-3
+    return [
+        Blob((-55e-3, -5e-3, right - 85e-3), (95e-3, 95e-3, 85e-3), contrast),
+        Blob((62e-3, -5e-3, left - 80e-3), (82e-3, 90e-3, 80e-3), contrast),
+    ]

@@ -1,0 +1,142 @@
+"""From attenuation to the light that the detector expects: layers that move, exponential, scatter and glare."""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ...._compile import STEADY
+from ._left import left_of
+from ._paint import COARSE, Painted
+from ._scene import Detector, Rhythm
+
+__all__ = ["BLOCK", "Veil", "direct_light", "soft_layers"]
+
+Picture = npt.NDArray[np.float32]
+
+BLOCK = 8
+"""Side, in pixels, of the blocks on which what is spread wide is computed."""
+
+
+def soft_layers(
+    painted: Painted, rhythm: Rhythm, breath: float, beating: float, wall_px: tuple[float, float] | None
+) -> Picture:
+    """(h, w): heart and diaphragm.
+
+    ``breath``, ``beating``: see `Rhythm`; ``wall_px``: how far the heart's wall is from where it rests; None: the heart
+    moves by itself.
+    """
+    h, w = painted.still.shape[0] // COARSE, painted.still.shape[1] // COARSE
+    down = -rhythm.breath_m * breath * painted.head_px
+    size = 1.0 - rhythm.beat * beating
+    # By itself, its base comes down toward the apex as it empties.
+    du, dv = -0.08 * rhythm.beat * beating * painted.head_px if wall_px is None else wall_px
+    heart = _moved(painted.heart, painted, size, du + 0.3 * down[0], dv + 0.3 * down[1], (h, w))
+    heart += _moved(painted.liver, painted, 1.0, down[0], down[1], (h, w))
+    return np.asarray(cv2.resize(heart, painted.still.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _moved(layer: Picture, painted: Painted, size: float, du: float, dv: float, shape: tuple[int, int]) -> Picture:
+    """``layer`` about the heart's middle scaled by ``size`` and moved by (du, dv) px of the picture."""
+    middle = (painted.heart_px - 0.5 * (COARSE - 1)) / COARSE
+    back = 1.0 / size
+    u = middle[0] * (1.0 - back) - back * du / COARSE + painted.coarse_margin
+    v = middle[1] * (1.0 - back) - back * dv / COARSE + painted.coarse_margin
+    way = np.array([[back, 0.0, u], [0.0, back, v]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(layer, way, shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE), np.float32)
+
+
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
+def direct_light(
+    still: Picture,
+    chest: Picture,
+    left: float,
+    top: float,
+    soft: Picture,
+    taken: Picture,
+    light: Picture,
+    blocks: Picture,
+) -> None:
+    """Share of the rays that comes through all layers into ``light`` (h, w), its means into ``blocks``.
+
+    ``chest`` is read from column ``left`` and row ``top`` on, between pixels; ``taken`` (h, w): what tubes take.
+    """
+    h, w = still.shape
+    i, j = math.floor(top), math.floor(left)
+    fv, fu = np.float32(top - i), np.float32(left - j)
+    one, half = np.float32(1.0), np.float32(0.5)
+    over, none = np.float32(1.0 / 64.0), np.float32(0.0)
+    w00, w01, w10, w11 = (one - fv) * (one - fu), (one - fv) * fu, fv * (one - fu), fv * fu
+    blocks[:] = none
+    mean = np.float32(1.0 / (BLOCK * BLOCK))
+    for v in range(h):
+        # Slices, and few of them in a loop: an index that might be negative keeps the compiler from vector code.
+        a, b = chest[v + i, j : j + w], chest[v + i, j + 1 : j + w + 1]
+        c, d = chest[v + i + 1, j : j + w], chest[v + i + 1, j + 1 : j + w + 1]
+        base, veil, tube, out = still[v], soft[v], taken[v], light[v]
+        for u in range(w):
+            out[u] = w00 * a[u] + w01 * b[u] + w10 * c[u] + w11 * d[u]
+        for u in range(w):
+            x = min(max((out[u] + base[u] + veil[u]) * over, -half), half)
+            out[u] = left_of(x) * (one - tube[u])
+        row = blocks[v // BLOCK]
+        for k in range(row.size):
+            total = none
+            for u in range(k * BLOCK, (k + 1) * BLOCK):
+                total += out[u]
+            row[k] += total * mean
+
+
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
+def _mix(light: Picture, direct: float, veil: Picture) -> None:
+    share = np.float32(direct)
+    for v in range(light.shape[0]):
+        out, more = light[v], veil[v]
+        for u in range(out.size):
+            out[u] = out[u] * share + more[u]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Veil:
+    """Scatter and glare on the blocks of a picture: each a pair of matrices (rows, columns), and a share."""
+
+    scatter: tuple[Picture, Picture]
+    glare: tuple[Picture, Picture]
+    scattered: float
+    glared: float
+
+    @classmethod
+    def of(cls, detector: Detector, px_per_m: float, shape: tuple[int, int]) -> "Veil":
+        """For ``shape`` blocks."""
+        near, far = (sigma * px_per_m / BLOCK for sigma in (detector.scatter_m, detector.glare_m))
+        rows, columns = shape
+        return cls(
+            (_spread(rows, near), _spread(columns, near)),
+            (_spread(rows, far), _spread(columns, far)),
+            detector.scatter,
+            detector.glare,
+        )
+
+    def add(self, light: Picture, blocks: Picture, exposure: float) -> None:
+        """Quanta that ``light`` (h, w) becomes: times ``exposure``, with scatter, and with glare spread."""
+        scattered = self.scatter[0] @ blocks @ self.scatter[1].T * np.float32(self.scattered)
+        spread = self.glare[0] @ (blocks + scattered) @ self.glare[1].T * np.float32(self.glared)
+        veil = (scattered * np.float32(1.0 - self.glared) + spread) * np.float32(exposure)
+        full = cv2.resize(veil, light.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        _mix(light, exposure * (1.0 - self.glared), np.asarray(full, np.float32))
+
+
+def _spread(count: int, sigma: float) -> Picture:
+    """(count, count): a Gaussian over a row of blocks; beyond the border it goes on as at the border."""
+    reach = math.ceil(4.0 * sigma)
+    at = np.arange(-reach, reach + 1)
+    weights = np.exp(-0.5 * (at / sigma) ** 2)
+    weights /= weights.sum()
+    matrix = np.zeros((count, count))
+    for k in range(count):
+        np.add.at(matrix[k], np.clip(k + at, 0, count - 1), weights)
+    return matrix.astype(np.float32)

@@ -1,0 +1,187 @@
+"""What one session's fluoroscope looks at, and with what: drawn once, the same for every frame."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ....geometry import CameraModel, Pose
+from ....types import FloatArray
+from ._carm import CArm
+
+__all__ = ["Anatomy", "Beam", "CatheterMake", "Detector", "Device", "Rhythm", "XrayScene", "XrayView", "lag_weights"]
+
+Point = tuple[float, float, float]
+"""In the patient's frame (`CArm`), metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class Beam:
+    """What leaves the tube, and how much of it arrives."""
+
+    photons: float
+    """Detected quanta a pixel at 512 columns, mean over the measuring field in the picture's middle."""
+    pulse_s: float
+    rate_hz: float
+    focal_spot_m: float
+    """Sigma."""
+    control_s: float
+    """How late the exposure control follows the patient's breath; it holds ``photons``."""
+    kvp: float = 80.0
+    """Tube voltage. The table of attenuation belongs to 80."""
+
+
+@dataclass(frozen=True, slots=True)
+class Detector:
+    """From quanta to grey levels; pixels are those of 512 columns."""
+
+    scatter: float
+    """Scattered over direct quanta."""
+    scatter_m: float
+    """Sigma of their spread, at the isocentre."""
+    glare: float
+    """Share of all light that is spread over the picture."""
+    glare_m: float
+    blur_px: tuple[float, float]
+    """Sigmas of two Gaussians."""
+    blur_tail: float
+    """Share of the second."""
+    lag: tuple[tuple[float, float], ...]
+    """Exponentials: share of the light, and what is left of it a frame later."""
+    electronic: float
+    """Noise of a pixel, sigma in quanta."""
+    line_noise: float
+    """Noise of a row, sigma in quanta."""
+    curve: str
+    """Of the display: log or linear."""
+    contrast: float
+    """Log: grey levels (of 256) for a factor e in the light; linear: grey level of ``photons``."""
+
+
+@dataclass(frozen=True, slots=True)
+class XrayView:
+    """One plane: ``true``: how it stands; ``stated``: what its calibration says, which is all that a user is told."""
+
+    true: CArm
+    stated: CArm
+    beam: Beam
+    detector: Detector
+
+
+@dataclass(frozen=True, slots=True)
+class CatheterMake:
+    """``radius_m``; ``electrode_m``: length of the metal tip; ``rings_m``: from, to, measured back from the apex.
+
+    ``barium_sulphate``: its share of the shaft's polymer by weight; ``wall``: share of the radius; ``braid``: share of
+    the braid's layer that is steel; ``core``: share of the lumen that is copper wire; ``uneven``: relative, along it.
+    """
+
+    radius_m: float
+    electrode_m: float
+    rings_m: tuple[tuple[float, float], ...]
+    barium_sulphate: float
+    wall: float
+    braid: float
+    core: float
+    uneven: float
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """Another instrument in the heart: ``kind`` (wire, diagnostic, lead, probe) along a smooth curve through ``knots``.
+
+    It sways by ``sway_m`` with the heart, ``phase`` (share of a beat) behind it; more toward its end.
+    """
+
+    kind: str
+    radius_m: float
+    knots: tuple[Point, ...]
+    sway_m: Point
+    phase: float
+
+
+@dataclass(frozen=True, slots=True)
+class Rhythm:
+    """``heart_hz``, ``breath_hz``; ``beat``: relative change of the heart's size; ``breath_m``: way of the diaphragm.
+
+    ``heart_phase``, ``breath_phase``: at time 0, in shares of a cycle.
+    """
+
+    heart_hz: float
+    breath_hz: float
+    beat: float
+    breath_m: float
+    heart_phase: float
+    breath_phase: float
+
+    def breath(self, time_s: float) -> float:
+        """0 (breathed out) to 1; out longer than in."""
+        turn = 2 * math.pi * (self.breath_hz * time_s + self.breath_phase)
+        return (0.5 - 0.5 * math.cos(turn)) ** 1.5
+
+    def beating(self, time_s: float) -> float:
+        """0 (filled) to 1 (emptied)."""
+        turn = 2 * math.pi * (self.heart_hz * time_s + self.heart_phase)
+        return 0.5 - 0.5 * math.cos(turn) + 0.1 * math.sin(2 * turn)
+
+
+@dataclass(frozen=True, slots=True)
+class Anatomy:
+    """``spine_m``: where the spine passes beside and behind the heart (x, y); ``bone``: relative density of the bones.
+
+    ``lung``: relative contrast of the lung; ``dome_m``: height of the diaphragm; ``heart_size``: relative.
+    """
+
+    spine_m: tuple[float, float]
+    bone: float
+    lung: float
+    dome_m: float
+    heart_size: float
+    sternal_wires: int
+    leads: int
+
+
+@dataclass(frozen=True, slots=True)
+class XrayScene:
+    """All that a session's pictures depend on but for the catheter's shape; see `draw_xray_scene`.
+
+    ``base_axis_angle`` and ``base_m``: the base frame's pose in the patient's frame. ``seed``: of textures and noise.
+    """
+
+    seed: int
+    views: tuple[XrayView, ...]
+    base_axis_angle: Point
+    base_m: Point
+    catheter: CatheterMake
+    devices: tuple[Device, ...]
+    rhythm: Rhythm
+    anatomy: Anatomy
+
+    @property
+    def patient_from_base(self) -> Pose:
+        """Where the catheter's base is."""
+        return Pose.from_axis_angle(self.base_axis_angle, self.base_m)
+
+    def camera(self, view: int = 0, width: int = 512, height: int = 512) -> CameraModel:
+        """How ``view`` truly sees; world = base frame."""
+        return self._seen(self.views[view].true, width, height)
+
+    def stated_camera(self, view: int = 0, width: int = 512, height: int = 512) -> CameraModel:
+        """How ``view`` sees by its calibration; world = base frame."""
+        return self._seen(self.views[view].stated, width, height)
+
+    def _seen(self, arm: CArm, width: int, height: int) -> CameraModel:
+        camera = arm.camera(width, height)
+        return camera.seen_from(camera.camera_from_world @ self.patient_from_base)
+
+
+def lag_weights(detector: Detector) -> FloatArray:
+    """(1 + m,) how much of the light of this frame and of those before it is read out now; adds up to 1.
+
+    The mixture of exponentials is cut where less than 0.2 % is left, at 6 frames at the latest.
+    """
+    ages = np.arange(6)
+    tail = np.sum([share * (1.0 - keep) * keep**ages for share, keep in detector.lag], axis=0)
+    left = np.cumsum(tail[::-1])[::-1]
+    tail = tail[left > 2e-3]
+    return np.concatenate([[1.0 - tail.sum()], tail])

@@ -1,0 +1,184 @@
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from tipforce.errors import FileFormatError, InputError, TimeError
+from tipforce.io import ClockOffset, RecordingReader, RecordingWriter, Tare
+from tipforce.io import _cdr as cdr
+from tipforce.types import Actuation, Catheter, Frame, SensorInfo, SessionInfo, SimulatedClock, ViewInfo, Wrench
+
+numbers = st.floats(allow_nan=True, allow_infinity=False, width=64)
+names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)
+stamps = st.integers(0, 2**31 * 10**9 - 1)
+
+
+def decoded(schema: str, raw: bytes) -> object:
+    from mcap.records import Schema
+
+    decode = DecoderFactory().decoder_for("cdr", Schema(1, cdr.SCHEMAS[schema].encode(), "ros2msg", schema))
+    assert decode is not None
+    return decode(raw)
+
+
+@given(stamps, names, st.lists(numbers, min_size=6, max_size=6))
+def test_a_wrench_is_what_the_ros2_decoder_reads(stamp: int, frame: str, values: list[float]) -> None:
+    raw = cdr.pack_wrench(stamp, frame, np.array(values[:3]), np.array(values[3:]))
+    message = decoded(cdr.WRENCH_STAMPED, raw)
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == divmod(stamp, 10**9)
+    assert message.header.frame_id == frame
+    force, torque = message.wrench.force, message.wrench.torque
+    np.testing.assert_array_equal([force.x, force.y, force.z, torque.x, torque.y, torque.z], values)
+    ours = cdr.unpack_wrench(raw)
+    assert ours[:2] == (stamp, frame)
+    np.testing.assert_array_equal(np.concatenate(ours[2:]), values)
+
+
+@given(stamps, st.dictionaries(names, numbers, max_size=5))
+def test_a_joint_state_is_what_the_ros2_decoder_reads(stamp: int, values: dict[str, float]) -> None:
+    raw = cdr.pack_joints(stamp, values)
+    message = decoded(cdr.JOINT_STATE, raw)
+    assert list(message.name) == list(values)
+    np.testing.assert_array_equal(message.position, list(values.values()))
+    assert list(message.velocity) == list(message.effort) == []
+    found = cdr.unpack_joints(raw)
+    assert found[0] == stamp
+    np.testing.assert_equal(found[1], values)
+
+
+@given(stamps, names, st.binary(max_size=50))
+def test_an_image_is_what_the_ros2_decoder_reads(stamp: int, view: str, data: bytes) -> None:
+    raw = cdr.pack_image(stamp, view, "png", data)
+    message = decoded(cdr.COMPRESSED_IMAGE, raw)
+    assert (message.header.frame_id, message.format, bytes(message.data)) == (view, "png", data)
+    found = cdr.unpack_image(raw)
+    assert (found[0], found[1], bytes(found[2])) == (stamp, "png", data)
+
+
+def test_ros2_tools_read_every_message_of_a_recording(recording: Path) -> None:
+    with recording.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        assert reader.get_header().profile == "ros2"
+        found = [(channel.topic, message) for _, channel, _, message in reader.iter_decoded_messages()]
+    counts = {topic: sum(there == topic for there, _ in found) for topic in {topic for topic, _ in found}}
+    assert counts == {"/camera/compressed": 25, "/force": 1000, "/joints": 10}
+
+
+def test_what_was_written_comes_back(recording: Path) -> None:
+    with RecordingReader(recording) as reader:
+        assert reader.session_info == SessionInfo(
+            "first", views={"camera": ViewInfo(2e-4)}, sensor=SensorInfo(90.0, "tip-on-tissue")
+        )
+        events = list(reader)
+        assert [event.stamp_ns for event in events] == sorted(event.stamp_ns for event in events)
+        assert list(reader.events("camera"))[3].stamp_ns == 120_000_000
+        times, force, torque = reader.wrenches()
+        np.testing.assert_array_equal(times, np.arange(1000) * 1_000_000)
+        np.testing.assert_array_equal(force[:, 0], np.arange(1000) * 1e-3)
+        assert np.isnan(torque).all()
+        frame = reader.frame_at(7)
+        assert (frame.stamp_ns, frame.image.shape) == (280_000_000, (48, 64))
+        assert abs(int(frame.image.mean()) - 57) <= 1
+        streams = reader.info.streams
+        assert (streams["camera"].count, streams["camera"].rate_hz, streams["camera"].dropped) == (25, 25.0, 0)
+        np.testing.assert_allclose(reader.actuation_at(np.array([50_000_000]))["knob_deg"], [0.5])
+
+
+@pytest.mark.parametrize("shape", [(48, 64), (48, 64, 3)])
+def test_lossless_pictures_come_back_bit_by_bit(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    image = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
+    with RecordingWriter(tmp_path / "run.mcap", SessionInfo(), lossless=True) as writer:
+        writer.write(Frame(0, image))
+    with RecordingReader(tmp_path / "run.mcap") as reader:
+        np.testing.assert_array_equal(reader.frame_at(0).image, image)
+        assert reader.session_info.name == "run"
+
+
+def test_facts_come_back_and_the_last_of_a_kind_holds(tmp_path: Path) -> None:
+    stated = SessionInfo("s", Catheter("decapolar", 0.002, 0.04), {"camera": ViewInfo(1e-4)}, remarks="silicone")
+    with RecordingWriter(tmp_path / "run.mcap", stated) as writer:
+        writer.state(ClockOffset(1, "stated"))
+        writer.state(ClockOffset(-7, "estimated", 0.5, 0.99))
+        writer.state(Tare(np.array([0.1, 0.2, 0.0]), np.array([1e-3, 2e-3, math.nan]), ((0.0, 5.0),), "stated", "x"))
+        writer.state(SensorInfo(12.5, "tissue-on-tip"))
+        writer.write(Actuation(0, {"knob_deg": 1.0}))
+    with RecordingReader(tmp_path / "run.mcap") as reader:
+        info = reader.info
+        assert reader.session_info == replace(stated, sensor=SensorInfo(12.5, "tissue-on-tip"))
+        assert info.clock_offset == ClockOffset(-7, "estimated", 0.5, 0.99)
+        assert (info.tare.how, info.tare.stretches_s, info.tare.detail) == ("stated", ((0.0, 5.0),), "x")
+        np.testing.assert_array_equal(info.tare.force_n, [0.1, 0.2, 0.0])
+        np.testing.assert_array_equal(info.tare.stderr_n, [1e-3, 2e-3, math.nan])
+        assert info.sensor == SensorInfo(12.5, "tissue-on-tip")
+
+
+def test_streams_that_arrive_out_of_order_are_read_in_order(tmp_path: Path) -> None:
+    """A camera delivers its frames late: half a second and several chunks after the force of the same instant."""
+    with RecordingWriter(tmp_path / "run.mcap", SessionInfo()) as writer:
+        for k in range(300):
+            writer.write(Wrench(k * 10_000_000, np.ones(3), np.ones(3)))
+            if k >= 60 and k % 4 == 0:
+                writer.write(Frame((k - 60) * 10_000_000 + 1, np.zeros((8, 8), np.uint8)))
+    with RecordingReader(tmp_path / "run.mcap") as reader:
+        found = [event.stamp_ns for event in reader]
+    assert len(found) == 360
+    assert found == sorted(found)
+
+
+def test_what_is_pending_reaches_the_file_by_the_clock(tmp_path: Path) -> None:
+    clock = SimulatedClock()
+    with RecordingWriter(tmp_path / "run.mcap", SessionInfo(), clock=clock) as writer:
+        writer.write(Actuation(0, {"a_mm": 1.0}))
+        small = writer.part.stat().st_size
+        clock.sleep_until_ns(300_000_000)
+        writer.write(Actuation(1, {"a_mm": 2.0}))
+        assert writer.part.stat().st_size > small
+
+
+def test_a_finished_recording_is_not_overwritten_unless_asked(recording: Path) -> None:
+    before = recording.read_bytes()
+    with pytest.raises(FileFormatError, match="exists already"):
+        RecordingWriter(recording, SessionInfo())
+    assert recording.read_bytes() == before
+    with RecordingWriter(recording, SessionInfo("second"), overwrite=True) as writer:
+        assert recording.read_bytes() == before
+        writer.write(Actuation(0, {"a_mm": 1.0}))
+    with RecordingReader(recording) as reader:
+        assert reader.session_info.name == "second"
+
+
+def test_a_stamp_before_zero_is_refused(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "run.mcap", SessionInfo()) as writer, pytest.raises(TimeError, match="before zero"):
+        writer.write(Actuation(-1, {"a_mm": 1.0}))
+
+
+def test_dropped_frames_are_counted(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "run.mcap", SessionInfo()) as writer:
+        for k in range(50):
+            if k not in (10, 20, 21):
+                writer.write(Frame(k * 40_000_000, np.zeros((8, 8), np.uint8)))
+    with RecordingReader(tmp_path / "run.mcap") as reader:
+        camera = reader.info.streams["camera"]
+    assert (camera.count, camera.dropped, camera.rate_hz) == (47, 3, pytest.approx(25.0))
+
+
+def test_an_unknown_stream_is_named_beside_those_there_are(recording: Path) -> None:
+    with RecordingReader(recording) as reader, pytest.raises(InputError, match="'left'; it has camera, force, joints"):
+        reader.stamps("left")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"), [(b"", "is empty"), (b"ftypmp42" * 50, "is not a recording"), (None, "no such file")]
+)
+def test_what_is_no_recording_is_called_so(tmp_path: Path, content: bytes | None, said: str) -> None:
+    path = tmp_path / "run.mcap"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(FileFormatError, match=said):
+        RecordingReader(path)

@@ -1,0 +1,148 @@
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tipforce.errors import FileFormatError
+from tipforce.io import RecordingReader, RecordingWriter
+from tipforce.types import Actuation, SessionInfo, Wrench
+
+
+def events_of(path: Path) -> list[tuple[int, float]]:
+    with RecordingReader(path) as reader:
+        return [(e.stamp_ns, float(e.force_n[0])) for e in reader.events("force") if isinstance(e, Wrench)]
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(share=st.floats(0.02, 1.0))
+def test_a_file_cut_anywhere_gives_back_every_message_before_the_cut(recording: Path, share: float) -> None:
+    raw = recording.read_bytes()
+    cut = recording.with_name("cut.mcap.part")
+    cut.write_bytes(raw[: max(int(share * len(raw)), 2500)])
+    target = recording.with_name("cut.mcap")
+    target.unlink(missing_ok=True)
+    with pytest.warns(UserWarning, match="messages recovered"):
+        reader = RecordingReader(cut)
+    with reader:
+        found, _, _ = reader.wrenches()
+        assert reader.path == target
+        assert "was cut off" in reader.info.recovered
+    assert not cut.exists()
+    # every reading takes the same room, so what lies before the cut can be told from its length
+    whole = np.arange(len(found)) * 1_000_000
+    np.testing.assert_array_equal(found, whole)
+    missing = raw[: int(share * len(raw))].count(b"sensor\0") - len(found)
+    assert missing <= 1  # the one that was cut itself
+
+
+def test_a_recording_killed_while_it_was_written_is_recovered_when_opened(tmp_path: Path) -> None:
+    script = (
+        "import os, signal, sys, time, numpy as np\n"
+        "from tipforce.io import RecordingWriter\n"
+        "from tipforce.types import SessionInfo, Wrench\n"
+        f"writer = RecordingWriter({str(tmp_path / 'run.mcap')!r}, SessionInfo('killed'))\n"
+        "for k in range(100):\n"
+        "    writer.write(Wrench(k * 10**6, np.full(3, float(k)), np.zeros(3)))\n"
+        "time.sleep(0.7)\n"  # nothing arrives any more: what is pending must reach the file all the same
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == -9
+    path = tmp_path / "run.mcap"
+    assert not path.exists()
+    with pytest.warns(UserWarning, match=r"run\.mcap was cut off: 100 messages recovered"):
+        assert len(events_of(path)) == 100
+    with RecordingReader(path) as reader:
+        assert reader.session_info.name == "killed"
+
+
+def test_an_error_while_recording_keeps_what_was_recorded(tmp_path: Path) -> None:
+    def unplugged() -> Iterator[Actuation]:
+        yield Actuation(0, {"a_mm": 1.0})
+        raise ConnectionError
+
+    def record() -> None:
+        with RecordingWriter(tmp_path / "run.mcap", SessionInfo()) as writer:
+            for event in unplugged():
+                writer.write(event)
+
+    with pytest.raises(ConnectionError):
+        record()
+    assert not (tmp_path / "run.mcap").exists()
+    with pytest.warns(UserWarning, match="1 messages recovered"), RecordingReader(tmp_path / "run.mcap") as reader:
+        assert reader.info.streams["joints"].count == 1
+
+
+def test_a_damaged_chunk_costs_only_itself(recording: Path) -> None:
+    raw = bytearray(recording.read_bytes())
+    place = raw.find(b"sensor\0", len(raw) // 4)
+    raw[place + 20] ^= 0xFF
+    part = recording.with_name("hurt.mcap.part")
+    part.write_bytes(raw)
+    with pytest.warns(UserWarning, match="1 damaged chunks lost"), RecordingReader(part) as reader:
+        left = len(reader.wrenches()[0])
+    assert 400 <= left < 1000
+
+
+def test_what_is_still_being_written_is_left_alone(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "run.mcap", SessionInfo()) as writer:
+        writer.write(Actuation(0, {"a_mm": 1.0}))
+        with pytest.raises(FileFormatError, match="still being written"):
+            RecordingReader(tmp_path / "run.mcap")
+        with pytest.raises(FileFormatError, match="holds a recording that was cut off"):
+            RecordingWriter(tmp_path / "run.mcap", SessionInfo())
+        with pytest.raises(FileFormatError, match="still being written"):
+            RecordingWriter(tmp_path / "run.mcap", SessionInfo(), overwrite=True)
+    with RecordingReader(tmp_path / "run.mcap") as reader:
+        assert reader.info.streams["joints"].count == 1
+
+
+def test_a_recording_that_waits_for_recovery_is_not_written_over(recording: Path) -> None:
+    part = recording.with_name("other.mcap.part")
+    part.write_bytes(recording.read_bytes()[:20_000])
+    with pytest.raises(FileFormatError, match="tipforce inspect"):
+        RecordingWriter(recording.with_name("other.mcap"), SessionInfo())
+    assert part.stat().st_size == 20_000
+
+
+def test_a_part_beside_a_finished_file_is_not_recovered_over_it(recording: Path) -> None:
+    part = recording.with_name(recording.name + ".part")
+    part.write_bytes(recording.read_bytes()[:20_000])
+    assert len(events_of(recording)) == 1000
+    with pytest.raises(FileFormatError, match="exists too"):
+        RecordingReader(part)
+    assert part.exists()
+
+
+def test_a_part_without_a_message_says_that_nothing_is_in_it(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError), RecordingWriter(tmp_path / "run.mcap", SessionInfo()):
+        raise ZeroDivisionError
+    with pytest.raises(FileFormatError, match="nothing is in it"):
+        RecordingReader(tmp_path / "run.mcap")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.mcap.part"]
+
+
+def test_a_truncated_recording_says_how_to_recover_it(recording: Path) -> None:
+    raw = recording.read_bytes()
+    recording.write_bytes(raw[: len(raw) // 2])
+    with pytest.raises(FileFormatError, match=r"rename it to run\.mcap\.part"):
+        RecordingReader(recording)
+    recording.rename(recording.with_name("run.mcap.part"))
+    with pytest.warns(UserWarning, match="recovered"):
+        assert len(events_of(recording)) > 300
+
+
+def test_a_part_cut_within_its_first_records_is_one_sentence(recording: Path) -> None:
+    raw = recording.read_bytes()
+    recording.unlink()
+    part = recording.with_name(recording.name + ".part")
+    for length in range(260):
+        part.write_bytes(raw[:length])
+        with pytest.raises(FileFormatError) as caught:
+            RecordingReader(recording)
+        assert str(recording) in str(caught.value)
+    assert [path.name for path in part.parent.iterdir()] == [part.name]

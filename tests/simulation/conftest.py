@@ -1,0 +1,19 @@
+"""Short sessions in small pictures, for all that is not about the picture."""
+
+import pytest
+
+from tipforce.simulation import SimulatedBench, SimulationSettings
+from tipforce.simulation.world.settings import ClockSettings, WorldSettings
+
+
+@pytest.fixture(scope="session")
+def short() -> SimulationSettings:
+    clock = ClockSettings(fps=12.0)
+    return SimulationSettings(
+        preset="short", world=WorldSettings(seconds=8, tare_s=2, clock=clock), width=160, height=120
+    )
+
+
+@pytest.fixture(scope="session")
+def bench(short: SimulationSettings) -> SimulatedBench:
+    return SimulatedBench(short, seed=21, session=1)

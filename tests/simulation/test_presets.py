@@ -1,0 +1,132 @@
+"""What the presets promise: devices, views, calibration, catheters that can be used."""
+
+import numpy as np
+import pytest
+
+from tipforce.geometry import triangulate
+from tipforce.simulation import PRESETS, FluoroSettings, SimulatedBench, read_truth, truth_of, write_truth
+from tipforce.simulation.world import run_session
+from tipforce.simulation.world._device import catheter_of
+from tipforce.simulation.world._session import UNFIT_CATHETER
+from tipforce.simulation.world.settings import MotionSettings, WorldSettings
+from tipforce.types import JOINTS, Actuation, Frame
+
+
+def brief(preset: str, seconds: float = 8.0, **changes):
+    settings = PRESETS[preset]
+    world = settings.world.model_copy(update={"seconds": seconds, "tare_s": 1.0})
+    small = {"width": 256, "height": 256} if isinstance(settings, FluoroSettings) else {}
+    return settings.model_copy(update={"world": world, **small, **changes})
+
+
+@pytest.fixture(scope="module")
+def biplane() -> SimulatedBench:
+    return SimulatedBench(brief("biplane"), 2, 0)
+
+
+def test_two_views_show_the_same_catheter_in_space(biplane):
+    shown = biplane.arrived("a")[[60, 90]]
+    for index in shown.tolist():
+        lines = [biplane.picture_truth(index, view).centreline_px for view in biplane.views]
+        cameras = [biplane.imaging.camera(view) for view in biplane.views]
+        truth = biplane.instants.lines_m(biplane.frame_s[index : index + 1])[0]
+        found = triangulate(cameras, np.stack(lines, axis=1))
+        np.testing.assert_allclose(found.points_m, truth, atol=1e-9)
+        for view, line in zip(biplane.views, lines, strict=True):
+            image = biplane.frame(index, view).image
+            assert image.shape == (256, 256)
+            inside = ((line > 8) & (line < 247)).all(axis=1)
+            assert inside.any()
+
+
+def test_the_stated_calibration_is_off_by_half_a_pixel_and_no_truth(biplane):
+    info, values = biplane.session_info, biplane.values()
+    points = biplane.instants.lines_m(np.array([7.0]))[0]
+    pose = np.array(values["isocentre_from_base"])
+    at_isocentre = points @ pose[:, :3].T + pose[:, 3]
+    for view in biplane.views:
+        assert info.views[view].projection_frame == "isocentre"
+        stated, true = np.array(info.views[view].projection), np.array(values["projection"][view])
+        seen = [rows @ matrix[:, :3].T + matrix[:, 3] for rows, matrix in ((at_isocentre, stated), (points, true))]
+        pixels = [rows[:, :2] / rows[:, 2:] for rows in seen]
+        off = np.linalg.norm(pixels[0] - pixels[1], axis=1)
+        assert 0.001 < np.sqrt((off**2).mean()) < 1.0  # 0.5 px rms over the working volume at 512 columns
+
+
+def test_the_truth_of_both_views_comes_back(biplane, tmp_path):
+    frames = biplane.arrived("a")[[5, 60]]
+    truth = truth_of(biplane, frames)
+    write_truth(truth, tmp_path / "session_00.truth.npz")
+    again = read_truth(tmp_path / "session_00.truth.npz")
+    assert list(again.others) == ["b"]
+    np.testing.assert_array_equal(again.others["b"].centreline_px, truth.others["b"].centreline_px)
+    assert not np.allclose(again.centreline_px, again.others["b"].centreline_px)
+    np.testing.assert_array_equal(again.mask(1), biplane.picture_truth(int(frames[1]), "a").mask)
+    np.testing.assert_array_equal(again.others["b"].mask(1), biplane.picture_truth(int(frames[1]), "b").mask)
+
+
+def test_pictures_of_a_view_are_the_same_in_any_order():
+    settings = brief("fluoro")
+    one, two = SimulatedBench(settings, 2, 0), SimulatedBench(settings, 2, 0)
+    last = [one.frame(index).image for index in (40, 41, 42)][-1]
+    np.testing.assert_array_equal(last, two.frame(42).image)
+    assert one.views == ("camera",)
+
+
+def test_a_guidewire_has_no_knob():
+    bench = SimulatedBench(brief("guidewire"), 0, 0)
+    streams = set()
+    for at_ns, stream, row in bench.schedule()[:400]:
+        event = bench.event(stream, row) if stream < 3 else Frame(at_ns, np.zeros((2, 2), np.uint8))
+        if isinstance(event, Actuation):
+            streams.add(event.stream)
+    assert JOINTS not in streams
+    assert bench.session_info.actuation.knob_gain_per_m_deg is None
+    rod = bench.session.rig.rod
+    assert rod.stiffness_profile[0] == 1.0
+    assert rod.stiffness_profile[-1] == pytest.approx(0.05)
+    assert bench.session_info.catheter.diameter_m == pytest.approx(0.035 * 25.4e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("preset", ["guidewire", "catheter-5f"])
+def test_a_devices_forces_stay_in_its_own_range(preset):
+    settings = brief(preset).world
+    session = run_session(settings, 4, 0)
+    peak = float(np.linalg.norm(session.course.contact.force_n, axis=1).max())
+    low, high = settings.motion.peak_force_n
+    assert 0.95 * low <= peak <= 1.05 * high
+
+
+def hard(sessions_per_catheter: int) -> WorldSettings:
+    """Catheters of which the soft ones cannot be pressed to the forces with so short a way."""
+    generalise = PRESETS["generalise"].world
+    return generalise.model_copy(
+        update={
+            "seconds": 8.0,
+            "tare_s": 1.0,
+            "motion": MotionSettings(amplitude_m=(0.5e-3, 1.2e-3), respiration_m=(0.0, 0.1e-3)),
+            "wall": generalise.wall.model_copy(update={"contact_angle_deg": (70.0, 80.0), "tilt_deg": (0.0, 0.0)}),
+            "shaft": generalise.shaft.model_copy(update={"sessions_per_catheter": sessions_per_catheter}),
+        }
+    )
+
+
+def test_a_catheter_that_reaches_no_force_is_drawn_again_for_all_of_its_sessions_alike(monkeypatch):
+    monkeypatch.setattr("tipforce.simulation.world._device._TRIALS", 4)
+    catheters = [catheter_of(hard(5), 0, number) for number in range(0, 40, 5)]
+    assert any(each.redraws for each in catheters)
+    for number, each in zip(range(0, 40, 5), catheters, strict=True):
+        assert catheter_of(hard(5), 0, number + 3) == each
+    assert len({each.device for each in catheters}) == len(catheters)
+
+
+def test_the_number_of_redrawn_catheters_stands_in_the_truth(monkeypatch):
+    monkeypatch.setattr("tipforce.simulation.world._session.catheter_of", lambda *_: _third())
+    session = run_session(brief("generalise").world, 0, 0)
+    assert session.redraws[UNFIT_CATHETER] == 2
+
+
+def _third():
+    from tipforce.simulation.world._device import Catheter
+
+    return Catheter(catheter_of(PRESETS["generalise"].world, 0, 0).device, 2)
