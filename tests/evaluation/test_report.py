@@ -122,7 +122,7 @@ def test_drawings_on_the_page_are_described_and_none_is_shown_with_type_below_12
 def test_the_page_leads_with_trace_and_scatter_then_results_agreement_and_coverage(report):
     page = (report[1] / "report.html").read_text(encoding="utf-8")
     marks = ('class="verdict"', 'id="trace"', 'id="scatter"', "Results by protocol", 'id="bland-altman"')
-    marks += ('id="coverage-force"', "Further tables", 'id="ridge-fig23a"')
+    marks += ('id="coverage-force"', 'id="more"', 'id="ridge-fig23a"')
     places = [page.index(mark) for mark in marks]
     assert places == sorted(places)
     trace = (report[1] / "figures" / "trace.svg").read_text(encoding="utf-8")

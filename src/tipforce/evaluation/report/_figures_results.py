@@ -215,7 +215,8 @@ def figure_coverage(
             ends = np.array([each["coverage_ci95"] for each in parts], np.float64).reshape(-1, 2)
             above.vlines(x, ends[:, 0], ends[:, 1], color=colour, linewidth=2, alpha=0.5)
             above.plot(x, coverage, "o", color=colour, markersize=6, label=method)
-            lowest = min(lowest, float(np.nanmin([*coverage, *ends[:, 0]], initial=0.8)))
+            shown = np.array([*coverage, *ends[:, 0]])
+            lowest = min([lowest, *shown[np.isfinite(shown)].tolist()])
         for place, each in enumerate(names):
             first = next(iter(strata.values()))
             count = next((s["samples"] for s in first if (s[f"from_{unit}"], s[f"below_{unit}"]) == each), 0)
