@@ -1,6 +1,7 @@
 """Writes the pages of the documentation site that follow from the code, each time the site is built (MkDocs hooks).
 
 - ``reference/commands.md``: every verb of the command line with its help, from the Typer app.
+- ``reference/bench.md``: every value of ``bench.toml``.
 - ``reference/api/*.md``: one page for each public package, with the names of its ``__all__``.
 - ``changelog.md``, ``contributing.md``, ``security.md``: the files of the project's root.
 
@@ -29,7 +30,9 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCE_OF_PAGE = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md", "security.md": "SECURITY.md"}
 ROOT_FILES_ON_SITE = {source: page for page, source in SOURCE_OF_PAGE.items()}
 
-Navigation = list[dict[str, Any]]
+_BENCH_FILE = """Describes a bench, for all verbs (`--bench FILE`). `tipforce init-bench` writes it: remove the `#`
+before a line and state your own value. A single value is stated with `--fact KEY=VALUE`, where the key begins with the
+section, as in `--fact catheter.diameter_m=2.33e-3`."""
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -37,6 +40,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     sections: dict[str, Any] = {
         "Reference": [
             {"Command line": "reference/commands.md"},
+            {"bench.toml": "reference/bench.md"},
             {"Python": [{name: _api_page(name)} for name in public_packages()]},
         ],
     }
@@ -49,7 +53,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
     """Adds the generated pages to those of ``docs/``."""
-    pages = {"reference/commands.md": command_reference()}
+    pages = {"reference/commands.md": command_reference(), "reference/bench.md": bench_reference()}
     pages |= {_api_page(name): api_reference(name) for name in public_packages()}
     pages |= {page: root_page(source) for page, source in SOURCE_OF_PAGE.items()}
     for path, content in pages.items():
@@ -93,6 +97,19 @@ def command_reference() -> str:
         records = [record for parameter in command.params if (record := parameter.get_help_record(context))]
         parts.append("\n".join(["| parameter | meaning |", "|---|---|", *map(_table_row, records)]))
     return "\n\n".join(parts) + "\n"
+
+
+def bench_reference() -> str:
+    """Every value that ``bench.toml`` can hold, with its comment."""
+    from tipforce.types import SessionInfo, bench_text
+
+    return "\n\n".join(
+        [
+            "# bench.toml",
+            _BENCH_FILE,
+            f"```toml\n{bench_text(SessionInfo())}```",
+        ]
+    )
 
 
 def _help_text(text: str) -> list[str]:
@@ -151,10 +168,15 @@ def api_reference(name: str) -> str:
 
 
 def _home(module: ModuleType, member: str) -> str:
-    """The package on whose page a name is described: the innermost one that exports it and holds its definition."""
+    """The package on whose page a name is described.
+
+    Functions of the public API are described with it, others in the innermost package that exports and defines them.
+    """
     value = getattr(module, member)
     if not isinstance(value, type | FunctionType):
         return module.__name__
+    if isinstance(value, FunctionType) and _exports(importlib.import_module("tipforce"), member, value):
+        return "tipforce"
     exporting = [name for name in public_packages() if _exports(importlib.import_module(name), member, value)]
     around = [name for name in exporting if f"{value.__module__}.".startswith(f"{name}.") and name != "tipforce"]
     return max(around, key=len) if around else exporting[0]

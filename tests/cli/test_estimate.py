@@ -17,9 +17,8 @@ from typer.testing import CliRunner
 from tipforce.cli import app, main
 from tipforce.cli._facts import stated_info
 from tipforce.errors import InputError
-from tipforce.estimators import write_estimates
-from tipforce.estimators._run import COLUMNS
 from tipforce.io import RecordingWriter, open_source
+from tipforce.pipelines import COLUMNS, write_estimates
 from tipforce.types import STAGE, Actuation, ForceEstimate, SessionInfo
 
 KNOB = {"knob_deg": 10.0}

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
-from tipforce.errors import InputError, TipforceError
+from tipforce.errors import TipforceError
 
 QUICK = ["--set", "c=[10]", "--set", "epsilon=[0.01]", "--set", "sigma=[1]"]
 
@@ -211,23 +211,10 @@ def test_errors_on_the_simulated_bench_are_held_against_the_smallest_possible(tm
     assert "stiffness EI" in figures["cramer_rao_bound"]["nuisances"][0]
     assert (tmp_path / "r" / "figures" / "bound.svg").exists()
 
-    def judge(*_, bounds, **__):
-        raise InputError(f"bounds: {bounds}")
-
-    monkeypatch.setattr("tipforce.evaluation.evaluate", judge)
-    assert refusal(*words, "-o", tmp_path / "r", "--no-bound") == "bounds: None"
-
 
 def test_ready_made_shape_numbers_cannot_be_perturbed(rows, tmp_path):
-    said = refusal("svr", "--data", rows, "-o", tmp_path / "r", *QUICK, "--perturb")
+    said = refusal("svr", "--data", rows, "-o", tmp_path / "r", *QUICK, "--perturb", 20)
     assert "only images can be perturbed" in said
-    assert refusal("svr", "--data", rows, "-o", tmp_path / "r", "--perturb-frames", 9).endswith("or leave it out")
-
-
-@pytest.mark.parametrize("option", ["--bound", "--no-bound"])
-def test_a_bound_needs_the_truth(rows, tmp_path, option):
-    said = refusal("svr", "--data", rows, "-o", tmp_path / "r", option)
-    assert said.startswith(f"{option} goes with --truth only")
 
 
 def test_weights_to_begin_with_are_for_networks_that_are_named(rows, tmp_path):

@@ -10,7 +10,6 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
-from tipforce.cli._simulated_samples import write_samples
 from tipforce.datasets import PERTURBATIONS, Dataset, open_dataset, perturbed
 from tipforce.errors import ModelError
 from tipforce.estimators import (
@@ -25,6 +24,7 @@ from tipforce.estimators import (
     save_model,
 )
 from tipforce.evaluation import methods_from
+from tipforce.pipelines import write_samples
 from tipforce.simulation import PRESETS, sample_set
 
 QUICK = {"c": (10.0,), "epsilon": (0.01,), "sigma": (1.0,), "force": "components"}
@@ -47,7 +47,8 @@ def test_a_word_names_a_model_wherever_a_folder_does(stand_in: Path, tmp_path: P
     assert read_manifest("pretrained/stand-in")["method"] == "svr"
     judged, method = methods_from(["pretrained/stand-in", "svr"])
     assert (judged.label, method.label) == ("pretrained/stand-in", "svr")
-    assert judged.trained_sessions == {"s0", "s1"}
+    assert judged.trained_sessions == set(read_manifest(stand_in)["training"]["session_fingerprints"].values())
+    assert len(judged.trained_sessions) == 2
 
 
 def test_a_folder_of_that_name_comes_first(stand_in: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -99,7 +99,7 @@ def test_weights_that_knew_sessions_of_the_data_are_noted(make_bench, make_ridge
     data = make_bench()
     begun = Method("ridge", make_ridge(), trained_sessions=frozenset({"s1", "elsewhere"}))
     (note,) = evaluate(data, [begun], EvaluationSettings(protocols=["session"])).notes
-    assert note.startswith("ridge is fine-tuned from weights that were trained on 1 of 4 sessions of these names (s1)")
+    assert note.startswith("ridge is fine-tuned from weights that were trained on 1 of 4 sessions of these data (s1)")
     new = Method("ridge", make_ridge(), trained_sessions=frozenset({"elsewhere"}))
     assert not evaluate(data, [new], EvaluationSettings(protocols=["session"])).notes
 

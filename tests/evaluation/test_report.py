@@ -23,7 +23,7 @@ from tipforce.evaluation import (
 from tipforce.evaluation.report._gallery import worst_frames
 from tipforce.evaluation.report._style import Drawing
 from tipforce.types import BasePose, CentrelinePx, ShapeFeatures, Status
-from tipforce.vision import Sighting, VisionSettings
+from tipforce.vision import DetectedShape, VisionSettings
 
 
 @pytest.fixture(scope="module")
@@ -232,7 +232,9 @@ def test_the_gallery_shows_the_worst_frames_with_what_was_seen(make_bench, ridge
     class Seeing(ridge_class):
         def look(self, observation, info):
             points = np.column_stack([np.linspace(0, 60, 16), np.full(16, 24.0)])
-            sighting = Sighting(Status.VALID, "", CentrelinePx(points), BasePose(np.array([0.0, 24.0]), 0.0), 6.0, 1.0)
+            sighting = DetectedShape(
+                Status.VALID, "", CentrelinePx(points), BasePose(np.array([0.0, 24.0]), 0.0), 6.0, 1.0
+            )
             return sighting, points + 3.0
 
     assert isinstance(Seeing(), ShowsShape)

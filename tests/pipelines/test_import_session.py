@@ -8,15 +8,16 @@ from tipforce.alignment import labels, observations
 from tipforce.errors import FileFormatError, InputError, TableError, TimeError, TipforceError
 from tipforce.io import RecordingReader, RecordingWriter
 from tipforce.pipelines import import_session, plot_summary, summarise_recording
-from tipforce.types import Actuation, ForceLogInfo, SensorInfo, SessionInfo
+from tipforce.types import Actuation, ActuationInfo, ForceLogInfo, SensorInfo, SessionInfo
 
 from ..short_run import BIAS, OFFSET_S, Run, push  # type: ignore[import-not-found]
 
 
 def test_import_finds_offset_and_tare_and_yields_the_force(run: Run, tmp_path: Path) -> None:
     report = import_session(
-        run.video, run.force, tmp_path / "run.mcap", actuation={"knob_deg": 10.0}, sensor=SensorInfo(0, "tissue-on-tip")
-    )
+        run.video, run.force, tmp_path / "run.mcap",
+        bench=SessionInfo(sensor=SensorInfo(0, "tissue-on-tip"), actuation=ActuationInfo(constant={"knob_deg": 10.0})),
+    )  # fmt: skip
     info = report.summary.info
     assert info.clock_offset.how == "estimated", info.clock_offset.detail
     assert info.clock_offset.offset_ms == pytest.approx(1e3 * OFFSET_S, abs=8)  # a drawn line is no elastic rod
@@ -49,7 +50,7 @@ def test_a_log_that_counts_from_another_zero_is_aligned_where_that_is_stated(run
     with pytest.raises(TimeError, match=r"do not overlap with video\.mp4.*--offset-ms start"):
         import_session(run.video, later, tmp_path / "run.mcap", offset_ms="none")
     assert not list(tmp_path.glob("run*"))
-    report = import_session(run.video, later, tmp_path / "run.mcap", offset_ms="none", align_start=True)
+    report = import_session(run.video, later, tmp_path / "run.mcap", offset_ms="start")
     assert report.summary.labelled > 185
     assert any("moved by -1700000000" in remark for remark in report.remarks)
 
@@ -58,8 +59,9 @@ def test_stamps_before_zero_move_all_streams_alike(run: Run, tmp_path: Path) -> 
     early = tmp_path / "force.csv"
     early.write_text("time_s,fx_n,fy_n\n" + "".join(f"{k / 1000 - 0.5:.3f},{k / 1000},0\n" for k in range(8000)))
     import_session(
-        run.video, early, tmp_path / "run.mcap", offset_ms="none", tare="none", sensor=SensorInfo(0, "tissue-on-tip")
-    )
+        run.video, early, tmp_path / "run.mcap", offset_ms="none", tare="none",
+        bench=SessionInfo(sensor=SensorInfo(0, "tissue-on-tip")),
+    )  # fmt: skip
     with RecordingReader(tmp_path / "run.mcap") as reader:
         found = labels(reader)
     inside = ~np.isnan(found.force_n[:, 0])
@@ -82,14 +84,21 @@ def test_the_knob_may_be_a_column_or_a_log_of_its_own(run: Run, tmp_path: Path) 
     table.write_text("time_s,fx_n,knob\n" + "".join(f"{k / 1000:.3f},0.1,{k / 100}\n" for k in range(8000)))
     knob = tmp_path / "knob.csv"
     knob.write_text("time_s,knob_deg\n" + "".join(f"{k / 10:.1f},{k}\n" for k in range(81)))
-    import_session(run.video, table, tmp_path / "a.mcap", knob_column="knob", offset_ms="none")
-    import_session(run.video, run.force, tmp_path / "b.mcap", knob_log=knob, offset_ms="none")
+    import_session(
+        run.video,
+        table,
+        tmp_path / "a.mcap",
+        bench=SessionInfo(actuation=ActuationInfo(knob_column="knob")),
+        offset_ms="none",
+    )
+    import_session(run.video, [run.force, knob], tmp_path / "b.mcap", offset_ms="none")
     for name in ("a", "b"):
         with RecordingReader(tmp_path / f"{name}.mcap") as reader:
             for o in list(observations(reader))[:-3]:
                 assert o.actuation["knob_deg"] == pytest.approx(o.stamp_ns * 1e-8, abs=1e-3)
+    constant = SessionInfo(actuation=ActuationInfo(constant={"knob_deg": 1.0}))
     with pytest.raises(InputError, match="state one of them"):
-        import_session(run.video, run.force, tmp_path / "c.mcap", knob_log=knob, actuation={"knob_deg": 1.0})
+        import_session(run.video, [knob, run.force], tmp_path / "c.mcap", bench=constant)
 
 
 @pytest.mark.parametrize("shift_s", [1.7e9, -1e3])
@@ -97,7 +106,7 @@ def test_a_knob_log_on_another_clock_is_refused(run: Run, tmp_path: Path, shift_
     knob = tmp_path / "knob.csv"
     knob.write_text("time_s,knob_deg\n" + "".join(f"{shift_s + k},10\n" for k in range(5)))
     with pytest.raises(TimeError, match=r"knob\.csv: its .* do not overlap with the pictures"):
-        import_session(run.video, run.force, tmp_path / "run.mcap", knob_log=knob, offset_ms="none")
+        import_session(run.video, [run.force, knob], tmp_path / "run.mcap", offset_ms="none")
     assert not list(tmp_path.glob("run.mcap*"))
 
 
@@ -121,7 +130,7 @@ BAD: list[tuple[dict[str, Any], type[TipforceError], str]] = [
     ({"target": "text.csv/run.mcap"}, FileFormatError, "is a file, not a folder"),
     ({"frames": "stills"}, FileFormatError, "neither a table nor the names of the images say when"),
     ({"tare": (100.0, 110.0)}, InputError, "the force log runs from 0 to"),
-    ({"columns": ForceLogInfo(fx="Fq")}, TableError, "no column 'Fq'"),
+    ({"bench": SessionInfo(sensor=SensorInfo(log=ForceLogInfo(fx="Fq")))}, TableError, "no column 'Fq'"),
 ]
 
 

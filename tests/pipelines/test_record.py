@@ -157,7 +157,7 @@ def test_a_stage_log_beside_the_force_log_serves_an_import_too(run, tmp_path):
     lines = [f"{t:.3f},{x:.5f},{y:.5f}" for t, x, y in log.tolist()]
     (tmp_path / "force.csv").write_text("time_s,fx_n,fy_n\n" + "\n".join(lines) + "\n")
     done = import_session(
-        run.video, tmp_path / "force.csv", tmp_path / "run.mcap", stage_log=tmp_path / "stage.csv", tare=(0.0, 1.8)
+        run.video, [tmp_path / "force.csv", tmp_path / "stage.csv"], tmp_path / "run.mcap", tare=(0.0, 1.8)
     )
     inertia = done.summary.info.inertia
     assert inertia.gain_kg[:, 2].tolist() == [0.0, 0.0]  # the sensor has no such axis

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
-from ._facts import BenchOption, FactOption, KnobOption, stated_info
+from ._facts import BenchOption, FactOption, KnobOption, number_from, stated_info
 
 __all__ = ["command"]
 
@@ -44,8 +44,9 @@ def command(
     What bench.toml states stands in place of what a recording holds itself.
     """
     from ..errors import InputError
-    from ..estimators import load_model, write_estimates
+    from ..estimators import load_model
     from ..io import open_source
+    from ..pipelines import write_estimates
 
     target = sys.stdout if output == "-" else Path(output)
     check_outputs([frames], output, overlay, json_file)
@@ -53,7 +54,7 @@ def command(
         if isinstance(path, Path) and path.exists() and not overwrite:
             raise InputError(f"{path}: exists already; choose another name or state --overwrite")
     estimator = load_model(model)
-    knob = {} if knob_deg is None else {"knob_deg": knob_deg}
+    knob = {} if knob_deg is None else {"knob_deg": number_from(str(knob_deg), "--knob-deg", "degrees")}
     with (
         open_source(frames, actuation=knob, stated=stated_info(bench, fact)) as source,
         progress_bar() as progress,

@@ -1,6 +1,5 @@
 """``tipforce import``."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -58,31 +57,21 @@ def command(
 
     Example: tipforce import runs/*.mcap -o dataset/
     """
-    from ..io import logs_by_kind
     from ..pipelines import describe_recording, import_session
 
     check_outputs(inputs, json)
     if all(path.suffix == ".mcap" for path in inputs):
         _dataset(inputs, output, overwrite=overwrite, json=json)
         return
-    info = stated_info(bench, fact, knob_deg)
-    frames, *tables = inputs
-    logs = logs_by_kind(tables)
-    offset = offset_from(offset_ms)
+    frames, *logs = inputs
     with progress_bar() as report:
         done = import_session(
             frames,
-            logs.get("force"),
+            logs,
             output,
-            columns=info.sensor.log,
-            actuation=info.actuation.constant,
-            knob_column=info.actuation.knob_column,
-            knob_log=logs.get("knob"),
-            stage_log=logs.get("stage"),
+            bench=stated_info(bench, fact, knob_deg),
             tare=tare_from(tare),
-            offset_ms="none" if offset == "start" else offset,
-            align_start=offset == "start",
-            info=info if info.name else replace(info, name=output.stem),
+            offset_ms=offset_from(offset_ms),
             lossless=lossless,
             overwrite=overwrite,
             progress=report,

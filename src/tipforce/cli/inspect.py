@@ -1,6 +1,5 @@
 """``tipforce inspect``: what is seen in a picture or a video, and what a recording holds."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -21,7 +20,7 @@ def command(
     bench: BenchOption = None,
     fact: FactOption = None,
     every: Annotated[int, typer.Option(min=1, help="Of a video, look at every so many frames.")] = 1,
-    sheet: Annotated[int, typer.Option(min=1, help="Of a video, draw so many frames on one sheet.")] = 12,
+    drawn: Annotated[int, typer.Option(min=1, help="Of a video, draw so many frames on one sheet.")] = 12,
     frames: Annotated[
         bool, typer.Option("--frames", help="Of a recording, look at its pictures instead of its streams.")
     ] = False,
@@ -44,16 +43,8 @@ def command(
 
         tipforce inspect run.mcap
     """
-    from ..datasets import dataset_at, describe_dataset, session_images
-    from ..io import check_image_target, is_image, save_image
-    from ..pipelines import (
-        describe_recording,
-        inspect_frames,
-        inspect_image_file,
-        inspect_sessions,
-        plot_summary,
-        summarise_recording,
-    )
+    from ..io import check_image_target, save_image
+    from ..pipelines import describe_recording, inspect, plot_summary, summarise_recording
     from ..vision import InspectSettings
 
     target = output or Path(f"{file.stem}-inspect.png")
@@ -68,27 +59,17 @@ def command(
         write_json(summary.figures(), json_file)
         return
     check_image_target(target)
-    chosen = settings_from(InspectSettings, settings)
-    vision, shape, stated = chosen.vision, chosen.features, stated_info(bench, fact)
-    dataset = dataset_at(file)
-    if dataset is not None:
-        lines, facts = describe_dataset(dataset)
-        with progress_bar() as progress:
-            seen = ((info.updated(stated), shown) for info, shown in session_images(dataset, vision.view, every))
-            total = -(-len(dataset) // every)
-            look = inspect_sessions(seen, vision, shape, title=str(file), room=sheet, progress=progress, total=total)
-        look = replace(look, text="\n".join([*lines, look.text]), figures={"file": str(file), **facts, **look.figures})
-    elif is_image(file):
-        look = inspect_image_file(file, vision, shape, stated)
-    else:
-        with progress_bar() as progress:
-            look = inspect_frames(file, vision, shape, stated=stated, every=every, room=sheet, progress=progress)
-    save_image(target, look.drawing)
-    say(look.text)
+    with progress_bar() as progress:
+        sheet = inspect(
+            file, settings=settings_from(InspectSettings, settings), bench=stated_info(bench, fact), every=every,
+            drawn=drawn, progress=progress,
+        )  # fmt: skip
+    save_image(target, sheet.drawing)
+    say(sheet.text)
     say(f"wrote {target}")
     if figures:
-        for name, figure in look.thesis_figures().items():
-            beside = target.with_name(f"{target.stem.removesuffix('-inspect')}-{name}.png")
-            save_image(beside, figure)
-            say(f"wrote {beside}")
-    write_json(look.figures, json_file)
+        for name, figure in sheet.thesis_figures().items():
+            path = target.with_name(f"{target.stem.removesuffix('-inspect')}-{name}.png")
+            save_image(path, figure)
+            say(f"wrote {path}")
+    write_json(sheet.figures, json_file)

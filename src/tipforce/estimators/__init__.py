@@ -4,12 +4,12 @@ from ._base import Estimator, Progress, Stream
 from ._card import training_lines
 from ._conformal import COVERAGE
 from ._create import ESTIMATORS, create, method
+from ._fit import Training, train
+from ._needed import missing_facts
 from ._onnx import export_onnx
 from ._pretrained import located, pretrained_names
-from ._run import RunReport, write_estimates
 from ._settings import AngleSettings, SvrSettings, WindowSettings
 from ._shows import ShowsShape, view_of
-from ._train import Training, train
 from ._workplace import check_start, workplace
 from .networks import Compact, CompactSettings, Dcfe, DcfeSettings, NetworkEstimator
 from .store import FORMAT_VERSION, check_target, load_model, load_pretrained, read_manifest, save_model
@@ -27,7 +27,6 @@ __all__ = [
     "Estimator",
     "NetworkEstimator",
     "Progress",
-    "RunReport",
     "ShowsShape",
     "Stream",
     "Svr",
@@ -42,6 +41,7 @@ __all__ = [
     "load_pretrained",
     "located",
     "method",
+    "missing_facts",
     "pretrained_names",
     "read_manifest",
     "save_model",
@@ -49,5 +49,4 @@ __all__ = [
     "training_lines",
     "view_of",
     "workplace",
-    "write_estimates",
 ]

@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import angle_matrix, arc_length, turning_angles
 from ..types import FloatArray, Image, Observation, SessionInfo, ShapeFeatures, Status
-from ..vision import NoFeatures, ShapeFeatureSettings, Vision, feature_names, in_session, shape_features
+from ..vision import NoFeatures, ShapeDetector, ShapeFeatureSettings, feature_names, for_session, shape_features
 from ._reading import Refusal, read_actuation, read_view
 from ._settings import AngleSettings, SvrSettings
 
@@ -17,7 +17,7 @@ _CURVE_POINTS = 65
 
 
 class Inputs:
-    """Reads observations; one for each session, because `Vision` keeps its working memory.
+    """Reads observations; one for each session, because `ShapeDetector` keeps its working memory.
 
     ``info``: of that session. ``actuation``: the names wanted, in order. ``shape``: names that ready-made shape
     numbers must have, in order; None where it is not settled yet (training).
@@ -28,7 +28,7 @@ class Inputs:
     ) -> None:
         self._settings, self._view, self._context = settings, settings.vision.view, info
         self._actuation = tuple(actuation)
-        self._vision: Vision | None = None
+        self._vision: ShapeDetector | None = None
         self._angles = None
         if settings.angles is not None:
             self._angles = ShapeFeatureSettings(kind="legendre", degree=settings.angles.degree)
@@ -53,8 +53,8 @@ class Inputs:
 
     def _picture(self, image: Image) -> FloatArray | Refusal:
         if self._vision is None:
-            self._vision = Vision(in_session(self._settings.vision, self._context))
-        sighting = self._vision.see(image)
+            self._vision = ShapeDetector(for_session(self._settings.vision, self._context))
+        sighting = self._vision.detect(image)
         if not sighting.found:
             return Refusal(sighting.status, sighting.detail)
         values = shape_features(sighting, self._settings.features)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ..datasets import Dataset
 from ..errors import InputError, ModelError, NotFittedError
 from ..types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
-from ..vision import Sighting, settle
+from ..vision import DetectedShape, auto_calibrate
 from ._answers import AXES, Answers, Interval
 from ._base import Estimator, Progress
 from ._conformal import interval_from
@@ -167,7 +167,7 @@ class Svr(Estimator):
         if not images:
             return self.settings
         try:
-            settled = settle(self.settings.vision, images, infos)
+            settled = auto_calibrate(self.settings.vision, images, infos)
         except InputError as error:
             raise InputError(f"{dataset.title}: {error}") from None
         return self.settings.model_copy(update={"vision": settled})
@@ -176,7 +176,7 @@ class Svr(Estimator):
         """A stream for one session; ``info`` tells scale and catheter. Raises NotFittedError before ``fit``."""
         return SvrStream(self.settings, self._known(), info)
 
-    def look(self, observation: Observation, info: SessionInfo) -> tuple[Sighting, FloatArray | None]:
+    def look(self, observation: Observation, info: SessionInfo) -> tuple[DetectedShape, FloatArray | None]:
         """What is seen in the picture, and the fitted curve (n, 2) in image points: see `ShowsShape`."""
         return look_with(self.settings.vision, self.settings.features, observation, info)
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from pydantic import BaseModel
 
@@ -30,8 +31,8 @@ class Method:
         estimator: Trained anew on every split.
         saved: A fitted model, scored as it is on the sessions that are not in ``trained_sessions``; None for a method
             that was named.
-        trained_sessions: Sessions that the saved model was trained on, or, where ``estimator`` is fine-tuned from
-            another model's weights, that model.
+        trained_sessions: Fingerprints of the sessions that the saved model was trained on (names, where a model was
+            made before these were kept), or, where ``estimator`` is fine-tuned from a model's weights, that model's.
         trained_fingerprint: Fingerprint of the data that the saved model was trained on.
     """
 
@@ -86,8 +87,14 @@ def _saved(folder: str) -> Method:
         label=Path(folder).resolve().name if Path(folder).exists() else folder,
         estimator=fitted.unfitted(),
         saved=fitted,
-        trained_sessions=frozenset(training.get("sessions", ()))
-        | frozenset(training.get("calibration", {}).get("sessions", ()))
+        trained_sessions=_identifiers(training)
+        | _identifiers(training.get("calibration", {}))
         | fitted.taught_sessions,
         trained_fingerprint=str(training.get("fingerprint", "")),
     )
+
+
+def _identifiers(part: Mapping[str, Any]) -> frozenset[str]:
+    """Fingerprints of the sessions of a manifest's ``part``; the names of those of which none is kept."""
+    fingerprints: Mapping[str, str] = part.get("session_fingerprints", {})
+    return frozenset(fingerprints.get(name, name) for name in part.get("sessions", ()))

@@ -276,7 +276,7 @@ def run_saved(method: Method, data: ScoredData, notes: list[str]) -> MethodResul
     if seen:
         notes.append(
             f"{method.label} as saved is scored without {len(seen)} of {len(dataset.sessions)} sessions, because it "
-            f"was trained on sessions of these names: {_some(seen)}."
+            f"was trained on them: {_some(seen)}."
         )
     index = np.flatnonzero(~np.isin(dataset.session, seen))
     return data.result(_predict(method.saved, method.label, AS_SAVED, AS_SAVED, data, index), None)
@@ -313,8 +313,8 @@ def run_saved_alone(methods: Sequence[Method], data: ScoredData, notes: list[str
         )
     if seen:
         notes.append(
-            f"Scored without {len(seen)} of {len(dataset.sessions)} sessions, because a model was trained on sessions "
-            f"of these names: {_some(list(seen))}."
+            f"Scored without {len(seen)} of {len(dataset.sessions)} sessions, because a model was trained on "
+            f"them: {_some(list(seen))}."
         )
     notes.append(
         "Nothing was trained, so the constant predictor answers the mean of the very samples that it is tested on: the "
@@ -337,7 +337,7 @@ def fine_tuning_notes(methods: Sequence[Method], dataset: Dataset) -> list[str]:
     found = {method.label: _trained_on(method, dataset) for method in methods if method.saved is None}
     return [
         f"{label} is fine-tuned from weights that were trained on {len(seen)} of {len(dataset.sessions)} sessions of "
-        f"these names ({_some(seen)}): where they are tested on they are not new to it."
+        f"these data ({_some(seen)}): where they are tested on they are not new to it."
         for label, seen in found.items()
         if seen
     ]
@@ -351,7 +351,7 @@ def _seen(method: Method, data: ScoredData) -> list[str]:
 
 
 def _trained_on(method: Method, dataset: Dataset) -> list[str]:
-    return [name for name in dataset.sessions if name in method.trained_sessions]
+    return list(dataset.sessions_among(method.trained_sessions))
 
 
 def _some(names: Sequence[str]) -> str:

@@ -100,8 +100,8 @@ def require_images(dataset: Dataset) -> None:
     first = next(dataset.subset(np.arange(1)).observations())
     if not any(isinstance(view, np.ndarray) for view in first.views.values()):
         raise InputError(
-            f"there is no image in the samples of {dataset.title}, and only images can be perturbed; leave --perturb "
-            "out"
+            f"there is no image in the samples of {dataset.title}, and only images can be perturbed; evaluate "
+            "without perturbations"
         )
 
 

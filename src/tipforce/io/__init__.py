@@ -5,7 +5,7 @@ from ._atomic import atomic_path, atomic_text, check_folder, replacing_folder, w
 from ._facts import ClockOffset, Inertia, Tare
 from ._force_log import ForceLog, logs_by_kind, read_force_log, read_knob_log
 from ._images import StreamDepth, check_image_target, decode_image, encode_image, is_image, read_image, save_image
-from ._reader import RecordingInfo, RecordingReader, StreamInfo
+from ._reader import RecordingInfo, RecordingReader, StreamInfo, open_recording
 from ._recover import check_target
 from ._sources import FileSource, frame_count, open_source, require_actuation
 from ._tables import ACTUATION_UNITS, STILL_STEP_NS, Table, is_actuation, is_force, open_table
@@ -41,6 +41,7 @@ __all__ = [
     "is_force",
     "is_image",
     "logs_by_kind",
+    "open_recording",
     "open_source",
     "open_table",
     "read_force_log",

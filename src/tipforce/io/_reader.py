@@ -20,7 +20,7 @@ from ._facts import ClockOffset, Inertia, Tare, session_from
 from ._images import StreamDepth, decode_image
 from ._recover import resolve
 
-__all__ = ["RecordingInfo", "RecordingReader", "StreamInfo"]
+__all__ = ["RecordingInfo", "RecordingReader", "StreamInfo", "open_recording"]
 
 _KINDS = {COMPRESSED_IMAGE: "frame", WRENCH_STAMPED: "wrench", JOINT_STATE: "actuation"}
 
@@ -240,3 +240,19 @@ class RecordingReader:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def open_recording(path: Path | str) -> RecordingReader:
+    """Opens a recording (.mcap) to read its streams.
+
+    Args:
+        path: our own, or any with the same ROS 2 messages; what a crash left as ``.part`` is recovered first.
+
+    Returns:
+        A context manager and `Source`: iterate over its events, or ask it for ``session_info``, ``info``, ``stamps``,
+        ``frame_at`` and ``wrenches`` (N and N m, stamps in ns).
+
+    Raises:
+        FileFormatError: there is no such file, or it is no recording.
+    """
+    return RecordingReader(path)

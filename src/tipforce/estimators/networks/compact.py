@@ -27,7 +27,7 @@ from ...types import (
     ShapeFeatures,
     Status,
 )
-from ...vision import VisionSettings, settle
+from ...vision import VisionSettings, auto_calibrate
 from .._answers import Interval
 from .._needed import missing_facts
 from .._reading import Refusal, read_actuation, read_view
@@ -75,7 +75,7 @@ class Compact(NetworkEstimator):
         views = [observation.views.get(self.settings.view) for observation in some.observations()]
         images = [view for view in views if isinstance(view, np.ndarray)]
         try:
-            self._seen_side = settle(VisionSettings(view=self.settings.view), images).base_side
+            self._seen_side = auto_calibrate(VisionSettings(view=self.settings.view), images).base_side
         except InputError:
             self._seen_side = "none"
 

@@ -10,7 +10,7 @@ from ...datasets import Dataset
 from ...estimators import Estimator, ShowsShape, view_of
 from ...types import FloatArray, Image, IntArray, Observation, SessionInfo, ShapeFeatures
 from ...units import newtons_to_grams
-from ...vision import draw_sighting
+from ...vision import draw_shape
 from .._evaluate import Evaluation
 from .._predictions import Predictions
 from ._style import COLOURS, GREY, jpeg_uri, make_figure, page_svg, to_svg
@@ -141,7 +141,7 @@ def _overlay(estimator: Estimator, observation: Observation, image: Image, info:
     if not isinstance(estimator, ShowsShape):
         return image
     shape, curve_px = estimator.look(observation, info)
-    return draw_sighting(image, shape, curve_px=curve_px)
+    return draw_shape(image, shape, curve_px=curve_px)
 
 
 def _curve_of_features(view: ShapeFeatures, points: int = 48) -> FloatArray | None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tipforce.types import Status
-from tipforce.vision import FineTracer, VisionSettings
+from tipforce.vision import Tracer, VisionSettings
 
 from .conftest import judge, load  # type: ignore[import-not-found]
 
@@ -21,7 +21,7 @@ def test_a_pale_electrode_with_one_flank_in_shadow_is_followed_to_its_tip() -> N
     tips = []
     for seed in range(100, 112):
         tube = tubes.draw(np.random.default_rng(seed), BENCH)
-        sight = FineTracer(KNOWN).see(tube.image)
+        sight = Tracer(KNOWN).detect(tube.image)
         assert sight.centreline is not None
         tips.append(abs(tubes.tip_along(sight.centreline.points, tube)))
     assert np.sum(np.array(tips) < 3) >= 11
@@ -55,7 +55,7 @@ def test_a_picture_too_blurred_to_tell_is_mostly_refused() -> None:
     refused = 0
     for seed in range(600, 612):
         tube = tubes.draw(np.random.default_rng(seed), tubes.Look(blur=6.0))
-        sight = FineTracer(KNOWN).see(tube.image)
+        sight = Tracer(KNOWN).detect(tube.image)
         refused += not sight.found
         if sight.status is Status.NO_CATHETER and "scatter" in sight.detail:
             assert sight.centreline is None

@@ -1,52 +1,52 @@
-"""The picture beyond the end of a trace, straightened along the extended axis, and what stands out in it.
+"""The image beyond the end of a trace, straightened along the extended axis, and the evidence of flanks in it.
 
-How much the two flanks of a shaft would stand out is known for every place of the strip; the arcs that a shaft could
-take are compared by the sum along them. So an electrode whose grey is near the ground's, or whose one flank lies in
-shadow, is still told from the ground by its length.
+The contrast that two flanks of a shaft would have is computed for every cell of the strip; the arcs that a shaft could
+take are compared by the sum along them. So an electrode with nearly the grey level of the ground, or with one flank in
+shadow, can still be told from the ground by its length.
 """
 
 import math
 
 import numpy as np
 
-from ._fine_pixels import colour_between, fast, grey_between
+from ._pixels import Raster, colour_between, fast, grey_between
 
 __all__ = [
     "BEHIND", "BINS", "BLOCK", "BLOCKS", "CELL", "COLUMNS", "FLOOR", "MIDDLE", "ROWS",
-    "best_arc", "column_of", "flank_evidence", "ground_shows", "roughness", "settle_arc", "straighten",
+    "best_arc", "column_of", "flank_evidence", "ground_visible", "refine_arc", "roughness", "straighten",
 ]  # fmt: skip
 
 ROWS, COLUMNS = 72, 61
 CELL = 1.0 / 6.0
 """Size of a cell of the strip in radii of the shaft."""
 BLOCK = 3
-"""Rows that are taken together."""
+"""Rows of a block; evidence is summed over blocks."""
 BLOCKS = ROWS // BLOCK
 MIDDLE = COLUMNS // 2
 """Column of the axis."""
 BEHIND = 2
-"""Blocks that lie on the known shaft for certain; another one reaches to its end."""
+"""Blocks that lie on the known shaft; the next one reaches to its end."""
 FLOOR = 4.0
-"""Evidence of a block, in grey levels, that counts for nothing on the smoothest ground."""
+"""Evidence of a block, in grey levels, that is noise even on the smoothest ground."""
 BINS = 128
-"""Of the histogram that `roughness` needs as scratch."""
+"""Of the histogram that `roughness` needs as a buffer."""
 _HALF = 6
 """Cells from the axis to a flank."""
 _TURNS, _TURN = 5, 0.036
 _BENDS, _BEND = 6, 0.01
-"""Arcs that are tried: how many to either side, and how far apart in radians and in 1 / radius of the shaft."""
+"""Arcs to try: how many to either side, and how far apart in radians and in 1 / radius of the shaft."""
 _MOST = 3.5
-"""What one block may add, in floors: a long stretch counts, not one strong edge across."""
+"""Most that one block may add, in floors: a long stretch counts, not one strong edge across."""
 
 
 @fast
 def straighten(
-    pixels: np.ndarray, row: int, channels: int, box: np.ndarray, sign: float, u: float, v: float, angle: float,
-    bend: float, half: float, channel: int, strip: np.ndarray,
+    image: Raster, sign: float, u: float, v: float, angle: float, bend: float, half: float, channel: int,
+    strip: np.ndarray,
 ) -> int:  # fmt: skip
-    """Fill ``strip`` (rows, columns) along the arc from (u, v) with ``angle`` and ``bend``; returns rows inside.
+    """Fills ``strip`` (rows, columns) along the arc from (u, v) with ``angle`` and ``bend``; returns the rows inside.
 
-    With grey levels times ``sign``, or with those of a ``channel`` from 0 on.
+    ``channel`` < 0: grey levels times ``sign``; else the levels of that channel.
     """
     cell = CELL * half
     rows = 0
@@ -55,23 +55,23 @@ def straighten(
         turned = angle + bend * s
         middle = angle + 0.5 * bend * s
         pu, pv = u + s * math.cos(middle), v + s * math.sin(middle)
-        if pu < box[0] or pv < box[1] or pu > box[2] - 1.001 or pv > box[3] - 1.001:
+        if pu < image.left or pv < image.top or pu > image.right - 1.001 or pv > image.bottom - 1.001:
             break
         nu, nv = -math.sin(turned) * cell, math.cos(turned) * cell
         for c in range(strip.shape[1]):
-            a = min(max(pu + (c - MIDDLE) * nu, box[0]), box[2] - 1.001)
-            b = min(max(pv + (c - MIDDLE) * nv, box[1]), box[3] - 1.001)
+            a = min(max(pu + (c - MIDDLE) * nu, image.left), image.right - 1.001)
+            b = min(max(pv + (c - MIDDLE) * nv, image.top), image.bottom - 1.001)
             if channel < 0:
-                strip[r, c] = sign * grey_between(pixels, row, channels, a, b)
+                strip[r, c] = sign * grey_between(image, a, b)
             else:
-                strip[r, c] = colour_between(pixels, row, channels, channel, a, b)
+                strip[r, c] = colour_between(image, channel, a, b)
         rows += 1
     return rows
 
 
 @fast
 def flank_evidence(strip: np.ndarray, rows: int, left: np.ndarray, right: np.ndarray) -> int:
-    """Inside less outside of a flank on either side of each centre, by blocks of rows; returns the blocks."""
+    """Computes inside minus outside of both flanks around each centre, by blocks of rows; returns the blocks."""
     blocks = rows // BLOCK
     for b in range(blocks):
         for c in range(_HALF + 2, strip.shape[1] - _HALF - 2):
@@ -87,7 +87,7 @@ def flank_evidence(strip: np.ndarray, rows: int, left: np.ndarray, right: np.nda
 
 @fast
 def roughness(left: np.ndarray, right: np.ndarray, blocks: int, bins: np.ndarray) -> float:
-    """Standard deviation of the evidence beside the shaft, where there is none: from the median of its size."""
+    """Returns the standard deviation of the evidence beside the shaft, from the median of its absolute value."""
     bins[:] = 0.0
     count = 0
     for b in range(blocks):
@@ -106,7 +106,7 @@ def roughness(left: np.ndarray, right: np.ndarray, blocks: int, bins: np.ndarray
 
 @fast
 def column_of(turn: float, bend: float, b: int) -> int:
-    """Column of the arc that leaves the axis by ``turn`` and ``bend``, in block ``b``."""
+    """Returns the column, in block ``b``, of the arc that leaves the axis by ``turn`` and ``bend``."""
     s = (b - BEHIND - 0.5) * BLOCK
     return MIDDLE + math.floor(turn * s + 0.5 * bend * CELL * s * s + 0.5)
 
@@ -115,13 +115,13 @@ def column_of(turn: float, bend: float, b: int) -> int:
 def best_arc(
     left: np.ndarray, right: np.ndarray, blocks: int, sign_left: float, sign_right: float, floor: float, cap: float
 ) -> tuple[float, int, float, float]:
-    """The arc beyond the end whose evidence above ``floor`` sums up to most: sum, last block, turn, bend."""
+    """Returns the arc with the largest sum of evidence above ``floor``: sum, last block, turn, bend."""
     best, best_b, best_turn, best_bend = 0.0, 0, 0.0, 0.0
     for i in range(-_TURNS, _TURNS + 1):
         turn = i * _TURN
         for j in range(-_BENDS, _BENDS + 1):
             bend = j * _BEND
-            # what needs no turn is likelier
+            # small turns are likelier
             total = -floor * ((turn / 0.1) ** 2 + (bend / 0.04) ** 2)
             for b in range(BEHIND + 1, blocks):
                 c = column_of(turn, bend, b)
@@ -137,8 +137,8 @@ def best_arc(
 
 
 @fast
-def ground_shows(strip: np.ndarray, b: int, c: int, least: float) -> bool:
-    """Whether the ground shows in block ``b``: what lies there is as light as what lies beside the shaft before it."""
+def ground_visible(strip: np.ndarray, b: int, c: int, least: float) -> bool:
+    """Whether the ground is visible in block ``b``: it has the level of what lies beside the shaft before it."""
     here = left = right = 0.0
     for k in range(BLOCK):
         for m in range(-2, 3):
@@ -150,10 +150,10 @@ def ground_shows(strip: np.ndarray, b: int, c: int, least: float) -> bool:
 
 
 @fast
-def settle_arc(
+def refine_arc(
     left: np.ndarray, right: np.ndarray, last: int, signs: tuple[float, float], cap: float, turn: float, bend: float
 ) -> tuple[float, float]:
-    """The arc near (turn, bend) on which the flanks up to block ``last`` stand out most, whatever stands out more."""
+    """Returns the arc near (turn, bend) with the strongest flanks up to block ``last``."""
     best, best_turn, best_bend = -1e9, turn, bend
     for i in range(-4, 5):
         for j in range(-4, 5):

@@ -4,37 +4,49 @@ import csv
 import math
 import time
 from collections import Counter
-from collections.abc import Generator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TextIO
+from typing import Any, Self, TextIO
 
 import numpy as np
 
 from ..alignment import observations
 from ..errors import InputError
-from ..io import VideoWriter, frame_count, require_actuation
-from ..types import FloatArray, ForceEstimate, Frame, Image, Observation, SessionInfo, ShapeFeatures, Source, Status
+from ..estimators import Estimator, Progress, ShowsShape, load_model, missing_facts, view_of
+from ..io import VideoWriter, atomic_text, frame_count, open_source, require_actuation
+from ..types import (
+    Actuation,
+    Event,
+    FloatArray,
+    ForceEstimate,
+    Frame,
+    Image,
+    Observation,
+    SessionInfo,
+    ShapeFeatures,
+    Source,
+    Status,
+    read_bench,
+)
 from ..units import newtons_to_grams
 from ..vision import Reasons, draw_estimate
-from ._base import Estimator, Progress
-from ._needed import missing_facts
-from ._shows import ShowsShape, view_of
 
-__all__ = ["COLUMNS", "RunReport", "write_estimates"]
+__all__ = ["COLUMNS", "EstimateReport", "estimate", "write_estimates"]
 
 COLUMNS = (
-    "stamp_ns", "magnitude_n", "magnitude_low_n", "magnitude_high_n",
+    "frame", "time_s", "stamp_ns", "magnitude_n", "magnitude_low_n", "magnitude_high_n",
     "fx_n", "fx_low_n", "fx_high_n", "fy_n", "fy_low_n", "fy_high_n", "fz_n", "fz_low_n", "fz_high_n",
     "magnitude_g", "contact", "status", "detail",
 )  # fmt: skip
-"""Of the table; low and high are the ends of the 90 % intervals, contact is a probability."""
+"""Of the table: number of the frame from 0, seconds since the first one; low and high are the ends of the 90 %
+intervals, contact is a probability."""
 
 
 @dataclass(slots=True)
-class RunReport:
+class EstimateReport:
     """What a run over a file came to. ``update_s``: time of each frame from picture to force, without reading it."""
 
     frames: int = 0
@@ -81,6 +93,103 @@ class RunReport:
         }
 
 
+Frames = str | Path | Source | Iterable[Frame] | Iterable[Image]
+"""What forces are estimated on: a file or folder, an open source, or images with or without stamps."""
+
+
+def estimate(
+    model: Estimator | str | Path,
+    frames: Frames,
+    *,
+    bench: SessionInfo | str | Path | None = None,
+    actuation: Mapping[str, float] | None = None,
+    frame_rate_hz: float = 30.0,
+) -> Iterator[ForceEstimate]:
+    """Estimates the contact force on every frame, as the frames come.
+
+    Args:
+        model: a fitted estimator, or the model folder to load; ``pretrained/NAME`` comes with the program.
+        frames: a video, DICOM file, folder of images, recording or dataset; an open `Source`; or an iterable of
+            `Frame` or of images, (h, w) grey or (h, w, 3) RGB, uint8.
+        bench: metadata of the session in place of what the file holds: a `SessionInfo` or a ``bench.toml``.
+        actuation: constant readings of drives that ``frames`` do not carry, as ``{"knob_deg": 10.0}``.
+        frame_rate_hz: of images without stamps.
+
+    Yields:
+        One `ForceEstimate` a frame, in newtons in the base frame; it says ``valid`` or why not.
+
+    Raises:
+        InputError: the file cannot be read, or readings or metadata that the model needs are missing; the message
+            names them.
+        ModelError: the model folder is incomplete or altered.
+
+    >>> import tipforce
+    >>> frames = [np.zeros((480, 640), np.uint8)]
+    >>> next(tipforce.estimate("pretrained/dcfe", frames)).status.value
+    'out_of_distribution'
+    """
+    estimator = model if isinstance(model, Estimator) else load_model(model)
+    stated = session_info_from(bench)
+    with source_of(frames, stated, actuation or {}, frame_rate_hz) as source:
+        check_inputs(estimator, source)
+        stream = estimator.start(source.session_info)
+        for observation in observations(source, view_of(estimator)):
+            yield stream.update(observation)
+
+
+def session_info_from(bench: SessionInfo | str | Path | None) -> SessionInfo:
+    """Metadata that a caller states as such, as a ``bench.toml``, or not at all."""
+    if bench is None:
+        return SessionInfo()
+    return bench if isinstance(bench, SessionInfo) else read_bench(bench)
+
+
+def source_of(frames: Frames, stated: SessionInfo, actuation: Mapping[str, float], frame_rate_hz: float) -> Source:
+    """``frames`` as a `Source`. Raises InputError where a file cannot be read."""
+    if isinstance(frames, str | Path):
+        return open_source(frames, actuation=actuation, stated=stated)
+    if isinstance(frames, Source):
+        return frames
+    return _Given(frames, stated, {**stated.actuation.constant, **actuation}, frame_rate_hz)
+
+
+def check_inputs(estimator: Estimator, source: Source) -> None:
+    """Raises InputError where ``source`` lacks readings or metadata that ``estimator`` needs."""
+    require_actuation(source, estimator.needed_actuation)
+    missing = missing_facts(estimator.needed_facts, source.session_info)
+    if missing:
+        raise InputError(f"{getattr(source, 'path', source.session_info.name)}: {missing}")
+
+
+class _Given:
+    """Images or frames of the caller's as a `Source`, with constant readings in front of them."""
+
+    def __init__(
+        self,
+        frames: Iterable[Frame] | Iterable[Image],
+        info: SessionInfo,
+        actuation: Mapping[str, float],
+        frame_rate_hz: float,
+    ) -> None:
+        self._frames, self.session_info, self._actuation = frames, info, dict(actuation)
+        self._step_ns = round(1e9 / frame_rate_hz)
+
+    def __iter__(self) -> Iterator[Event]:
+        for number, each in enumerate(self._frames):
+            frame = each if isinstance(each, Frame) else Frame(number * self._step_ns, each)
+            if number == 0 and self._actuation:
+                yield Actuation(frame.stamp_ns, self._actuation)
+            yield frame
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """The frames are the caller's."""
+
+
 def write_estimates(
     estimator: Estimator,
     source: Source,
@@ -89,23 +198,29 @@ def write_estimates(
     overlay: Path | None = None,
     full_scale_n: float = 0.3,
     progress: Progress | None = None,
-) -> RunReport:
-    """Estimate the force on every frame of ``source``; a row of `COLUMNS` each to ``forces``, a CSV file or a stream.
+) -> EstimateReport:
+    """Estimates the force on every frame of ``source``; a row of `COLUMNS` each to ``forces``.
 
-    Cells are empty where a value is unknown. ``overlay``: also an .mp4 with shape, force, value, interval and status,
-    where an arrow of ``full_scale_n`` is a quarter of the picture long. Files appear when they are complete, or not at
-    all. Raises InputError where ``source`` holds no frame, or lacks actuation or facts that ``estimator`` needs.
+    Cells are empty where a value is unknown. Files appear when they are complete, or not at all.
+
+    Args:
+        estimator: a fitted one.
+        source: an open source; see `open_source`.
+        forces: a CSV file or an open stream.
+        overlay: also an .mp4 with shape, force, value, interval and status in it.
+        full_scale_n: force whose arrow is a quarter of the image long.
+        progress: called with what is done and its share.
+
+    Raises:
+        InputError: ``source`` holds no frame, or lacks readings or metadata that ``estimator`` needs.
     """
-    require_actuation(source, estimator.needed_actuation)
-    missing = missing_facts(estimator.needed_facts, source.session_info)
-    if missing:
-        raise InputError(f"{getattr(source, 'path', source.session_info.name)}: {missing}")
+    check_inputs(estimator, source)
     view = view_of(estimator)
     total = frame_count(source, view)
     stream = estimator.start(source.session_info)
-    report = RunReport()
+    report, first_ns = EstimateReport(), 0
     with ExitStack() as stack:
-        table = stack.enter_context(_replacing(forces)) if isinstance(forces, Path) else forces
+        table = stack.enter_context(atomic_text(forces)) if isinstance(forces, Path) else forces
         video = (
             stack.enter_context(_Overlay(overlay, estimator, source.session_info, view, full_scale_n))
             if overlay
@@ -115,11 +230,12 @@ def write_estimates(
         rows.writerow(COLUMNS)
         for observation in observations(source, view):
             start = time.perf_counter()
-            estimate = stream.update(observation)
-            report.add(estimate, time.perf_counter() - start)
-            rows.writerow(_row(estimate))
+            found = stream.update(observation)
+            report.add(found, time.perf_counter() - start)
+            first_ns = found.stamp_ns if report.frames == 1 else first_ns
+            rows.writerow([report.frames - 1, f"{(found.stamp_ns - first_ns) * 1e-9:.6f}", *_row(found)])
             if video:
-                video.add(observation, estimate)
+                video.add(observation, found)
             if progress:
                 progress(f"frame {report.frames}", min(1.0, report.frames / total) if total else 0.0)
         if not report.frames:
@@ -145,26 +261,10 @@ def _ends(interval: FloatArray) -> list[str]:
     return [_cell(end) for end in interval.tolist()] if np.isfinite(interval).all() else ["", ""]
 
 
-@contextmanager
-def _replacing(path: Path) -> Generator[TextIO]:
-    """A text file that gets its name when it is complete."""
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
-    part = path.with_name(path.name + ".part")
-    try:
-        with part.open("w", encoding="utf-8", newline="") as stream:
-            yield stream
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
 class _Overlay:
     """The video with the force in it; its rate is that of the first two frames."""
 
     def __init__(self, path: Path, estimator: Estimator, info: SessionInfo, view: str, full_scale_n: float) -> None:
-        if not path.parent.is_dir():
-            raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
         self.path, self.estimator, self.view, self.full_scale_n = path, estimator, view, full_scale_n
         self.session_info = info
         self.first: Frame | None = None

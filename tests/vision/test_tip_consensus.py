@@ -1,4 +1,4 @@
-"""Where several pictures together say that a catheter ends, whatever lies beneath it in each of them."""
+"""The tip from several images together, whatever lies beneath it in each of them."""
 
 from collections.abc import Sequence
 
@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from tipforce.types import Catheter, FloatArray, SessionInfo, Status, ViewInfo
-from tipforce.vision import FineTracer, Sighting, VisionSettings, in_session, settle
-from tipforce.vision._common_axis import common_axis, turn_end
-from tipforce.vision._nominal import learn_look
-from tipforce.vision._settle import _LOOKS
+from tipforce.vision import DetectedShape, Tracer, VisionSettings, auto_calibrate, for_session
+from tipforce.vision._auto_calibrate import _TEMPLATES
+from tipforce.vision._session_size import learn_tip_template
+from tipforce.vision._tip_consensus import axis_offset, shift_tip
 
 LENGTH = 150.0
-SHEET = SessionInfo("monday", Catheter("test tube", 0.012, 0.156, 0.0), {"camera": ViewInfo(1e-3, "left")})
+SESSION = SessionInfo("monday", Catheter("test tube", 0.012, 0.156, 0.0), {"camera": ViewInfo(1e-3, "left")})
 
 
 def _picture(turn: float, rail: float, cloth: float = 0.0, shadow: bool = False, patch: float = 0.0) -> np.ndarray:
@@ -52,77 +52,77 @@ def _picture(turn: float, rail: float, cloth: float = 0.0, shadow: bool = False,
     return np.clip(np.rint(small + rng.normal(0.0, 2.0, small.shape)), 0, 255).astype(np.uint8)
 
 
-def _beside(sight: Sighting, turn: float) -> float:
+def _beside(sight: DetectedShape, turn: float) -> float:
     """How far the line lies beside the shaft's axis at most, in px."""
     assert sight.centreline is not None
     aside = np.array([-np.sin(turn), np.cos(turn)])
     return float(np.abs((sight.centreline.points - np.array([-6.0, 100.0])) @ aside).max())
 
 
-def test_an_edge_that_lies_elsewhere_in_every_picture_is_not_taken_for_the_end() -> None:
+def test_an_edge_that_lies_elsewhere_in_every_image_is_not_taken_for_the_tip() -> None:
     rails = (2.0, 5.0, 8.0, 11.0, 3.5, 6.5, 14.0, 9.5)
     pictures = [_picture(0.05 * k - 0.2, rail) for k, rail in enumerate(rails)]
-    settled = settle(VisionSettings(), pictures, SHEET)
-    assert settled.length_px == pytest.approx(LENGTH, abs=1.5)
-    assert settled.length_tolerance < 0.03
+    resolved = auto_calibrate(VisionSettings(), pictures, SESSION)
+    assert resolved.length_px == pytest.approx(LENGTH, abs=1.5)
+    assert resolved.length_tolerance < 0.03
     for picture in pictures:
-        seen = FineTracer(settled).see(picture).centreline
+        seen = Tracer(resolved).detect(picture).centreline
         assert seen is not None
         assert np.hypot(*np.diff(seen.points, axis=0).T).sum() == pytest.approx(LENGTH, abs=3.0)
 
 
-def test_a_shaft_lost_on_a_cloth_of_its_own_grey_is_found_again_by_the_look_of_its_end() -> None:
+def test_a_shaft_lost_on_a_cloth_of_its_own_grey_is_found_again_by_the_tip_template() -> None:
     clear = [_picture(0.05 * k - 0.2, 40.0) for k in range(8)]
-    settled = settle(VisionSettings(), clear, SHEET)
-    assert settled.end_look is not None
-    unaware = settled.model_copy(update={"end_look": None})
+    resolved = auto_calibrate(VisionSettings(), clear, SESSION)
+    assert resolved.tip_template is not None
+    unaware = resolved.model_copy(update={"tip_template": None})
     for turn, cloth in ((-0.1, -0.15), (0.0, -0.05), (0.1, -0.1)):
         picture = _picture(turn, 40.0, cloth)
-        assert _beside(FineTracer(unaware).see(picture), turn) > 5.0
-        assert _beside(FineTracer(settled).see(picture), turn) < 0.6
+        assert _beside(Tracer(unaware).detect(picture), turn) > 5.0
+        assert _beside(Tracer(resolved).detect(picture), turn) < 0.6
 
 
 @pytest.mark.parametrize("aside", [-3.0, 0.0, 3.0])
-def test_lines_that_run_beside_the_end_in_every_picture_are_put_on_its_axis(aside: float) -> None:
+def test_lines_that_lie_beside_the_tip_in_every_image_are_put_on_its_axis(aside: float) -> None:
     """Whichever side the end's shadow lies on."""
     turns = [0.05 * k - 0.2 for k in range(8)]
     pictures = [_picture(turn, 40.0, shadow=True) for turn in turns]
     lines = []
     for turn in turns:
         axis = np.array([-6.0, 100.0]) + np.linspace(6.0, LENGTH, 64)[:, None] * [np.cos(turn), np.sin(turn)]
-        lines.append(turn_end(axis, 6.0, LENGTH - 6.0, aside))
-    assert common_axis(pictures, lines, 6.0, LENGTH - 6.0) == pytest.approx(-aside, abs=0.6)
+        lines.append(shift_tip(axis, 6.0, LENGTH - 6.0, aside))
+    assert axis_offset(pictures, lines, 6.0, LENGTH - 6.0) == pytest.approx(-aside, abs=0.6)
 
 
-def test_an_end_that_does_not_look_like_that_of_the_other_pictures_is_refused() -> None:
-    settled = settle(VisionSettings(), [_picture(0.05 * k - 0.2, 40.0) for k in range(8)], SHEET)
+def test_a_tip_that_differs_from_the_template_is_refused() -> None:
+    resolved = auto_calibrate(VisionSettings(), [_picture(0.05 * k - 0.2, 40.0) for k in range(8)], SESSION)
     for turn in (-0.1, 0.0, 0.1):
-        assert FineTracer(settled).see(_picture(turn, 40.0)).found
-        sight = FineTracer(settled).see(_picture(turn, 40.0, patch=250.0))
+        assert Tracer(resolved).detect(_picture(turn, 40.0)).found
+        sight = Tracer(resolved).detect(_picture(turn, 40.0, patch=250.0))
         assert sight.status is Status.CUT_OFF
         assert "something covers it" in sight.detail
 
 
-def test_a_look_of_the_end_that_no_picture_has_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tip_template_that_no_image_fits_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     times = []
 
     def learn(settings: VisionSettings, images: Sequence[np.ndarray], lines: Sequence[FloatArray | None]):
-        learnt = learn_look(settings, images, lines)
-        assert learnt.end_look is not None
+        learnt = learn_tip_template(settings, images, lines)
+        assert learnt.tip_template is not None
         times.append(learnt)
-        wrong = tuple(255 * (k % 2) for k in range(len(learnt.end_look)))
-        return learnt.model_copy(update={"end_look": wrong}) if len(times) == _LOOKS else learnt
+        wrong = tuple(255 * (k % 2) for k in range(len(learnt.tip_template)))
+        return learnt.model_copy(update={"tip_template": wrong}) if len(times) == _TEMPLATES else learnt
 
     pictures = [_picture(0.05 * k - 0.2, 40.0) for k in range(8)]
-    monkeypatch.setattr("tipforce.vision._settle.learn_look", learn)
-    settled = settle(VisionSettings(), pictures, SHEET)
-    assert settled.end_look is None
-    assert all(FineTracer(settled).see(picture).found for picture in pictures)
+    monkeypatch.setattr("tipforce.vision._auto_calibrate.learn_tip_template", learn)
+    resolved = auto_calibrate(VisionSettings(), pictures, SESSION)
+    assert resolved.tip_template is None
+    assert all(Tracer(resolved).detect(picture).found for picture in pictures)
 
 
-def test_how_an_end_looks_is_not_carried_to_another_session_or_learnt_of_several() -> None:
+def test_a_tip_template_is_not_used_in_another_session_and_not_learnt_from_several() -> None:
     pictures = [_picture(0.05 * k - 0.2, 40.0) for k in range(8)]
-    settled = settle(VisionSettings(), pictures, SHEET)
-    nearer = SessionInfo("tuesday", SHEET.catheter, {"camera": ViewInfo(0.8e-3, "left")})
-    assert in_session(settled, nearer).end_look is None
-    assert settle(VisionSettings(), pictures, [SHEET] * 8).end_look is None
+    resolved = auto_calibrate(VisionSettings(), pictures, SESSION)
+    nearer = SessionInfo("tuesday", SESSION.catheter, {"camera": ViewInfo(0.8e-3, "left")})
+    assert for_session(resolved, nearer).tip_template is None
+    assert auto_calibrate(VisionSettings(), pictures, [SESSION] * 8).tip_template is None

@@ -1,20 +1,20 @@
-"""What was seen in one picture."""
+"""The result of detection in one image."""
 
 import math
 from dataclasses import dataclass
 
 from ..types import BasePose, CentrelinePx, FloatArray, Status
 
-__all__ = ["Sighting"]
+__all__ = ["DetectedShape"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
-    """The catheter's shape in one picture, or the reason why it was not found.
+class DetectedShape:
+    """The catheter's shape in one image, or the reason why it was not found.
 
     ``centreline`` and ``base`` are None unless ``status`` is valid; ``diameter_px`` is then the shaft's median
-    diameter. ``confidence`` in 0..1: share of the shaft's length where both flanks were seen. ``fitted_px`` (k, 2):
-    the image points a polynomial is fitted to where these are not the centreline: the single-pixel line of thesis
+    diameter. ``confidence`` in 0..1: share of the shaft's length where both flanks were detected. ``fitted_px`` (k, 2):
+    the image points that a polynomial is fitted to where these are not the centreline: the single-pixel line of thesis
     algorithm 1, one point a column.
     """
 

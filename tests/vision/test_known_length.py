@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tipforce.types import Catheter, SessionInfo, Status, ViewInfo
-from tipforce.vision import FineTracer, VisionSettings, in_session, settle
+from tipforce.vision import Tracer, VisionSettings, auto_calibrate, for_session
 
 from .conftest import judge, load  # type: ignore[import-not-found]
 
@@ -13,7 +13,7 @@ LENGTH = (260.0, 260.0)
 """Of the curve; the dome reaches a radius further."""
 OPEN = VisionSettings(polarity="dark", base_side="left", diameter_px=12.0)
 KNOWN = OPEN.model_copy(update={"length_px": 266.0, "length_tolerance": 0.015})
-SHEET = SessionInfo("monday", Catheter("test tube", 0.012, 0.234, 0.04), {"camera": ViewInfo(1e-3, "left")})
+SESSION = SessionInfo("monday", Catheter("test tube", 0.012, 0.234, 0.04), {"camera": ViewInfo(1e-3, "left")})
 """274 px, of which the picture shows 97 %."""
 NO_METAL = tubes.Look(length=LENGTH, turning=0.12, electrode=190.0, electrode_length=40.0)
 """The metal end has the ground's own grey: only a faint lustre shows."""
@@ -41,7 +41,7 @@ def test_a_hidden_stretch_is_crossed_where_what_goes_on_has_the_right_length() -
 def test_a_shaft_that_ends_too_early_is_refused() -> None:
     look = tubes.Look(length=(200.0, 200.0), turning=1.2)
     for seed in range(760, 764):
-        sight = FineTracer(KNOWN).see(tubes.draw(np.random.default_rng(seed), look).image)
+        sight = Tracer(KNOWN).detect(tubes.draw(np.random.default_rng(seed), look).image)
         assert sight.status is Status.CUT_OFF
 
 
@@ -49,41 +49,41 @@ def test_a_shaft_that_goes_on_past_its_length_is_refused() -> None:
     """At full contrast: it is another catheter, or another thing."""
     look = tubes.Look(length=(310.0, 310.0), rings=0)
     for seed in range(770, 776):
-        sight = FineTracer(KNOWN).see(tubes.draw(np.random.default_rng(seed), look).image)
+        sight = Tracer(KNOWN).detect(tubes.draw(np.random.default_rng(seed), look).image)
         assert not sight.found
 
 
 def test_a_clear_shaft_is_seen_alike_with_and_without_its_length() -> None:
     tube = tubes.draw(np.random.default_rng(780), tubes.Look(length=LENGTH))
-    first, second = FineTracer(OPEN).see(tube.image), FineTracer(KNOWN).see(tube.image)
+    first, second = Tracer(OPEN).detect(tube.image), Tracer(KNOWN).detect(tube.image)
     assert first.centreline is not None
     assert second.centreline is not None
     np.testing.assert_array_equal(first.centreline.points, second.centreline.points)
 
 
-def test_settling_learns_the_length_that_the_session_shows() -> None:
+def test_auto_calibration_learns_the_length_that_the_session_shows() -> None:
     drawn = [tubes.draw(np.random.default_rng(800 + k), tubes.Look(length=(250.0, 250.0))) for k in range(5)]
-    settled = settle(VisionSettings(), [tube.image for tube in drawn], SHEET)
-    assert settled.base_side == "left"
-    assert settled.length_px == pytest.approx(256.0, abs=1.5)
-    assert settled.length_tolerance == 0.01
-    assert settled.nominal_px == (274.0, 12.0)
-    assert settle(VisionSettings(), [tube.image for tube in drawn]).length_px is None
+    resolved = auto_calibrate(VisionSettings(), [tube.image for tube in drawn], SESSION)
+    assert resolved.base_side == "left"
+    assert resolved.length_px == pytest.approx(256.0, abs=1.5)
+    assert resolved.length_tolerance == 0.01
+    assert resolved.nominal_px == (274.0, 12.0)
+    assert auto_calibrate(VisionSettings(), [tube.image for tube in drawn]).length_px is None
 
 
 def test_several_sessions_teach_a_length_that_each_of_them_scales() -> None:
     looks = [tubes.Look(length=(240.0, 240.0)), tubes.Look(length=(300.0, 300.0), diameter=15.0)]
-    far, near = SHEET, SessionInfo("tuesday", SHEET.catheter, {"camera": ViewInfo(0.8e-3, "left")})
+    far, near = SESSION, SessionInfo("tuesday", SESSION.catheter, {"camera": ViewInfo(0.8e-3, "left")})
     drawn = [tubes.draw(np.random.default_rng(820 + k), looks[k % 2]) for k in range(6)]
-    settled = settle(VisionSettings(), [tube.image for tube in drawn], [far, near] * 3)
+    resolved = auto_calibrate(VisionSettings(), [tube.image for tube in drawn], [far, near] * 3)
     for sheet, length in ((far, 246.0), (near, 307.5)):
-        assert in_session(settled, sheet).length_px == pytest.approx(length, rel=0.01)
-    assert settled.length_tolerance == 0.03
+        assert for_session(resolved, sheet).length_px == pytest.approx(length, rel=0.01)
+    assert resolved.length_tolerance == 0.03
 
 
 def test_a_sheet_of_another_length_does_not_hide_what_is_there() -> None:
     longer = SessionInfo("monday", Catheter("test tube", 0.012, 0.6, 0.04), {"camera": ViewInfo(1e-3)})
     drawn = [tubes.draw(np.random.default_rng(840 + k), tubes.Look(length=LENGTH)) for k in range(3)]
-    settled = settle(VisionSettings(), [tube.image for tube in drawn], longer)
-    assert settled.length_px is None
-    assert all(FineTracer(settled).see(tube.image).found for tube in drawn)
+    resolved = auto_calibrate(VisionSettings(), [tube.image for tube in drawn], longer)
+    assert resolved.length_px is None
+    assert all(Tracer(resolved).detect(tube.image).found for tube in drawn)

@@ -1,4 +1,4 @@
-"""Thesis figures 17a-d and 18, drawn of any frame that thesis algorithm 1 was run on."""
+"""Thesis figures 17a-d and 18, for any frame that thesis algorithm 1 was run on."""
 
 import textwrap
 from typing import TYPE_CHECKING, Any
@@ -18,13 +18,13 @@ X_AXIS, Y_AXIS = "#d32f2f", "#2e7d32"
 
 
 def figure_17(steps: ClassicSteps) -> "Figure":
-    """(a) grey picture, (b) binary, (c) single-pixel line with base points and L, (d) fitted curve in the base frame.
+    """Returns (a) grey image, (b) binary, (c) single-pixel line with base points and L, (d) fitted curve.
 
-    Panels that the chain did not reach say why.
+    Panels that the algorithm did not reach say why.
     """
     figure, ((grey, binary), (pixels, fitted)) = _subplots(2, 2, (10.0, 8.0))
     grey.imshow(steps.grey, cmap="gray", vmin=0, vmax=255)
-    grey.set_title("(a) grey picture")
+    grey.set_title("(a) grey image")
     # As in the thesis: catheter pixels are black.
     binary.imshow(~steps.binary, cmap="gray", vmin=0, vmax=1)
     binary.set_title(f"(b) binary, threshold c = {steps.threshold}")
@@ -63,32 +63,32 @@ def figure_17(steps: ClassicSteps) -> "Figure":
 
 
 def figure_18(steps: ClassicSteps) -> "Figure":
-    """The picture's frame beside the local frame of the catheter: thesis eq. (1), with R and T as numbers."""
-    figure, ((picture,),) = _subplots(1, 1, (8.0, 6.4))
-    picture.imshow(steps.grey, cmap="gray", vmin=0, vmax=255, alpha=0.6)
-    picture.set_title("from the picture's frame to the catheter's local frame")
+    """Returns the image frame beside the local frame of the catheter: thesis eq. (1), with R and T as numbers."""
+    figure, ((panel,),) = _subplots(1, 1, (8.0, 6.4))
+    panel.imshow(steps.grey, cmap="gray", vmin=0, vmax=255, alpha=0.6)
+    panel.set_title("from the image frame to the catheter's local frame")
     height, width = steps.grey.shape
     length = 0.2 * min(height, width)
-    _axes(picture, BasePose(np.array([0.0, 0.0]), 0.0), length, ("#1565c0", "#1565c0"), ("u", "v"), down=True)
+    _axes(panel, BasePose(np.array([0.0, 0.0]), 0.0), length, ("#1565c0", "#1565c0"), ("u", "v"), down=True)
     if steps.base is None:
-        _say_why(picture, steps)
+        _say_why(panel, steps)
         return figure
     if steps.line_px is not None:
-        picture.axline(*steps.line_px, color=X_AXIS, linewidth=0.8, linestyle="--", label="L, the base tangent")
+        panel.axline(*steps.line_px, color=X_AXIS, linewidth=0.8, linestyle="--", label="L, the base tangent")
     if steps.single_px is not None:
-        picture.plot(*steps.single_px.T, color="#ffb300", linewidth=1.5, label="single-pixel line")
-    _axes(picture, steps.base, length, (X_AXIS, Y_AXIS), ("x'", "y'"))
-    picture.plot(*steps.base.origin_px, "o", color="black", markersize=5)
+        panel.plot(*steps.single_px.T, color="#ffb300", linewidth=1.5, label="single-pixel line")
+    _axes(panel, steps.base, length, (X_AXIS, Y_AXIS), ("x'", "y'"))
+    panel.plot(*steps.base.origin_px, "o", color="black", markersize=5)
     rotation, shift = steps.base.axes_px, -steps.base.axes_px @ steps.base.origin_px
     rows = [f"{r[0]:+.3f} {r[1]:+.3f} | {t:+8.2f}" for r, t in zip(rotation, shift, strict=True)]
     box = {"boxstyle": "round", "facecolor": "white", "alpha": 0.85}
     text = (
         "[R | T]\n" + "\n".join(rows) + "\n" + f"O = ({steps.base.origin_px[0]:.1f}, {steps.base.origin_px[1]:.1f}) px"
     )
-    picture.text(
-        0.98, 0.97, text, transform=picture.transAxes, family="monospace", fontsize=9, ha="right", va="top", bbox=box
+    panel.text(
+        0.98, 0.97, text, transform=panel.transAxes, family="monospace", fontsize=9, ha="right", va="top", bbox=box
     )
-    picture.legend(loc="lower right", fontsize=8)
+    panel.legend(loc="lower right", fontsize=8)
     return figure
 
 

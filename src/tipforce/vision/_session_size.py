@@ -1,4 +1,4 @@
-"""What the sheet beside the bench says of the catheter's size in the picture, and how settings follow it."""
+"""The catheter's size in the image: from the session metadata, learnt from images, and scaled to other sessions."""
 
 import math
 import statistics
@@ -7,22 +7,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..types import FloatArray, Image, SessionInfo
-from ._common_axis import common_axis, turn_end
-from ._common_end import common_end, common_look
 from ._settings import VisionSettings
+from ._tip_consensus import axis_offset, build_tip_template, common_tip, shift_tip
 
-__all__ = ["in_session", "learn_length", "learn_look", "on_axis", "with_nominal"]
+__all__ = ["for_session", "learn_length", "learn_tip_template", "on_axis", "with_nominal"]
 
 _WIDER = 1.03
-"""Flanks are seen so much further apart than the catheter is thick: blur and the rim's lustre."""
+"""Detected flanks are so much further apart than the catheter is thick: blur and the lustre of its rim."""
 _SHOWN, _GIVE = 0.97, 0.08
-"""Share of the nominal length that the picture shows of a catheter that enters at its border, and how sure that is."""
+"""Share of the nominal length that is visible of a catheter that enters at the border, and its tolerance."""
 _FRAMES = 3
-"""Fewer lengths than these teach nothing."""
+"""From fewer images nothing is learnt."""
 _DEVIATION = 0.7
 """Standard deviation of the length in shares of its tolerance."""
 _ONE, _MANY, _MOST = 0.01, 0.03, 0.08
-"""Least tolerance of a length that was learnt in one session, in many, and the most."""
+"""Least tolerance of a length that was learnt in one session, in many, and the largest."""
 
 
 def _nominal_px(info: SessionInfo, view: str) -> tuple[float, float] | None:
@@ -34,7 +33,7 @@ def _nominal_px(info: SessionInfo, view: str) -> tuple[float, float] | None:
 
 
 def with_nominal(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
-    """``settings`` with the size and the base's side that ``info`` states, where they leave these open."""
+    """Returns ``settings`` with the size, and what the session metadata state of the view, where these are open."""
     view = info.view(settings.view)
     stated = {
         "base_side": view.base_side if settings.base_side == "auto" else None,
@@ -57,19 +56,19 @@ def with_nominal(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
     return settings.model_copy(update=sized)
 
 
-def in_session(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
-    """``settings`` for the catheter and the scale of another session; as they are where its sheet tells neither.
+def for_session(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
+    """Returns ``settings`` for the catheter and the scale of another session; unchanged where these are unknown.
 
     >>> from tipforce.types import Catheter, ViewInfo
-    >>> settled = VisionSettings(length_px=230.0, diameter_px=12.0, nominal_px=(240.0, 11.7))
+    >>> resolved = VisionSettings(length_px=230.0, diameter_px=12.0, nominal_px=(240.0, 11.7))
     >>> nearer = SessionInfo("day 2", Catheter("7F", 2.34e-3, 40e-3, 8e-3), {"camera": ViewInfo(0.1e-3)})
-    >>> in_session(settled, nearer).length_px
+    >>> for_session(resolved, nearer).length_px
     460.0
     """
     nominal = _nominal_px(info, settings.view)
     if nominal is None or settings.nominal_px is None or nominal == settings.nominal_px:
         return settings
-    update: dict[str, object] = {"nominal_px": nominal, "end_look": None}
+    update: dict[str, object] = {"nominal_px": nominal, "tip_template": None}
     for name, now, then in zip(("length_px", "diameter_px"), nominal, settings.nominal_px, strict=True):
         value = getattr(settings, name)
         if value is not None:
@@ -80,10 +79,10 @@ def in_session(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
 def learn_length(
     settings: VisionSettings, infos: Sequence[SessionInfo], images: Sequence[Image], lines: Sequence[FloatArray | None]
 ) -> VisionSettings:
-    """``settings`` with the length that was seen: the median over the sessions, each by all of its pictures together.
+    """Returns ``settings`` with the length in the images: the median over the sessions, each from all of its images.
 
-    ``lines``: the centreline of each picture, None where it was not seen. A session's length is its own and well
-    known; several sessions differ by how far the catheter stands out of its sheath.
+    ``lines``: the centreline of each image, None where it was not detected. The length of one session is well known;
+    sessions differ in how far the catheter stands out of its sheath.
     """
     sessions: dict[str, list[int]] = {}
     for k, (info, line) in enumerate(zip(infos, lines, strict=True)):
@@ -94,10 +93,10 @@ def learn_length(
     ratios: list[float] = []
     spreads: list[float] = []
     for members in sessions.values():
-        own = in_session(settings, infos[members[0]])
+        own = for_session(settings, infos[members[0]])
         if own.length_px is None or own.diameter_px is None:
             return settings
-        found = common_end(
+        found = common_tip(
             [images[k] for k in members],
             [line for k in members if (line := lines[k]) is not None],
             0.5 * own.diameter_px,
@@ -121,22 +120,26 @@ def learn_length(
     )
 
 
-def learn_look(settings: VisionSettings, images: Sequence[Image], lines: Sequence[FloatArray | None]) -> VisionSettings:
-    """``settings`` with how the catheter's end looks in the pictures of one session; its length must be known."""
+def learn_tip_template(
+    settings: VisionSettings, images: Sequence[Image], lines: Sequence[FloatArray | None]
+) -> VisionSettings:
+    """Returns ``settings`` with the tip template of the images of one session; the length must be known."""
     seen = [(image, line) for image, line in zip(images, lines, strict=True) if line is not None]
     if settings.length_px is None or settings.diameter_px is None or len(seen) < _FRAMES:
         return settings
-    look = common_look([i for i, _ in seen], [line for _, line in seen], 0.5 * settings.diameter_px, settings.length_px)
-    return settings.model_copy(update={"end_look": look})
+    template = build_tip_template(
+        [i for i, _ in seen], [line for _, line in seen], 0.5 * settings.diameter_px, settings.length_px
+    )
+    return settings.model_copy(update={"tip_template": template})
 
 
 def on_axis(
     settings: VisionSettings, images: Sequence[Image], lines: Sequence[FloatArray | None]
 ) -> list[FloatArray | None]:
-    """The ``lines`` of one session's pictures, turned at the end by what all of them lie beside the catheter there."""
+    """Returns the ``lines`` of one session, shifted at the tip by their common offset from the catheter's axis."""
     seen = [(image, line) for image, line in zip(images, lines, strict=True) if line is not None]
     if settings.length_px is None or settings.diameter_px is None or len(seen) < _FRAMES:
         return list(lines)
     half = 0.5 * settings.diameter_px
-    aside = common_axis([i for i, _ in seen], [line for _, line in seen], half, settings.length_px)
-    return [None if line is None else turn_end(line, half, settings.length_px, aside) for line in lines]
+    offset = axis_offset([i for i, _ in seen], [line for _, line in seen], half, settings.length_px)
+    return [None if line is None else shift_tip(line, half, settings.length_px, offset) for line in lines]

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from ..errors import InputError, MissingExtraError
 from ..io import replacing_folder, write_video
-from ..pipelines import record
 from ..simulation import AnySimulationSettings, FluoroSettings, SimulatedBench, write_logs
 from ..simulation.rendering.fluoroscope import XrayScene, write_dicom
 from ..types import Frame, SimulatedClock
+from ._record import record
 
 __all__ = ["FORMS", "leave_dicom", "leave_files", "record_session", "refuse_form"]
 
