@@ -47,7 +47,8 @@ def test_a_word_names_a_model_wherever_a_folder_does(stand_in: Path, tmp_path: P
     assert read_manifest("pretrained/stand-in")["method"] == "svr"
     judged, method = candidates_from(["pretrained/stand-in", "svr"])
     assert (judged.label, method.label) == ("pretrained/stand-in", "svr")
-    assert judged.trained_sessions == {"s0", "s1"}
+    assert judged.trained_sessions == set(read_manifest(stand_in)["training"]["session_fingerprints"].values())
+    assert len(judged.trained_sessions) == 2
 
 
 def test_a_folder_of_that_name_comes_first(stand_in: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -97,7 +97,7 @@ def test_weights_that_knew_sessions_of_the_data_are_told(make_bench, make_ridge)
     data = make_bench()
     begun = Candidate("ridge", make_ridge(), trained_sessions=frozenset({"s1", "elsewhere"}))
     (told,) = evaluate(data, [begun], protocols=["session"]).notes
-    assert told.startswith("ridge begins with weights that had learnt from 1 of 4 sessions of these names (s1)")
+    assert told.startswith("ridge begins with weights that had learnt from 1 of 4 sessions of these data (s1)")
     new = Candidate("ridge", make_ridge(), trained_sessions=frozenset({"elsewhere"}))
     assert not evaluate(data, [new], protocols=["session"]).notes
 

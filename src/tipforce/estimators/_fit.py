@@ -77,10 +77,11 @@ def train(
 
 def _check_calibration(dataset: Dataset, calibrate: Dataset) -> None:
     """Ask before training for minutes."""
-    if shared := sorted({*calibrate.sessions} & {*dataset.sessions}):
+    known = {fingerprint: name for name, fingerprint in dataset.session_fingerprints.items()}
+    if shared := [known[each] for each in calibrate.session_fingerprints.values() if each in known]:
         raise InputError(
             f"{calibrate.title}: {shared[0]} is in the training data, too, where errors are smaller than elsewhere; "
-            f"leave it out there (--without {shared[0]}), or rename it if it is another session"
+            f"leave it out there (--without {shared[0]})"
         )
     if (dataset.known & ~calibrate.known).any():
         raise InputError(

@@ -86,6 +86,7 @@ def _of(data: Dataset) -> dict[str, Any]:
         "fingerprint": data.fingerprint(),
         "samples": len(data),
         "sessions": list(data.sessions),
+        "session_fingerprints": dict(data.session_fingerprints),
     }
 
 

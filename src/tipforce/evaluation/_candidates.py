@@ -64,11 +64,17 @@ def _saved(folder: str) -> Candidate:
         label=Path(folder).resolve().name if Path(folder).exists() else folder,
         recipe=fitted.unfitted(),
         saved=fitted,
-        trained_sessions=frozenset(training.get("sessions", ()))
-        | frozenset(training.get("calibration", {}).get("sessions", ()))
+        trained_sessions=_identifiers(training)
+        | _identifiers(training.get("calibration", {}))
         | fitted.taught_sessions,
         trained_fingerprint=str(training.get("fingerprint", "")),
     )
+
+
+def _identifiers(part: Mapping[str, Any]) -> frozenset[str]:
+    """Fingerprints of the sessions of a manifest's ``part``; the names of those of which none is kept."""
+    fingerprints: Mapping[str, str] = part.get("session_fingerprints", {})
+    return frozenset(fingerprints.get(name, name) for name in part.get("sessions", ()))
 
 
 def _rest(candidate: Candidate) -> tuple[Any, ...]:

@@ -249,7 +249,7 @@ class NetworkEstimator(Estimator):
                 "started_from": None if start is None else start.describe()["network"],
                 "learnt_from": [*earlier.facts["learnt_from"], learnt_from] if earlier else [learnt_from],
             },
-            sessions=tuple(sorted({*dataset.sessions, *(earlier.sessions if earlier else ())})),
+            sessions=tuple(sorted({*dataset.session_fingerprints.values(), *(earlier.sessions if earlier else ())})),
         )
         # the part that chose the epoch promises nothing about another session, even where it was whole ones
         drawn = f"{'held-out' if part.sessions else 'random'} samples that also chose the epoch,"
