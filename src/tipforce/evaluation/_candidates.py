@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 from ..datasets import Dataset
 from ..errors import InputError
-from ..estimators import ESTIMATORS, NetworkEstimator, check_start, create, load_model, located, read_manifest
+from ..estimators import ESTIMATORS, NetworkEstimator, create, load_initial_model, load_model, located, read_manifest
 from ..types import FloatArray, IntArray
 from ._evaluation import Candidate
 from ._stamps import values_at
@@ -31,10 +31,10 @@ def candidates_from(
             made.append(_saved(model))
         elif model in ESTIMATORS:
             recipe = create(model, (settings or {}).get(model))
-            begin = check_start(recipe, start)
+            begin = load_initial_model(recipe, start)
             if isinstance(recipe, NetworkEstimator) and begin is not None:
-                recipe = recipe.beginning_with(begin)
-            made.append(Candidate(model, recipe, trained_sessions=begin.taught_sessions if begin else frozenset()))
+                recipe = recipe.fine_tuned_from(begin)
+            made.append(Candidate(model, recipe, trained_sessions=begin.training_sessions if begin else frozenset()))
         else:
             known = ", ".join(ESTIMATORS)
             raise InputError(
@@ -66,7 +66,7 @@ def _saved(folder: str) -> Candidate:
         saved=fitted,
         trained_sessions=_identifiers(training)
         | _identifiers(training.get("calibration", {}))
-        | fitted.taught_sessions,
+        | fitted.training_sessions,
         trained_fingerprint=str(training.get("fingerprint", "")),
     )
 
