@@ -76,7 +76,7 @@ def test_held_out_sessions_are_harder_than_random_frames_when_sessions_differ(ma
 def test_a_method_with_memory_sees_all_frames_of_a_session(make_bench, make_ridge):
     data = make_bench(sessions=2, frames=30)
     result = evaluate(
-        data, [Method("ridge", make_ridge(remembers=True))], EvaluationSettings(protocols=["random"], samples=20)
+        data, [Method("ridge", make_ridge(uses_history=True))], EvaluationSettings(protocols=["random"], samples=20)
     )
     outcome = result.result("ridge", "random").predictions
     drawn = result.dataset

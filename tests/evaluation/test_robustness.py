@@ -152,7 +152,7 @@ def test_a_method_that_remembers_is_shown_frames_in_a_row(bright, mean_class, ma
             return super().predict(dataset)
 
     data = bright(sessions=2, frames=80)
-    method = Method("mean", Watched(make_ridge(remembers=True).settings))
+    method = Method("mean", Watched(make_ridge(uses_history=True).settings))
     result = evaluate(data, [method], EvaluationSettings(protocols=["session"], every=4))
     row, constant = result.result("mean", "session"), result.result("constant", "session")
     seen.clear()

@@ -12,8 +12,8 @@ from ..estimators import (
     ESTIMATORS,
     Estimator,
     NetworkEstimator,
-    check_start,
     create,
+    load_initial_model,
     load_model,
     located,
     read_manifest,
@@ -63,10 +63,10 @@ def methods_from(
             made.append(_saved(model))
         elif model in ESTIMATORS:
             estimator = create(model, (settings or {}).get(model))
-            begin = check_start(estimator, init_from)
+            begin = load_initial_model(estimator, init_from)
             if isinstance(estimator, NetworkEstimator) and begin is not None:
-                estimator = estimator.beginning_with(begin)
-            made.append(Method(model, estimator, trained_sessions=begin.taught_sessions if begin else frozenset()))
+                estimator = estimator.fine_tuned_from(begin)
+            made.append(Method(model, estimator, trained_sessions=begin.training_sessions if begin else frozenset()))
         else:
             known = ", ".join(ESTIMATORS)
             raise InputError(
@@ -89,7 +89,7 @@ def _saved(folder: str) -> Method:
         saved=fitted,
         trained_sessions=_identifiers(training)
         | _identifiers(training.get("calibration", {}))
-        | fitted.taught_sessions,
+        | fitted.training_sessions,
         trained_fingerprint=str(training.get("fingerprint", "")),
     )
 

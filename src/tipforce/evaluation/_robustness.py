@@ -125,7 +125,7 @@ def _parts(
     predictions: Predictions, data: ScoredData, frames: int, estimators: Mapping[str, Estimator]
 ) -> Iterator[_Part]:
     """Test samples spread over all of them; for a method that remembers, each ends a stretch of its session."""
-    remembers = next(iter(estimators.values())).remembers
+    remembers = next(iter(estimators.values())).uses_history
     count = max(1, frames // _CHUNK) if remembers else frames
     last = len(predictions) - 1
     chosen = np.unique(np.linspace(0, last, min(count, len(predictions))).round().astype(np.int64))
