@@ -19,7 +19,7 @@ from tipforce.alignment import StageMotion, estimate_offset, shape_coordinates
 from tipforce.io import RecordingReader
 from tipforce.simulation import Truth, read_truth
 from tipforce.types import FloatArray, Frame, IntArray
-from tipforce.vision import Vision, VisionSettings, settle
+from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 
 OFFSETS_MS = (-80, 0, 80)
 CUT_S = 20.0
@@ -43,8 +43,8 @@ def load(path: Path, truth: Truth) -> Session:
     """See all pictures of a recording, and read its force as an import does."""
     with RecordingReader(path) as reader:
         first = [reader.frame_at(k).image for k in range(0, FIRST, 5)]
-        vision = Vision(settle(VisionSettings(), first, reader.session_info))
-        seen = [vision.see(event.image) for event in reader.events("camera") if isinstance(event, Frame)]
+        vision = ShapeDetector(auto_calibrate(VisionSettings(), first, reader.session_info))
+        seen = [vision.detect(event.image) for event in reader.events("camera") if isinstance(event, Frame)]
         stamps, force, _ = reader.wrenches()
         info, catheter = reader.info, reader.session_info.catheter
         carried = (

@@ -25,15 +25,15 @@ from tipforce.errors import InputError
 from tipforce.io import RecordingReader
 from tipforce.simulation import Truth, read_truth
 from tipforce.types import SessionInfo
-from tipforce.vision import Vision, VisionSettings, in_session, settle
+from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate, for_session
 
 FIRST, SPREAD = 50, 16
 HIDDEN = 0.03
 
 
-def look(vision: Vision, image: np.ndarray, curve: np.ndarray) -> dict[str, Any]:
+def look(vision: ShapeDetector, image: np.ndarray, curve: np.ndarray) -> dict[str, Any]:
     """One frame: what was found, and how far off."""
-    sight = vision.see(image)
+    sight = vision.detect(image)
     if sight.centreline is None:
         why = f"{sight.status}: {sight.detail}"
         return {"found": False, "wrong": False, "why": why, "bad": 1e3, "points": None}
@@ -67,7 +67,7 @@ def settled_together(paths: list[Path]) -> dict[str, VisionSettings]:
                 places = np.linspace(0, len(reader.stamps(view)) - 1, max(1, SPREAD // len(paths))).astype(int)
                 images.setdefault(view, []).extend(reader.frame_at(int(k), view).image for k in places)
                 infos.setdefault(view, []).extend([reader.session_info] * len(places))
-    return {view: settle(VisionSettings(), images[view], infos[view]) for view in images}
+    return {view: auto_calibrate(VisionSettings(), images[view], infos[view]) for view in images}
 
 
 def session(
@@ -95,14 +95,16 @@ def one_view(
     else:
         settling = np.unique(np.linspace(0, count - 1, SPREAD).astype(int)).tolist()
     if view in shared:
-        vision = Vision(in_session(shared[view], reader.session_info))
+        vision = ShapeDetector(for_session(shared[view], reader.session_info))
     else:
         pictures = [reader.frame_at(k, view).image for k in settling]
         try:
-            vision = Vision(settle(VisionSettings(), pictures, None if options.blind else reader.session_info))
+            vision = ShapeDetector(
+                auto_calibrate(VisionSettings(), pictures, None if options.blind else reader.session_info)
+            )
         except InputError as error:
             print(f"{path.stem} {view}: {error}")
-            vision = Vision(VisionSettings())
+            vision = ShapeDetector(VisionSettings())
     rows = []
     for k in range(0, count, options.every):
         image = reader.frame_at(k, view).image

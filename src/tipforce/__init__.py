@@ -12,13 +12,13 @@ import logging
 from typing import TYPE_CHECKING, Any
 
 from .errors import TipforceError
-from .types import Catheter, ForceEstimate, Frame, Observation, SessionInfo, Status, Wrench, read_bench
 
 if TYPE_CHECKING:
     from .datasets import open_dataset
     from .estimators import load_model
     from .io import open_recording
     from .pipelines import estimate, evaluate, import_session, inspect, simulate, train
+    from .types import Catheter, ForceEstimate, Frame, Observation, SessionInfo, Status, Wrench, read_bench
 
 __all__ = [
     "Catheter",
@@ -54,8 +54,11 @@ _LAZY = {
     "load_model": "estimators",
     "open_dataset": "datasets",
     "open_recording": "io",
+    **dict.fromkeys(
+        ("Catheter", "ForceEstimate", "Frame", "Observation", "SessionInfo", "Status", "Wrench", "read_bench"), "types"
+    ),
 }
-"""Public function -> the package it is in."""
+"""Public name -> the package it is in."""
 
 logging.getLogger("tipforce").addHandler(logging.NullHandler())
 

@@ -62,7 +62,7 @@ def test_a_hook_has_no_polynomial_but_an_angle_series(tube, tmp_path: Path) -> N
     refused = run(tmp_path / "hook.png", "-o", tmp_path / "a.png")
     assert "past 90 degrees" in refused.stderr
     table = tmp_path / "t.json"
-    run(tmp_path / "hook.png", "-o", tmp_path / "b.png", "--set", "features.form=legendre", "--json", table)
+    run(tmp_path / "hook.png", "-o", tmp_path / "b.png", "--set", "features.kind=legendre", "--json", table)
     series = json.loads(table.read_text())["features"]
     assert series["L0"] + series["L1"] + series["L2"] == pytest.approx(3.2, abs=0.5)
 

@@ -1,4 +1,4 @@
-"""``tipforce simulate --dataset``: labelled pictures as an import of the session's recording would give them."""
+"""``tipforce simulate --as dataset``: labelled pictures as an import of the session's recording would give them."""
 
 import json
 from dataclasses import replace
@@ -128,7 +128,7 @@ def test_inspect_train_and_evaluate_take_shards_like_any_dataset(sharded, tmp_pa
 
 
 def test_two_processes_write_the_same_bytes_and_a_whole_set_is_kept(made, tmp_path):
-    options = ["--dataset", "--samples", 30, "--samples-per-session", 11, "--seconds", 8, "--seed", 3, "--masks"]
+    options = ["--as", "dataset", "--samples", 30, "--samples-per-session", 11, "--seconds", 8, "--seed", 3, "--masks"]
     options += ["--set", "width=320", "--set", "height=240", "--set", "world.tare_s=2"]
     for _ in range(2):
         result = run("simulate", "-o", tmp_path / "set", "--json", tmp_path / "figures.json", *options)
@@ -158,15 +158,15 @@ def test_a_set_that_does_not_fit_the_disk_is_refused_before_the_work(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--samples", 5], "--samples: goes with --dataset only"),
-        (["--masks"], "--masks: goes with --dataset only"),
-        (["--dataset", "--sessions", 5], "--sessions: does not go with --dataset"),
-        (["--dataset", "--shards", "--masks"], "--masks does not go with --shards: Parquet files hold no masks"),
+        (["--samples", 5], "--samples: goes with --as dataset or --as parquet only"),
+        (["--masks"], "--masks: goes with --as dataset or --as parquet only"),
+        (["--as", "dataset", "--sessions", 5], "--sessions: does not go with --as dataset"),
+        (["--as", "parquet", "--masks"], "--masks does not go with --as parquet: its files hold no masks"),
         (["--set", "world.seconds.x=3"], "--set world.seconds.x=3: seconds is a value (60.0) and holds no settings"),
         (["--set", "world.wall.angle=3"], "world.wall.angle: there is no such setting; there are contact_angle_deg"),
-        (["--dataset", "--seconds", 6], "a session needs 5 s of tare (world.tare_s), 1.5 s of approach and 1 s"),
+        (["--as", "dataset", "--seconds", 6], "a session needs 5 s of tare (world.tare_s), 1.5 s of approach and 1 s"),
         (["--seconds", 8, "--set", "world.tare_s=6"], "world.seconds=8: a session needs 6 s of tare"),
-        (["--dataset", "--samples-per-session", 5000], "has images enough for 278; state --seconds"),
+        (["--as", "dataset", "--samples-per-session", 5000], "has images enough for 278; state --seconds"),
     ],
 )
 def test_options_that_would_do_nothing_or_cannot_be_had_are_refused(tmp_path, options, message):

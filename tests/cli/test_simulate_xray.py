@@ -129,7 +129,7 @@ def test_of_two_views_inspect_looks_at_the_one_that_is_named_and_asks_for_it(wan
 
 def test_of_two_views_the_next_step_names_the_one_to_train_on(tmp_path):
     small = ["width=128", "height=128", "world.tare_s=2", "world.clock.fps=6"]
-    options = ["--dataset", "--preset", "biplane", "--samples", 2, "--samples-per-session", 2, "--seconds", 8]
+    options = ["--as", "dataset", "--preset", "biplane", "--samples", 2, "--samples-per-session", 2, "--seconds", 8]
     result = run("simulate", "-o", tmp_path / "set", *options, *(word for each in small for word in ("--set", each)))
     assert result.exit_code == 0, result.output
     assert "-o models/svr --set vision.view=a" in " ".join(result.output.split())

@@ -196,7 +196,7 @@ def test_a_dataset_folder_carries_every_field(tmp_path: Path) -> None:
         ("[actuation]\nknob_deg = 3", "actuation.knob_deg is not known; actuation may hold knob_gain_per_m_deg"),
         (
             "[views.camera]\nbase_side = 'up'",
-            "views.camera.base_side = 'up' is refused: input should be 'left', 'right",
+            "views.camera.base_side = 'up' is refused: input should be 'left',",
         ),
         ("[sensor]\nreads = 'both'", "sensor.reads = 'both' is refused: input should be 'tip-on-tissue' or"),
         ("[catheter]\ndiameter_m = 2.33", "it is in metres: for 2.33 mm write 0.00233"),

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..io import ClockOffset, Inertia, Tare
 from ..types import FloatArray, IntArray, SensorInfo, SessionInfo
-from ..vision import Sighting
+from ..vision import DetectedShape
 from ._inertia import StageMotion, fit_inertia
 from ._tare import find_tare, stated_tare
 from ._timing import estimate_offset, shape_coordinates
@@ -68,7 +68,7 @@ def find_tare_and_inertia(
 
 def find_offset(
     frame_ns: IntArray,
-    sightings: Sequence[Sighting],
+    sightings: Sequence[DetectedShape],
     info: SessionInfo,
     view: str,
     stamps: IntArray,
@@ -112,7 +112,7 @@ def find_offset(
 
 def _by_sight(
     frame_ns: IntArray,
-    sightings: Sequence[Sighting],
+    sightings: Sequence[DetectedShape],
     info: SessionInfo,
     view: str,
     stamps: IntArray,

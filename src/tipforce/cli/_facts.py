@@ -9,7 +9,7 @@ import typer
 from ..errors import InputError
 from ..types import ActuationInfo, SessionInfo, info_from_facts, read_bench
 
-__all__ = ["BenchOption", "FactOption", "KnobOption", "offset_from", "stated_info", "tare_from"]
+__all__ = ["BenchOption", "FactOption", "KnobOption", "number_from", "offset_from", "stated_info", "tare_from"]
 
 BenchOption = Annotated[
     Path | None, typer.Option("--bench", metavar="FILE", help="bench.toml of the bench; see `tipforce init-bench`.")

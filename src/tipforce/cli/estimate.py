@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
-from ._facts import BenchOption, FactOption, KnobOption, stated_info
+from ._facts import BenchOption, FactOption, KnobOption, number_from, stated_info
 
 __all__ = ["command"]
 
@@ -54,7 +54,7 @@ def command(
         if isinstance(path, Path) and path.exists() and not overwrite:
             raise InputError(f"{path}: exists already; choose another name or state --overwrite")
     estimator = load_model(model)
-    knob = {} if knob_deg is None else {"knob_deg": knob_deg}
+    knob = {} if knob_deg is None else {"knob_deg": number_from(str(knob_deg), "--knob-deg", "degrees")}
     with (
         open_source(frames, actuation=knob, stated=stated_info(bench, fact)) as source,
         progress_bar() as progress,

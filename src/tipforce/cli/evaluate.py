@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
-from ._facts import BenchOption, FactOption, stated_info
+from ._facts import BenchOption
 from ._settings import SetOption, settings_from
 
 __all__ = ["command"]
@@ -24,7 +24,6 @@ def command(
     data: Annotated[Path, typer.Option("--data", help="Recordings, a dataset folder, or a published layout.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for report.html, metrics.json and figures.")],
     bench: BenchOption = None,
-    fact: FactOption = None,
     protocol: Annotated[
         Literal["random", "blocked", "session", "all", "thesis", "standard", "catheter", "saved"],
         typer.Option(
@@ -41,14 +40,10 @@ def command(
     folds: Annotated[int | None, typer.Option(min=2, help="Cross-validate with so many folds.")] = None,
     seed: Annotated[int, typer.Option(help="Of the drawn samples and splits.")] = 0,
     truth: Annotated[
-        Path | None, typer.Option(help="Folder that simulate wrote: score against its hidden truth too.")
-    ] = None,
-    bound: Annotated[
-        bool | None,
+        Path | None,
         typer.Option(
-            "--bound/--no-bound",
-            help="With --truth: also tell how close each error comes to the smallest possible one (posterior "
-            "Cramer-Rao bound); half a second of a core for a minute's session. Default: yes.",
+            help="Folder that simulate wrote: score against its truth too, and hold errors "
+            "against the smallest possible ones (Cramer-Rao bound)."
         ),
     ] = None,
     start: Annotated[
@@ -60,14 +55,13 @@ def command(
         ),
     ] = None,
     perturb: Annotated[
-        bool,
+        int,
         typer.Option(
-            "--perturb", help="Also ask for pictures shifted, turned, zoomed, lit otherwise, blurred and so on."
+            min=0,
+            metavar="N",
+            help="Also ask for N samples with images shifted, rotated, zoomed, lit otherwise, blurred.",
         ),
-    ] = False,
-    perturb_frames: Annotated[
-        int | None, typer.Option(min=1, help="With --perturb: so many samples, spread over all (500).")
-    ] = None,
+    ] = 0,
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -82,7 +76,7 @@ def command(
 
         tipforce evaluate svr --data runs/ --truth runs/ --protocol standard --every 4 -o report/
 
-        tipforce evaluate models/svr --data runs/ --perturb -o report/
+        tipforce evaluate models/svr --data runs/ --perturb 500 -o report/
 
         tipforce evaluate compact --from pretrained --data runs/ --protocol catheter -o report/
     """
@@ -94,8 +88,6 @@ def command(
     named = [model for model in models if model in ESTIMATORS and not Path(model).is_dir()]
     if settings and not named:
         raise InputError("--set changes the settings of a method that is named, such as svr; a saved model has its own")
-    if perturb_frames is not None and not perturb:
-        raise InputError("--perturb-frames goes with --perturb only: state that too, or leave it out")
     chosen = None
     for name in named if settings else ():  # what is set must hold for each method that is named
         chosen = settings_from(ESTIMATORS[name].settings_type, settings).model_dump(exclude_unset=True)
@@ -104,14 +96,13 @@ def command(
             models, data, output,
             protocol=protocol,
             settings=chosen,
-            bench=stated_info(bench, fact),
+            bench=bench,
             init_from=start,
             truth=truth,
-            bound=bound,
             samples=samples,
             every=every,
             folds=folds,
-            perturb=perturb_frames or perturb,
+            perturb=perturb,
             seed=seed,
             command=shlex.join(["tipforce", *sys.argv[1:]]),
             progress=report,

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
-from ._facts import BenchOption, FactOption, stated_info
+from ._facts import BenchOption
 from ._settings import SetOption, settings_from
 
 __all__ = ["command"]
@@ -19,7 +19,6 @@ def command(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the model.")],
     estimator: Annotated[str, typer.Option(help="Method to train: svr, dcfe or compact.")] = "svr",
     bench: BenchOption = None,
-    fact: FactOption = None,
     samples: Annotated[
         int | None, typer.Option(min=1, help="Draw so many samples (the thesis has 220); default: all.")
     ] = None,
@@ -36,7 +35,6 @@ def command(
             help="Sessions apart, on which the intervals are found, as a new session would need them; repeatable.",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of drawing, holding out, cross-validation and training.")] = 0,
     start: Annotated[
         str | None,
         typer.Option(
@@ -88,13 +86,12 @@ def command(
             data, output,
             estimator=estimator,
             settings=settings_from(method(estimator).settings_type, settings),
-            bench=stated_info(bench, fact),
+            bench=bench,
             init_from=start,
             without=without or (),
             calibrate=calibrate,
             samples=samples,
             holdout=holdout,
-            seed=seed,
             resume=resume,
             overwrite=overwrite,
             progress=report,

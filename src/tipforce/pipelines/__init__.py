@@ -2,7 +2,7 @@
 
 from ._describe import describe_recording
 from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_estimates
-from ._evaluate import PERTURBED_FRAMES, EvaluateReport, evaluate
+from ._evaluate import EvaluateReport, evaluate
 from ._import_session import import_session
 from ._inspect import inspect
 from ._inspect_images import InspectionSheet, inspect_frames, inspect_image_file, inspect_sessions
@@ -14,7 +14,6 @@ from ._train import TrainReport, train
 
 __all__ = [
     "COLUMNS",
-    "PERTURBED_FRAMES",
     "EstimateReport",
     "EvaluateReport",
     "InspectionSheet",

@@ -12,16 +12,16 @@ from ..errors import InputError
 from ..io import RecordingReader, frame_count, open_source, read_image
 from ..types import Frame, Image, SessionInfo, Source
 from ..vision import (
-    ClassicChain,
+    ClassicDetector,
     Inspection,
+    ShapeDetector,
     ShapeFeatureSettings,
     Tally,
-    Vision,
     VisionSettings,
+    auto_calibrate,
     figure_17,
     figure_18,
-    inspect_picture,
-    settle,
+    inspect_image,
 )
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class InspectionSheet:
 
     def thesis_figures(self) -> "dict[str, Figure]":
         """Thesis figures 17 and 18 of ``picture``: what thesis algorithm 1 makes of it."""
-        steps = ClassicChain(self.vision).steps(self.picture)
+        steps = ClassicDetector(self.vision).steps(self.picture)
         return {"figure17": figure_17(steps), "figure18": figure_18(steps)}
 
 
@@ -55,7 +55,7 @@ def inspect_image_file(
     """One image file in detail, with what ``info`` states of it. Raises FileFormatError for what is no image."""
     image = read_image(path)
     settled = _settled(vision, [image], info or SessionInfo())
-    seen: Inspection = inspect_picture(image, Vision(settled).see, settled, features)
+    seen: Inspection = inspect_image(image, ShapeDetector(settled).detect, settled, features)
     figures = {"file": str(path), **seen.figures(), "vision": settled.model_dump()}
     return InspectionSheet(f"{_stated(settled, vision)}\n{seen.text()}", figures, seen.drawing, image, settled)
 
@@ -78,12 +78,12 @@ def inspect_frames(
     with open_source(path, stated=stated) as source:
         total = frame_count(source, vision.view)
         settled = _settled(vision, _spread(source, vision.view, total), source.session_info)
-        see = Vision(settled).see
+        see = ShapeDetector(settled).detect
         for count, frame in enumerate(_frames(source, vision.view)):
             first = frame if first is None else first
             if count % every == 0:
                 seconds = (frame.stamp_ns - first.stamp_ns) * 1e-9
-                tally.add(f"{count}  {seconds:.2f} s", inspect_picture(frame.image, see, settled, features))
+                tally.add(f"{count}  {seconds:.2f} s", inspect_image(frame.image, see, settled, features))
             if progress:
                 progress(f"frame {count}", min(1.0, count / total) if total else 0.0)
     if first is None:
@@ -111,12 +111,12 @@ def inspect_sessions(
         if not session:
             continue
         settled = _settled(vision, [image for _, image in session[:: -(-len(session) // _SETTLING)]], info)
-        see = Vision(settled).see
+        see = ShapeDetector(settled).detect
         for name, image in session:
             first = image if first is None else first
-            tally.add(Path(name).stem, inspect_picture(image, see, settled, features))
+            tally.add(Path(name).stem, inspect_image(image, see, settled, features))
             if progress:
-                progress(f"picture {tally.looked_at}", min(1.0, tally.looked_at / max(1, total)))
+                progress(f"picture {tally.frames}", min(1.0, tally.frames / max(1, total)))
     if first is None:
         raise InputError(f"{title}: there is no picture of the view {vision.view!r} in it")
     return InspectionSheet(tally.text(), tally.figures(), tally.sheet(), first, settled)
@@ -145,7 +145,7 @@ def _spread(source: Source, view: str, total: int) -> list[Image]:
 def _settled(vision: VisionSettings, images: list[Image], info: SessionInfo) -> VisionSettings:
     """``vision`` with what it leaves open decided on ``images``; as it is where they show no catheter."""
     try:
-        return settle(vision, images, info)
+        return auto_calibrate(vision, images, info)
     except InputError:
         return vision  # to look at a file without a catheter is no mistake: each picture says why
 

@@ -13,7 +13,7 @@ from ..alignment import ForceCorrections, OffsetChoice, StageMotion, TareChoice,
 from ..errors import InputError, TimeError
 from ..io import RecordingWriter, check_target
 from ..types import STAGE, Clock, Event, FloatArray, Frame, Image, IntArray, SensorInfo, SessionInfo, Source, Wrench
-from ..vision import Sighting, Vision, VisionSettings, settle
+from ..vision import DetectedShape, ShapeDetector, VisionSettings, auto_calibrate
 from ._summary import RecordingSummary, summarise_recording
 
 __all__ = ["RecordingReport", "record", "refuse_target", "write_run"]
@@ -140,7 +140,7 @@ class _Run:
         )  # fmt: skip
         self.blind = ""
         """Why no catheter is seen at all, or empty."""
-        self.sightings: list[Sighting] = []
+        self.sightings: list[DetectedShape] = []
         self.view = settings.view
         self._kept: list[Image] = []
         self._every = _EVERY
@@ -156,7 +156,7 @@ class _Run:
             try:
                 self.view = _view_among(head, self._settings.view)
                 pictures = [event.image for event in head if isinstance(event, Frame) and event.view == self.view]
-                see = Vision(settle(self._settings, pictures[::_EVERY], self._context)).see
+                see = ShapeDetector(auto_calibrate(self._settings, pictures[::_EVERY], self._context)).detect
             except InputError as error:  # the recording is worth having without its clock offset
                 self.blind = str(error)
             events = chain(head, events)
@@ -172,7 +172,7 @@ class _Run:
             elif event.stream == STAGE:
                 self._stage.append((event.stamp_ns, event.values))
 
-    def _picture(self, frame: Frame, see: Callable[[Image], Sighting] | None) -> None:
+    def _picture(self, frame: Frame, see: Callable[[Image], DetectedShape] | None) -> None:
         self._count += 1
         if see is None or frame.view == self.view:
             self._frames.append(frame.stamp_ns)
@@ -181,7 +181,7 @@ class _Run:
         if self._progress:
             self._progress(self._count)
 
-    def _settled_again(self, image: Image) -> Callable[[Image], Sighting] | None:
+    def _settled_again(self, image: Image) -> Callable[[Image], DetectedShape] | None:
         """A way of looking that knows more of the run: while the catheter stands still, what lies beneath it does."""
         if (len(self.sightings) - 1) % self._every == 0:
             self._kept.append(image)
@@ -189,7 +189,7 @@ class _Run:
             return None
         self._kept, self._every = self._kept[::2], 2 * self._every
         try:
-            return Vision(settle(self._settings, self._kept, self._context)).see
+            return ShapeDetector(auto_calibrate(self._settings, self._kept, self._context)).detect
         except InputError:
             return None
 

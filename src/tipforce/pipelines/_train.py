@@ -11,13 +11,13 @@ from ..datasets import Dataset, join, open_dataset, without_sessions
 from ..estimators import (
     Estimator,
     Progress,
-    check_start,
     check_target,
     create,
+    load_initial_model,
     read_manifest,
+    run_directory,
     save_model,
     training_lines,
-    workplace,
 )
 from ..estimators import train as fit
 from ..types import SessionInfo
@@ -56,7 +56,7 @@ def train(
     calibrate: Data | None = None,
     samples: int | None = None,
     holdout: float = 0.0,
-    seed: int = 0,
+    seed: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
     progress: Progress | None = None,
@@ -74,7 +74,7 @@ def train(
         calibrate: other sessions, on which the intervals are found.
         samples: draw so many samples; all by default.
         holdout: share of the samples, 0..1, held out at random to measure errors on.
-        seed: of drawing, holding out, cross-validation and training.
+        seed: of drawing, holding out, cross-validation and training; by default that of the settings.
         resume: networks only: go on with a training that was cut off.
         overwrite: replace a model that is there already.
         progress: called with what is done and its share.
@@ -87,12 +87,13 @@ def train(
     output, stated = Path(output), session_info_from(bench)
     recipe = create(estimator, settings)
     check_target(output, overwrite=overwrite)
-    start = check_start(recipe, None if init_from is None else str(init_from), resume=resume)
+    start = load_initial_model(recipe, None if init_from is None else str(init_from), resume=resume)
     dataset = without_sessions(data_of(data, stated), without)
     apart = None if calibrate is None else data_of(calibrate, stated)
-    with workplace(recipe, output, resume=resume) as folder:
+    with run_directory(recipe, output, resume=resume) as folder:
         done = fit(
-            recipe, dataset, samples=samples, holdout=holdout, seed=seed,
+            recipe, dataset, samples=samples, holdout=holdout,
+            seed=getattr(recipe.settings, "seed", 0) if seed is None else seed,
             start=start, folder=folder, resume=resume, calibrate=apart, progress=progress,
         )  # fmt: skip
         save_model(

@@ -105,11 +105,11 @@ def bench_text(info: SessionInfo, *, guide: bool = True) -> str:
         own: Any = values
         for part in section.split("."):
             own = own.get(part, {})
-        tables: Mapping[str, Any] = (own or {"camera": {}}) if section == "views" else {"": own}
+        tables: Mapping[str | None, Any] = (own or {"camera": {}}) if section == "views" else {None: own}
         for name, table in tables.items():
             if not (table or guide):
                 continue
-            lines += ["", f"# {about}", f"[{section}.{_key(name)}]" if name else f"[{section}]"]
+            lines += ["", f"# {about}", f"[{section}]" if name is None else f"[{section}.{_key(name)}]"]
             for key, example, meaning in keys:
                 note = f"  # {meaning}" if meaning and guide else ""
                 if key in table:
@@ -167,7 +167,7 @@ def info_from_facts(facts: list[str]) -> SessionInfo:
 
 
 def _key(name: str) -> str:
-    return name if name.replace("_", "").replace("-", "").isalnum() and name.isascii() else json.dumps(name)
+    return name if name.replace("_", "").replace("-", "").isalnum() and name.isascii() else _text(name)
 
 
 def _toml(value: Any) -> str:
@@ -179,4 +179,9 @@ def _toml(value: Any) -> str:
         return f"[{', '.join(_toml(each) for each in value)}]"
     if isinstance(value, float):
         return repr(value) if math.isfinite(value) else "nan"
-    return json.dumps(value, ensure_ascii=False)
+    return _text(value) if isinstance(value, str) else json.dumps(value)
+
+
+def _text(value: str) -> str:
+    """A basic string of TOML: as JSON, which lets the control character DEL stand."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
