@@ -27,7 +27,7 @@ def frame(tube, tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("method", ["fine", "classic"])
+@pytest.mark.parametrize("method", ["tracer", "classic"])
 def test_a_picture_is_drawn_and_described(frame: Path, tmp_path: Path, method: str, axis_of) -> None:
     drawn, table = tmp_path / "d.png", tmp_path / "d.json"
     result = run(frame, "-o", drawn, "--json", table, "--set", f"vision.method={method}")
