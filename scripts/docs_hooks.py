@@ -41,7 +41,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
         "Reference": [
             {"Command line": "reference/commands.md"},
             {"bench.toml": "reference/bench.md"},
-            {"Python": [{name: _api_page(name)} for name in public_packages()]},
+            {"Python": [{name.removeprefix("tipforce."): _api_page(name)} for name in public_packages()]},
         ],
     }
     navigation = [{title: sections.get(title, target)} for entry in config.nav or [] for title, target in entry.items()]
@@ -163,15 +163,20 @@ def api_reference(name: str) -> str:
     parts = [f"# {name}", as_markdown((module.__doc__ or "").strip().replace("``", "`"))]
     if elsewhere:
         rows = [_elsewhere_row(module, member, home, _api_page(name)) for member, home in elsewhere]
-        parts.append("\n".join(["| also here | |", "|---|---|", *rows]))
+        parts.append("\n".join(["| described elsewhere | |", "|---|---|", *rows]))
     return "\n\n".join([*parts, *(_api_entry(module, member) for member, _ in described)]) + "\n"
 
 
 def _home(module: ModuleType, member: str) -> str:
-    """The package on whose page a name is described: the innermost one that exports it and holds its definition."""
+    """The package on whose page a name is described.
+
+    Functions of the public API are described with it, others in the innermost package that exports and defines them.
+    """
     value = getattr(module, member)
     if not isinstance(value, type | FunctionType):
         return module.__name__
+    if isinstance(value, FunctionType) and _exports(importlib.import_module("tipforce"), member, value):
+        return "tipforce"
     exporting = [name for name in public_packages() if _exports(importlib.import_module(name), member, value)]
     around = [name for name in exporting if f"{value.__module__}.".startswith(f"{name}.") and name != "tipforce"]
     return max(around, key=len) if around else exporting[0]

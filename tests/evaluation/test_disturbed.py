@@ -143,7 +143,7 @@ def test_a_method_that_remembers_is_shown_frames_in_a_row(bright, mean_class, ma
             return super().predict(dataset)
 
     data = bright(sessions=2, frames=80)
-    candidate = Candidate("mean", Watched(make_ridge(remembers=True).settings))
+    candidate = Candidate("mean", Watched(make_ridge(uses_history=True).settings))
     result = evaluate(data, [candidate], protocols=["session"], every=4)
     row, constant = result.row("mean", "session"), result.row("constant", "session")
     seen.clear()

@@ -75,7 +75,7 @@ def test_held_out_sessions_are_harder_than_random_frames_when_sessions_differ(ma
 
 def test_a_method_with_memory_sees_all_frames_of_a_session(make_bench, make_ridge):
     data = make_bench(sessions=2, frames=30)
-    result = evaluate(data, [Candidate("ridge", make_ridge(remembers=True))], protocols=["random"], samples=20)
+    result = evaluate(data, [Candidate("ridge", make_ridge(uses_history=True))], protocols=["random"], samples=20)
     outcome = result.row("ridge", "random").outcome
     drawn = result.dataset
     for place, index in enumerate(outcome.index.tolist()):
@@ -97,7 +97,7 @@ def test_weights_that_knew_sessions_of_the_data_are_told(make_bench, make_ridge)
     data = make_bench()
     begun = Candidate("ridge", make_ridge(), trained_sessions=frozenset({"s1", "elsewhere"}))
     (told,) = evaluate(data, [begun], protocols=["session"]).notes
-    assert told.startswith("ridge begins with weights that had learnt from 1 of 4 sessions of these names (s1)")
+    assert told.startswith("ridge begins with weights that had learnt from 1 of 4 sessions of these data (s1)")
     new = Candidate("ridge", make_ridge(), trained_sessions=frozenset({"elsewhere"}))
     assert not evaluate(data, [new], protocols=["session"]).notes
 

@@ -96,8 +96,8 @@ def test_the_knob_may_be_a_column_or_a_log_of_its_own(run: Run, tmp_path: Path) 
         with RecordingReader(tmp_path / f"{name}.mcap") as reader:
             for o in list(observations(reader))[:-3]:
                 assert o.actuation["knob_deg"] == pytest.approx(o.stamp_ns * 1e-8, abs=1e-3)
+    constant = SessionInfo(actuation=ActuationInfo(constant={"knob_deg": 1.0}))
     with pytest.raises(InputError, match="state one of them"):
-        constant = SessionInfo(actuation=ActuationInfo(constant={"knob_deg": 1.0}))
         import_session(run.video, [knob, run.force], tmp_path / "c.mcap", bench=constant)
 
 

@@ -1,7 +1,7 @@
 """The labelled samples of one or many sessions, whatever they are stored in."""
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import repeat
 from typing import Protocol, TypeVar, runtime_checkable
@@ -58,9 +58,12 @@ class Dataset:
     rows: IntArray
     title: str = ""
     view_names: Mapping[str, npt.NDArray[np.str_]] = field(default_factory=dict[str, npt.NDArray[np.str_]])
+    remarks: tuple[str, ...] = ()
+    """What a person should know of how the samples were gathered: what was left out, lacks or was renamed."""
     whole: "Dataset | None" = field(default=None, repr=False)
     """The dataset that this is a part of: a method with memory sees the frames before a sample, not their labels."""
     _memo: dict[tuple[str, int], object] = field(default_factory=dict, repr=False)
+    _fingerprints: Mapping[str, str] | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -69,6 +72,24 @@ class Dataset:
     def sessions(self) -> tuple[str, ...]:
         """Names of the sessions, in order of appearance."""
         return tuple(dict.fromkeys(self.session.tolist()))
+
+    @property
+    def session_fingerprints(self) -> Mapping[str, str]:
+        """Session -> 16 hexadecimal digits of a hash of its content, whatever it is called and stored in.
+
+        The content is stamps and labels (to a micronewton) of all samples that the session had when it was opened: a
+        subset has the fingerprints of what it is a part of, and so has a recording that became a dataset folder.
+        """
+        known, sessions = self._fingerprints or {}, self.sessions
+        if not set(sessions) <= known.keys():
+            known = _fingerprints(self.session, self.stamp_ns, self.force_n)
+            object.__setattr__(self, "_fingerprints", known)
+        return {name: known[name] for name in sessions}
+
+    def sessions_among(self, known: Collection[str]) -> tuple[str, ...]:
+        """The sessions whose fingerprint is in ``known``, or whose name is, where nobody kept a fingerprint."""
+        found = self.session_fingerprints.items()
+        return tuple(name for name, fingerprint in found if fingerprint in known or name in known)
 
     @property
     def force_frames(self) -> set[str]:
@@ -99,6 +120,7 @@ class Dataset:
             view_names={view: names[index] for view, names in self.view_names.items()},
             rows=self.rows[index],
             whole=self.whole or self,
+            _fingerprints=self.session_fingerprints,
         )
 
     def observations(self) -> Iterator[Observation]:
@@ -133,3 +155,18 @@ class Dataset:
             digest.update(np.ascontiguousarray(array).tobytes())
         digest.update("\n".join(self.session.tolist()).encode())
         return digest.hexdigest()
+
+
+def _fingerprints(session: npt.NDArray[np.str_], stamp_ns: IntArray, force_n: FloatArray) -> dict[str, str]:
+    """Session -> fingerprint, of samples in any order."""
+    names, number = np.unique(session, return_inverse=True)
+    order = np.lexsort((stamp_ns, number))
+    parts = np.split(order, np.searchsorted(number[order], np.arange(1, len(names))))
+    micronewtons = np.where(np.isnan(force_n), np.iinfo(np.int64).min, np.rint(np.nan_to_num(force_n) * 1e6))
+    labels = micronewtons.astype("<i8")
+    found: dict[str, str] = {}
+    for name, rows in zip(names.tolist(), parts, strict=True):
+        digest = hashlib.sha256(stamp_ns[rows].astype("<i8").tobytes())
+        digest.update(labels[rows].tobytes())
+        found[name] = digest.hexdigest()[:16]
+    return found

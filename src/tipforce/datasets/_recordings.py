@@ -28,7 +28,8 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
     frames: list[IntArray] = []
     actuation: list[dict[str, FloatArray]] = []
     infos: dict[str, SessionInfo] = {}
-    known = np.ones(3, np.bool_)
+    remarks: list[str] = []
+    known, some = np.ones(3, np.bool_), np.zeros(3, np.bool_)
     views = (camera,) if camera else _views_of(paths[0])
     for path in paths:
         with RecordingReader(path) as reader:
@@ -38,7 +39,10 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
                     raise InputError(f"{path}: to learn from it, a recording needs a stream {stream!r}; it has {there}")
             found = labels(reader, camera=views[0], force=force)
             rows = np.flatnonzero(np.isfinite(found.force_n[:, found.known]).all(axis=1) & found.known.any())
-            known &= found.known
+            known, some = known & found.known, some | found.known
+            if len(rows) < len(found.stamp_ns):
+                count = len(found.stamp_ns)
+                remarks.append(f"{path.name}: {count - len(rows)} of {count} frames have no force, and are left out")
             stamps.append(found.stamp_ns[rows])
             forces.append(found.force_n[rows])
             frames.append(rows)
@@ -51,6 +55,10 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
         raise InputError(f"{title}: no frame has a force; see `tipforce inspect {paths[0]}` for the times of both")
     force_n = np.concatenate(forces)
     force_n[:, ~known] = np.nan
+    remarks += [
+        f"f{'xyz'[axis]} is left out, because it is known in some of the recordings only"
+        for axis in np.flatnonzero(some & ~known).tolist()
+    ]
     names = dict.fromkeys(name for values in actuation for name in values)
     gathered = {
         name: np.concatenate(
@@ -58,6 +66,9 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
         )
         for name in names
     }
+    for path, values in zip(paths, actuation, strict=True):
+        if lacking := [name for name in names if np.isnan(values.get(name, np.array([np.nan]))).all()]:
+            remarks.append(f"{path.name}: lacks the actuation {', '.join(lacking)}, which other recordings have")
     recording, frame = np.repeat(np.arange(len(paths)), counts), np.concatenate(frames)
     stamp_ns = np.concatenate(stamps)
     called = [f"{paths[k].name} frame {i}" for k, i in zip(recording.tolist(), frame.tolist(), strict=True)]
@@ -72,6 +83,7 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
         session_info=infos,
         rows=np.arange(len(stamp_ns)),
         title=title,
+        remarks=tuple(remarks),
         view_names={view: np.array([f"{name}, view {view} beside it" for name in called]) for view in views[1:]},
     )
 

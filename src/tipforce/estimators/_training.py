@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..types import BoolArray, FloatArray, IntArray, Observation
 from ..vision import ResolvedVision
 from ._inputs import Inputs
-from ._reading import Refusal
+from ._reading import Abstention
 from ._settings import SvrSettings
 from ._window import Window
 
@@ -61,7 +61,7 @@ def gather_rows(
     called = frames.names_of(settings.vision.view)
     done = 0
 
-    def read(observation: Observation, inputs: Inputs) -> tuple[tuple[str, ...], FloatArray | Refusal]:
+    def read(observation: Observation, inputs: Inputs) -> tuple[tuple[str, ...], FloatArray | Abstention]:
         nonlocal done
         done += 1
         report(done / len(frames))
@@ -71,7 +71,7 @@ def gather_rows(
     recipe = settings.model_dump_json(include={"vision", "features", "angles"}) + repr(tuple(actuation))
     if vision is not None:
         recipe += vision.model_dump_json()
-    seen: list[tuple[tuple[str, ...], FloatArray | Refusal]] = []
+    seen: list[tuple[tuple[str, ...], FloatArray | Abstention]] = []
     for name in frames.sessions:
         inputs = Inputs(settings, actuation, frames.session_info[name], vision=vision)
         seen += frames.subset(frames.session == name).derive(f"svr inputs {recipe}", partial(read, inputs=inputs))
@@ -83,7 +83,7 @@ def gather_rows(
         if frames.session[place] != session:
             window, session = Window(settings.window), frames.session[place]
         number = int(frames.rows[place])
-        if isinstance(row, Refusal):
+        if isinstance(row, Abstention):
             if number in here and not why_not:
                 why_not = f"{called[place]}: {row.detail} ({row.status})"
             continue

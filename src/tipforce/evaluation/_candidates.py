@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 from ..datasets import Dataset
 from ..errors import InputError
-from ..estimators import ESTIMATORS, NetworkEstimator, check_start, create, load_model, located, read_manifest
+from ..estimators import ESTIMATORS, NetworkEstimator, create, load_initial_model, load_model, located, read_manifest
 from ..types import FloatArray, IntArray
 from ._evaluation import Candidate
 from ._stamps import values_at
@@ -31,10 +31,10 @@ def candidates_from(
             made.append(_saved(model))
         elif model in ESTIMATORS:
             recipe = create(model, (settings or {}).get(model))
-            begin = check_start(recipe, start)
+            begin = load_initial_model(recipe, start)
             if isinstance(recipe, NetworkEstimator) and begin is not None:
-                recipe = recipe.beginning_with(begin)
-            made.append(Candidate(model, recipe, trained_sessions=begin.taught_sessions if begin else frozenset()))
+                recipe = recipe.fine_tuned_from(begin)
+            made.append(Candidate(model, recipe, trained_sessions=begin.training_sessions if begin else frozenset()))
         else:
             known = ", ".join(ESTIMATORS)
             raise InputError(
@@ -64,11 +64,17 @@ def _saved(folder: str) -> Candidate:
         label=Path(folder).resolve().name if Path(folder).exists() else folder,
         recipe=fitted.unfitted(),
         saved=fitted,
-        trained_sessions=frozenset(training.get("sessions", ()))
-        | frozenset(training.get("calibration", {}).get("sessions", ()))
-        | fitted.taught_sessions,
+        trained_sessions=_identifiers(training)
+        | _identifiers(training.get("calibration", {}))
+        | fitted.training_sessions,
         trained_fingerprint=str(training.get("fingerprint", "")),
     )
+
+
+def _identifiers(part: Mapping[str, Any]) -> frozenset[str]:
+    """Fingerprints of the sessions of a manifest's ``part``; the names of those of which none is kept."""
+    fingerprints: Mapping[str, str] = part.get("session_fingerprints", {})
+    return frozenset(fingerprints.get(name, name) for name in part.get("sessions", ()))
 
 
 def _rest(candidate: Candidate) -> tuple[Any, ...]:

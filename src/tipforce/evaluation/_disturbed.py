@@ -108,7 +108,7 @@ def _parts(
     outcome: Outcome, dataset: Dataset, everything: Dataset, frames: int, methods: Mapping[str, Estimator]
 ) -> Iterator[_Part]:
     """Test samples spread over all of them; for a method that remembers, each ends a stretch of its session."""
-    remembers = next(iter(methods.values())).remembers
+    remembers = next(iter(methods.values())).uses_history
     count = max(1, frames // _AT_ONCE) if remembers else frames
     chosen = np.unique(np.linspace(0, len(outcome) - 1, min(count, len(outcome))).round().astype(np.int64))
     if not remembers:

@@ -30,7 +30,8 @@ _STRICTNESS = (AS_SAVED, "thesis", "random", "blocked", "catheter", "session", "
 class Candidate:
     """A method to be judged: ``recipe`` is trained anew on every split.
 
-    ``saved``: a fitted model, scored as it is on the sessions that are not in ``trained_sessions``;
+    ``saved``: a fitted model, scored as it is on the sessions that are not in ``trained_sessions``
+    (their fingerprints; names, where a model was made before these were kept);
     ``trained_fingerprint``: of the data it was trained on. Where a ``recipe`` begins with a model's weights,
     ``trained_sessions`` are that model's.
     """

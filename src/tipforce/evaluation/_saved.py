@@ -36,7 +36,7 @@ def saved_row(
     if seen:
         notes.append(
             f"{candidate.label} as saved is scored without {len(seen)} of {len(dataset.sessions)} sessions, because it "
-            f"was trained on sessions of these names: {_some(seen)}."
+            f"was trained on them: {_some(seen)}."
         )
     index = np.flatnonzero(~np.isin(dataset.session, seen))
     found = candidate.saved.answers(dataset.subset(index))
@@ -48,7 +48,7 @@ def begun_notes(candidates: Sequence[Candidate], dataset: Dataset) -> list[str]:
     found = {candidate.label: _taught(candidate, dataset) for candidate in candidates if candidate.saved is None}
     return [
         f"{label} begins with weights that had learnt from {len(seen)} of {len(dataset.sessions)} sessions of these "
-        f"names ({_some(seen)}): where they are tested on they are not new to it."
+        f"data ({_some(seen)}): where they are tested on they are not new to it."
         for label, seen in found.items()
         if seen
     ]
@@ -82,8 +82,8 @@ def saved_alone(
         )
     if seen:
         notes.append(
-            f"Scored without {len(seen)} of {len(dataset.sessions)} sessions, because a model was trained on sessions "
-            f"of these names: {_some(list(seen))}."
+            f"Scored without {len(seen)} of {len(dataset.sessions)} sessions, because a model was trained on "
+            f"them: {_some(list(seen))}."
         )
     notes.append(
         "Nothing was trained, so the constant predictor answers the mean of the very samples that it is tested on: the "
@@ -114,7 +114,7 @@ def _seen(candidate: Candidate, dataset: Dataset, everything: Dataset) -> list[s
 
 
 def _taught(candidate: Candidate, dataset: Dataset) -> list[str]:
-    return [name for name in dataset.sessions if name in candidate.trained_sessions]
+    return list(dataset.sessions_among(candidate.trained_sessions))
 
 
 def _some(names: Sequence[str]) -> str:
