@@ -53,7 +53,7 @@ def truth_at(dataset: Dataset, truths: Mapping[str, tuple[IntArray, FloatArray]]
 
     ``truths``: session -> stamps (m,) and forces (m, 3) in the base frame. Raises InputError where no sample has one.
     """
-    remedy = "give --truth the folder that `tipforce simulate` wrote for these data"
+    remedy = "state as truth the folder that `tipforce simulate` wrote for these data"
     return values_at(dataset, truths, "truth", remedy)
 
 

@@ -84,7 +84,7 @@ def require_pictures(dataset: Dataset) -> None:
     if not any(isinstance(view, np.ndarray) for view in first.views.values()):
         raise InputError(
             f"there is no picture in the samples of {dataset.title}, and only pictures can be disturbed; leave "
-            "--disturb out"
+            "perturb out"
         )
 
 

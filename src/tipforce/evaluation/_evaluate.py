@@ -52,7 +52,7 @@ def evaluate(
     can be.
     """
     if not candidates:
-        raise InputError("there is no method to evaluate; name one, for example: tipforce evaluate svr --data runs/")
+        raise InputError("there is no method to evaluate; name one, for example svr")
     labels = [candidate.label for candidate in candidates]
     if len(set(labels)) < len(labels) or CONSTANT in labels:
         raise InputError(

@@ -71,14 +71,14 @@ def saved_alone(
         if candidate.saved is None:
             raise InputError(
                 f"{candidate.label} is a method, and without training only saved models can be scored; make one with "
-                "`tipforce train`, or choose another --protocol"
+                "`tipforce train`, or choose another protocol"
             )
         seen |= dict.fromkeys(_seen(candidate, dataset, everything))
     index = np.flatnonzero(~np.isin(dataset.session, list(seen)))
     if not len(index):
         raise InputError(
             f"{dataset.title}: {', '.join(c.label for c in candidates)} learnt from all of its sessions, none is left "
-            "to score on; give --data sessions that are new to it, or choose another --protocol"
+            "to score on; give it sessions that are new to it, or choose another protocol"
         )
     if seen:
         notes.append(
