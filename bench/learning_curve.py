@@ -23,8 +23,8 @@ from tipforce.cli._settings import settings_from
 from tipforce.datasets import Dataset, open_dataset, random_split, random_subset
 from tipforce.errors import TipforceError
 from tipforce.estimators import Estimator, NetworkEstimator, create, load_initial_model, method
-from tipforce.evaluation import Constant, error_figures
-from tipforce.evaluation._style import (
+from tipforce.evaluation import Constant, error_metrics
+from tipforce.evaluation.report._style import (
     GREY,
     METHOD_COLOURS,
     grams_axis,
@@ -43,9 +43,9 @@ def rmse_n(estimator: Estimator, test: Dataset) -> dict[str, Any]:
     answers = estimator.answers(test)
     force: FloatArray = np.array([answer.force_n for answer in answers])
     size: FloatArray = np.array([answer.magnitude_n for answer in answers])
-    found = {"magnitude": error_figures(test.magnitude_n, size)["rmse_n"]}
+    found = {"magnitude": error_metrics(test.magnitude_n, size)["rmse_n"]}
     for axis in np.flatnonzero(test.known & np.isfinite(force).any(axis=0)).tolist():
-        found[AXES[axis]] = error_figures(test.force_n[:, axis], force[:, axis])["rmse_n"]
+        found[AXES[axis]] = error_metrics(test.force_n[:, axis], force[:, axis])["rmse_n"]
     plain = {name: value if np.isfinite(value) else None for name, value in found.items()}
     return {"rmse_n": plain, "refused_share": float(np.mean(~np.isfinite(size)))}
 

@@ -23,7 +23,7 @@ from tipforce.estimators import (
     read_manifest,
     save_model,
 )
-from tipforce.evaluation import candidates_from
+from tipforce.evaluation import methods_from
 from tipforce.pipelines import write_samples
 from tipforce.simulation import PRESETS, sample_set
 
@@ -45,7 +45,7 @@ def test_a_word_names_a_model_wherever_a_folder_does(stand_in: Path, tmp_path: P
     wanted = load_model(stand_in).describe()
     assert load_model("pretrained/stand-in").describe() == load_pretrained("stand-in").describe() == wanted
     assert read_manifest("pretrained/stand-in")["method"] == "svr"
-    judged, method = candidates_from(["pretrained/stand-in", "svr"])
+    judged, method = methods_from(["pretrained/stand-in", "svr"])
     assert (judged.label, method.label) == ("pretrained/stand-in", "svr")
     assert judged.trained_sessions == set(read_manifest(stand_in)["training"]["session_fingerprints"].values())
     assert len(judged.trained_sessions) == 2
