@@ -12,6 +12,7 @@ from ._perturb import PERTURBATIONS, Perturbation, in_memory, perturbed
 from ._protocols import THESIS_SESSIONS, Protocol, catheter_splits, splits, standard_split, thesis_split
 from ._recordings import open_recordings
 from ._samples import Growing, SessionSamples
+from ._source import DatasetSource, open_source
 from ._splits import (
     LEAVE_ONE_OUT_SESSIONS,
     Split,
@@ -30,6 +31,7 @@ __all__ = [
     "THESIS_SESSIONS",
     "Blur",
     "Dataset",
+    "DatasetSource",
     "Disc",
     "Growing",
     "GrowingImages",
@@ -53,6 +55,7 @@ __all__ = [
     "join",
     "open_dataset",
     "open_recordings",
+    "open_source",
     "perturbed",
     "random_folds",
     "random_split",
