@@ -41,7 +41,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
         "Reference": [
             {"Command line": "reference/commands.md"},
             {"bench.toml": "reference/bench.md"},
-            {"Python": [{name: _api_page(name)} for name in public_packages()]},
+            {"Python": [{name.removeprefix("tipforce."): _api_page(name)} for name in public_packages()]},
         ],
     }
     navigation = [{title: sections.get(title, target)} for entry in config.nav or [] for title, target in entry.items()]
@@ -163,7 +163,7 @@ def api_reference(name: str) -> str:
     parts = [f"# {name}", as_markdown((module.__doc__ or "").strip().replace("``", "`"))]
     if elsewhere:
         rows = [_elsewhere_row(module, member, home, _api_page(name)) for member, home in elsewhere]
-        parts.append("\n".join(["| also here | |", "|---|---|", *rows]))
+        parts.append("\n".join(["| described elsewhere | |", "|---|---|", *rows]))
     return "\n\n".join([*parts, *(_api_entry(module, member) for member, _ in described)]) + "\n"
 
 

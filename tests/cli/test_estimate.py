@@ -158,8 +158,8 @@ def test_a_folder_that_does_not_exist_is_named(trained, video: Path, tmp_path: P
 def test_facts_that_the_model_needs_are_asked_for_before_the_work(trained, video: Path, tmp_path: Path) -> None:
     class Told:
         settings = trained.settings
-        needed_actuation = trained.needed_actuation
-        needed_facts = ("catheter.flexible_length_m", "views.camera.metres_per_px", "views.camera.base_side")
+        required_actuation = trained.required_actuation
+        required_metadata = ("catheter.flexible_length_m", "views.camera.metres_per_px", "views.camera.base_side")
         start = staticmethod(trained.start)
 
     wanted = (
@@ -202,7 +202,7 @@ def test_facts_that_are_none_are_refused(model, video, tmp_path, option, value, 
 def test_an_interval_without_an_end_is_written_as_nothing(trained, video: Path, tmp_path: Path) -> None:
     class Unsure:
         settings = trained.settings
-        needed_actuation, needed_facts = trained.needed_actuation, ()
+        required_actuation, required_metadata = trained.required_actuation, ()
 
         def start(self, info):
             stream = trained.start(info)

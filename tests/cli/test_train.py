@@ -12,7 +12,7 @@ from tipforce.cli import app, main
 from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
 from tipforce.estimators import load_model, read_manifest
-from tipforce.evaluation import candidates_from
+from tipforce.evaluation import methods_from
 
 QUICK = ["--set", "c=[10]", "--set", "epsilon=[0.01]", "--set", "sigma=[1]"]
 
@@ -65,7 +65,7 @@ def test_intervals_from_sessions_apart(rows: Path, tmp_path: Path) -> None:
     told = read_manifest(tmp_path / "svr")["training"]["calibration"]
     assert (told["sessions"], told["samples"]) == (["t2"], 30)
     known = open_dataset(rows).session_fingerprints | open_dataset(apart).session_fingerprints
-    assert candidates_from([str(tmp_path / "svr")])[0].trained_sessions == set(known.values())
+    assert methods_from([str(tmp_path / "svr")])[0].trained_sessions == set(known.values())
     assert "1 session of apart." in (tmp_path / "svr" / "README.md").read_text(encoding="utf-8")
 
 

@@ -152,7 +152,7 @@ def test_gathering_that_was_cut_off_is_begun_again(
             count += 1
         return real(self, target)
 
-    with monkeypatch.session_info() as patch:
+    with monkeypatch.context() as patch:
         patch.setattr(Path, "replace", replace)
         try:
             into.finish("grown")

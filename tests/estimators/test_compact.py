@@ -115,7 +115,7 @@ def empty(shape: tuple[int, ...] = (HEIGHT, WIDTH)) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "picture",
+    "image",
     [
         empty(),
         np.zeros((HEIGHT, WIDTH), np.uint8),
@@ -123,9 +123,9 @@ def empty(shape: tuple[int, ...] = (HEIGHT, WIDTH)) -> np.ndarray:
     ],
     ids=["ground alone", "black", "noise"],
 )
-def test_a_picture_without_a_catheter_is_refused(learnt, picture):
+def test_a_picture_without_a_catheter_is_refused(learnt, image):
     stream = learnt.start(whips().session_info["s0"])
-    answer = stream.update(Observation(0, {"camera": picture}, {"knob_deg": 10.0}))
+    answer = stream.update(Observation(0, {"camera": image}, {"knob_deg": 10.0}))
     assert answer.status in (Status.NO_CATHETER, Status.OUT_OF_DOMAIN, Status.UNOBSERVABLE)
     assert answer.detail
 
@@ -139,10 +139,10 @@ def test_an_absent_knob_is_asked_for(learnt):
 
 def test_what_the_sheets_told_in_training_is_asked_for(learnt):
     told = whips().session_info["s0"]
-    assert learnt.needed_facts
+    assert learnt.required_metadata
     silent = learnt.start(SessionInfo("s0")).update(Observation(0, {"camera": empty()}, {"knob_deg": 10.0}))
     assert silent.status is Status.MISSING_INPUT
-    assert all(name in silent.detail for name in learnt.needed_facts)
+    assert all(name in silent.detail for name in learnt.required_metadata)
     stated = learnt.start(SessionInfo("s0").updated(told)).update(
         Observation(0, {"camera": empty()}, {"knob_deg": 10.0})
     )
@@ -153,7 +153,7 @@ def test_what_no_sheet_told_in_training_changes_no_answer(learnt):
     data = whips(seed=4, sessions=1)
     told = data.session_info["s0"]
     silent = learnt.unfitted()
-    facts = {**learnt.fitted_.facts, "told": [], "ever_told": ["views.camera.base_side"]}
+    facts = {**learnt.fitted_.facts, "required_metadata": [], "known_metadata": ["views.camera.base_side"]}
     silent.fitted_ = replace(learnt.fitted_, facts=facts)
     for observation in list(data.observations())[:5]:
         answers = [
@@ -168,7 +168,7 @@ def test_what_no_sheet_told_in_training_changes_no_answer(learnt):
 
 
 def test_the_knob_is_needed_where_sheets_tell_what_it_does(learnt):
-    assert learnt.needed_actuation == ("knob_deg",)
+    assert learnt.required_actuation == ("knob_deg",)
     stream = learnt.start(whips().session_info["s0"])
     answer = stream.update(Observation(0, {"camera": empty()}, {"knob_deg": float("nan")}))
     assert answer.status is Status.MISSING_INPUT
@@ -177,24 +177,24 @@ def test_the_knob_is_needed_where_sheets_tell_what_it_does(learnt):
 def test_a_window_is_cut_before_anything_was_learnt():
     info, observation = whips().session_info["s0"], next(whips().observations())
     row = Compact(QUICK).reader(info, training=False)(observation)
-    assert row["picture"].shape == (64, 64)
+    assert row["image"].shape == (64, 64)
 
 
 def test_a_model_that_an_earlier_version_made_is_to_be_trained_again(learnt):
     values, arrays = learnt.state()
-    old = {name: value for name, value in arrays.items() if name != "lead_s"}
+    old = {name: value for name, value in arrays.items() if name != "rate_compensation_s"}
     with pytest.raises(KeyError):
         Compact.from_state(learnt.settings.model_dump(), values, old, learnt.files())
 
 
 def test_a_frame_shortly_before_leads_the_answer(learnt):
-    assert not learnt.remembers  # no two of its samples were taken so shortly after each other
+    assert not learnt.uses_history  # no two of its samples were taken so shortly after each other
     data = whips(seed=4, sessions=1)
     seconds = np.array([[0.02, 0.0], [0.01, 0.03]])
     leading = learnt.unfitted()
-    own = {**learnt.fitted_.own, "lead_s": seconds, "lead_alone": np.array(2.0)}
-    leading.fitted_ = replace(learnt.fitted_, own=own)
-    assert leading.remembers
+    arrays = {**learnt.fitted_.arrays, "rate_compensation_s": seconds, "sigma_factor_without_history": np.array(2.0)}
+    leading.fitted_ = replace(learnt.fitted_, arrays=arrays)
+    assert leading.uses_history
     still, stream = learnt.start(data.session_info["s0"]), leading.start(data.session_info["s0"])
     shown = [replace(each, stamp_ns=42_000_000 * k) for k, each in enumerate(data.observations())][:8]
     alone, led = [still.update(each) for each in shown], [stream.update(each) for each in shown]
@@ -213,16 +213,16 @@ def test_where_sheets_are_silent_the_base_s_border_is_found():
         **{**vars(data), "session_info": {name: SessionInfo(name) for name in data.session_info}, "_memo": {}}
     )
     settled = Compact(QUICK)
-    settled.settle(bare)
-    assert settled._seen_side == "left"
+    settled.resolve_settings(bare)
+    assert settled._detected_base_side == "left"
     other = {
         **data.session_info,
         "s0": SessionInfo("s0", CATHETER, {"camera": ViewInfo(8e-4, "top")}),
         "s1": SessionInfo("s1"),
     }
     settled = Compact(QUICK)
-    settled.settle(Dataset(**{**vars(data), "session_info": other, "_memo": {}}))
-    assert settled._seen_side == "left"  # for s1 alone: what a sheet tells stands
+    settled.resolve_settings(Dataset(**{**vars(data), "session_info": other, "_memo": {}}))
+    assert settled._detected_base_side == "left"  # for s1 alone: what a sheet tells stands
     assert settled.settings.base_side == "auto"
 
 
@@ -236,17 +236,17 @@ def test_without_a_catheter_in_view_pictures_are_shown_whole():
         **{**vars(data), "session_info": {n: SessionInfo(n) for n in data.session_info}, "store": Grey(), "_memo": {}}
     )
     settled = Compact(QUICK)
-    settled.settle(bare)
-    assert settled._seen_side == "none"
+    settled.resolve_settings(bare)
+    assert settled._detected_base_side == "none"
 
 
 def test_the_window_of_another_scale_shows_the_same(learnt):
     data = whips(seed=5, sessions=1, each=1)
-    picture = next(data.observations()).views["camera"]
-    near = cv2.resize(picture, None, fx=2, fy=2, interpolation=cv2.INTER_AREA)
+    image = next(data.observations()).views["camera"]
+    near = cv2.resize(image, None, fx=2, fy=2, interpolation=cv2.INTER_AREA)
     info = data.session_info["s0"]
     twice = sheet("near", info.view("camera").metres_per_px / 2)
-    one = learnt.start(info).update(Observation(0, {"camera": picture}, {"knob_deg": 10.0}))
+    one = learnt.start(info).update(Observation(0, {"camera": image}, {"knob_deg": 10.0}))
     other = learnt.start(twice).update(Observation(0, {"camera": near}, {"knob_deg": 10.0}))
     assert one.valid
     assert other.valid
@@ -254,7 +254,7 @@ def test_the_window_of_another_scale_shows_the_same(learnt):
 
 
 def test_in_eight_bits_it_answers_nearly_the_same_and_from_its_folder_too(learnt, tmp_path, monkeypatch):
-    quick = Compact(QUICK.model_copy(update={"bits": 8})).beginning_with(learnt).fit(whips())
+    quick = Compact(QUICK.model_copy(update={"bits": 8})).fine_tuned_from(learnt).fit(whips())
     assert quick.describe()["bits"] == 8
     assert quick.describe()["error_growth_in_8_bits"] < 0.05
     assert "model.int8.onnx" in quick.files()
@@ -263,9 +263,9 @@ def test_in_eight_bits_it_answers_nearly_the_same_and_from_its_folder_too(learnt
     for a, b in zip(quick.predict(data), again.predict(data), strict=True):
         assert np.array_equal(a.force_n, b.force_n, equal_nan=True)
     assert again.files()["model.onnx"] == quick.files()["model.onnx"]
-    monkeypatch.setattr("tipforce.estimators.networks._eight_bits.LARGEST_GROWTH", -1.0)
+    monkeypatch.setattr("tipforce.estimators.networks._calibration.MAX_ERROR_GROWTH", -1.0)
     brief = QUICK.model_copy(update={"bits": 8, "epochs": 1})
-    with pytest.warns(UserWarning, match="the model answers in 32 bits"):
+    with pytest.warns(UserWarning, match="the model runs in 32 bits"):
         whole = Compact(brief).fit(whips(sessions=2, each=20))
     assert whole.describe()["bits"] == 32
     assert "model.int8.onnx" not in whole.files()

@@ -149,7 +149,7 @@ def test_saving_is_whole_or_not_at_all(
     def broken(*_: Any, **__: Any) -> None:
         raise OSError("disk full")
 
-    with monkeypatch.session_info() as patch:
+    with monkeypatch.context() as patch:
         patch.setattr(np, "savez", broken)
         with pytest.raises(OSError, match="disk full"):
             save_model(svr, model, data, overwrite=True)

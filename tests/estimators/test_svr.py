@@ -106,7 +106,7 @@ def test_a_straight_line_in_the_kernel_goes_on_beyond_the_data(world: World) -> 
 def test_a_window_sees_the_past_of_its_own_session_alone(world: World) -> None:
     data = world()
     svr = fitted(data, window={"lags_ms": [0, 200]})
-    assert svr.remembers
+    assert svr.uses_history
     whole = [a.magnitude_n for a in svr.predict(data)]
     alone = [a.magnitude_n for a in svr.predict(data.subset(data.session == "s2"))]
     assert alone == whole[80:120]

@@ -57,7 +57,7 @@ def bench(sessions=4, frames=40, seed=0, noise_n=0.005, shift_n=0.02, views=None
 class RidgeSettings(BaseModel):
     alpha: float = 1e-6
     refuse_above_deg: float = np.inf
-    remembers: bool = False
+    uses_history: bool = False
     unbounded: bool = False
 
 
@@ -72,8 +72,8 @@ class Ridge(Estimator):
         self.weights_ = None
 
     @property
-    def remembers(self) -> bool:
-        return self.settings.remembers
+    def uses_history(self) -> bool:
+        return self.settings.uses_history
 
     def fit(self, dataset, progress=None) -> Self:
         x = np.column_stack([dataset.actuation["bend_deg"], np.ones(len(dataset))])
@@ -132,7 +132,7 @@ class RidgeStream:
             interval_n=np.array([[xy[0] - half[0], xy[0] + half[0]], [xy[1] - half[1], xy[1] + half[1]], [np.nan] * 2]),
             magnitude_n=size,
             magnitude_interval_n=np.array([max(0.0, size - half.max()), size + half.max()]),
-            detail=f"frame {self.seen} of its stream" if self.model.settings.remembers else "",
+            detail=f"frame {self.seen} of its stream" if self.model.settings.uses_history else "",
         )
 
 

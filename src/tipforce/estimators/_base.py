@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from ..datasets import Dataset
 from ..types import ForceEstimate, Observation, SessionInfo
-from ._words import Words
+from ._summary import ModelSummary
 
 __all__ = ["Estimator", "Progress", "Stream"]
 
@@ -94,7 +94,7 @@ class Estimator(ABC):
     def answers(self, part: Dataset, progress: Callable[[float], None] | None = None) -> list[ForceEstimate]:
         """As `predict`, but a method that remembers is shown all frames of the sessions that ``part`` is of."""
         run = part
-        if self.remembers and part.whole is not None:
+        if self.uses_history and part.whole is not None:
             run = part.whole.subset(np.isin(part.whole.session, list(part.sessions)))
         found: dict[int, ForceEstimate] = {}
         for row, estimate in zip(run.rows.tolist(), self.estimates(run), strict=True):
@@ -104,22 +104,22 @@ class Estimator(ABC):
         return [found[row] for row in part.rows.tolist()]
 
     @property
-    def remembers(self) -> bool:
-        """True where an estimate depends on earlier frames of the session too: evaluation then runs all of them."""
+    def uses_history(self) -> bool:
+        """True where an estimate depends on earlier frames of the session, too: evaluation then runs all of them."""
         return False
 
     @property
-    def needed_actuation(self) -> tuple[str, ...]:
+    def required_actuation(self) -> tuple[str, ...]:
         """Names of the actuation without which this fitted method answers nothing."""
         return ()
 
     @property
-    def needed_facts(self) -> tuple[str, ...]:
-        """Keys of the session metadata without which this fitted method answers nothing."""
+    def required_metadata(self) -> tuple[str, ...]:
+        """Keys of the session metadata without which there is no estimate, as `SessionInfo.stated_keys` names them."""
         return ()
 
     @property
-    def taught_sessions(self) -> frozenset[str]:
+    def training_sessions(self) -> frozenset[str]:
         """Sessions that are not new to this fitted method, if it began with one that had learnt: those of both."""
         return frozenset()
 
@@ -128,7 +128,7 @@ class Estimator(ABC):
         return {}
 
     @classmethod
-    def words(cls, facts: Mapping[str, Any]) -> Words:
-        """What is told to people of a fitted model with these `describe`d facts."""
+    def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
+        """Returns the summary of a fitted model with these `describe`d facts, in words."""
         del facts
-        return Words()
+        return ModelSummary()

@@ -44,9 +44,10 @@ def train(
     """Fit ``recipe`` on ``dataset``, or on ``samples`` drawn from it, less a random share ``holdout`` to measure on.
 
     ``seed`` is that of drawing, holding out and, where its settings do not state their own, of the method. ``start``,
-    ``folder`` and ``resume`` are for networks: see `NetworkEstimator.fit_from`. ``calibrate``: other sessions, on which
-    the intervals are found. Raises InputError as `draw`, `random_split`, `Estimator.fit` and `Estimator.calibrate` do,
-    where ``start`` is another method's, and where ``calibrate`` has sessions of ``dataset``, or other forces.
+    ``folder`` and ``resume`` are for networks: see `NetworkEstimator.fit_resumable`. ``calibrate``: other sessions, on
+    which the intervals are found. Raises InputError as `draw`, `random_split`, `Estimator.fit` and
+    `Estimator.calibrate` do, where ``start`` is another method's, and where ``calibrate`` has sessions of ``dataset``,
+    or other forces.
     """
     if start is not None and not isinstance(recipe, NetworkEstimator):
         raise InputError(f"{recipe.name} is no network and always learns from nothing; leave out what it starts from")
@@ -62,8 +63,8 @@ def train(
         if not isinstance(fresh, NetworkEstimator):
             fitted = fresh.fit(part, progress)
         else:
-            fresh = fresh if start is None else fresh.beginning_with(start)
-            fitted = fresh.fit_from(part, progress, folder=folder, resume=resume)
+            fresh = fresh if start is None else fresh.fine_tuned_from(start)
+            fitted = fresh.fit_resumable(part, progress, folder=folder, resume=resume)
         return fitted if calibrate is None else fitted.calibrate(calibrate, progress)
 
     drawn = dataset if samples is None else random_subset(dataset, samples, seed)

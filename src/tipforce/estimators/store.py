@@ -27,8 +27,8 @@ from ._pretrained import located, pretrained_folder
 
 __all__ = ["FORMAT_VERSION", "check_target", "load_model", "load_pretrained", "read_manifest", "save_model"]
 
-FORMAT_VERSION = 1
-"""Grows when an older program could not read a newer model."""
+FORMAT_VERSION = 2
+"""Version of the model folder's format; other versions are not read."""
 
 MANIFEST, ARRAYS, CARD = "model.json", "arrays.npz", "README.md"
 
@@ -188,8 +188,13 @@ def read_manifest(folder: str | Path) -> dict[str, Any]:
         raise ModelError(f"{path}: is damaged; train the model again or copy the whole folder") from None
     if not isinstance(found, int) or found > FORMAT_VERSION:
         raise ModelError(
-            f"{path}: has the format version {found}, this program reads up to {FORMAT_VERSION}; update "
+            f"{path}: has the format version {found}, this program reads version {FORMAT_VERSION}; update "
             f"tipforce (this is {version('tipforce')}) or train the model again"
+        )
+    if found < FORMAT_VERSION:
+        raise ModelError(
+            f"{path}: has the older format version {found}, this program reads version {FORMAT_VERSION}; train the "
+            "model anew"
         )
     if needed:
         raise ModelError(f"{path}: lacks {', '.join(sorted(needed))}; train the model again or copy the whole folder")

@@ -16,19 +16,19 @@ from ..datasets import Dataset
 from ..errors import InputError, ModelError, NotFittedError
 from ..types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
 from ..vision import DetectedShape, auto_calibrate
-from ._answers import AXES, Answers, Interval
 from ._base import Estimator, Progress
-from ._conformal import interval_from
+from ._builder import AXES, EstimateBuilder
 from ._inputs import Inputs
 from ._machine import Constants, Machines, fit_machines
-from ._reading import Refusal, actuation_names
+from ._reading import Abstention, actuation_names
 from ._settings import SvrSettings
 from ._shows import look_with
-from ._svr_words import svr_words
+from ._summary import ModelSummary
+from ._svr_summary import svr_summary
 from ._training import Rows, gather_rows, warn_of_sizes
 from ._tuning import choose, make_folds, residuals, scaling_of
 from ._window import Window
-from ._words import Words
+from .uncertainty import Interval, conformal_interval
 
 __all__ = ["MIN_SAMPLES", "PARITY_N", "Svr"]
 
@@ -75,12 +75,12 @@ class Svr(Estimator):
         self.fitted_: _Fitted | None = None
 
     @property
-    def remembers(self) -> bool:
+    def uses_history(self) -> bool:
         """True with a window over earlier frames."""
         return self.settings.window.used
 
     @property
-    def needed_actuation(self) -> tuple[str, ...]:
+    def required_actuation(self) -> tuple[str, ...]:
         """What it was trained with. Raises NotFittedError before ``fit``."""
         return self._known().actuation
 
@@ -128,7 +128,7 @@ class Svr(Estimator):
             machines=machines,
             constants=tuple(constants),
             cv_rmse_n=tuple(errors.tolist()),
-            interval=interval_from(known, found, wrong, truth, rows.session[part], held_out),
+            interval=conformal_interval(known, found, wrong, truth, rows.session[part], held_out),
             samples=len(rows.features),
             unseen=unseen,
             sessions=len(set(rows.session.tolist())),
@@ -149,7 +149,9 @@ class Svr(Estimator):
                 f"first says: {rows.why_not}"
             )
         found = np.array([fitted.machines(row) for row in rows.features])
-        interval = interval_from(fitted.known, found, found - rows.truth_n, rows.truth_n, rows.session, held_out=True)
+        interval = conformal_interval(
+            fitted.known, found, found - rows.truth_n, rows.truth_n, rows.session, held_out=True
+        )
         self.fitted_ = replace(fitted, interval=interval)
         return self
 
@@ -279,9 +281,9 @@ class Svr(Estimator):
         }
 
     @classmethod
-    def words(cls, facts: Mapping[str, Any]) -> Words:
+    def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
         """Constants, errors over the folds, intervals."""
-        return svr_words(facts)
+        return svr_summary(facts)
 
 
 class SvrStream:
@@ -291,12 +293,12 @@ class SvrStream:
         self._inputs = Inputs(settings, fitted.actuation, info, fitted.shape)
         self._window = Window(settings.window) if settings.window.used else None
         self._machines = fitted.machines
-        self._answers = Answers(fitted.known, fitted.interval)
+        self._answers = EstimateBuilder(fitted.known, fitted.interval)
 
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
         row = self._inputs.read(observation)
-        if isinstance(row, Refusal):
+        if isinstance(row, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail)
         if self._window is not None:
             row = self._window.push(observation.stamp_ns, row)

@@ -16,7 +16,7 @@ import numpy as np
 from ..alignment import observations
 from ..datasets import open_source
 from ..errors import InputError
-from ..estimators import Estimator, Progress, ShowsShape, load_model, missing_facts, view_of
+from ..estimators import Estimator, Progress, ShowsShape, load_model, missing_metadata, view_of
 from ..io import VideoWriter, atomic_text, frame_count, require_actuation
 from ..types import (
     Actuation,
@@ -156,8 +156,8 @@ def source_of(frames: Frames, stated: SessionInfo, actuation: Mapping[str, float
 
 def check_inputs(estimator: Estimator, source: Source) -> None:
     """Raises InputError where ``source`` lacks readings or metadata that ``estimator`` needs."""
-    require_actuation(source, estimator.needed_actuation)
-    missing = missing_facts(estimator.needed_facts, source.session_info)
+    require_actuation(source, estimator.required_actuation)
+    missing = missing_metadata(estimator.required_metadata, source.session_info)
     if missing:
         raise InputError(f"{getattr(source, 'path', source.session_info.name)}: {missing}")
 

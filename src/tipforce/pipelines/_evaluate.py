@@ -9,8 +9,16 @@ from pydantic import BaseModel
 
 from ..errors import InputError
 from ..estimators import ESTIMATORS, Progress
-from ..evaluation import Evaluation, candidates_from, check_folder, report_lines, truth_at, write_report
-from ..evaluation import evaluate as judge
+from ..evaluation import (
+    Evaluation,
+    EvaluationSettings,
+    check_report_folder,
+    methods_from,
+    report_lines,
+    truth_at,
+    write_report,
+)
+from ..evaluation import evaluate as evaluate_methods
 from ..simulation import read_truth
 from ..types import FloatArray, IntArray, SessionInfo
 from ._bounds import bounds_from
@@ -82,7 +90,7 @@ def evaluate(
     """
     output, truth = Path(output), None if truth is None else Path(truth)
     names = [str(model) for model in ([models] if isinstance(models, str | Path) else models)]
-    check_folder(output)
+    check_report_folder(output)
     named = [name for name in names if name in ESTIMATORS and not Path(name).is_dir()]
     if settings and not named:
         raise InputError("settings are for a method that is named, such as svr; a saved model has its own")
@@ -91,22 +99,24 @@ def evaluate(
     if init_from is not None and not named:
         raise InputError("init_from is for a method that is named, such as compact; a saved model has its own weights")
     chosen = {name: ESTIMATORS[name].settings_type.model_validate(settings or {}) for name in named}
-    candidates = candidates_from(names, chosen, None if init_from is None else str(init_from))
+    methods = methods_from(names, chosen, None if init_from is None else str(init_from))
     dataset = data_of(data, session_info_from(bench))
     report = progress or _silent
     true_n = None if truth is None else truth_at(dataset, _truths(truth))
-    result = judge(
+    result = evaluate_methods(
         dataset,
-        candidates,
-        protocols=None if protocol in ("all", "saved") else [protocol],
-        as_saved=protocol == "saved",
-        samples=samples,
-        folds=folds,
-        every=every,
-        seed=seed,
+        methods,
+        EvaluationSettings(
+            protocols=None if protocol in ("all", "saved") else [protocol],
+            as_saved=protocol == "saved",
+            samples=samples,
+            folds=folds,
+            every=every,
+            seed=seed,
+            perturbed_frames=perturb or None,
+        ),
         truth_n=true_n,
         bounds=bounds_from(dataset, truth, report) if truth is not None and bound is not False else None,
-        disturbed_frames=perturb or None,
         progress=report,
     )
     report("report", 1.0)

@@ -11,13 +11,13 @@ from ..datasets import Dataset, join, open_dataset, without_sessions
 from ..estimators import (
     Estimator,
     Progress,
-    check_start,
     check_target,
     create,
+    load_initial_model,
     read_manifest,
+    run_directory,
     save_model,
     training_lines,
-    workplace,
 )
 from ..estimators import train as fit
 from ..types import SessionInfo
@@ -87,10 +87,10 @@ def train(
     output, stated = Path(output), session_info_from(bench)
     recipe = create(estimator, settings)
     check_target(output, overwrite=overwrite)
-    start = check_start(recipe, None if init_from is None else str(init_from), resume=resume)
+    start = load_initial_model(recipe, None if init_from is None else str(init_from), resume=resume)
     dataset = without_sessions(data_of(data, stated), without)
     apart = None if calibrate is None else data_of(calibrate, stated)
-    with workplace(recipe, output, resume=resume) as folder:
+    with run_directory(recipe, output, resume=resume) as folder:
         done = fit(
             recipe, dataset, samples=samples, holdout=holdout,
             seed=getattr(recipe.settings, "seed", 0) if seed is None else seed,
