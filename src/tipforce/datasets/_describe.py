@@ -80,6 +80,6 @@ def session_images(
     if others and not found:
         there = sorted(others)
         raise InputError(
-            f"{dataset.title}: has no picture of the view {view!r}; its views are {', '.join(there)}: state --set "
+            f"{dataset.title}: has no picture of the view {view!r}; its views are {', '.join(there)}: set "
             f"view={there[0]}"
         )

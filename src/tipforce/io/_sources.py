@@ -131,10 +131,10 @@ def require_actuation(source: Source, names: Iterable[str]) -> None:
     else:
         return
     if lacking:
-        options = (f"--fact actuation.constant.{name}=VALUE" for name in lacking)
+        options = (f"actuation.constant.{name}" for name in lacking)
         raise InputError(
             f"{path}: does not carry {', '.join(lacking)}, which the model needs; record it, or where it "
-            f"is constant state {' '.join(options)}"
+            f"is constant state it in bench.toml: {', '.join(options)}"
         )
 
 

@@ -127,7 +127,7 @@ def _views_in(path: Path) -> str:
         return ""
     with RecordingReader(path) as reader:
         views = reader.views
-    return f"; there is {', '.join(views)}: state --set vision.view={views[0]}" if views else ""
+    return f"; there is {', '.join(views)}: set vision.view={views[0]}" if views else ""
 
 
 def _spread(source: Source, view: str, total: int) -> list[Image]:
@@ -161,5 +161,5 @@ def _stated(settled: VisionSettings, given: VisionSettings) -> str:
         return text
     return (
         f"{text}: found automatically; where the drawing shows another thing, state polarity and base_side of the view "
-        "in bench.toml (--bench FILE), and base_region, a box across the shaft, where it does not reach the border"
+        "in bench.toml, and base_region, a box across the shaft, where it does not reach the border"
     )
