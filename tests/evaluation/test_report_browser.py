@@ -130,6 +130,17 @@ def test_figures_leave_no_place_of_a_row_empty(page, tmp_path):
     assert measured(page, tmp_path / "profile", script, "--window-size=1200,900") == "0 holes"
 
 
+def test_the_tables_of_results_fit_the_page_without_scrolling(page, tmp_path):
+    script = """
+      const tables = [...document.querySelectorAll('#scores .scroll, #agreement .scroll, #coverage .scroll')];
+      return tables.filter(each => each.scrollWidth > each.clientWidth).length + ' of ' + tables.length;
+    """
+    found = measured(page, tmp_path / "profile", script, "--window-size=1200,900")
+    wide, tables = found.split(" of ")
+    assert int(tables) >= 5
+    assert int(wide) == 0
+
+
 def test_the_printed_page_holds_its_tables_and_figures(page, tmp_path):
     printed = tmp_path / "report.pdf"
     browse(page, tmp_path / "profile", "--no-pdf-header-footer", f"--print-to-pdf={printed}")
