@@ -229,7 +229,7 @@ def test_the_contact_free_stretch_is_found(parts: list[tuple[float, float]]) -> 
 def test_without_a_contact_free_stretch_nothing_is_subtracted() -> None:
     found = find_tare(*log([(20, np.nan)]))
     assert found.how == "none"
-    assert "--tare" in found.detail
+    assert "tare" in found.detail
     np.testing.assert_array_equal(found.force_n, 0.0)
 
 

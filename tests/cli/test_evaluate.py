@@ -219,6 +219,6 @@ def test_ready_made_shape_numbers_cannot_be_perturbed(rows, tmp_path):
 
 def test_weights_to_begin_with_are_for_networks_that_are_named(rows, tmp_path):
     common = ("--data", rows, "-o", tmp_path / "r", "--from", "pretrained/compact")
-    assert "--from is for networks; svr always learns from nothing" in refusal("svr", *common)
+    assert "init_from is for networks; svr always learns from nothing" in refusal("svr", *common)
     (tmp_path / "model").mkdir()
-    assert "--from goes with a method that is named" in refusal(tmp_path / "model", *common)
+    assert "init_from is for a method that is named" in refusal(tmp_path / "model", *common)

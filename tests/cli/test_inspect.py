@@ -27,7 +27,7 @@ def frame(tube, tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("method", ["fine", "classic"])
+@pytest.mark.parametrize("method", ["tracer", "classic"])
 def test_a_picture_is_drawn_and_described(frame: Path, tmp_path: Path, method: str, axis_of) -> None:
     drawn, table = tmp_path / "d.png", tmp_path / "d.json"
     result = run(frame, "-o", drawn, "--json", table, "--set", f"vision.method={method}")
@@ -79,7 +79,7 @@ def test_a_picture_without_a_catheter_says_why(tmp_path: Path) -> None:
 
 def test_a_video_is_counted_and_put_on_a_sheet(video: Path, tmp_path: Path) -> None:
     table = tmp_path / "t.json"
-    result = run(video, "-o", tmp_path / "sheet.png", "--json", table, "--sheet", 6)
+    result = run(video, "-o", tmp_path / "sheet.png", "--json", table, "--drawn", 6)
     figures = json.loads(table.read_text())
     assert figures["frames"] == 20
     assert figures["share_found"] == pytest.approx(0.9)

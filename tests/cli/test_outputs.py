@@ -44,7 +44,7 @@ def test_estimates_replace_a_file_only_when_told_to(model: Path, video: Path, tm
         cli.app, ["estimate", str(model), str(video), "--knob-deg", "10", "-o", str(log), "--overwrite"]
     )
     assert done.exit_code == 0
-    assert log.read_text().startswith("stamp_ns")
+    assert log.read_text().startswith("frame,time_s,stamp_ns")
 
 
 @pytest.mark.parametrize(

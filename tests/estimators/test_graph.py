@@ -53,7 +53,7 @@ def test_it_returns_outputs_and_has_its_metadata(data: bytes, on: Runtime) -> No
 
 def test_openvino_that_is_not_there_names_the_install_line(data: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(MissingExtraError, match=r"openvino is not installed.*tipforce\[openvino\]"):
+    with pytest.raises(MissingExtraError, match=r"openvino is not installed.*\.\[openvino\]"):
         Graph(data, "model.onnx", on="openvino")
 
 

@@ -57,7 +57,7 @@ def test_a_training_that_was_cut_off_is_gone_on_with(
     work = tmp_path / "cut.training"
     with monkeypatch.context() as patch:
         patch.setattr(_loop, "progress_text", stop)
-        with pytest.warns(UserWarning, match="keeps the training so far; go on with it by --resume"):
+        with pytest.warns(UserWarning, match="keeps the training so far; go on with it by resume=True"):
             assert run(*words, tmp_path / "cut").exit_code != 0
     assert {"checkpoint.pt", "training.jsonl", "image.npy", "prepared.json"} == {p.name for p in work.iterdir()}
     with pytest.raises(InputError, match="holds a training that was not finished"):
@@ -79,7 +79,7 @@ def test_a_training_that_was_cut_off_is_gone_on_with(
         load_model(tmp_path / "more").training_sessions == load_model(tmp_path / "cut").training_sessions != frozenset()
     )
     assert f"trained on {both[0]}." in (tmp_path / "more" / "README.md").read_text(encoding="utf-8")
-    with pytest.raises(InputError, match=r"--from is for networks; svr always learns from nothing"):
+    with pytest.raises(InputError, match=r"init_from is for networks; svr always learns from nothing"):
         run(folder, "-o", tmp_path / "svr", "--from", tmp_path / "cut")
     with pytest.raises(InputError, match=r"is a small, and dcfe cannot start from its weights"):
         run(folder, "--estimator", "dcfe", "-o", tmp_path / "dcfe", "--from", tmp_path / "cut")

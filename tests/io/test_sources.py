@@ -186,7 +186,7 @@ def test_what_a_source_never_carries_is_known_before_it_is_read(recording: Path,
         with open_source(path) as source:
             require_actuation(source, ["knob_deg"])
             with pytest.raises(
-                InputError, match=rf"{path.name}: does not carry wire_mm,.* --fact actuation\.constant\.wire_mm=VALUE$"
+                InputError, match=rf"{path.name}: does not carry wire_mm,.* actuation\.constant\.wire_mm$"
             ):
                 require_actuation(source, ["knob_deg", "wire_mm"])
         with open_source(path, actuation={"wire_mm": 2.0}) as source:

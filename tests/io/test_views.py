@@ -147,7 +147,7 @@ def test_a_dataset_of_such_recordings_gives_both_views(run):
 
 
 def test_looking_for_a_view_that_is_not_there_says_which_are(run):
-    with pytest.raises(InputError, match=r"view 'camera' in it; there is a, b: state --set vision\.view=a"):
+    with pytest.raises(InputError, match=r"view 'camera' in it; there is a, b: set vision\.view=a"):
         inspect_frames(run, VisionSettings(), ShapeFeatureSettings())
 
 

@@ -47,7 +47,7 @@ def test_a_log_that_counts_from_another_zero_is_aligned_where_that_is_stated(run
     lines = run.force.read_text().splitlines()
     moved = [f"{float(line.split(',')[0]) + 1.7e9:.3f},{line.split(',', 1)[1]}" for line in lines[1:]]
     later.write_text("\n".join([lines[0], *moved]))
-    with pytest.raises(TimeError, match=r"do not overlap with video\.mp4.*--offset-ms start"):
+    with pytest.raises(TimeError, match=r"do not overlap with video\.mp4.*offset_ms=\"start\""):
         import_session(run.video, later, tmp_path / "run.mcap", offset_ms="none")
     assert not list(tmp_path.glob("run*"))
     report = import_session(run.video, later, tmp_path / "run.mcap", offset_ms="start")

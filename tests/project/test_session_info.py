@@ -257,7 +257,7 @@ def test_single_facts_are_typed_as_toml_or_as_bare_words() -> None:
     for bad in ("left", "=left", "views.camera.base_side="):
         with pytest.raises(InputError, match="expected KEY=VALUE, for example"):
             info_from_facts([bad])
-    with pytest.raises(InputError, match=r"--fact catheter\.size=3: catheter\.size is not known"):
+    with pytest.raises(InputError, match=r"fact catheter\.size=3: catheter\.size is not known"):
         info_from_facts(["catheter.size=3"])
 
 

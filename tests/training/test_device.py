@@ -16,7 +16,7 @@ def test_a_missing_package_is_told_before_the_work(missing: str, monkeypatch: py
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else find(name) or True)
     samples = TrainingSamples(np.zeros((4, 8, 8, 3), np.uint8), np.zeros((4, 2), np.float32), np.repeat("s", 4))
-    with pytest.raises(MissingExtraError, match=rf"{missing} is not installed; .*'tipforce\[train\]'"):
+    with pytest.raises(MissingExtraError, match=rf"{missing} is not installed; .*'\.\[train\]'"):
         train_network(None, samples, train_val_split(samples.session, TrainConfig()), TrainConfig())  # type: ignore[arg-type]
 
 

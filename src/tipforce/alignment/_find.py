@@ -104,7 +104,7 @@ def find_offset(
             f"milliseconds, for the pictures do not tell: {offset.detail}"
         )
     elif offset.how == "refused":
-        remarks.append(f"the clock offset is taken as 0, for it could not be told: {offset.detail}; see --offset-ms")
+        remarks.append(f"the clock offset is taken as 0, for it could not be told: {offset.detail}; see offset_ms")
     elif offset.detail:
         remarks.append(offset.detail)
     return offset

@@ -104,12 +104,12 @@ def _refuse(folder: Path, *, overwrite: bool) -> None:
     if not folder.exists():
         return
     if not overwrite:
-        raise InputError(f"{folder}: exists already; choose another name or state --overwrite")
+        raise InputError(f"{folder}: exists already; choose another name or state overwrite=True")
     names = {item.name for item in folder.iterdir()} if folder.is_dir() else {folder.name}
     strange = sorted(names - {"images", METADATA, FACTS})
     if strange:
         raise InputError(
-            f"{folder}: holds {strange[0]!r}, which is no part of a dataset folder, so --overwrite "
+            f"{folder}: holds {strange[0]!r}, which is no part of a dataset folder, so overwrite=True "
             "does not replace it; choose another name"
         )
 

@@ -82,7 +82,7 @@ def _check_calibration(dataset: Dataset, calibrate: Dataset) -> None:
     if shared := [known[each] for each in calibrate.session_fingerprints.values() if each in known]:
         raise InputError(
             f"{calibrate.title}: {shared[0]} is in the training data, too, where errors are smaller than elsewhere; "
-            f"leave it out there (--without {shared[0]})"
+            f"leave it out there (without={shared[0]})"
         )
     if (dataset.known & ~calibrate.known).any():
         raise InputError(

@@ -22,7 +22,7 @@ def load_initial_model(recipe: Estimator, start: str | None, *, resume: bool = F
     Raises InputError where ``recipe`` is no network, or the model is of another method.
     """
     if (start is not None or resume) and not isinstance(recipe, NetworkEstimator):
-        option = "--resume" if resume else "--from"
+        option = "resume" if resume else "init_from"
         raise InputError(f"{option} is for networks; {recipe.name} always learns from nothing, so leave it out")
     if start is None:
         return None
@@ -30,7 +30,7 @@ def load_initial_model(recipe: Estimator, start: str | None, *, resume: bool = F
         start = f"pretrained/{recipe.name}"
     model = load_model(start)
     if not isinstance(model, NetworkEstimator) or model.name != recipe.name:
-        raise InputError(f"--from {start}: is a {model.name}, and {recipe.name} cannot begin with its weights")
+        raise InputError(f"init_from={start}: is a {model.name}, and {recipe.name} cannot begin with its weights")
     return model
 
 
@@ -47,10 +47,10 @@ def run_directory(recipe: Estimator, model: Path, *, resume: bool) -> Generator[
         return
     folder = model.with_name(f"{model.name}.training")
     if resume and not folder.is_dir():
-        raise InputError(f"there is nothing to resume: {folder} does not exist; leave out --resume")
+        raise InputError(f"there is nothing to resume: {folder} does not exist; leave out resume=True")
     if not resume and (folder / CHECKPOINT_FILE).is_file():
         raise InputError(
-            f"{folder}: holds a training that was not finished; go on with it by --resume, or remove the folder"
+            f"{folder}: holds a training that was not finished; go on with it by resume=True, or remove the folder"
         )
     arrays = {f"{name}.npy" for name in (*recipe.input_specs(training=True), "actuation", "heatmap")}
     ours = arrays | {CHECKPOINT_FILE, LOG_FILE, PREPARED_FILE}
@@ -66,7 +66,7 @@ def run_directory(recipe: Estimator, model: Path, *, resume: bool) -> Generator[
         yield folder
     except BaseException:
         if (folder / CHECKPOINT_FILE).is_file():
-            warnings.warn(f"{folder} keeps the training so far; go on with it by --resume", stacklevel=3)
+            warnings.warn(f"{folder} keeps the training so far; go on with it by resume=True", stacklevel=3)
         else:
             shutil.rmtree(folder)
         raise

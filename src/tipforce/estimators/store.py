@@ -75,9 +75,9 @@ def check_target(folder: str | Path, *, overwrite: bool = False) -> None:
     if not folder.exists():
         return
     if not overwrite:
-        raise InputError(f"{folder}: exists already; choose another name or state --overwrite")
+        raise InputError(f"{folder}: exists already; choose another name or state overwrite=True")
     if not (folder / MANIFEST).is_file() and not (folder.is_dir() and not any(folder.iterdir())):
-        raise InputError(f"{folder}: is no model folder, so --overwrite does not replace it; choose another name")
+        raise InputError(f"{folder}: is no model folder, so overwrite=True does not replace it; choose another name")
 
 
 def _of(data: Dataset) -> dict[str, Any]:

@@ -196,7 +196,7 @@ def _check(
 ) -> None:
     """Raises before anything is trained."""
     if not methods:
-        raise InputError("there is no method to evaluate; name one, for example: tipforce evaluate svr --data runs/")
+        raise InputError("there is no method to evaluate; name one, for example svr")
     labels = [method.label for method in methods]
     if len(set(labels)) < len(labels) or Constant.name in labels:
         raise InputError(

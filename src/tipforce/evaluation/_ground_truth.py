@@ -86,7 +86,7 @@ def truth_at(dataset: Dataset, truths: Mapping[str, tuple[IntArray, FloatArray]]
     Raises:
         InputError: No sample has a truth, or the truth of a session is that of another recording.
     """
-    remedy = "give --truth the folder that `tipforce simulate` wrote for these data"
+    remedy = "state as truth the folder that `tipforce simulate` wrote for these data"
     return _values_at(dataset, truths, "truth", remedy)
 
 

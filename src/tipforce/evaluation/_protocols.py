@@ -302,14 +302,14 @@ def run_saved_alone(methods: Sequence[Method], data: ScoredData, notes: list[str
         if method.saved is None:
             raise InputError(
                 f"{method.label} is a method, and without training only saved models can be scored; make one with "
-                "`tipforce train`, or choose another --protocol"
+                "`tipforce train`, or choose another protocol"
             )
         seen |= dict.fromkeys(_seen(method, data))
     index = np.flatnonzero(~np.isin(dataset.session, list(seen)))
     if not len(index):
         raise InputError(
             f"{dataset.title}: {', '.join(m.label for m in methods)} learnt from all of its sessions, none is left "
-            "to score on; give --data sessions that are new to it, or choose another --protocol"
+            "to score on; give it sessions that are new to it, or choose another protocol"
         )
     if seen:
         notes.append(

@@ -67,7 +67,7 @@ def check_target(path: Path, *, overwrite: bool, origin: str) -> None:
     """
     check_folder(path)
     if path.exists() and not overwrite:
-        raise FileFormatError(f"{path}: exists already; choose another name or state --overwrite")
+        raise FileFormatError(f"{path}: exists already; choose another name or state overwrite=True")
     part = part_of(path)
     if part.exists() and not overwrite and not (origin == "import" == origin_of(part)) and part.stat().st_size:
         raise FileFormatError(

@@ -172,7 +172,7 @@ class VideoWriter:
         self._part = part_of(self.path)
         check_folder(self.path)
         if self.path.exists() and not overwrite:
-            raise FileFormatError(f"{self.path}: exists already; choose another name or state --overwrite")
+            raise FileFormatError(f"{self.path}: exists already; choose another name or state overwrite=True")
         if not 0.01 <= fps <= 10_000:
             raise InputError(f"{self.path}: {fps} frames a second is no rate for a video")
         self._rate = Fraction(fps).limit_denominator(1001)

@@ -233,5 +233,5 @@ def _check_overlap(names: tuple[str, str], frames: IntArray, force: IntArray) ->
         raise TimeError(
             f"{names[1]}: its {force[0] * 1e-9:.3f} to {force[-1] * 1e-9:.3f} s do not overlap with {names[0]}, "
             f"{frames[0] * 1e-9:.3f} to {frames[-1] * 1e-9:.3f} s; check sensor.log.time_unit, or state "
-            "--offset-ms start where both began together"
+            'offset_ms="start" where both began together'
         )

@@ -76,7 +76,7 @@ def _check_room(folder: Path, wanted: SampleSet, lossless: bool, say: Callable[[
     free = shutil.disk_usage(place).free
     if need > free:
         raise InputError(
-            f"{folder}: some {need / 1e9:.1f} GB are needed and {free / 1e9:.1f} GB are free; take fewer --samples or "
+            f"{folder}: some {need / 1e9:.1f} GB are needed and {free / 1e9:.1f} GB are free; take fewer samples or "
             "another disk"
         )
     if need > _LARGE:

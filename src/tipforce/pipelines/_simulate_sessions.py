@@ -69,9 +69,7 @@ def refuse_form(form: str, settings: AnySimulationSettings) -> None:
     if form != "dicom":
         return
     if not isinstance(settings, FluoroSettings):
-        raise InputError(
-            f"--as dicom: is for X-ray pictures, not for the camera of {settings.preset}; see --preset fluoro"
-        )
+        raise InputError(f"DICOM is for X-ray images, not for the camera of {settings.preset}; take the preset fluoro")
     if importlib.util.find_spec("pydicom") is None:
         raise MissingExtraError("pydicom", extra="dicom")
 

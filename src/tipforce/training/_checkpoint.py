@@ -79,12 +79,12 @@ def read_checkpoint(folder: Path, identity: Mapping[str, str]) -> dict[str, Any]
         state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
         found: dict[str, str] = state["identity"]
     except (RuntimeError, EOFError, KeyError, OSError, pickle.UnpicklingError):
-        raise InputError(f"{path}: is damaged; remove the folder {folder} and train anew without --resume") from None
+        raise InputError(f"{path}: is damaged; remove the folder {folder} and train anew without resume=True") from None
     for what, expected in identity.items():
         if found.get(what) != expected:
             raise InputError(
                 f"{path}: belongs to another training, {what} differ{_difference(found.get(what, ''), expected)}; "
-                f"resume with the same options, or remove the folder {folder} and train anew without --resume"
+                f"resume with the same options, or remove the folder {folder} and train anew without resume=True"
             )
     return state
 

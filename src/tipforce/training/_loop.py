@@ -108,7 +108,7 @@ def train_network(
         if state.best is None:
             raise InputError(
                 f"after {state.epoch} epochs the network's outputs are still not finite; train longer, or lower the "
-                f"learning rate, for example --set rate={config.rate / 10:g}"
+                f"learning rate, for example rate={config.rate / 10:g}"
             )
         weights = {name: value.cpu().numpy().copy() for name, value in state.best.items()}
     return TrainResult(weights, log.rows, _facts(task, samples, split, config, device, trainer, state, stop_reason))
@@ -134,7 +134,7 @@ def _run_epoch(
     if not np.isfinite(loss):
         raise InputError(
             f"training diverged in epoch {state.epoch + 1} (the loss is {loss:g}); lower the learning rate, for "
-            f"example --set rate={config.rate / 10:g}"
+            f"example rate={config.rate / 10:g}"
         )
     # not finite where batch normalisation has seen too little so far: such an epoch is not the best
     error_n = trainer.validation_error_n(loader, split.val)

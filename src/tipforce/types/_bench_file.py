@@ -154,7 +154,7 @@ def info_from_facts(facts: list[str]) -> SessionInfo:
     for fact in facts:
         key, equals, text = fact.partition("=")
         if not (key.strip() and equals and text.strip()):
-            raise InputError(f"--fact {fact}: expected KEY=VALUE, for example --fact views.camera.base_side=left")
+            raise InputError(f"fact {fact}: expected KEY=VALUE, for example views.camera.base_side=left")
         try:
             value = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
@@ -163,7 +163,7 @@ def info_from_facts(facts: list[str]) -> SessionInfo:
         for part in reversed(key.strip().split(".")):
             nested = {part: nested}
         values = merged_values(values, nested)
-    return SessionInfo.from_values(values, "--fact " + " --fact ".join(facts))
+    return SessionInfo.from_values(values, "fact " + ", ".join(facts))
 
 
 def _key(name: str) -> str:

@@ -162,7 +162,7 @@ def prepare(
     if needed > free:
         raise InputError(
             f"{folder}: preparing the images of {dataset.title} needs {needed / 1e9:.1f} GB, {free / 1e9:.1f} GB are "
-            "free; make room, or train on fewer samples with --samples"
+            "free; make room, or train on fewer samples"
         )
     files = {
         name: open_memmap(_path(folder, name), "w+", kind, (count, *shape)) for name, (shape, kind) in specs.items()
