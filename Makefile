@@ -3,6 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.ready
 DEMO ?= demo
+export NO_MKDOCS_2_WARNING := 1
 
 .PHONY: help setup demo test check docs bench prove clean
 
@@ -14,22 +15,26 @@ setup: $(STAMP)  ## make .venv with pinned versions
 $(STAMP): pyproject.toml constraints.txt scripts/setup.sh
 	@PYTHON="$(PYTHON)" sh scripts/setup.sh
 
-demo: $(STAMP)   ## a bench in software, from recording to report, in minutes
+demo: $(STAMP)   ## a simulated bench, from recording to report, in minutes
 	$(BIN)/tipforce demo -o $(DEMO)
 
 test: $(STAMP)   ## the tests
 	$(BIN)/python -m pytest -q -n auto -m "not slow"
 
-check: $(STAMP)  ## lint, format, types, import edges, docs
+check: $(STAMP)  ## lint, format, types, import contracts, docs
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
-	$(BIN)/python -m pytest -q tests/house
+	$(BIN)/python -m pytest -q tests/project
+	$(BIN)/python -m mkdocs --quiet build --strict
 
-bench: $(STAMP)  ## speed against the naive way and the physical limit, in one run
+docs: $(STAMP)   ## this documentation as a site, in build/site
+	$(BIN)/python -m mkdocs build --strict
+
+bench: $(STAMP)  ## speed and accuracy, in one run
 	$(BIN)/python -m bench
 
-prove: $(STAMP)  ## the slow proofs, and the property tests on new examples
+prove: $(STAMP)  ## the slow tests, and the property tests on new examples
 	$(BIN)/python -m pytest -q -n auto -m slow
 	$(BIN)/python -m pytest -q -n auto -m "not slow" --hypothesis-profile=explore
 

@@ -19,7 +19,7 @@ from tipforce.alignment import StageMotion, estimate_offset, shape_coordinates
 from tipforce.io import RecordingReader
 from tipforce.simulation import Truth, read_truth
 from tipforce.types import FloatArray, Frame, IntArray
-from tipforce.vision import Vision, VisionSettings, settle
+from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 
 OFFSETS_MS = (-80, 0, 80)
 CUT_S = 20.0
@@ -43,10 +43,10 @@ def load(path: Path, truth: Truth) -> Session:
     """See all pictures of a recording, and read its force as an import does."""
     with RecordingReader(path) as reader:
         first = [reader.frame_at(k).image for k in range(0, FIRST, 5)]
-        vision = Vision(settle(VisionSettings(), first, reader.context))
-        seen = [vision.see(event.image) for event in reader.events("camera") if isinstance(event, Frame)]
+        vision = ShapeDetector(auto_calibrate(VisionSettings(), first, reader.session_info))
+        seen = [vision.detect(event.image) for event in reader.events("camera") if isinstance(event, Frame)]
         stamps, force, _ = reader.wrenches()
-        info, catheter = reader.info, reader.context.catheter
+        info, catheter = reader.info, reader.session_info.catheter
         carried = (
             StageMotion.of(reader.stage_readings()).acceleration(stamps + info.inertia.lag_ns, info.inertia.axes)
             @ info.inertia.gain_kg
@@ -54,7 +54,7 @@ def load(path: Path, truth: Truth) -> Session:
         assert info.sensor is not None
         tared = np.nan_to_num(force - info.tare.force_n - carried) @ info.sensor.matrix.T
         flexible, rigid = catheter.flexible_length_m or 1.0, catheter.rigid_length_m or 0.0
-        length_px = (flexible + rigid) / (reader.context.metres_per_px or 1.0)
+        length_px = (flexible + rigid) / (reader.session_info.view("camera").metres_per_px or 1.0)
         shape = shape_coordinates(seen, flexible_share=flexible / (flexible + rigid), length_px=length_px)
         return Session(path.stem, reader.stamps(), shape, stamps, tared, truth)
 

@@ -21,7 +21,7 @@ import numpy as np
 from tipforce.errors import FileFormatError
 from tipforce.io import RecordingReader, RecordingWriter, write_force_csv, write_video
 from tipforce.pipelines import import_session
-from tipforce.types import Actuation, Context, Frame, SystemClock, Wrench
+from tipforce.types import Actuation, Frame, SessionInfo, SystemClock, Wrench
 
 _LEDGER = struct.Struct("<qqqq")  # frames, wrenches and newest stamps that the writer has accepted
 
@@ -37,7 +37,7 @@ def record(folder: Path) -> None:
     clock, rng = SystemClock(), np.random.default_rng(0)
     images = [_image(k, rng) for k in range(48)]
     zero = clock.now_ns()
-    with (folder / "ledger").open("r+b") as file, RecordingWriter(folder / "run.mcap", Context("run")) as writer:
+    with (folder / "ledger").open("r+b") as file, RecordingWriter(folder / "run.mcap", SessionInfo("run")) as writer:
         ledger = mmap.mmap(file.fileno(), _LEDGER.size)
         writer.write(Actuation(0, {"knob_deg": 10.0}))
         frames = 0

@@ -22,9 +22,9 @@ from matplotlib.figure import Figure
 from tipforce.cli._settings import settings_from
 from tipforce.datasets import Dataset, open_dataset, random_split, random_subset
 from tipforce.errors import TipforceError
-from tipforce.estimators import Estimator, NetworkEstimator, check_start, create, method
-from tipforce.evaluation import Constant, error_figures
-from tipforce.evaluation._style import (
+from tipforce.estimators import Estimator, NetworkEstimator, create, load_initial_model, method
+from tipforce.evaluation import Constant, error_metrics
+from tipforce.evaluation.report._style import (
     GREY,
     METHOD_COLOURS,
     grams_axis,
@@ -43,9 +43,9 @@ def rmse_n(estimator: Estimator, test: Dataset) -> dict[str, Any]:
     answers = estimator.answers(test)
     force: FloatArray = np.array([answer.force_n for answer in answers])
     size: FloatArray = np.array([answer.magnitude_n for answer in answers])
-    found = {"magnitude": error_figures(test.magnitude_n, size)["rmse_n"]}
+    found = {"magnitude": error_metrics(test.magnitude_n, size)["rmse_n"]}
     for axis in np.flatnonzero(test.known & np.isfinite(force).any(axis=0)).tolist():
-        found[AXES[axis]] = error_figures(test.force_n[:, axis], force[:, axis])["rmse_n"]
+        found[AXES[axis]] = error_metrics(test.force_n[:, axis], force[:, axis])["rmse_n"]
     plain = {name: value if np.isfinite(value) else None for name, value in found.items()}
     return {"rmse_n": plain, "refused_share": float(np.mean(~np.isfinite(size)))}
 
@@ -163,7 +163,7 @@ def main() -> None:
         dataset = open_dataset(options.data)
         if options.samples:
             dataset = random_subset(dataset, options.samples)
-        start = check_start(create(options.estimator, settings), options.start)
+        start = load_initial_model(create(options.estimator, settings), options.start)
         if start is not None:
             settings = settings.for_fine_tuning()
         named = {"estimator": options.estimator, "settings": settings.model_dump(mode="json"), "data": dataset.title}
@@ -172,7 +172,7 @@ def main() -> None:
         def recipe(seed: int) -> Estimator:
             own = "seed" in type(settings).model_fields and "seed" not in settings.model_fields_set
             made = create(options.estimator, settings.model_copy(update={"seed": seed}) if own else settings)
-            return made.beginning_with(start) if isinstance(made, NetworkEstimator) and start else made
+            return made.fine_tuned_from(start) if isinstance(made, NetworkEstimator) and start else made
 
         held = study(recipe, dataset, options.sizes, options.seeds, options.json, named)
     except TipforceError as error:

@@ -29,7 +29,7 @@ from tipforce.geometry import arc_length
 from tipforce.limits import SeenNoise
 from tipforce.mechanics import LineNoise
 from tipforce.simulation import PRESETS, SimulatedBench
-from tipforce.vision import Vision, VisionSettings, settle
+from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 
 POINTS = 33
 FIRST_FRAME = 24
@@ -93,12 +93,12 @@ def session_errors(preset: str, seed: int, frames: int, number: int) -> dict[str
     spread = np.linspace(0, len(lines) - 1, SPREAD).astype(int).tolist()
     try:
         pictures = [through_jpeg(bench.frame(k).image, quality) for k in spread]
-        vision = Vision(settle(VisionSettings(), pictures, bench.context))
+        vision = ShapeDetector(auto_calibrate(VisionSettings(), pictures, bench.session_info))
     except InputError:  # nothing is seen in this session
         return {"number": number, "frames": [], "errors": [], "lengths": [], "lost": frames, "wrong": 0}
     right, rows, lengths, lost, wrong = [], [], [], 0, 0
     for k in np.linspace(FIRST_FRAME, len(lines) - 1, frames).astype(int).tolist():
-        sight = vision.see(through_jpeg(bench.frame(k).image, quality))
+        sight = vision.detect(through_jpeg(bench.frame(k).image, quality))
         if sight.centreline is None:
             lost += 1
             continue

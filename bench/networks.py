@@ -20,7 +20,7 @@ from bench.parts import run_alone
 from tipforce.estimators import ESTIMATORS, NetworkEstimator, create
 from tipforce.estimators.networks import Graph
 from tipforce.training import export_graph, quantise
-from tipforce.types import Context, Observation
+from tipforce.types import Observation, SessionInfo, ViewInfo
 
 NETWORKS = ("dcfe", "compact")
 FRAME = (480, 640)
@@ -85,14 +85,14 @@ def of(name: str) -> dict[str, Any]:
     torch.manual_seed(0)
     task = method.task(np.array([True, True, False]), True, ())
     network = task.build()
-    forms = dict(method.forms(training=False))
-    _taught(network, forms)
-    graph = export_graph(network, forms, method.outputs, {})
-    small = quantise(graph, [_batch(forms, 1, seed) for seed in range(4)])
+    specs = dict(method.input_specs(training=False))
+    _taught(network, specs)
+    graph = export_graph(network, specs, method.outputs, {})
+    small = quantise(graph, [_batch(specs, 1, seed) for seed in range(4)])
     draw = np.random.default_rng(0)
     picture = np.clip(draw.normal(150, 40, FRAME), 0, 255).astype(np.uint8)
-    context = Context(notes={"base_side": "left"})
-    read, observation = method.reader(context, training=False), Observation(0, {"camera": picture}, {})
+    info = SessionInfo(views={"camera": ViewInfo(base_side="left")})
+    read, observation = method.reader(info, training=False), Observation(0, {"camera": picture}, {})
 
     def ready() -> dict[str, Any]:
         row = read(observation)
@@ -100,7 +100,7 @@ def of(name: str) -> dict[str, Any]:
         return {key: value[None] for key, value in row.items()}
 
     found = {
-        "gflop": 1e-9 * operations(network, forms),
+        "gflop": 1e-9 * operations(network, specs),
         "bytes": {"fp32 in half precision": len(graph), "int8": len(small)},
         "preprocessing_ms": _row(_rounds({"": ready})[""]),
         "threads": {str(threads): _ways(threads, network, graph, small, ready) for threads in THREADS},
@@ -167,25 +167,25 @@ def _row(blocks: list[Any]) -> dict[str, float]:
     return {name: 1e3 * value for name, value in values.items()}
 
 
-def _batch(forms: dict[str, Any], samples: int, seed: int) -> dict[str, Any]:
+def _batch(specs: dict[str, Any], samples: int, seed: int) -> dict[str, Any]:
     draw = np.random.default_rng(seed)
     return {
         name: draw.integers(0, 256, (samples, *shape), np.uint8)
         if kind == "uint8"
         else draw.normal(size=(samples, *shape)).astype(np.float32)
-        for name, (shape, kind) in forms.items()
+        for name, (shape, kind) in specs.items()
     }
 
 
-def _taught(network: torch.nn.Module, forms: dict[str, Any]) -> None:
+def _taught(network: torch.nn.Module, specs: dict[str, Any]) -> None:
     """Let batch norms see something: numbers that shrink from layer to layer would become too small to be quick."""
     network.train()
     with torch.no_grad():
         for seed in range(10):
-            network(**{name: torch.from_numpy(array) for name, array in _batch(forms, 4, seed).items()})
+            network(**{name: torch.from_numpy(array) for name, array in _batch(specs, 4, seed).items()})
 
 
-def operations(network: torch.nn.Module, forms: dict[str, Any]) -> int:
+def operations(network: torch.nn.Module, specs: dict[str, Any]) -> int:
     """Multiplications and additions of the convolutions and dense layers, of one sample."""
     total = 0
 
@@ -196,7 +196,7 @@ def operations(network: torch.nn.Module, forms: dict[str, Any]) -> int:
     layers = [module for module in network.modules() if isinstance(module, torch.nn.Conv2d | torch.nn.Linear)]
     hooks = [layer.register_forward_hook(count) for layer in layers]
     with torch.no_grad():
-        network.eval()(**{name: torch.from_numpy(array) for name, array in _batch(forms, 1, 0).items()})
+        network.eval()(**{name: torch.from_numpy(array) for name, array in _batch(specs, 1, 0).items()})
     for hook in hooks:
         hook.remove()
     return total
@@ -205,8 +205,8 @@ def operations(network: torch.nn.Module, forms: dict[str, Any]) -> int:
 def training(name: str, method: NetworkEstimator, task: Any) -> dict[str, float]:
     """Images a second through forward, backward and a step, on two threads, by precision; pictures ready in memory."""
     torch.set_num_threads(2)
-    forms = dict(method.forms(training=False))
-    batch = {key: torch.from_numpy(value) for key, value in _batch(forms, BATCH[name], 0).items()}
+    specs = dict(method.input_specs(training=False))
+    batch = {key: torch.from_numpy(value) for key, value in _batch(specs, BATCH[name], 0).items()}
     found = {}
     for precision in ("fp32", "bf16"):
         network = task.build().to(memory_format=torch.channels_last).train()

@@ -32,7 +32,7 @@ def main() -> None:
         for name in chosen.part:
             found = list(parts[name]())
             if not found:
-                print(f"{name}: left out, PyElastica is not installed (pip install 'tipforce[oracle]')")
+                print(f"{name}: left out, PyElastica is not installed (pip install -e '.[oracle]')")
             rows += found
     show(rows)
     wrong = sum(not r.holds for r in rows)

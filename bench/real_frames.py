@@ -28,7 +28,7 @@ from scipy.spatial import cKDTree
 from skimage.morphology import skeletonize
 
 from tipforce.geometry import arc_length
-from tipforce.vision import FineTracer, VisionSettings
+from tipforce.vision import Tracer, VisionSettings
 
 SETTINGS = VisionSettings(base_side="bottom", polarity="light", base_region=(280, 292, 330, 312), diameter_px=19.9)
 THRESHOLD = 127
@@ -147,11 +147,11 @@ def picture(image: np.ndarray, line: np.ndarray, source: Source) -> np.ndarray:
 def measure(folder: pathlib.Path, out: pathlib.Path | None = None) -> dict:
     """All figures: per frame what was found, per variant and frame the deviations."""
     known = stored(folder)
-    tracer = FineTracer(SETTINGS)
+    tracer = Tracer(SETTINGS)
     frames, sources, lines = {}, {}, {}
     for path in sorted((folder / "frames").glob("*.png")):
         image = cv2.imread(str(path))
-        sight = tracer.see(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+        sight = tracer.detect(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
         frame = {"found": sight.found, "detail": sight.detail, "stored": path.name in known}
         frames[path.name] = frame
         if sight.centreline is None:

@@ -62,7 +62,7 @@ Answer = Callable[[Dataset, np.ndarray, np.ndarray], FloatArray]
 def by_recipe(settings: dict[str, Any]) -> Answer:
     def answer(data: Dataset, train: np.ndarray, test: np.ndarray) -> FloatArray:
         svr = create("svr", settings).fit(data.subset(train))
-        if svr.remembers:
+        if svr.uses_history:
             return np.array([estimate.force_n for estimate in svr.predict(data)])[test, :2]
         return np.array([estimate.force_n for estimate in svr.predict(data.subset(test))])[:, :2]
 

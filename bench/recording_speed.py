@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from tipforce.alignment import labels
-from tipforce.io import RecordingReader, RecordingWriter, SensorPose
-from tipforce.types import Actuation, Context, Frame, Wrench
+from tipforce.io import RecordingReader, RecordingWriter
+from tipforce.types import Actuation, Frame, SensorInfo, SessionInfo, Wrench
 
 
 def main() -> None:
@@ -28,8 +28,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "run.mcap"
         start, frames = time.perf_counter(), 0
-        with RecordingWriter(path, Context(), lossless=options.lossless) as writer:
-            writer.state(SensorPose(30.0, "tip-on-tissue"))
+        with RecordingWriter(path, SessionInfo(), lossless=options.lossless) as writer:
+            writer.state(SensorInfo(30.0, "tip-on-tissue"))
             writer.write(Actuation(0, {"knob_deg": 10.0}))
             for k in range(count):
                 writer.write(Wrench(k * 1_000_000, np.array([0.1, 1e-3 * (k % 200), 0.0]), np.zeros(3), "sensor"))

@@ -1,4 +1,4 @@
-"""Whether the samples of ``tipforce simulate --dataset`` are like the frames of whole sessions.
+"""Whether the samples of ``tipforce simulate --as dataset`` are like the frames of whole sessions.
 
     OMP_NUM_THREADS=1 .venv/bin/python bench/sample_distributions.py --sessions 40
 

@@ -15,7 +15,7 @@ import cv2
 import h5py
 import numpy as np
 
-from tipforce.vision import FineTracer, Sighting, VisionSettings
+from tipforce.vision import DetectedShape, Tracer, VisionSettings
 
 SETTINGS = VisionSettings(
     polarity="light", base_side="top", base_region=(22, 14, 42, 26), diameter_px=4.2, max_gap_px=3.0, base_columns=6
@@ -29,7 +29,7 @@ def pictures(folder: pathlib.Path) -> np.ndarray:
     return np.ascontiguousarray(frames)
 
 
-def tile(image: np.ndarray, sight: Sighting, name: str, scale: int = 5) -> np.ndarray:
+def tile(image: np.ndarray, sight: DetectedShape, name: str, scale: int = 5) -> np.ndarray:
     big = cv2.cvtColor(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST), cv2.COLOR_GRAY2BGR)
     if sight.centreline is not None:
         line = (sight.centreline.points + 0.5) * scale - 0.5
@@ -48,8 +48,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     frames = pictures(pathlib.Path(os.environ["TIPFORCE_REAL_DATA"]))
-    tracer = FineTracer(SETTINGS)
-    seen = [tracer.see(frame) for frame in frames]
+    tracer = Tracer(SETTINGS)
+    seen = [tracer.detect(frame) for frame in frames]
     found = [k for k, sight in enumerate(seen) if sight.found]
     why = collections.Counter(str(sight.status) for sight in seen)
     lengths = np.array([np.linalg.norm(np.diff(seen[k].centreline.points, axis=0), axis=1).sum() for k in found])

@@ -21,8 +21,8 @@ from threadpoolctl import threadpool_limits
 
 from tipforce.datasets import Dataset
 from tipforce.estimators import Estimator, create
-from tipforce.types import Context, ForceEstimate, Observation, ShapeFeatures
-from tipforce.vision import Vision, VisionSettings, feature_names, settle, shape_features
+from tipforce.types import ForceEstimate, Observation, SessionInfo, ShapeFeatures
+from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate, feature_names, shape_features
 
 POOL_BYTES = 96 * 2**20
 """Of frames; the last-level caches of today's processors hold less."""
@@ -114,7 +114,7 @@ def training_set(size: tuple[int, int], samples: int = 220, seed: int = 1) -> Da
         force_n=force,
         known=np.array([True, True, False]),
         names=np.arange(samples).astype(str),
-        contexts={name: Context(session=name) for name in np.unique(sessions).tolist()},
+        session_info={name: SessionInfo(name=name) for name in np.unique(sessions).tolist()},
         rows=np.arange(samples),
     )
 
@@ -163,7 +163,7 @@ def lost(points: np.ndarray, tube: Tube) -> bool:
 
 def trained(case: Case) -> Estimator:
     """The thesis's method with the tracer in front of it, its settings found on the first frames."""
-    vision = settle(VisionSettings(method="fine"), [tube.image for tube in case.drawn])
+    vision = auto_calibrate(VisionSettings(method="tracer"), [tube.image for tube in case.drawn])
     return create("svr", {"vision": vision}).fit(training_set(case.size))
 
 
@@ -182,11 +182,11 @@ def measure_case(case: Case, blocks: int) -> dict[str, Any]:
     """Microseconds, p50 and p99, of reading, of seeing, of the whole way to the force, and of the textbook chain."""
     pool, words, n = case.pool, case.words, len(case.pool)
     estimator = trained(case)
-    stream = estimator.start(Context())
+    stream = estimator.start(SessionInfo())
     textbook = Textbook(case.size)
     vision: VisionSettings = estimator.settings.vision  # type: ignore[attr-defined]
     features = estimator.settings.features  # type: ignore[attr-defined]
-    eye = Vision(vision)
+    eye = ShapeDetector(vision)
     knob = {"knob_deg": 10.0}
     answers: list[ForceEstimate] = []
 
@@ -194,11 +194,11 @@ def measure_case(case: Case, blocks: int) -> dict[str, Any]:
         answers.append(stream.update(Observation(k, {"camera": pool[k % n]}, knob)))
 
     def see(k: int) -> None:
-        eye.see(pool[k % n])
+        eye.detect(pool[k % n])
 
-    lost_fine = [not (s := eye.see(t.image)).found or lost(s.centreline.points, t) for t in case.drawn]  # type: ignore[union-attr]
+    lost_fine = [not (s := eye.detect(t.image)).found or lost(s.centreline.points, t) for t in case.drawn]  # type: ignore[union-attr]
     lost_book = [lost(np.column_stack(textbook.shape(t.image)), t) for t in case.drawn]
-    fitted = [s for s in (eye.see(frame) for frame in pool[:SHAPES]) if s.found]
+    fitted = [s for s in (eye.detect(frame) for frame in pool[:SHAPES]) if s.found]
     ways: dict[str, tuple[Callable[[int], Any], int]] = {
         "read once, from memory": (lambda k: read_once(words[k % n]), n),
         "read once, hot in cache": (lambda _: read_once(words[0]), n),

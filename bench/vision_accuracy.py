@@ -17,7 +17,7 @@ import numpy as np
 
 import tubes
 from tipforce.errors import InputError
-from tipforce.vision import Vision, VisionSettings, settle
+from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 
 SIDES = ("left", "right", "top", "bottom")
 PLAIN = tubes.Look()
@@ -56,13 +56,13 @@ def measure(look: tubes.Look, frames: int, seed: int) -> dict[str, float]:
         painted = tubes.light_on_dark(look) if light else look
         drawn = [tubes.draw(rng, painted, side) for _ in range(min(3, n))]
         try:
-            vision = Vision(settle(VisionSettings(), [tube.image for tube in drawn]))
+            vision = ShapeDetector(auto_calibrate(VisionSettings(), [tube.image for tube in drawn]))
         except InputError:
             unsettled += n
             continue
         for m in range(n):
             tube = drawn[m] if m < len(drawn) else tubes.draw(rng, painted, side)
-            sight = vision.see(tube.image)
+            sight = vision.detect(tube.image)
             if sight.centreline is None:
                 lost += 1
                 continue

@@ -24,16 +24,16 @@ from bench.tubes import distance_to_curve
 from tipforce.errors import InputError
 from tipforce.io import RecordingReader
 from tipforce.simulation import Truth, read_truth
-from tipforce.types import Context
-from tipforce.vision import Vision, VisionSettings, in_session, settle
+from tipforce.types import SessionInfo
+from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate, for_session
 
 FIRST, SPREAD = 50, 16
 HIDDEN = 0.03
 
 
-def look(vision: Vision, image: np.ndarray, curve: np.ndarray) -> dict[str, Any]:
+def look(vision: ShapeDetector, image: np.ndarray, curve: np.ndarray) -> dict[str, Any]:
     """One frame: what was found, and how far off."""
-    sight = vision.see(image)
+    sight = vision.detect(image)
     if sight.centreline is None:
         why = f"{sight.status}: {sight.detail}"
         return {"found": False, "wrong": False, "why": why, "bad": 1e3, "points": None}
@@ -60,14 +60,14 @@ def covered(curve: np.ndarray, visible: float, size: tuple[int, int]) -> bool:
 def settled_together(paths: list[Path]) -> dict[str, VisionSettings]:
     """By view, settled once on `SPREAD` pictures spread over all recordings at ``paths``."""
     images: dict[str, list[np.ndarray]] = {}
-    contexts: dict[str, list[Context]] = {}
+    infos: dict[str, list[SessionInfo]] = {}
     for path in paths:
         with RecordingReader(path) as reader:
             for view in reader.views:
                 places = np.linspace(0, len(reader.stamps(view)) - 1, max(1, SPREAD // len(paths))).astype(int)
                 images.setdefault(view, []).extend(reader.frame_at(int(k), view).image for k in places)
-                contexts.setdefault(view, []).extend([reader.context] * len(places))
-    return {view: settle(VisionSettings(), images[view], contexts[view]) for view in images}
+                infos.setdefault(view, []).extend([reader.session_info] * len(places))
+    return {view: auto_calibrate(VisionSettings(), images[view], infos[view]) for view in images}
 
 
 def session(
@@ -95,14 +95,16 @@ def one_view(
     else:
         settling = np.unique(np.linspace(0, count - 1, SPREAD).astype(int)).tolist()
     if view in shared:
-        vision = Vision(in_session(shared[view], reader.context))
+        vision = ShapeDetector(for_session(shared[view], reader.session_info))
     else:
         pictures = [reader.frame_at(k, view).image for k in settling]
         try:
-            vision = Vision(settle(VisionSettings(), pictures, None if options.blind else reader.context))
+            vision = ShapeDetector(
+                auto_calibrate(VisionSettings(), pictures, None if options.blind else reader.session_info)
+            )
         except InputError as error:
             print(f"{path.stem} {view}: {error}")
-            vision = Vision(VisionSettings())
+            vision = ShapeDetector(VisionSettings())
     rows = []
     for k in range(0, count, options.every):
         image = reader.frame_at(k, view).image

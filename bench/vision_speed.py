@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 import tubes
-from tipforce.vision import FineTracer, VisionSettings
+from tipforce.vision import Tracer, VisionSettings
 
 
 @njit
@@ -34,12 +34,12 @@ def timed(size: tuple[int, int], scale: float, rounds: int, copies: int) -> dict
     )
     drawn = [tubes.draw(rng, look, "left").image for _ in range(8)]
     frames = [drawn[k % 8].copy() for k in range(copies)]
-    tracer = FineTracer(
+    tracer = Tracer(
         VisionSettings(
             base_side="left", polarity="dark", diameter_px=look.diameter, max_gap_px=12.0 * scale, threshold=128
         )
     )
-    found = sum(tracer.see(frame).found for frame in frames)
+    found = sum(tracer.detect(frame).found for frame in frames)
     read_once(frames[0].reshape(-1).view(np.uint64))
     see, read = [], []
     for k in range(rounds):
@@ -48,7 +48,7 @@ def timed(size: tuple[int, int], scale: float, rounds: int, copies: int) -> dict
         a = time.perf_counter_ns()
         read_once(words)
         b = time.perf_counter_ns()
-        tracer.see(frames[k % copies])
+        tracer.detect(frames[k % copies])
         c = time.perf_counter_ns()
         read.append(b - a)
         see.append(c - b)

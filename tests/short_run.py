@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.io import RecordingWriter, SensorPose, write_video
-from tipforce.types import Actuation, Context, Frame, Wrench
+from tipforce.io import RecordingWriter, write_video
+from tipforce.types import Actuation, Frame, SensorInfo, SessionInfo, ViewInfo, Wrench
 
 OFFSET_S = 0.04
 BIAS = np.array([0.3, -0.1])
@@ -56,8 +56,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 def recording(tmp_path: Path) -> Path:
     """One second: 1 kHz force in the sensor's frame, 25 grey frames a second, a knob that moves."""
     path = tmp_path / "run.mcap"
-    with RecordingWriter(path, Context("first", metres_per_px=2e-4)) as writer:
-        writer.state(SensorPose(90.0, "tip-on-tissue"))
+    with RecordingWriter(path, SessionInfo("first", views={"camera": ViewInfo(2e-4)})) as writer:
+        writer.state(SensorInfo(90.0, "tip-on-tissue"))
         for k in range(1000):
             stamp = k * 1_000_000
             if k % 100 == 0:

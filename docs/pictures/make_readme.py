@@ -52,7 +52,7 @@ def main(demo: Path) -> None:
     observation = next(test.subset(np.array([peak])).observations())
     image = observation.views["camera"]
     assert isinstance(image, np.ndarray)
-    sighting, _ = model.look(observation, test.contexts[str(test.session[peak])])
+    sighting, _ = model.look(observation, test.session_info[str(test.session[peak])])
     picture: Image = draw_estimate(image, sighting, estimates[peak])
 
     plt.rcParams.update({"font.size": 12, "text.color": INK, "axes.edgecolor": GREY, "axes.labelcolor": INK})

@@ -58,8 +58,8 @@ class MissingExtraError(TipforceError):
     """An optional package is missing.
 
     >>> str(MissingExtraError("torch", extra="train"))
-    "torch is not installed; install it with: pip install 'tipforce[train]'"
+    "torch is not installed; in the checkout of tipforce, run: pip install -e '.[train]'"
     """
 
     def __init__(self, package: str, *, extra: str) -> None:
-        super().__init__(f"{package} is not installed; install it with: pip install 'tipforce[{extra}]'")
+        super().__init__(f"{package} is not installed; in the checkout of tipforce, run: pip install -e '.[{extra}]'")

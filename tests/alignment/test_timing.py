@@ -8,7 +8,7 @@ from tipforce.alignment._timing_fit import Force
 from tipforce.errors import InputError
 from tipforce.io import ClockOffset
 from tipforce.types import BasePose, CentrelinePx, Status
-from tipforce.vision import Sighting
+from tipforce.vision import DetectedShape
 
 
 def elastic(
@@ -101,14 +101,14 @@ def test_bend_and_levers_are_those_of_the_rod() -> None:
     slope = force * (length * s - s**2 / 2) / stiffness
     points = np.stack([s, np.cumsum(np.concatenate([[0], 0.5 * (slope[1:] + slope[:-1]) * np.diff(s)]))], axis=1)
     base = BasePose(np.array([10.0, 300.0]), 0.3)
-    seen = Sighting(Status.VALID, centreline=CentrelinePx(base.to_image(points)), base=base)
-    (bend, across, along, _), lost = shape_coordinates([seen, Sighting(Status.NO_CATHETER)])
+    seen = DetectedShape(Status.VALID, centreline=CentrelinePx(base.to_image(points)), base=base)
+    (bend, across, along, _), lost = shape_coordinates([seen, DetectedShape(Status.NO_CATHETER)])
     assert bend == pytest.approx(along * force * length / stiffness, rel=0.01)
     assert abs(across) < 0.05 * along
     assert np.isnan(lost).all()
 
 
-def arc(*, tilt_rad: float = 0.0, tip_px: float = 0.0, bend: float = 0.5, diameter: float = 12.0) -> Sighting:
+def arc(*, tilt_rad: float = 0.0, tip_px: float = 0.0, bend: float = 0.5, diameter: float = 12.0) -> DetectedShape:
     """An arc of 200 px that turns by ``bend``; its base seen tilted, its tip seen sideways by ``tip_px``."""
     s = np.linspace(0, 200, 65)
     angle = bend * s / 200
@@ -116,7 +116,7 @@ def arc(*, tilt_rad: float = 0.0, tip_px: float = 0.0, bend: float = 0.5, diamet
     points[-1] += tip_px * np.array([-np.sin(bend), np.cos(bend)])
     pose = BasePose(np.array([10.0, 300.0]), 0.3)
     seen = BasePose(pose.origin_px, pose.angle_rad + tilt_rad)
-    return Sighting(Status.VALID, centreline=CentrelinePx(pose.to_image(points)), base=seen, diameter_px=diameter)
+    return DetectedShape(Status.VALID, centreline=CentrelinePx(pose.to_image(points)), base=seen, diameter_px=diameter)
 
 
 def test_a_tip_that_is_seen_sideways_moves_the_bend_by_nothing() -> None:
@@ -229,7 +229,7 @@ def test_the_contact_free_stretch_is_found(parts: list[tuple[float, float]]) -> 
 def test_without_a_contact_free_stretch_nothing_is_subtracted() -> None:
     found = find_tare(*log([(20, np.nan)]))
     assert found.how == "none"
-    assert "--tare" in found.detail
+    assert "tare" in found.detail
     np.testing.assert_array_equal(found.force_n, 0.0)
 
 
@@ -258,13 +258,13 @@ def test_an_offset_keeps_its_sign_in_the_file() -> None:
     assert ClockOffset.of(ClockOffset(-12_345_678, "estimated", 0.5, 0.9, "").record()).offset_ms == -12.345678
 
 
-def with_rigid_tip(cut_px: float = 0.0, bend: float = 0.5) -> Sighting:
+def with_rigid_tip(cut_px: float = 0.0, bend: float = 0.5) -> DetectedShape:
     """An arc of 160 px and 40 px of rigid tip, of which the last ``cut_px`` are not seen; less than 0: too much is."""
     s = np.arange(0.0, 200.0 - cut_px + 1e-9, 0.5)
     angle = bend * np.minimum(s, 160.0) / 160.0 + np.where(s > 200.0, 1.2, 0.0)
     points = np.cumsum(np.stack([np.cos(angle), np.sin(angle)], axis=1), axis=0) * 0.5
     pose = BasePose(np.array([10.0, 300.0]), 0.3)
-    return Sighting(Status.VALID, centreline=CentrelinePx(pose.to_image(points)), base=pose, diameter_px=12.0)
+    return DetectedShape(Status.VALID, centreline=CentrelinePx(pose.to_image(points)), base=pose, diameter_px=12.0)
 
 
 def test_pictures_that_lack_the_rigid_tip_or_follow_something_behind_it_count_as_the_others() -> None:

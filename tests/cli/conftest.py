@@ -11,7 +11,7 @@ from tipforce.datasets import Dataset
 from tipforce.estimators import Estimator, create, save_model
 from tipforce.geometry import curve_from_angle
 from tipforce.io import write_video
-from tipforce.types import BasePose, Context, Frame, Observation
+from tipforce.types import BasePose, Frame, Observation, SessionInfo
 from tipforce.vision import VisionSettings
 
 VISION = VisionSettings(polarity="dark", base_side="left")
@@ -59,7 +59,7 @@ def samples() -> Dataset:
         force_n=force,
         known=np.array([True, True, False]),
         names=np.arange(count).astype(str),
-        contexts={name: Context(session=name) for name in np.unique(sessions).tolist()},
+        session_info={name: SessionInfo(name=name) for name in np.unique(sessions).tolist()},
         rows=np.arange(count),
     )
 

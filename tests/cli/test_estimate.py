@@ -15,12 +15,11 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app, main
-from tipforce.cli._facts import context_from
+from tipforce.cli._facts import stated_info
 from tipforce.errors import InputError
-from tipforce.estimators import write_estimates
-from tipforce.estimators._run import COLUMNS
 from tipforce.io import RecordingWriter, open_source
-from tipforce.types import STAGE, Actuation, Context, ForceEstimate
+from tipforce.pipelines import COLUMNS, write_estimates
+from tipforce.types import STAGE, Actuation, ForceEstimate, SessionInfo
 
 KNOB = {"knob_deg": 10.0}
 
@@ -107,19 +106,20 @@ def test_without_the_knob_nothing_is_begun_and_the_option_is_named(
     with pytest.raises(SystemExit) as caught:
         main()
     assert caught.value.code == 2
-    needed = "does not carry knob_deg, which the model needs; state it with --knob-deg ANGLE"
+    needed = "does not carry knob_deg, which the model needs; record it, or where it is constant state "
+    needed += "--fact actuation.constant.knob_deg=VALUE"
     assert capsys.readouterr().err.strip() == f"tipforce: {video}: {needed}"
     assert not list(tmp_path.iterdir())
 
 
 def test_a_recording_may_be_told_what_its_streams_lack(model: Path, video: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with RecordingWriter(path, Context("first")) as writer, open_source(video) as source:
+    with RecordingWriter(path, SessionInfo("first")) as writer, open_source(video) as source:
         writer.write(Actuation(0, {"x_m": 0.0}, STAGE))
         writer.write(Actuation(0, {"wire_mm": 1.0}))
         for event in source:
             writer.write(event)
-    with pytest.raises(InputError, match=r"run\.mcap: does not carry knob_deg.*--knob-deg"):
+    with pytest.raises(InputError, match=r"run\.mcap: does not carry knob_deg.*actuation\.constant\.knob_deg"):
         run(model, path, "-o", tmp_path / "f.csv")
     assert run(model, path, "--knob-deg", 10, "-o", tmp_path / "f.csv").exit_code == 0
     assert {row["status"] for row in rows_of(tmp_path / "f.csv")} == {"valid", "no_catheter"}
@@ -143,43 +143,47 @@ def test_an_error_half_way_leaves_nothing_behind(trained, video: Path, tmp_path:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_does_not_exist_is_named(trained, video: Path, tmp_path: Path) -> None:
-    for target in (
-        {"forces": tmp_path / "no" / "f.csv"},
-        {"forces": tmp_path / "f.csv", "overlay": tmp_path / "no/o.mp4"},
-    ):
-        with pytest.raises(InputError, match=r"no does not exist"), open_source(video, actuation=KNOB) as source:
-            write_estimates(trained, source, **target)
+def test_a_folder_that_does_not_exist_is_named(model: Path, video: Path, tmp_path: Path) -> None:
+    for words in (["-o", tmp_path / "no" / "f.csv"], ["-o", tmp_path / "f.csv", "--overlay", tmp_path / "no/o.mp4"]):
+        with pytest.raises(InputError, match=r"no does not exist"):
+            run(model, video, "--knob-deg", 10, *words)
     assert not list(tmp_path.iterdir())
 
 
 def test_facts_that_the_model_needs_are_asked_for_before_the_work(trained, video: Path, tmp_path: Path) -> None:
     class Told:
         settings = trained.settings
-        needed_actuation, needed_facts = trained.needed_actuation, ("flexible_length_m", "metres_per_px", "base_side")
+        required_actuation = trained.required_actuation
+        required_metadata = ("catheter.flexible_length_m", "views.camera.metres_per_px", "views.camera.base_side")
         start = staticmethod(trained.start)
 
-    wanted = r"t\.mp4: .* state --catheter NAME,flexible_length_m=VALUE --metres-per-px VALUE --note base_side=VALUE$"
+    wanted = (
+        r"t\.mp4: catheter\.flexible_length_m, views\.camera\.metres_per_px, views\.camera\.base_side are not stated.*"
+        r"add them to bench\.toml \(--bench FILE\)"
+    )
     with (
         open_source(video, actuation=KNOB) as source,
         pytest.raises(InputError, match=wanted.replace("t", re.escape(video.stem), 1)),
     ):
         write_estimates(Told(), source, tmp_path / "f.csv")
     assert not (tmp_path / "f.csv").exists()
-    stated = context_from("thin,flexible_length_m=0.04", 2e-4, ["base_side=left"])
+    facts = ["catheter.flexible_length_m=0.04", "views.camera.metres_per_px=2e-4", "views.camera.base_side=left"]
+    stated = stated_info(None, facts)
     with open_source(video, actuation=KNOB, stated=stated) as source:
-        assert source.context.session == video.stem
+        assert source.session_info.name == video.stem
         assert write_estimates(Told(), source, tmp_path / "f.csv").frames == 20
 
 
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
-        ("--note", "left", "expected KEY=VALUE"),
-        ("--note", "base_side=up", "expected one of left, right, top, bottom"),
-        ("--note", "knob_gain_per_m_deg=much", "a number after the ="),
-        ("--metres-per-px", "-1", "a number above zero"),
-        ("--catheter", "thin,length=1", "there is no fact 'length'"),
+        ("--fact", "left", "expected KEY=VALUE"),
+        ("--fact", "views.camera.base_side=up", "input should be 'left', 'right', 'top' or 'bottom'"),
+        ("--fact", "actuation.knob_gain_per_m_deg=much", "input should be a valid number"),
+        ("--fact", "views.camera.metres_per_px=-1", "input should be greater than 0"),
+        ("--fact", "catheter.length=1", "catheter.length is not known; catheter may hold name, diameter_m"),
+        ("--bench", "nowhere.toml", "nowhere.toml: does not exist; write one with `tipforce init-bench"),
+        ("--knob-deg", "nan", "--knob-deg: expected degrees, got 'nan'"),
     ],
 )
 def test_facts_that_are_none_are_refused(model, video, tmp_path, option, value, said, capsys, monkeypatch) -> None:
@@ -193,10 +197,10 @@ def test_facts_that_are_none_are_refused(model, video, tmp_path, option, value, 
 def test_an_interval_without_an_end_is_written_as_nothing(trained, video: Path, tmp_path: Path) -> None:
     class Unsure:
         settings = trained.settings
-        needed_actuation, needed_facts = trained.needed_actuation, ()
+        required_actuation, required_metadata = trained.required_actuation, ()
 
-        def start(self, context):
-            stream = trained.start(context)
+        def start(self, info):
+            stream = trained.start(info)
             return SimpleNamespace(update=lambda observation: widened(stream.update(observation)))
 
     def widened(estimate: ForceEstimate) -> ForceEstimate:

@@ -6,9 +6,27 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
-from tipforce.errors import InputError, TipforceError
-from tipforce.io import write_video
-from tipforce.types import Frame
+from tipforce.errors import TipforceError
+from tipforce.io import RecordingReader, write_video
+from tipforce.types import Catheter, Frame, ViewInfo
+
+BENCH = """
+[catheter]
+name = "decapolar"
+diameter_m = 2e-3
+
+[views.camera]
+metres_per_px = 2e-4
+base_side = "left"
+
+[sensor]
+angle_deg = 30
+reads = "tip-on-tissue"
+
+[sensor.log]
+time = "zeit_ms"
+force_unit = "g"
+"""
 
 
 @pytest.fixture
@@ -31,26 +49,29 @@ def run(*words: object) -> str:
 
 
 def test_import_writes_a_recording_and_its_figures(files: Path) -> None:
+    (files / "bench.toml").write_text(BENCH)
     out = run(
-        "import", files / "video.mp4", files / "log.csv", "--knob-deg", 10, "--actuation", "wire_mm=1.5",
-        "--force-unit", "g", "--time", "zeit_ms", "--sensor-angle-deg", 30, "--reads", "tissue-on-tip",
-        "--tare", "3:4", "--offset-ms", -7.5, "--catheter", "decapolar,diameter_m=0.002", "--metres-per-px", 2e-4,
-        "--session", "first", "-o", files / "run.mcap", "--plot", files / "run.png", "--json", files / "run.json",
+        "import", files / "video.mp4", files / "log.csv", "--knob-deg", 10, "--bench", files / "bench.toml",
+        "--fact", "sensor.reads=tissue-on-tip", "--fact", "actuation.constant.wire_mm=1.5",
+        "--tare", "3:4", "--offset-ms", -7.5, "-o", files / "first.mcap", "--json", files / "run.json",
     )  # fmt: skip
     figures = json.loads((files / "run.json").read_text())
     assert figures["session"] == "first"
     assert figures["clock_offset"]["offset_ms"] == -7.5
-    assert figures["sensor"] == {"angle_deg": 30.0, "reads": "tissue-on-tip"}
-    assert figures["catheter"]["diameter_m"] == 0.002
+    with RecordingReader(files / "first.mcap") as reader:
+        info = reader.session_info
+    assert (info.sensor.angle_deg, info.sensor.reads) == (30.0, "tissue-on-tip")
+    assert info.catheter == Catheter("decapolar", 0.002)
+    assert info.view("camera") == ViewInfo(2e-4, "left")
     assert figures["actuation_range"] == {"knob_deg": [10.0, 10.0], "wire_mm": [1.5, 1.5]}
     assert 0.1 < figures["force_range_n"]["magnitude"][1] < 0.25
-    assert (files / "run.png").stat().st_size > 10_000
     assert "-7.5 ms (stated" in out
     assert "decapolar" in out
 
 
 def test_recordings_become_a_dataset_folder(files: Path) -> None:
-    common = [files / "log.csv", "--force-unit", "g", "--time", "zeit_ms", "--offset", "none", "--knob-deg", 10]
+    (files / "bench.toml").write_text(BENCH)
+    common = [files / "log.csv", "--bench", files / "bench.toml", "--offset-ms", "none", "--knob-deg", 10]
     for name in ("a", "b"):
         run("import", files / "video.mp4", *common, "-o", files / f"{name}.mcap")
     run("import", files / "a.mcap", files / "b.mcap", "-o", files / "dataset", "--json", files / "d.json")
@@ -63,22 +84,28 @@ def test_recordings_become_a_dataset_folder(files: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--actuation", "knob=3"], "NAME_UNIT=VALUE"),
-        (["--actuation", "knob_deg=x"], "expected a number"),
+        (["--fact", "actuation.constant.knob_deg=x"], "actuation.constant.knob_deg = 'x' is refused: input should be"),
+        (["--fact", "base_side"], "expected KEY=VALUE"),
         (["--tare", "5"], "START:END"),
         (["--tare", "5:2"], "does not lie behind"),
-        (["--offset-ms", "soon"], "milliseconds, auto or none"),
-        (["--catheter", "x,colour=1"], "there is no fact 'colour'"),
-        (["--set", "polarity=pink"], "polarity"),
-        (["--catheter", "x,diameter_m=-1"], "expected a number above zero for diameter_m"),
-        (["--metres-per-px", "0"], "--metres-per-px: expected a number above zero"),
-        (["--sensor-angle-deg", "nan"], "--sensor-angle-deg: expected degrees"),
+        (["--offset-ms", "soon"], "milliseconds, auto, none or start"),
+        (["--fact", "catheter.colour=1"], "catheter.colour is not known; catheter may hold name"),
+        (["--fact", "views.camera.polarity=pink"], "views.camera.polarity = 'pink' is refused"),
+        (["--fact", "catheter.diameter_m=-1"], "catheter.diameter_m = -1 is refused: input should be greater than 0"),
+        (["--fact", "catheter.diameter_m=2.33"], "it is in metres: for 2.33 mm write 0.00233"),
+        (["--fact", "views.camera.metres_per_px=0"], "input should be greater than 0"),
+        (["--fact", "sensor.angle_deg=nan"], "sensor.angle_deg = nan is refused: input should be a finite number"),
+        (["--knob-deg", "inf"], "--knob-deg: expected degrees, got 'inf'"),
+        (["--bench", "none.toml"], "none.toml: does not exist; write one with `tipforce init-bench -o none.toml`"),
         (["--offset-ms", "1e30"], "less than 2e12 ms"),
-        (["extra.csv"], "got 3 files"),
+        (["again.csv"], "again.csv: cannot tell what it is a log of (zeit_ms, Fx)"),
+        (["extra.csv"], "extra.csv: "),
     ],
 )
 def test_a_mistyped_option_is_one_sentence_with_what_is_expected(files: Path, words: list[str], said: str) -> None:
-    with pytest.raises(InputError) as caught:
+    (files / "again.csv").write_text("zeit_ms;Fx\n0,0;0,5\n")
+    words = [str(files / word) if word.endswith("again.csv") else word for word in words]
+    with pytest.raises(TipforceError) as caught:
         run("import", files / "video.mp4", files / "log.csv", *words, "-o", files / "run.mcap")
     assert said in str(caught.value)
     assert not list(files.glob("run.mcap*"))

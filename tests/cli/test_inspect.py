@@ -12,7 +12,7 @@ from tipforce.cli import app
 from tipforce.errors import FileFormatError, InputError
 from tipforce.io import RecordingWriter, save_image
 from tipforce.pipelines import inspect_image_file
-from tipforce.types import Context, Frame, Wrench
+from tipforce.types import Frame, SessionInfo, Wrench
 from tipforce.vision import ShapeFeatureSettings, VisionSettings
 
 
@@ -27,10 +27,10 @@ def frame(tube, tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("method", ["fine", "classic"])
+@pytest.mark.parametrize("method", ["tracer", "classic"])
 def test_a_picture_is_drawn_and_described(frame: Path, tmp_path: Path, method: str, axis_of) -> None:
     drawn, table = tmp_path / "d.png", tmp_path / "d.json"
-    result = run(frame, "-o", drawn, "--json", table, "--set", f"method={method}")
+    result = run(frame, "-o", drawn, "--json", table, "--set", f"vision.method={method}")
     assert result.exit_code == 0, result.output
     figures = json.loads(table.read_text())
     assert figures["status"] == "valid"
@@ -62,7 +62,7 @@ def test_a_hook_has_no_polynomial_but_an_angle_series(tube, tmp_path: Path) -> N
     refused = run(tmp_path / "hook.png", "-o", tmp_path / "a.png")
     assert "past 90 degrees" in refused.stderr
     table = tmp_path / "t.json"
-    run(tmp_path / "hook.png", "-o", tmp_path / "b.png", "--features", "legendre", "--json", table)
+    run(tmp_path / "hook.png", "-o", tmp_path / "b.png", "--set", "features.kind=legendre", "--json", table)
     series = json.loads(table.read_text())["features"]
     assert series["L0"] + series["L1"] + series["L2"] == pytest.approx(3.2, abs=0.5)
 
@@ -79,7 +79,7 @@ def test_a_picture_without_a_catheter_says_why(tmp_path: Path) -> None:
 
 def test_a_video_is_counted_and_put_on_a_sheet(video: Path, tmp_path: Path) -> None:
     table = tmp_path / "t.json"
-    result = run(video, "-o", tmp_path / "sheet.png", "--json", table, "--sheet", 6)
+    result = run(video, "-o", tmp_path / "sheet.png", "--json", table, "--drawn", 6)
     figures = json.loads(table.read_text())
     assert figures["frames"] == 20
     assert figures["share_found"] == pytest.approx(0.9)
@@ -96,7 +96,7 @@ def test_every_other_frame_of_a_video_is_half_the_work(video: Path, tmp_path: Pa
 
 def test_a_recording_shows_its_streams_and_a_plot(tube, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with RecordingWriter(path, Context(session="run")) as writer:
+    with RecordingWriter(path, SessionInfo(name="run")) as writer:
         for k in range(10):
             writer.write(Frame(k * 40_000_000, tube("bent")[::4, ::4].copy()))
             writer.write(Wrench(k * 40_000_000, np.array([0.1, 0.01 * k, 0.0]), np.zeros(3)))
@@ -117,8 +117,9 @@ def test_what_is_no_picture_is_named(tmp_path: Path) -> None:
         inspect_image_file(fake, VisionSettings(), ShapeFeatureSettings())
 
 
-@pytest.mark.parametrize("target", ["no/folder.png", "drawing.gif"])
+@pytest.mark.parametrize("target", ["file/drawing.png", "drawing.gif"])
 def test_a_drawing_that_cannot_be_written_is_refused(tmp_path: Path, target: str) -> None:
+    (tmp_path / "file").write_text("no folder")
     with pytest.raises(FileFormatError):
         save_image(tmp_path / target, np.zeros((4, 4, 3), np.uint8))
 
@@ -134,6 +135,6 @@ def test_settings_that_were_found_are_said_to_be_so(frame: Path, tmp_path: Path)
     stated = [
         word
         for key in ("polarity=dark", "base_side=left", "threshold=130", "diameter_px=13")
-        for word in ("--set", key)
+        for word in ("--set", f"vision.{key}")
     ]
     assert "found automatically" not in run(frame, "-o", tmp_path / "d.png", *stated).stderr

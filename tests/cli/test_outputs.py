@@ -44,7 +44,7 @@ def test_estimates_replace_a_file_only_when_told_to(model: Path, video: Path, tm
         cli.app, ["estimate", str(model), str(video), "--knob-deg", "10", "-o", str(log), "--overwrite"]
     )
     assert done.exit_code == 0
-    assert log.read_text().startswith("stamp_ns")
+    assert log.read_text().startswith("frame,time_s,stamp_ns")
 
 
 @pytest.mark.parametrize(
@@ -53,8 +53,8 @@ def test_estimates_replace_a_file_only_when_told_to(model: Path, video: Path, tm
         ["train", "DATA", "-o", "OUT/m", "--json", "OUT/no/x.json"],
         ["train", "DATA", "-o", "OUT/m", "--onnx", "OUT/no/x.onnx"],
         ["evaluate", "svr", "--data", "DATA", "-o", "OUT/r", "--json", "OUT"],
-        ["import", "DATA", "log.csv", "-o", "OUT/r.mcap", "--plot", "OUT/no/x.png"],
-        ["import", "DATA", "log.csv", "-o", "OUT/r.mcap", "--plot", "OUT/x.foo"],
+        ["import", "DATA", "log.csv", "-o", "OUT/r.mcap", "--json", "OUT/no/x.json"],
+        ["init-bench", "-o", "OUT/no/bench.toml"],
         ["simulate", "-o", "OUT/s", "--json", "OUT/no/x.json"],
         ["inspect", "DATA", "-o", "OUT/no/x.png"],
     ],

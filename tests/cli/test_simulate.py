@@ -1,6 +1,7 @@
 """``tipforce simulate --as files``: what a laboratory's machines leave, and the way from there to a recording."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from tipforce.cli import app
 from tipforce.errors import InputError
 from tipforce.io import RecordingReader, open_source
 from tipforce.simulation import read_truth
-from tipforce.types import Frame
+from tipforce.types import Frame, read_bench
 
 SETTINGS = ["--sessions", "1", "--seconds", "12", "--set", "world.tare_s=2", "--seed", "3"]
 
@@ -31,7 +32,7 @@ def session(tmp_path_factory):
 
 def test_a_session_is_a_video_with_true_stamps_and_logs(session):
     names = sorted(path.name for path in session.iterdir())
-    assert names == ["bench.json", "force.csv", "stage.csv", "video.mp4"]
+    assert names == ["bench.toml", "force.csv", "stage.csv", "video.mp4"]
     with open_source(session / "video.mp4") as source:
         stamps = [event.stamp_ns for event in source if isinstance(event, Frame)]
     truth = read_truth(session)
@@ -40,18 +41,16 @@ def test_a_session_is_a_video_with_true_stamps_and_logs(session):
 
 
 def test_imported_the_files_give_the_true_force_but_for_the_sensors_own_errors(session, tmp_path):
-    facts = json.loads((session / "bench.json").read_text())
-    catheter = ",".join(["bench", *(f"{key}={value}" for key, value in facts["catheter"].items() if key != "name")])
     result = run(
-        "import", session / "video.mp4", session / "force.csv", "--stage-log", session / "stage.csv",
-        "--knob-deg", facts["knob_deg"], "--sensor-angle-deg", facts["sensor_angle_deg"], "--reads", facts["reads"],
-        "--tare", facts["no_contact_s"], "--metres-per-px", facts["metres_per_px"], "--catheter", catheter,
-        "--set", f"base_side={facts['base_side']}", "-o", tmp_path / "run.mcap",
+        "import", session / "video.mp4", session / "stage.csv", session / "force.csv",
+        "--bench", session / "bench.toml", "-o", tmp_path / "run.mcap",
     )  # fmt: skip
     assert result.exit_code == 0, result.exception
     truth = read_truth(session)
     with RecordingReader(tmp_path / "run.mcap") as reader:
-        found, info = labels(reader), reader.info
+        found, info, stated = labels(reader), reader.info, reader.session_info
+    assert stated == replace(read_bench(session / "bench.toml"), name="run")
+    assert info.tare.how == "stated"
     assert info.clock_offset.how == "estimated"
     assert info.clock_offset.offset_ms == pytest.approx(1e3 * truth.clock_offset_s, abs=3.0)
     assert info.inertia.how == "estimated"

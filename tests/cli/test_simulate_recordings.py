@@ -35,13 +35,13 @@ def test_a_recording_holds_what_a_bench_has_and_nothing_of_the_truth(runs):
         "session_01.truth.npz",
     ]
     with RecordingReader(runs / "session_01.mcap") as reader:
-        info, context = reader.info, reader.context
+        info, session = reader.info, reader.session_info
         assert set(info.streams) == {"camera", "force", "joints", "stage"}
         assert info.streams["force"].rate_hz == pytest.approx(1000, rel=1e-3)
         assert info.streams["camera"].rate_hz == pytest.approx(24, rel=1e-2)
         assert info.inertia.how == "estimated"
-        assert (context.catheter.flexible_length_m, context.catheter.bending_stiffness_nm2) == (0.04, 4.3e-4)
-        assert context.notes["preset"] == "bench-2021 changed"
+        assert (session.catheter.flexible_length_m, session.catheter.bending_stiffness_nm2) == (0.04, 4.3e-4)
+        assert session.preset == "bench-2021 changed"
         told = json.dumps({name: dict(record) for name, record in info.metadata.items()})
     truth = read_truth(runs / "session_01.mcap")
     for name in ("flexible_length_m", "stiffness_nm2", "friction", "contact_angle_deg", "knob_factor", "amplitude_m"):

@@ -1,4 +1,4 @@
-"""``tipforce simulate --dataset``: labelled pictures as an import of the session's recording would give them."""
+"""``tipforce simulate --as dataset``: labelled pictures as an import of the session's recording would give them."""
 
 import json
 from dataclasses import replace
@@ -11,11 +11,10 @@ from typer.testing import CliRunner
 
 from tipforce.alignment import labels
 from tipforce.cli import app
-from tipforce.cli._simulated_samples import write_samples
 from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
-from tipforce.io import RecordingReader, SensorPose
-from tipforce.pipelines import record
+from tipforce.io import RecordingReader
+from tipforce.pipelines import record, write_samples
 from tipforce.simulation import PRESETS, read_truth, sample_set
 from tipforce.types import SimulatedClock
 
@@ -44,7 +43,7 @@ def test_as_many_samples_as_asked_for_from_sessions_that_differ(made):
     data = open_dataset(made)
     assert len(data) == 30
     assert [int((data.session == name).sum()) for name in data.sessions] == [11, 11, 8]
-    assert len({context.metres_per_px for context in data.contexts.values()}) == 3
+    assert len({info.view("camera").metres_per_px for info in data.session_info.values()}) == 3
     assert all(name.startswith("bench-2021-samples-3-0000") for name in data.sessions)
     assert {tuple(each.views["camera"].shape) for each in data.observations()} == {(240, 320, 3)}
     before = data.stamp_ns < 3.5e9
@@ -56,9 +55,8 @@ def test_a_sample_is_what_importing_the_recording_would_give(made, tmp_path):
     data = open_dataset(made)
     bench = WANTED.bench(1)
     path = tmp_path / "run.mcap"
-    angle = float(bench.context.notes["sensor_angle_deg"])
     record(
-        bench, path, sensor=SensorPose(angle, "tip-on-tissue"), tare=(0.0, 2.0), clock=SimulatedClock(),
+        bench, path, tare=(0.0, 2.0), clock=SimulatedClock(),
         offset_ms=WANTED.offset_ms(bench, 1), jpeg_quality=bench.imaging.jpeg_quality,
     )  # fmt: skip
     own = data.subset(data.session == bench.name)
@@ -68,7 +66,7 @@ def test_a_sample_is_what_importing_the_recording_would_give(made, tmp_path):
         assert np.array_equal(found.stamp_ns[rows], own.stamp_ns)
         assert np.array_equal(found.force_n[rows], own.force_n)
         assert np.array_equal(reader.actuation_at(own.stamp_ns)["knob_deg"], own.actuation["knob_deg"])
-        assert replace(reader.context) == own.contexts[bench.name]
+        assert replace(reader.session_info) == own.session_info[bench.name]
         for row, sample in zip(rows.tolist(), own.observations(), strict=True):
             assert np.array_equal(reader.frame_at(row).image, sample.views["camera"])
 
@@ -106,7 +104,7 @@ def sharded(tmp_path_factory) -> Path:
 def test_shards_hold_the_same_samples(made, sharded):
     images, shards = open_dataset(made), open_dataset(sharded)
     assert shards.fingerprint() == images.fingerprint()
-    assert dict(shards.contexts) == dict(images.contexts)
+    assert dict(shards.session_info) == dict(images.session_info)
     assert shards.names.tolist() == images.names.tolist()
     for one, other in zip(images.observations(), shards.observations(), strict=True):
         assert np.array_equal(one.views["camera"], other.views["camera"])
@@ -130,7 +128,7 @@ def test_inspect_train_and_evaluate_take_shards_like_any_dataset(sharded, tmp_pa
 
 
 def test_two_processes_write_the_same_bytes_and_a_whole_set_is_kept(made, tmp_path):
-    options = ["--dataset", "--samples", 30, "--samples-per-session", 11, "--seconds", 8, "--seed", 3, "--masks"]
+    options = ["--as", "dataset", "--samples", 30, "--samples-per-session", 11, "--seconds", 8, "--seed", 3, "--masks"]
     options += ["--set", "width=320", "--set", "height=240", "--set", "world.tare_s=2"]
     for _ in range(2):
         result = run("simulate", "-o", tmp_path / "set", "--json", tmp_path / "figures.json", *options)
@@ -160,15 +158,15 @@ def test_a_set_that_does_not_fit_the_disk_is_refused_before_the_work(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--samples", 5], "--samples: goes with --dataset only"),
-        (["--masks"], "--masks: goes with --dataset only"),
-        (["--dataset", "--sessions", 5], "--sessions: does not go with --dataset"),
-        (["--dataset", "--shards", "--masks"], "--masks does not go with --shards: Parquet files hold no masks"),
+        (["--samples", 5], "--samples: goes with --as dataset or --as parquet only"),
+        (["--masks"], "--masks: goes with --as dataset or --as parquet only"),
+        (["--as", "dataset", "--sessions", 5], "--sessions: does not go with --as dataset"),
+        (["--as", "parquet", "--masks"], "--masks does not go with --as parquet: its files hold no masks"),
         (["--set", "world.seconds.x=3"], "--set world.seconds.x=3: seconds is a value (60.0) and holds no settings"),
         (["--set", "world.wall.angle=3"], "world.wall.angle: there is no such setting; there are contact_angle_deg"),
-        (["--dataset", "--seconds", 6], "a session needs 5 s of tare (world.tare_s), 1.5 s of approach and 1 s"),
+        (["--as", "dataset", "--seconds", 6], "a session needs 5 s of tare (world.tare_s), 1.5 s of approach and 1 s"),
         (["--seconds", 8, "--set", "world.tare_s=6"], "world.seconds=8: a session needs 6 s of tare"),
-        (["--dataset", "--samples-per-session", 5000], "has pictures enough for 278; state --seconds"),
+        (["--as", "dataset", "--samples-per-session", 5000], "has pictures enough for 278; state --seconds"),
     ],
 )
 def test_options_that_would_do_nothing_or_cannot_be_had_are_refused(tmp_path, options, message):

@@ -9,14 +9,13 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
-from tipforce.cli._simulated import leave_dicom
-from tipforce.cli._simulated_samples import write_samples
 from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
 from tipforce.estimators import SvrSettings
 from tipforce.estimators._training import gather_rows
 from tipforce.io import RecordingReader, open_source
-from tipforce.pipelines import import_session
+from tipforce.pipelines import import_session, write_samples
+from tipforce.pipelines._simulate_sessions import leave_dicom
 from tipforce.simulation import PRESETS, FluoroSettings, SimulatedBench, read_truth, sample_set
 from tipforce.types import Frame
 
@@ -50,9 +49,7 @@ def test_two_views_as_dicom_stay_on_one_clock_where_the_first_picture_of_one_was
         assert stamps == late.stamp_ns[late.arrived(view)].tolist()
         target = tmp_path / f"{view}.mcap"
         knob_log = tmp_path / "session" / "knob.csv"
-        import_session(
-            path, tmp_path / "session" / "force.csv", target, knob_log=knob_log, offset_ms="none", tare="none"
-        )
+        import_session(path, [tmp_path / "session" / "force.csv", knob_log], target, offset_ms="none", tare="none")
         with RecordingReader(target) as reader:
             found_deg = reader.actuation_at(reader.stamps())["knob_deg"]
         true_deg = late.instants.at(late.course.knob_deg, late.frame_s[late.arrived(view)])
@@ -124,15 +121,15 @@ def test_of_two_views_inspect_looks_at_the_one_that_is_named_and_asks_for_it(wan
     if len(wanted.views) > 1:
         result = run("inspect", made, "-o", tmp_path / "sheet.png")
         assert isinstance(result.exception, InputError)
-        assert "its views are a, b: state --set view=a" in str(result.exception)
-    result = run("inspect", made, "-o", tmp_path / "sheet.png", "--set", f"view={wanted.views[-1]}")
+        assert "its views are a, b: set view=a" in str(result.exception)
+    result = run("inspect", made, "-o", tmp_path / "sheet.png", "--set", f"vision.view={wanted.views[-1]}")
     assert result.exit_code == 0, result.output
     assert (tmp_path / "sheet.png").is_file()
 
 
 def test_of_two_views_the_next_step_names_the_one_to_train_on(tmp_path):
     small = ["width=128", "height=128", "world.tare_s=2", "world.clock.fps=6"]
-    options = ["--dataset", "--preset", "biplane", "--samples", 2, "--samples-per-session", 2, "--seconds", 8]
+    options = ["--as", "dataset", "--preset", "biplane", "--samples", 2, "--samples-per-session", 2, "--seconds", 8]
     result = run("simulate", "-o", tmp_path / "set", *options, *(word for each in small for word in ("--set", each)))
     assert result.exit_code == 0, result.output
     assert "-o models/svr --set vision.view=a" in " ".join(result.output.split())

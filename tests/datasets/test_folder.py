@@ -2,7 +2,9 @@
 
 import json
 import os
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,7 +13,7 @@ import pytest
 
 from tipforce.datasets import Dataset, open_dataset, write_dataset
 from tipforce.errors import FileFormatError, InputError, TableError, TimeError
-from tipforce.types import ShapeFeatures
+from tipforce.types import Catheter, SessionInfo, ShapeFeatures, ViewInfo
 
 Make = Callable[..., Path]
 
@@ -41,18 +43,23 @@ def test_rows_come_in_the_order_of_sessions_and_stamps(make_folder: Make) -> Non
     assert values == [*range(20, 28), *range(10, 18), *range(8)]
 
 
-def test_common_facts_reach_every_context(make_folder: Make) -> None:
+def test_common_facts_reach_every_session(make_folder: Make) -> None:
     folder = make_folder()
-    facts = {"frame": "sensor", "metres_per_px": 1e-4, "catheter": {"name": "X", "diameter_m": 0.002}}
-    (folder / "dataset.json").write_text(json.dumps({**facts, "sessions": {"s1": {"wall": "soft"}}}))
-    contexts = open_dataset(folder).contexts
-    assert contexts["s0"].metres_per_px == 1e-4
-    assert contexts["s0"].catheter.diameter_m == 0.002
-    assert contexts["s1"].notes == {"force_frame": "sensor", "wall": "soft"}
+    facts = {
+        "force_frame": "sensor",
+        "views": {"camera": {"metres_per_px": 1e-4, "base_side": "left"}},
+        "catheter": {"name": "X", "diameter_m": 0.002},
+    }
+    own = {"s1": {"remarks": "soft wall", "catheter": {"diameter_m": 0.003}}}
+    (folder / "dataset.json").write_text(json.dumps({**facts, "sessions": own}))
+    infos = open_dataset(folder).session_info
+    shared = SessionInfo("s0", Catheter("X", 0.002), {"camera": ViewInfo(1e-4, "left")}, force_frame="sensor")
+    assert infos["s0"] == shared
+    assert infos["s1"] == replace(shared, name="s1", catheter=Catheter("X", 0.003), remarks="soft wall")
 
 
 def same(a: Dataset, b: Dataset) -> bool:
-    return a.fingerprint() == b.fingerprint() and dict(a.contexts) == dict(b.contexts) and a.title == b.title
+    return a.fingerprint() == b.fingerprint() and dict(a.session_info) == dict(b.session_info) and a.title == b.title
 
 
 def test_masks_stand_beside_the_images_and_are_no_part_of_an_observation(make_folder: Make) -> None:
@@ -152,14 +159,14 @@ def rename(old: str, new: str) -> Callable[[Rows], None]:
 @pytest.mark.parametrize(
     ("change", "kind", "message"),
     [
-        (put(3, "fx_n", "abc"), TableError, r"metadata\.csv, row 5, column fx_n: expected a finite number, got 'abc'"),
-        (put(3, "fx_n", "nan"), TableError, r"row 5, column fx_n"),
-        (put(0, "fx_n", "0,25"), TableError, r"row 2, column fx_n.*decimal point, not a comma"),
-        (put(2, "stamp_ns", "1.5"), TableError, r"row 4, column stamp_ns: expected a whole number, got '1\.5'"),
-        (put(2, "session", ""), TableError, r"row 4, column session: is empty"),
+        (put(3, "fx_n", "abc"), TableError, r"metadata\.csv, line 5, column fx_n: expected a number, got 'abc'"),
+        (put(3, "fx_n", "nan"), TableError, r"line 5, column fx_n"),
+        (put(0, "fx_n", "0,25"), TableError, r"line 2, column fx_n.*has a decimal comma"),
+        (put(2, "stamp_ns", "1.5"), TableError, r"line 4, column stamp_ns: expected a whole number, got '1\.5'"),
+        (put(2, "session", ""), TableError, r"line 4, column session: is empty"),
         (put(1, "stamp_ns", 1_700_000_000_000_000_001), TimeError, r"session s0 has two samples with the stamp 17"),
-        (put(1, "file_name", "images/no.png"), FileFormatError, r"row 3: there is no image .*no\.png"),
-        (drop("stamp_ns"), TableError, r"has no column 'stamp_ns'; its columns are file_name"),
+        (put(1, "file_name", "images/no.png"), FileFormatError, r"line 3: there is no image .*no\.png"),
+        (rename("fx_n", "fx_mn"), TableError, r"'fx_mn' is a force, and forces are read in newtons"),
         (drop("file_name"), TableError, r"either a column file_name or columns shape_NAME"),
         (lambda rows: [drop(c)(rows) for c in ("fx_n", "fy_n")], TableError, r"no force column"),
         (rename("knob_deg", "knob"), TableError, r"'knob' does not say its unit"),
@@ -177,15 +184,42 @@ def test_a_table_that_cannot_be_used_is_one_clear_sentence(
     [
         ("", "is empty"),
         ("file_name,stamp_ns,fx_n\n", "no rows"),
-        ("file_name;stamp_ns;fx_n\na;1;2\n", "parted by commas"),
-        ("file_name,stamp_ns,fx_n\na.png,1,0,25\n", r"row 2: has 4 cells, expected 3; a decimal comma"),
-        ("file_name,stamp_ns,fx_n,fx_n\na.png,1,0,2\n", "there twice"),
+        ("file_name,stamp_ns,fx_n\na.png,1,0,25\n", r"line 2: has 4 cells for 3 columns: commas seem to be both"),
+        ("file_name,stamp_ns,fx_n,fx_n\na.png,1,0,2\n", "appears twice"),
     ],
 )
 def test_a_damaged_table_is_one_clear_sentence(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "metadata.csv").write_text(text)
     with pytest.raises((TableError, FileFormatError), match=message):
         open_dataset(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "encoding"),
+    [
+        (lambda text: text, "utf-8-sig"),
+        (lambda text: text.replace("\n", ",,,\n"), "utf-8"),
+        (lambda text: text.replace("\n", ",\n", 1), "utf-8"),
+        (lambda text: re.sub(r"(\d)\.(\d)", r"\1,\2", text.replace(",", ";")), "utf-8"),
+        (lambda text: text.replace(",", "\t"), "utf-16"),
+    ],
+    ids=["byte order mark", "trailing empty columns", "header one longer", "decimal comma", "as Excel's Unicode text"],
+)
+def test_a_table_as_spreadsheets_write_it_is_the_same_table(
+    make_folder: Make, change: Callable[[str], str], encoding: str
+) -> None:
+    folder = make_folder()
+    plain = open_dataset(folder)
+    text = (folder / "metadata.csv").read_text()
+    (folder / "metadata.csv").write_text(change(text), encoding=encoding)
+    assert same(open_dataset(folder), plain)
+
+
+def test_still_images_without_stamps_are_a_second_apart_in_each_session(make_folder: Make) -> None:
+    data = open_dataset(make_folder(change=drop("stamp_ns")))
+    for name in data.sessions:
+        stamps = data.stamp_ns[data.session == name]
+        assert stamps.tolist() == [k * 1_000_000_000 for k in range(len(stamps))]
 
 
 def test_a_damaged_image_names_its_file(make_folder: Make) -> None:
@@ -196,11 +230,24 @@ def test_a_damaged_image_names_its_file(make_folder: Make) -> None:
         list(data.observations())
 
 
-@pytest.mark.parametrize(("text", "message"), [("{", "is no JSON"), ('{"scale": 1}', "scale: .*it may hold title")])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "is no JSON"),
+        ('{"scale": 1}', "scale is not known; it may hold title"),
+        ('{"title": 1}', "title and view must be text"),
+        ('{"sessions": {"s1": 1}}', "sessions must be an object"),
+        ('{"catheter": {"length_m": 1}}', r"dataset\.json: catheter\.length_m is not known; catheter may hold name"),
+        (
+            '{"sessions": {"s1": {"views": {"camera": {"base_side": "up"}}}}}',
+            r"dataset\.json: views\.camera\.base_side = 'up' is refused: .*'left'",
+        ),
+    ],
+)
 def test_wrong_facts_are_one_clear_sentence(make_folder: Make, text: str, message: str) -> None:
     folder = make_folder()
     (folder / "dataset.json").write_text(text)
-    with pytest.raises(FileFormatError, match=message):
+    with pytest.raises(InputError, match=message):
         open_dataset(folder)
 
 

@@ -17,7 +17,7 @@ from tipforce.datasets import (
     open_dataset,
     write_dataset,
 )
-from tipforce.types import Catheter, Context
+from tipforce.types import ActuationInfo, Catheter, SensorInfo, SessionInfo, ViewInfo
 
 SESSIONS, EACH = 5, 4
 
@@ -37,10 +37,15 @@ def png(level: int) -> bytes:
 
 def samples(number: int, views: tuple[str, ...] = ("camera",), masks: bool = False) -> SessionSamples:
     catheter = Catheter("7F", flexible_length_m=0.04 + 1e-3 * number, bending_stiffness_nm2=4.3e-4)
-    notes = {"base_side": "left", "angle": str(number)}
     frame = np.arange(EACH) * 7 + number
     return SessionSamples(
-        context=Context(f"s{number}", catheter, 2e-4 + 1e-6 * number, notes),
+        session_info=SessionInfo(
+            f"s{number}",
+            catheter,
+            {"camera": ViewInfo(round(2e-4 + 1e-6 * number, 8), "left")},
+            SensorInfo(float(number)),
+            ActuationInfo(constant={"wire_mm": 1.5}),
+        ),
         frame=frame,
         stamp_ns=frame * 41_666_667,
         actuation={"knob_deg": np.linspace(0.1, 0.7, EACH)},
@@ -76,7 +81,7 @@ def test_what_is_added_is_what_opens_with_the_facts_of_each_session(
     for number in range(SESSIONS):
         given = samples(number)
         rows = data.session == f"s{number}"
-        assert data.contexts[f"s{number}"] == given.context
+        assert data.session_info[f"s{number}"] == given.session_info
         assert np.array_equal(data.force_n[rows], given.force_n)
         assert np.array_equal(data.stamp_ns[rows], given.stamp_ns)
         assert np.array_equal(data.actuation["knob_deg"][rows], given.actuation["knob_deg"])
@@ -101,7 +106,7 @@ def test_two_views_are_two_columns(make: Callable[[Path], Growing], tmp_path: Pa
     assert {name: int(view[0, 0]) for name, view in first.views.items()} == {"a": 0, "b": 40}  # type: ignore[index]
     again = open_dataset(write_dataset(data, tmp_path / "copy"))
     assert again.fingerprint() == data.fingerprint()
-    assert dict(again.contexts) == dict(data.contexts)
+    assert dict(again.session_info) == dict(data.session_info)
     for one, other in zip(data.observations(), again.observations(), strict=True):
         assert all(np.array_equal(one.views[view], other.views[view]) for view in ("a", "b"))  # type: ignore[arg-type]
 
@@ -180,8 +185,11 @@ def test_every_view_has_masks_of_its_own(tmp_path: Path) -> None:
 def test_facts_that_all_sessions_share_are_stated_once(tmp_path: Path) -> None:
     grow(make_images(tmp_path), list(range(SESSIONS)))
     facts = json.loads((tmp_path / "dataset.json").read_text())
-    assert facts["catheter"] == {
-        "name": "7F", "diameter_m": None, "rigid_length_m": None, "bending_stiffness_nm2": 4.3e-4,
-    }  # fmt: skip
-    assert facts["notes"] == {"base_side": "left"}
-    assert facts["sessions"]["s2"] == {"angle": "2", "metres_per_px": 2.02e-4, "catheter": {"flexible_length_m": 0.042}}
+    assert facts["catheter"] == {"name": "7F", "bending_stiffness_nm2": 4.3e-4}
+    assert facts["views"] == {"camera": {"base_side": "left"}}
+    assert facts["actuation"] == {"constant": {"wire_mm": 1.5}}
+    assert facts["sessions"]["s2"] == {
+        "catheter": {"flexible_length_m": 0.042},
+        "views": {"camera": {"metres_per_px": 2.02e-4}},
+        "sensor": {"angle_deg": 2.0},
+    }

@@ -16,8 +16,8 @@ Make = Callable[..., Path]
 
 def renamed(data: Dataset, before: str) -> Dataset:
     names = {name: f"{before}{name}" for name in data.sessions}
-    contexts = {names[name]: replace(context, session=names[name]) for name, context in data.contexts.items()}
-    return replace(data, session=np.array([names[name] for name in data.session]), contexts=contexts, title=before)
+    infos = {names[name]: replace(info, name=names[name]) for name, info in data.session_info.items()}
+    return replace(data, session=np.array([names[name] for name in data.session]), session_info=infos, title=before)
 
 
 @pytest.fixture
@@ -69,9 +69,25 @@ def test_masks_are_those_of_the_parts_that_have_them(two: tuple[Dataset, Dataset
     assert [None if mask is None else int(mask[0, 0]) for mask in both.masks("camera")] == [*range(6), *[None] * 6]
 
 
+def test_other_sessions_of_the_same_name_get_names_of_their_own(two: tuple[Dataset, Dataset]) -> None:
+    first, second = two
+    other = replace(first, title="other", force_n=first.force_n + 0.1, _fingerprints=None)
+    both = join((first, other, second))
+    assert both.sessions == ("as0", "as1", "as0 (2)", "as1 (2)", "bs0", "bs1")
+    assert both.session_info["as0 (2)"].name == "as0 (2)"
+    assert both.remarks[0] == "as0 of other is called as0 (2), because a has a as0 too"
+    assert first_pixels(both)[6:12] == first_pixels(first)
+
+
+def test_what_one_part_lacks_is_told(two: tuple[Dataset, Dataset]) -> None:
+    both = join((two[0], replace(two[1], actuation={})))
+    assert both.remarks == ("b: its 6 samples lack the actuation knob_deg, which others of the data have",)
+    assert join(two).remarks == ()
+
+
 def test_one_is_itself_and_what_cannot_be_told_apart_is_refused(two: tuple[Dataset, Dataset]) -> None:
     assert join(two[:1]) is two[0]
-    with pytest.raises(InputError, match="has a session 'as0', as a has"):
+    with pytest.raises(InputError, match="has the session 'as0' that a has, with the same stamps and forces"):
         join((two[0], two[0]))
     with pytest.raises(InputError, match="knows other components"):
         join((two[0], replace(two[1], known=np.array([True, True, True]))))

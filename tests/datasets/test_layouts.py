@@ -44,7 +44,8 @@ def test_tendon_sessions_are_tared_and_joined_with_their_curves(tmp_path: Path) 
     view = next(data.subset(np.array([14])).observations()).views["camera"]
     assert isinstance(view, ShapeFeatures)
     assert view.values[3] == 2.0
-    assert "millinewtons" in data.contexts["up"].notes["force_unit"]
+    assert "millinewtons" in data.session_info["up"].remarks
+    assert data.session_info["up"].force_frame == "sensor"
 
 
 def test_an_incomplete_tendon_session_names_its_row(tmp_path: Path) -> None:

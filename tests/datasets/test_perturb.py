@@ -7,7 +7,7 @@ import pytest
 
 from tipforce.datasets import PERTURBATIONS, Blur, Dataset, Disc, Light, Noise, Perturbation, Warp, in_memory, perturbed
 from tipforce.errors import InputError
-from tipforce.types import Context, Observation, ShapeFeatures
+from tipforce.types import Observation, SessionInfo, ShapeFeatures
 
 SEED = (0, 0)
 
@@ -34,7 +34,7 @@ def dataset_of(views, force_n=(0.2, 0.1, np.nan)):
         force_n=np.tile(force_n, (count, 1)),
         known=np.isfinite(force_n),
         names=np.array([f"{i}.png" for i in range(count)]),
-        contexts={"s": Context("s")},
+        session_info={"s": SessionInfo("s")},
         rows=np.arange(count),
         title="pictures",
     )

@@ -8,12 +8,12 @@ import pytest
 from tipforce.datasets import open_dataset, write_dataset
 from tipforce.errors import InputError
 from tipforce.io import RecordingWriter
-from tipforce.types import Actuation, Context, Frame, Wrench
+from tipforce.types import Actuation, Frame, SessionInfo, Wrench
 
 
 def write_run(path: Path, session: str, level: int, forces: bool = True, knob_from_ms: int = 0) -> None:
     """One second: 25 frames/s, force in the base frame that starts at 100 ms, grey level = ``level`` + frame."""
-    with RecordingWriter(path, Context(session), lossless=True) as writer:
+    with RecordingWriter(path, SessionInfo(session), lossless=True) as writer:
         for k in range(1000):
             stamp = k * 1_000_000
             if k % 100 == 0 and k >= knob_from_ms:

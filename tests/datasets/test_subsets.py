@@ -18,7 +18,7 @@ def three_sessions() -> Dataset:
         force_n=np.random.default_rng(0).normal(size=(30, 3)),
         known=np.ones(3, bool),
         names=session,
-        contexts={},
+        session_info={},
         rows=np.arange(30, dtype=np.int64),
     )
 

@@ -1,4 +1,4 @@
-"""Small worlds with a known law: shape numbers and a knob, or pictures -> two force components, in sessions."""
+"""Small worlds with a known law: shape numbers and a knob, or images -> two force components, in sessions."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,7 +12,7 @@ from tipforce.datasets import Dataset, open_dataset
 from tipforce.estimators import DcfeSettings, NetworkEstimator
 from tipforce.estimators import _create as methods
 from tipforce.estimators.networks import _network
-from tipforce.types import Context, Observation, Status
+from tipforce.types import Observation, SessionInfo, Status
 
 
 @pytest.fixture
@@ -45,46 +45,46 @@ def world(tmp_path: Path) -> Callable[..., Dataset]:
 
 
 class Shown:
-    """A store of pictures in memory, that counts how often each is read."""
+    """A store of images in memory, that counts how often each is read."""
 
-    def __init__(self, pictures: list[Any], knob: np.ndarray) -> None:
-        self.pictures, self.knob = pictures, knob
+    def __init__(self, images: list[Any], knob: np.ndarray) -> None:
+        self.images, self.knob = images, knob
         self.reads = 0
 
     def read(self, rows: np.ndarray) -> Iterator[Observation]:
         for row in rows.tolist():
             self.reads += 1
-            views = {} if self.pictures[row] is None else {"camera": self.pictures[row]}
+            views = {} if self.images[row] is None else {"camera": self.images[row]}
             yield Observation(row * 10_000_000, views, {"knob_deg": float(self.knob[row])})
 
 
 @pytest.fixture(scope="session")
 def shown() -> Callable[..., Dataset]:
-    """Grey pictures, 60 x 80, with a bright square whose place is the force."""
+    """Grey images, 60 x 80, with a bright square whose place is the force."""
 
     def make(sessions: int = 3, each: int = 24, seed: int = 0, unseen: tuple[int, ...] = ()) -> Dataset:
         draw = np.random.default_rng(seed)
         count = sessions * each
         force = np.full((count, 3), np.nan)
         force[:, :2] = draw.uniform(-0.2, 0.2, (count, 2))
-        pictures: list[Any] = []
+        images: list[Any] = []
         for x, y in force[:, :2]:
-            picture = draw.integers(90, 110, (60, 80), dtype=np.uint8)
-            picture[round(26 + 100 * y) : round(34 + 100 * y), round(36 + 150 * x) : round(44 + 150 * x)] = 250
-            pictures.append(picture)
+            image = draw.integers(90, 110, (60, 80), dtype=np.uint8)
+            image[round(26 + 100 * y) : round(34 + 100 * y), round(36 + 150 * x) : round(44 + 150 * x)] = 250
+            images.append(image)
         for place in unseen:
-            pictures[place] = None
+            images[place] = None
         knob = draw.choice([10.0, 30.0], count)
         names = np.repeat([f"s{k}" for k in range(sessions)], each)
         return Dataset(
-            store=Shown(pictures, knob),
+            store=Shown(images, knob),
             session=names,
             stamp_ns=np.arange(count) * 10_000_000,
             actuation={"knob_deg": knob},
             force_n=force,
             known=np.array([True, True, False]),
             names=np.array([f"{place:03d}.png" for place in range(count)]),
-            contexts={f"s{k}": Context(session=f"s{k}") for k in range(sessions)},
+            session_info={f"s{k}": SessionInfo(name=f"s{k}") for k in range(sessions)},
             rows=np.arange(count),
             title="squares",
         )
@@ -96,12 +96,12 @@ class SmallTask:
     """A few thousand weights in place of ResNet-18's eleven million."""
 
     name = "small"
-    inputs = ("picture",)
+    inputs = ("image",)
     head = ("dense.",)
 
     def __init__(self, outputs: int, actuation: tuple[Any, ...]) -> None:
         self.outputs = outputs
-        self.inputs = ("picture", "actuation") if actuation else ("picture",)
+        self.inputs = ("image", "actuation") if actuation else ("image",)
 
     def build(self) -> Any:
         import torch
@@ -115,15 +115,15 @@ class SmallTask:
                 )
                 self.dense = nn.Linear(200 + more, outputs)
 
-            def forward(self, picture: torch.Tensor, actuation: torch.Tensor | None = None) -> torch.Tensor:
-                pooled = self.body(picture.permute(0, 3, 1, 2).float() / 255.0 - 0.4)
+            def forward(self, image: torch.Tensor, actuation: torch.Tensor | None = None) -> torch.Tensor:
+                pooled = self.body(image.permute(0, 3, 1, 2).float() / 255.0 - 0.4)
                 return self.dense(pooled if actuation is None else torch.cat([pooled, actuation / 30.0], dim=1))
 
         return Network(self.outputs, len(self.inputs) - 1)
 
     def batch(self, samples: Any, index: Any, draws: Any) -> dict[str, Any]:
         more = {name: values[index] for name, values in samples.inputs.items()}
-        return {"picture": samples.pictures[index], "force_n": samples.force_n[index], **more}
+        return {"image": samples.images[index], "force_n": samples.force_n[index], **more}
 
     def loss(self, outputs: Any, batch: Any) -> Any:
         return ((outputs - batch["force_n"]) ** 2).mean()
@@ -139,19 +139,19 @@ class Small(NetworkEstimator):
     def __init__(self, settings: DcfeSettings | None = None) -> None:
         super().__init__(settings or QUICK)
 
-    def forms(self, *, training: bool) -> Any:
-        return {"picture": ((32, 32, 3), "uint8")}
+    def input_specs(self, *, training: bool) -> Any:
+        return {"image": ((32, 32, 3), "uint8")}
 
-    def reader(self, context: Context, *, training: bool) -> Any:
+    def reader(self, info: SessionInfo, *, training: bool) -> Any:
         def read(observation: Observation, mask: Any = None) -> Any:
             view = observation.views.get("camera")
             if view is None:
-                return _network.Refusal(Status.NO_CATHETER, "nothing was filmed")
-            return {"picture": np.repeat(cv2.resize(view, (32, 32))[:, :, None], 3, axis=2)}
+                return _network.Abstention(Status.NO_CATHETER, "nothing was filmed")
+            return {"image": np.repeat(cv2.resize(view, (32, 32))[:, :, None], 3, axis=2)}
 
         return read
 
-    def task(self, known: np.ndarray, in_base: bool, actuation: tuple[Any, ...]) -> SmallTask:
+    def task(self, known: np.ndarray, base_frame: bool, actuation: tuple[Any, ...]) -> SmallTask:
         return SmallTask(int(known.sum()), actuation)
 
 

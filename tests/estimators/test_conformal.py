@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tipforce.datasets import Dataset
 from tipforce.estimators import create
-from tipforce.estimators._conformal import basis_of, half_width
+from tipforce.estimators.uncertainty import conformal_half_width, interval_basis
 from tipforce.types import ForceEstimate
 
 World = Callable[..., Dataset]
@@ -19,22 +19,22 @@ QUICK = {"c": (10.0,), "epsilon": (0.01,), "sigma": (1.0,), "force": "components
 
 def test_with_few_sessions_a_guarantee_would_be_infinite() -> None:
     eight = np.repeat([f"s{k}" for k in range(8)], 5)
-    by_session = basis_of(9, True)
-    assert half_width(np.ones(40), eight, by_session) == math.inf
+    by_session = interval_basis(9, True)
+    assert conformal_half_width(np.ones(40), eight, by_session) == math.inf
     nine = np.repeat([f"s{k}" for k in range(9)], 5)
-    assert half_width(np.ones(45), nine, by_session) == 1.0
+    assert conformal_half_width(np.ones(45), nine, by_session) == 1.0
 
 
 def test_a_long_session_weighs_no_more_than_a_short_one() -> None:
     session = np.array(["long"] * 1000 + [f"s{k}" for k in range(19) for _ in range(3)])
     residuals = np.where(session == "long", 100.0, 1.0)
-    assert half_width(residuals, session, basis_of(20, True)) == 1.0
-    assert half_width(residuals, session, basis_of(4, True)) == 100.0
+    assert conformal_half_width(residuals, session, interval_basis(20, True)) == 1.0
+    assert conformal_half_width(residuals, session, interval_basis(4, True)) == 100.0
 
 
 @given(st.lists(st.floats(-10, 10), min_size=10, max_size=60))
 def test_pooled_frames_give_the_usual_quantile(values: list[float]) -> None:
-    found = half_width(np.array(values), np.array(["one"] * len(values)), basis_of(1, False))
+    found = conformal_half_width(np.array(values), np.array(["one"] * len(values)), interval_basis(1, False))
     assert found == np.sort(np.abs(values))[math.ceil(0.9 * (len(values) + 1) - 1e-9) - 1]
 
 
@@ -44,7 +44,9 @@ def test_sessions_that_differ_are_covered_on_new_ones() -> None:
     for _ in range(400):
         centres = draw.normal(size=13)
         frames = centres[:, None] + 0.3 * draw.normal(size=(13, 30))
-        width = half_width(frames[:12].ravel(), np.repeat([f"s{k}" for k in range(12)], 30), basis_of(12, True))
+        width = conformal_half_width(
+            frames[:12].ravel(), np.repeat([f"s{k}" for k in range(12)], 30), interval_basis(12, True)
+        )
         hits.append(np.mean(np.abs(frames[12]) <= width))
     assert 0.88 < np.mean(hits) < 0.96
 

@@ -1,4 +1,4 @@
-"""Methods that are networks, from a dataset of pictures to a model folder and back."""
+"""Methods that are networks, from a dataset of images to a model folder and back."""
 
 import json
 from collections.abc import Callable
@@ -23,9 +23,9 @@ from tipforce.estimators import (
     training_lines,
 )
 from tipforce.estimators.networks import _network
-from tipforce.estimators.networks._prepared import prepare
-from tipforce.training import weights_of
-from tipforce.types import Context, Observation, Status
+from tipforce.estimators.networks._preparation import prepare
+from tipforce.training import graph_weights
+from tipforce.types import Observation, SessionInfo, Status
 
 pytest.importorskip("torch", reason="training needs the extra [train]")
 pytest.importorskip("onnxscript", reason="training needs the extra [train]")
@@ -57,7 +57,7 @@ def test_it_learns_what_is_in_the_pictures(learnt: NetworkEstimator, shown: Make
     answer = learnt.predict(fresh)[0]
     assert answer.known.tolist() == [True, True, False]
     assert np.isfinite(answer.interval_n[:2]).all()
-    assert not learnt.remembers
+    assert not learnt.uses_history
     assert learnt.describe()["interval_basis"] == "random samples that also chose the epoch, of 3 sessions"
 
 
@@ -83,7 +83,7 @@ def test_a_model_folder_answers_the_same(
     assert 0 < facts["parity_n"] < 1e-3
     loaded.calibrate(shown(sessions=9, each=8, seed=2))
     assert loaded.describe()["interval_basis"] == "whole sessions"
-    with pytest.raises(InputError, match="without an answer; the first says: nothing was filmed"):
+    with pytest.raises(InputError, match="the first says: nothing was filmed"):
         loaded.calibrate(shown(unseen=tuple(range(72))))
     with pytest.raises(NotFittedError, match="small was not fitted"):
         small.calibrate(shown())
@@ -114,15 +114,15 @@ def test_actuation_and_samples_that_cannot_be_read(small: NetworkEstimator, show
     settings = small.settings.model_copy(update={"actuation": ("knob_deg",), "epochs": 1})
     data = shown(unseen=(3, 40))
     fitted = type(small)(settings).fit(data)
-    assert fitted.describe()["samples_left_out"] == 2
+    assert fitted.describe()["samples_skipped"] == 2
     unseen = fitted.predict(data.subset(np.array([3])))[0]
     assert (unseen.status, unseen.detail) == (Status.NO_CATHETER, "nothing was filmed")
-    assert fitted.needed_actuation == ("knob_deg",)
-    stream = fitted.start(Context())
-    picture = next(iter(data.observations())).views
-    low, high = (stream.update(Observation(0, picture, {"knob_deg": knob})).force_n[:2] for knob in (10.0, 30.0))
+    assert fitted.required_actuation == ("knob_deg",)
+    stream = fitted.start(SessionInfo())
+    image = next(iter(data.observations())).views
+    low, high = (stream.update(Observation(0, image, {"knob_deg": knob})).force_n[:2] for knob in (10.0, 30.0))
     assert not np.array_equal(low, high)
-    assert stream.update(Observation(0, picture, {})).status is Status.MISSING_INPUT
+    assert stream.update(Observation(0, image, {})).status is Status.MISSING_INPUT
 
 
 def test_what_is_prepared_is_kept_and_not_made_again(shown: Make, tmp_path: Path) -> None:
@@ -130,7 +130,7 @@ def test_what_is_prepared_is_kept_and_not_made_again(shown: Make, tmp_path: Path
 
     def read(_: str, observation: Observation, mask: Any) -> Any:
         view = observation.views.get("camera")
-        return _network.Refusal(Status.NO_CATHETER, "dark") if view is None else {"corner": view[:2, :3]}
+        return _network.Abstention(Status.NO_CATHETER, "dark") if view is None else {"corner": view[:2, :3]}
 
     def made(key: str, part: Dataset) -> Any:
         return prepare(
@@ -139,9 +139,9 @@ def test_what_is_prepared_is_kept_and_not_made_again(shown: Make, tmp_path: Path
 
     first = made("a", data)
     assert data.store.reads == 72
-    assert first.kept.tolist() == [0, *range(2, 72)]
-    assert first.why_not == "001.png: dark (no_catheter)"
-    wanted = [each.views["camera"][:2, :3] for each in data.subset(first.kept).observations()]
+    assert first.index.tolist() == [0, *range(2, 72)]
+    assert first.first_skipped == "001.png: dark (no_catheter)"
+    wanted = [each.views["camera"][:2, :3] for each in data.subset(first.index).observations()]
     assert np.array_equal(first.arrays["corner"], wanted)
     before = data.store.reads
     again = made("a", data)
@@ -152,16 +152,18 @@ def test_what_is_prepared_is_kept_and_not_made_again(shown: Make, tmp_path: Path
     assert data.store.reads == before + 72 + 5
 
 
-def test_training_begins_with_a_model_s_weights(learnt: NetworkEstimator, small: NetworkEstimator, shown: Make) -> None:
+def test_fine_tuning_starts_from_the_weights_of_a_model(
+    learnt: NetworkEstimator, small: NetworkEstimator, shown: Make
+) -> None:
     still = type(small)(small.settings.model_copy(update={"epochs": 1, "rate": 1e-30}))
     after = train(still, shown(), start=learnt).estimator
-    again = still.beginning_with(learnt).unfitted().fit(shown())  # as every split of an evaluation does
-    weights = [weights_of(each.files()["model.onnx"])["dense.weight"] for each in (learnt, after, again)]
+    again = still.fine_tuned_from(learnt).unfitted().fit(shown())  # as every split of an evaluation does
+    weights = [graph_weights(each.files()["model.onnx"])["dense.weight"] for each in (learnt, after, again)]
     assert np.array_equal(weights[0], weights[1])
     assert np.array_equal(weights[0], weights[2])
-    with pytest.raises(InputError, match="a dcfe cannot begin with the weights of a small"):
-        Dcfe().beginning_with(learnt)
-    assert "began with the weights of small" in "\n".join(type(after).words(after.describe()).told)
+    with pytest.raises(InputError, match="a dcfe cannot start from the weights of a small"):
+        Dcfe().fine_tuned_from(learnt)
+    assert "fine-tuned from the weights of small" in "\n".join(type(after).summary(after.describe()).training)
     with pytest.raises(InputError, match="svr is no network"):
         train(create("svr"), shown(), start=learnt)
 
@@ -184,20 +186,20 @@ def test_what_cannot_be_learnt_from_is_refused(
     with pytest.raises(InputError, match="has no actuation 'wire_mm'"):
         type(small)(small.settings.model_copy(update={"actuation": ("wire_mm",)})).fit(shown())
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 1000})())
-    with pytest.raises(InputError, match=r"preparing the pictures of squares needs 0.0 GB, 0.0 GB are free"):
+    with pytest.raises(InputError, match=r"preparing the images of squares needs 0.0 GB, 0.0 GB are free"):
         small.fit(shown())
 
 
 def test_dcfe_takes_pictures_and_says_what_it_cannot_take() -> None:
     dcfe = create("dcfe")
     assert isinstance(dcfe, Dcfe)
-    read = dcfe.reader(Context(), training=False)
+    read = dcfe.reader(SessionInfo(), training=False)
     grey = read(Observation(0, {"camera": np.full((480, 640), 7, np.uint8)}, {}))
-    assert grey["picture"].shape == (224, 224, 3)
-    assert np.unique(grey["picture"]).tolist() == [7]
+    assert grey["image"].shape == (224, 224, 3)
+    assert np.unique(grey["image"]).tolist() == [7]
     colour = np.zeros((448, 224, 3), np.uint8)
     colour[:, :112, 0] = 200
-    found = read(Observation(0, {"camera": colour}, {}))["picture"]
+    found = read(Observation(0, {"camera": colour}, {}))["image"]
     assert found[:, :112, 0].min() == 200
     assert found[:, :, 1:].max() == 0
     refused = read(Observation(0, {"a": colour}, {}))

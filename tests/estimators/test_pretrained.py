@@ -10,7 +10,6 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
-from tipforce.cli._simulated_samples import write_samples
 from tipforce.datasets import PERTURBATIONS, Dataset, open_dataset, perturbed
 from tipforce.errors import ModelError
 from tipforce.estimators import (
@@ -24,7 +23,8 @@ from tipforce.estimators import (
     read_manifest,
     save_model,
 )
-from tipforce.evaluation import candidates_from
+from tipforce.evaluation import methods_from
+from tipforce.pipelines import write_samples
 from tipforce.simulation import PRESETS, sample_set
 
 QUICK = {"c": (10.0,), "epsilon": (0.01,), "sigma": (1.0,), "force": "components"}
@@ -45,9 +45,10 @@ def test_a_word_names_a_model_wherever_a_folder_does(stand_in: Path, tmp_path: P
     wanted = load_model(stand_in).describe()
     assert load_model("pretrained/stand-in").describe() == load_pretrained("stand-in").describe() == wanted
     assert read_manifest("pretrained/stand-in")["method"] == "svr"
-    judged, method = candidates_from(["pretrained/stand-in", "svr"])
+    judged, method = methods_from(["pretrained/stand-in", "svr"])
     assert (judged.label, method.label) == ("pretrained/stand-in", "svr")
-    assert judged.trained_sessions == {"s0", "s1"}
+    assert judged.trained_sessions == set(read_manifest(stand_in)["training"]["session_fingerprints"].values())
+    assert len(judged.trained_sessions) == 2
 
 
 def test_a_folder_of_that_name_comes_first(stand_in: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,7 +106,7 @@ def test_compact_refuses_the_pictures_of_a_bench_that_moved(unseen: Dataset) -> 
     some = unseen.subset(np.arange(0, len(unseen), 3))
     for how in moved:
         told = [each.detail for each in model.predict(perturbed(some, how)) if not each.valid]
-        assert sum("lies as in no picture" in each for each in told) >= 0.8 * len(some), how
+        assert sum("lies as in no training image" in each for each in told) >= 0.8 * len(some), how
 
 
 def test_compact_answers_a_picture_and_its_mirror_image_alike(unseen: Dataset) -> None:
@@ -113,11 +114,11 @@ def test_compact_answers_a_picture_and_its_mirror_image_alike(unseen: Dataset) -
     assert isinstance(model, NetworkEstimator)
     assert model.fitted_ is not None
     graph, session = model.fitted_.graph, unseen.session[0]
-    row = model.reader(unseen.contexts[session], training=False)(next(unseen.observations()))
+    row = model.reader(unseen.session_info[session], training=False)(next(unseen.observations()))
     assert isinstance(row, dict)
-    picture, sheet = row["picture"][None], row["sheet"][None]
-    force = graph(picture=picture, sheet=sheet)["force_n"][0]
-    other = graph(picture=picture[:, ::-1].copy(), sheet=sheet * np.float32([1, 1, 1, -1]))["force_n"][0]
+    image, metadata = row["image"][None], row["metadata"][None]
+    force = graph(image=image, metadata=metadata)["force_n"][0]
+    other = graph(image=image[:, ::-1].copy(), metadata=metadata * np.float32([1, 1, 1, -1]))["force_n"][0]
     np.testing.assert_allclose(other, force * [1, -1, 1], atol=1e-4)
 
 
@@ -141,7 +142,7 @@ def test_those_for_the_twin_read_sessions_that_they_never_saw(name: str, unseen:
     assert valid.mean() > 0.7
     off = np.array([each.magnitude_n for each in answers]) - data.magnitude_n
     assert np.nanmean(np.abs(off)) < 0.6 * np.mean(np.abs(data.magnitude_n - data.magnitude_n.mean()))
-    stream, first = model.start(data.contexts[data.session[0]]), next(data.observations())
+    stream, first = model.start(data.session_info[data.session[0]]), next(data.observations())
     for shown in (
         np.zeros((480, 640, 3), np.uint8),
         np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8),

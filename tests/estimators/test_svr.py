@@ -14,7 +14,7 @@ from tipforce.datasets import Dataset, open_dataset, random_split, random_subset
 from tipforce.errors import InputError, NotFittedError
 from tipforce.estimators import Svr, create
 from tipforce.geometry import curve_from_angle
-from tipforce.types import BasePose, Context, Observation, ShapeFeatures, Status
+from tipforce.types import BasePose, Observation, SessionInfo, ShapeFeatures, Status
 
 World = Callable[..., Dataset]
 QUICK: dict[str, Any] = {"c": (10.0, 100.0), "epsilon": (0.01,), "sigma": (0.3, 1.0)}
@@ -106,7 +106,7 @@ def test_a_straight_line_in_the_kernel_goes_on_beyond_the_data(world: World) -> 
 def test_a_window_sees_the_past_of_its_own_session_alone(world: World) -> None:
     data = world()
     svr = fitted(data, window={"lags_ms": [0, 200]})
-    assert svr.remembers
+    assert svr.uses_history
     whole = [a.magnitude_n for a in svr.predict(data)]
     alone = [a.magnitude_n for a in svr.predict(data.subset(data.session == "s2"))]
     assert alone == whole[80:120]
@@ -126,7 +126,7 @@ def test_a_window_learns_from_the_frames_between_drawn_samples(world: World) -> 
 
 def test_missing_actuation_is_answered_with_its_name(world: World) -> None:
     data = world()
-    stream = fitted(data).start(Context())
+    stream = fitted(data).start(SessionInfo())
     seen = next(data.observations())
     for actuation in ({}, {"knob_deg": float("nan")}):
         answer = stream.update(replace(seen, actuation=actuation))
@@ -137,7 +137,7 @@ def test_missing_actuation_is_answered_with_its_name(world: World) -> None:
 
 def test_other_shape_numbers_or_views_are_refused(world: World) -> None:
     data = world()
-    stream = fitted(data).start(Context())
+    stream = fitted(data).start(SessionInfo())
     seen = next(data.observations())
     other = replace(seen, views={"camera": ShapeFeatures(("B1",), np.zeros(1))})
     assert "B1" in stream.update(other).detail
@@ -179,13 +179,13 @@ def test_too_little_or_wrong_data_say_what_is_needed(world: World) -> None:
     with pytest.raises(InputError, match="at least two sessions"):
         create("svr", {"hold_out": "session"}).fit(data.subset(data.session == "s0"))
     with pytest.raises(NotFittedError, match="tipforce train"):
-        create("svr").start(Context())
+        create("svr").start(SessionInfo())
     with pytest.raises(InputError, match="there is no estimator 'svm'; there are svr"):
         create("svm")
 
 
 def test_an_observation_of_the_wrong_kind_never_raises(world: World) -> None:
-    stream = fitted(world()).start(Context())
+    stream = fitted(world()).start(SessionInfo())
     assert not stream.update(Observation(0, {})).valid
 
 
@@ -198,7 +198,7 @@ def test_pictures_are_learnt_from_and_what_they_hide_is_said(tmp_path: Path) -> 
     assert svr.settings.vision.base_side == "left"
     error = np.array([a.force_n[1] for a in svr.predict(data)]) - data.force_n[:, 1]
     assert np.sqrt(np.mean(error**2)) < 0.01
-    stream = svr.start(Context())
+    stream = svr.start(SessionInfo())
     empty = stream.update(Observation(0, {"camera": np.full((240, 320), 215, np.uint8)}, {"knob_deg": 10.0}))
     assert empty.status is Status.NO_CATHETER
     assert empty.detail

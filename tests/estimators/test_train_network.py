@@ -1,4 +1,4 @@
-"""The verb train for a method that is a network: begun, cut off, gone on with."""
+"""The verb train for a method that is a network: settings, cut off, gone on with."""
 
 from pathlib import Path
 from typing import Any
@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from tipforce.cli import app
 from tipforce.datasets import Dataset
 from tipforce.errors import InputError, ModelError
-from tipforce.estimators import Dcfe, NetworkEstimator, check_start, load_model
-from tipforce.estimators._workplace import workplace
+from tipforce.estimators import Dcfe, NetworkEstimator, load_initial_model, load_model
+from tipforce.estimators._run_directory import run_directory
 from tipforce.estimators.networks._settings import DcfeSettings
 from tipforce.training import _loop
 
@@ -23,9 +23,9 @@ OPTIONS = ["--estimator", "small", "--set", "batch=8", "--set", "rate=0.05", "--
 
 @pytest.fixture
 def folder(shown: Any, tmp_path: Path) -> Path:
-    """The pictures as a dataset folder."""
+    """The images as a dataset folder."""
     data: Dataset = shown()
-    made = tmp_path / "pictures"
+    made = tmp_path / "images"
     made.mkdir()
     lines = ["file_name,session,stamp_ns,knob_deg,fx_n,fy_n"]
     for place, observation in enumerate(data.observations()):
@@ -47,7 +47,7 @@ def test_a_training_that_was_cut_off_is_gone_on_with(
     words = [folder, *OPTIONS, "--set", "epochs=4", "--seed", "3", "-o"]
     assert run(*words, tmp_path / "whole").exit_code == 0
 
-    line = _loop.progress_line
+    line = _loop.progress_text
 
     def stop(row: dict[str, Any], recipe: Any) -> str:
         if row["epoch"] == 2:
@@ -56,10 +56,10 @@ def test_a_training_that_was_cut_off_is_gone_on_with(
 
     work = tmp_path / "cut.training"
     with monkeypatch.context() as patch:
-        patch.setattr(_loop, "progress_line", stop)
-        with pytest.warns(UserWarning, match="keeps the training so far; go on with it by --resume"):
+        patch.setattr(_loop, "progress_text", stop)
+        with pytest.warns(UserWarning, match="keeps the training so far; go on with it by resume=True"):
             assert run(*words, tmp_path / "cut").exit_code != 0
-    assert {"checkpoint.pt", "training.jsonl", "picture.npy", "prepared.json"} == {p.name for p in work.iterdir()}
+    assert {"checkpoint.pt", "training.jsonl", "image.npy", "prepared.json"} == {p.name for p in work.iterdir()}
     with pytest.raises(InputError, match="holds a training that was not finished"):
         run(*words, tmp_path / "cut")
     result = run(*words, tmp_path / "cut", "--resume")
@@ -72,50 +72,57 @@ def test_a_training_that_was_cut_off_is_gone_on_with(
         run(*words, tmp_path / "other", "--resume")
 
     result = run(*words, tmp_path / "more", "--set", "epochs=1", "--from", tmp_path / "cut")
-    assert "began with the weights of small" in result.output
-    both = load_model(tmp_path / "more").describe()["learnt_from"]
-    assert both == 2 * load_model(tmp_path / "cut").describe()["learnt_from"]
-    assert load_model(tmp_path / "more").taught_sessions == load_model(tmp_path / "cut").taught_sessions != frozenset()
-    assert f"had learnt from {both[0]}." in (tmp_path / "more" / "README.md").read_text(encoding="utf-8")
-    with pytest.raises(InputError, match=r"--from is for networks; svr always learns from nothing"):
+    assert "fine-tuned from the weights of small" in result.output
+    both = load_model(tmp_path / "more").describe()["trained_on"]
+    assert both == 2 * load_model(tmp_path / "cut").describe()["trained_on"]
+    assert (
+        load_model(tmp_path / "more").training_sessions == load_model(tmp_path / "cut").training_sessions != frozenset()
+    )
+    assert f"trained on {both[0]}." in (tmp_path / "more" / "README.md").read_text(encoding="utf-8")
+    with pytest.raises(InputError, match=r"init_from is for networks; svr always learns from nothing"):
         run(folder, "-o", tmp_path / "svr", "--from", tmp_path / "cut")
-    with pytest.raises(InputError, match=r"is a small, and dcfe cannot begin with its weights"):
+    with pytest.raises(InputError, match=r"is a small, and dcfe cannot start from its weights"):
         run(folder, "--estimator", "dcfe", "-o", tmp_path / "dcfe", "--from", tmp_path / "cut")
 
 
 def test_a_training_that_cannot_begin_leaves_nothing(small: NetworkEstimator, folder: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no actuation 'wire_mm'"):
         run(folder, *OPTIONS, "--set", 'actuation=["wire_mm"]', "-o", tmp_path / "m")
-    assert [path.name for path in tmp_path.iterdir()] == ["pictures"]
+    assert [path.name for path in tmp_path.iterdir()] == ["images"]
 
 
 def test_a_folder_that_holds_other_things_is_no_place_to_train_in(tmp_path):
     folder = tmp_path / "heart.training"
     folder.mkdir()
     (folder / "metadata.csv").write_text("file_name\n")
-    (folder / "picture.npy").write_bytes(b"left by a training")
+    (folder / "image.npy").write_bytes(b"left by a training")
     (folder / "labels.npy").write_bytes(b"mine")
     with (
         pytest.raises(InputError, match=r"heart\.training: .*holds other things \(labels\.npy\)"),
-        workplace(Dcfe(), tmp_path / "heart", resume=False),
+        run_directory(Dcfe(), tmp_path / "heart", resume=False),
     ):
         pytest.fail("nothing may be trained there")
     assert (folder / "metadata.csv").read_text() == "file_name\n"
 
 
 def test_a_training_that_begins_with_weights_has_the_settings_for_that(monkeypatch, tmp_path):
-    start = check_start(Dcfe(), "pretrained")
+    start = load_initial_model(Dcfe(), "pretrained")
     assert start is not None
     assert start.describe()["samples"] > 10_000
     plain, stated = Dcfe(), Dcfe(DcfeSettings(epochs=7, optimiser="sgd"))
     assert plain.settings.optimiser == "sgd"
-    begun = plain.beginning_with(start).settings
-    assert (begun.optimiser, begun.epochs, begun.average, begun.rate) == ("adamw", 80, 0.99, plain.settings.rate)
-    begun = stated.beginning_with(start).settings
-    assert (begun.optimiser, begun.epochs, begun.average) == ("sgd", 7, 0.99)
+    settings = plain.fine_tuned_from(start).settings
+    assert (settings.optimiser, settings.epochs, settings.average, settings.rate) == (
+        "adamw",
+        80,
+        0.99,
+        plain.settings.rate,
+    )
+    settings = stated.fine_tuned_from(start).settings
+    assert (settings.optimiser, settings.epochs, settings.average) == ("sgd", 7, 0.99)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "pretrained").mkdir()
-    assert check_start(Dcfe(), "pretrained") is not None  # a folder of that name that is no model is not meant
+    assert load_initial_model(Dcfe(), "pretrained") is not None  # a folder of that name that is no model is not meant
     (tmp_path / "pretrained" / "model.json").write_text("{}")
     with pytest.raises(ModelError, match=r"pretrained"):
-        check_start(Dcfe(), "pretrained")
+        load_initial_model(Dcfe(), "pretrained")

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from tipforce.datasets import Dataset
 from tipforce.estimators import Estimator
-from tipforce.types import Context, ForceEstimate, Observation, Status
+from tipforce.types import ForceEstimate, Observation, SessionInfo, Status
 
 
 class Rows:
@@ -48,7 +48,7 @@ def bench(sessions=4, frames=40, seed=0, noise_n=0.005, shift_n=0.02, views=None
         force_n=force,
         known=np.array([True, True, False]),
         names=np.array([f"{name}/{i:04d}.png" for name, i in zip(session, range(count), strict=True)]),
-        contexts={f"s{i}": Context(session=f"s{i}") for i in range(sessions)},
+        session_info={f"s{i}": SessionInfo(name=f"s{i}") for i in range(sessions)},
         rows=np.arange(count),
         title="bench of numbers",
     )
@@ -57,7 +57,7 @@ def bench(sessions=4, frames=40, seed=0, noise_n=0.005, shift_n=0.02, views=None
 class RidgeSettings(BaseModel):
     alpha: float = 1e-6
     refuse_above_deg: float = np.inf
-    remembers: bool = False
+    uses_history: bool = False
     unbounded: bool = False
 
 
@@ -72,8 +72,8 @@ class Ridge(Estimator):
         self.weights_ = None
 
     @property
-    def remembers(self) -> bool:
-        return self.settings.remembers
+    def uses_history(self) -> bool:
+        return self.settings.uses_history
 
     def fit(self, dataset, progress=None) -> Self:
         x = np.column_stack([dataset.actuation["bend_deg"], np.ones(len(dataset))])
@@ -92,7 +92,7 @@ class Ridge(Estimator):
         self.calibrated_rows_ = dataset.rows
         return self
 
-    def start(self, context):
+    def start(self, info):
         return RidgeStream(self)
 
     def unfitted(self) -> Self:
@@ -132,7 +132,7 @@ class RidgeStream:
             interval_n=np.array([[xy[0] - half[0], xy[0] + half[0]], [xy[1] - half[1], xy[1] + half[1]], [np.nan] * 2]),
             magnitude_n=size,
             magnitude_interval_n=np.array([max(0.0, size - half.max()), size + half.max()]),
-            detail=f"frame {self.seen} of its stream" if self.model.settings.remembers else "",
+            detail=f"frame {self.seen} of its stream" if self.model.settings.uses_history else "",
         )
 
 

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.evaluation import Candidate, evaluate, write_report
-from tipforce.evaluation._figures_components import figure_31, figure_32, sample_sheet
+from tipforce.evaluation import EvaluationSettings, Method, evaluate, write_report
+from tipforce.evaluation.report._figures_thesis import figure_31, figure_32, sample_sheet
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def pictures(make_bench):
 @pytest.fixture(scope="module")
 def report(pictures, make_ridge, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "out"
-    result = evaluate(pictures, [Candidate("ridge", make_ridge())], protocols=["random"])
+    result = evaluate(pictures, [Method("ridge", make_ridge())], EvaluationSettings(protocols=["random"]))
     return result, write_report(result, folder), folder
 
 
@@ -31,7 +31,7 @@ def test_table_5_tells_the_errors_by_direction_beside_the_thesis(report):
     table = page[page.index("(thesis table 5)") :]
     table = table[: table.index("</table>")]
     rows = [re.findall(r"<t[hd][^>]*>([^<]*)</t[hd]>", row) for row in re.findall(r"<tr.*?</tr>", table, re.S)[1:]]
-    outcome = result.row("ridge", "random").outcome
+    outcome = result.result("ridge", "random").predictions
     for axis, name in enumerate("xy"):
         size = np.abs(outcome.force_n[:, axis] - outcome.reference_n[:, axis])
         assert rows[axis][1] == name
@@ -46,7 +46,7 @@ def test_table_5_tells_the_errors_by_direction_beside_the_thesis(report):
 
 def test_figure_30_shows_twelve_pictures_of_the_test_part(report, pictures):
     result, _, folder = report
-    outcome = result.row("ridge", "random").outcome
+    outcome = result.result("ridge", "random").predictions
     svg = (folder / "figures" / "ridge-fig30.svg").read_text(encoding="utf-8")
     data = base64.b64decode(re.search(r'href="data:image/jpeg;base64,([^"]+)"', svg).group(1))
     shown = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
@@ -58,7 +58,7 @@ def test_figure_30_shows_twelve_pictures_of_the_test_part(report, pictures):
 
 
 def test_figure_31_boxes_hold_what_was_measured_and_estimated(report):
-    outcome = report[0].row("ridge", "random").outcome
+    outcome = report[0].result("ridge", "random").predictions
     left, right, *_ = figure_31(outcome).axes
     for axes, axis in ((left, 0), (right, 1)):
         flat = [line.get_ydata() for line in axes.lines if len(line.get_ydata()) and not np.ptp(line.get_ydata())]
@@ -69,7 +69,7 @@ def test_figure_31_boxes_hold_what_was_measured_and_estimated(report):
 
 
 def test_figure_32_draws_every_test_sample(report):
-    outcome = report[0].row("ridge", "random").outcome
+    outcome = report[0].result("ridge", "random").predictions
     top, bottom, *_ = figure_32(outcome).axes
     for axes, axis in ((top, 0), (bottom, 1)):
         measured, estimated = axes.lines
@@ -79,5 +79,5 @@ def test_figure_32_draws_every_test_sample(report):
 
 def test_without_pictures_there_is_no_sheet_of_them(make_bench, make_ridge):
     data = make_bench(sessions=2)
-    row = evaluate(data, [Candidate("ridge", make_ridge())], protocols=["random"]).rows[0]
-    assert sample_sheet(data, row.outcome, "camera") is None
+    row = evaluate(data, [Method("ridge", make_ridge())], EvaluationSettings(protocols=["random"])).results[0]
+    assert sample_sheet(data, row.predictions, "camera") is None

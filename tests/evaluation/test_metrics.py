@@ -6,16 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tipforce.evaluation import error_figures, interval_figures, percent_of_true, score
-from tipforce.evaluation._metrics import plain
-from tipforce.evaluation._outcome import against, gather
+from tipforce.evaluation import error_metrics, interval_metrics, percent_of_true, score
+from tipforce.evaluation._metrics import json_ready
+from tipforce.evaluation._predictions import collect, with_reference
 from tipforce.types import ForceEstimate, Status
 
 
 def test_errors_match_a_calculation_by_hand():
     reference = np.array([0.10, 0.20, 0.30, 0.40])
     estimate = np.array([0.11, 0.18, 0.33, 0.40])
-    figures = error_figures(reference, estimate)
+    figures = error_metrics(reference, estimate)
     assert figures["n"] == 4
     assert figures["mae_n"] == pytest.approx(0.015)
     assert figures["mse_n2"] == pytest.approx((0.01**2 + 0.02**2 + 0.03**2) / 4)
@@ -30,29 +30,29 @@ def test_errors_match_a_calculation_by_hand():
 
 
 def test_grams_are_newtons_over_standard_gravity():
-    figures = error_figures(np.array([0.0]), np.array([0.0980665]))
+    figures = error_metrics(np.array([0.0]), np.array([0.0980665]))
     assert figures["mae_g"] == pytest.approx(10.0)
     assert figures["bias_g"] == pytest.approx(10.0)
 
 
 def test_a_refused_sample_does_not_count():
-    with_gap = error_figures(np.array([0.1, 0.2, 0.3]), np.array([0.11, np.nan, 0.3]))
-    assert with_gap == error_figures(np.array([0.1, 0.3]), np.array([0.11, 0.3]))
+    with_gap = error_metrics(np.array([0.1, 0.2, 0.3]), np.array([0.11, np.nan, 0.3]))
+    assert with_gap == error_metrics(np.array([0.1, 0.3]), np.array([0.11, 0.3]))
 
 
 def test_no_answer_at_all_gives_no_numbers():
-    figures = error_figures(np.array([0.1, 0.2]), np.array([np.nan, np.nan]))
+    figures = error_metrics(np.array([0.1, 0.2]), np.array([np.nan, np.nan]))
     assert figures.pop("n") == 0
     assert all(math.isnan(value) for value in figures.values())
 
 
 def test_r2_has_no_meaning_for_a_constant_reference():
-    assert math.isnan(error_figures(np.array([0.2, 0.2]), np.array([0.1, 0.3]))["r2"])
+    assert math.isnan(error_metrics(np.array([0.2, 0.2]), np.array([0.1, 0.3]))["r2"])
 
 
 def test_the_mean_of_the_test_part_has_an_r2_of_zero():
     reference = np.array([0.1, 0.2, 0.6])
-    assert error_figures(reference, np.full(3, 0.3))["r2"] == pytest.approx(0.0)
+    assert error_metrics(reference, np.full(3, 0.3))["r2"] == pytest.approx(0.0)
 
 
 def test_percent_is_positive_for_over_estimation_whatever_the_sign():
@@ -65,7 +65,7 @@ def test_percent_is_positive_for_over_estimation_whatever_the_sign():
 )
 def test_figures_keep_their_order(pairs):
     reference, estimate = np.array(pairs).T
-    figures = error_figures(reference, estimate)
+    figures = error_metrics(reference, estimate)
     slack = 1e-12
     assert figures["min_n"] <= figures["mae_n"] + slack
     assert figures["mae_n"] <= figures["rmse_n"] + slack
@@ -75,7 +75,7 @@ def test_figures_keep_their_order(pairs):
 
 def test_coverage_counts_what_lies_inside():
     interval = np.array([[0.0, 0.2], [0.0, 0.2], [0.3, 0.5], [np.nan, np.nan]])
-    figures = interval_figures(np.array([0.1, 0.3, 0.3, 0.1]), interval)
+    figures = interval_metrics(np.array([0.1, 0.3, 0.3, 0.1]), interval)
     assert figures["coverage"] == pytest.approx(2 / 3)
     assert figures["width_n"] == pytest.approx(0.2)
     assert figures["unbounded_share"] == 0.0
@@ -83,7 +83,7 @@ def test_coverage_counts_what_lies_inside():
 
 def test_an_unbounded_interval_covers_everything_and_is_counted_apart():
     interval = np.array([[-np.inf, np.inf], [0.0, 0.2]])
-    figures = interval_figures(np.array([5.0, 0.1]), interval)
+    figures = interval_metrics(np.array([5.0, 0.1]), interval)
     assert figures["coverage"] == 1.0
     assert figures["width_n"] == pytest.approx(0.2)
     assert figures["unbounded_share"] == 0.5
@@ -110,16 +110,16 @@ def outcome_of(dataset, magnitudes, statuses=None, contact=None):
         )
     if contact is None:
         contact = dataset.magnitude_n > 0.01
-    return gather("m", "random", "random", dataset, np.arange(len(dataset)), estimates, contact)
+    return collect("m", "random", "random", dataset, np.arange(len(dataset)), estimates, contact)
 
 
 def test_refusals_are_counted_by_reason(make_bench):
     data = make_bench(sessions=1, frames=4)
     statuses = [Status.VALID, Status.NO_CATHETER, Status.OUT_OF_DOMAIN, Status.NO_CATHETER]
     figures = score(outcome_of(data, data.magnitude_n, statuses))
-    assert figures["refused_share"] == 0.75
-    assert figures["refused"] == {"no_catheter": 2, "out_of_domain": 1}
-    assert figures["answered"] == 1
+    assert figures["abstained_share"] == 0.75
+    assert figures["abstained"] == {"no_catheter": 2, "out_of_domain": 1}
+    assert figures["valid"] == 1
 
 
 def test_refusing_hard_frames_cannot_lower_the_filled_error(make_bench):
@@ -157,7 +157,7 @@ def test_force_bins_hold_every_sample_once(make_bench):
 def test_scoring_against_the_truth_uses_the_truth(make_bench):
     data = make_bench()
     truth = np.nan_to_num(data.force_n) * 0.5
-    against_truth = score(against(outcome_of(data, data.magnitude_n * 0.5), truth))
+    against_truth = score(with_reference(outcome_of(data, data.magnitude_n * 0.5), truth))
     assert against_truth["quantities"]["magnitude"]["mae_n"] == pytest.approx(0.0)
     assert score(outcome_of(data, data.magnitude_n * 0.5))["quantities"]["magnitude"]["mae_n"] > 0.05
 
@@ -165,5 +165,5 @@ def test_scoring_against_the_truth_uses_the_truth(make_bench):
 def test_figures_become_json_without_nan(make_bench):
     data = make_bench(sessions=1, frames=4)
     figures = score(outcome_of(data, data.magnitude_n, [Status.NO_CATHETER] * 4))
-    text = json.dumps(plain(figures), allow_nan=False)
+    text = json.dumps(json_ready(figures), allow_nan=False)
     assert json.loads(text)["quantities"]["magnitude"]["mae_n"] is None

@@ -10,20 +10,29 @@ import pytest
 
 from tipforce.errors import InputError
 from tipforce.estimators import ShowsShape
-from tipforce.evaluation import Candidate, evaluate, report_lines, summary, truth_at, verdict, write_report
-from tipforce.evaluation._gallery import worst_frames
-from tipforce.evaluation._picture import Picture
+from tipforce.evaluation import (
+    EvaluationSettings,
+    Method,
+    evaluate,
+    report_lines,
+    summary,
+    truth_at,
+    verdict,
+    write_report,
+)
+from tipforce.evaluation.report._gallery import worst_frames
+from tipforce.evaluation.report._style import Drawing
 from tipforce.types import BasePose, CentrelinePx, ShapeFeatures, Status
-from tipforce.vision import Sighting, VisionSettings
+from tipforce.vision import DetectedShape, VisionSettings
 
 
 @pytest.fixture(scope="module")
 def report(make_bench, make_ridge, tmp_path_factory):
     """A report of two methods on four sessions, one of which refuses, with truth."""
     data = make_bench(sessions=4, frames=60)
-    candidates = [Candidate("ridge", make_ridge()), Candidate("<b>careful</b>", make_ridge(refuse_above_deg=30))]
+    methods = [Method("ridge", make_ridge()), Method("<b>careful</b>", make_ridge(refuse_above_deg=30))]
     truth = np.nan_to_num(data.force_n)
-    result = evaluate(data, candidates, truth_n=truth, seed=3)
+    result = evaluate(data, methods, EvaluationSettings(seed=3), truth_n=truth)
     folder = tmp_path_factory.mktemp("report") / "out"
     figures = write_report(result, folder, "tipforce evaluate ridge --data <runs> -o out")
     return result, folder, figures
@@ -33,10 +42,10 @@ def report(make_bench, make_ridge, tmp_path_factory):
 def few_figures(monkeypatch):
     """Reports with one empty drawing a method, for tests of the folder alone."""
 
-    def one(_, method):
-        return [Picture(f"{method}-drawing", "nothing", "<svg></svg>", "<svg></svg>")]
+    def one(_evaluation, method, *_):
+        return [Drawing(f"{method}-drawing", "nothing", "<svg></svg>", "<svg></svg>")]
 
-    monkeypatch.setattr("tipforce.evaluation._report.method_pictures", one)
+    monkeypatch.setattr("tipforce.evaluation.report._html.method_drawings", one)
 
 
 def test_the_page_needs_nothing_from_outside(report):
@@ -72,11 +81,13 @@ def test_metrics_are_json_without_nan_and_hold_every_row(report):
 
     stored = json.loads((folder / "metrics.json").read_text(encoding="utf-8"), parse_constant=refuse)
     assert stored == figures
-    assert [(row["method"], row["protocol"]) for row in stored["rows"]] == [(r.method, r.protocol) for r in result.rows]
-    assert stored["rows"][0]["against_sensor"]["quantities"]["magnitude"]["mae_n"] == pytest.approx(
-        result.rows[0].mae_n
+    assert [(row["method"], row["protocol"]) for row in stored["results"]] == [
+        (r.method, r.protocol) for r in result.results
+    ]
+    assert stored["results"][0]["against_sensor"]["quantities"]["magnitude"]["mae_n"] == pytest.approx(
+        result.results[0].mae_n
     )
-    assert stored["rows"][0]["against_truth"]["quantities"]["magnitude"]["mae_n"] > 0
+    assert stored["results"][0]["against_truth"]["quantities"]["magnitude"]["mae_n"] > 0
     assert stored["seed"] == 3
     assert stored["data"]["fingerprint"] == result.everything.fingerprint()
 
@@ -84,27 +95,63 @@ def test_metrics_are_json_without_nan_and_hold_every_row(report):
 def test_every_figure_is_a_drawing_of_its_own_too(report):
     names = {path.stem for path in (report[1] / "figures").iterdir()}
     kinds = ("fig23a", "fig23b", "fig24", "fig31", "fig32", "residuals", "trace", "sessions")
-    assert names == {"splits", *(f"{m}-{kind}" for m in ("ridge", "-b-careful--b-") for kind in kinds)}
+    head = {"trace", "scatter", "bland-altman", "coverage-force", "splits"}
+    assert names == {
+        *head,
+        "-b-careful--b--bland-altman",
+        *(f"{m}-{kind}" for m in ("ridge", "-b-careful--b-") for kind in kinds),
+    }
     for path in (report[1] / "figures").iterdir():
         root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
         assert root.tag.endswith("svg")
         assert len(list(root.iter())) > 50
 
 
-def test_drawings_on_the_page_take_the_ink_of_the_page(report):
+def test_drawings_on_the_page_are_described_and_none_is_shown_with_type_below_12_px(report):
     page = (report[1] / "report.html").read_text(encoding="utf-8")
-    drawings = re.findall(r"<svg .*?</svg>", page, re.S)
+    drawings = re.findall(r"<figure id[^>]*--least: (\d+)px[^>]*>\s*(<svg .*?</svg>)", page, re.S)
     assert len(drawings) >= 13
-    for drawing in drawings:
-        assert "currentColor" in drawing
+    for least, drawing in drawings:
         assert 'aria-label="' in drawing
+        assert float(re.search(r'viewBox="0 0 ([\d.]+)', drawing).group(1)) <= int(least) + 1
+        sizes = [float(size) for size in re.findall(r"font(?:-size)?: ?(?:[a-z0-9]+ )?([\d.]+)px", drawing)]
+        assert sizes
+        assert min(sizes) >= 12
+
+
+def test_the_page_leads_with_trace_and_scatter_then_results_agreement_and_coverage(report):
+    page = (report[1] / "report.html").read_text(encoding="utf-8")
+    marks = ('class="verdict"', 'id="trace"', 'id="scatter"', "Results by protocol", 'id="bland-altman"')
+    marks += ('id="coverage-force"', 'id="more"', 'id="ridge-fig23a"')
+    places = [page.index(mark) for mark in marks]
+    assert places == sorted(places)
+    trace = (report[1] / "figures" / "trace.svg").read_text(encoding="utf-8")
+    assert "&lt; 0.1 N" in trace
+    assert "&gt; 0.4 N" in trace
+
+
+def test_a_table_for_each_protocol_gives_confidence_intervals_or_says_why_not(report, make_bench, make_ridge):
+    few = (report[1] / "report.html").read_text(encoding="utf-8")
+    results = few[few.index('id="scores"') : few.index('id="agreement"')]
+    assert results.count("<table>") == 3
+    assert results.count("4 sessions: too few") == 9
+    assert any("4 sessions are too few" in sentence for sentence in report[2]["verdict"])
+    data = make_bench(sessions=6)
+    result = evaluate(data, [Method("ridge", make_ridge())], EvaluationSettings(protocols=["session"]))
+    figures = summary(result)
+    magnitude = figures["results"][0]["against_sensor"]["quantities"]["magnitude"]
+    low, high = magnitude["mae_ci95_n"]
+    assert low < magnitude["mae_n"] < high
+    assert any("over 6 sessions: " in sentence for sentence in figures["verdict"])
 
 
 def test_a_report_replaces_an_older_one_whole(make_bench, make_ridge, tmp_path, few_figures):
     folder = tmp_path / "report"
-    result = evaluate(make_bench(sessions=2), [Candidate("first", make_ridge())], protocols=["random"])
+    result = evaluate(make_bench(sessions=2), [Method("first", make_ridge())], EvaluationSettings(protocols=["random"]))
     write_report(result, folder)
-    result = evaluate(make_bench(sessions=2), [Candidate("second", make_ridge())], protocols=["random"])
+    result = evaluate(
+        make_bench(sessions=2), [Method("second", make_ridge())], EvaluationSettings(protocols=["random"])
+    )
     write_report(result, folder)
     assert not list((folder / "figures").glob("first*"))
     assert list((folder / "figures").glob("second*"))
@@ -127,7 +174,7 @@ def test_a_report_that_fails_leaves_nothing_behind(report, tmp_path, monkeypatch
     def fail(*_args):
         raise OSError("disk full")
 
-    monkeypatch.setattr("tipforce.evaluation._report._fill", fail)
+    monkeypatch.setattr("tipforce.evaluation.report._html._fill", fail)
     with pytest.raises(OSError, match="disk full"):
         write_report(report[0], folder)
     assert (folder / "metrics.json").read_bytes() == before
@@ -137,35 +184,35 @@ def test_a_report_that_fails_leaves_nothing_behind(report, tmp_path, monkeypatch
 def test_a_method_that_reads_nothing_is_called_no_better_than_a_constant(make_bench, make_ridge):
     data = make_bench()
     data.actuation["bend_deg"][:] = 1.0
-    lines = verdict(evaluate(data, [Candidate("blind", make_ridge(alpha=1.0))]))
+    lines = verdict(evaluate(data, [Method("blind", make_ridge(alpha=1.0))]))
     assert any("no better than" in line for line in lines)
 
 
 def test_a_method_that_never_answers_still_gets_a_report(make_bench, make_ridge, tmp_path):
-    result = evaluate(make_bench(), [Candidate("mute", make_ridge(refuse_above_deg=-1000))])
+    result = evaluate(make_bench(), [Method("mute", make_ridge(refuse_above_deg=-1000))])
     figures = write_report(result, tmp_path / "report")
-    assert "answered none" in figures["verdict"][0]
+    assert "gave no estimate" in figures["verdict"][0]
     assert "out of domain" in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert report_lines(figures)
 
 
 def test_unbounded_intervals_are_shown_as_what_they_are(make_bench, make_ridge, tmp_path):
-    result = evaluate(make_bench(), [Candidate("vague", make_ridge(unbounded=True))], protocols=["session"])
+    result = evaluate(
+        make_bench(), [Method("vague", make_ridge(unbounded=True))], EvaluationSettings(protocols=["session"])
+    )
     figures = write_report(result, tmp_path / "report")
-    magnitude = figures["rows"][0]["against_sensor"]["quantities"]["magnitude"]
+    magnitude = figures["results"][0]["against_sensor"]["quantities"]["magnitude"]
     assert any("exclude nothing" in sentence for sentence in figures["verdict"])
     assert (magnitude["coverage"], magnitude["width_n"], magnitude["unbounded_share"]) == (1.0, None, 1.0)
 
 
 def test_refusing_the_hard_samples_does_not_win(make_bench, make_ridge):
-    result = evaluate(
-        make_bench(), [Candidate("careful", make_ridge(refuse_above_deg=12)), Candidate("brave", make_ridge())]
-    )
+    result = evaluate(make_bench(), [Method("careful", make_ridge(refuse_above_deg=12)), Method("brave", make_ridge())])
     assert summary(result)["best_method"] == "brave"
 
 
 def test_without_held_out_sessions_the_verdict_says_so(make_bench, make_ridge):
-    result = evaluate(make_bench(sessions=1), [Candidate("ridge", make_ridge())])
+    result = evaluate(make_bench(sessions=1), [Method("ridge", make_ridge())])
     lines = verdict(result)
     assert lines[0].startswith("On blocks of time held out")
     assert any("No session was held out" in line for line in lines)
@@ -175,7 +222,7 @@ def test_the_gallery_draws_the_curve_of_ready_made_coefficients(make_bench, make
     draw = np.random.default_rng(1)
     names = ("A1", "A2", "A3", "A4")
     views = [ShapeFeatures(names, draw.normal(0, 0.2, 4)) for _ in range(120)]
-    result = evaluate(make_bench(sessions=3, views=views), [Candidate("ridge", make_ridge())])
+    result = evaluate(make_bench(sessions=3, views=views), [Method("ridge", make_ridge())])
     write_report(result, tmp_path / "report")
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert page.count('aria-label="shape of ') == 8
@@ -183,16 +230,18 @@ def test_the_gallery_draws_the_curve_of_ready_made_coefficients(make_bench, make
 
 def test_the_gallery_shows_the_worst_frames_with_what_was_seen(make_bench, ridge_class, tmp_path):
     class Seeing(ridge_class):
-        def look(self, observation, context):
+        def look(self, observation, info):
             points = np.column_stack([np.linspace(0, 60, 16), np.full(16, 24.0)])
-            sighting = Sighting(Status.VALID, "", CentrelinePx(points), BasePose(np.array([0.0, 24.0]), 0.0), 6.0, 1.0)
+            sighting = DetectedShape(
+                Status.VALID, "", CentrelinePx(points), BasePose(np.array([0.0, 24.0]), 0.0), 6.0, 1.0
+            )
             return sighting, points + 3.0
 
     assert isinstance(Seeing(), ShowsShape)
     views = [np.full((48, 64), 200, np.uint8) for _ in range(120)]
-    result = evaluate(make_bench(sessions=3, views=views), [Candidate("seeing", Seeing())])
+    result = evaluate(make_bench(sessions=3, views=views), [Method("seeing", Seeing())])
     cards = worst_frames(result, "seeing", worst=5)
-    outcome = result.row("seeing", "session").outcome
+    outcome = result.result("seeing", "session").predictions
     error = dict(zip(outcome.names, np.abs(outcome.magnitude_n - outcome.reference_magnitude_n), strict=True))
     names = [card.name for card in cards]
     assert names[0] == max(error, key=error.get)
@@ -200,9 +249,7 @@ def test_the_gallery_shows_the_worst_frames_with_what_was_seen(make_bench, ridge
     stamps = [(card.session, outcome.stamp_ns[outcome.names.tolist().index(card.name)]) for card in cards]
     assert all(abs(s - t) > 1e9 for i, (a, s) in enumerate(stamps) for b, t in stamps[:i] if a == b)
     assert all(card.image_uri.startswith("data:image/jpeg;base64,") for card in cards)
-    bare = worst_frames(
-        evaluate(make_bench(sessions=3, views=views), [Candidate("bare", ridge_class())]), "bare", worst=1
-    )
+    bare = worst_frames(evaluate(make_bench(sessions=3, views=views), [Method("bare", ridge_class())]), "bare", worst=1)
     assert bare[0].image_uri != cards[0].image_uri
 
 
@@ -227,7 +274,7 @@ def test_of_several_views_the_gallery_shows_the_one_that_the_method_looks_at(mak
     data = replace(data, store=TwoViews(data.store), view_names={"a": data.names, "b": names})
     cards = {}
     for method in (LooksAtB(), ridge_class()):
-        cards[type(method)] = worst_frames(evaluate(data, [Candidate("m", method)]), "m", worst=1)[0]
+        cards[type(method)] = worst_frames(evaluate(data, [Method("m", method)]), "m", worst=1)[0]
     brightness = {
         kind: cv2.imdecode(np.frombuffer(base64.b64decode(card.image_uri.partition(",")[2]), np.uint8), 0).mean()
         for kind, card in cards.items()
@@ -244,7 +291,7 @@ def test_the_table_of_samples_shows_what_the_method_is_fed(make_bench, ridge_cla
             bend = dataset.actuation["bend_deg"] / 50
             return ("bend",), bend[:, None], ("force",), dataset.magnitude_n[:, None] / 0.5
 
-    figures = summary(evaluate(make_bench(), [Candidate("ridge", Showing())], protocols=["random"]))
+    figures = summary(evaluate(make_bench(), [Method("ridge", Showing())], EvaluationSettings(protocols=["random"])))
     table = figures["methods"]["ridge"]["samples_table"]
     assert table["names"] == ["bend", "force"]
     forces = [row[-1] for row in table["rows"]]

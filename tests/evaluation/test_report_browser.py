@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from tipforce.evaluation import Candidate, evaluate, write_report
+from tipforce.evaluation import Method, evaluate, write_report
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 OFFLINE = ["--host-resolver-rules=MAP * ~NOTFOUND"]
@@ -16,9 +16,7 @@ pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this mac
 @pytest.fixture(scope="module")
 def page(make_bench, ridge_class, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "out"
-    write_report(
-        evaluate(make_bench(sessions=3), [Candidate("ridge", ridge_class())]), folder, "tipforce evaluate ridge"
-    )
+    write_report(evaluate(make_bench(sessions=3), [Method("ridge", ridge_class())]), folder, "tipforce evaluate ridge")
     return folder / "report.html"
 
 

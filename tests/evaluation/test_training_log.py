@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tipforce.errors import ModelError
-from tipforce.evaluation import Candidate, evaluate, write_report
-from tipforce.evaluation._figure_training import figure_training, kept_epoch, training_log
+from tipforce.evaluation import EvaluationSettings, Method, evaluate, write_report
+from tipforce.evaluation.report._figures_extra import figure_training, kept_epoch, training_log
 
 
 def rows_of(errors_n):
@@ -34,7 +34,7 @@ def logged_class(ridge_class):
 
 
 def test_the_report_shows_the_learning_curve_of_a_method_that_keeps_a_log(make_bench, logged_class, tmp_path):
-    result = evaluate(make_bench(), [Candidate("net", logged_class())])
+    result = evaluate(make_bench(), [Method("net", logged_class())])
     write_report(result, tmp_path / "r")
     assert (tmp_path / "r" / "figures" / "net-training.svg").is_file()
     page = (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
@@ -42,7 +42,7 @@ def test_the_report_shows_the_learning_curve_of_a_method_that_keeps_a_log(make_b
     assert "kept: epoch 30" in page
     saved = logged_class().fit(make_bench())
     saved.log = json.dumps(rows_of([0.1, 0.3])[0]).encode()
-    result = evaluate(make_bench(), [Candidate("net", saved.unfitted(), saved)], protocols=["random"])
+    result = evaluate(make_bench(), [Method("net", saved.unfitted(), saved)], EvaluationSettings(protocols=["random"]))
     write_report(result, tmp_path / "r")
     assert "Learning curve of the saved model" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
 

@@ -91,5 +91,5 @@ def test_without_pydicom_the_install_line_is_named(tmp_path, monkeypatch):
         return real(name, package)
 
     monkeypatch.setattr(importlib, "import_module", gone)
-    with pytest.raises(MissingExtraError, match=r"tipforce\[dicom\]"):
+    with pytest.raises(MissingExtraError, match=r"pip install -e '\.\[dicom\]'"):
         open_source(tmp_path / "run.dcm")

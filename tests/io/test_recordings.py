@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,9 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from tipforce.errors import FileFormatError, InputError, TimeError
-from tipforce.io import ClockOffset, RecordingReader, RecordingWriter, SensorPose, Tare
+from tipforce.io import ClockOffset, RecordingReader, RecordingWriter, Tare
 from tipforce.io import _cdr as cdr
-from tipforce.types import Actuation, Catheter, Context, Frame, SimulatedClock, Wrench
+from tipforce.types import Actuation, Catheter, Frame, SensorInfo, SessionInfo, SimulatedClock, ViewInfo, Wrench
 
 numbers = st.floats(allow_nan=True, allow_infinity=False, width=64)
 names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)
@@ -71,7 +72,9 @@ def test_ros2_tools_read_every_message_of_a_recording(recording: Path) -> None:
 
 def test_what_was_written_comes_back(recording: Path) -> None:
     with RecordingReader(recording) as reader:
-        assert reader.context == Context("first", metres_per_px=2e-4)
+        assert reader.session_info == SessionInfo(
+            "first", views={"camera": ViewInfo(2e-4)}, sensor=SensorInfo(90.0, "tip-on-tissue")
+        )
         events = list(reader)
         assert [event.stamp_ns for event in events] == sorted(event.stamp_ns for event in events)
         assert list(reader.events("camera"))[3].stamp_ns == 120_000_000
@@ -90,34 +93,34 @@ def test_what_was_written_comes_back(recording: Path) -> None:
 @pytest.mark.parametrize("shape", [(48, 64), (48, 64, 3)])
 def test_lossless_pictures_come_back_bit_by_bit(tmp_path: Path, shape: tuple[int, ...]) -> None:
     image = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
-    with RecordingWriter(tmp_path / "run.mcap", Context(), lossless=True) as writer:
+    with RecordingWriter(tmp_path / "run.mcap", SessionInfo(), lossless=True) as writer:
         writer.write(Frame(0, image))
     with RecordingReader(tmp_path / "run.mcap") as reader:
         np.testing.assert_array_equal(reader.frame_at(0).image, image)
-        assert reader.context.session == "run"
+        assert reader.session_info.name == "run"
 
 
 def test_facts_come_back_and_the_last_of_a_kind_holds(tmp_path: Path) -> None:
-    context = Context("s", Catheter("decapolar", 0.002, 0.04), 1e-4, {"tissue": "silicone"})
-    with RecordingWriter(tmp_path / "run.mcap", context) as writer:
+    stated = SessionInfo("s", Catheter("decapolar", 0.002, 0.04), {"camera": ViewInfo(1e-4)}, remarks="silicone")
+    with RecordingWriter(tmp_path / "run.mcap", stated) as writer:
         writer.state(ClockOffset(1, "stated"))
         writer.state(ClockOffset(-7, "estimated", 0.5, 0.99))
         writer.state(Tare(np.array([0.1, 0.2, 0.0]), np.array([1e-3, 2e-3, math.nan]), ((0.0, 5.0),), "stated", "x"))
-        writer.state(SensorPose(12.5, "tissue-on-tip"))
+        writer.state(SensorInfo(12.5, "tissue-on-tip"))
         writer.write(Actuation(0, {"knob_deg": 1.0}))
     with RecordingReader(tmp_path / "run.mcap") as reader:
         info = reader.info
-        assert reader.context == context
+        assert reader.session_info == replace(stated, sensor=SensorInfo(12.5, "tissue-on-tip"))
         assert info.clock_offset == ClockOffset(-7, "estimated", 0.5, 0.99)
         assert (info.tare.how, info.tare.stretches_s, info.tare.detail) == ("stated", ((0.0, 5.0),), "x")
         np.testing.assert_array_equal(info.tare.force_n, [0.1, 0.2, 0.0])
         np.testing.assert_array_equal(info.tare.stderr_n, [1e-3, 2e-3, math.nan])
-        assert info.sensor == SensorPose(12.5, "tissue-on-tip")
+        assert info.sensor == SensorInfo(12.5, "tissue-on-tip")
 
 
 def test_streams_that_arrive_out_of_order_are_read_in_order(tmp_path: Path) -> None:
     """A camera delivers its frames late: half a second and several chunks after the force of the same instant."""
-    with RecordingWriter(tmp_path / "run.mcap", Context()) as writer:
+    with RecordingWriter(tmp_path / "run.mcap", SessionInfo()) as writer:
         for k in range(300):
             writer.write(Wrench(k * 10_000_000, np.ones(3), np.ones(3)))
             if k >= 60 and k % 4 == 0:
@@ -130,7 +133,7 @@ def test_streams_that_arrive_out_of_order_are_read_in_order(tmp_path: Path) -> N
 
 def test_what_is_pending_reaches_the_file_by_the_clock(tmp_path: Path) -> None:
     clock = SimulatedClock()
-    with RecordingWriter(tmp_path / "run.mcap", Context(), clock=clock) as writer:
+    with RecordingWriter(tmp_path / "run.mcap", SessionInfo(), clock=clock) as writer:
         writer.write(Actuation(0, {"a_mm": 1.0}))
         small = writer.part.stat().st_size
         clock.sleep_until_ns(300_000_000)
@@ -141,22 +144,22 @@ def test_what_is_pending_reaches_the_file_by_the_clock(tmp_path: Path) -> None:
 def test_a_finished_recording_is_not_overwritten_unless_asked(recording: Path) -> None:
     before = recording.read_bytes()
     with pytest.raises(FileFormatError, match="exists already"):
-        RecordingWriter(recording, Context())
+        RecordingWriter(recording, SessionInfo())
     assert recording.read_bytes() == before
-    with RecordingWriter(recording, Context("second"), overwrite=True) as writer:
+    with RecordingWriter(recording, SessionInfo("second"), overwrite=True) as writer:
         assert recording.read_bytes() == before
         writer.write(Actuation(0, {"a_mm": 1.0}))
     with RecordingReader(recording) as reader:
-        assert reader.context.session == "second"
+        assert reader.session_info.name == "second"
 
 
 def test_a_stamp_before_zero_is_refused(tmp_path: Path) -> None:
-    with RecordingWriter(tmp_path / "run.mcap", Context()) as writer, pytest.raises(TimeError, match="before zero"):
+    with RecordingWriter(tmp_path / "run.mcap", SessionInfo()) as writer, pytest.raises(TimeError, match="before zero"):
         writer.write(Actuation(-1, {"a_mm": 1.0}))
 
 
 def test_dropped_frames_are_counted(tmp_path: Path) -> None:
-    with RecordingWriter(tmp_path / "run.mcap", Context()) as writer:
+    with RecordingWriter(tmp_path / "run.mcap", SessionInfo()) as writer:
         for k in range(50):
             if k not in (10, 20, 21):
                 writer.write(Frame(k * 40_000_000, np.zeros((8, 8), np.uint8)))

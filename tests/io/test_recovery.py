@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tipforce.errors import FileFormatError
 from tipforce.io import RecordingReader, RecordingWriter
-from tipforce.types import Actuation, Context, Wrench
+from tipforce.types import Actuation, SessionInfo, Wrench
 
 
 def events_of(path: Path) -> list[tuple[int, float]]:
@@ -44,8 +44,8 @@ def test_a_recording_killed_while_it_was_written_is_recovered_when_opened(tmp_pa
     script = (
         "import os, signal, sys, time, numpy as np\n"
         "from tipforce.io import RecordingWriter\n"
-        "from tipforce.types import Context, Wrench\n"
-        f"writer = RecordingWriter({str(tmp_path / 'run.mcap')!r}, Context('killed'))\n"
+        "from tipforce.types import SessionInfo, Wrench\n"
+        f"writer = RecordingWriter({str(tmp_path / 'run.mcap')!r}, SessionInfo('killed'))\n"
         "for k in range(100):\n"
         "    writer.write(Wrench(k * 10**6, np.full(3, float(k)), np.zeros(3)))\n"
         "time.sleep(0.7)\n"  # nothing arrives any more: what is pending must reach the file all the same
@@ -57,7 +57,7 @@ def test_a_recording_killed_while_it_was_written_is_recovered_when_opened(tmp_pa
     with pytest.warns(UserWarning, match=r"run\.mcap was cut off: 100 messages recovered"):
         assert len(events_of(path)) == 100
     with RecordingReader(path) as reader:
-        assert reader.context.session == "killed"
+        assert reader.session_info.name == "killed"
 
 
 def test_an_error_while_recording_keeps_what_was_recorded(tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_an_error_while_recording_keeps_what_was_recorded(tmp_path: Path) -> Non
         raise ConnectionError
 
     def record() -> None:
-        with RecordingWriter(tmp_path / "run.mcap", Context()) as writer:
+        with RecordingWriter(tmp_path / "run.mcap", SessionInfo()) as writer:
             for event in unplugged():
                 writer.write(event)
 
@@ -89,14 +89,14 @@ def test_a_damaged_chunk_costs_only_itself(recording: Path) -> None:
 
 
 def test_what_is_still_being_written_is_left_alone(tmp_path: Path) -> None:
-    with RecordingWriter(tmp_path / "run.mcap", Context()) as writer:
+    with RecordingWriter(tmp_path / "run.mcap", SessionInfo()) as writer:
         writer.write(Actuation(0, {"a_mm": 1.0}))
         with pytest.raises(FileFormatError, match="still being written"):
             RecordingReader(tmp_path / "run.mcap")
         with pytest.raises(FileFormatError, match="holds a recording that was cut off"):
-            RecordingWriter(tmp_path / "run.mcap", Context())
+            RecordingWriter(tmp_path / "run.mcap", SessionInfo())
         with pytest.raises(FileFormatError, match="still being written"):
-            RecordingWriter(tmp_path / "run.mcap", Context(), overwrite=True)
+            RecordingWriter(tmp_path / "run.mcap", SessionInfo(), overwrite=True)
     with RecordingReader(tmp_path / "run.mcap") as reader:
         assert reader.info.streams["joints"].count == 1
 
@@ -105,7 +105,7 @@ def test_a_recording_that_waits_for_recovery_is_not_written_over(recording: Path
     part = recording.with_name("other.mcap.part")
     part.write_bytes(recording.read_bytes()[:20_000])
     with pytest.raises(FileFormatError, match="tipforce inspect"):
-        RecordingWriter(recording.with_name("other.mcap"), Context())
+        RecordingWriter(recording.with_name("other.mcap"), SessionInfo())
     assert part.stat().st_size == 20_000
 
 
@@ -119,7 +119,7 @@ def test_a_part_beside_a_finished_file_is_not_recovered_over_it(recording: Path)
 
 
 def test_a_part_without_a_message_says_that_nothing_is_in_it(tmp_path: Path) -> None:
-    with pytest.raises(ZeroDivisionError), RecordingWriter(tmp_path / "run.mcap", Context()):
+    with pytest.raises(ZeroDivisionError), RecordingWriter(tmp_path / "run.mcap", SessionInfo()):
         raise ZeroDivisionError
     with pytest.raises(FileFormatError, match="nothing is in it"):
         RecordingReader(tmp_path / "run.mcap")

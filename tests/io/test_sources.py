@@ -7,9 +7,9 @@ import pytest
 
 from tipforce.alignment import observations
 from tipforce.errors import FileFormatError, InputError, TimeError
-from tipforce.io import ForceColumns, RecordingReader, VideoWriter, open_source, require_actuation, write_video
+from tipforce.io import RecordingReader, VideoWriter, open_source, require_actuation, write_video
 from tipforce.io._force_log import read_force_log
-from tipforce.types import Actuation, Context, Frame
+from tipforce.types import Actuation, ForceLogInfo, Frame, SessionInfo
 
 REAL = Path(os.environ.get("TIPFORCE_REAL_DATA", "")) / "tendon-manipulator"
 
@@ -149,7 +149,7 @@ def test_a_folder_without_images_or_stamps_says_what_is_missing(tmp_path: Path) 
     with pytest.raises(FileFormatError, match="holds no images"):
         open_source(tmp_path / "empty")
     with pytest.raises(FileFormatError, match=r"stamps\.csv with the columns file_name,stamp_ns"):
-        open_source(images(tmp_path / "counted", ["frame_0001.png", "frame_0002.png"]))
+        open_source(images(tmp_path / "some", ["frame_1.png", "frame_2_ns.png"]))
     with pytest.raises(TimeError, match=r"1_5_ns\.png and 2_5_ns\.png carry the same stamp"):
         open_source(images(tmp_path / "twice", ["1_5_ns.png", "2_5_ns.png"]))
     folder = images(tmp_path / "gone", ["a.png"])
@@ -158,18 +158,23 @@ def test_a_folder_without_images_or_stamps_says_what_is_missing(tmp_path: Path) 
         open_source(folder)
     (folder / "a.png").write_bytes(b"")
     (folder / "stamps.csv").write_text("file_name,stamp_ns\na.png,1\n")
-    with pytest.raises(FileFormatError, match=r"a\.png: is no picture"):
+    with pytest.raises(FileFormatError, match=r"a\.png: the image is missing, empty or damaged"):
         list(open_source(folder))
+
+
+def test_still_images_are_a_second_apart_in_the_order_of_their_names(tmp_path: Path) -> None:
+    source = open_source(images(tmp_path / "counted", ["frame_0002.png", "frame_0001.png", "frame_0010.png"]))
+    assert [event.stamp_ns for event in source] == [0, 1_000_000_000, 2_000_000_000]
 
 
 def test_a_recording_is_a_source_too(recording: Path) -> None:
     with open_source(recording) as source:
-        assert source.context.session == "first"
+        assert source.session_info.name == "first"
         assert sum(isinstance(event, Frame) for event in source) == 25
-    with open_source(recording, stated=Context()) as source:
+    with open_source(recording, stated=SessionInfo()) as source:
         assert isinstance(source, RecordingReader)  # nothing was stated, so nothing stands in between
-    with open_source(recording, stated=Context("other")) as source:
-        assert source.context.session == "other"
+    with open_source(recording, stated=SessionInfo("other")) as source:
+        assert source.session_info.name == "other"
     with pytest.raises(InputError, match="carries knob_deg itself"):
         open_source(recording, actuation={"knob_deg": 1.0, "wire_mm": 2.0})
 
@@ -180,7 +185,9 @@ def test_what_a_source_never_carries_is_known_before_it_is_read(recording: Path,
     for path in (recording, folder):
         with open_source(path) as source:
             require_actuation(source, ["knob_deg"])
-            with pytest.raises(InputError, match=rf"{path.name}: does not carry wire_mm,.* --actuation wire_mm=VALUE$"):
+            with pytest.raises(
+                InputError, match=rf"{path.name}: does not carry wire_mm,.* actuation\.constant\.wire_mm$"
+            ):
                 require_actuation(source, ["knob_deg", "wire_mm"])
         with open_source(path, actuation={"wire_mm": 2.0}) as source:
             require_actuation(source, ["knob_deg", "wire_mm"])
@@ -200,6 +207,6 @@ def test_real_frames_and_force_logs_are_read_as_they_are() -> None:
     frames = [event for event in open_source(REAL / "frames") if isinstance(event, Frame)]
     assert [frame.stamp_ns % 10**9 for frame in frames] == [375700928, 710305664, 883211914, 458522217]
     assert {frame.image.shape[:2] for frame in frames} == {(480, 640)}
-    found = read_force_log(sorted((REAL / "sessions").glob("data_*.csv"))[0], ForceColumns(force_unit="mN"))
+    found = read_force_log(sorted((REAL / "sessions").glob("data_*.csv"))[0], ForceLogInfo(force_unit="mN"))
     assert np.isfinite(found.force_n).all()
     assert 20 < 1e9 / np.median(np.diff(found.stamp_ns)) < 40

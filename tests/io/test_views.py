@@ -12,7 +12,7 @@ from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
 from tipforce.io import RecordingReader, RecordingWriter
 from tipforce.pipelines import inspect_frames, plot_summary, record, summarise_recording
-from tipforce.types import Actuation, Context, Frame, Wrench
+from tipforce.types import Actuation, Frame, SessionInfo, Wrench
 from tipforce.vision import ShapeFeatureSettings, VisionSettings
 
 STEP_NS = 66_666_667
@@ -38,7 +38,7 @@ def two_views(count: int = 12, dropped=(("b", 4), ("a", 7)), late_ns: int = 3_00
 
 
 class Bench:
-    context = Context("two views")
+    session_info = SessionInfo("two views")
 
     def __enter__(self):
         return self
@@ -147,13 +147,13 @@ def test_a_dataset_of_such_recordings_gives_both_views(run):
 
 
 def test_looking_for_a_view_that_is_not_there_says_which_are(run):
-    with pytest.raises(InputError, match=r"view 'camera' in it; there is a, b: state --set view=a"):
+    with pytest.raises(InputError, match=r"view 'camera' in it; there is a, b: set vision\.view=a"):
         inspect_frames(run, VisionSettings(), ShapeFeatureSettings())
 
 
 def test_one_view_is_written_as_ever(tmp_path):
     events = [event for event in two_views() if not isinstance(event, Frame) or event.view == "a"]
-    with RecordingWriter(tmp_path / "one.mcap", Context("one")) as writer:
+    with RecordingWriter(tmp_path / "one.mcap", SessionInfo("one")) as writer:
         for event in events:
             writer.write(Frame(event.stamp_ns, event.image) if isinstance(event, Frame) else event)
     summary = summarise_recording(tmp_path / "one.mcap")

@@ -7,7 +7,7 @@ import pytest
 from bench.settle_pyelastica import LOADS, apart
 
 
-@pytest.mark.skipif(find_spec("elastica") is None, reason="needs PyElastica: pip install 'tipforce[oracle]'")
+@pytest.mark.skipif(find_spec("elastica") is None, reason="needs PyElastica: pip install -e '.[oracle]'")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.parametrize("load", LOADS)
 def test_pyelastica_settles_at_the_same_tip(load):

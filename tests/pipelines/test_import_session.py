@@ -6,17 +6,18 @@ import pytest
 
 from tipforce.alignment import labels, observations
 from tipforce.errors import FileFormatError, InputError, TableError, TimeError, TipforceError
-from tipforce.io import ForceColumns, RecordingReader, RecordingWriter, SensorPose
+from tipforce.io import RecordingReader, RecordingWriter
 from tipforce.pipelines import import_session, plot_summary, summarise_recording
-from tipforce.types import Actuation, Context
+from tipforce.types import Actuation, ActuationInfo, ForceLogInfo, SensorInfo, SessionInfo
 
 from ..short_run import BIAS, OFFSET_S, Run, push  # type: ignore[import-not-found]
 
 
 def test_import_finds_offset_and_tare_and_yields_the_force(run: Run, tmp_path: Path) -> None:
     report = import_session(
-        run.video, run.force, tmp_path / "run.mcap", actuation={"knob_deg": 10.0}, sensor=SensorPose(0, "tissue-on-tip")
-    )
+        run.video, run.force, tmp_path / "run.mcap",
+        bench=SessionInfo(sensor=SensorInfo(0, "tissue-on-tip"), actuation=ActuationInfo(constant={"knob_deg": 10.0})),
+    )  # fmt: skip
     info = report.summary.info
     assert info.clock_offset.how == "estimated", info.clock_offset.detail
     assert info.clock_offset.offset_ms == pytest.approx(1e3 * OFFSET_S, abs=8)  # a drawn line is no elastic rod
@@ -38,7 +39,7 @@ def test_a_stated_offset_and_tare_are_taken_as_they_are(run: Run, tmp_path: Path
     info = report.summary.info
     assert (info.clock_offset.how, info.clock_offset.offset_ns) == ("stated", -12_500_000)
     assert (info.tare.how, info.tare.stretches_s) == ("stated", ((0.0, 1.5),))
-    assert info.sensor == SensorPose(0.0, "tip-on-tissue")
+    assert info.sensor == SensorInfo(0.0, "tip-on-tissue")
 
 
 def test_a_log_that_counts_from_another_zero_is_aligned_where_that_is_stated(run: Run, tmp_path: Path) -> None:
@@ -46,10 +47,10 @@ def test_a_log_that_counts_from_another_zero_is_aligned_where_that_is_stated(run
     lines = run.force.read_text().splitlines()
     moved = [f"{float(line.split(',')[0]) + 1.7e9:.3f},{line.split(',', 1)[1]}" for line in lines[1:]]
     later.write_text("\n".join([lines[0], *moved]))
-    with pytest.raises(TimeError, match=r"do not overlap with video\.mp4.*--align-start"):
+    with pytest.raises(TimeError, match=r"do not overlap with video\.mp4.*offset_ms=\"start\""):
         import_session(run.video, later, tmp_path / "run.mcap", offset_ms="none")
     assert not list(tmp_path.glob("run*"))
-    report = import_session(run.video, later, tmp_path / "run.mcap", offset_ms="none", align_start=True)
+    report = import_session(run.video, later, tmp_path / "run.mcap", offset_ms="start")
     assert report.summary.labelled > 185
     assert any("moved by -1700000000" in remark for remark in report.remarks)
 
@@ -58,8 +59,9 @@ def test_stamps_before_zero_move_all_streams_alike(run: Run, tmp_path: Path) -> 
     early = tmp_path / "force.csv"
     early.write_text("time_s,fx_n,fy_n\n" + "".join(f"{k / 1000 - 0.5:.3f},{k / 1000},0\n" for k in range(8000)))
     import_session(
-        run.video, early, tmp_path / "run.mcap", offset_ms="none", tare="none", sensor=SensorPose(0, "tissue-on-tip")
-    )
+        run.video, early, tmp_path / "run.mcap", offset_ms="none", tare="none",
+        bench=SessionInfo(sensor=SensorInfo(0, "tissue-on-tip")),
+    )  # fmt: skip
     with RecordingReader(tmp_path / "run.mcap") as reader:
         found = labels(reader)
     inside = ~np.isnan(found.force_n[:, 0])
@@ -72,9 +74,9 @@ def test_forces_that_no_catheter_bears_are_remarked_on(run: Run, tmp_path: Path)
     lines[4000] = f"{lines[4000].split(',')[0]},500,0"
     (tmp_path / "force.csv").write_text("\n".join(lines))
     report = import_session(run.video, tmp_path / "force.csv", tmp_path / "run.mcap", offset_ms="none")
-    assert any("up to 500 N: check --force-unit" in remark for remark in report.remarks)
+    assert any("up to 500 N: check sensor.log.force_unit" in remark for remark in report.remarks)
     usual = import_session(run.video, run.force, tmp_path / "usual.mcap", offset_ms="none")
-    assert not any("--force-unit" in remark for remark in usual.remarks)
+    assert not any("force_unit" in remark for remark in usual.remarks)
 
 
 def test_the_knob_may_be_a_column_or_a_log_of_its_own(run: Run, tmp_path: Path) -> None:
@@ -82,14 +84,21 @@ def test_the_knob_may_be_a_column_or_a_log_of_its_own(run: Run, tmp_path: Path) 
     table.write_text("time_s,fx_n,knob\n" + "".join(f"{k / 1000:.3f},0.1,{k / 100}\n" for k in range(8000)))
     knob = tmp_path / "knob.csv"
     knob.write_text("time_s,knob_deg\n" + "".join(f"{k / 10:.1f},{k}\n" for k in range(81)))
-    import_session(run.video, table, tmp_path / "a.mcap", knob_column="knob", offset_ms="none")
-    import_session(run.video, run.force, tmp_path / "b.mcap", knob_log=knob, offset_ms="none")
+    import_session(
+        run.video,
+        table,
+        tmp_path / "a.mcap",
+        bench=SessionInfo(actuation=ActuationInfo(knob_column="knob")),
+        offset_ms="none",
+    )
+    import_session(run.video, [run.force, knob], tmp_path / "b.mcap", offset_ms="none")
     for name in ("a", "b"):
         with RecordingReader(tmp_path / f"{name}.mcap") as reader:
             for o in list(observations(reader))[:-3]:
                 assert o.actuation["knob_deg"] == pytest.approx(o.stamp_ns * 1e-8, abs=1e-3)
+    constant = SessionInfo(actuation=ActuationInfo(constant={"knob_deg": 1.0}))
     with pytest.raises(InputError, match="state one of them"):
-        import_session(run.video, run.force, tmp_path / "c.mcap", knob_log=knob, actuation={"knob_deg": 1.0})
+        import_session(run.video, [knob, run.force], tmp_path / "c.mcap", bench=constant)
 
 
 @pytest.mark.parametrize("shift_s", [1.7e9, -1e3])
@@ -97,7 +106,7 @@ def test_a_knob_log_on_another_clock_is_refused(run: Run, tmp_path: Path, shift_
     knob = tmp_path / "knob.csv"
     knob.write_text("time_s,knob_deg\n" + "".join(f"{shift_s + k},10\n" for k in range(5)))
     with pytest.raises(TimeError, match=r"knob\.csv: its .* do not overlap with the pictures"):
-        import_session(run.video, run.force, tmp_path / "run.mcap", knob_log=knob, offset_ms="none")
+        import_session(run.video, [run.force, knob], tmp_path / "run.mcap", offset_ms="none")
     assert not list(tmp_path.glob("run.mcap*"))
 
 
@@ -118,9 +127,10 @@ BAD: list[tuple[dict[str, Any], type[TipforceError], str]] = [
     ({"force_log": "text.csv"}, TableError, "line 3, column fy_n"),
     ({"frames": "text.csv"}, FileFormatError, "no video|no such|holds no video"),
     ({"target": "run.avi"}, InputError, "ends in .mcap"),
-    ({"target": "nowhere/run.mcap"}, FileFormatError, "does not exist"),
+    ({"target": "text.csv/run.mcap"}, FileFormatError, "is a file, not a folder"),
+    ({"frames": "stills"}, FileFormatError, "neither a table nor the names of the images say when"),
     ({"tare": (100.0, 110.0)}, InputError, "the force log runs from 0 to"),
-    ({"columns": ForceColumns(fx="Fq")}, TableError, "no column 'Fq'"),
+    ({"bench": SessionInfo(sensor=SensorInfo(log=ForceLogInfo(fx="Fq")))}, TableError, "no column 'Fq'"),
 ]
 
 
@@ -129,16 +139,18 @@ def test_a_failed_import_leaves_nothing_behind(
     run: Run, tmp_path: Path, change: dict[str, Any], error: type[TipforceError], said: str
 ) -> None:
     (tmp_path / "text.csv").write_text("time_s,fx_n,fy_n\n0,1,2\n1,1,much\n")
+    (tmp_path / "stills").mkdir()
+    (tmp_path / "stills" / "a.png").write_bytes(b"")
     wanted: dict[str, Any] = {"frames": run.video, "force_log": run.force, "target": tmp_path / "run.mcap"}
     wanted |= {key: tmp_path / value if isinstance(value, str) else value for key, value in change.items()}
     with pytest.raises(error, match=said):
         import_session(wanted.pop("frames"), wanted.pop("force_log"), wanted.pop("target"), offset_ms="none", **wanted)
-    assert [path.name for path in tmp_path.iterdir()] == ["text.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["stills", "text.csv"]
 
 
 def test_an_import_that_was_killed_is_simply_run_again(run: Run, tmp_path: Path) -> None:
     """A longer leftover of an earlier import stands under the temporary name."""
-    writer = RecordingWriter(tmp_path / "run.mcap", Context(), origin="import")
+    writer = RecordingWriter(tmp_path / "run.mcap", SessionInfo(), origin="import")
     for k in range(20_000):
         writer.write(Actuation(k * 1_000_000, {"a_mm": 1.0}))
     writer._halt()

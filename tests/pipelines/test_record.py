@@ -5,9 +5,9 @@ import pytest
 
 from tipforce.alignment import StageMotion, _find, labels, observations
 from tipforce.errors import FileFormatError, InputError, TimeError
-from tipforce.io import ClockOffset, Inertia, RecordingReader, SensorPose, Tare
+from tipforce.io import ClockOffset, Inertia, RecordingReader, Tare
 from tipforce.pipelines import describe_recording, import_session, record
-from tipforce.types import STAGE, Actuation, Catheter, Context, Frame, Wrench
+from tipforce.types import STAGE, Actuation, Frame, SensorInfo, SessionInfo, ViewInfo, Wrench
 
 from ..short_run import picture, push  # type: ignore[import-not-found]
 
@@ -30,7 +30,7 @@ class Bench:
 
     def __init__(self, *, mass_kg=MASS_KG, force=True, seconds=9.0):
         self.mass_kg, self.force, self.seconds = mass_kg, force, seconds
-        self.context = Context("bench", Catheter(), 2e-4)
+        self.session_info = SessionInfo("bench", views={"camera": ViewInfo(2e-4)})
 
     def __enter__(self):
         return self
@@ -63,7 +63,7 @@ def made(tmp_path_factory):
     path = tmp_path_factory.mktemp("record") / "bench.mcap"
     told = []
     report = record(
-        Bench(), path, sensor=SensorPose(0.0, "tissue-on-tip"), tare=(0.0, 1.8), offset_ms=OFFSET_S * 1e3,
+        Bench(), path, sensor=SensorInfo(0.0, "tissue-on-tip"), tare=(0.0, 1.8), offset_ms=OFFSET_S * 1e3,
         progress=told.append,
     )  # fmt: skip
     return path, report, told
@@ -117,7 +117,7 @@ def test_a_light_load_that_the_noise_nearly_hides_is_found(tmp_path):
 
 def test_the_offset_is_found_from_the_deflection_once_the_inertia_is_out(tmp_path):
     report = record(
-        Bench(seconds=20.0), tmp_path / "run.mcap", sensor=SensorPose(0.0, "tissue-on-tip"), tare=(0.0, 1.8)
+        Bench(seconds=20.0), tmp_path / "run.mcap", sensor=SensorInfo(0.0, "tissue-on-tip"), tare=(0.0, 1.8)
     )
     found = report.summary.info.clock_offset
     assert found.how == "estimated", found.detail
@@ -127,7 +127,7 @@ def test_the_offset_is_found_from_the_deflection_once_the_inertia_is_out(tmp_pat
 def test_bad_wishes_are_refused_in_a_sentence(tmp_path):
     with pytest.raises(InputError, match=r"a recording ends in \.mcap; name it run\.mcap"):
         record(Bench(), tmp_path / "run.bag")
-    with pytest.raises(InputError, match=r"--tare 20:30: 0\.00 s of readings lie there"):
+    with pytest.raises(InputError, match=r"tare=\(20, 30\): 0\.00 s of readings lie there"):
         record(Bench(), tmp_path / "late.mcap", tare=(20.0, 30.0), offset_ms="none")
     record(Bench(force=False, seconds=1.0), tmp_path / "blind.mcap")
     with pytest.raises(FileFormatError, match=r"blind\.mcap"):
@@ -157,7 +157,7 @@ def test_a_stage_log_beside_the_force_log_serves_an_import_too(run, tmp_path):
     lines = [f"{t:.3f},{x:.5f},{y:.5f}" for t, x, y in log.tolist()]
     (tmp_path / "force.csv").write_text("time_s,fx_n,fy_n\n" + "\n".join(lines) + "\n")
     done = import_session(
-        run.video, tmp_path / "force.csv", tmp_path / "run.mcap", stage_log=tmp_path / "stage.csv", tare=(0.0, 1.8)
+        run.video, [tmp_path / "force.csv", tmp_path / "stage.csv"], tmp_path / "run.mcap", tare=(0.0, 1.8)
     )
     inertia = done.summary.info.inertia
     assert inertia.gain_kg[:, 2].tolist() == [0.0, 0.0]  # the sensor has no such axis
@@ -182,7 +182,7 @@ def test_where_the_deflection_is_in_doubt_the_stage_tells_the_offset(monkeypatch
     facts = _find.ForceCorrections(None, Tare(), Inertia(how=carried, lag_ns=45_000_000), StageMotion.of([]))
     stamps = np.arange(10, dtype=np.int64)
     remarks: list[str] = []
-    found = _find.find_offset(stamps, [], Context(), stamps, np.zeros((10, 3)), facts, "auto", remarks)
+    found = _find.find_offset(stamps, [], SessionInfo(), "camera", stamps, np.zeros((10, 3)), facts, "auto", remarks)
     assert found.how == how
     assert found.offset_ms == (45.0 if how == "stage" else seen_ms)
     assert bool(remarks) == (how == "stage")

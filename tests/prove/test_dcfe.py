@@ -8,7 +8,7 @@ import pytest
 
 from tipforce.datasets import Dataset
 from tipforce.estimators import create, load_model, save_model
-from tipforce.types import Context, Observation, Status
+from tipforce.types import Observation, SessionInfo, Status
 
 pytestmark = pytest.mark.slow
 pytest.importorskip("torch", reason="training needs the extra [train]")
@@ -41,7 +41,7 @@ def squares() -> Dataset:
         force_n=force,
         known=np.array([True, True, False]),
         names=np.array([f"{place}.png" for place in range(COUNT)]),
-        contexts={name: Context(session=name) for name in ("s0", "s1")},
+        session_info={name: SessionInfo(name=name) for name in ("s0", "s1")},
         rows=np.arange(COUNT),
         title="squares",
     )
@@ -62,5 +62,5 @@ def test_dcfe_learns_and_its_folder_answers_the_same(tmp_path: Path, precision: 
     assert dcfe.describe()["parameters"] == 11_177_538
     assert (tmp_path / "dcfe" / "model.onnx").stat().st_size < 46e6  # half of that in half precision
     stripes = np.tile(np.array([0, 255], np.uint8).repeat(8), (120, 10))
-    strange = loaded.start(Context()).update(Observation(0, {"camera": stripes}, {}))
+    strange = loaded.start(SessionInfo()).update(Observation(0, {"camera": stripes}, {}))
     assert strange.status is Status.OUT_OF_DOMAIN

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-OPTIONS = ["--dataset", "--samples", "60", "--samples-per-session", "10", "--seconds", "8", "--seed", "3"]
+OPTIONS = ["--samples", "60", "--samples-per-session", "10", "--seconds", "8", "--seed", "3"]
 OPTIONS += ["--set", "width=320", "--set", "height=240", "--set", "world.tare_s=2"]
 
 
@@ -25,7 +25,7 @@ def finished(folder: Path) -> dict[Path, int]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("more", [(), ("--shards",)])
+@pytest.mark.parametrize("more", [("--as", "dataset"), ("--as", "parquet")])
 def test_a_killed_set_goes_on_without_losing_a_finished_session(more: tuple[str, ...], tmp_path: Path) -> None:
     assert start(tmp_path / "whole", *more).wait() == 0
     kills, before = 0, dict[Path, int]()

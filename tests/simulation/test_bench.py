@@ -56,9 +56,12 @@ def test_the_same_arguments_give_the_same_bytes_and_others_do_not(bench, short):
 
 
 def test_what_the_bench_tells_is_near_the_truth_but_not_the_truth(bench):
-    context, truth = bench.context, truth_of(bench)
+    info, truth = bench.session_info, truth_of(bench)
     true_scale = truth.values["lens"]["scale_m_per_px"] * 640 / bench.settings.width
-    assert context.metres_per_px == pytest.approx(true_scale, rel=0.0105)
-    assert context.metres_per_px != true_scale
-    assert context.notes["no_contact_s"] == "0:2"
-    assert not set(context.notes) & set(truth.values)
+    stated = info.view("camera").metres_per_px
+    assert stated == pytest.approx(true_scale, rel=0.0105)
+    assert stated != true_scale
+    assert info.sensor.no_contact_s == (0.0, 2.0)
+    assert info.simulated
+    assert info.catheter.flexible_length_m != truth.values["flexible_length_m"]
+    assert info.catheter.bending_stiffness_nm2 != truth.values["stiffness_nm2"]

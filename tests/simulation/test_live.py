@@ -73,7 +73,7 @@ def test_without_commands_each_stream_is_the_recorded_one_to_the_byte():
             if isinstance(event, Frame):  # an exposure must have ended, and its picture must have come through
                 assert running.clock.now_ns() >= event.stamp_ns + 15_000_000
         assert live == recorded
-        assert running.source.context == bench.context
+        assert running.source.session_info == bench.session_info
         done, course = running.source.run.settled, running.source.course
         np.testing.assert_array_equal(course.wall_m[:done], bench.course.wall_m[:done])
         truth, whole = running.truth(), truth_of(bench)

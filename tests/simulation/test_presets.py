@@ -1,7 +1,5 @@
 """What the presets promise: devices, views, calibration, catheters that can be used."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -42,12 +40,13 @@ def test_two_views_show_the_same_catheter_in_space(biplane):
 
 
 def test_the_stated_calibration_is_off_by_half_a_pixel_and_no_truth(biplane):
-    notes, values = biplane.context.notes, biplane.values()
+    info, values = biplane.session_info, biplane.values()
     points = biplane.instants.lines_m(np.array([7.0]))[0]
     pose = np.array(values["isocentre_from_base"])
     at_isocentre = points @ pose[:, :3].T + pose[:, 3]
     for view in biplane.views:
-        stated, true = np.array(json.loads(notes[f"projection_{view}"])), np.array(values["projection"][view])
+        assert info.views[view].projection_frame == "isocentre"
+        stated, true = np.array(info.views[view].projection), np.array(values["projection"][view])
         seen = [rows @ matrix[:, :3].T + matrix[:, 3] for rows, matrix in ((at_isocentre, stated), (points, true))]
         pixels = [rows[:, :2] / rows[:, 2:] for rows in seen]
         off = np.linalg.norm(pixels[0] - pixels[1], axis=1)
@@ -82,11 +81,11 @@ def test_a_guidewire_has_no_knob():
         if isinstance(event, Actuation):
             streams.add(event.stream)
     assert JOINTS not in streams
-    assert "knob_gain_per_m_deg" not in bench.context.notes
+    assert bench.session_info.actuation.knob_gain_per_m_deg is None
     rod = bench.session.rig.rod
     assert rod.stiffness_profile[0] == 1.0
     assert rod.stiffness_profile[-1] == pytest.approx(0.05)
-    assert bench.context.catheter.diameter_m == pytest.approx(0.035 * 25.4e-3, abs=1e-6)
+    assert bench.session_info.catheter.diameter_m == pytest.approx(0.035 * 25.4e-3, abs=1e-6)
 
 
 @pytest.mark.parametrize("preset", ["guidewire", "catheter-5f"])

@@ -1,6 +1,7 @@
 """Many sessions as files: what stands is kept, what failed leaves nothing, other settings do not mix."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from tipforce.simulation import (
     truth_path,
     write_logs,
 )
+from tipforce.types import read_bench
 
 
 def leave(bench, target, tick):
@@ -48,7 +50,7 @@ def table(path):
 def test_logs_hold_what_the_bench_read_and_the_sheet_nothing_of_the_truth(root, bench):
     folder = root / "session_01"
     assert {path.name for path in root.iterdir()} >= {"session_01", "session_01.truth.npz"}
-    assert sorted(path.name for path in folder.glob("*.[cj]s*")) == ["bench.json", "force.csv", "stage.csv"]
+    assert {path.name for path in folder.iterdir() if path.suffix != ".npy"} == {"bench.toml", "force.csv", "stage.csv"}
     names, rows = table(folder / "force.csv")
     assert names == "time_s,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm"
     np.testing.assert_allclose(rows[:, 0], bench.log.stamp_ns * 1e-9, atol=1e-9)
@@ -58,11 +60,15 @@ def test_logs_hold_what_the_bench_read_and_the_sheet_nothing_of_the_truth(root, 
     names, rows = table(folder / "stage.csv")
     assert names == "time_s,stage_forward_mm,stage_across_mm"
     np.testing.assert_allclose(rows, np.column_stack([stamps * 1e-9, *stage.values()]), atol=1e-4)
-    facts = json.loads((folder / "bench.json").read_text())
-    assert facts["session"] == "session_01"
-    assert (facts["knob_deg"], facts["reads"], facts["no_contact_s"]) == (10.0, "tip-on-tissue", "0:2")
-    assert facts["catheter"]["bending_stiffness_nm2"] == 4.3e-4
-    assert not set(facts) & set(truth_of(bench).values)
+    stated = read_bench(folder / "bench.toml")
+    constant = replace(bench.session_info.actuation, constant={"knob_deg": 10.0})
+    assert stated == replace(bench.session_info, name="", actuation=constant)
+    assert (stated.sensor.reads, stated.sensor.no_contact_s) == ("tip-on-tissue", (0.0, 2.0))
+    assert stated.catheter.bending_stiffness_nm2 == 4.3e-4
+    told = (folder / "bench.toml").read_text()
+    truth = truth_of(bench).values
+    for name in ("flexible_length_m", "stiffness_nm2", "friction", "contact_angle_deg", "knob_factor", "amplitude_m"):
+        assert f"{truth[name]:.4g}" not in told, name
 
 
 def test_a_knob_that_moves_has_a_log_of_its_own(short, tmp_path):
@@ -75,7 +81,7 @@ def test_a_knob_that_moves_has_a_log_of_its_own(short, tmp_path):
     assert names == "time_s,knob_deg"
     np.testing.assert_allclose(rows, np.column_stack([stamps * 1e-9, knob]), atol=1e-4)
     assert np.ptp(rows[:, 1]) > 1.0
-    assert "knob_deg" not in json.loads((tmp_path / "bench.json").read_text())
+    assert not read_bench(tmp_path / "bench.toml").actuation.constant
 
 
 def test_truth_comes_back_as_it_was(root, bench):

@@ -6,25 +6,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tipforce.training import Samples, TrainConfig
+from tipforce.training import TrainConfig, TrainingSamples
 
 
-def bars_drawn(count: int = 64, sessions: int = 4, seed: int = 0) -> Samples:
+def bars_drawn(count: int = 64, sessions: int = 4, seed: int = 0) -> TrainingSamples:
     """A bright square whose place is the force."""
     draw = np.random.default_rng(seed)
     force = draw.uniform(-0.2, 0.2, (count, 2)).astype(np.float32)
-    pictures = draw.integers(90, 110, (count, 32, 32, 3), dtype=np.uint8)
-    for picture, (x, y) in zip(pictures, force, strict=True):
+    images = draw.integers(90, 110, (count, 32, 32, 3), dtype=np.uint8)
+    for image, (x, y) in zip(images, force, strict=True):
         column, row = round(16 + 60 * x), round(16 + 60 * y)
-        picture[row - 2 : row + 2, column - 2 : column + 2] = 250
-    return Samples(pictures, force, np.repeat([f"s{k}" for k in range(sessions)], count // sessions))
+        image[row - 2 : row + 2, column - 2 : column + 2] = 250
+    return TrainingSamples(images, force, np.repeat([f"s{k}" for k in range(sessions)], count // sessions))
 
 
 class Tiny:
-    """Bytes to forces, with dropout and pictures altered at random: all that may draw, draws."""
+    """Bytes to forces, with dropout and images altered at random: all that may draw, draws."""
 
     name = "tiny"
-    inputs = ("picture",)
+    inputs = ("image",)
     head = ("dense.",)
 
     def __init__(self, outputs: int = 2) -> None:
@@ -44,18 +44,20 @@ class Tiny:
                 self.drop = nn.Dropout(0.1)
                 self.dense = nn.Linear(8 * 25, outputs)
 
-            def forward(self, picture: torch.Tensor) -> torch.Tensor:
-                return self.dense(self.drop(self.body(picture.permute(0, 3, 1, 2).float() / 255.0 - 0.4)))
+            def forward(self, image: torch.Tensor) -> torch.Tensor:
+                return self.dense(self.drop(self.body(image.permute(0, 3, 1, 2).float() / 255.0 - 0.4)))
 
         return Network(self.outputs)
 
-    def batch(self, samples: Samples, index: np.ndarray, draws: Sequence[np.random.Generator] | None) -> dict[str, Any]:
-        pictures = samples.pictures[index]
+    def batch(
+        self, samples: TrainingSamples, index: np.ndarray, draws: Sequence[np.random.Generator] | None
+    ) -> dict[str, Any]:
+        images = samples.images[index]
         if draws is not None:
-            noise = np.stack([draw.integers(0, 4, pictures.shape[1:], dtype=np.uint8) for draw in draws])
+            noise = np.stack([draw.integers(0, 4, images.shape[1:], dtype=np.uint8) for draw in draws])
             self.drawn += zip(index.tolist(), noise.mean(axis=(1, 2, 3)).tolist(), strict=True)
-            pictures = pictures + noise
-        return {"picture": pictures, "force_n": samples.force_n[index]}
+            images = images + noise
+        return {"image": images, "force_n": samples.force_n[index]}
 
     def loss(self, outputs: Any, batch: Mapping[str, Any]) -> Any:
         return ((outputs - batch["force_n"]) ** 2).mean()
@@ -65,7 +67,7 @@ class Tiny:
 
 
 @pytest.fixture
-def bars() -> Callable[..., Samples]:
+def bars() -> Callable[..., TrainingSamples]:
     return bars_drawn
 
 

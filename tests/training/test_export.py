@@ -9,9 +9,9 @@ import torch
 from torch import nn
 
 from tipforce.errors import MissingExtraError
-from tipforce.training import export_graph, parity_n, weights_of
+from tipforce.training import export_graph, graph_weights, parity_n
 
-INPUTS = {"picture": ((16, 16), "uint8"), "actuation": ((2,), "float32")}
+INPUTS = {"image": ((16, 16), "uint8"), "actuation": ((2,), "float32")}
 
 
 class Small(nn.Module):
@@ -23,8 +23,8 @@ class Small(nn.Module):
         self.scale = nn.Parameter(torch.tensor(2.0))
         self.unused = nn.Linear(3, 3)
 
-    def forward(self, picture: torch.Tensor, actuation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        seen = self.see(picture.unsqueeze(1).float() / 255)
+    def forward(self, image: torch.Tensor, actuation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        seen = self.see(image.unsqueeze(1).float() / 255)
         both = torch.cat((self.drop(seen.flatten(1)), actuation), 1)
         return self.head(both) * self.scale, seen
 
@@ -32,7 +32,7 @@ class Small(nn.Module):
 def batch(samples: int = 5) -> dict[str, np.ndarray]:
     draw = np.random.default_rng(0)
     return {
-        "picture": draw.integers(0, 256, (samples, 16, 16), dtype=np.uint8),
+        "image": draw.integers(0, 256, (samples, 16, 16), dtype=np.uint8),
         "actuation": draw.normal(size=(samples, 2)).astype(np.float32),
     }
 
@@ -44,7 +44,7 @@ def network() -> Small:
         small = Small()
         small.train()
         with torch.no_grad():  # batch norms that have seen something
-            small(torch.from_numpy(batch(8)["picture"]), torch.zeros(8, 2))
+            small(torch.from_numpy(batch(8)["image"]), torch.zeros(8, 2))
     return small
 
 
@@ -73,7 +73,7 @@ def test_an_answer_that_is_no_number_is_seen(network: Small, graph: bytes) -> No
 
 
 def test_weights_come_back_under_their_names(network: Small, graph: bytes) -> None:
-    found, wanted = weights_of(graph), network.state_dict()
+    found, wanted = graph_weights(graph), network.state_dict()
     left_out = {"see.1.num_batches_tracked", "unused.weight", "unused.bias"}
     assert set(found) == set(wanted) - left_out
     for name, array in found.items():
@@ -94,7 +94,7 @@ def test_matrices_are_stored_in_half_and_vectors_whole(network: Small, graph: by
     with torch.no_grad():
         large.see[0].weight[0, 0, 0, 0] = 1e6
     graph = export_graph(large, INPUTS, ["force_n", "seen"], {})
-    assert np.max(weights_of(graph)["see.0.weight"]) == 1e6, "what half precision cannot hold stays whole"
+    assert np.max(graph_weights(graph)["see.0.weight"]) == 1e6, "what half precision cannot hold stays whole"
 
 
 def test_exporting_leaves_the_network_as_it_is(network: Small, graph: bytes) -> None:
@@ -113,5 +113,5 @@ def test_the_graph_holds_its_facts_and_nothing_of_the_source(graph: bytes) -> No
 
 def test_a_missing_extra_names_the_install_line(network: Small, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "onnxscript.optimizer", None)
-    with pytest.raises(MissingExtraError, match=r"onnxscript is not installed.*pip install 'tipforce\[train\]'"):
+    with pytest.raises(MissingExtraError, match=r"onnxscript is not installed.*pip install '\.\[train\]'"):
         export_graph(network, INPUTS, ["force_n", "seen"], {})

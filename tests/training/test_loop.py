@@ -14,13 +14,21 @@ import numpy as np
 import pytest
 
 from tipforce.errors import InputError
-from tipforce.training import Samples, TrainConfig, TrainResult, network_of, train_network, train_val_split, weights_in
+from tipforce.training import (
+    TrainConfig,
+    TrainingSamples,
+    TrainResult,
+    network_from_weights,
+    network_weights,
+    train_network,
+    train_val_split,
+)
 
-Bars = Callable[..., Samples]
+Bars = Callable[..., TrainingSamples]
 
 
-def trained(task: Any, samples: Samples, recipe: TrainConfig, **options: Any) -> TrainResult:
-    return train_network(task, samples, train_val_split(samples.session, recipe), recipe, **options)
+def trained(task: Any, samples: TrainingSamples, config: TrainConfig, **options: Any) -> TrainResult:
+    return train_network(task, samples, train_val_split(samples.session, config), config, **options)
 
 
 def same(a: TrainResult, b: TrainResult) -> bool:
@@ -34,22 +42,22 @@ def same(a: TrainResult, b: TrainResult) -> bool:
 
 def test_it_learns(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
     samples = bars(128)
-    learnt = trained(tiny(), samples, quick.model_copy(update={"epochs": 15}))
+    result = trained(tiny(), samples, quick.model_copy(update={"epochs": 15}))
     spread_n = float(np.mean(np.abs(samples.force_n - samples.force_n.mean(axis=0))))
-    assert learnt.facts["validation_error_n"] < 0.5 * spread_n
-    assert learnt.facts["validation_error_n"] == min(row["validation_error_n"] for row in learnt.rows)
-    assert [row["epoch"] for row in learnt.rows] == list(range(1, 16))
-    assert all(row["pictures_per_s"] > 0 and 0 <= row["waiting_share"] <= 1 for row in learnt.rows)
+    assert result.facts["validation_error_n"] < 0.5 * spread_n
+    assert result.facts["validation_error_n"] == min(row["validation_error_n"] for row in result.rows)
+    assert [row["epoch"] for row in result.rows] == list(range(1, 16))
+    assert all(row["images_per_s"] > 0 and 0 <= row["waiting_share"] <= 1 for row in result.rows)
 
 
 @pytest.mark.parametrize("precision", ["fp32", "bf16"])
 def test_the_same_seed_is_the_same_network_however_many_threads_feed_it(
     tiny: Any, bars: Bars, quick: TrainConfig, precision: str
 ) -> None:
-    recipe = quick.model_copy(update={"precision": precision})
-    one = trained(tiny(), bars(), recipe)
-    assert same(one, trained(tiny(), bars(), recipe.model_copy(update={"workers": 3})))
-    assert not same(one, trained(tiny(), bars(), recipe.model_copy(update={"seed": 1})))
+    config = quick.model_copy(update={"precision": precision})
+    one = trained(tiny(), bars(), config)
+    assert same(one, trained(tiny(), bars(), config.model_copy(update={"workers": 3})))
+    assert not same(one, trained(tiny(), bars(), config.model_copy(update={"seed": 1})))
 
 
 def test_what_is_drawn_hangs_on_seed_epoch_and_sample_alone(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
@@ -66,8 +74,8 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from conftest import Tiny, bars_drawn
 from tipforce.training import TrainConfig, train_network, train_val_split
-recipe, samples = TrainConfig.model_validate_json(sys.argv[3]), bars_drawn()
-train_network(Tiny(), samples, train_val_split(samples.session, recipe), recipe, folder=Path(sys.argv[2]))
+config, samples = TrainConfig.model_validate_json(sys.argv[3]), bars_drawn()
+train_network(Tiny(), samples, train_val_split(samples.session, config), config, folder=Path(sys.argv[2]))
 """
 
 PLAIN = {"optimiser": "sgd", "schedule": "plateau", "plateau_epochs": 2, "precision": "fp32"}
@@ -78,11 +86,11 @@ FULL = {"optimiser": "adamw", "schedule": "cosine", "average": 0.9, "clip_norm":
 def test_a_killed_training_goes_on_to_the_same_result(
     tiny: Any, bars: Bars, quick: TrainConfig, tmp_path: Path, extra: dict[str, Any]
 ) -> None:
-    recipe = quick.model_copy(update={"epochs": 8, **extra})
-    whole = trained(tiny(), bars(), recipe)
-    log, endless = tmp_path / "training.jsonl", recipe.model_copy(update={"epochs": 100_000, "patience": None})
-    if recipe.schedule == "cosine":  # its rate hangs on the budget
-        endless = recipe
+    config = quick.model_copy(update={"epochs": 8, **extra})
+    whole = trained(tiny(), bars(), config)
+    log, endless = tmp_path / "training.jsonl", config.model_copy(update={"epochs": 100_000, "patience": None})
+    if config.schedule == "cosine":  # its rate hangs on the budget
+        endless = config
     # one thread here, several there: what feeds the network is not what is compared
     words = [sys.executable, "-c", KILLED, str(Path(__file__).parent), str(tmp_path), endless.model_dump_json()]
     victim = subprocess.Popen(words, env={**os.environ})
@@ -95,11 +103,11 @@ def test_a_killed_training_goes_on_to_the_same_result(
         victim.wait()
     finished = log.read_text().count("\n")
     assert finished >= 3
-    if finished > recipe.epochs:
+    if finished > config.epochs:
         pytest.skip("it was killed too late to go on from")
     with log.open("a") as stream:
         stream.write('{"epoch": 4, "lo')  # a line that the kill cut
-    assert same(whole, trained(tiny(), bars(), recipe, folder=tmp_path, resume=True))
+    assert same(whole, trained(tiny(), bars(), config, folder=tmp_path, resume=True))
     rows = [json.loads(line) for line in log.read_text().splitlines()]
     assert [row["epoch"] for row in rows] == list(range(1, 9))
     assert not list(tmp_path.glob("*.part"))
@@ -107,12 +115,12 @@ def test_a_killed_training_goes_on_to_the_same_result(
 
 def test_it_stops_when_nothing_gets_better_and_keeps_the_best(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
     hopeless = quick.model_copy(update={"epochs": 50, "patience": 2, "rate": 1e-12})
-    learnt = trained(tiny(), bars(), hopeless)
-    assert learnt.facts["epochs_run"] == learnt.facts["best_epoch"] + 2 < 50
-    assert learnt.facts["ended"] == "2 epochs brought no smaller error"
+    result = trained(tiny(), bars(), hopeless)
+    assert result.facts["epochs_run"] == result.facts["best_epoch"] + 2 < 50
+    assert result.facts["stop_reason"] == "2 epochs brought no smaller error"
     hurried = quick.model_copy(update={"minutes": 1e-6})
-    assert trained(tiny(), bars(), hurried).facts["ended"] == "1e-06 minutes were up"
-    assert trained(tiny(), bars(), quick).facts["ended"] == "all epochs were run"
+    assert trained(tiny(), bars(), hurried).facts["stop_reason"] == "1e-06 minutes were up"
+    assert trained(tiny(), bars(), quick).facts["stop_reason"] == "all epochs were run"
 
 
 def test_a_plateau_halves_the_rate(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
@@ -124,22 +132,22 @@ def test_a_plateau_halves_the_rate(tiny: Any, bars: Bars, quick: TrainConfig) ->
 
 
 def test_training_that_diverges_says_so(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
-    with pytest.raises(InputError, match=r"left the finite numbers in epoch .*--set rate=1e\+29"):
+    with pytest.raises(InputError, match=r"diverged in epoch .*rate=1e\+29"):
         trained(tiny(), bars(), quick.model_copy(update={"rate": 1e30}))
 
 
 def test_training_starts_from_other_weights(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
     before = trained(tiny(), bars(), quick)
     still = quick.model_copy(update={"epochs": 1, "rate": 1e-30})
-    after = trained(tiny(), bars(), still, start=before.weights)
+    after = trained(tiny(), bars(), still, init_from=before.weights)
     assert np.array_equal(after.weights["dense.weight"], before.weights["dense.weight"])
-    assert after.facts["new_weights"] == []
-    three = Samples(bars().pictures, np.zeros((64, 3), np.float32), bars().session)
-    wider = trained(tiny(3), three, still, start=before.weights)
-    assert wider.facts["new_weights"] == ["dense.weight", "dense.bias"]
+    assert after.facts["reinitialised_weights"] == []
+    three = TrainingSamples(bars().images, np.zeros((64, 3), np.float32), bars().session)
+    wider = trained(tiny(3), three, still, init_from=before.weights)
+    assert wider.facts["reinitialised_weights"] == ["dense.weight", "dense.bias"]
     assert np.array_equal(wider.weights["body.0.weight"], before.weights["body.0.weight"])
     with pytest.raises(InputError, match=r"another network: body.0.weight has the shape \(8, 3, 5, 5\) here"):
-        trained(tiny(), bars(), still, start={"dense.weight": before.weights["dense.weight"]})
+        trained(tiny(), bars(), still, init_from={"dense.weight": before.weights["dense.weight"]})
 
 
 def test_another_training_is_not_gone_on_with(tiny: Any, bars: Bars, quick: TrainConfig, tmp_path: Path) -> None:
@@ -167,11 +175,11 @@ def test_progress_tells_what_a_person_asks(tiny: Any, bars: Bars, quick: TrainCo
     trained(tiny(), bars(), quick, progress=lambda what, share: said.append((what, share)))
     assert said[-1][1] == 1.0
     assert [share for _, share in said] == sorted(share for _, share in said)
-    for part in ("epoch 2/3", "mN (training ", "pictures/s", "waiting", "left"):
+    for part in ("epoch 2/3", "mN (training ", "images/s", "waiting", "left"):
         assert part in said[-1][0]
 
 
 def test_weights_make_the_same_network_again(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
-    learnt = trained(tiny(), bars(), quick)
-    again = weights_in(network_of(tiny(), learnt.weights))
-    assert all(np.array_equal(again[name], value) for name, value in learnt.weights.items())
+    result = trained(tiny(), bars(), quick)
+    again = network_weights(network_from_weights(tiny(), result.weights))
+    assert all(np.array_equal(again[name], value) for name, value in result.weights.items())

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tipforce.training import ResnetTask, Samples, network_of, weights_in
+from tipforce.training import ResnetTask, TrainingSamples, network_from_weights, network_weights
 
 torch = pytest.importorskip("torch", reason="training needs the extra [train]")
 pytest.importorskip("monai", reason="training needs the extra [train]")
@@ -40,13 +40,13 @@ def test_it_is_resnet_18_as_published(network: Any) -> None:
     assert network.body.maxpool.kernel_size == 3
 
 
-def test_pictures_are_made_0_to_1_and_nothing_else(network: Any) -> None:
+def test_images_are_made_0_to_1_and_nothing_else(network: Any) -> None:
     seen: list[Any] = []
     handle = network.body.register_forward_pre_hook(lambda _, given: seen.append(given[0]))
-    picture = torch.randint(0, 256, (1, 32, 32, 3), dtype=torch.uint8)
-    network(picture)
+    image = torch.randint(0, 256, (1, 32, 32, 3), dtype=torch.uint8)
+    network(image)
     handle.remove()
-    assert torch.equal(seen[0], picture.permute(0, 3, 1, 2) / 255)
+    assert torch.equal(seen[0], image.permute(0, 3, 1, 2) / 255)
 
 
 def test_the_loss_is_the_thesis_s(network: Any) -> None:
@@ -70,17 +70,17 @@ def test_actuation_joins_before_the_dense_layer() -> None:
         knob = torch.tensor([[10.0], [20.0], [50.0]])
         found, _ = network(torch.zeros((3, 32, 32, 3), dtype=torch.uint8), knob)
     assert found[:, 0].tolist() == pytest.approx([-1.0, 0.0, 3.0])  # less the mean, over the deviation
-    again = network_of(task, weights_in(network))
+    again = network_from_weights(task, network_weights(network))
     assert again.actuation_mean.tolist() == [20.0]
 
 
 def test_a_batch_holds_what_belongs_to_its_samples() -> None:
-    samples = Samples(
+    samples = TrainingSamples(
         np.arange(6, dtype=np.uint8).repeat(12).reshape(6, 2, 2, 3),
         np.arange(6, dtype=np.float32)[:, None],
         np.repeat(["a", "b"], 3),
         {"actuation": np.arange(6, dtype=np.float32)[:, None]},
     )
     batch = ResnetTask(1, ((0.0, 1.0),)).batch(samples, np.array([4, 1]), None)
-    assert batch["picture"][:, 0, 0, 0].tolist() == [4, 1]
+    assert batch["image"][:, 0, 0, 0].tolist() == [4, 1]
     assert batch["force_n"].tolist() == batch["actuation"].tolist() == [[4.0], [1.0]]

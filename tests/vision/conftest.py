@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 
 from tipforce.types import Status
-from tipforce.vision import FineTracer, VisionSettings
+from tipforce.vision import Tracer, VisionSettings
 
 ROOT = pathlib.Path(__file__).parents[2]
 
@@ -30,7 +30,7 @@ def judge(look: object, seeds: range, settings: VisionSettings) -> tuple[int, in
     right = wrong = 0
     for seed in seeds:
         tube = tubes.draw(np.random.default_rng(seed), look)
-        sight = FineTracer(settings).see(tube.image)
+        sight = Tracer(settings).detect(tube.image)
         if sight.centreline is None:
             assert sight.status in (Status.CUT_OFF, Status.NO_CATHETER)
             continue

@@ -9,7 +9,7 @@ import pytest
 
 from tipforce.types import Status
 from tipforce.vision import (
-    ClassicChain,
+    ClassicDetector,
     ShapeFeatureSettings,
     VisionSettings,
     figure_17,
@@ -31,7 +31,7 @@ def step_picture() -> np.ndarray:
 
 
 def test_each_line_of_the_algorithm_gives_what_can_be_counted_by_hand() -> None:
-    steps = ClassicChain(DARK_LEFT).steps(step_picture())
+    steps = ClassicDetector(DARK_LEFT).steps(step_picture())
     assert steps.status is Status.VALID
     assert steps.binary.sum() == 80 * 3
     assert len(steps.base_px) == 20 * 3
@@ -50,9 +50,9 @@ def test_each_line_of_the_algorithm_gives_what_can_be_counted_by_hand() -> None:
 
 
 def test_the_features_of_what_is_seen_are_the_five_coefficients_of_the_algorithm(tube) -> None:
-    chain = ClassicChain(DARK_LEFT)
+    chain = ClassicDetector(DARK_LEFT)
     picture = tube("bent", noise=5)
-    features = shape_features(chain.see(picture), ShapeFeatureSettings())
+    features = shape_features(chain.detect(picture), ShapeFeatureSettings())
     assert features.shape == (5,)
     np.testing.assert_allclose(features, chain.steps(picture).coefficients, rtol=1e-9)
 
@@ -60,13 +60,13 @@ def test_the_features_of_what_is_seen_are_the_five_coefficients_of_the_algorithm
 def test_density_below_the_constant_is_catheter_and_density_at_it_is_not() -> None:
     picture = step_picture()
     for c, catheter in ((50, False), (51, True), (200, True), (201, False)):
-        steps = ClassicChain(DARK_LEFT.model_copy(update={"threshold": c})).steps(picture)
+        steps = ClassicDetector(DARK_LEFT.model_copy(update={"threshold": c})).steps(picture)
         assert (steps.status is Status.VALID) == catheter
         assert steps.threshold == c
 
 
 def test_the_axis_of_a_tube_is_followed_to_its_tip(tube, axis_of) -> None:
-    sighting = ClassicChain(DARK_LEFT).see(tube("bent", noise=5))
+    sighting = ClassicDetector(DARK_LEFT).detect(tube("bent", noise=5))
     points, truth = sighting.centreline.points, axis_of("bent")
     away = np.hypot(*(points[:, None] - truth[None]).T).min(axis=0)
     assert np.median(away) < 1.0
@@ -81,15 +81,15 @@ def test_the_axis_of_a_tube_is_followed_to_its_tip(tube, axis_of) -> None:
 @pytest.mark.parametrize("polarity", ["dark", "light"])
 def test_the_shape_is_the_same_from_every_side_and_in_both_polarities(tube, side, turns, polarity) -> None:
     picture = tube("bent", noise=5)
-    expected = shape_features(ClassicChain(DARK_LEFT).see(picture), ShapeFeatureSettings())
+    expected = shape_features(ClassicDetector(DARK_LEFT).detect(picture), ShapeFeatureSettings())
     turned = np.ascontiguousarray(np.rot90(picture if polarity == "dark" else 255 - picture, turns))
-    chain = ClassicChain(VisionSettings(method="classic", polarity=polarity, base_side=side))
-    np.testing.assert_allclose(shape_features(chain.see(turned), ShapeFeatureSettings()), expected, rtol=1e-7)
+    chain = ClassicDetector(VisionSettings(method="classic", polarity=polarity, base_side=side))
+    np.testing.assert_allclose(shape_features(chain.detect(turned), ShapeFeatureSettings()), expected, rtol=1e-7)
 
 
 def test_colour_and_grey_pictures_are_seen_alike(tube) -> None:
     picture = tube("bent")
-    grey, colour = (ClassicChain(DARK_LEFT).steps(p) for p in (picture, np.stack([picture] * 3, axis=2)))
+    grey, colour = (ClassicDetector(DARK_LEFT).steps(p) for p in (picture, np.stack([picture] * 3, axis=2)))
     np.testing.assert_array_equal(grey.coefficients, colour.coefficients)
 
 
@@ -97,16 +97,16 @@ def test_a_region_of_interest_shifts_nothing(tube) -> None:
     picture = tube("bent")
     wide = np.full((600, 800), 40, np.uint8)
     wide[60:540, 90:730] = picture
-    inside = ClassicChain(DARK_LEFT.model_copy(update={"roi": (90, 60, 730, 540)})).steps(wide)
-    np.testing.assert_allclose(inside.single_px - [90, 60], ClassicChain(DARK_LEFT).steps(picture).single_px)
-    np.testing.assert_allclose(inside.coefficients, ClassicChain(DARK_LEFT).steps(picture).coefficients, rtol=1e-9)
+    inside = ClassicDetector(DARK_LEFT.model_copy(update={"roi": (90, 60, 730, 540)})).steps(wide)
+    np.testing.assert_allclose(inside.single_px - [90, 60], ClassicDetector(DARK_LEFT).steps(picture).single_px)
+    np.testing.assert_allclose(inside.coefficients, ClassicDetector(DARK_LEFT).steps(picture).coefficients, rtol=1e-9)
 
 
 def test_a_marked_base_region_serves_a_catheter_that_does_not_reach_the_border(tube) -> None:
     picture = tube("bent")
     picture[:, :60] = 220
-    assert ClassicChain(DARK_LEFT).see(picture).status is Status.NO_CATHETER
-    steps = ClassicChain(DARK_LEFT.model_copy(update={"base_region": (70, 300, 90, 380)})).steps(picture)
+    assert ClassicDetector(DARK_LEFT).detect(picture).status is Status.NO_CATHETER
+    steps = ClassicDetector(DARK_LEFT.model_copy(update={"base_region": (70, 300, 90, 380)})).steps(picture)
     assert steps.status is Status.VALID
     assert 70 <= steps.base.origin_px[0] <= 90
     assert steps.single_px[0, 0] == 70
@@ -122,26 +122,26 @@ def test_a_marked_base_region_serves_a_catheter_that_does_not_reach_the_border(t
     ids=["light", "black", "noise"],
 )
 def test_a_picture_without_a_catheter_is_said_to_have_none(picture, status, words) -> None:
-    sighting = ClassicChain(DARK_LEFT).see(picture)
+    sighting = ClassicDetector(DARK_LEFT).detect(picture)
     assert sighting.status is status
     assert words in sighting.detail
     assert sighting.centreline is None
 
 
 def test_a_shape_past_90_degrees_is_refused_with_the_columns_where_it_folds(tube) -> None:
-    sighting = ClassicChain(DARK_LEFT).see(tube("hook"))
+    sighting = ClassicDetector(DARK_LEFT).detect(tube("hook"))
     assert sighting.status is Status.NOT_A_FUNCTION
     assert "past 90 degrees" in sighting.detail
 
 
 def test_a_catheter_whose_tip_is_outside_is_cut_off(tube) -> None:
-    sighting = ClassicChain(DARK_LEFT).see(tube("long"))
+    sighting = ClassicDetector(DARK_LEFT).detect(tube("long"))
     assert sighting.status is Status.CUT_OFF
 
 
 @pytest.mark.parametrize("shape", ["bent", "hook", "long"])
 def test_the_thesis_figures_can_be_drawn_of_any_frame(tube, shape, tmp_path: Path) -> None:
-    steps = ClassicChain(DARK_LEFT).steps(tube(shape, noise=5))
+    steps = ClassicDetector(DARK_LEFT).steps(tube(shape, noise=5))
     for number, figure in (("17", figure_17(steps)), ("18", figure_18(steps))):
         figure.savefig(tmp_path / f"{number}.png", dpi=40)
         words = " ".join(text.get_text() for axes in figure.axes for text in axes.texts).replace("\n", " ")
@@ -159,7 +159,7 @@ def real_frame(number: int) -> np.ndarray:
 @pytest.mark.parametrize("number", [142, 302, 487])
 def test_the_real_manipulator_is_seen_within_a_region_of_interest(number: int) -> None:
     settings = VisionSettings(method="classic", polarity="light", base_side="bottom", roi=(60, 60, 500, 300))
-    sighting = ClassicChain(settings).see(real_frame(number))
+    sighting = ClassicDetector(settings).detect(real_frame(number))
     features = shape_features(sighting, ShapeFeatureSettings())
     assert sighting.diameter_px == pytest.approx(19.3, abs=1.0)
     curve = fitted_curve(sighting, ShapeFeatureSettings(), features)

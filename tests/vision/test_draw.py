@@ -8,14 +8,14 @@ import pytest
 from tipforce.geometry import curve_from_angle
 from tipforce.types import BasePose, CentrelinePx, ForceEstimate, Status
 from tipforce.vision import (
+    DetectedShape,
     Inspection,
     NoFeatures,
     ShapeFeatureSettings,
-    Sighting,
     Tally,
     contact_sheet,
     draw_estimate,
-    draw_sighting,
+    draw_shape,
     shaft_mask,
 )
 
@@ -24,10 +24,10 @@ GREY = np.full((480, 640), 128, np.uint8)
 YELLOW, CYAN, MAGENTA, RED, GREEN = (255, 214, 0), (0, 225, 255), (255, 70, 220), (255, 60, 50), (60, 220, 80)
 
 
-def seen(scale: float = 1.0, origin: tuple[float, float] = (60.0, 300.0)) -> Sighting:
+def seen(scale: float = 1.0, origin: tuple[float, float] = (60.0, 300.0)) -> DetectedShape:
     base = BasePose(np.array(origin) * scale, 0.0)
     points = base.to_image(curve_from_angle(np.array([0.2, 0.2]), 300.0 * scale, 64))
-    return Sighting(Status.VALID, "", CentrelinePx(points), base, 14.0 * scale, 1.0)
+    return DetectedShape(Status.VALID, "", CentrelinePx(points), base, 14.0 * scale, 1.0)
 
 
 def force(fx: float, fy: float, planar: bool = True) -> ForceEstimate:
@@ -47,14 +47,14 @@ def where(picture: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
 def test_the_picture_itself_is_left_alone() -> None:
     for image in (GREY.copy(), np.stack([GREY] * 3, axis=2)):
         before = image.copy()
-        drawn = draw_sighting(image, seen()), draw_estimate(image, seen(), force(0.1, 0.1))
+        drawn = draw_shape(image, seen()), draw_estimate(image, seen(), force(0.1, 0.1))
         np.testing.assert_array_equal(image, before)
         assert all(d.shape == (480, 640, 3) and d.dtype == np.uint8 and not np.shares_memory(d, image) for d in drawn)
 
 
 def test_the_centreline_and_the_base_frame_are_where_they_were_seen() -> None:
     sighting = seen()
-    picture = draw_sighting(GREY, sighting, legend=False)
+    picture = draw_shape(GREY, sighting, legend=False)
     away = np.hypot(*(where(picture, YELLOW)[:, None] - sighting.centreline.points[None]).T).min(axis=0)
     assert len(away) > 300
     assert away.max() < 5
@@ -67,14 +67,14 @@ def test_the_centreline_and_the_base_frame_are_where_they_were_seen() -> None:
 def test_the_mask_is_a_tube_of_the_shafts_diameter() -> None:
     mask = shaft_mask(seen(), (480, 640))
     assert mask.sum() == pytest.approx(300 * 14 + math.pi * 49, rel=0.05)
-    assert not shaft_mask(Sighting(Status.NO_CATHETER), (480, 640)).any()
-    tinted = draw_sighting(GREY, seen(), legend=False)
+    assert not shaft_mask(DetectedShape(Status.NO_CATHETER), (480, 640)).any()
+    tinted = draw_shape(GREY, seen(), legend=False)
     assert (tinted[mask][:, 2] > tinted[mask][:, 0]).mean() > 0.5
 
 
 def test_the_fitted_curve_is_drawn_over_the_centreline() -> None:
     curve = seen().centreline.points - [0, 40]
-    picture = draw_sighting(GREY, seen(), curve_px=curve, legend=False)
+    picture = draw_shape(GREY, seen(), curve_px=curve, legend=False)
     magenta = where(picture, MAGENTA)
     assert len(magenta) > 100
     assert np.hypot(*(magenta[:, None] - curve[None]).T).min(axis=0).max() < 5
@@ -137,7 +137,7 @@ def test_a_contact_sheet_holds_every_picture() -> None:
 def test_a_sheet_of_a_long_video_samples_it_evenly_and_keeps_room_for_what_was_not_found() -> None:
     tally = Tally(6)
     settings = ShapeFeatureSettings()
-    lost = Sighting(Status.CUT_OFF, "lost")
+    lost = DetectedShape(Status.CUT_OFF, "lost")
     for k in range(1000):
         shown = lost if 500 <= k < 510 else seen()
         features = NoFeatures(shown.status, shown.detail) if shown is lost else np.zeros(5)

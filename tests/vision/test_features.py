@@ -11,9 +11,9 @@ from pydantic import ValidationError
 from tipforce.geometry import curve_from_angle
 from tipforce.types import BasePose, CentrelinePx, Status
 from tipforce.vision import (
+    DetectedShape,
     NoFeatures,
     ShapeFeatureSettings,
-    Sighting,
     feature_names,
     fitted_curve,
     shape_features,
@@ -30,10 +30,10 @@ ALL = [
 HOOK = [1.2, 1.7, 0.3]
 
 
-def seen(series: list[float], angle: float = 0.1, origin: tuple[float, float] = (10.0, 240.0)) -> Sighting:
+def seen(series: list[float], angle: float = 0.1, origin: tuple[float, float] = (10.0, 240.0)) -> DetectedShape:
     base = BasePose(np.array(origin), angle)
     points = base.to_image(curve_from_angle(np.array(series), 300.0, 64))
-    return Sighting(Status.VALID, "", CentrelinePx(points), base, 12.0, 1.0)
+    return DetectedShape(Status.VALID, "", CentrelinePx(points), base, 12.0, 1.0)
 
 
 @given(st.floats(-math.pi, math.pi), st.tuples(st.floats(-500, 500), st.floats(-500, 500)))
@@ -77,13 +77,13 @@ def test_the_polynomial_is_refused_exactly_where_the_tangent_passes_90_degrees(l
 
 
 def test_what_was_not_found_has_no_features_and_the_same_reason() -> None:
-    lost = shape_features(Sighting(Status.CUT_OFF, "lost after 80 px"), LEGENDRE)
+    lost = shape_features(DetectedShape(Status.CUT_OFF, "lost after 80 px"), LEGENDRE)
     assert lost == NoFeatures(Status.CUT_OFF, "lost after 80 px")
 
 
 def test_turning_the_base_changes_only_the_mean_angle() -> None:
     sighting = seen([0.4, 0.5, 0.1])
-    turned = Sighting(
+    turned = DetectedShape(
         Status.VALID, "", sighting.centreline, BasePose(sighting.base.origin_px, sighting.base.angle_rad + 0.2), 12.0
     )
     change = shape_features(turned, LEGENDRE) - shape_features(sighting, LEGENDRE)
@@ -102,7 +102,7 @@ def test_the_fitted_curve_lies_on_the_shape_it_was_fitted_to(settings: ShapeFeat
 
 def test_a_curve_cannot_be_laid_on_what_was_not_found() -> None:
     with pytest.raises(ValueError, match="no_catheter"):
-        fitted_curve(Sighting(Status.NO_CATHETER), THESIS, np.zeros(5))
+        fitted_curve(DetectedShape(Status.NO_CATHETER), THESIS, np.zeros(5))
 
 
 @pytest.mark.parametrize("wrong", [{"kind": "spline"}, {"degree": 0}, {"degree": 40}, {"grade": 3}])

@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from ..io import ClockOffset, Inertia, SensorPose, Tare
-from ..types import Context, FloatArray, IntArray
-from ..vision import Sighting
+from ..io import ClockOffset, Inertia, Tare
+from ..types import FloatArray, IntArray, SensorInfo, SessionInfo
+from ..vision import DetectedShape
 from ._inertia import StageMotion, fit_inertia
 from ._tare import find_tare, stated_tare
 from ._timing import estimate_offset, shape_coordinates
@@ -33,7 +33,7 @@ _APART_MS = 25.0
 class ForceCorrections:
     """How the force log of a run is read: everything but its clock. ``sensor``: None where nobody stated its pose."""
 
-    sensor: SensorPose | None
+    sensor: SensorInfo | None
     tare: Tare
     inertia: Inertia
     stage: StageMotion
@@ -68,8 +68,9 @@ def find_tare_and_inertia(
 
 def find_offset(
     frame_ns: IntArray,
-    sightings: Sequence[Sighting],
-    context: Context,
+    sightings: Sequence[DetectedShape],
+    info: SessionInfo,
+    view: str,
     stamps: IntArray,
     force: FloatArray,
     facts: ForceCorrections,
@@ -77,7 +78,7 @@ def find_offset(
     remarks: list[str],
     blind: str = "",
 ) -> ClockOffset:
-    """From the deflection in ``sightings`` (n) at ``frame_ns`` (n,) against ``force`` (m, 3) at ``stamps`` (m,).
+    """From the deflection in ``sightings`` (n) of ``view`` at ``frame_ns`` and ``force`` (m, 3) at ``stamps``.
 
     Where that does not tell it, or with a standard error above 3 ms only, or 25 ms apart from it: from the lag at which
     the stage's movement shows in the force, if it does.
@@ -89,7 +90,7 @@ def find_offset(
         return ClockOffset(round(choice * 1e6), "stated")
     offset = ClockOffset(how="refused", detail=blind)
     if not blind:
-        offset = _by_sight(frame_ns, sightings, context, stamps, force, facts)
+        offset = _by_sight(frame_ns, sightings, info, view, stamps, force, facts)
     if facts.inertia.how == "estimated" and offset.stderr_ms > _DOUBTFUL_MS:
         offset = ClockOffset(how="refused", detail=f"the deflection tells it to +-{offset.stderr_ms:.1f} ms only")
     apart_ms = abs(offset.offset_ms - 1e-6 * facts.inertia.lag_ns)
@@ -103,7 +104,7 @@ def find_offset(
             f"milliseconds, for the pictures do not tell: {offset.detail}"
         )
     elif offset.how == "refused":
-        remarks.append(f"the clock offset is taken as 0, for it could not be told: {offset.detail}; see --offset-ms")
+        remarks.append(f"the clock offset is taken as 0, for it could not be told: {offset.detail}; see offset_ms")
     elif offset.detail:
         remarks.append(offset.detail)
     return offset
@@ -111,16 +112,18 @@ def find_offset(
 
 def _by_sight(
     frame_ns: IntArray,
-    sightings: Sequence[Sighting],
-    context: Context,
+    sightings: Sequence[DetectedShape],
+    info: SessionInfo,
+    view: str,
     stamps: IntArray,
     force: FloatArray,
     facts: ForceCorrections,
 ) -> ClockOffset:
-    flexible, rigid = context.catheter.flexible_length_m, context.catheter.rigid_length_m
+    flexible, rigid = info.catheter.flexible_length_m, info.catheter.rigid_length_m
     share = flexible / (flexible + rigid) if flexible and rigid else 1.0
-    length = (flexible + (rigid or 0.0)) / context.metres_per_px if flexible and context.metres_per_px else None
-    matrix = (facts.sensor or SensorPose()).matrix
+    scale = info.view(view).metres_per_px
+    length = (flexible + (rigid or 0.0)) / scale if flexible and scale else None
+    matrix = (facts.sensor or SensorInfo()).matrix
     tared = np.nan_to_num(force - facts.tare.force_n - facts.carried(stamps)) @ matrix.T
     shape = shape_coordinates(sightings, flexible_share=share, length_px=length)
     return estimate_offset(frame_ns, shape, stamps, tared, window_s=_LOOK_S)

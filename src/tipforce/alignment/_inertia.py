@@ -87,7 +87,7 @@ def fit_inertia(
     span = float(np.ptp(seconds[inside])) if inside.any() else 0.0
     if span < 1.0:
         raise InputError(
-            f"--tare {stretch_s[0]:g}:{stretch_s[1]:g}: {span:.2f} s of readings lie there, and the stage's inertia "
+            f"tare=({stretch_s[0]:g}, {stretch_s[1]:g}): {span:.2f} s of readings lie there, and the stage's inertia "
             f"needs one second; the force log runs from 0 to {seconds[-1]:.1f} s"
         )
     axes = ~np.isnan(force_n[inside]).any(axis=0)

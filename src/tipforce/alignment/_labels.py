@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..io import ClockOffset, RecordingReader, SensorPose
-from ..types import BoolArray, FloatArray, IntArray
+from ..io import ClockOffset, RecordingReader
+from ..types import BoolArray, FloatArray, IntArray, SensorInfo
 from ._find import ForceCorrections, TareChoice, find_tare_and_inertia
 from ._inertia import StageMotion
 
@@ -50,7 +50,7 @@ def label_log(
     readings: tuple[IntArray, FloatArray],
     stage: tuple[IntArray, Mapping[str, FloatArray]],
     *,
-    sensor: SensorPose,
+    sensor: SensorInfo,
     tare: TareChoice,
     offset_ms: float,
     max_gap_s: float = 0.05,
@@ -103,7 +103,7 @@ def _in_base(force: FloatArray, frame: str, facts: ForceCorrections, where: str)
     if pose is None:
         raise InputError(
             f"{where}: forces are in the frame {frame!r}, whose pose the recording does not state; import it "
-            "again with --sensor-angle-deg and --reads"
+            "again with sensor.angle_deg and sensor.reads in bench.toml"
         )
     unknown = np.isnan(tared)
     # a planar sensor's unknown axis must not spoil the others: 0 * NaN is NaN

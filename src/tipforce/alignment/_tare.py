@@ -27,7 +27,7 @@ def stated_tare(stamps_ns: IntArray, force_n: FloatArray, start_s: float, end_s:
     inside = (seconds >= start_s) & (seconds <= end_s)
     if inside.sum() < 10:
         raise InputError(
-            f"--tare {start_s:g}:{end_s:g}: only {int(inside.sum())} readings lie there; the force log runs from 0 to "
+            f"tare=({start_s:g}, {end_s:g}): only {int(inside.sum())} readings lie there; the force log runs from 0 to "
             f"{seconds[-1]:.1f} s"
         )
     mean, stderr = _mean(seconds[inside], force_n[inside])
@@ -56,7 +56,7 @@ def find_tare(stamps_ns: IntArray, force_n: FloatArray) -> Tare:
         return Tare(detail="the force never changes: there is nothing to tell contact from its absence")
     runs = _quiet_runs(bins, filled > 0, float(spread))
     if not runs:
-        return Tare(detail="no second in which the force is quiet: state a contact-free stretch, as in --tare 0:5")
+        return Tare(detail="no second in which the force is quiet: state a contact-free stretch, as in tare=(0, 5)")
     levels = _levels(bins, runs, float(spread))
     free = [level for level in levels if not _surrounded(bins, level, float(spread))] or levels
     chosen = min(free, key=lambda level: level[0][0])
@@ -68,7 +68,7 @@ def find_tare(stamps_ns: IntArray, force_n: FloatArray) -> Tare:
     detail = ""
     if others:
         places = ", ".join(f"{first * _BIN_S:.1f}-{last * _BIN_S:.1f} s" for first, last in others[:3])
-        detail = f"quiet at another level too ({places}), taken for held contact; state --tare if that is wrong"
+        detail = f"quiet at another level too ({places}), taken for held contact; state tare if that is wrong"
     return Tare(mean, stderr, tuple((first * _BIN_S, last * _BIN_S) for first, last in chosen), "detected", detail)
 
 

@@ -30,7 +30,7 @@ import numpy.typing as npt
 from ..geometry import arc_length
 from ..io import ClockOffset
 from ..types import BasePose, FloatArray, IntArray
-from ..vision import Sighting
+from ..vision import DetectedShape
 from ._timing_fit import SMOOTH_S, Data, Fit, Force, peak
 
 __all__ = ["estimate_offset", "shape_coordinates"]
@@ -56,7 +56,7 @@ _MAX_TURN_DEG, _FREE_GAIN = 10.0, 0.7
 
 
 def shape_coordinates(
-    sightings: Sequence[Sighting], *, flexible_share: float = 1.0, length_px: float | None = None
+    sightings: Sequence[DetectedShape], *, flexible_share: float = 1.0, length_px: float | None = None
 ) -> FloatArray:
     """(n, 4): B in rad; what multiplies the force's x and y in G, in px; how the lever's end weighs in them, in px.
 

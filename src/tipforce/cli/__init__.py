@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import re
 import sys
 import warnings
 from typing import Annotated
@@ -17,6 +18,7 @@ __all__ = ["VERBS", "app", "main"]
 VERBS: dict[str, str] = {
     "demo": "demo",
     "simulate": "simulate",
+    "init-bench": "init_bench",
     "import": "import_",
     "train": "train",
     "evaluate": "evaluate",
@@ -54,8 +56,35 @@ for _verb, _module in VERBS.items():
     app.command(_verb)(importlib.import_module(f".{_module}", __name__).command)
 
 
+_OPTIONS = (
+    (r"\b(overwrite|resume)=True\b", r"--\1"),
+    (r"\binit_from=(\S+)", r"--from \1"),
+    (r"\binit_from\b", "--from"),
+    (r'\bprotocol="(\w+)"', r"--protocol \1"),
+    (r'\boffset_ms="(\w+)"', r"--offset-ms \1"),
+    (r"\btare=\((\S+), (\S+)\)", r"--tare \1:\2"),
+    (r"\bwithout=(\S+)", r"--without \1"),
+    (r"\bsamples_per_session=(\S+)", r"--samples-per-session \1"),
+    (r"\bfact (\S+=)", r"--fact \1"),
+    (r"\b(example|set) ((?:[a-z_]+\.)*[a-z_]+=)", r"\1 --set \2"),
+    (r"\b(in|to) bench\.toml\b", r"\1 bench.toml (--bench FILE)"),
+)
+"""Parameters in messages of the library, and the options that set them."""
+
+
+def as_options(message: str) -> str:
+    """A message of the library with options of the command line in place of parameters.
+
+    >>> as_options("m: exists already; choose another name or state overwrite=True")
+    'm: exists already; choose another name or state --overwrite'
+    """
+    for parameter, option in _OPTIONS:
+        message = re.sub(parameter, option, message)
+    return message
+
+
 def _say_warning(message: Warning | str, *_: object, **__: object) -> None:
-    console.print(f"tipforce: {message}", style="yellow", soft_wrap=True)
+    console.print(f"tipforce: {as_options(str(message))}", style="yellow", soft_wrap=True)
 
 
 def main() -> None:
@@ -66,7 +95,7 @@ def main() -> None:
     try:
         app()
     except TipforceError as error:
-        console.print(f"tipforce: {error}", style="red", soft_wrap=True)
+        console.print(f"tipforce: {as_options(str(error))}", style="red", soft_wrap=True)
         sys.exit(2)
     except OSError as error:
         where = f" {error.filename}:" if error.filename else ""

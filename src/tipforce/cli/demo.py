@@ -1,6 +1,5 @@
 """``tipforce demo``: a user's whole day, command by command."""
 
-import json
 import os
 import shlex
 import subprocess
@@ -57,14 +56,21 @@ def command(
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         list(pool.map(_import, folders, [runs / f"{folder.name}.mcap" for folder in folders]))
     _tipforce("inspect", runs / "session_00.mcap", "-o", output / "recording.png")
-    side = _facts(folders[0])["base_side"]
-    _tipforce("inspect", folders[0] / "video.mp4", "-o", output / "seen.png", "--figures", "--set", f"base_side={side}")
+    _tipforce(
+        "inspect",
+        folders[0] / "video.mp4",
+        "-o",
+        output / "seen.png",
+        "--figures",
+        "--bench",
+        folders[0] / "bench.toml",
+    )
 
     step(f"3. Method 1, support vector regression, on 75 % of {samples} samples", "train")
     model = output / "models" / "svr"
     _tipforce(
         "train", runs, "--estimator", "svr", "--without", folders[-1].name, "--samples", round(0.75 * samples),
-        "--seed", seed, "--set", "force=components", "--set", f"vision.base_side={side}", "--overwrite", "-o", model,
+        "--seed", seed, "--set", "force=components", "--overwrite", "-o", model,
     )  # fmt: skip
 
     step("4. Judged: random, blocked and held-out sessions side by side", "evaluate")
@@ -75,7 +81,7 @@ def command(
     step("5. Used: the force in a video of a session never seen", "estimate")
     film = folders[-1] / "video.mp4"
     _tipforce(
-        "estimate", model, film, "--knob-deg", _facts(folders[-1])["knob_deg"], "-o", output / "forces.csv",
+        "estimate", model, film, "--bench", folders[-1] / "bench.toml", "-o", output / "forces.csv",
         "--overlay", output / "overlay.mp4", "--overwrite",
     )  # fmt: skip
 
@@ -95,24 +101,11 @@ def command(
         typer.launch(str(report / "report.html"))
 
 
-def _facts(folder: Path) -> dict[str, str]:
-    """What the person at the bench wrote down: ``bench.json``."""
-    facts = json.loads((folder / "bench.json").read_text(encoding="utf-8"))
-    return {key: str(value) for key, value in facts.items() if not isinstance(value, dict)} | {
-        "catheter": ",".join(
-            [facts["catheter"]["name"], *(f"{k}={v}" for k, v in facts["catheter"].items() if k != "name")]
-        )
-    }
-
-
 def _import(folder: Path, target: Path) -> None:
     """Import one session; of all that is said, the line about the clocks is repeated."""
-    facts = _facts(folder)
     told = _tipforce(
-        "import", folder / "video.mp4", folder / "force.csv", "--stage-log", folder / "stage.csv",
-        "--knob-deg", facts["knob_deg"], "--sensor-angle-deg", facts["sensor_angle_deg"], "--reads", facts["reads"],
-        "--tare", facts["no_contact_s"], "--metres-per-px", facts["metres_per_px"], "--catheter", facts["catheter"],
-        "--set", f"base_side={facts['base_side']}", "--overwrite", "-o", target, shown=False,
+        "import", folder / "video.mp4", folder / "force.csv", folder / "stage.csv", "--bench", folder / "bench.toml",
+        "--overwrite", "-o", target, shown=False,
     )  # fmt: skip
     clock = next((line for line in told.splitlines() if line.startswith("clock offset")), "")
     say(f"  {target.name}  {clock.split(' (')[0]}", "dim")

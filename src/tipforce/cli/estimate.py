@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
-from ._facts import actuation_from, context_from
+from ._facts import BenchOption, FactOption, KnobOption, number_from, stated_info
 
 __all__ = ["command"]
 
@@ -24,18 +24,9 @@ def command(
     arrow_n: Annotated[
         float, typer.Option(min=1e-3, help="Force in N whose arrow is a quarter of the picture long.")
     ] = 0.3,
-    knob_deg: Annotated[float | None, typer.Option(help="The knob's angle, for files that do not carry it.")] = None,
-    actuation: Annotated[
-        list[str] | None, typer.Option(metavar="NAME_UNIT=VALUE", help="Another drive's constant; may be repeated.")
-    ] = None,
-    catheter: Annotated[
-        str | None, typer.Option(metavar="NAME[,KEY=VALUE]", help="Its sheet, as in ablation,flexible_length_m=0.04.")
-    ] = None,
-    metres_per_px: Annotated[float | None, typer.Option(help="The picture's scale.")] = None,
-    note: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEY=VALUE", help="Another fact of the sheet, as in base_side=left; may be repeated."),
-    ] = None,
+    bench: BenchOption = None,
+    fact: FactOption = None,
+    knob_deg: KnobOption = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there already.")] = False,
     json_file: JsonOption = None,
 ) -> None:
@@ -48,13 +39,14 @@ def command(
     Example:
         tipforce estimate models/svr video.mp4 --knob-deg 10 -o forces.csv --overlay out.mp4
 
-        tipforce estimate pretrained/compact run.mcap -o forces.csv
+        tipforce estimate pretrained/compact video.mp4 --bench bench.toml -o forces.csv
 
-    Facts that are stated stand for those that a recording knows itself.
+    What bench.toml states stands in place of what a recording holds itself.
     """
     from ..errors import InputError
-    from ..estimators import load_model, write_estimates
+    from ..estimators import load_model
     from ..io import open_source
+    from ..pipelines import write_estimates
 
     target = sys.stdout if output == "-" else Path(output)
     check_outputs([frames], output, overlay, json_file)
@@ -62,9 +54,9 @@ def command(
         if isinstance(path, Path) and path.exists() and not overwrite:
             raise InputError(f"{path}: exists already; choose another name or state --overwrite")
     estimator = load_model(model)
-    drives, stated = actuation_from(knob_deg, actuation), context_from(catheter, metres_per_px, note)
+    knob = {} if knob_deg is None else {"knob_deg": number_from(str(knob_deg), "--knob-deg", "degrees")}
     with (
-        open_source(frames, actuation=drives, stated=stated) as source,
+        open_source(frames, actuation=knob, stated=stated_info(bench, fact)) as source,
         progress_bar() as progress,
     ):
         report = write_estimates(estimator, source, target, overlay=overlay, full_scale_n=arrow_n, progress=progress)

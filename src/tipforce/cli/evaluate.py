@@ -3,21 +3,15 @@
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
-from ._bounds import bounds_from
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
+from ._facts import BenchOption
 from ._settings import SetOption, settings_from
 
-if TYPE_CHECKING:
-    from ..types import FloatArray, IntArray
-
 __all__ = ["command"]
-
-DISTURBED_FRAMES = 500
-"""At most so many test samples are disturbed, unless stated otherwise."""
 
 
 def command(
@@ -29,6 +23,7 @@ def command(
     ],
     data: Annotated[Path, typer.Option("--data", help="Recordings, a dataset folder, or a published layout.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for report.html, metrics.json and figures.")],
+    bench: BenchOption = None,
     protocol: Annotated[
         Literal["random", "blocked", "session", "all", "thesis", "standard", "catheter", "saved"],
         typer.Option(
@@ -45,14 +40,10 @@ def command(
     folds: Annotated[int | None, typer.Option(min=2, help="Cross-validate with so many folds.")] = None,
     seed: Annotated[int, typer.Option(help="Of the drawn samples and splits.")] = 0,
     truth: Annotated[
-        Path | None, typer.Option(help="Folder that simulate wrote: score against its hidden truth too.")
-    ] = None,
-    bound: Annotated[
-        bool | None,
+        Path | None,
         typer.Option(
-            "--bound/--no-bound",
-            help="With --truth: also tell how close each error comes to the smallest possible one (posterior "
-            "Cramer-Rao bound); half a second of a core for a minute's session. Default: yes.",
+            help="Folder that simulate wrote: score against its truth too, and hold errors "
+            "against the smallest possible ones (Cramer-Rao bound)."
         ),
     ] = None,
     start: Annotated[
@@ -63,15 +54,14 @@ def command(
             help="Networks that are named: begin each split with this model's weights: a folder, or `pretrained`.",
         ),
     ] = None,
-    disturb: Annotated[
-        bool,
+    perturb: Annotated[
+        int,
         typer.Option(
-            "--disturb", help="Also ask for pictures shifted, turned, zoomed, lit otherwise, blurred and so on."
+            min=0,
+            metavar="N",
+            help="Also ask for N samples with images shifted, rotated, zoomed, lit otherwise, blurred.",
         ),
-    ] = False,
-    disturb_frames: Annotated[
-        int | None, typer.Option(min=1, help="With --disturb: so many samples, spread over all (500).")
-    ] = None,
+    ] = 0,
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -86,69 +76,38 @@ def command(
 
         tipforce evaluate svr --data runs/ --truth runs/ --protocol standard --every 4 -o report/
 
-        tipforce evaluate models/svr --data runs/ --disturb -o report/
+        tipforce evaluate models/svr --data runs/ --perturb 500 -o report/
 
         tipforce evaluate compact --from pretrained --data runs/ --protocol catheter -o report/
     """
-    from ..datasets import open_dataset
     from ..errors import InputError
     from ..estimators import ESTIMATORS
-    from ..evaluation import candidates_from, check_folder, evaluate, report_lines, truth_at, write_report
+    from ..pipelines import evaluate
 
-    check_folder(output)
     check_outputs([data], json_file)
     named = [model for model in models if model in ESTIMATORS and not Path(model).is_dir()]
     if settings and not named:
         raise InputError("--set changes the settings of a method that is named, such as svr; a saved model has its own")
-    if bound is not None and truth is None:
-        raise InputError(
-            f"--{'' if bound else 'no-'}bound goes with --truth only: give --truth the folder that `tipforce simulate` "
-            "wrote, or leave it out"
-        )
-    if start is not None and not named:
-        raise InputError("--from goes with a method that is named, such as compact; a saved model has its own weights")
-    if disturb_frames is not None and not disturb:
-        raise InputError("--disturb-frames goes with --disturb only: state that too, or leave it out")
-    candidates = candidates_from(
-        models, {name: settings_from(ESTIMATORS[name].settings_type, settings) for name in named}, start
-    )
-    dataset = open_dataset(data)
-    true_n = None
-    if truth is not None:
-        true_n = truth_at(dataset, _truths(truth))
+    chosen = None
+    for name in named if settings else ():  # what is set must hold for each method that is named
+        chosen = settings_from(ESTIMATORS[name].settings_type, settings).model_dump(exclude_unset=True)
     with progress_bar() as report:
-        bounds = bounds_from(dataset, truth, report) if truth is not None and bound is not False else None
-        result = evaluate(
-            dataset,
-            candidates,
-            protocols=None if protocol in ("all", "saved") else [protocol],
-            as_saved=protocol == "saved",
+        done = evaluate(
+            models, data, output,
+            protocol=protocol,
+            settings=chosen,
+            bench=bench,
+            init_from=start,
+            truth=truth,
             samples=samples,
-            folds=folds,
             every=every,
+            folds=folds,
+            perturb=perturb,
             seed=seed,
-            truth_n=true_n,
-            bounds=bounds,
-            disturbed_frames=(disturb_frames or DISTURBED_FRAMES) if disturb else None,
+            command=shlex.join(["tipforce", *sys.argv[1:]]),
             progress=report,
-        )
-        report("report", 1.0)
-        figures = write_report(result, output, shlex.join(["tipforce", *sys.argv[1:]]))
-    for line in report_lines(figures):
+        )  # fmt: skip
+    for line in done.lines:
         say(line)
-    say(f"Report: {output / 'report.html'}")
-    write_json(figures, json_file)
-
-
-def _truths(folder: Path) -> "dict[str, tuple[IntArray, FloatArray]]":
-    """Stamps (n,) and true forces (n, 3) by session, of all that simulate wrote under ``folder``."""
-    from ..errors import InputError
-    from ..simulation import read_truth
-
-    found: dict[str, tuple[IntArray, FloatArray]] = {}
-    for path in sorted(folder.rglob("*.truth.npz")):
-        truth = read_truth(path)  # of which little is kept: a set at scale has thousands
-        found[truth.session] = truth.stamp_ns, truth.force_n
-    if not found:
-        raise InputError(f"--truth {folder}: there is no truth in it; only what `tipforce simulate` wrote has one")
-    return found
+    say(f"Report: {done.report}")
+    write_json(dict(done.metrics), json_file)

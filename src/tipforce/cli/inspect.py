@@ -1,12 +1,12 @@
 """``tipforce inspect``: what is seen in a picture or a video, and what a recording holds."""
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
+from ._facts import BenchOption, FactOption, stated_info
 from ._settings import SetOption, settings_from
 
 __all__ = ["command"]
@@ -17,12 +17,10 @@ def command(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE.png", help="The drawing; default NAME-inspect.png.")
     ] = None,
-    features: Annotated[
-        Literal["polynomial", "legendre"], typer.Option(help="Which curve is fitted to the shape.")
-    ] = "polynomial",
-    degree: Annotated[int, typer.Option(min=1, max=8, help="Its degree.")] = 4,
+    bench: BenchOption = None,
+    fact: FactOption = None,
     every: Annotated[int, typer.Option(min=1, help="Of a video, look at every so many frames.")] = 1,
-    sheet: Annotated[int, typer.Option(min=1, help="Of a video, draw so many frames on one sheet.")] = 12,
+    drawn: Annotated[int, typer.Option(min=1, help="Of a video, draw so many frames on one sheet.")] = 12,
     frames: Annotated[
         bool, typer.Option("--frames", help="Of a recording, look at its pictures instead of its streams.")
     ] = False,
@@ -39,23 +37,15 @@ def command(
     sessions (a folder of images, Parquet shards): samples, ranges, the share found, and a sheet.
 
     Example:
-        tipforce inspect frame.png --set base_side=bottom --figures
+        tipforce inspect frame.png --set vision.base_side=bottom --figures
 
-        tipforce inspect video.mp4 --every 5
+        tipforce inspect video.mp4 --bench bench.toml --every 5
 
         tipforce inspect run.mcap
     """
-    from ..datasets import dataset_at, describe_dataset, session_images
-    from ..io import check_image_target, is_image, save_image
-    from ..pipelines import (
-        describe_recording,
-        inspect_frames,
-        inspect_image_file,
-        inspect_sessions,
-        plot_summary,
-        summarise_recording,
-    )
-    from ..vision import ShapeFeatureSettings, VisionSettings
+    from ..io import check_image_target, save_image
+    from ..pipelines import describe_recording, inspect, plot_summary, summarise_recording
+    from ..vision import InspectSettings
 
     target = output or Path(f"{file.stem}-inspect.png")
     check_outputs([file], target, json_file)
@@ -69,27 +59,17 @@ def command(
         write_json(summary.figures(), json_file)
         return
     check_image_target(target)
-    vision = settings_from(VisionSettings, settings)
-    shape = ShapeFeatureSettings(kind=features, degree=degree)
-    dataset = dataset_at(file)
-    if dataset is not None:
-        lines, facts = describe_dataset(dataset)
-        with progress_bar() as progress:
-            seen = session_images(dataset, vision.view, every)
-            total = -(-len(dataset) // every)
-            look = inspect_sessions(seen, vision, shape, title=str(file), room=sheet, progress=progress, total=total)
-        look = replace(look, text="\n".join([*lines, look.text]), figures={"file": str(file), **facts, **look.figures})
-    elif is_image(file):
-        look = inspect_image_file(file, vision, shape)
-    else:
-        with progress_bar() as progress:
-            look = inspect_frames(file, vision, shape, every=every, room=sheet, progress=progress)
-    save_image(target, look.drawing)
-    say(look.text)
+    with progress_bar() as progress:
+        sheet = inspect(
+            file, settings=settings_from(InspectSettings, settings), bench=stated_info(bench, fact), every=every,
+            drawn=drawn, progress=progress,
+        )  # fmt: skip
+    save_image(target, sheet.drawing)
+    say(sheet.text)
     say(f"wrote {target}")
     if figures:
-        for name, figure in look.thesis_figures().items():
-            beside = target.with_name(f"{target.stem.removesuffix('-inspect')}-{name}.png")
-            save_image(beside, figure)
-            say(f"wrote {beside}")
-    write_json(look.figures, json_file)
+        for name, figure in sheet.thesis_figures().items():
+            path = target.with_name(f"{target.stem.removesuffix('-inspect')}-{name}.png")
+            save_image(path, figure)
+            say(f"wrote {path}")
+    write_json(sheet.figures, json_file)

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
+from ._facts import BenchOption
 from ._settings import SetOption, settings_from
 
 __all__ = ["command"]
@@ -16,7 +17,8 @@ def command(
         list[Path], typer.Argument(help="Recordings, a dataset folder, or a published layout; several are joined.")
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the model.")],
-    estimator: Annotated[str, typer.Option(help="Method to train.")] = "svr",
+    estimator: Annotated[str, typer.Option(help="Method to train: svr, dcfe or compact.")] = "svr",
+    bench: BenchOption = None,
     samples: Annotated[
         int | None, typer.Option(min=1, help="Draw so many samples (the thesis has 220); default: all.")
     ] = None,
@@ -33,7 +35,6 @@ def command(
             help="Sessions apart, on which the intervals are found, as a new session would need them; repeatable.",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of drawing, holding out, cross-validation and training.")] = 0,
     start: Annotated[
         str | None,
         typer.Option(
@@ -76,39 +77,29 @@ def command(
 
         tipforce train runs/ --estimator dcfe -o models/dcfe --set minutes=60 --resume
     """
-    from ..datasets import join, open_dataset, without_sessions
-    from ..estimators import (
-        check_start,
-        check_target,
-        create,
-        export_onnx,
-        method,
-        read_manifest,
-        save_model,
-        train,
-        training_lines,
-        workplace,
-    )
+    from ..estimators import export_onnx, method
+    from ..pipelines import train
 
     check_outputs([*data, *(calibrate or [])], onnx, json_file)
-    recipe = create(estimator, settings_from(method(estimator).settings_type, settings))
-    check_target(output, overwrite=overwrite)
-    begin = check_start(recipe, start, resume=resume)
-    dataset = without_sessions(join([open_dataset(each) for each in data]), without or [])
-    apart = join([open_dataset(each) for each in calibrate]) if calibrate else None
-    with workplace(recipe, output, resume=resume) as folder:
-        with progress_bar() as report:
-            done = train(
-                recipe, dataset, samples=samples, holdout=holdout, seed=seed,
-                start=begin, folder=folder, resume=resume, calibrate=apart, progress=report,
-            )  # fmt: skip
-        save_model(
-            done.estimator, output, done.dataset, done.metrics, calibration=done.calibration, overwrite=overwrite
-        )
-    figures = {"model": str(output), "facts": read_manifest(output)["facts"], "metrics": done.metrics}
+    with progress_bar() as report:
+        done = train(
+            data, output,
+            estimator=estimator,
+            settings=settings_from(method(estimator).settings_type, settings),
+            bench=bench,
+            init_from=start,
+            without=without or (),
+            calibrate=calibrate,
+            samples=samples,
+            holdout=holdout,
+            resume=resume,
+            overwrite=overwrite,
+            progress=report,
+        )  # fmt: skip
+    figures = {"model": str(output), "facts": done.manifest["facts"], "metrics": done.metrics}
     if onnx is not None:
         figures["onnx"] = export_onnx(done.estimator, onnx)
-    for line in training_lines(read_manifest(output)):
+    for line in done.lines:
         say(line)
     say(f"Saved: {output}" + (f" and {onnx}" if onnx is not None else ""))
     write_json(figures, json_file)

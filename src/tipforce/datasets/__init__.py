@@ -2,6 +2,7 @@
 
 from ._dataset import Dataset, RowStore
 from ._describe import dataset_at, describe_dataset, session_images
+from ._folder import write_dataset
 from ._growing_images import GrowingImages
 from ._growing_shards import GrowingShards
 from ._image_operations import Blur, Disc, ImageOperation, Light, Noise, Warp
@@ -22,7 +23,6 @@ from ._splits import (
     session_split,
 )
 from ._subsets import every_nth, random_subset, without_sessions
-from ._write import write_dataset
 
 __all__ = [
     "LEAVE_ONE_OUT_SESSIONS",

@@ -1,7 +1,7 @@
 """The labelled samples of one or many sessions, whatever they are stored in."""
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import repeat
 from typing import Protocol, TypeVar, runtime_checkable
@@ -9,7 +9,7 @@ from typing import Protocol, TypeVar, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from ..types import BoolArray, Context, FloatArray, Image, IntArray, Observation
+from ..types import BoolArray, FloatArray, Image, IntArray, Observation, SessionInfo
 
 __all__ = ["Dataset", "RowStore"]
 
@@ -44,7 +44,7 @@ class Dataset:
     ``session`` (n,) names, ``stamp_ns`` (n,), ``actuation``: name -> (n,); ``force_n`` (n, 3): what the tissue does to
     the tip, base frame, NaN where ``known`` (3,) is False; ``names`` (n,): what a person calls each sample (its file,
     of several views the first's); ``view_names``: view -> (n,) what its pictures are called where that is another name.
-    ``contexts``: session -> public facts; ``rows`` (n,): the samples' places in ``store``.
+    ``session_info``: session -> public facts; ``rows`` (n,): the samples' places in ``store``.
     """
 
     store: RowStore
@@ -54,13 +54,16 @@ class Dataset:
     force_n: FloatArray
     known: BoolArray
     names: npt.NDArray[np.str_]
-    contexts: Mapping[str, Context]
+    session_info: Mapping[str, SessionInfo]
     rows: IntArray
     title: str = ""
     view_names: Mapping[str, npt.NDArray[np.str_]] = field(default_factory=dict[str, npt.NDArray[np.str_]])
+    remarks: tuple[str, ...] = ()
+    """What a person should know of how the samples were gathered: what was left out, lacks or was renamed."""
     whole: "Dataset | None" = field(default=None, repr=False)
     """The dataset that this is a part of: a method with memory sees the frames before a sample, not their labels."""
     _memo: dict[tuple[str, int], object] = field(default_factory=dict, repr=False)
+    _fingerprints: Mapping[str, str] | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -71,9 +74,27 @@ class Dataset:
         return tuple(dict.fromkeys(self.session.tolist()))
 
     @property
+    def session_fingerprints(self) -> Mapping[str, str]:
+        """Session -> 16 hexadecimal digits of a hash of its content, whatever it is called and stored in.
+
+        The content is stamps and labels (to a micronewton) of all samples that the session had when it was opened: a
+        subset has the fingerprints of what it is a part of, and so has a recording that became a dataset folder.
+        """
+        known, sessions = self._fingerprints or {}, self.sessions
+        if not set(sessions) <= known.keys():
+            known = _fingerprints(self.session, self.stamp_ns, self.force_n)
+            object.__setattr__(self, "_fingerprints", known)
+        return {name: known[name] for name in sessions}
+
+    def sessions_among(self, known: Collection[str]) -> tuple[str, ...]:
+        """The sessions whose fingerprint is in ``known``, or whose name is, where nobody kept a fingerprint."""
+        found = self.session_fingerprints.items()
+        return tuple(name for name, fingerprint in found if fingerprint in known or name in known)
+
+    @property
     def force_frames(self) -> set[str]:
         """Frames that the sessions' forces are in: "base" as far as nothing else is noted."""
-        return {context.notes.get("force_frame", "base") for context in self.contexts.values()}
+        return {info.force_frame for info in self.session_info.values()}
 
     @property
     def magnitude_n(self) -> FloatArray:
@@ -91,7 +112,7 @@ class Dataset:
         return replace(
             self,
             session=session,
-            contexts={name: context for name, context in self.contexts.items() if name in left},
+            session_info={name: info for name, info in self.session_info.items() if name in left},
             stamp_ns=self.stamp_ns[index],
             actuation={name: values[index] for name, values in self.actuation.items()},
             force_n=self.force_n[index],
@@ -99,6 +120,7 @@ class Dataset:
             view_names={view: names[index] for view, names in self.view_names.items()},
             rows=self.rows[index],
             whole=self.whole or self,
+            _fingerprints=self.session_fingerprints,
         )
 
     def observations(self) -> Iterator[Observation]:
@@ -133,3 +155,18 @@ class Dataset:
             digest.update(np.ascontiguousarray(array).tobytes())
         digest.update("\n".join(self.session.tolist()).encode())
         return digest.hexdigest()
+
+
+def _fingerprints(session: npt.NDArray[np.str_], stamp_ns: IntArray, force_n: FloatArray) -> dict[str, str]:
+    """Session -> fingerprint, of samples in any order."""
+    names, number = np.unique(session, return_inverse=True)
+    order = np.lexsort((stamp_ns, number))
+    parts = np.split(order, np.searchsorted(number[order], np.arange(1, len(names))))
+    micronewtons = np.where(np.isnan(force_n), np.iinfo(np.int64).min, np.rint(np.nan_to_num(force_n) * 1e6))
+    labels = micronewtons.astype("<i8")
+    found: dict[str, str] = {}
+    for name, rows in zip(names.tolist(), parts, strict=True):
+        digest = hashlib.sha256(stamp_ns[rows].astype("<i8").tobytes())
+        digest.update(labels[rows].tobytes())
+        found[name] = digest.hexdigest()[:16]
+    return found

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..types import Context, FloatArray, Image
+from ..types import FloatArray, Image, SessionInfo
 from ..units import newtons_to_grams
 from ._dataset import Dataset
 from ._folder import METADATA
@@ -57,7 +57,9 @@ def _spread(values: FloatArray) -> tuple[float, float, float]:
     return low, middle, high
 
 
-def session_images(dataset: Dataset, view: str, every: int = 1) -> Iterator[tuple[Context, list[tuple[str, Image]]]]:
+def session_images(
+    dataset: Dataset, view: str, every: int = 1
+) -> Iterator[tuple[SessionInfo, list[tuple[str, Image]]]]:
     """Session by session: what is known of it; name and picture of every ``every``-th sample with one in ``view``.
 
     Raises InputError where there are pictures of other views only.
@@ -71,10 +73,10 @@ def session_images(dataset: Dataset, view: str, every: int = 1) -> Iterator[tupl
             if isinstance(image := each.views.get(view), np.ndarray):
                 shown.append((own, image))
         found = found or bool(shown)
-        yield dataset.contexts[name], shown
+        yield dataset.session_info[name], shown
     if others and not found:
         there = sorted(others)
         raise InputError(
-            f"{dataset.title}: has no picture of the view {view!r}; its views are {', '.join(there)}: state --set "
+            f"{dataset.title}: has no picture of the view {view!r}; its views are {', '.join(there)}: set "
             f"view={there[0]}"
         )

@@ -1,121 +1,104 @@
-"""``dataset.json``: what the samples of a dataset folder have in common, and what each session has of its own."""
+"""``dataset.json``: the metadata that all sessions of a dataset folder share, and what each has of its own.
+
+The keys are those of ``bench.toml``, beside ``title``, ``view`` and ``sessions`` (name -> the same keys once more).
+"""
 
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any
-
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from typing import Any
 
 from ..errors import FileFormatError
-from ..types import Catheter, Context
+from ..types import SessionInfo, merged_values
 
-__all__ = ["FACTS", "FolderFacts", "contexts_of", "facts_text", "read_facts"]
+__all__ = ["FACTS", "FolderFacts", "facts_text", "read_facts", "session_info_of"]
 
 FACTS = "dataset.json"
 
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
+@dataclass(frozen=True, slots=True)
+class FolderFacts:
+    """Content of ``dataset.json``.
 
-class CatheterFacts(BaseModel):
-    """Nominal values of the catheter; see `tipforce.types.Catheter`."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    name: str = "unnamed"
-    diameter_m: _Positive | None = None
-    flexible_length_m: _Positive | None = None
-    rigid_length_m: _Positive | None = None
-    bending_stiffness_nm2: _Positive | None = None
-
-
-class SessionFacts(BaseModel):
-    """What one session has of its own: scale, facts of its catheter, and notes under any other name."""
-
-    model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, str] = Field(init=False)  # pyright: ignore[reportIncompatibleVariableOverride]
-
-    metres_per_px: _Positive | None = None
-    catheter: CatheterFacts = CatheterFacts()
-    """What is stated here stands in place of the same fact of the common catheter."""
-
-
-class FolderFacts(BaseModel):
-    """What all samples of a dataset folder have in common."""
-
-    model_config = ConfigDict(extra="forbid")
+    ``view``: of the column ``file_name`` (in shards: ``image``), or of shape columns. ``shared``: metadata of all
+    sessions; ``sessions``: name -> what stands in its place for one session.
+    """
 
     title: str = ""
-    frame: str = "base"
-    """Axes of the forces; "base" is the convention of this program."""
     view: str = "camera"
-    """Of the column ``file_name`` (in shards: ``image``), or of shape columns."""
-    metres_per_px: _Positive | None = None
-    catheter: CatheterFacts = CatheterFacts()
-    notes: dict[str, str] = Field(default_factory=dict)
-    sessions: dict[str, SessionFacts] = Field(default_factory=dict)
+    shared: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    sessions: Mapping[str, Mapping[str, Any]] = field(default_factory=dict[str, Mapping[str, Any]])
+    path: str = FACTS
 
 
 def read_facts(path: Path) -> FolderFacts:
     """``path``, or nothing known where it is not there. Raises FileFormatError."""
     if not path.exists():
-        return FolderFacts()
+        return FolderFacts(path=str(path))
     try:
-        return FolderFacts.model_validate(json.loads(path.read_text(encoding="utf-8")))
+        values = json.loads(path.read_text(encoding="utf-8"))
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise FileFormatError(f"{path}: is no JSON ({error})") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise FileFormatError(
-            f"{path}: {key or 'its content'}: {first['msg']}; it may hold {', '.join(FolderFacts.model_fields)}"
-        ) from None
+    if not isinstance(values, dict):
+        raise FileFormatError(f"{path}: expected an object with keys like title, view, catheter, views, sessions")
+    shared = dict[str, Any](values)
+    title, view, sessions = shared.pop("title", ""), shared.pop("view", "camera"), shared.pop("sessions", {})
+    if not (isinstance(title, str) and isinstance(view, str)):
+        raise FileFormatError(f"{path}: title and view must be text")
+    if not isinstance(sessions, dict) or not all(isinstance(own, dict) for own in sessions.values()):
+        raise FileFormatError(f"{path}: sessions must be an object: name -> its metadata")
+    known = {each.name for each in fields(SessionInfo)} - {"name"}
+    for key in shared:
+        if key not in known:
+            raise FileFormatError(
+                f"{path}: {key} is not known; it may hold title, view, sessions, {', '.join(sorted(known))}"
+            )
+    facts = FolderFacts(title, view, shared, sessions, str(path))
+    session_info_of(facts, sessions or [""])  # what is wrong with it is told here
+    return facts
 
 
-def contexts_of(facts: FolderFacts, sessions: Iterable[str]) -> dict[str, Context]:
-    """Session -> what is publicly known of it."""
-    shared = facts.notes if facts.frame == "base" else {**facts.notes, "force_frame": facts.frame}
-    found: dict[str, Context] = {}
+def session_info_of(facts: FolderFacts, sessions: Iterable[str]) -> dict[str, SessionInfo]:
+    """Session -> what is publicly known of it. Raises InputError for a value that is not what it has to be."""
+    found: dict[str, SessionInfo] = {}
     for name in sessions:
-        own = facts.sessions.get(name, SessionFacts())
-        found[name] = Context(
-            name,
-            Catheter(**{**facts.catheter.model_dump(), **own.catheter.model_dump(exclude_unset=True)}),
-            own.metres_per_px or facts.metres_per_px,
-            {**shared, **own.__pydantic_extra__},
-        )
+        values = merged_values(facts.shared, facts.sessions.get(name, {}))
+        found[name] = SessionInfo.from_values({**values, "name": name}, facts.path)
     return found
 
 
-def facts_text(title: str, contexts: Sequence[Context], view: str) -> str:
-    """The inverse of `read_facts` and `contexts_of`: what all ``contexts`` share is stated once."""
-    known = [_flat(context) for context in contexts]
-    shared = {key: value for key, value in known[0].items() if all(other.get(key) == value for other in known)}
-    facts: dict[str, Any] = {"title": title, "frame": shared.pop(("notes", "force_frame"), "base"), "view": view}
-    facts |= _nested(shared)
-    facts["sessions"] = {}
-    for context, own in zip(contexts, known, strict=True):
-        differing = _nested({key: value for key, value in own.items() if key not in shared})
-        facts["sessions"][context.session] = {**differing.pop("notes"), **differing}
-    for own in facts["sessions"].values():
-        own.pop("force_frame", None)
-    return json.dumps(facts, indent=1, ensure_ascii=False) + "\n"
+def facts_text(title: str, infos: Sequence[SessionInfo], view: str) -> str:
+    """The inverse of `read_facts` and `session_info_of`: what all ``infos`` share is stated once."""
+    known = [{key: value for key, value in info.values().items() if key != "name"} for info in infos]
+    shared = known[0]
+    for other in known[1:]:
+        shared = _common(shared, other)
+    own = {info.name: _beyond(values, shared) for info, values in zip(infos, known, strict=True)}
+    content = {"title": title, "view": view, **shared, "sessions": own}
+    return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
 
 
-def _flat(context: Context) -> dict[tuple[str, ...], Any]:
-    return {
-        ("metres_per_px",): context.metres_per_px,
-        **{("catheter", key): value for key, value in asdict(context.catheter).items()},
-        **{("notes", key): value for key, value in context.notes.items()},
-    }
+def _common(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:
+    """What both hold with the same value."""
+    found: dict[str, Any] = {}
+    for key, value in a.items():
+        other = b.get(key)
+        if isinstance(value, dict) and isinstance(other, dict):
+            if inner := _common(value, other):
+                found[key] = inner
+        elif key in b and value == other:
+            found[key] = value
+    return found
 
 
-def _nested(flat: dict[tuple[str, ...], Any]) -> dict[str, Any]:
-    nested: dict[str, Any] = {"notes": {}}
-    for (first, *rest), value in flat.items():
-        if rest:
-            nested.setdefault(first, {})[rest[0]] = value
-        elif value is not None:
-            nested[first] = value
-    return nested
+def _beyond(values: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
+    """What ``values`` hold and ``shared`` does not."""
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, dict) and isinstance(shared.get(key), dict):
+            if inner := _beyond(value, shared[key]):
+                found[key] = inner
+        elif key not in shared:
+            found[key] = value
+    return found

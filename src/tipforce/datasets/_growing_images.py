@@ -2,24 +2,16 @@
 
 import csv
 import json
-import math
 import shutil
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ..types import Context
-from ._folder import FILE, METADATA
+from ..types import SessionInfo
+from ._folder import FILE, METADATA, cell
 from ._samples import Growing, SessionSamples, about, as_json, context_of, put
 
-__all__ = ["GrowingImages", "cell"]
-
-
-def cell(value: Any) -> str:
-    """A value as ``metadata.csv`` shows it: nothing for NaN, else exact."""
-    if isinstance(value, float):
-        return "" if math.isnan(value) else repr(value)
-    return str(value)
+__all__ = ["GrowingImages"]
 
 
 class GrowingImages(Growing):
@@ -62,7 +54,7 @@ class GrowingImages(Growing):
     def _read(self, number: int) -> dict[str, Any]:
         return json.loads(self._part(number).read_text(encoding="utf-8"))
 
-    def context(self, number: int) -> Context:
+    def session_info(self, number: int) -> SessionInfo:
         """Of a session that was added."""
         return context_of(self._read(number))
 

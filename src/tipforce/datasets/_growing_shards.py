@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ..types import Context
+from ..types import SessionInfo
 from ._parquet import IMAGE, SUFFIX, arrow
 from ._samples import Growing, SessionSamples, about, as_json, context_of
 
@@ -61,7 +61,7 @@ class GrowingShards(Growing):
     def _about(self, number: int) -> dict[str, Any]:
         return json.loads(arrow()[1].read_schema(self._part(number)).metadata[_ABOUT])
 
-    def context(self, number: int) -> Context:
+    def session_info(self, number: int) -> SessionInfo:
         """Of a session that was added."""
         return context_of(self._about(number))
 

@@ -1,7 +1,8 @@
 """Several datasets as one, to learn from all of them."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 
@@ -13,25 +14,23 @@ __all__ = ["join"]
 
 
 def join(datasets: Sequence[Dataset]) -> Dataset:
-    """The samples of all ``datasets``, one after the other; actuation that one of them lacks is absent there.
+    """The samples of all ``datasets``, one after the other.
 
-    Raises InputError where two have a session of the same name, or know other components of the force.
+    Of two sessions with one name and different content the later one gets a number behind its name. Actuation and
+    views that a dataset lacks are absent in its samples; its `Dataset.remarks` say so.
+
+    Raises:
+        InputError: where two know other components of the force, or have the same session.
     """
     if len(datasets) == 1:
         return datasets[0]
-    first, owner = datasets[0], dict[str, str]()
+    first = datasets[0]
     for dataset in datasets:
         if not np.array_equal(dataset.known, first.known):
             raise InputError(
                 f"{dataset.title}: knows other components of the force than {first.title}; train on each by itself"
             )
-        for session in dataset.sessions:
-            if session in owner:
-                raise InputError(
-                    f"{dataset.title}: has a session {session!r}, as {owner[session]} has; rename one, so that they "
-                    "can be told apart"
-                )
-            owner[session] = dataset.title
+    datasets, renamed = _told_apart(datasets)
     counts = [len(dataset) for dataset in datasets]
     names = dict.fromkeys(name for dataset in datasets for name in dataset.actuation)
     views = dict.fromkeys(view for dataset in datasets for view in dataset.view_names)
@@ -49,10 +48,64 @@ def join(datasets: Sequence[Dataset]) -> Dataset:
         known=first.known,
         names=np.concatenate([dataset.names for dataset in datasets]),
         view_names={view: np.concatenate([dataset.names_of(view) for dataset in datasets]) for view in views},
-        contexts={name: context for dataset in datasets for name, context in dataset.contexts.items()},
+        session_info={name: info for dataset in datasets for name, info in dataset.session_info.items()},
         rows=np.arange(sum(counts)),
         title=" and ".join(dataset.title for dataset in datasets),
+        remarks=(*(remark for dataset in datasets for remark in dataset.remarks), *renamed, *_lacking(datasets)),
+        _fingerprints={
+            name: fingerprint for dataset in datasets for name, fingerprint in dataset.session_fingerprints.items()
+        },
     )
+
+
+def _told_apart(datasets: Sequence[Dataset]) -> tuple[list[Dataset], list[str]]:
+    """``datasets`` with sessions that all have names of their own, and a sentence for each new name."""
+    owner: dict[str, tuple[str, str]] = {}
+    apart: list[Dataset] = []
+    remarks: list[str] = []
+    taken = {session for dataset in datasets for session in dataset.sessions}
+    for dataset in datasets:
+        names: dict[str, str] = {}
+        for session, fingerprint in dataset.session_fingerprints.items():
+            title, content = owner.get(session, ("", ""))
+            if content == fingerprint:
+                raise InputError(
+                    f"{dataset.title}: has the session {session!r} that {title} has, with the same stamps and forces; "
+                    "name it once"
+                )
+            if content:
+                name = next(new for k in count(2) if (new := f"{session} ({k})") not in taken)
+                names[session] = name
+                taken.add(name)
+                remarks.append(f"{session} of {dataset.title} is called {name}, because {title} has a {session} too")
+            owner[names.get(session, session)] = dataset.title, fingerprint
+        apart.append(_renamed(dataset, names) if names else dataset)
+    return apart, remarks
+
+
+def _renamed(dataset: Dataset, names: Mapping[str, str]) -> Dataset:
+    """``dataset`` with the sessions in ``names`` called by their new names."""
+    infos = {
+        names.get(name, name): replace(info, name=names.get(name, name)) for name, info in dataset.session_info.items()
+    }
+    return replace(
+        dataset,
+        session=np.array([names.get(name, name) for name in dataset.session.tolist()]),
+        session_info=infos,
+        whole=None,
+        _fingerprints={names.get(name, name): value for name, value in dataset.session_fingerprints.items()},
+    )
+
+
+def _lacking(datasets: Sequence[Dataset]) -> Iterator[str]:
+    """A sentence for each dataset that has no reading of a drive, or no picture of a view, that another one has."""
+    drives = [{name for name, values in each.actuation.items() if np.isfinite(values).any()} for each in datasets]
+    views = [set(next(each.observations()).views) for each in datasets]
+    for dataset, own, seen in zip(datasets, drives, views, strict=True):
+        for what, names in (("actuation", set().union(*drives) - own), ("view", set().union(*views) - seen)):
+            if names:
+                lacking = f"{what} {', '.join(sorted(names))}"
+                yield f"{dataset.title}: its {len(dataset)} samples lack the {lacking}, which others of the data have"
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,17 +8,19 @@ import importlib
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import FileFormatError, MissingExtraError, TableError
+from ..io import StreamDepth, decode_image
 from ..types import FloatArray, IntArray, Observation
 from ._dataset import Dataset, RowStore
 from ._facts import FACTS, read_facts
-from ._rows import dataset_of
-from ._stores import Table, decode_image
+from ._label_table import dataset_of
+from ._stores import Table
 
 __all__ = ["IMAGE", "SUFFIX", "arrow", "open_shards"]
 
@@ -88,12 +90,6 @@ class ShardTable:
         found = [_read(path, [leaf]).column(0).combine_chunks().field("path").to_pylist() for path in self._paths]
         return [name or self.place(row) for row, name in enumerate(itertools.chain(*found))]
 
-    def require(self, names: Sequence[str]) -> None:
-        """Raises TableError that names the first missing column and those there are."""
-        for name in names:
-            if name not in self.columns:
-                raise TableError(f"{self.path}: has no column {name!r}; its columns are {', '.join(self.columns)}")
-
     def text(self, name: str) -> list[str]:
         """The cells of one column."""
         return ["" if cell is None else str(cell) for cell in self._rest.column(name).to_pylist()]
@@ -113,11 +109,17 @@ class ShardTable:
             )
         return values
 
-    def integers(self, name: str) -> IntArray:
-        """(n,) of one column of whole numbers. Raises TableError."""
-        column = self._rest.column(name)
+    def time_columns(self) -> tuple[str, ...]:
+        """``stamp_ns``, where it is there."""
+        return ("stamp_ns",) if "stamp_ns" in self.columns else ()
+
+    def stamps_ns(self) -> IntArray | None:
+        """(n,) stamps; None where there is no column of them. Raises TableError."""
+        if not self.time_columns():
+            return None
+        column = self._rest.column("stamp_ns")
         if not str(column.type).startswith(("int", "uint")) or column.null_count:
-            raise TableError(f"{self.path}, column {name}: expected whole numbers without gaps, got {column.type}")
+            raise TableError(f"{self.path}, column stamp_ns: expected whole numbers without gaps, got {column.type}")
         return np.asarray(column.to_numpy(), np.int64)
 
 
@@ -148,11 +150,27 @@ class Shards(Table):
                     group, pictures = wanted, _pictures(file, wanted, self.columns, self.paths[shard])
                 place = here - (int(groups[group - 1]) if group else 0)
                 where = f"{self.paths[shard]}, row {here}"
-                views = {view: decode_image(cells[place].as_py() or b"", where) for view, cells in pictures.items()}
+                views = {
+                    view: decode_image(cells[place].as_py() or b"", where, self._depths[view])
+                    for view, cells in pictures.items()
+                }
                 yield self._observation(row, views)
         finally:
             if file is not None:
                 file.close()
+
+    @cached_property
+    def _depths(self) -> dict[str, StreamDepth]:
+        return {view: StreamDepth(partial(_all_images, self.paths, column)) for view, column in self.columns.items()}
+
+
+def _all_images(paths: Sequence[Path], column: str) -> Iterator[bytes]:
+    """The encoded images of one column, one row group in memory at a time."""
+    for path in paths:
+        with _opened(path) as file:
+            for group in range(file.metadata.num_row_groups):
+                for cell in _pictures(file, group, {column: column}, path)[column]:
+                    yield cell.as_py() or b""
 
 
 def _pictures(file: Any, group: int, columns: Mapping[str, str], path: Path) -> dict[str, Any]:

@@ -79,13 +79,14 @@ def perturbed(dataset: Dataset, disturbance: Perturbation, seed: int = 0) -> Dat
         force_n=disturbance.force(dataset.force_n),
         whole=None,
         _memo={},
+        _fingerprints=dataset.session_fingerprints,
     )
 
 
 def in_memory(dataset: Dataset) -> Dataset:
     """``dataset`` with its observations in memory, to be read many times."""
     kept = dict(zip(dataset.rows.tolist(), dataset.observations(), strict=True))
-    return replace(dataset, store=_InMemory(kept), whole=None, _memo={})
+    return replace(dataset, store=_InMemory(kept), whole=None, _memo={}, _fingerprints=dataset.session_fingerprints)
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ def thesis_split(dataset: Dataset, samples: int, seed: int = 0) -> Split:
     if len(first) < samples:
         raise InputError(
             f"{dataset.title}: the thesis protocol draws {samples} samples, and the first "
-            f"{min(THESIS_SESSIONS, len(dataset.sessions))} sessions have {len(first)}; use --protocol random"
+            f'{min(THESIS_SESSIONS, len(dataset.sessions))} sessions have {len(first)}; use protocol="random"'
         )
     part = random_subset(dataset.subset(first), samples, seed)
     split = random_split(part, 0.25, seed)
@@ -45,7 +45,7 @@ def standard_split(dataset: Dataset) -> Split:
     if len(names) < 4:
         raise InputError(
             f"{dataset.title}: the standard protocol needs at least four sessions to train, calibrate and test, got "
-            f"{len(names)}; the yardstick is 80: tipforce simulate --sessions 80"
+            f"{len(names)}; the benchmark protocol has 80"
         )
     train, calibrate = len(names) // 4, len(names) // 2
     parts = (names[:train], names[train:calibrate], names[calibrate:])
@@ -63,7 +63,7 @@ def catheter_splits(dataset: Dataset) -> list[Split]:
     """
     groups: dict[Catheter, list[str]] = {}
     for name in dataset.sessions:
-        groups.setdefault(dataset.contexts[name].catheter, []).append(name)
+        groups.setdefault(dataset.session_info[name].catheter, []).append(name)
     found = [
         Split(
             f"{catheter.name}, trained on {first}",
@@ -76,7 +76,7 @@ def catheter_splits(dataset: Dataset) -> list[Split]:
     if not found:
         raise InputError(
             f"{dataset.title}: the catheter protocol trains on the first session of a catheter and tests on its "
-            f"others, but each of the {len(groups)} catheters has a single one; record more, or use --protocol random"
+            f'others, but each of the {len(groups)} catheters has a single one; record more, or use protocol="random"'
         )
     return found
 

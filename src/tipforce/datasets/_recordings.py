@@ -1,6 +1,7 @@
 """Recordings as a dataset: every labelled frame is a sample, every file a session."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from ..alignment import labels
 from ..errors import InputError
 from ..io import RecordingReader
-from ..types import Context, FloatArray, IntArray
+from ..types import FloatArray, IntArray, SessionInfo
 from ._dataset import Dataset
 from ._stores import Recordings
 
@@ -26,8 +27,9 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
     forces: list[FloatArray] = []
     frames: list[IntArray] = []
     actuation: list[dict[str, FloatArray]] = []
-    contexts: dict[str, Context] = {}
-    known = np.ones(3, np.bool_)
+    infos: dict[str, SessionInfo] = {}
+    remarks: list[str] = []
+    known, some = np.ones(3, np.bool_), np.zeros(3, np.bool_)
     views = (camera,) if camera else _views_of(paths[0])
     for path in paths:
         with RecordingReader(path) as reader:
@@ -37,19 +39,26 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
                     raise InputError(f"{path}: to learn from it, a recording needs a stream {stream!r}; it has {there}")
             found = labels(reader, camera=views[0], force=force)
             rows = np.flatnonzero(np.isfinite(found.force_n[:, found.known]).all(axis=1) & found.known.any())
-            known &= found.known
+            known, some = known & found.known, some | found.known
+            if len(rows) < len(found.stamp_ns):
+                count = len(found.stamp_ns)
+                remarks.append(f"{path.name}: {count - len(rows)} of {count} frames have no force, and are left out")
             stamps.append(found.stamp_ns[rows])
             forces.append(found.force_n[rows])
             frames.append(rows)
             actuation.append(reader.actuation_at(found.stamp_ns[rows]))
-            context = reader.context
-            name = context.session if context.session not in contexts else f"{context.session} ({path.stem})"
-            contexts[name] = Context(name, context.catheter, context.metres_per_px, context.notes)
+            info = reader.session_info
+            name = info.name if info.name not in infos else f"{info.name} ({path.stem})"
+            infos[name] = replace(info, name=name)
     counts = [len(rows) for rows in frames]
     if not sum(counts):
         raise InputError(f"{title}: no frame has a force; see `tipforce inspect {paths[0]}` for the times of both")
     force_n = np.concatenate(forces)
     force_n[:, ~known] = np.nan
+    remarks += [
+        f"f{'xyz'[axis]} is left out, because it is known in some of the recordings only"
+        for axis in np.flatnonzero(some & ~known).tolist()
+    ]
     names = dict.fromkeys(name for values in actuation for name in values)
     gathered = {
         name: np.concatenate(
@@ -57,20 +66,24 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
         )
         for name in names
     }
+    for path, values in zip(paths, actuation, strict=True):
+        if lacking := [name for name in names if np.isnan(values.get(name, np.array([np.nan]))).all()]:
+            remarks.append(f"{path.name}: lacks the actuation {', '.join(lacking)}, which other recordings have")
     recording, frame = np.repeat(np.arange(len(paths)), counts), np.concatenate(frames)
     stamp_ns = np.concatenate(stamps)
     called = [f"{paths[k].name} frame {i}" for k, i in zip(recording.tolist(), frame.tolist(), strict=True)]
     return Dataset(
         store=Recordings(stamp_ns, gathered, tuple(paths), recording, frame, views[0], views[1:]),
-        session=np.repeat(list(contexts), counts),
+        session=np.repeat(list(infos), counts),
         stamp_ns=stamp_ns,
         actuation=gathered,
         force_n=force_n,
         known=known,
         names=np.array(called),
-        contexts=contexts,
+        session_info=infos,
         rows=np.arange(len(stamp_ns)),
         title=title,
+        remarks=tuple(remarks),
         view_names={view: np.array([f"{name}, view {view} beside it" for name in called]) for view in views[1:]},
     )
 

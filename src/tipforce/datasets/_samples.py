@@ -4,13 +4,13 @@ import json
 import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..types import BoolArray, Catheter, Context, FloatArray, IntArray
+from ..types import BoolArray, FloatArray, IntArray, SessionInfo
 from ._facts import FACTS, facts_text
-from ._rows import FORCES
+from ._label_table import FORCES
 
 __all__ = ["Growing", "SessionSamples"]
 
@@ -24,7 +24,7 @@ class SessionSamples:
     n PNGs, or nothing.
     """
 
-    context: Context
+    session_info: SessionInfo
     frame: IntArray
     stamp_ns: IntArray
     actuation: Mapping[str, FloatArray]
@@ -37,7 +37,7 @@ class SessionSamples:
     def columns(self) -> dict[str, list[Any]]:
         """Name -> n values, of all columns but the pictures."""
         return {
-            "session": [self.context.session] * len(self.frame),
+            "session": [self.session_info.name] * len(self.frame),
             "stamp_ns": self.stamp_ns.tolist(),
             **{name: values.tolist() for name, values in self.actuation.items()},
             **{FORCES[axis]: self.force_n[:, axis].tolist() for axis in range(3) if self.known[axis]},
@@ -53,7 +53,7 @@ class SessionSamples:
 
     def _paths(self, kind: str, view: str, suffix: str) -> list[str]:
         more = f"-{view}" if len(self.pictures) > 1 else ""
-        return [f"{kind}/{self.context.session}/{number:05d}{more}{suffix}" for number in self.frame.tolist()]
+        return [f"{kind}/{self.session_info.name}/{number:05d}{more}{suffix}" for number in self.frame.tolist()]
 
 
 class Growing(ABC):
@@ -86,14 +86,14 @@ class Growing(ABC):
         """Gather all sessions; a kill meanwhile loses nothing, it is begun again."""
         facts = self.parts / FACTS
         if not facts.exists():
-            contexts = [self.context(number) for number in range(self.sessions)]
-            put(facts, facts_text(title, contexts, self.view()).encode())
+            infos = [self.session_info(number) for number in range(self.sessions)]
+            put(facts, facts_text(title, infos, self.view()).encode())
         self.gather()
         facts.replace(self.folder / FACTS)
         shutil.rmtree(self.parts)
 
     @abstractmethod
-    def context(self, number: int) -> Context:
+    def session_info(self, number: int) -> SessionInfo:
         """Of a session that was added."""
 
     @abstractmethod
@@ -116,14 +116,12 @@ def put(path: Path, data: bytes) -> None:
 def about(samples: SessionSamples) -> dict[str, Any]:
     """What `context_of` and `view` need, as JSON values."""
     views = list(samples.pictures)
-    return {"context": asdict(samples.context), "view": views[0] if len(views) == 1 else "camera"}
+    return {"session_info": samples.session_info.values(), "view": views[0] if len(views) == 1 else "camera"}
 
 
-def context_of(known: Mapping[str, Any]) -> Context:
+def context_of(known: Mapping[str, Any]) -> SessionInfo:
     """The inverse of `about`."""
-    values: dict[str, Any] = dict(known["context"])
-    catheter = Catheter(**values.pop("catheter"))
-    return Context(**values, catheter=catheter)
+    return SessionInfo.from_values(known["session_info"])
 
 
 def as_json(values: Mapping[str, Any]) -> bytes:

@@ -142,7 +142,7 @@ def _blocked(dataset: Dataset, name: str, held: list[tuple[IntArray, IntArray]],
     if not len(kept):
         raise InputError(
             f"{dataset.title}: its {len(dataset)} samples leave none to train on once blocks are held out with a "
-            f"gap of {gap_s:g} s; record longer sessions, or use --protocol random"
+            f'gap of {gap_s:g} s; record longer sessions, or use protocol="random"'
         )
     return Split(name, np.sort(kept), np.sort(np.concatenate([test for _, test in held])))
 

@@ -3,31 +3,17 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from ..alignment import nearest_frames
-from ..errors import FileFormatError
-from ..io import RecordingReader
+from ..io import RecordingReader, StreamDepth, read_image
 from ..types import FloatArray, Image, IntArray, Observation, ShapeFeatures, View
 
-__all__ = ["ImageArray", "ImageFiles", "Recordings", "ShapeTable", "Table", "decode_image", "read_image"]
-
-
-def read_image(path: Path) -> Image:
-    """(h, w) grey or (h, w, 3) RGB, 8 bit. Raises FileFormatError."""
-    return decode_image(path.read_bytes() if path.is_file() else b"", str(path))
-
-
-def decode_image(data: bytes, where: str) -> Image:
-    """As `read_image`, of a file's content; ``where`` it comes from."""
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR) if data else None
-    if image is None:
-        raise FileFormatError(f"{where}: the image is missing, empty or damaged; expected PNG, JPEG, TIFF or BMP")
-    return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)  # type: ignore[return-value]
+__all__ = ["ImageArray", "ImageFiles", "Recordings", "ShapeTable", "Table"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +61,11 @@ class ImageFiles(_RowByRow):
             yield None if paths is None or not paths[row].is_file() else read_image(paths[row])
 
     def _views(self, row: int) -> Mapping[str, View]:
-        return {view: read_image(paths[row]) for view, paths in self.paths.items()}
+        return {view: read_image(paths[row], self._depths[view]) for view, paths in self.paths.items()}
+
+    @cached_property
+    def _depths(self) -> dict[str, StreamDepth]:
+        return {view: StreamDepth.of_files(paths) for view, paths in self.paths.items()}
 
 
 @dataclass(frozen=True, eq=False)

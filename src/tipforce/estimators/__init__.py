@@ -2,18 +2,18 @@
 
 from ._base import Estimator, Progress, Stream
 from ._card import training_lines
-from ._conformal import COVERAGE
 from ._create import ESTIMATORS, create, method
+from ._fit import Training, train
 from ._onnx import export_onnx
 from ._pretrained import located, pretrained_names
-from ._run import RunReport, write_estimates
+from ._run_directory import load_initial_model, run_directory
+from ._session_metadata import missing_metadata
 from ._settings import AngleSettings, SvrSettings, WindowSettings
 from ._shows import ShowsShape, view_of
-from ._train import Training, train
-from ._workplace import check_start, workplace
 from .networks import Compact, CompactSettings, Dcfe, DcfeSettings, NetworkEstimator
 from .store import FORMAT_VERSION, check_target, load_model, load_pretrained, read_manifest, save_model
 from .svr import Svr
+from .uncertainty import COVERAGE
 
 __all__ = [
     "COVERAGE",
@@ -27,27 +27,26 @@ __all__ = [
     "Estimator",
     "NetworkEstimator",
     "Progress",
-    "RunReport",
     "ShowsShape",
     "Stream",
     "Svr",
     "SvrSettings",
     "Training",
     "WindowSettings",
-    "check_start",
     "check_target",
     "create",
     "export_onnx",
+    "load_initial_model",
     "load_model",
     "load_pretrained",
     "located",
     "method",
+    "missing_metadata",
     "pretrained_names",
     "read_manifest",
+    "run_directory",
     "save_model",
     "train",
     "training_lines",
     "view_of",
-    "workplace",
-    "write_estimates",
 ]

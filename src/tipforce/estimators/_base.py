@@ -9,8 +9,8 @@ import numpy.typing as npt
 from pydantic import BaseModel
 
 from ..datasets import Dataset
-from ..types import Context, ForceEstimate, Observation
-from ._words import Words
+from ..types import ForceEstimate, Observation, SessionInfo
+from ._summary import ModelSummary
 
 __all__ = ["Estimator", "Progress", "Stream"]
 
@@ -53,7 +53,7 @@ class Estimator(ABC):
         """Find the intervals anew on ``dataset``, of whose sessions ``fit`` saw none; the answers stay as they are."""
 
     @abstractmethod
-    def start(self, context: Context) -> Stream:
+    def start(self, info: SessionInfo) -> Stream:
         """A fresh stream for one session; raises NotFittedError before ``fit``."""
 
     @abstractmethod
@@ -84,7 +84,7 @@ class Estimator(ABC):
         stream, session = None, None
         for name, observation in zip(dataset.session.tolist(), dataset.observations(), strict=True):
             if stream is None or name != session:
-                stream, session = self.start(dataset.contexts[name]), name
+                stream, session = self.start(dataset.session_info[name]), name
             yield stream.update(observation)
 
     def predict(self, dataset: Dataset) -> list[ForceEstimate]:
@@ -94,7 +94,7 @@ class Estimator(ABC):
     def answers(self, part: Dataset, progress: Callable[[float], None] | None = None) -> list[ForceEstimate]:
         """As `predict`, but a method that remembers is shown all frames of the sessions that ``part`` is of."""
         run = part
-        if self.remembers and part.whole is not None:
+        if self.uses_history and part.whole is not None:
             run = part.whole.subset(np.isin(part.whole.session, list(part.sessions)))
         found: dict[int, ForceEstimate] = {}
         for row, estimate in zip(run.rows.tolist(), self.estimates(run), strict=True):
@@ -104,22 +104,22 @@ class Estimator(ABC):
         return [found[row] for row in part.rows.tolist()]
 
     @property
-    def remembers(self) -> bool:
-        """True where an estimate depends on earlier frames of the session too: evaluation then runs all of them."""
+    def uses_history(self) -> bool:
+        """True where an estimate depends on earlier frames of the session, too: evaluation then runs all of them."""
         return False
 
     @property
-    def needed_actuation(self) -> tuple[str, ...]:
+    def required_actuation(self) -> tuple[str, ...]:
         """Names of the actuation without which this fitted method answers nothing."""
         return ()
 
     @property
-    def needed_facts(self) -> tuple[str, ...]:
-        """What a session's `Context` must tell, as `stated_facts` names it, or this fitted method answers nothing."""
+    def required_metadata(self) -> tuple[str, ...]:
+        """Keys of the session metadata without which there is no estimate, as `SessionInfo.stated_keys` names them."""
         return ()
 
     @property
-    def taught_sessions(self) -> frozenset[str]:
+    def training_sessions(self) -> frozenset[str]:
         """Sessions that are not new to this fitted method, if it began with one that had learnt: those of both."""
         return frozenset()
 
@@ -128,7 +128,7 @@ class Estimator(ABC):
         return {}
 
     @classmethod
-    def words(cls, facts: Mapping[str, Any]) -> Words:
-        """What is told to people of a fitted model with these `describe`d facts."""
+    def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
+        """Returns the summary of a fitted model with these `describe`d facts, in words."""
         del facts
-        return Words()
+        return ModelSummary()

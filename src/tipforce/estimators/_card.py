@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ._create import method
-from ._words import count_of
+from ._summary import count_of
 
 __all__ = ["model_card", "training_lines"]
 
@@ -12,7 +12,7 @@ __all__ = ["model_card", "training_lines"]
 def model_card(manifest: Mapping[str, Any]) -> str:
     """``README.md`` of a model folder, from its manifest."""
     training, facts = manifest["training"], manifest["facts"]
-    words = method(manifest["method"]).words(facts)
+    summary = method(manifest["method"]).summary(facts)
     low, high = training["force_range_n"]
     sessions = training["sessions"]
     lines = [
@@ -39,11 +39,11 @@ def model_card(manifest: Mapping[str, Any]) -> str:
         "",
         "## What it sees",
         "",
-        f"{words.sees} Forces are in newtons, on the axes: {_axes(manifest['frame_of_forces'])}.",
+        f"{summary.inputs} Forces are in newtons, on the axes: {_axes(manifest['frame_of_forces'])}.",
         "",
         "## How well",
         "",
-        *words.how_well,
+        *summary.performance,
         "",
         f"The interval rests on: **{facts['interval_basis']}**{_calibrated(training)}.",
     ]
@@ -94,13 +94,13 @@ def _figure(value: Any) -> str:
 def training_lines(manifest: Mapping[str, Any]) -> list[str]:
     """What a person who has just trained a model is told, from its manifest."""
     training, facts = manifest["training"], manifest["facts"]
-    words = method(manifest["method"]).words(facts)
+    summary = method(manifest["method"]).summary(facts)
     lines = [
         (
             f"Learnt from {training['samples']} samples of {training['title']} "
-            f"({count_of(len(training['sessions']), 'session')}), {words.short}"
+            f"({count_of(len(training['sessions']), 'session')}), {summary.short_inputs}"
         ),
-        *(f"  {line}" for line in words.told),
+        *(f"  {line}" for line in summary.training),
         f"  interval from: {facts['interval_basis']}",
     ]
     for name in ("magnitude", "fx", "fy", "fz"):

@@ -6,9 +6,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import angle_matrix, arc_length, turning_angles
-from ..types import Context, FloatArray, Image, Observation, ShapeFeatures, Status
-from ..vision import NoFeatures, ShapeFeatureSettings, Vision, feature_names, in_session, shape_features
-from ._reading import Refusal, read_actuation, read_view
+from ..types import FloatArray, Image, Observation, SessionInfo, ShapeFeatures, Status
+from ..vision import NoFeatures, ShapeDetector, ShapeFeatureSettings, feature_names, for_session, shape_features
+from ._reading import Abstention, read_actuation, read_view
 from ._settings import AngleSettings, SvrSettings
 
 __all__ = ["Inputs", "angles_of_polynomial"]
@@ -17,18 +17,18 @@ _CURVE_POINTS = 65
 
 
 class Inputs:
-    """Reads observations; one for each session, because `Vision` keeps its working memory.
+    """Reads observations; one for each session, because `ShapeDetector` keeps its working memory.
 
-    ``context``: of that session. ``actuation``: the names wanted, in order. ``shape``: names that ready-made shape
+    ``info``: of that session. ``actuation``: the names wanted, in order. ``shape``: names that ready-made shape
     numbers must have, in order; None where it is not settled yet (training).
     """
 
     def __init__(
-        self, settings: SvrSettings, actuation: Sequence[str], context: Context, shape: Sequence[str] | None = None
+        self, settings: SvrSettings, actuation: Sequence[str], info: SessionInfo, shape: Sequence[str] | None = None
     ) -> None:
-        self._settings, self._view, self._context = settings, settings.vision.view, context
+        self._settings, self._view, self._context = settings, settings.vision.view, info
         self._actuation = tuple(actuation)
-        self._vision: Vision | None = None
+        self._vision: ShapeDetector | None = None
         self._angles = None
         if settings.angles is not None:
             self._angles = ShapeFeatureSettings(kind="legendre", degree=settings.angles.degree)
@@ -40,42 +40,42 @@ class Inputs:
         extra = () if self._angles is None else tuple(f"angle {name}" for name in feature_names(self._angles))
         return (*first, *extra)
 
-    def read(self, observation: Observation) -> FloatArray | Refusal:
+    def read(self, observation: Observation) -> FloatArray | Abstention:
         """(k,) shape numbers and actuation, or why there are none."""
         view = read_view(observation, self._view, "vision.view")
-        if isinstance(view, Refusal):
+        if isinstance(view, Abstention):
             return view
         values = self._table(view) if isinstance(view, ShapeFeatures) else self._picture(view)
-        if isinstance(values, Refusal):
+        if isinstance(values, Abstention):
             return values
         drives = read_actuation(observation, self._actuation)
-        return drives if isinstance(drives, Refusal) else np.concatenate([values, drives])
+        return drives if isinstance(drives, Abstention) else np.concatenate([values, drives])
 
-    def _picture(self, image: Image) -> FloatArray | Refusal:
+    def _picture(self, image: Image) -> FloatArray | Abstention:
         if self._vision is None:
-            self._vision = Vision(in_session(self._settings.vision, self._context))
-        sighting = self._vision.see(image)
+            self._vision = ShapeDetector(for_session(self._settings.vision, self._context))
+        sighting = self._vision.detect(image)
         if not sighting.found:
-            return Refusal(sighting.status, sighting.detail)
+            return Abstention(sighting.status, sighting.detail)
         values = shape_features(sighting, self._settings.features)
         if isinstance(values, NoFeatures):
-            return Refusal(values.status, values.detail)
+            return Abstention(values.status, values.detail)
         if self._angles is not None:
             more = shape_features(sighting, self._angles)
             if isinstance(more, NoFeatures):
-                return Refusal(more.status, more.detail)
+                return Abstention(more.status, more.detail)
             values = np.concatenate([values, more])
         return values
 
-    def _table(self, view: ShapeFeatures) -> FloatArray | Refusal:
+    def _table(self, view: ShapeFeatures) -> FloatArray | Abstention:
         if self._wanted is not None and self.names(view) != self._wanted:
-            return Refusal(
+            return Abstention(
                 Status.MISSING_INPUT,
                 f"the shape is given as {', '.join(view.names)}, but this model was trained with "
                 f"{', '.join(self._wanted)}",
             )
         if not np.isfinite(view.values).all():
-            return Refusal(Status.NO_CATHETER, "the shape numbers of this sample are not finite")
+            return Abstention(Status.NO_CATHETER, "the shape numbers of this sample are not finite")
         if self._settings.angles is None:
             return view.values
         more = angles_of_polynomial(view.values, self._settings.features, self._settings.angles)

@@ -11,7 +11,7 @@ from ..errors import InputError, MissingExtraError, ModelError
 from ..types import FloatArray
 from ._base import Estimator
 from ._machine import Machines
-from .networks import MODEL, NetworkEstimator
+from .networks import GRAPH_FILE, NetworkEstimator
 from .svr import PARITY_N, Svr
 
 __all__ = ["export_onnx"]
@@ -33,7 +33,7 @@ def export_onnx(estimator: Estimator, path: str | Path) -> dict[str, Any]:
     """
     path = Path(path)
     if isinstance(estimator, NetworkEstimator):
-        data = estimator.files()[MODEL]
+        data = estimator.files()[GRAPH_FILE]
         _write(path, data)
         return {"parity_n": estimator.describe()["parity_with_network_n"], "bytes": len(data)}
     if not isinstance(estimator, Svr):

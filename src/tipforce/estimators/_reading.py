@@ -9,33 +9,33 @@ from ..datasets import Dataset
 from ..errors import InputError
 from ..types import FloatArray, Observation, Status, View
 
-__all__ = ["Refusal", "actuation_names", "read_actuation", "read_view"]
+__all__ = ["Abstention", "actuation_names", "read_actuation", "read_view"]
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
+class Abstention:
     """Why an observation yields no numbers."""
 
     status: Status
     detail: str
 
 
-def read_view(observation: Observation, view: str, setting: str) -> View | Refusal:
+def read_view(observation: Observation, view: str, setting: str) -> View | Abstention:
     """The picture of ``view``, which ``setting`` names."""
     found = observation.views.get(view)
     if found is None:
         there = ", ".join(observation.views) or "none"
-        return Refusal(Status.MISSING_INPUT, f"there is no view {view!r}, as {setting} says; there is {there}")
+        return Abstention(Status.MISSING_INPUT, f"there is no view {view!r}, as {setting} says; there is {there}")
     return found
 
 
-def read_actuation(observation: Observation, names: Sequence[str]) -> FloatArray | Refusal:
+def read_actuation(observation: Observation, names: Sequence[str]) -> FloatArray | Abstention:
     """(len(names),): the actuation values that a model was trained with."""
     row = np.empty(len(names))
     for place, name in enumerate(names):
         value = observation.actuation.get(name)
         if value is None or value != value:
-            return Refusal(Status.MISSING_INPUT, f"{name}, which this model was trained with, is absent; state it")
+            return Abstention(Status.MISSING_INPUT, f"{name}, which this model was trained with, is absent; state it")
         row[place] = value
     return row
 

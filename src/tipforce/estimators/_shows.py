@@ -2,15 +2,15 @@
 
 from typing import Protocol, runtime_checkable
 
-from ..types import Context, FloatArray, Observation, ShapeFeatures, Status
+from ..types import FloatArray, Observation, SessionInfo, ShapeFeatures, Status
 from ..vision import (
+    DetectedShape,
     NoFeatures,
+    ShapeDetector,
     ShapeFeatureSettings,
-    Sighting,
-    Vision,
     VisionSettings,
     fitted_curve,
-    in_session,
+    for_session,
     shape_features,
 )
 from ._base import Estimator
@@ -22,19 +22,19 @@ __all__ = ["ShowsShape", "look_with", "view_of"]
 class ShowsShape(Protocol):
     """A method that finds a shape in the picture and can show it."""
 
-    def look(self, observation: Observation, context: Context) -> tuple[Sighting, FloatArray | None]:
+    def look(self, observation: Observation, info: SessionInfo) -> tuple[DetectedShape, FloatArray | None]:
         """What was seen in a session, and the fitted curve (n, 2) in image points, None where there is none."""
         ...
 
 
 def look_with(
-    vision: VisionSettings, features: ShapeFeatureSettings, observation: Observation, context: Context
-) -> tuple[Sighting, FloatArray | None]:
+    vision: VisionSettings, features: ShapeFeatureSettings, observation: Observation, info: SessionInfo
+) -> tuple[DetectedShape, FloatArray | None]:
     """`ShowsShape.look` for a method that sees by ``vision`` and learns from ``features``."""
     image = observation.views.get(vision.view)
     if image is None or isinstance(image, ShapeFeatures):
-        return Sighting(Status.MISSING_INPUT, f"there is no picture in the view {vision.view!r}"), None
-    sighting = Vision(in_session(vision, context)).see(image)
+        return DetectedShape(Status.MISSING_INPUT, f"there is no picture in the view {vision.view!r}"), None
+    sighting = ShapeDetector(for_session(vision, info)).detect(image)
     values = shape_features(sighting, features)
     return sighting, None if isinstance(values, NoFeatures) else fitted_curve(sighting, features, values)
 

@@ -12,7 +12,7 @@ from ..datasets import Dataset
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, IntArray, Observation
 from ._inputs import Inputs
-from ._reading import Refusal
+from ._reading import Abstention
 from ._settings import SvrSettings
 from ._window import Window
 
@@ -56,7 +56,7 @@ def gather_rows(
     called = frames.names_of(settings.vision.view)
     done = 0
 
-    def read(observation: Observation, inputs: Inputs) -> tuple[tuple[str, ...], FloatArray | Refusal]:
+    def read(observation: Observation, inputs: Inputs) -> tuple[tuple[str, ...], FloatArray | Abstention]:
         nonlocal done
         done += 1
         report(done / len(frames))
@@ -64,9 +64,9 @@ def gather_rows(
         return (() if view is None else inputs.names(view)), inputs.read(observation)
 
     recipe = settings.model_dump_json(include={"vision", "features", "angles"}) + repr(tuple(actuation))
-    seen: list[tuple[tuple[str, ...], FloatArray | Refusal]] = []
+    seen: list[tuple[tuple[str, ...], FloatArray | Abstention]] = []
     for name in frames.sessions:
-        inputs = Inputs(settings, actuation, frames.contexts[name])
+        inputs = Inputs(settings, actuation, frames.session_info[name])
         seen += frames.subset(frames.session == name).derive(f"svr inputs {recipe}", partial(read, inputs=inputs))
     found: dict[int, FloatArray] = {}
     why_not = ""
@@ -76,7 +76,7 @@ def gather_rows(
         if frames.session[place] != session:
             window, session = Window(settings.window), frames.session[place]
         number = int(frames.rows[place])
-        if isinstance(row, Refusal):
+        if isinstance(row, Abstention):
             if number in here and not why_not:
                 why_not = f"{called[place]}: {row.detail} ({row.status})"
             continue

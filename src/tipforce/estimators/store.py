@@ -27,8 +27,8 @@ from ._pretrained import located, pretrained_folder
 
 __all__ = ["FORMAT_VERSION", "check_target", "load_model", "load_pretrained", "read_manifest", "save_model"]
 
-FORMAT_VERSION = 1
-"""Grows when an older program could not read a newer model."""
+FORMAT_VERSION = 2
+"""Version of the model folder's format; other versions are not read."""
 
 MANIFEST, ARRAYS, CARD = "model.json", "arrays.npz", "README.md"
 
@@ -75,9 +75,9 @@ def check_target(folder: str | Path, *, overwrite: bool = False) -> None:
     if not folder.exists():
         return
     if not overwrite:
-        raise InputError(f"{folder}: exists already; choose another name or state --overwrite")
+        raise InputError(f"{folder}: exists already; choose another name or state overwrite=True")
     if not (folder / MANIFEST).is_file() and not (folder.is_dir() and not any(folder.iterdir())):
-        raise InputError(f"{folder}: is no model folder, so --overwrite does not replace it; choose another name")
+        raise InputError(f"{folder}: is no model folder, so overwrite=True does not replace it; choose another name")
 
 
 def _of(data: Dataset) -> dict[str, Any]:
@@ -86,6 +86,7 @@ def _of(data: Dataset) -> dict[str, Any]:
         "fingerprint": data.fingerprint(),
         "samples": len(data),
         "sessions": list(data.sessions),
+        "session_fingerprints": dict(data.session_fingerprints),
     }
 
 
@@ -109,7 +110,7 @@ def _manifest(
         "training": {
             **_of(training),
             **({} if calibration is None else {"calibration": _of(calibration)}),
-            "simulated": all(context.notes.get("simulated") == "true" for context in training.contexts.values()),
+            "simulated": all(info.simulated for info in training.session_info.values()),
             "force_range_n": [float(np.min(training.magnitude_n)), float(np.max(training.magnitude_n))],
         },
         "metrics": dict(metrics or {}),
@@ -187,8 +188,13 @@ def read_manifest(folder: str | Path) -> dict[str, Any]:
         raise ModelError(f"{path}: is damaged; train the model again or copy the whole folder") from None
     if not isinstance(found, int) or found > FORMAT_VERSION:
         raise ModelError(
-            f"{path}: has the format version {found}, this program reads up to {FORMAT_VERSION}; update "
+            f"{path}: has the format version {found}, this program reads version {FORMAT_VERSION}; update "
             f"tipforce (this is {version('tipforce')}) or train the model again"
+        )
+    if found < FORMAT_VERSION:
+        raise ModelError(
+            f"{path}: has the older format version {found}, this program reads version {FORMAT_VERSION}; train the "
+            "model anew"
         )
     if needed:
         raise ModelError(f"{path}: lacks {', '.join(sorted(needed))}; train the model again or copy the whole folder")

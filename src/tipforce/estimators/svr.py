@@ -14,21 +14,21 @@ import numpy.typing as npt
 
 from ..datasets import Dataset
 from ..errors import InputError, ModelError, NotFittedError
-from ..types import BoolArray, Context, FloatArray, ForceEstimate, Image, Observation
-from ..vision import Sighting, settle
-from ._answers import AXES, Answers, Interval
+from ..types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
+from ..vision import DetectedShape, auto_calibrate
 from ._base import Estimator, Progress
-from ._conformal import interval_from
+from ._builder import AXES, EstimateBuilder
 from ._inputs import Inputs
 from ._machine import Constants, Machines, fit_machines
-from ._reading import Refusal, actuation_names
+from ._reading import Abstention, actuation_names
 from ._settings import SvrSettings
 from ._shows import look_with
-from ._svr_words import svr_words
+from ._summary import ModelSummary
+from ._svr_summary import svr_summary
 from ._training import Rows, gather_rows, warn_of_sizes
 from ._tuning import choose, make_folds, residuals, scaling_of
 from ._window import Window
-from ._words import Words
+from .uncertainty import Interval, conformal_interval
 
 __all__ = ["MIN_SAMPLES", "PARITY_N", "Svr"]
 
@@ -75,12 +75,12 @@ class Svr(Estimator):
         self.fitted_: _Fitted | None = None
 
     @property
-    def remembers(self) -> bool:
+    def uses_history(self) -> bool:
         """True with a window over earlier frames."""
         return self.settings.window.used
 
     @property
-    def needed_actuation(self) -> tuple[str, ...]:
+    def required_actuation(self) -> tuple[str, ...]:
         """What it was trained with. Raises NotFittedError before ``fit``."""
         return self._known().actuation
 
@@ -128,7 +128,7 @@ class Svr(Estimator):
             machines=machines,
             constants=tuple(constants),
             cv_rmse_n=tuple(errors.tolist()),
-            interval=interval_from(known, found, wrong, truth, rows.session[part], held_out),
+            interval=conformal_interval(known, found, wrong, truth, rows.session[part], held_out),
             samples=len(rows.features),
             unseen=unseen,
             sessions=len(set(rows.session.tolist())),
@@ -149,7 +149,9 @@ class Svr(Estimator):
                 f"first says: {rows.why_not}"
             )
         found = np.array([fitted.machines(row) for row in rows.features])
-        interval = interval_from(fitted.known, found, found - rows.truth_n, rows.truth_n, rows.session, held_out=True)
+        interval = conformal_interval(
+            fitted.known, found, found - rows.truth_n, rows.truth_n, rows.session, held_out=True
+        )
         self.fitted_ = replace(fitted, interval=interval)
         return self
 
@@ -158,27 +160,27 @@ class Svr(Estimator):
         some = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, SETTLING_SAMPLES).astype(np.int64)))
         warn_of_sizes(dataset, self.settings.vision.view)
         images: list[Image] = []
-        contexts: list[Context] = []
+        infos: list[SessionInfo] = []
         for session, observation in zip(some.session.tolist(), some.observations(), strict=True):
             view = observation.views.get(self.settings.vision.view)
             if isinstance(view, np.ndarray):
                 images.append(view)
-                contexts.append(dataset.contexts[session])
+                infos.append(dataset.session_info[session])
         if not images:
             return self.settings
         try:
-            settled = settle(self.settings.vision, images, contexts)
+            settled = auto_calibrate(self.settings.vision, images, infos)
         except InputError as error:
             raise InputError(f"{dataset.title}: {error}") from None
         return self.settings.model_copy(update={"vision": settled})
 
-    def start(self, context: Context) -> "SvrStream":
-        """A stream for one session; ``context`` tells scale and catheter. Raises NotFittedError before ``fit``."""
-        return SvrStream(self.settings, self._known(), context)
+    def start(self, info: SessionInfo) -> "SvrStream":
+        """A stream for one session; ``info`` tells scale and catheter. Raises NotFittedError before ``fit``."""
+        return SvrStream(self.settings, self._known(), info)
 
-    def look(self, observation: Observation, context: Context) -> tuple[Sighting, FloatArray | None]:
+    def look(self, observation: Observation, info: SessionInfo) -> tuple[DetectedShape, FloatArray | None]:
         """What is seen in the picture, and the fitted curve (n, 2) in image points: see `ShowsShape`."""
-        return look_with(self.settings.vision, self.settings.features, observation, context)
+        return look_with(self.settings.vision, self.settings.features, observation, info)
 
     def normalised(self, dataset: Dataset) -> tuple[tuple[str, ...], FloatArray, tuple[str, ...], FloatArray]:
         """Thesis table 3: names (k,) and scaled values (m, k) of the features, then (t,) and (m, t) of the forces.
@@ -279,24 +281,24 @@ class Svr(Estimator):
         }
 
     @classmethod
-    def words(cls, facts: Mapping[str, Any]) -> Words:
+    def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
         """Constants, errors over the folds, intervals."""
-        return svr_words(facts)
+        return svr_summary(facts)
 
 
 class SvrStream:
     """One session, frame after frame."""
 
-    def __init__(self, settings: SvrSettings, fitted: _Fitted, context: Context) -> None:
-        self._inputs = Inputs(settings, fitted.actuation, context, fitted.shape)
+    def __init__(self, settings: SvrSettings, fitted: _Fitted, info: SessionInfo) -> None:
+        self._inputs = Inputs(settings, fitted.actuation, info, fitted.shape)
         self._window = Window(settings.window) if settings.window.used else None
         self._machines = fitted.machines
-        self._answers = Answers(fitted.known, fitted.interval)
+        self._answers = EstimateBuilder(fitted.known, fitted.interval)
 
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
         row = self._inputs.read(observation)
-        if isinstance(row, Refusal):
+        if isinstance(row, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail)
         if self._window is not None:
             row = self._window.push(observation.stamp_ns, row)

@@ -1,39 +1,53 @@
-"""Judging methods: metrics, protocols, the constant predictor, figures and the report."""
+"""Evaluation of methods: metrics, protocols, the constant predictor, robustness to perturbations, the report."""
 
-from ._bounds import CONTACT_ANGLE_BINS_DEG, FORCE_BOUND_BINS_N, WAYS, Bounds, bound_at, bound_figures
-from ._candidates import candidates_from, truth_at
 from ._constant import Constant
-from ._evaluate import evaluate
-from ._evaluation import AS_SAVED, PROTOCOLS, Candidate, Evaluation, Row
-from ._features import ShowsFeatures
-from ._lines import report_lines
-from ._metrics import FORCE_BINS_N, error_figures, interval_figures, percent_of_true, score
-from ._outcome import CONTACT_N, Outcome
-from ._report import check_folder, write_report
-from ._summary import summary, verdict
+from ._evaluate import Evaluation, EvaluationSettings, ShowsFeatures, evaluate
+from ._ground_truth import BOUND_KINDS, FORCE_BOUND_BINS_N, CramerRaoBounds, bound_at, bound_ratios, truth_at
+from ._methods import Method, methods_from
+from ._metrics import FORCE_BINS_N, error_metrics, interval_metrics, percent_of_true, score
+from ._predictions import CONTACT_N, Predictions
+from ._protocols import AS_SAVED, PROTOCOLS, FittedSplit, MethodResult
+from ._robustness import UNPERTURBED
+from ._statistics import (
+    CONTACT_ANGLE_BINS_DEG,
+    COVERAGE_FORCE_BINS_N,
+    MIN_SESSIONS,
+    bland_altman,
+    bootstrap_mean,
+    coverage_by_stratum,
+)
+from .report import check_report_folder, report_lines, summary, verdict, write_report
 
 __all__ = [
     "AS_SAVED",
+    "BOUND_KINDS",
     "CONTACT_ANGLE_BINS_DEG",
     "CONTACT_N",
+    "COVERAGE_FORCE_BINS_N",
     "FORCE_BINS_N",
     "FORCE_BOUND_BINS_N",
+    "MIN_SESSIONS",
     "PROTOCOLS",
-    "WAYS",
-    "Bounds",
-    "Candidate",
+    "UNPERTURBED",
     "Constant",
+    "CramerRaoBounds",
     "Evaluation",
-    "Outcome",
-    "Row",
+    "EvaluationSettings",
+    "FittedSplit",
+    "Method",
+    "MethodResult",
+    "Predictions",
     "ShowsFeatures",
+    "bland_altman",
+    "bootstrap_mean",
     "bound_at",
-    "bound_figures",
-    "candidates_from",
-    "check_folder",
-    "error_figures",
+    "bound_ratios",
+    "check_report_folder",
+    "coverage_by_stratum",
+    "error_metrics",
     "evaluate",
-    "interval_figures",
+    "interval_metrics",
+    "methods_from",
     "percent_of_true",
     "report_lines",
     "score",

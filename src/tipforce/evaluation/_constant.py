@@ -1,4 +1,4 @@
-"""The predictor that looks at nothing: the yardstick beside every method."""
+"""The constant predictor, which looks at nothing: the baseline beside every method."""
 
 import math
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict
 from ..datasets import Dataset
 from ..errors import InputError, NotFittedError
 from ..estimators import Estimator, Progress, Stream
-from ..types import Context, ForceEstimate, Observation
+from ..types import ForceEstimate, Observation, SessionInfo
 
 __all__ = ["Constant"]
 
@@ -22,17 +22,17 @@ class _NoSettings(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
-class _Same:
-    answer: ForceEstimate
+class _ConstantStream:
+    estimate: ForceEstimate
 
     def update(self, observation: Observation) -> ForceEstimate:
-        return replace(self.answer, stamp_ns=observation.stamp_ns)
+        return replace(self.estimate, stamp_ns=observation.stamp_ns)
 
 
 class Constant(Estimator):
-    """Answers the mean of its training samples, per component and for the magnitude; 5-95 % quantiles as interval.
+    """Estimates the mean of its training labels, per component and for the magnitude; 5-95 % quantiles as interval.
 
-    A method whose error is not clearly below this one's has read nothing from the picture.
+    A method whose error is not clearly below this one's has read nothing from the image.
     """
 
     name: ClassVar[str] = "constant"
@@ -40,17 +40,21 @@ class Constant(Estimator):
 
     def __init__(self, settings: BaseModel | None = None) -> None:
         self.settings = settings or _NoSettings()
-        self.answer_: ForceEstimate | None = None
+        self.estimate_: ForceEstimate | None = None
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Take the means of ``dataset``'s labels."""
+        """Takes the means of the labels of ``dataset``.
+
+        Raises:
+            InputError: ``dataset`` has no samples.
+        """
         if not len(dataset):
             raise InputError("the constant predictor got no samples to take the mean of; give it at least one")
         known = np.asarray(dataset.known)
         force, magnitude = dataset.force_n, dataset.magnitude_n
         square = np.outer(known, known)
         covariance = np.where(square, np.cov(np.nan_to_num(force), rowvar=False, bias=True), math.nan)
-        self.answer_ = ForceEstimate(
+        self.estimate_ = ForceEstimate(
             stamp_ns=0,
             force_n=np.where(known, np.mean(force, axis=0), math.nan),
             known=known,
@@ -64,12 +68,16 @@ class Constant(Estimator):
         return self.calibrate(dataset)
 
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Take the quantiles of ``dataset``'s labels."""
-        if self.answer_ is None:
+        """Takes the quantiles of the labels of ``dataset``.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+        """
+        if self.estimate_ is None:
             raise NotFittedError("the constant predictor has no mean yet; call fit first")
         band = np.quantile(np.nan_to_num(dataset.force_n), (0.05, 0.95), axis=0).T
-        self.answer_ = replace(
-            self.answer_,
+        self.estimate_ = replace(
+            self.estimate_,
             interval_n=np.where(np.asarray(dataset.known)[:, None], band, math.nan),
             magnitude_interval_n=np.quantile(dataset.magnitude_n, (0.05, 0.95)),
         )
@@ -77,27 +85,27 @@ class Constant(Estimator):
             progress("quantiles of the labels", 1.0)
         return self
 
-    def start(self, context: Context) -> Stream:  # noqa: ARG002 - the same answer in every session
-        """A stream that answers the same every time."""
-        if self.answer_ is None:
+    def start(self, info: SessionInfo) -> Stream:  # noqa: ARG002 - the same estimate in every session
+        """Starts a stream that gives the same estimate every time."""
+        if self.estimate_ is None:
             raise NotFittedError("the constant predictor has no mean yet; call fit first")
-        return _Same(self.answer_)
+        return _ConstantStream(self.estimate_)
 
     def predict(self, dataset: Dataset) -> list[ForceEstimate]:
-        """The same answer a sample, without reading a picture."""
-        if self.answer_ is None:
+        """Returns the same estimate for each sample, without reading an image."""
+        if self.estimate_ is None:
             raise NotFittedError("the constant predictor has no mean yet; call fit first")
-        return [replace(self.answer_, stamp_ns=stamp) for stamp in dataset.stamp_ns.tolist()]
+        return [replace(self.estimate_, stamp_ns=stamp) for stamp in dataset.stamp_ns.tolist()]
 
     def unfitted(self) -> Self:
-        """Another one without its mean."""
+        """Returns a constant predictor without its mean."""
         return type(self)()
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-        """The means and quantiles."""
-        if self.answer_ is None:
+        """Returns the means and quantiles."""
+        if self.estimate_ is None:
             raise NotFittedError("the constant predictor has no mean yet; call fit first")
-        a = self.answer_
+        a = self.estimate_
         arrays: dict[str, npt.NDArray[Any]] = {
             "force_n": a.force_n,
             "known": a.known,
@@ -115,9 +123,9 @@ class Constant(Estimator):
         arrays: Mapping[str, npt.NDArray[Any]],
         files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
     ) -> Self:
-        """The inverse of `state`."""
+        """Makes a fitted predictor from what `state` returned."""
         made = cls(_NoSettings.model_validate(dict(settings)))
-        made.answer_ = ForceEstimate(
+        made.estimate_ = ForceEstimate(
             stamp_ns=0,
             magnitude_n=float(values["magnitude_n"]),
             force_n=arrays["force_n"],

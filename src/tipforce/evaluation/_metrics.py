@@ -1,4 +1,4 @@
-"""Figures of merit: every error in newtons, grams and percent, by component, force, session and contact."""
+"""Error metrics in newtons, grams and percent: over all samples, by component, session, force and contact."""
 
 import math
 from collections import Counter
@@ -9,23 +9,36 @@ import numpy as np
 
 from ..types import BoolArray, FloatArray
 from ..units import newtons_to_grams
-from ._outcome import CONTACT_N, Outcome
+from ._predictions import CONTACT_N, Predictions
+from ._statistics import (
+    CONTACT_ANGLE_BINS_DEG,
+    COVERAGE_FORCE_BINS_N,
+    bland_altman,
+    bootstrap_mean,
+    coverage_by_stratum,
+)
 
-__all__ = ["FORCE_BINS_N", "error_figures", "interval_figures", "percent_of_true", "plain", "score"]
+__all__ = ["FORCE_BINS_N", "error_metrics", "interval_metrics", "json_ready", "percent_of_true", "score"]
 
 FORCE_BINS_N = (0.0, 0.1, 0.3, 0.6, 1.0, math.inf)
-"""Edges of the bins of the reference magnitude; the clinic's window of 0.1-0.3 N is the second."""
+"""Edges of the bins of the reference magnitude in newtons, for errors by force."""
 
 _BRIEF = {"n", "mae_n", "mae_g", "rmse_n", "max_n", "bias_n", "r2", "mean_percent_of_true", "coverage", "width_n"}
-"""What is told of every session, force bin and contact state."""
+"""Metrics that are given for each session, force bin and contact state."""
 
 _LENGTHS = ("mae", "rmse", "max", "min", "bias")
 
 
 def percent_of_true(reference_n: FloatArray, estimate_n: FloatArray) -> FloatArray:
-    """(n,): signed error in percent of the true value (thesis fig. 23a), NaN below 10 mN, where it means nothing.
+    """Signed error in percent of the true value (thesis fig. 23a).
 
-    Positive where the force is over-estimated, also for a negative component.
+    Args:
+        reference_n: (n,) in newtons.
+        estimate_n: (n,) in newtons.
+
+    Returns:
+        (n,), positive where the force is over-estimated, also for a negative component; NaN where the reference is
+        below 10 mN, since a percentage means nothing there.
 
     >>> percent_of_true(np.array([0.2, -0.2, 0.001]), np.array([0.21, -0.21, 0.002])).round(6)
     array([ 5.,  5., nan])
@@ -35,19 +48,24 @@ def percent_of_true(reference_n: FloatArray, estimate_n: FloatArray) -> FloatArr
     return 100.0 * (estimate_n - reference_n) / divisor
 
 
-def error_figures(reference_n: FloatArray, estimate_n: FloatArray) -> dict[str, float | int]:
-    """Errors of ``estimate_n`` (n,) where it is a number; n = 0 gives NaN figures.
+def error_metrics(reference_n: FloatArray, estimate_n: FloatArray) -> dict[str, float | int]:
+    """Errors of the samples whose estimate is a number.
 
-    Keys: ``n``, ``mae``, ``rmse``, ``max``, ``min`` (of the absolute error) and ``bias`` (mean signed error), each
-    with ``_n`` and ``_g``; ``mse_n2``; ``r2`` = 1 - MSE / variance of the reference, NaN where that is constant;
-    ``mean_percent_of_true`` and ``max_percent_of_true`` (absolute, references above 10 mN);
-    ``mae_percent_of_range`` (of the references' range).
+    Args:
+        reference_n: (n,) in newtons.
+        estimate_n: (n,) in newtons; NaN where the method abstained.
+
+    Returns:
+        ``n``, the number of samples that count; ``mae``, ``rmse``, ``max``, ``min`` (of the absolute error) and
+        ``bias`` (mean signed error), each with ``_n`` and ``_g``; ``mse_n2``; ``r2`` = 1 - MSE / variance of the
+        reference, NaN where that is constant; ``mean_percent_of_true`` and ``max_percent_of_true`` (absolute,
+        references above 10 mN); ``mae_percent_of_range`` (of the references' range). All NaN where n = 0.
     """
     use = np.isfinite(estimate_n) & np.isfinite(reference_n)
     reference, estimate = reference_n[use], estimate_n[use]
     error = estimate - reference
     count = len(error)
-    figures: dict[str, float | int] = {"n": count}
+    metrics: dict[str, float | int] = {"n": count}
     newtons = dict.fromkeys(_LENGTHS, math.nan)
     mse = r2 = of_range = math.nan
     if count:
@@ -64,11 +82,11 @@ def error_figures(reference_n: FloatArray, estimate_n: FloatArray) -> dict[str, 
         r2 = 1.0 - mse / variance if variance > 0 else math.nan
         of_range = 100.0 * newtons["mae"] / spread if spread > 0 else math.nan
     for name, value in newtons.items():
-        figures[f"{name}_n"], figures[f"{name}_g"] = value, newtons_to_grams(value)
+        metrics[f"{name}_n"], metrics[f"{name}_g"] = value, newtons_to_grams(value)
     percent = np.abs(percent_of_true(reference, estimate))
     percent = percent[np.isfinite(percent)]
     return {
-        **figures,
+        **metrics,
         "mse_n2": mse,
         "r2": r2,
         "mean_percent_of_true": float(percent.mean()) if len(percent) else math.nan,
@@ -77,10 +95,16 @@ def error_figures(reference_n: FloatArray, estimate_n: FloatArray) -> dict[str, 
     }
 
 
-def interval_figures(reference_n: FloatArray, interval_n: FloatArray) -> dict[str, float | int]:
-    """``coverage``: share of the references (n,) inside their interval (n, 2), where there is one (NaN: none).
+def interval_metrics(reference_n: FloatArray, interval_n: FloatArray) -> dict[str, float | int]:
+    """How well the 90 % intervals hold.
 
-    ``width_n``, ``width_g``: mean width of the bounded ones; ``unbounded_share``: of those that exclude nothing.
+    Args:
+        reference_n: (n,) in newtons.
+        interval_n: (n, 2) lower and upper end in newtons; NaN where there is none, infinite where unbounded.
+
+    Returns:
+        ``coverage``: share of the references inside their interval; ``width_n`` and ``width_g``: mean width of the
+        bounded intervals; ``unbounded_share``: share of those that exclude nothing. All NaN without any interval.
     """
     use = ~np.isnan(interval_n).any(axis=1) & np.isfinite(reference_n)
     if not use.any():
@@ -97,58 +121,86 @@ def interval_figures(reference_n: FloatArray, interval_n: FloatArray) -> dict[st
     }
 
 
-def score(outcome: Outcome, fallback_n: FloatArray | None = None) -> dict[str, Any]:
-    """All figures of one outcome, as nested dicts of numbers.
+def score(
+    predictions: Predictions,
+    fallback_n: FloatArray | None = None,
+    *,
+    contact_angle_deg: FloatArray | None = None,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """All metrics of the predictions of one method under one protocol.
 
-    ``fallback_n`` (n,): the constant predictor's magnitudes on the same samples. With it ``mae_filled_n`` says what
-    the error would be had the constant answered where the method refused: refusing the hard frames cannot lower it.
+    Args:
+        predictions: n samples with estimates and references.
+        fallback_n: (n,) magnitudes of the constant predictor on the same samples, in newtons.
+        contact_angle_deg: (n,) angle between the tip's axis and the direction into the tissue; NaN where not known.
+        seed: Of the bootstrap.
+
+    Returns:
+        Nested dicts of numbers. ``samples``, ``valid``, ``abstained_share``, ``abstained`` (reason -> count);
+        ``quantities``: for the magnitude and each component `error_metrics`, `interval_metrics`, the range of the
+        references, ``mae_ci95_n`` [low, high] with ``mae_ci95_sessions`` (see `bootstrap_mean`) and ``bland_altman``;
+        ``by_session``, ``by_force`` and, where there are both, ``by_contact``: the main metrics of each group;
+        ``coverage_by_force`` and, with ``contact_angle_deg``, ``coverage_by_contact_angle`` of the samples in contact
+        (see `coverage_by_stratum`). With ``fallback_n`` also ``mae_filled_n`` and ``mae_filled_g``: the error had the
+        constant predictor answered where the method abstained, so abstaining from hard frames cannot lower it.
     """
-    count, answered = len(outcome), outcome.answered
-    reasons = Counter(outcome.status[~answered].tolist())
-    sessions = dict.fromkeys(outcome.session.tolist())
-    figures: dict[str, Any] = {
+    count, valid = len(predictions), predictions.valid
+    reasons = Counter(predictions.status[~valid].tolist())
+    sessions = dict.fromkeys(predictions.session.tolist())
+    size = predictions.reference_magnitude_n
+    metrics: dict[str, Any] = {
         "samples": count,
-        "answered": int(answered.sum()),
-        "refused_share": float(np.mean(~answered)) if count else math.nan,
-        "refused": dict(reasons.most_common()),
-        "quantities": {name: _quantity(outcome, name) for name in outcome.quantities},
-        "by_session": {name: _brief(outcome, outcome.session == name) for name in sessions},
-        "by_force": _by_force(outcome),
+        "valid": int(valid.sum()),
+        "abstained_share": float(np.mean(~valid)) if count else math.nan,
+        "abstained": dict(reasons.most_common()),
+        "quantities": {name: _quantity(predictions, name, seed) for name in predictions.quantities},
+        "by_session": {name: _group_metrics(predictions, predictions.session == name) for name in sessions},
+        "by_force": _by_force(predictions),
+        "coverage_by_force": coverage_by_stratum(predictions, size, COVERAGE_FORCE_BINS_N, "n", seed=seed),
     }
-    if 0 < outcome.contact.sum() < count:
-        figures["by_contact"] = {
-            "contact": _brief(outcome, outcome.contact),
-            "no_contact": _brief(outcome, ~outcome.contact),
+    if 0 < predictions.contact.sum() < count:
+        metrics["by_contact"] = {
+            "contact": _group_metrics(predictions, predictions.contact),
+            "no_contact": _group_metrics(predictions, ~predictions.contact),
         }
+    if contact_angle_deg is not None:
+        angle = np.where(predictions.contact, contact_angle_deg, np.nan)
+        strata = coverage_by_stratum(predictions, angle, CONTACT_ANGLE_BINS_DEG, "deg", seed=seed)
+        metrics["coverage_by_contact_angle"] = strata
     if fallback_n is not None:
-        filled = np.where(answered, outcome.magnitude_n, fallback_n)
-        mae = float(np.mean(np.abs(filled - outcome.reference_magnitude_n))) if count else math.nan
-        figures["mae_filled_n"], figures["mae_filled_g"] = mae, newtons_to_grams(mae)
-    return figures
+        filled = np.where(valid, predictions.magnitude_n, fallback_n)
+        mae = float(np.mean(np.abs(filled - size))) if count else math.nan
+        metrics["mae_filled_n"], metrics["mae_filled_g"] = mae, newtons_to_grams(mae)
+    return metrics
 
 
-def _quantity(outcome: Outcome, name: str) -> dict[str, float | int]:
-    reference, estimate, interval = outcome.column(name)
+def _quantity(predictions: Predictions, name: str, seed: int) -> dict[str, Any]:
+    reference, estimate, interval = predictions.column(name)
+    ranged = bootstrap_mean(np.abs(estimate - reference), predictions.session, seed=seed)
     return {
-        **error_figures(reference, estimate),
-        **interval_figures(reference, interval),
+        **error_metrics(reference, estimate),
+        **interval_metrics(reference, interval),
         "reference_min_n": float(reference.min()),
         "reference_max_n": float(reference.max()),
         "reference_mean_n": float(reference.mean()),
+        "mae_ci95_n": [ranged["low"], ranged["high"]],
+        "mae_ci95_sessions": ranged["sessions"],
+        "bland_altman": bland_altman(reference, estimate, predictions.session, seed=seed),
     }
 
 
-def _brief(outcome: Outcome, chosen: BoolArray) -> dict[str, Any]:
-    """The figures of one group of samples, by quantity."""
-    part = outcome.where(chosen)
-    columns = {name: part.column(name) for name in outcome.quantities}
+def _group_metrics(predictions: Predictions, chosen: BoolArray) -> dict[str, Any]:
+    """The main metrics of one group of samples, by quantity."""
+    part = predictions.where(chosen)
+    columns = {name: part.column(name) for name in predictions.quantities}
     return {
         "samples": len(part),
-        "refused_share": float(np.mean(~part.answered)) if len(part) else math.nan,
+        "abstained_share": float(np.mean(~part.valid)) if len(part) else math.nan,
         "quantities": {
             name: {
                 key: value
-                for key, value in (error_figures(reference, estimate) | interval_figures(reference, interval)).items()
+                for key, value in (error_metrics(reference, estimate) | interval_metrics(reference, interval)).items()
                 if key in _BRIEF
             }
             for name, (reference, estimate, interval) in columns.items()
@@ -156,29 +208,29 @@ def _brief(outcome: Outcome, chosen: BoolArray) -> dict[str, Any]:
     }
 
 
-def _by_force(outcome: Outcome) -> list[dict[str, Any]]:
+def _by_force(predictions: Predictions) -> list[dict[str, Any]]:
     bins: list[dict[str, Any]] = []
     for low, high in pairwise(FORCE_BINS_N):
-        chosen = (outcome.reference_magnitude_n >= low) & (outcome.reference_magnitude_n < high)
+        chosen = (predictions.reference_magnitude_n >= low) & (predictions.reference_magnitude_n < high)
         if chosen.any():
-            bins.append({"from_n": low, "below_n": high, **_brief(outcome, chosen)})
+            bins.append({"from_n": low, "below_n": high, **_group_metrics(predictions, chosen)})
     return bins
 
 
-def plain(value: Any) -> Any:
-    """``value`` fit for JSON: NaN and infinity become None, numpy scalars plain numbers, tuples lists.
+def json_ready(value: Any) -> Any:
+    """Returns ``value`` fit for JSON: NaN and infinity become None, numpy values plain numbers, tuples lists.
 
-    >>> plain({"a": np.float64("nan"), "b": (np.int64(3), 0.5)})
+    >>> json_ready({"a": np.float64("nan"), "b": (np.int64(3), 0.5)})
     {'a': None, 'b': [3, 0.5]}
     """
     if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): json_ready(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
+        return [json_ready(item) for item in value]
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        return json_ready(value.tolist())
     if isinstance(value, np.generic):
-        return plain(value.item())
+        return json_ready(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

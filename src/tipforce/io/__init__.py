@@ -1,46 +1,56 @@
 """Readers and writers: recordings (.mcap), images, videos, DICOM, tables, logs."""
 
 from ._actuation import WAIT_S, ActuationSeries
-from ._facts import ClockOffset, Inertia, Reads, SensorPose, Tare
-from ._files import check_target, part_of
-from ._folder import read_image
-from ._force_log import ForceColumns, ForceLog, read_force_log, read_knob_log
-from ._images import check_image_target, encode_image, is_image, save_image
-from ._reader import RecordingInfo, RecordingReader, StreamInfo
-from ._replacing import replacing_folder
+from ._atomic import atomic_path, atomic_text, check_folder, replacing_folder, write_atomic
+from ._facts import ClockOffset, Inertia, Tare
+from ._force_log import ForceLog, logs_by_kind, read_force_log, read_knob_log
+from ._images import StreamDepth, check_image_target, decode_image, encode_image, is_image, read_image, save_image
+from ._reader import RecordingInfo, RecordingReader, StreamInfo, open_recording
+from ._recover import check_target
 from ._sources import FileSource, frame_count, open_source, require_actuation
+from ._tables import ACTUATION_UNITS, STILL_STEP_NS, Table, is_actuation, is_force, open_table
 from ._video import VideoWriter, write_video
 from ._writer import RecordingWriter, write_force_csv
 
 __all__ = [
+    "ACTUATION_UNITS",
+    "STILL_STEP_NS",
     "WAIT_S",
     "ActuationSeries",
     "ClockOffset",
     "FileSource",
-    "ForceColumns",
     "ForceLog",
     "Inertia",
-    "Reads",
     "RecordingInfo",
     "RecordingReader",
     "RecordingWriter",
-    "SensorPose",
+    "StreamDepth",
     "StreamInfo",
+    "Table",
     "Tare",
     "VideoWriter",
+    "atomic_path",
+    "atomic_text",
+    "check_folder",
     "check_image_target",
     "check_target",
+    "decode_image",
     "encode_image",
     "frame_count",
+    "is_actuation",
+    "is_force",
     "is_image",
+    "logs_by_kind",
+    "open_recording",
     "open_source",
-    "part_of",
+    "open_table",
     "read_force_log",
     "read_image",
     "read_knob_log",
     "replacing_folder",
     "require_actuation",
     "save_image",
+    "write_atomic",
     "write_force_csv",
     "write_video",
 ]

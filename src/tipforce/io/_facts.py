@@ -1,4 +1,4 @@
-"""What a recording knows of itself beside its streams: clock offset, tare, sensor pose, catheter, scale.
+"""What a recording knows of itself beside its streams: clock offset, tare, inertia, session metadata.
 
 Each fact is one metadata record of the file, all of whose values are text.
 """
@@ -11,12 +11,10 @@ from typing import Literal
 
 import numpy as np
 
-from ..types import Catheter, Context, FloatArray, frozen
+from ..errors import FileFormatError
+from ..types import FloatArray, SessionInfo, frozen
 
-__all__ = ["ClockOffset", "Inertia", "Reads", "SensorPose", "Tare", "context_from", "context_records"]
-
-Reads = Literal["tip-on-tissue", "tissue-on-tip"]
-"""Which of the two opposite forces at the contact a sensor shows."""
+__all__ = ["ClockOffset", "Inertia", "Tare", "session_from", "session_record"]
 
 
 _DIGITS = 7
@@ -165,69 +163,17 @@ class Inertia:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class SensorPose:
-    """How a force sensor lies in the picture and what it reads.
-
-    ``angle_deg``: the sensor's x axis, counter-clockwise from the base x axis as seen in the displayed picture; its z
-    axis points to the camera. ``reads``: a sensor under the tissue reads tip-on-tissue, the opposite of our convention.
-
-    >>> pose = SensorPose(angle_deg=90.0, reads="tip-on-tissue")
-    >>> np.round(pose.matrix @ [1.0, 0.0, 0.0], 6) + 0.0
-    array([ 0., -1.,  0.])
-    """
-
-    angle_deg: float = 0.0
-    reads: Reads = "tip-on-tissue"
-
-    @property
-    def matrix(self) -> FloatArray:
-        """(3, 3): force of the tissue on the tip in the base frame = matrix @ (reading - tare)."""
-        angle = math.radians(self.angle_deg)
-        c, s = math.cos(angle), math.sin(angle)
-        sign = -1.0 if self.reads == "tip-on-tissue" else 1.0
-        return sign * np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-    def record(self) -> dict[str, str]:
-        """As a metadata record."""
-        return {
-            "angle_deg": repr(self.angle_deg),
-            "reads": self.reads,
-            "meaning": "sensor x axis counter-clockwise from the base x axis as displayed; z toward the camera",
-        }
-
-    @classmethod
-    def of(cls, record: Mapping[str, str]) -> "SensorPose":
-        """The inverse of `record`."""
-        reads: Reads = "tissue-on-tip" if record.get("reads") == "tissue-on-tip" else "tip-on-tissue"
-        return cls(angle_deg=float(record.get("angle_deg", "0")), reads=reads)
+def session_record(info: SessionInfo) -> dict[str, str]:
+    """The metadata record that holds ``info``: as JSON, in the form of ``bench.toml``."""
+    return {"json": json.dumps(info.values(), ensure_ascii=False)}
 
 
-_CATHETER = ("diameter_m", "flexible_length_m", "rigid_length_m", "bending_stiffness_nm2")
-
-
-def context_records(context: Context) -> dict[str, dict[str, str]]:
-    """Metadata records, by name, that hold ``context``."""
-    catheter = {"name": context.catheter.name}
-    for key in _CATHETER:
-        value: float | None = getattr(context.catheter, key)
-        if value is not None:
-            catheter[key] = repr(value)
-    session = {"session": context.session}
-    if context.metres_per_px is not None:
-        session["metres_per_px"] = repr(context.metres_per_px)
-    return {"tipforce.session": session, "tipforce.catheter": catheter, "tipforce.notes": dict(context.notes)}
-
-
-def context_from(records: Mapping[str, Mapping[str, str]]) -> Context:
-    """The inverse of `context_records`; what is absent stays unknown."""
-    catheter, session = records.get("tipforce.catheter", {}), records.get("tipforce.session", {})
-    scale = session.get("metres_per_px")
-    return Context(
-        session=session.get("session", ""),
-        catheter=Catheter(
-            catheter.get("name", "unnamed"), **{key: float(catheter[key]) for key in _CATHETER if key in catheter}
-        ),
-        metres_per_px=None if scale is None else float(scale),
-        notes=dict(records.get("tipforce.notes", {})),
-    )
+def session_from(record: Mapping[str, str], where: str) -> SessionInfo:
+    """The inverse of `session_record`; nothing is known where there is no record. Raises InputError."""
+    if "json" not in record:
+        return SessionInfo()
+    try:
+        values = json.loads(record["json"])
+    except json.JSONDecodeError as error:
+        raise FileFormatError(f"{where}: its session metadata are no JSON ({error}); import it again") from None
+    return SessionInfo.from_values(values, f"{where}: session metadata")

@@ -4,62 +4,33 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import FileFormatError, InputError, TimeError
-from ..types import FloatArray, Frame, Image, IntArray
-from ._columns import TIME_UNITS, time_column, times_ns
-from ._tables import Table, listed, open_table
+from ..types import FloatArray, Frame, IntArray
+from ._images import IMAGE_SUFFIXES, StreamDepth, read_image
+from ._tables import STILL_STEP_NS, TIME_UNITS, Table, is_actuation, open_table
 
-__all__ = ["ImageFolder", "read_folder", "read_image"]
+__all__ = ["ImageFolder", "frames_of", "read_folder"]
 
-_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 _TABLES = ("stamps.csv", "metadata.csv")
 _SEC_NANOSEC = re.compile(r"(?<!\d)(\d{9,10})[-_.](\d{9})(?!\d)")
 _WITH_UNIT = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)_?(ns|us|ms|s)(?![A-Za-z0-9])")
 _DIGITS = re.compile(r"\d+")
-_FORCES = re.compile(r"^[ft][xyz]_[a-z]+$")
-_UNIT_NAME = re.compile(r"^[A-Za-z]\w*_(deg|rad|mm|m|kpa|pa|bar|v|a|n|steps|percent)$", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageFolder:
-    """``files``: n paths in the order of ``stamp_ns`` (n,); ``actuation``: name -> (n,)."""
+    """``files``: n paths in the order of ``stamp_ns`` (n,); ``actuation``: name -> (n,), NaN without a reading.
+
+    ``numbered``: nobody stated the stamps, which only count the images.
+    """
 
     files: tuple[Path, ...]
     stamp_ns: IntArray
     actuation: dict[str, FloatArray]
-
-
-def read_image(path: Path) -> Image:
-    """One picture, 8 bit: (h, w) grey or (h, w, 3) RGB, turned as its EXIF data say, without its alpha channel.
-
-    Of 16-bit pictures the upper eight bits are kept, of 12-bit numbers in them the upper eight of twelve. Raises
-    FileFormatError.
-    """
-    if not path.exists():
-        raise FileFormatError(f"{path}: there is no such file")
-    kind = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
-    image = cv2.imdecode(np.fromfile(path, np.uint8), kind) if path.stat().st_size else None
-    if image is None:
-        raise FileFormatError(f"{path}: is no picture that can be read; write it as PNG, JPEG or TIFF")
-    image = _eight_bit(path, image)
-    return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)  # type: ignore[return-value]
-
-
-def _eight_bit(path: Path, image: npt.NDArray[Any]) -> Image:
-    """(h, w) or (h, w, 3) uint8 of an image of 8 or 16 bit. Raises FileFormatError for other types."""
-    if image.dtype == np.uint8:
-        return image
-    if image.dtype != np.uint16:
-        raise FileFormatError(f"{path}: holds {image.dtype} pixels; write it with 8 or 16 bit")
-    # cameras of 12 bit write their numbers as they are, and a 256th of them would be nearly black; more widths than
-    # these two would make the brightness jump from picture to picture with the brightest pixel
-    return (image >> (4 if int(image.max()) < 4096 else 8)).astype(np.uint8)
+    numbered: bool = False
 
 
 def read_folder(folder: Path) -> ImageFolder:
@@ -67,8 +38,9 @@ def read_folder(folder: Path) -> ImageFolder:
 
     Stamps come from ``stamps.csv`` or ``metadata.csv`` (``file_name`` and a time column such as ``stamp_ns`` or
     ``time_s``; further columns NAME_UNIT are actuation), else from the names: ``SECONDS-NANOSECONDS``, a number with
-    its unit (``123_ns``, ``0.25s``), or a count of nanoseconds, microseconds or milliseconds since 1970.
-    Raises FileFormatError without images or stamps, TimeError where stamps repeat.
+    its unit (``123_ns``, ``0.25s``), or a count of nanoseconds, microseconds or milliseconds since 1970. Where no name
+    holds one, the images are still images, in the order of their names and one second apart. Raises FileFormatError
+    without images or where some names only hold stamps, TimeError where stamps repeat.
     """
     for name in _TABLES:
         if (folder / name).exists():
@@ -83,39 +55,58 @@ def read_folder(folder: Path) -> ImageFolder:
     if len(repeated):
         first, second = files[int(repeated[0])], files[int(repeated[0]) + 1]
         raise TimeError(f"{folder}: {first.name} and {second.name} carry the same stamp, {stamps[repeated[0]]} ns")
-    return ImageFolder(files, stamps, {name: values[order] for name, values in found.actuation.items()})
+    actuation = {name: values[order] for name, values in found.actuation.items()}
+    return ImageFolder(files, stamps, actuation, found.numbered)
 
 
 def frames_of(folder: ImageFolder, view: str) -> Iterator[Frame]:
     """The pictures, one after the other."""
+    depth = StreamDepth.of_files(folder.files)
     for path, stamp in zip(folder.files, folder.stamp_ns.tolist(), strict=True):
-        yield Frame(stamp, read_image(path), view)
+        yield Frame(stamp, read_image(path, depth), view)
 
 
 def _from_table(folder: Path, table: Table) -> ImageFolder:
-    if "file_name" not in table.header:
-        raise FileFormatError(f"{table.path}: has no column file_name; it has {listed(table.header)}")
-    files = tuple(folder / name for name in table.words("file_name"))
+    files = tuple(folder / name for name in table.text("file_name"))
     missing = next((path for path in files if not path.is_file()), None)
     if missing is not None:
         raise FileFormatError(f"{table.path}: names {missing.name}, which is not in {missing.parent}")
-    if "session" in table.header and len(set(table.words("session"))) > 1:
+    if "session" in table.columns and len(set(table.text("session"))) > 1:
         raise InputError(f"{table.path}: holds several sessions; a source of events is one; use it as a dataset folder")
-    column, unit = time_column(table, None, None)
-    stamps = times_ns(table, column, unit)
-    names = [name for name in table.header if _UNIT_NAME.match(name) and not _FORCES.match(name) and name != column]
-    values = table.numbers(names) if names else np.empty((len(files), 0))
-    return ImageFolder(files, stamps, {name: values[:, place] for place, name in enumerate(names)})
+    stamps = table.stamps_ns()
+    taken = table.time_columns()
+    names = [name for name in table.columns if is_actuation(name) and name not in taken]
+    return ImageFolder(
+        files,
+        _numbered(len(files)) if stamps is None else stamps,
+        {name: table.numbers(name, may_be_empty=True) for name in names},
+        numbered=stamps is None,
+    )
+
+
+def _numbered(count: int) -> IntArray:
+    return np.arange(count, dtype=np.int64) * STILL_STEP_NS
 
 
 def _from_names(folder: Path) -> ImageFolder:
-    files = tuple(sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES and path.is_file()))
+    files = tuple(sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()))
     if not files:
-        raise FileFormatError(f"{folder}: holds no images ({', '.join(sorted(_SUFFIXES))})")
-    return ImageFolder(files, np.array([_stamp_of(path) for path in files], dtype=np.int64), {})
+        raise FileFormatError(f"{folder}: holds no images ({', '.join(sorted(IMAGE_SUFFIXES))})")
+    stamps = [_stamp_of(path) for path in files]
+    known = [stamp for stamp in stamps if stamp is not None]
+    if not known:
+        return ImageFolder(files, _numbered(len(files)), {}, numbered=True)
+    if len(known) < len(files):
+        path = files[stamps.index(None)]
+        raise FileFormatError(
+            f"{path}: its name holds no time stamp (seconds-nanoseconds, or a number with its unit: 41666667_ns), as "
+            f"others in {path.parent} do; write the stamps into {path.parent / 'stamps.csv'} with the columns "
+            "file_name,stamp_ns"
+        )
+    return ImageFolder(files, np.array(known, dtype=np.int64), {})
 
 
-def _stamp_of(path: Path) -> int:
+def _stamp_of(path: Path) -> int | None:
     name = path.stem
     if both := _SEC_NANOSEC.search(name):
         return int(both[1]) * 1_000_000_000 + int(both[2])
@@ -125,7 +116,4 @@ def _stamp_of(path: Path) -> int:
     longest = max(_DIGITS.findall(name), key=len, default="")
     if len(longest) >= 12:  # since 1970: milliseconds have 12 or 13 digits, micro 15 or 16, nano 18 or 19
         return int(longest) * (1 if len(longest) >= 18 else 1_000 if len(longest) >= 15 else 1_000_000)
-    raise FileFormatError(
-        f"{path}: its name holds no time stamp (seconds-nanoseconds, or a number with its unit: 41666667_ns); "
-        f"write the stamps into {path.parent / 'stamps.csv'} with the columns file_name,stamp_ns"
-    )
+    return None

@@ -1,27 +1,138 @@
-"""Image files: which they are, compressed and written."""
+"""Image files: one reader for training and inference alike, and one writer.
+
+Every image becomes (h, w) grey or (h, w, 3) RGB with 8 bits, turned as its EXIF data say, without its alpha channel.
+
+Of images with more than 8 bits the upper eight of those *in use* are kept. How many are in use is decided once for a
+whole stream (all images of one view in a folder, a recording or a set of shards), never image by image, or else the
+brightness would jump with the brightest pixel:
+
+1. what the file states (a PNG's chunk ``sBIT``, a DICOM file's ``BitsStored``);
+2. else 12 bits where no image of the stream has a value above 4095, because cameras of 12 bits write their numbers as
+   they are into files of 16 bits; else 16 bits.
+"""
 
 import io
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from ..errors import FileFormatError
 from ..types import Image
-from ._files import part_of
+from ._atomic import check_folder, write_atomic
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["check_image_target", "encode_image", "is_image", "save_image"]
+__all__ = [
+    "IMAGE_SUFFIXES",
+    "StreamDepth",
+    "check_image_target",
+    "decode_image",
+    "encode_image",
+    "is_image",
+    "read_image",
+    "save_image",
+]
 
-_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
+IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
+_MAX_OF_12_BITS = 4095
+
+
+class StreamDepth:
+    """How many bits the images of one stream use; found at the first image with more than 8 bits, then kept.
+
+    Args:
+        contents: Gives the encoded images of the whole stream, one after the other.
+    """
+
+    def __init__(self, contents: Callable[[], Iterable[bytes | memoryview]]) -> None:
+        self._contents = contents
+        self._bits: int | None = None
+
+    @classmethod
+    def of_files(cls, paths: Sequence[Path]) -> "StreamDepth":
+        """The images in ``paths``."""
+        return cls(_FileContents(tuple(paths)))
+
+    @property
+    def bits(self) -> int:
+        """12 where no image has a value above 4095, else 16. Images that cannot be read count for nothing here."""
+        if self._bits is None:
+            decoded = (_decoded(data) for data in self._contents())
+            wide = any(
+                image is not None and image.dtype == np.uint16 and int(image.max()) > _MAX_OF_12_BITS
+                for image in decoded
+            )
+            self._bits = 16 if wide else 12
+        return self._bits
+
+
+class _FileContents:
+    """Reads files one after the other; a class, so that a store which holds it can be sent to another process."""
+
+    def __init__(self, paths: tuple[Path, ...]) -> None:
+        self._paths = paths
+
+    def __call__(self) -> Iterable[bytes]:
+        return (path.read_bytes() for path in self._paths if path.is_file())
 
 
 def is_image(path: Path) -> bool:
-    """Whether the file's name says that it is one picture."""
-    return path.suffix.lower() in _SUFFIXES
+    """Whether the file's name says that it is one image."""
+    return path.suffix.lower() in IMAGE_SUFFIXES
+
+
+def read_image(path: Path, depth: StreamDepth | None = None) -> Image:
+    """Reads one image file.
+
+    Args:
+        path: A PNG, JPEG, TIFF, BMP or WebP file.
+        depth: Of the stream that the image belongs to; None for an image that stands alone.
+
+    Returns:
+        (h, w) grey or (h, w, 3) RGB, uint8; see the module's text for images with more than 8 bits.
+
+    Raises:
+        FileFormatError: where the file is missing, empty, damaged or has pixels of another type.
+    """
+    return decode_image(path.read_bytes() if path.is_file() else b"", str(path), depth)
+
+
+def decode_image(data: bytes | memoryview, where: str, depth: StreamDepth | None = None) -> Image:
+    """Decodes an image as `read_image` does; ``where`` it comes from is named in errors."""
+    image = _decoded(data)
+    if image is None:
+        raise FileFormatError(f"{where}: the image is missing, empty or damaged; expected PNG, JPEG, TIFF, BMP or WebP")
+    if image.dtype == np.uint16:
+        bits = _stated_bits(data) or (depth or StreamDepth(lambda: [data])).bits
+        image = (image >> (bits - 8)).astype(np.uint8)
+    elif image.dtype != np.uint8:
+        raise FileFormatError(f"{where}: holds {image.dtype} pixels; write it with 8 or 16 bit")
+    return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)  # type: ignore[return-value]
+
+
+def _decoded(data: bytes | memoryview) -> npt.NDArray[Any] | None:
+    """(h, w) or (h, w, 3) BGR with the file's own type; None for what is no image."""
+    if not len(data):
+        return None
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
+    except cv2.error:
+        return None
+
+
+def _stated_bits(data: bytes | memoryview) -> int | None:
+    """The bits in use that a PNG states in its chunk ``sBIT``, 9 to 16; None where it states none."""
+    head = bytes(data[:4096])
+    end, at = head.find(b"IDAT"), head.find(b"sBIT")
+    if not head.startswith(b"\x89PNG") or at < 0 or (0 <= end < at):
+        return None
+    bits = head[at + 4]
+    return bits if 8 < bits <= 16 else None
 
 
 def encode_image(image: Image, *, lossless: bool, jpeg_quality: int) -> tuple[str, bytes]:
@@ -35,24 +146,21 @@ def encode_image(image: Image, *, lossless: bool, jpeg_quality: int) -> tuple[st
 
 
 def save_image(path: Path, picture: "Image | Figure") -> None:
-    """Write ``path`` (.png, .jpg) whole or not at all. Raises FileFormatError where its kind or folder is none."""
+    """Writes ``path`` (.png, .jpg) whole or not at all. Raises FileFormatError where its kind is none of these."""
     check_image_target(path)
     suffix = path.suffix.lower()
     if isinstance(picture, np.ndarray):
-        data = cv2.imencode(suffix, cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1].tobytes()
+        bgr = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+        write_atomic(path, cv2.imencode(suffix, bgr)[1].tobytes())
     else:
         buffer = io.BytesIO()
         picture.savefig(buffer, format=suffix[1:])
-        data = buffer.getvalue()
-    part = part_of(path)
-    part.write_bytes(data)
-    part.replace(path)
+        write_atomic(path, buffer.getvalue())
 
 
 def check_image_target(path: Path, *, plot: bool = False) -> None:
-    """Raises FileFormatError where `save_image` (or `plot_summary`) could not write ``path``; ask first."""
-    if not path.parent.is_dir():
-        raise FileFormatError(f"{path}: the folder {path.parent} does not exist; make it first")
+    """Raises FileFormatError where `save_image` (or a plot) could not write ``path``: ask before the work."""
     if path.suffix.lower() not in ((".png", ".svg") if plot else (".png", ".jpg", ".jpeg")):
-        what = "plots are written as .png or .svg" if plot else "pictures are written as .png or .jpg"
+        what = "plots are written as .png or .svg" if plot else "images are written as .png or .jpg"
         raise FileFormatError(f"{path}: {what}; name it {path.with_suffix('.png').name}")
+    check_folder(path)

@@ -3,24 +3,24 @@
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-import cv2
 import numpy as np
 
 from ..errors import FileFormatError, InputError
-from ..types import STAGE, Actuation, Context, Event, FloatArray, Frame, Image, IntArray, Wrench
+from ..types import STAGE, Actuation, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, Wrench
 from ._actuation import WAIT_S, ActuationSeries
 from ._cdr import COMPRESSED_IMAGE, JOINT_STATE, WRENCH_STAMPED, unpack_image, unpack_joints, unpack_wrench
 from ._cdr import wrench_layout as _wrench_layout
 from ._container import MESSAGE_HEAD, Container, Entries
-from ._facts import ClockOffset, Inertia, SensorPose, Tare, context_from
+from ._facts import ClockOffset, Inertia, Tare, session_from
+from ._images import StreamDepth, decode_image
 from ._recover import resolve
 
-__all__ = ["RecordingInfo", "RecordingReader", "StreamInfo"]
+__all__ = ["RecordingInfo", "RecordingReader", "StreamInfo", "open_recording"]
 
 _KINDS = {COMPRESSED_IMAGE: "frame", WRENCH_STAMPED: "wrench", JOINT_STATE: "actuation"}
 
@@ -51,7 +51,7 @@ class RecordingInfo:
     clock_offset: ClockOffset
     tare: Tare
     inertia: Inertia
-    sensor: SensorPose | None
+    sensor: SensorInfo | None
     metadata: Mapping[str, Mapping[str, str]]
     recovered: str = ""
 
@@ -69,14 +69,6 @@ def stream_info(name: str, topic: str, kind: str, times_ns: IntArray) -> StreamI
     span = int(times_ns[-1] - times_ns[0])
     rate = 1e9 * (len(times_ns) - 1 + dropped) / span if span else 0.0
     return StreamInfo(name, topic, kind, len(times_ns), rate, int(times_ns[0]), int(times_ns[-1]), dropped)
-
-
-def decode(data: memoryview, where: str) -> Image:
-    """JPEG or PNG -> (h, w) grey or (h, w, 3) RGB."""
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
-    if image is None:
-        raise FileFormatError(f"{where}: the picture cannot be decoded")
-    return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)  # type: ignore[return-value]
 
 
 class RecordingReader:
@@ -100,13 +92,14 @@ class RecordingReader:
             kind = _KINDS.get(self._file.schema_names.get(channel.schema_id, ""), "other")
             self._topics[name] = (channel.id, kind if channel.message_encoding == "cdr" else "other")
         self._entries: dict[str, Entries] = {}
-        context = context_from(self._file.metadata)
-        self._context = replace(context, session=context.session or self.path.stem)
+        self._depths: dict[str, StreamDepth] = {}
+        info = session_from(self._file.metadata.get("tipforce.session", {}), str(self.path))
+        self._session_info = replace(info, name=info.name or self.path.stem)
 
     @property
-    def context(self) -> Context:
+    def session_info(self) -> SessionInfo:
         """What is publicly known of the session."""
-        return self._context
+        return self._session_info
 
     @cached_property
     def info(self) -> RecordingInfo:
@@ -116,16 +109,20 @@ class RecordingReader:
             name: stream_info(name, self._file.channels[channel].topic, kind, self._of(name).time_ns)
             for name, (channel, kind) in self._topics.items()
         }
-        sensor = metadata.get("tipforce.sensor")
         return RecordingInfo(
             streams=streams,
             clock_offset=ClockOffset.of(metadata.get("tipforce.clock_offset", {})),
             tare=Tare.of(metadata.get("tipforce.tare", {})),
             inertia=Inertia.of(metadata.get("tipforce.inertia", {})),
-            sensor=None if sensor is None else SensorPose.of(sensor),
+            sensor=self._sensor(),
             metadata=metadata,
             recovered=self.recovered or metadata.get("tipforce.recovered", {}).get("detail", ""),
         )
+
+    def _sensor(self) -> SensorInfo | None:
+        """The sensor as far as its pose is stated."""
+        sensor = self._session_info.sensor
+        return None if sensor.angle_deg is None and sensor.reads is None else sensor
 
     @property
     def views(self) -> tuple[str, ...]:
@@ -143,7 +140,8 @@ class RecordingReader:
         for time_ns, channel, raw in self._file.in_time_order(set(names)):
             name, kind = names[channel]
             if kind == "frame":
-                yield Frame(time_ns, decode(unpack_image(raw)[2], f"{self.path}, frame at {time_ns} ns"), name)
+                where = f"{self.path}, frame at {time_ns} ns"
+                yield Frame(time_ns, decode_image(unpack_image(raw)[2], where, self._depth(name)), name)
             elif kind == "wrench":
                 _, frame, force, torque = unpack_wrench(raw)
                 yield Wrench(time_ns, force, torque, frame)
@@ -154,7 +152,19 @@ class RecordingReader:
         """The ``index``-th picture of ``stream``, decoded from its place in the file."""
         entries = self._of(stream)
         raw = self._file.payload(int(entries.chunk[index]), int(entries.offset[index]))
-        return Frame(int(entries.time_ns[index]), decode(unpack_image(raw)[2], f"{self.path}, frame {index}"), stream)
+        image = decode_image(unpack_image(raw)[2], f"{self.path}, frame {index}", self._depth(stream))
+        return Frame(int(entries.time_ns[index]), image, stream)
+
+    def _depth(self, stream: str) -> StreamDepth:
+        """For recordings of others, which may hold images with more than 8 bits."""
+        if stream not in self._depths:
+            self._depths[stream] = StreamDepth(partial(self._compressed, stream))
+        return self._depths[stream]
+
+    def _compressed(self, stream: str) -> Iterator[memoryview]:
+        entries = self._of(stream)
+        for chunk, offset in zip(entries.chunk.tolist(), entries.offset.tolist(), strict=True):
+            yield unpack_image(self._file.payload(chunk, offset))[2]
 
     def stamps(self, stream: str = "camera") -> IntArray:
         """(n,) stamps of a stream, sorted."""
@@ -230,3 +240,19 @@ class RecordingReader:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def open_recording(path: Path | str) -> RecordingReader:
+    """Opens a recording (.mcap) to read its streams.
+
+    Args:
+        path: our own, or any with the same ROS 2 messages; what a crash left as ``.part`` is recovered first.
+
+    Returns:
+        A context manager and `Source`: iterate over its events, or ask it for ``session_info``, ``info``, ``stamps``,
+        ``frame_at`` and ``wrenches`` (N and N m, stamps in ns).
+
+    Raises:
+        FileFormatError: there is no such file, or it is no recording.
+    """
+    return RecordingReader(path)

@@ -1,5 +1,6 @@
-"""A recording that was cut off: everything whole in it, rewritten as a valid file."""
+"""The ``.part`` of a recording: locked while it is written; once cut off, what is whole in it becomes a valid file."""
 
+import importlib
 import os
 import struct
 from collections.abc import Iterator
@@ -12,16 +13,66 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Metadata, Schema
-from mcap.stream_reader import breakup_chunk
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from ..errors import FileFormatError
-from ._files import finished_of, lock, origin_of
+from ._atomic import check_folder, part_of
 
-__all__ = ["recover", "resolve"]
+__all__ = ["check_target", "lock", "recover", "resolve"]
 
 _HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of the compression's name
+
+
+def finished_of(part: Path) -> Path:
+    """What a ``.part`` will be called."""
+    return part.with_name(part.name.removesuffix(".part"))
+
+
+def lock(stream: IO[bytes], path: Path) -> None:
+    """Hold ``path`` for this process until it ends, so that nobody recovers what is still being written.
+
+    Raises FileFormatError where another process holds it.
+    """
+    try:
+        fcntl = importlib.import_module("fcntl")
+    except ModuleNotFoundError:  # Windows: an open file can be neither renamed nor removed there, which is lock enough
+        return
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise FileFormatError(
+            f"{path}: is still being written by another process; open it when that has ended"
+        ) from None
+
+
+def origin_of(part: Path) -> str:
+    """Who wrote a ``.part``: "record", "import", or empty where even its start is unreadable."""
+    with part.open("rb") as stream:
+        try:
+            for record in StreamReader(stream, emit_chunks=True).records:
+                if isinstance(record, Metadata) and record.name == "tipforce.session":
+                    return record.metadata.get("origin", "")
+        except (McapError, ValueError, OSError, struct.error):  # cut within a record
+            return ""
+    return ""
+
+
+def check_target(path: Path, *, overwrite: bool, origin: str) -> None:
+    """Raises FileFormatError where writing ``path`` would destroy something.
+
+    The ``.part`` of an import may be replaced by another import: its sources are still there. That of a recording
+    holds the only copy of a run.
+    """
+    check_folder(path)
+    if path.exists() and not overwrite:
+        raise FileFormatError(f"{path}: exists already; choose another name or state overwrite=True")
+    part = part_of(path)
+    if part.exists() and not overwrite and not (origin == "import" == origin_of(part)) and part.stat().st_size:
+        raise FileFormatError(
+            f"{part}: holds a recording that was cut off; recover it with `tipforce inspect {path}` or remove it"
+        )
 
 
 @dataclass
@@ -46,7 +97,7 @@ def resolve(path: Path) -> tuple[Path, str]:
         if target.exists():
             raise FileFormatError(f"{path}: cannot be recovered, because {target.name} exists too; move one of the two")
         return target, recover(path, target)
-    part = path.with_name(path.name + ".part")
+    part = part_of(path)
     if path.exists() or not part.exists():
         return path, ""
     if origin_of(part) == "import":

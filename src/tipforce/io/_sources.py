@@ -6,7 +6,7 @@ from types import TracebackType
 from typing import Self
 
 from ..errors import FileFormatError, InputError
-from ..types import STAGE, Actuation, Context, Event, Source
+from ..types import STAGE, Actuation, Event, SessionInfo, Source
 from ._dicom import dicom_size, is_dicom, read_dicom
 from ._folder import frames_of, read_folder
 from ._reader import RecordingReader
@@ -21,19 +21,27 @@ class FileSource:
     ``frame_count``: as far as the file says, 0 where it does not.
     """
 
-    def __init__(self, path: Path, actuation: Mapping[str, float], stated: Context) -> None:
-        self.path, self._actuation = path, dict(actuation)
+    def __init__(self, path: Path, actuation: Mapping[str, float], stated: SessionInfo) -> None:
+        self.path = path
         self._folder = read_folder(path) if path.is_dir() else None
+        own = self._folder.actuation if self._folder else {}
+        constant = {name: value for name, value in stated.actuation.constant.items() if name not in own}
+        self._actuation = {**constant, **actuation}
         self._dicom = is_dicom(path)
         if self._folder:
             self.frame_count = len(self._folder.files)
         else:
             self.frame_count = dicom_size(path) if self._dicom else video_size(path)
-        self.context = Context(session=path.stem).with_facts(stated)
+        self.session_info = SessionInfo(path.stem).updated(stated)
         if self._folder:
-            clash = set(self._folder.actuation) & set(self._actuation)
+            clash = set(self._folder.actuation) & set(actuation)
             if clash:
                 raise InputError(f"{path}: has a column {min(clash)!r} already; do not state it a second time")
+
+    @property
+    def numbered(self) -> bool:
+        """Whether the stamps only count the images, because nobody stated when they were taken."""
+        return self._folder is not None and self._folder.numbered
 
     def lacks(self, names: Iterable[str]) -> list[str]:
         """Those of the actuation's ``names`` that never come."""
@@ -50,7 +58,8 @@ class FileSource:
             if place == 0 and self._actuation:
                 yield Actuation(frame.stamp_ns, self._actuation)
             if columns:
-                yield Actuation(frame.stamp_ns, {name: float(values[place]) for name, values in columns.items()})
+                here = {name: float(values[place]) for name, values in columns.items()}
+                yield Actuation(frame.stamp_ns, {name: value for name, value in here.items() if value == value})
             yield frame
 
     def __enter__(self) -> Self:
@@ -63,25 +72,30 @@ class FileSource:
 
 
 def open_source(
-    path: Path | str, *, actuation: Mapping[str, float] | None = None, stated: Context | None = None
+    path: Path | str, *, actuation: Mapping[str, float] | None = None, stated: SessionInfo | None = None
 ) -> Source:
     """A video, a DICOM file, a folder of images or a recording as a `Source`; a context manager, may be iterated again.
 
-    ``actuation``: constant values (``knob_deg``) for files that carry none. ``stated``: facts that stand for
-    those that the file knows. Raises InputError where ``actuation`` has a name that the file carries itself.
+    ``stated``: metadata in place of those that the file holds; constant readings of drives among them are used where
+    the file carries none. ``actuation``: constant readings, too.
+    Raises InputError where ``actuation`` has a name that the file carries itself.
     """
     where = Path(path)
     if where.suffix in (".mcap", ".part"):
         reader = RecordingReader(where)
-        carried = sorted(set(actuation or {}) - set(_never_read(reader, actuation or {})))
+        constant = {} if stated is None else stated.actuation.constant
+        wanted = {**constant, **(actuation or {})}
+        lacking = set(_never_read(reader, wanted))
+        carried = sorted(set(actuation or {}) - lacking)
         if carried:
             reader.close()
             raise InputError(f"{where}: carries {', '.join(carried)} itself; do not state it as well")
-        silent = not actuation and stated in (None, Context())
-        return reader if silent else _Stated(reader, actuation or {}, stated or Context())
+        filled = {name: value for name, value in wanted.items() if name in lacking}
+        silent = not filled and stated in (None, SessionInfo())
+        return reader if silent else _Stated(reader, filled, stated or SessionInfo())
     if not where.exists():
         raise FileFormatError(f"{where}: there is no such file or folder")
-    return FileSource(where, actuation or {}, stated or Context())
+    return FileSource(where, actuation or {}, stated or SessionInfo())
 
 
 def frame_count(source: Source, view: str = "camera") -> int:
@@ -104,9 +118,10 @@ def require_actuation(source: Source, names: Iterable[str]) -> None:
     else:
         return
     if lacking:
-        options = ("--knob-deg ANGLE" if name == "knob_deg" else f"--actuation {name}=VALUE" for name in lacking)
+        options = (f"actuation.constant.{name}" for name in lacking)
         raise InputError(
-            f"{path}: does not carry {', '.join(lacking)}, which the model needs; state it with {' '.join(options)}"
+            f"{path}: does not carry {', '.join(lacking)}, which the model needs; record it, or where it "
+            f"is constant state it in bench.toml: {', '.join(options)}"
         )
 
 
@@ -125,9 +140,9 @@ def _never_read(reader: RecordingReader, names: Iterable[str]) -> list[str]:
 class _Stated:
     """A recording with values or facts that a person adds."""
 
-    def __init__(self, reader: RecordingReader, actuation: Mapping[str, float], stated: Context) -> None:
+    def __init__(self, reader: RecordingReader, actuation: Mapping[str, float], stated: SessionInfo) -> None:
         self._reader, self._actuation = reader, dict(actuation)
-        self.path, self.context = reader.path, reader.context.with_facts(stated)
+        self.path, self.session_info = reader.path, reader.session_info.updated(stated)
 
     def lacks(self, names: Iterable[str]) -> list[str]:
         """Those of the actuation's ``names`` that never come."""

@@ -14,7 +14,7 @@ from av.container import InputContainer, OutputContainer
 
 from ..errors import FileFormatError, InputError, TimeError
 from ..types import Frame, Image
-from ._files import part_of
+from ._atomic import check_folder, part_of
 
 __all__ = ["VideoWriter", "read_video", "video_size", "write_video"]
 
@@ -170,10 +170,9 @@ class VideoWriter:
     ) -> None:
         self.path = Path(path)
         self._part = part_of(self.path)
-        if not self.path.parent.is_dir():
-            raise FileFormatError(f"{self.path}: the folder {self.path.parent} does not exist; make it first")
+        check_folder(self.path)
         if self.path.exists() and not overwrite:
-            raise FileFormatError(f"{self.path}: exists already; choose another name or state --overwrite")
+            raise FileFormatError(f"{self.path}: exists already; choose another name or state overwrite=True")
         if not 0.01 <= fps <= 10_000:
             raise InputError(f"{self.path}: {fps} frames a second is no rate for a video")
         self._rate = Fraction(fps).limit_denominator(1001)
@@ -208,6 +207,7 @@ class VideoWriter:
     def _opened(self, image: Image) -> tuple[av.VideoStream, OutputContainer]:
         if self._container is None or self._stream is None:
             # a first frame later than zero is told in the file's own timescale, which would be milliseconds
+            self.path.parent.mkdir(parents=True, exist_ok=True)
             flags = {"movflags": "faststart", "movie_timescale": str(_TICKS)}
             container = av.open(str(self._part), "w", format="mp4", options=flags)
             codec = "libx264rgb" if self._lossless else "libx264"

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import threading
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -11,7 +12,8 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from ..errors import FileFormatError, TimeError
-from ..types import Clock, Context, Event, FloatArray, Frame, IntArray, SystemClock, Wrench
+from ..types import Clock, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, SystemClock, Wrench
+from ._atomic import atomic_text, part_of
 from ._cdr import (
     COMPRESSED_IMAGE,
     JOINT_STATE,
@@ -21,10 +23,10 @@ from ._cdr import (
     pack_joints,
     pack_wrench,
 )
-from ._columns import MAX_STAMP_S
-from ._facts import ClockOffset, Inertia, SensorPose, Tare, context_records
-from ._files import check_target, lock, part_of
+from ._facts import ClockOffset, Inertia, Tare, session_record
 from ._images import encode_image
+from ._recover import check_target, lock
+from ._tables import MAX_STAMP_S
 
 __all__ = ["RecordingWriter", "write_force_csv"]
 
@@ -50,7 +52,7 @@ class RecordingWriter:
     def __init__(
         self,
         path: Path | str,
-        context: Context,
+        info: SessionInfo,
         *,
         lossless: bool = False,
         jpeg_quality: int = 90,
@@ -60,6 +62,7 @@ class RecordingWriter:
     ) -> None:
         self.path, self.part = Path(path), part_of(Path(path))
         check_target(self.path, overwrite=overwrite, origin=origin)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
         self._lossless, self._quality = lossless, jpeg_quality
         self._clock = clock or SystemClock()
         self._stream: IO[bytes] = self.part.open("ab")
@@ -78,8 +81,8 @@ class RecordingWriter:
         self._pending_since: int | None = None
         self._span: tuple[int, int] | None = None
         self._closed = False
-        for name, record in context_records(context).items():
-            self._mcap.add_metadata(name, record | ({"origin": origin} if name == "tipforce.session" else {}))
+        self._info, self._origin = info, origin
+        self._mcap.add_metadata("tipforce.session", {"origin": origin, **session_record(info)})
         self._stream.flush()
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -104,9 +107,13 @@ class RecordingWriter:
         else:
             self._add(f"/{event.stream}", JOINT_STATE, event.stamp_ns, pack_joints(event.stamp_ns, event.values))
 
-    def state(self, fact: ClockOffset | Inertia | Tare | SensorPose) -> None:
-        """A fact about the run; the last one of its kind holds."""
-        names = {ClockOffset: "clock_offset", Inertia: "inertia", Tare: "tare", SensorPose: "sensor"}
+    def state(self, fact: ClockOffset | Inertia | Tare | SensorInfo) -> None:
+        """A fact about the run; the last one of its kind holds. A sensor stands in place of that of the metadata."""
+        if isinstance(fact, SensorInfo):
+            self._info = replace(self._info, sensor=fact)
+            self.note("tipforce.session", {"origin": self._origin, **session_record(self._info)})
+            return
+        names = {ClockOffset: "clock_offset", Inertia: "inertia", Tare: "tare"}
         self.note(f"tipforce.{names[type(fact)]}", fact.record())
 
     def note(self, name: str, record: dict[str, str]) -> None:
@@ -187,11 +194,8 @@ class RecordingWriter:
 
 def write_force_csv(path: Path | str, stamps_ns: IntArray, force_n: FloatArray) -> None:
     """A force log ``stamp_ns,fx_n,fy_n,fz_n`` (newtons): stamps (n,), force (n, 3); unknown axes are left out."""
-    target = Path(path)
-    part = part_of(target)
     known = [axis for axis in range(3) if not np.isnan(force_n[:, axis]).all()]
-    with part.open("w", encoding="utf-8") as out:
+    with atomic_text(Path(path)) as out:
         out.write(",".join(["stamp_ns", *(f"f{'xyz'[axis]}_n" for axis in known)]) + "\n")
         for stamp, row in zip(stamps_ns.tolist(), force_n[:, known].tolist(), strict=True):
             out.write(",".join([str(stamp), *(f"{value:.6g}" for value in row)]) + "\n")
-    part.replace(target)

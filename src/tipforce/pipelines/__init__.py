@@ -1,21 +1,42 @@
-"""Plain functions, one a job: what the command line calls."""
+"""Plain functions, one a job: what the public API offers and the command line calls."""
 
 from ._describe import describe_recording
+from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_estimates
+from ._evaluate import EvaluateReport, evaluate
 from ._import_session import import_session
+from ._inspect import inspect
 from ._inspect_images import InspectionSheet, inspect_frames, inspect_image_file, inspect_sessions
 from ._record import RecordingReport, record
+from ._simulate import SimulateReport, preset_settings, simulate, simulate_dataset
+from ._simulate_samples import write_samples
 from ._summary import RecordingSummary, plot_summary, summarise_recording
+from ._train import TrainReport, train
 
 __all__ = [
+    "COLUMNS",
+    "EstimateReport",
+    "EvaluateReport",
     "InspectionSheet",
     "RecordingReport",
     "RecordingSummary",
+    "SimulateReport",
+    "TrainReport",
+    "check_inputs",
     "describe_recording",
+    "estimate",
+    "evaluate",
     "import_session",
+    "inspect",
     "inspect_frames",
     "inspect_image_file",
     "inspect_sessions",
     "plot_summary",
+    "preset_settings",
     "record",
+    "simulate",
+    "simulate_dataset",
     "summarise_recording",
+    "train",
+    "write_estimates",
+    "write_samples",
 ]

@@ -13,9 +13,9 @@ __all__ = ["describe_recording"]
 
 def describe_recording(summary: RecordingSummary) -> list[str]:
     """One line a fact: file, streams, clock offset, tare, sensor, forces."""
-    info, context = summary.info, summary.context
+    info, session = summary.info, summary.session_info
     size = f", {summary.image_size[0]}x{summary.image_size[1]} px" if summary.image_size else ""
-    lines = [f"{summary.path}: session {context.session}, {summary.duration_s:.1f} s{size}"]
+    lines = [f"{summary.path}: session {session.name}, {summary.duration_s:.1f} s{size}"]
     if info.recovered:
         lines.append(f"recovered     {info.recovered}")
     for stream in info.streams.values():
@@ -32,8 +32,8 @@ def describe_recording(summary: RecordingSummary) -> list[str]:
         if info.inertia.axes:
             lines.append(f"inertia       {_inertia(info.inertia)}")
         if info.sensor is not None:
-            pose = info.sensor
-            lines.append(f"sensor        x axis {pose.angle_deg:g} deg from the base x axis, reads {pose.reads}")
+            angle_deg, reads = info.sensor.angle_deg or 0.0, info.sensor.reads or "tip-on-tissue"
+            lines.append(f"sensor        x axis {angle_deg:g} deg from the base x axis, reads {reads}")
         frames = sum(stream.count for stream in info.streams.values() if stream.kind == "frame")
         lines.append(f"labelled      {summary.labelled} of {frames} frames")
         if summary.unlabelled_because:
@@ -41,10 +41,13 @@ def describe_recording(summary: RecordingSummary) -> list[str]:
         for name, (low, high) in summary.force_range_n.items():
             grams = f"{newtons_to_grams(low):.1f} to {newtons_to_grams(high):.1f} g"
             lines.append(f"{name:<13} {low:.3f} to {high:.3f} N ({grams})")
-    catheter = context.catheter
-    scale = f", {1e3 * context.metres_per_px:.4g} mm/px" if context.metres_per_px else ""
-    if catheter.name != "unnamed" or scale:
-        lines.append(f"catheter      {catheter.name}{scale}")
+    if session.catheter.name != "unnamed":
+        lines.append(f"catheter      {session.catheter.name}")
+    for name, view in session.views.items():
+        known = [f"{1e3 * view.metres_per_px:.4g} mm/px"] if view.metres_per_px else []
+        known += [f"base at the {view.base_side}"] if view.base_side else []
+        if known:
+            lines.append(f"view {name:<8} {', '.join(known)}")
     return lines
 
 

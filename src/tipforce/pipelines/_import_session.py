@@ -1,16 +1,19 @@
-"""Video or images plus force log -> one recording."""
+"""A recording of a video, or images, and the logs of force, stage and knob."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from ..alignment import OffsetChoice, TareChoice, stated_tare
-from ..errors import InputError, TimeError
-from ..io import FileSource, ForceColumns, ForceLog, RecordingWriter, SensorPose, read_force_log, read_knob_log
-from ..types import JOINTS, STAGE, Context, Event
+from ..errors import FileFormatError, InputError, TimeError
+from ..io import FileSource, ForceLog, RecordingWriter, logs_by_kind, read_force_log, read_knob_log
+from ..types import JOINTS, STAGE, Event, SessionInfo
 from ..vision import VisionSettings
+from ._estimate import session_info_from
 from ._merge import Readings, merged
 from ._record import RecordingReport, refuse_target, write_run
 from ._summary import summarise_recording
@@ -20,49 +23,70 @@ __all__ = ["import_session"]
 
 def import_session(
     frames: Path | str,
-    force_log: Path | str | None,
-    target: Path | str,
+    logs: Path | str | Sequence[Path | str] | None,
+    output: Path | str,
     *,
-    columns: ForceColumns | None = None,
-    sensor: SensorPose | None = None,
-    actuation: Mapping[str, float] | None = None,
-    knob_column: str | None = None,
-    knob_log: Path | str | None = None,
-    stage_log: Path | str | None = None,
+    bench: SessionInfo | Path | str | None = None,
     tare: TareChoice = "auto",
-    offset_ms: OffsetChoice = "auto",
-    align_start: bool = False,
-    context: Context | None = None,
+    offset_ms: OffsetChoice | Literal["start"] = "auto",
     vision: VisionSettings | None = None,
     lossless: bool = False,
     jpeg_quality: int = 90,
     overwrite: bool = False,
     progress: Callable[[str, float], None] | None = None,
 ) -> RecordingReport:
-    """Write ``target`` (.mcap) from a video or a folder of images and a force log.
+    """Makes a recording of a video (or images) and its logs; it appears when it is whole.
 
-    Readings are kept as the sensor gave them, on their own clock; ``sensor`` (default: x along the base, reading
-    tip-on-tissue), ``tare`` ("auto": found, or start and end in seconds of the force log) and clock offset (positive:
-    the camera's clock is ahead; "auto": estimated from the deflection) are stored beside them and applied when labels
-    are made. ``align_start``: the log's first row belongs to the first frame, for logs that count from another zero.
-    ``knob_column``: of the force log, NAME_UNIT or else taken as degrees. ``stage_log``: commanded
-    positions of the stage that moves tissue and sensor, NAME_m or NAME_mm, to take out the sensor's inertia.
-    ``target`` appears when it is whole.
-    Raises FileFormatError, TableError, TimeError, InputError.
+    Readings are kept as the sensor gave them, on their own clock. Tare, the inertia of what a moving sensor carries
+    and the clock offset are found, stored beside them, and applied when labels are made.
+
+    Args:
+        frames: a video, DICOM file or folder of images.
+        logs: the force log; or several logs, of force, stage and knob, told apart by their columns (see
+            `logs_by_kind`). The stage's positions, NAME_m or NAME_mm, serve to take the sensor's inertia out.
+        output: the recording (.mcap).
+        bench: metadata of the session, or its ``bench.toml``: pose of the sensor, columns and units of its log,
+            constant readings of drives.
+        tare: "auto": as ``bench`` states, else found; "none"; or (start, end) in seconds of the force log.
+        offset_ms: camera clock minus force clock; "auto": from the deflection; "none": one clock; "start": the first
+            row of the force log belongs to the first frame.
+        vision: how the catheter is detected for the clock offset.
+        lossless: keep images as PNG.
+        jpeg_quality: of images that are kept as JPEG.
+        overwrite: replace a recording that is there already.
+        progress: called with what is done and its share.
+
+    Returns:
+        The recording's summary, and remarks that a person should read.
+
+    Raises:
+        FileFormatError, TableError: a file cannot be read; the message names file, line and column.
+        TimeError: stamps are unsorted, or the streams do not overlap.
+        InputError: the metadata are refused, or do not go together with the logs.
     """
-    target = Path(target)
+    target, info = Path(output), session_info_from(bench)
     refuse_target(target, overwrite=overwrite, origin="import")
-    log = None if force_log is None else read_force_log(Path(force_log), columns, knob_column)
-    source = FileSource(Path(frames), dict(actuation or {}), context or Context(target.stem))
+    paths = [] if logs is None else [logs] if isinstance(logs, str | Path) else list(logs)
+    by_kind = logs_by_kind([Path(path) for path in paths])
+    force_log, knob_log, stage_log = (by_kind.get(kind) for kind in ("force", "knob", "stage"))
+    actuation, knob_column = info.actuation.constant, info.actuation.knob_column
+    log = None if force_log is None else read_force_log(force_log, info.sensor.log, knob_column)
+    info = info if info.name else replace(info, name=target.stem)
+    source = FileSource(Path(frames), {}, info)
+    if source.numbered and (log is not None or knob_log is not None or stage_log is not None):
+        raise FileFormatError(
+            f"{frames}: neither a table nor the names of the images say when they were taken, so a log cannot be "
+            f"aligned with them; write {Path(frames) / 'stamps.csv'} with the columns file_name,stamp_ns"
+        )
     remarks: list[str] = []
     first_ns = next(event.stamp_ns for event in source)
-    if log is not None and align_start:
+    if log is not None and offset_ms == "start":
         moved = first_ns - int(log.stamp_ns[0])
         log = ForceLog(log.stamp_ns + moved, log.force_n, log.knob, log.said)
         remarks.append(f"the force log was moved by {moved * 1e-9:.6f} s: its first row belongs to the first frame")
     drives = _drives(log, knob_column, knob_log, actuation)
     if stage_log is not None:
-        drives[STAGE] = read_knob_log(Path(stage_log))
+        drives[STAGE] = read_knob_log(stage_log)
     starts = [first_ns, *(int(stamps[0]) for stamps, _ in drives.values())]
     starts += [] if log is None else [int(log.stamp_ns[0])]
     # the file's format has no time before zero; whole seconds keep the stamps readable
@@ -70,7 +94,7 @@ def import_session(
     if shift_ns:
         remarks.append(f"all stamps were moved by {shift_ns // 1_000_000_000} s, so that none lies before zero")
     if log is not None:
-        remarks.append(f"{Path(force_log or '').name}: {log.said}")
+        remarks.append(f"{force_log.name if force_log else ''}: {log.said}")
         if not isinstance(tare, str):
             stated_tare(log.stamp_ns, log.force_n, *tare)  # says what is wrong with it before a long video is read
     last_ns = first_ns
@@ -83,7 +107,7 @@ def import_session(
 
     events = merged(pictures(), None if log is None else (log.stamp_ns, log.force_n), drives, shift_ns)
     writer = RecordingWriter(
-        target, source.context, lossless=lossless, jpeg_quality=jpeg_quality, overwrite=overwrite, origin="import"
+        target, source.session_info, lossless=lossless, jpeg_quality=jpeg_quality, overwrite=overwrite, origin="import"
     )
 
     def report(count: int) -> None:
@@ -93,7 +117,15 @@ def import_session(
     try:
         names = (Path(frames).name, str(force_log))
         found = write_run(
-            writer, events, source.context, sensor, tare, offset_ms, vision or VisionSettings(), report, names
+            writer,
+            events,
+            source.session_info,
+            None,
+            tare,
+            "none" if offset_ms == "start" else offset_ms,
+            vision or VisionSettings(),
+            report,
+            names,
         )
         _check_drives(drives, (first_ns, last_ns), knob_log if knob_log else force_log, stage_log)
         writer.note("tipforce.import", _origin(Path(frames), force_log, knob_log, log, shift_ns))
@@ -105,11 +137,13 @@ def import_session(
 
 
 def _drives(
-    log: ForceLog | None, column: str | None, knob_log: Path | str | None, actuation: Mapping[str, float] | None
+    log: ForceLog | None, column: str | None, knob_log: Path | None, actuation: Mapping[str, float]
 ) -> dict[str, Readings]:
     """The catheter's drives as a stream, where they come from a log."""
     if column and knob_log:
-        raise InputError("--knob-column and --knob-log: the knob's angle can come from one of them only")
+        raise InputError(
+            "the knob's angle can come from actuation.knob_column or from a log of the knob, not from both"
+        )
     found = None
     if column and log is not None and log.knob is not None:
         name = column if column.rpartition("_")[0] else "knob_deg"
@@ -118,7 +152,7 @@ def _drives(
         found = log.stamp_ns[::step], {name: log.knob[::step]}
     elif knob_log:
         found = read_knob_log(Path(knob_log))
-    clash = set(found[1] if found else ()) & set(actuation or ())
+    clash = set(found[1] if found else ()) & set(actuation)
     if clash:
         raise InputError(f"{min(clash)} is stated as a constant and read from a log; state one of them")
     return {} if found is None else {JOINTS: found}
@@ -127,8 +161,8 @@ def _drives(
 def _check_drives(
     drives: Mapping[str, Readings],
     frames: tuple[int, int],
-    knob_log: Path | str | None,
-    stage_log: Path | str | None,
+    knob_log: Path | None,
+    stage_log: Path | None,
 ) -> None:
     """Raises TimeError where a log of drives runs on another clock than the frames: no reading would be used."""
     for stream, (stamps, _) in drives.items():
@@ -142,12 +176,12 @@ def _check_drives(
 
 
 def _origin(
-    frames: Path, force_log: Path | str | None, knob_log: Path | str | None, log: ForceLog | None, shift_ns: int
+    frames: Path, force_log: Path | None, knob_log: Path | None, log: ForceLog | None, shift_ns: int
 ) -> dict[str, str]:
     return {
         "frames": frames.name,
-        "force_log": "" if force_log is None else Path(force_log).name,
-        "knob_log": "" if knob_log is None else Path(knob_log).name,
+        "force_log": "" if force_log is None else force_log.name,
+        "knob_log": "" if knob_log is None else knob_log.name,
         "columns": log.said if log else "",
         "stamps_moved_ns": json.dumps(shift_ns),
     }

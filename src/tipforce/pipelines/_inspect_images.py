@@ -10,18 +10,18 @@ import numpy as np
 
 from ..errors import InputError
 from ..io import RecordingReader, frame_count, open_source, read_image
-from ..types import Context, Frame, Image, Source
+from ..types import Frame, Image, SessionInfo, Source
 from ..vision import (
-    ClassicChain,
+    ClassicDetector,
     Inspection,
+    ShapeDetector,
     ShapeFeatureSettings,
     Tally,
-    Vision,
     VisionSettings,
+    auto_calibrate,
     figure_17,
     figure_18,
-    inspect_picture,
-    settle,
+    inspect_image,
 )
 
 if TYPE_CHECKING:
@@ -45,15 +45,17 @@ class InspectionSheet:
 
     def thesis_figures(self) -> "dict[str, Figure]":
         """Thesis figures 17 and 18 of ``picture``: what thesis algorithm 1 makes of it."""
-        steps = ClassicChain(self.vision).steps(self.picture)
+        steps = ClassicDetector(self.vision).steps(self.picture)
         return {"figure17": figure_17(steps), "figure18": figure_18(steps)}
 
 
-def inspect_image_file(path: Path, vision: VisionSettings, features: ShapeFeatureSettings) -> InspectionSheet:
-    """One picture file in detail. Raises FileFormatError for what is no picture."""
+def inspect_image_file(
+    path: Path, vision: VisionSettings, features: ShapeFeatureSettings, info: SessionInfo | None = None
+) -> InspectionSheet:
+    """One image file in detail, with what ``info`` states of it. Raises FileFormatError for what is no image."""
     image = read_image(path)
-    settled = _settled(vision, [image], Context())
-    seen: Inspection = inspect_picture(image, Vision(settled).see, settled, features)
+    settled = _settled(vision, [image], info or SessionInfo())
+    seen: Inspection = inspect_image(image, ShapeDetector(settled).detect, settled, features)
     figures = {"file": str(path), **seen.figures(), "vision": settled.model_dump()}
     return InspectionSheet(f"{_stated(settled, vision)}\n{seen.text()}", figures, seen.drawing, image, settled)
 
@@ -63,24 +65,25 @@ def inspect_frames(
     vision: VisionSettings,
     features: ShapeFeatureSettings,
     *,
+    stated: SessionInfo | None = None,
     every: int = 1,
     room: int = 12,
     progress: Callable[[str, float], None] | None = None,
 ) -> InspectionSheet:
     """Every ``every``-th frame of a video, a folder or a recording; ``room`` of them are drawn on one sheet.
 
-    Raises InputError where there is no frame.
+    ``stated``: metadata in place of the file's own. Raises InputError where there is no frame.
     """
     tally, first = Tally(room), None
-    with open_source(path) as source:
+    with open_source(path, stated=stated) as source:
         total = frame_count(source, vision.view)
-        settled = _settled(vision, _spread(source, vision.view, total), source.context)
-        see = Vision(settled).see
+        settled = _settled(vision, _spread(source, vision.view, total), source.session_info)
+        see = ShapeDetector(settled).detect
         for count, frame in enumerate(_frames(source, vision.view)):
             first = frame if first is None else first
             if count % every == 0:
                 seconds = (frame.stamp_ns - first.stamp_ns) * 1e-9
-                tally.add(f"{count}  {seconds:.2f} s", inspect_picture(frame.image, see, settled, features))
+                tally.add(f"{count}  {seconds:.2f} s", inspect_image(frame.image, see, settled, features))
             if progress:
                 progress(f"frame {count}", min(1.0, count / total) if total else 0.0)
     if first is None:
@@ -90,7 +93,7 @@ def inspect_frames(
 
 
 def inspect_sessions(
-    sessions: Iterable[tuple[Context, Sequence[tuple[str, Image]]]],
+    sessions: Iterable[tuple[SessionInfo, Sequence[tuple[str, Image]]]],
     vision: VisionSettings,
     features: ShapeFeatureSettings,
     *,
@@ -104,16 +107,16 @@ def inspect_sessions(
     ``total``: of the pictures, for ``progress``. Raises InputError where there is none.
     """
     tally, first, settled = Tally(room), None, vision
-    for context, session in sessions:
+    for info, session in sessions:
         if not session:
             continue
-        settled = _settled(vision, [image for _, image in session[:: -(-len(session) // _SETTLING)]], context)
-        see = Vision(settled).see
+        settled = _settled(vision, [image for _, image in session[:: -(-len(session) // _SETTLING)]], info)
+        see = ShapeDetector(settled).detect
         for name, image in session:
             first = image if first is None else first
-            tally.add(Path(name).stem, inspect_picture(image, see, settled, features))
+            tally.add(Path(name).stem, inspect_image(image, see, settled, features))
             if progress:
-                progress(f"picture {tally.looked_at}", min(1.0, tally.looked_at / max(1, total)))
+                progress(f"picture {tally.frames}", min(1.0, tally.frames / max(1, total)))
     if first is None:
         raise InputError(f"{title}: there is no picture of the view {vision.view!r} in it")
     return InspectionSheet(tally.text(), tally.figures(), tally.sheet(), first, settled)
@@ -124,7 +127,7 @@ def _views_in(path: Path) -> str:
         return ""
     with RecordingReader(path) as reader:
         views = reader.views
-    return f"; there is {', '.join(views)}: state --set view={views[0]}" if views else ""
+    return f"; there is {', '.join(views)}: set vision.view={views[0]}" if views else ""
 
 
 def _spread(source: Source, view: str, total: int) -> list[Image]:
@@ -139,10 +142,10 @@ def _spread(source: Source, view: str, total: int) -> list[Image]:
     return [frame.image for frame in islice(_frames(source, view), 0, step * _SETTLING, step)]
 
 
-def _settled(vision: VisionSettings, images: list[Image], context: Context) -> VisionSettings:
+def _settled(vision: VisionSettings, images: list[Image], info: SessionInfo) -> VisionSettings:
     """``vision`` with what it leaves open decided on ``images``; as it is where they show no catheter."""
     try:
-        return settle(vision, images, context)
+        return auto_calibrate(vision, images, info)
     except InputError:
         return vision  # to look at a file without a catheter is no mistake: each picture says why
 
@@ -157,6 +160,6 @@ def _stated(settled: VisionSettings, given: VisionSettings) -> str:
     if settled == given or given.base_region is not None:
         return text
     return (
-        f"{text}: found automatically; where the drawing shows another thing, state --set polarity=..., "
-        "--set base_side=..., and --set base_region=[u0,v0,u1,v1] across the shaft where it does not reach the border"
+        f"{text}: found automatically; where the drawing shows another thing, state polarity and base_side of the view "
+        "in bench.toml, and base_region, a box across the shaft, where it does not reach the border"
     )

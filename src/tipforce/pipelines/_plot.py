@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from ..alignment import Labels
-from ..io import RecordingReader, part_of
+from ..io import RecordingReader, atomic_path
 from ..types import FloatArray, Image
 from ..units import newtons_to_grams
 
@@ -35,9 +35,8 @@ def plot_run(reader: RecordingReader, found: Labels | None, path: Path) -> None:
         picture.set_title(f"frame {middle} of {len(stamps)}", fontsize=9, color=_INK, loc="left")
         picture.axis("off")
         _intervals(steps, (stamps - stamps[0]) * 1e-9)
-    part = part_of(path)
-    figure.savefig(part, format=path.suffix.lstrip(".").lower())
-    part.replace(path)
+    with atomic_path(path) as part:
+        figure.savefig(part, format=path.suffix.lstrip(".").lower())
 
 
 def _together(reader: RecordingReader, stamp_ns: int) -> Image:

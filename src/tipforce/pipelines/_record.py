@@ -3,7 +3,7 @@
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
@@ -11,9 +11,9 @@ import numpy as np
 
 from ..alignment import ForceCorrections, OffsetChoice, StageMotion, TareChoice, find_offset, find_tare_and_inertia
 from ..errors import InputError, TimeError
-from ..io import RecordingWriter, SensorPose, check_target
-from ..types import STAGE, Clock, Context, Event, FloatArray, Frame, Image, IntArray, Source, Wrench
-from ..vision import Sighting, Vision, VisionSettings, settle
+from ..io import RecordingWriter, check_target
+from ..types import STAGE, Clock, Event, FloatArray, Frame, Image, IntArray, SensorInfo, SessionInfo, Source, Wrench
+from ..vision import DetectedShape, ShapeDetector, VisionSettings, auto_calibrate
 from ._summary import RecordingSummary, summarise_recording
 
 __all__ = ["RecordingReport", "record", "refuse_target", "write_run"]
@@ -45,7 +45,7 @@ def record(
     source: Source,
     target: Path | str,
     *,
-    sensor: SensorPose | None = None,
+    sensor: SensorInfo | None = None,
     tare: TareChoice = "auto",
     offset_ms: OffsetChoice = "auto",
     vision: VisionSettings | None = None,
@@ -65,7 +65,7 @@ def record(
     with source as events:
         writer = RecordingWriter(
             target,
-            source.context,
+            source.session_info,
             lossless=lossless,
             jpeg_quality=jpeg_quality,
             clock=clock,
@@ -74,7 +74,7 @@ def record(
         )
         with writer:
             remarks = write_run(
-                writer, events, source.context, sensor, tare, offset_ms, vision or VisionSettings(), progress
+                writer, events, source.session_info, sensor, tare, offset_ms, vision or VisionSettings(), progress
             )
     return RecordingReport(summarise_recording(target), tuple(remarks))
 
@@ -82,8 +82,8 @@ def record(
 def write_run(
     writer: RecordingWriter,
     events: Iterable[Event],
-    context: Context,
-    sensor: SensorPose | None,
+    info: SessionInfo,
+    sensor: SensorInfo | None,
     tare: TareChoice,
     offset_ms: OffsetChoice,
     vision: VisionSettings,
@@ -92,14 +92,22 @@ def write_run(
 ) -> list[str]:
     """Write ``events`` and the facts found; returns remarks. ``names`` of pictures and force log, for TimeError."""
     remarks: list[str] = []
-    run = _Run(events, context, vision, look=offset_ms == "auto", progress=progress)
+    run = _Run(events, info, vision, look=offset_ms == "auto", progress=progress)
     for event in run:
         writer.write(event)
     stamps, force = run.force
     if not len(stamps):
         return remarks
     _check_overlap(names, run.stamp_ns, stamps)
-    pose = sensor or SensorPose()
+    pose = sensor or info.sensor
+    if pose.angle_deg is None or pose.reads is None:
+        remarks.append(
+            "the pose of the force sensor is not stated: its x axis is taken to lie along the catheter's base, its "
+            "readings as tip-on-tissue; see sensor.angle_deg and sensor.reads in bench.toml"
+        )
+        pose = replace(pose, angle_deg=pose.angle_deg or 0.0, reads=pose.reads or "tip-on-tissue")
+    if tare == "auto" and pose.no_contact_s is not None:
+        tare = pose.no_contact_s
     writer.state(pose)
     stage = run.stage
     level, inertia = find_tare_and_inertia(stamps, force, stage, tare, remarks)
@@ -107,9 +115,11 @@ def write_run(
     writer.state(inertia)
     most_n = float(np.nanmax(np.abs(force - level.force_n)))
     if most_n > _LARGE_N:
-        remarks.append(f"the force log holds up to {most_n:.3g} N: check --force-unit and its rows")
+        remarks.append(f"the force log holds up to {most_n:.3g} N: check sensor.log.force_unit and its rows")
     found = ForceCorrections(pose, level, inertia, stage)
-    writer.state(find_offset(run.stamp_ns, run.sightings, context, stamps, force, found, offset_ms, remarks, run.blind))
+    writer.state(
+        find_offset(run.stamp_ns, run.sightings, info, run.view, stamps, force, found, offset_ms, remarks, run.blind)
+    )
     return remarks
 
 
@@ -119,19 +129,19 @@ class _Run:
     def __init__(
         self,
         events: Iterable[Event],
-        context: Context,
+        info: SessionInfo,
         settings: VisionSettings,
         *,
         look: bool,
         progress: Callable[[int], None] | None,
     ) -> None:
         self._events, self._context, self._settings, self._look, self._progress = (
-            events, context, settings, look, progress,
+            events, info, settings, look, progress,
         )  # fmt: skip
         self.blind = ""
         """Why no catheter is seen at all, or empty."""
-        self.sightings: list[Sighting] = []
-        self._view = settings.view
+        self.sightings: list[DetectedShape] = []
+        self.view = settings.view
         self._kept: list[Image] = []
         self._every = _EVERY
         self._frames: list[int] = []
@@ -144,9 +154,9 @@ class _Run:
         if self._look:
             head = _head(events)
             try:
-                self._view = _view_among(head, self._settings.view)
-                pictures = [event.image for event in head if isinstance(event, Frame) and event.view == self._view]
-                see = Vision(settle(self._settings, pictures[::_EVERY], self._context)).see
+                self.view = _view_among(head, self._settings.view)
+                pictures = [event.image for event in head if isinstance(event, Frame) and event.view == self.view]
+                see = ShapeDetector(auto_calibrate(self._settings, pictures[::_EVERY], self._context)).detect
             except InputError as error:  # the recording is worth having without its clock offset
                 self.blind = str(error)
             events = chain(head, events)
@@ -154,7 +164,7 @@ class _Run:
             yield event
             if isinstance(event, Frame):
                 self._picture(event, see)
-                if see is not None and event.view == self._view:
+                if see is not None and event.view == self.view:
                     see = self._settled_again(event.image) or see
             elif isinstance(event, Wrench):
                 self._force_ns.append(event.stamp_ns)
@@ -162,16 +172,16 @@ class _Run:
             elif event.stream == STAGE:
                 self._stage.append((event.stamp_ns, event.values))
 
-    def _picture(self, frame: Frame, see: Callable[[Image], Sighting] | None) -> None:
+    def _picture(self, frame: Frame, see: Callable[[Image], DetectedShape] | None) -> None:
         self._count += 1
-        if see is None or frame.view == self._view:
+        if see is None or frame.view == self.view:
             self._frames.append(frame.stamp_ns)
-        if see is not None and frame.view == self._view:
+        if see is not None and frame.view == self.view:
             self.sightings.append(see(frame.image))
         if self._progress:
             self._progress(self._count)
 
-    def _settled_again(self, image: Image) -> Callable[[Image], Sighting] | None:
+    def _settled_again(self, image: Image) -> Callable[[Image], DetectedShape] | None:
         """A way of looking that knows more of the run: while the catheter stands still, what lies beneath it does."""
         if (len(self.sightings) - 1) % self._every == 0:
             self._kept.append(image)
@@ -179,7 +189,7 @@ class _Run:
             return None
         self._kept, self._every = self._kept[::2], 2 * self._every
         try:
-            return Vision(settle(self._settings, self._kept, self._context)).see
+            return ShapeDetector(auto_calibrate(self._settings, self._kept, self._context)).detect
         except InputError:
             return None
 
@@ -222,6 +232,6 @@ def _check_overlap(names: tuple[str, str], frames: IntArray, force: IntArray) ->
     if len(frames) and min(frames[-1], force[-1]) <= max(frames[0], force[0]):
         raise TimeError(
             f"{names[1]}: its {force[0] * 1e-9:.3f} to {force[-1] * 1e-9:.3f} s do not overlap with {names[0]}, "
-            f"{frames[0] * 1e-9:.3f} to {frames[-1] * 1e-9:.3f} s; check --time-unit, or state --align-start where "
-            "both began together"
+            f"{frames[0] * 1e-9:.3f} to {frames[-1] * 1e-9:.3f} s; check sensor.log.time_unit, or state "
+            'offset_ms="start" where both began together'
         )

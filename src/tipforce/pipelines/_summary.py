@@ -11,7 +11,7 @@ import numpy as np
 from ..alignment import Labels, labels, nearest_frames
 from ..errors import InputError
 from ..io import RecordingInfo, RecordingReader, check_image_target
-from ..types import Context, FloatArray
+from ..types import FloatArray, SessionInfo
 
 __all__ = ["RecordingSummary", "plot_summary", "summarise_recording"]
 
@@ -28,7 +28,7 @@ class RecordingSummary:
 
     path: Path
     info: RecordingInfo
-    context: Context
+    session_info: SessionInfo
     duration_s: float
     image_size: tuple[int, int] | None
     labelled: int
@@ -42,7 +42,7 @@ class RecordingSummary:
         info = self.info
         return {
             "file": str(self.path),
-            "session": self.context.session,
+            "session": self.session_info.name,
             "duration_s": self.duration_s,
             "image_size": self.image_size,
             "streams": {name: asdict(stream) for name, stream in info.streams.items()},
@@ -57,15 +57,12 @@ class RecordingSummary:
                 }
             ),
             "inertia": asdict(info.inertia) | {"gain_kg": info.inertia.gain_kg.tolist()},
-            "sensor": None if info.sensor is None else asdict(info.sensor),
             "labelled_frames": self.labelled,
             **({"paired_frames": dict(self.paired)} if self.paired else {}),
             "unlabelled_because": self.unlabelled_because,
             "force_range_n": self.force_range_n,
             "actuation_range": self.actuation_range,
-            "catheter": asdict(self.context.catheter),
-            "metres_per_px": self.context.metres_per_px,
-            "notes": dict(self.context.notes),
+            "session_info": self.session_info.values(),
             "recovered": info.recovered,
         }
 
@@ -101,7 +98,7 @@ def summarise_recording(path: Path | str) -> RecordingSummary:
         return RecordingSummary(
             path=reader.path,
             info=info,
-            context=reader.context,
+            session_info=reader.session_info,
             duration_s=(max(s.last_ns for s in streams) - min(s.first_ns for s in streams)) * 1e-9 if streams else 0.0,
             image_size=size,
             labelled=labelled,

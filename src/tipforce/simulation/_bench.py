@@ -1,6 +1,5 @@
 """One session of the twin as a source of events."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from functools import cached_property
@@ -9,7 +8,19 @@ from typing import Any, Self
 
 import numpy as np
 
-from ..types import BoolArray, Catheter, Clock, Context, Event, FloatArray, Frame, IntArray, SimulatedClock
+from ..types import (
+    ActuationInfo,
+    BoolArray,
+    Catheter,
+    Clock,
+    Event,
+    FloatArray,
+    Frame,
+    IntArray,
+    SensorInfo,
+    SessionInfo,
+    SimulatedClock,
+)
 from ._imaging import Imaging, imaging_of, views_of
 from ._instants import Instants
 from ._readings import Readings
@@ -25,7 +36,7 @@ class SimulatedBench:
 
     A `Source` and context manager. Camera, knob and stage are stamped by the camera's clock, whose zero is where the
     first frame would be without jitter; the force sensor stamps by its own, and reads tip-on-tissue in the frame
-    "sensor". `context` holds what a person at the bench would know, `truth` what only an evaluation may see. The same
+    "sensor". `info` holds what a person at the bench would know, `truth` what only an evaluation may see. The same
     arguments give the same bytes. Nothing is computed before it is asked for. ``pace``: how finely the world is run;
     ``name``: what the session is called, session_00 and so on by default.
     """
@@ -201,36 +212,35 @@ class SimulatedBench:
             yield self.event(stream, row)
 
     @property
-    def context(self) -> Context:
+    def session_info(self) -> SessionInfo:
         """What is written on the sheet beside the bench."""
         return self._sheet
 
     @cached_property
-    def _sheet(self) -> Context:
+    def _sheet(self) -> SessionInfo:
         world, device = self.settings.world, self.session.rig.draw.device
         imaging, gain = self.imaging, world.actuation.gain_per_m_deg
-        knots = world.shaft.stiffness_knots
-        return Context(
-            session=self.name,
+        metres_per_px = float(f"{imaging.measured_scale_m_per_px(self._rng(5)):.4g}")
+        return SessionInfo(
+            name=self.name,
             catheter=Catheter(
                 name=world.shaft.name,
                 diameter_m=device.diameter_m,
                 flexible_length_m=device.nominal_flexible_length_m,
                 rigid_length_m=world.shaft.rigid_length_m,
                 bending_stiffness_nm2=device.nominal_stiffness_nm2,
+                stiffness_profile=world.shaft.stiffness_knots,
             ),
-            metres_per_px=float(f"{imaging.measured_scale_m_per_px(self._rng(5)):.4g}"),
-            notes={
-                "simulated": "true",
-                "preset": self.settings.preset,
-                **imaging.notes(),
-                **({"knob_gain_per_m_deg": f"{gain:g}"} if gain else {}),
-                **({"stiffness_knots": json.dumps(knots)} if knots else {}),
-                "sensor_angle_deg": f"{self.log.nominal_angle_deg:g}",
-                "reads": "tip-on-tissue",
-                "moving_mass_kg": f"{world.sensor.moving_mass_kg:g}",
-                "no_contact_s": f"0:{world.tare_s:g}",
-            },
+            views={view: imaging.view_info(view, metres_per_px) for view in self.views},
+            sensor=SensorInfo(
+                angle_deg=float(f"{self.log.nominal_angle_deg:g}"),
+                reads="tip-on-tissue",
+                no_contact_s=(0.0, float(f"{world.tare_s:g}")),
+                moving_mass_kg=float(f"{world.sensor.moving_mass_kg:g}"),
+            ),
+            actuation=ActuationInfo(knob_gain_per_m_deg=float(f"{gain:g}") if gain else None),
+            simulated=True,
+            preset=self.settings.preset,
         )
 
     def values(self) -> dict[str, Any]:

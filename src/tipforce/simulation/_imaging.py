@@ -1,6 +1,5 @@
 """What looks at the bench: the camera, or the fluoroscope in one plane or two."""
 
-import json
 import math
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -10,7 +9,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 
 from ..geometry import CameraModel
-from ..types import FloatArray, Image, IntArray
+from ..types import FloatArray, Image, IntArray, ViewInfo
 from ._settings import AnySimulationSettings, FluoroSettings, SimulationSettings
 from .rendering.camera import CameraRenderer, CameraScene, PictureTruth, TissueHome, TissueState, draw_scene
 from .rendering.fluoroscope import Pulse, XrayRenderer, XrayScene, draw_xray_scene
@@ -63,8 +62,8 @@ class Imaging(Protocol):
         """As a person at the bench has it."""
         ...
 
-    def notes(self) -> dict[str, str]:
-        """What else that person knows of the pictures."""
+    def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
+        """What that person knows of the images of ``view``."""
         ...
 
     def values(self) -> dict[str, Any]:
@@ -151,9 +150,10 @@ class CameraImaging:
         scale = self.scene.lens.scale_m_per_px * (1.0 + float(rng.uniform(-off, off)))
         return scale * 640.0 / self.settings.width
 
-    def notes(self) -> dict[str, str]:
-        """The side at which the catheter comes in."""
-        return {"base_side": self.settings.scene.base_side}
+    def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
+        """Scale, and the side at which the catheter comes in."""
+        del view
+        return ViewInfo(metres_per_px, self.settings.scene.base_side)
 
     def values(self) -> dict[str, Any]:
         """The lens."""
@@ -249,19 +249,18 @@ class XrayImaging:
         del rng  # its error was drawn with the scene
         return self.scene.views[0].stated.scale_m_per_px * 512.0 / self.settings.width
 
-    def notes(self) -> dict[str, str]:
-        """The side at which the catheter comes in, and each view's calibration as stated."""
+    def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
+        """Scale, the side at which the catheter comes in, and the view's calibration as stated."""
         size = self.settings.width, self.settings.height
-        matrices = {
-            f"projection_{name}": self.scene.views[place].stated.camera(*size).projection_matrix
-            for place, name in enumerate(self.views)
-        }
-        return {
-            "base_side": self.settings.scene.base_side,
-            "modality": "XA",
-            "projection_frame": "isocentre; x to the patient's left, y to the back, z to the head; metres to pixels",
-            **{name: json.dumps([[float(f"{x:.8g}") for x in row] for row in m]) for name, m in matrices.items()},
-        }
+        matrix = self.scene.views[self.views.index(view)].stated.camera(*size).projection_matrix
+        a, b, c = ([float(f"{x:.8g}") for x in row] for row in matrix)
+        return ViewInfo(
+            metres_per_px,
+            self.settings.scene.base_side,
+            modality="xray",
+            projection=((a[0], a[1], a[2], a[3]), (b[0], b[1], b[2], b[3]), (c[0], c[1], c[2], c[3])),
+            projection_frame="isocentre",
+        )
 
     def values(self) -> dict[str, Any]:
         """Each view's true projection matrix, and where the base is in the frame that the calibration speaks of."""

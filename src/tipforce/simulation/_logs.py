@@ -1,24 +1,22 @@
-"""What a laboratory's loggers leave of a session beside the video: tables, and a sheet of facts."""
+"""What a laboratory's loggers leave of a session beside the video: tables, and ``bench.toml``."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ..types import FloatArray, IntArray
+from ..types import FloatArray, IntArray, bench_text
 from ._bench import SimulatedBench
 
 __all__ = ["write_logs"]
 
 
 def write_logs(bench: SimulatedBench, folder: Path) -> None:
-    """``force.csv``, ``stage.csv`` and ``bench.json`` of a session, and ``knob.csv`` where the knob moves.
+    """``force.csv``, ``stage.csv`` and ``bench.toml`` of a session, and ``knob.csv`` where the knob moves.
 
     Force readings are tip-on-tissue in the sensor's frame, on the sensor's own clock; the stage's commands and the knob
-    are on the camera's. ``bench.json``: what a person at the bench would write down, nothing of the truth.
+    are on the camera's. ``bench.toml``: what a person at the bench would write down, nothing of the truth.
     """
     log = bench.log
     wrench = {f"f{axis}_n": log.force_n[:, place] for place, axis in enumerate("xyz")}
@@ -26,19 +24,12 @@ def write_logs(bench: SimulatedBench, folder: Path) -> None:
     _table(folder / "force.csv", log.stamp_ns, wrench)
     _table(folder / "stage.csv", *bench.stage_log())
     stamp_ns, knob_deg = bench.knob_log()
-    facts = _facts(bench)
+    info = bench.session_info
     if np.ptp(knob_deg) > 0.0:
         _table(folder / "knob.csv", stamp_ns, {"knob_deg": knob_deg})
     elif bench.has_knob:
-        facts["knob_deg"] = float(knob_deg[0])
-    (folder / "bench.json").write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
-
-
-def _facts(bench: SimulatedBench) -> dict[str, Any]:
-    context = bench.context
-    catheter = {key: value for key, value in asdict(context.catheter).items() if value is not None}
-    facts = {"session": context.session, "catheter": catheter, "metres_per_px": context.metres_per_px}
-    return facts | dict(context.notes)
+        info = replace(info, actuation=replace(info.actuation, constant={"knob_deg": float(knob_deg[0])}))
+    (folder / "bench.toml").write_text(bench_text(replace(info, name=""), guide=False), encoding="utf-8")
 
 
 def _table(path: Path, stamp_ns: IntArray, columns: Mapping[str, FloatArray]) -> None:

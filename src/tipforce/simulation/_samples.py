@@ -90,8 +90,8 @@ def sample_set(
     most = int(0.8 * seconds * world.clock.fps)
     if per_session > most:
         raise InputError(
-            f"--samples-per-session {per_session}: a session of {seconds:g} s has pictures enough for {most}; state "
-            "--seconds for a longer one"
+            f"samples_per_session={per_session}: a session of {seconds:g} s has pictures enough for {most}; state "
+            "seconds for a longer one"
         )
     run = settings.model_copy(update={"world": world, "preset": f"{settings.preset} samples"})
     return SampleSet(settings=run, seed=seed, samples=samples, per_session=per_session, before_share=min(before, 1.0))

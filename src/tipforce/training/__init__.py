@@ -1,47 +1,46 @@
-"""Training of networks on arrays: the only room that knows torch, which it imports when it is used."""
+"""Training of networks on arrays: training loop, data augmentation, architectures, export and quantisation.
 
-from ._augment import Augmentation
-from ._checkpoint import CHECKPOINT
-from ._compact import COMPACT_UNIT_N, CompactTask
-from ._compact_network import COMPACT_OUTPUTS
-from ._export import export_graph, parity_n, weights_of
-from ._log import LOG, duration
+This is the only package that uses torch, which it imports when it is needed.
+"""
+
+from ._augmentation import Augmentation
+from ._checkpoint import CHECKPOINT_FILE, LOG_FILE, duration_text
+from ._compact import COMPACT_OUTPUTS, COMPACT_UNIT_N, CompactTask
+from ._config import TrainConfig
+from ._data import HEATMAP_UNKNOWN, TrainingSamples, TrainValSplit, train_val_split
+from ._device import require_torch
+from ._export import export_graph, graph_weights, parity_n
 from ._loop import Progress, TrainResult, train_network
-from ._machine import require_torch
-from ._parts import Part, train_val_split
-from ._quantise import LARGEST_GROWTH, error_growth, quantise
-from ._recipe import TrainConfig
+from ._quantisation import MAX_ERROR_GROWTH, error_growth, quantise
 from ._resnet import RESNET_OUTPUTS, ResnetTask
-from ._samples import UNKNOWN, Samples
-from ._task import Task
-from ._weights import network_of, weights_in
+from ._task import Task, network_from_weights, network_weights
 
 __all__ = [
-    "CHECKPOINT",
+    "CHECKPOINT_FILE",
     "COMPACT_OUTPUTS",
     "COMPACT_UNIT_N",
-    "LARGEST_GROWTH",
-    "LOG",
+    "HEATMAP_UNKNOWN",
+    "LOG_FILE",
+    "MAX_ERROR_GROWTH",
     "RESNET_OUTPUTS",
-    "UNKNOWN",
     "Augmentation",
     "CompactTask",
-    "Part",
     "Progress",
     "ResnetTask",
-    "Samples",
     "Task",
     "TrainConfig",
     "TrainResult",
-    "duration",
+    "TrainValSplit",
+    "TrainingSamples",
+    "duration_text",
     "error_growth",
     "export_graph",
-    "network_of",
+    "graph_weights",
+    "network_from_weights",
+    "network_weights",
     "parity_n",
     "quantise",
     "require_torch",
     "train_network",
     "train_val_split",
-    "weights_in",
-    "weights_of",
 ]

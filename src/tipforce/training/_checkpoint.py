@@ -1,6 +1,7 @@
-"""Where a training stands, in one file that is whole or not there."""
+"""What a training run writes to disk: a checkpoint after every epoch, and a log of all epochs."""
 
 import hashlib
+import json
 import pickle
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,34 +10,43 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ._recipe import TrainConfig
-from ._samples import Samples
-from ._task import Task
-from ._weights import Weights
+from ._config import TrainConfig
+from ._data import TrainingSamples
+from ._task import Task, Weights
 
-__all__ = ["CHECKPOINT", "identity_of", "read_checkpoint", "write_checkpoint"]
+__all__ = [
+    "CHECKPOINT_FILE",
+    "LOG_FILE",
+    "TrainingLog",
+    "duration_text",
+    "progress_text",
+    "read_checkpoint",
+    "run_identity",
+    "write_checkpoint",
+]
 
-CHECKPOINT = "checkpoint.pt"
+CHECKPOINT_FILE = "checkpoint.pt"
+LOG_FILE = "training.jsonl"
 
-FREE = {"minutes", "patience", "workers"}
-"""Settings that may change between a training and what goes on from it."""
+_MAY_CHANGE = {"minutes", "patience", "workers"}
+"""Settings that may differ between a training and its resumption."""
 
 
-def identity_of(
-    task: Task, samples: Samples, recipe: TrainConfig, precision: str, start: Weights | None
+def run_identity(
+    task: Task, samples: TrainingSamples, config: TrainConfig, precision: str, init_from: Weights | None
 ) -> dict[str, str]:
-    """What must be the same for a checkpoint to be gone on from, in words that a person may read."""
-    free = FREE if recipe.schedule == "cosine" else FREE | {"epochs"}
-    settings = {**recipe.model_dump(mode="json"), "precision": precision}
+    """Returns what must be the same where training is resumed from a checkpoint, in readable form."""
+    may_change = _MAY_CHANGE if config.schedule == "cosine" else _MAY_CHANGE | {"epochs"}
+    settings = {**config.model_dump(mode="json"), "precision": precision}
     return {
         "the network": task.name,
-        "the settings": ", ".join(f"{name}={settings[name]}" for name in sorted(settings) if name not in free),
+        "the settings": ", ".join(f"{name}={settings[name]}" for name in sorted(settings) if name not in may_change),
         "the data": samples.fingerprint(),
-        "the weights it began with": "none" if start is None else _sha256_of(start),
+        "the initial weights": "random" if init_from is None else _sha256(init_from),
     }
 
 
-def _sha256_of(weights: Weights) -> str:
+def _sha256(weights: Weights) -> str:
     digest = hashlib.sha256()
     for name in sorted(weights):
         digest.update(name.encode() + np.ascontiguousarray(weights[name]).tobytes())
@@ -44,23 +54,24 @@ def _sha256_of(weights: Weights) -> str:
 
 
 def write_checkpoint(folder: Path, state: Mapping[str, Any]) -> None:
-    """Write ``state`` (tensors, numbers, text) beside `CHECKPOINT` in ``folder`` and rename it."""
+    """Write ``state`` (tensors, numbers, text) as `CHECKPOINT_FILE` in ``folder``: the whole file or nothing."""
     import torch
 
-    part = folder / f"{CHECKPOINT}.part"
+    part = folder / f"{CHECKPOINT_FILE}.part"
     with part.open("wb") as stream:
         torch.save(dict(state), stream)
-    part.replace(folder / CHECKPOINT)
+    part.replace(folder / CHECKPOINT_FILE)
 
 
 def read_checkpoint(folder: Path, identity: Mapping[str, str]) -> dict[str, Any] | None:
-    """What `write_checkpoint` wrote, None where there is nothing.
+    """Returns what `write_checkpoint` wrote to ``folder``, None where there is no checkpoint.
 
-    Raises InputError where it is damaged, or belongs to another training than ``identity``.
+    Raises:
+        InputError: the checkpoint is damaged, or belongs to another training than ``identity``.
     """
     import torch
 
-    path = folder / CHECKPOINT
+    path = folder / CHECKPOINT_FILE
     if not path.is_file():
         return None
     try:
@@ -68,20 +79,80 @@ def read_checkpoint(folder: Path, identity: Mapping[str, str]) -> dict[str, Any]
         state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
         found: dict[str, str] = state["identity"]
     except (RuntimeError, EOFError, KeyError, OSError, pickle.UnpicklingError):
-        raise InputError(f"{path}: is damaged; remove the folder {folder} and train anew without --resume") from None
-    for what, wanted in identity.items():
-        if found.get(what) != wanted:
+        raise InputError(f"{path}: is damaged; remove the folder {folder} and train anew without resume=True") from None
+    for what, expected in identity.items():
+        if found.get(what) != expected:
             raise InputError(
-                f"{path}: is of another training, {what} differ{_detail(found.get(what, ''), wanted)}; go on with what "
-                f"was stated then, or remove the folder {folder} and train anew without --resume"
+                f"{path}: belongs to another training, {what} differ{_difference(found.get(what, ''), expected)}; "
+                f"resume with the same options, or remove the folder {folder} and train anew without resume=True"
             )
     return state
 
 
-def _detail(found: str, wanted: str) -> str:
-    """The parts of two lists that differ, where they are lists."""
-    before, now = found.split(", "), wanted.split(", ")
+def _difference(found: str, expected: str) -> str:
+    """Returns the entries of two comma-separated lists that differ."""
+    before, now = found.split(", "), expected.split(", ")
     if len(before) != len(now) or len(now) == 1:
-        return "" if len(now) == 1 else f" ({found}; now {wanted})"
+        return "" if len(now) == 1 else f" ({found}; now {expected})"
     pairs = [f"{a}, now {b}" for a, b in zip(before, now, strict=True) if a != b]
     return f" ({'; '.join(pairs)})"
+
+
+class TrainingLog:
+    """One row of figures an epoch, in memory and in `LOG_FILE`.
+
+    Args:
+        folder: where the file is; None: no file.
+        epochs: number of epochs that are kept where training is resumed. Later lines, of an epoch that was not
+            finished, are dropped.
+    """
+
+    def __init__(self, folder: Path | None, epochs: int = 0) -> None:
+        self._path = None if folder is None else folder / LOG_FILE
+        self.rows: list[dict[str, Any]] = []
+        if self._path is None:
+            return
+        if epochs:
+            lines = self._path.read_text(encoding="utf-8").splitlines()[:epochs] if self._path.is_file() else []
+            self.rows = [json.loads(line) for line in lines]
+        part = self._path.with_name(f"{LOG_FILE}.part")
+        part.write_text("".join(f"{json.dumps(row)}\n" for row in self.rows), encoding="utf-8")
+        part.replace(self._path)
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Append the row of one epoch."""
+        self.rows.append(row)
+        if self._path is not None:
+            with self._path.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(row) + "\n")
+
+
+def progress_text(row: dict[str, Any], config: TrainConfig) -> str:
+    """Returns the log row of an epoch as one line of text.
+
+    >>> progress_text({"epoch": 2, "loss": 0.05, "validation_error_n": 0.041, "training_error_n": 0.05,
+    ...     "images_per_s": 61.2, "waiting_share": 0.021, "seconds": 90.0}, TrainConfig(epochs=10))
+    'epoch 2/10: loss 0.0500, error 41.0 mN (training 50.0), 61 images/s, waiting 2 %, at most 6 min left'
+    """
+    remaining_s = row["seconds"] / row["epoch"] * (config.epochs - row["epoch"])
+    if config.minutes is not None:
+        remaining_s = min(remaining_s, max(0.0, 60 * config.minutes - row["seconds"]))
+    error_n = row["validation_error_n"]
+    error = "not finite" if error_n is None else f"{error_n * 1e3:.1f} mN"
+    return (
+        f"epoch {row['epoch']}/{config.epochs}: loss {row['loss']:.4f}, error {error} "
+        f"(training {row['training_error_n'] * 1e3:.1f}), {row['images_per_s']:.0f} images/s, "
+        f"waiting {100 * row['waiting_share']:.0f} %, at most {duration_text(remaining_s)} left"
+    )
+
+
+def duration_text(seconds: float) -> str:
+    """Returns a duration in readable form.
+
+    >>> [duration_text(s) for s in (12.4, 400.0, 8000.0)]
+    ['12 s', '7 min', '2 h 13 min']
+    """
+    minutes = round(seconds / 60)
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"

@@ -1,4 +1,4 @@
-"""From a trained network to an ONNX graph, and back to its weights."""
+"""Export of a trained network to an ONNX graph, comparison of both, and the weights in a graph."""
 
 import copy
 import logging
@@ -10,52 +10,61 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ._packages import package
+from ._device import import_extra
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-__all__ = ["CONSTANT", "export_graph", "parity_n", "plain", "weights_of"]
+__all__ = ["export_graph", "graph_weights", "parity_n", "to_single_precision"]
 
 OPSET = 18
 IR_VERSION = 10
 
-CONSTANT = "constant/"
-"""How the names of initialisers begin that are no parameters."""
-
-_WIDE = "/fp32"
-_HALVED_FROM = 256
-"""Smallest number of elements of a matrix that is stored in half precision; vectors weigh next to nothing."""
+_CONSTANT = "constant/"
+"""Prefix of the initialisers that are no parameters."""
+_FP32 = "/fp32"
+"""Suffix of an initialiser's name where it is cast to single precision."""
+_HALF_PRECISION_FROM = 256
+"""Smallest number of elements of a matrix that is stored in half precision; small ones save next to nothing."""
 
 
 def export_graph(
     network: "nn.Module",
     inputs: Mapping[str, tuple[tuple[int, ...], str]],
     outputs: Sequence[str],
-    facts: Mapping[str, str],
+    metadata: Mapping[str, str],
     *,
-    halved: bool = True,
+    half_precision: bool = True,
 ) -> bytes:
-    """ONNX graph of ``network`` as it answers in eval mode; the network itself stays as it is.
+    """Export ``network`` in eval mode to an ONNX graph; the network itself stays as it is.
 
-    ``inputs``: the names of its arguments -> (shape of one sample, "uint8" or "float32"); a batch dimension ``n``
-    stands before each. ``outputs``: names of the tensors it returns, in order. ``facts`` go along with the graph.
+    Initialisers carry the names of parameters and buffers (`graph_weights`); those that the outputs do not depend on
+    are left out. Matrices and kernels are stored in half precision, followed by a Cast that runtimes fold when they
+    load the graph: half the bytes, the same speed. A matrix beyond the range of half precision stays in single.
 
-    Initialisers carry the names of parameters and buffers (`weights_of`); those that the outputs do not depend on are
-    left out. Matrices and kernels are stored in half precision, with a Cast behind that runtimes fold when they load
-    the graph: half the bytes, the same speed. One that half precision cannot hold stays whole; without ``halved``, all.
-    Raises MissingExtraError without torch, onnx and onnxscript.
+    Args:
+        network: what to export.
+        inputs: names of its arguments -> (shape of one sample, "uint8" or "float32"); a batch dimension ``n`` is added.
+        outputs: names of the tensors it returns, in order.
+        metadata: stored with the graph.
+        half_precision: False: everything is stored in single precision.
+
+    Returns:
+        The bytes of the graph.
+
+    Raises:
+        MissingExtraError: torch, onnx or onnxscript is not installed.
     """
-    torch, onnx = package("torch"), package("onnx")
-    optimizer = package("onnxscript.optimizer")
-    frozen = _with_plain_means(copy.deepcopy(network).cpu().float().eval())
+    torch, onnx = import_extra("torch"), import_extra("onnx")
+    optimizer = import_extra("onnxscript.optimizer")
+    exported = _replace_mean_pooling(copy.deepcopy(network).cpu().float().eval())
     kinds = {"uint8": torch.uint8, "float32": torch.float32}
     # two samples: a batch of one would be taken for a constant
     examples = {name: torch.ones((2, *shape), dtype=kinds[kind]) for name, (shape, kind) in inputs.items()}
     batch = torch.export.Dim("n")
-    with _quiet(), torch.no_grad():
+    with _suppress_warnings(), torch.no_grad():
         program = torch.onnx.export(
-            frozen,
+            exported,
             kwargs=examples,
             dynamo=True,
             input_names=list(inputs),
@@ -67,47 +76,49 @@ def export_graph(
         )
         optimizer.fold_constants(program.model, onnx_shape_inference=True)
         optimizer.remove_unused_nodes(program.model)
-    model = _tidied(onnx, program.model_proto, set(frozen.state_dict()))
-    if halved:
-        _halve(onnx, model)
-    onnx.helper.set_model_props(model, dict(facts))
+    model = _clean_model(onnx, program.model_proto, set(exported.state_dict()))
+    if half_precision:
+        _store_in_half_precision(onnx, model)
+    onnx.helper.set_model_props(model, dict(metadata))
     onnx.checker.check_model(model, full_check=True)
     return model.SerializeToString()
 
 
-def weights_of(graph: bytes) -> dict[str, npt.NDArray[np.float32]]:
-    """Parameters and buffers of the network that `export_graph` made ``graph`` of, as the graph has them.
+def graph_weights(graph: bytes) -> dict[str, npt.NDArray[np.float32]]:
+    """Returns parameters and buffers of the network in a graph of `export_graph`, by name.
 
-    Large ones are rounded to half precision. Batch norms' counters of batches are not among them.
+    Large ones are rounded to half precision. The counters of batch normalisation are not among them.
     """
-    onnx = package("onnx")
+    onnx = import_extra("onnx")
     found = {each.name: onnx.numpy_helper.to_array(each) for each in onnx.load_from_string(graph).graph.initializer}
-    return {name: array.astype(np.float32) for name, array in found.items() if not name.startswith(CONSTANT)}
+    return {name: array.astype(np.float32) for name, array in found.items() if not name.startswith(_CONSTANT)}
 
 
 def parity_n(
     graph: bytes, network: "nn.Module", batch: Mapping[str, npt.NDArray[Any]], output: str = "force_n"
 ) -> float:
-    """Largest deviation of ``graph``'s answer ``output`` from that of ``network`` in eval mode, over ``batch``.
+    """Returns the largest deviation of the graph's ``output`` from the network's in eval mode, over ``batch``.
 
-    NaN where either answers NaN: hold it to a limit by ``not parity < limit``.
+    It is NaN where either output is NaN: compare it to a limit by ``not parity < limit``.
     """
     import onnxruntime
 
-    torch = package("torch")
+    torch = import_extra("torch")
     session = onnxruntime.InferenceSession(graph, providers=["CPUExecutionProvider"])
     names = [each.name for each in session.get_outputs()]
     found: npt.NDArray[Any] = np.asarray(session.run([output], dict(batch))[0], np.float64)
-    frozen = copy.deepcopy(network).cpu().float().eval()
+    reference = copy.deepcopy(network).cpu().float().eval()
     with torch.no_grad():
-        answer: Any = frozen(**{name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in batch.items()})
-    wanted: Tensor = answer[output] if isinstance(answer, Mapping) else _listed(answer)[names.index(output)]
-    return float(np.max(np.abs(found - wanted.double().numpy()), initial=0.0))
+        result: Any = reference(
+            **{name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in batch.items()}
+        )
+    expected: Tensor = result[output] if isinstance(result, Mapping) else _as_list(result)[names.index(output)]
+    return float(np.max(np.abs(found - expected.double().numpy()), initial=0.0))
 
 
-def _with_plain_means(network: "nn.Module") -> "nn.Module":
-    """Pooling to one pixel said as a mean: of pictures with channels last, torch exports it with a gather behind."""
-    torch = package("torch")
+def _replace_mean_pooling(network: "nn.Module") -> "nn.Module":
+    """Replace mean pooling to one pixel by a mean: with channels last torch would export it with a Gather behind."""
+    torch = import_extra("torch")
 
     class Mean(torch.nn.Module):
         def forward(self, x: Any) -> Any:
@@ -120,26 +131,26 @@ def _with_plain_means(network: "nn.Module") -> "nn.Module":
     return network
 
 
-def plain(model: Any) -> None:
-    """Undo the storing in half precision, in place: every initialiser is fp32 again and no Cast stands behind it."""
-    onnx = package("onnx")
+def to_single_precision(model: Any) -> None:
+    """Undo the storage in half precision, in place: every initialiser is fp32 and no Cast follows it."""
+    onnx = import_extra("onnx")
     graph = model.graph
-    for node in [node for node in graph.node if len(node.output) == 1 and node.output[0].endswith(_WIDE)]:
+    for node in [node for node in graph.node if len(node.output) == 1 and node.output[0].endswith(_FP32)]:
         graph.node.remove(node)
     for each in graph.initializer:
         if each.data_type == onnx.TensorProto.FLOAT16:
             each.CopyFrom(onnx.numpy_helper.from_array(onnx.numpy_helper.to_array(each).astype(np.float32), each.name))
     for node in graph.node:
-        node.input[:] = [name.removesuffix(_WIDE) for name in node.input]
+        node.input[:] = [name.removesuffix(_FP32) for name in node.input]
 
 
-def _listed(answer: Any) -> "list[Tensor]":
-    return list(answer) if isinstance(answer, tuple | list) else [answer]
+def _as_list(result: Any) -> "list[Tensor]":
+    return list(result) if isinstance(result, tuple | list) else [result]
 
 
 @contextmanager
-def _quiet() -> Generator[None]:
-    """Keeps the exporter's own deprecations, and that torchvision is not there, from who is waiting for the graph."""
+def _suppress_warnings() -> Generator[None]:
+    """Suppress the exporter's own deprecation warnings, and the one that torchvision is not installed."""
     registration = logging.getLogger("torch.onnx._internal.exporter._registration")
     level = registration.level
     registration.setLevel(logging.ERROR)
@@ -155,10 +166,10 @@ def _quiet() -> Generator[None]:
         registration.setLevel(level)
 
 
-def _tidied(onnx: Any, model: Any, parameters: set[str]) -> Any:
-    """A new model of the same nodes: no traces of the source, and constants told from parameters by their names."""
+def _clean_model(onnx: Any, model: Any, parameters: set[str]) -> Any:
+    """Returns a new model of the same nodes without source locations; names tell constants from parameters."""
     constants = {each.name for each in model.graph.initializer if each.name not in parameters}
-    renamed = {name: f"{CONSTANT}{place}" for place, name in enumerate(sorted(constants))}
+    renamed = {name: f"{_CONSTANT}{number}" for number, name in enumerate(sorted(constants))}
     nodes = [
         onnx.helper.make_node(node.op_type, [renamed.get(name, name) for name in node.input], list(node.output))
         for node in model.graph.node
@@ -170,7 +181,9 @@ def _tidied(onnx: Any, model: Any, parameters: set[str]) -> Any:
     for each in model.graph.initializer:
         array = onnx.numpy_helper.to_array(each)
         initialisers.append(onnx.numpy_helper.from_array(array, renamed.get(each.name, each.name)))
-    graph = onnx.helper.make_graph(nodes, "tipforce", _bare(model.graph.input), _bare(model.graph.output), initialisers)
+    graph = onnx.helper.make_graph(
+        nodes, "tipforce", _name_and_type(model.graph.input), _name_and_type(model.graph.output), initialisers
+    )
     return onnx.helper.make_model(
         graph,
         opset_imports=[onnx.helper.make_opsetid("", OPSET)],
@@ -179,33 +192,33 @@ def _tidied(onnx: Any, model: Any, parameters: set[str]) -> Any:
     )
 
 
-def _bare(values: Sequence[Any]) -> list[Any]:
-    """Inputs or outputs with name and type only."""
-    bare: list[Any] = []
+def _name_and_type(values: Sequence[Any]) -> list[Any]:
+    """Returns inputs or outputs with name and type only."""
+    cleaned: list[Any] = []
     for value in values:
         new = type(value)()
         new.name = value.name
         new.type.CopyFrom(value.type)
-        bare.append(new)
-    return bare
+        cleaned.append(new)
+    return cleaned
 
 
-def _halve(onnx: Any, model: Any) -> None:
+def _store_in_half_precision(onnx: Any, model: Any) -> None:
     """Store matrices and kernels in half precision, in place."""
     graph = model.graph
     casts: dict[str, Any] = {}
     for each in graph.initializer:
         array = onnx.numpy_helper.to_array(each)
-        if array.dtype != np.float32 or array.ndim < 2 or array.size < _HALVED_FROM:
+        if array.dtype != np.float32 or array.ndim < 2 or array.size < _HALF_PRECISION_FROM:
             continue
         if float(np.max(np.abs(array))) > float(np.finfo(np.float16).max):
             continue
         each.CopyFrom(onnx.numpy_helper.from_array(array.astype(np.float16), each.name))
         casts[each.name] = onnx.helper.make_node(
-            "Cast", [each.name], [each.name + _WIDE], each.name + _WIDE, to=onnx.TensorProto.FLOAT
+            "Cast", [each.name], [each.name + _FP32], each.name + _FP32, to=onnx.TensorProto.FLOAT
         )
     for node in graph.node:
-        node.input[:] = [name + _WIDE if name in casts else name for name in node.input]
+        node.input[:] = [name + _FP32 if name in casts else name for name in node.input]
     nodes = [*casts.values(), *graph.node]
     del graph.node[:]
     graph.node.extend(nodes)

@@ -1,7 +1,7 @@
-"""The training loop: one for all networks, that can be killed and goes on to the same result, bit for bit.
+"""The training loop: one for all networks. A training that was killed can be resumed and ends in the same weights.
 
-All that is drawn is keyed by seed and epoch, so a checkpoint holds no state of a random generator: an epoch draws the
-same whether the ones before it ran in this process or in another.
+All random numbers are keyed by seed and epoch, so a checkpoint holds no state of a random generator: an epoch is the
+same whether those before it ran in this process or in another one.
 """
 
 import time
@@ -16,26 +16,28 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from ._batches import Batches, feeding
-from ._checkpoint import identity_of, read_checkpoint, write_checkpoint
-from ._epoch import Trainer
-from ._log import Log, progress_line
-from ._machine import Machine, machine_for, reproducible, require_torch
-from ._parts import Part
-from ._recipe import TrainConfig
-from ._samples import Samples
-from ._task import Task
-from ._weights import Weights
+from ._checkpoint import TrainingLog, progress_text, read_checkpoint, run_identity, write_checkpoint
+from ._config import TrainConfig
+from ._data import TrainingSamples, TrainValSplit
+from ._device import Device, choose_device, deterministic, require_torch
+from ._task import Task, Weights
+from ._trainer import BatchLoader, Trainer, batch_loader
 
 __all__ = ["Progress", "TrainResult", "train_network"]
 
 Progress = Callable[[str, float], None]
-"""Called with what is being done and the share of it that is done (0..1)."""
+"""Called with a description of the current work and its finished share (0..1)."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrainResult:
-    """What training left: ``weights`` of the best epoch by name, the log's ``rows``, and ``facts`` as JSON values."""
+    """A trained network.
+
+    Attributes:
+        weights: parameters and buffers of the best epoch, by name.
+        rows: the training log, one row an epoch.
+        facts: how it was trained, as JSON values.
+    """
 
     weights: dict[str, npt.NDArray[Any]]
     rows: list[dict[str, Any]]
@@ -43,139 +45,161 @@ class TrainResult:
 
 
 @dataclass(slots=True)
-class _Standing:
-    """Where a training stands after ``epoch`` epochs."""
+class _State:
+    """The state of the loop after ``epoch`` epochs."""
 
     epoch: int = 0
     best: dict[str, Any] | None = None
     best_epoch: int = 0
     best_error_n: float = float("inf")
     seconds: float = 0.0
-    scale: float = 1.0
-    since: int = 0
-    """Epochs since the rate was last halved or the error was last smaller."""
+    rate_scale: float = 1.0
+    plateau: int = 0
+    """Epochs since the learning rate was halved or the error was last smaller."""
 
 
 def train_network(
     task: Task,
-    samples: Samples,
-    part: Part,
-    recipe: TrainConfig,
+    samples: TrainingSamples,
+    split: TrainValSplit,
+    config: TrainConfig,
     *,
-    start: Weights | None = None,
+    init_from: Weights | None = None,
     folder: Path | None = None,
     resume: bool = False,
     progress: Progress | None = None,
 ) -> TrainResult:
-    """Train the network of ``task`` on ``part.train`` of ``samples`` and keep the epoch that is best on the rest.
+    """Train a network and keep the epoch with the smallest validation error.
 
-    ``start``: weights to begin with instead of drawn ones. ``folder``, which exists: takes a checkpoint after every
-    epoch and the log; with ``resume`` training goes on from the checkpoint there, if there is one, and ends as it would
-    have without the break. Raises InputError where the loss leaves the finite numbers, where ``start`` belongs to
-    another network, or the checkpoint to another training; MissingExtraError without torch.
+    Args:
+        task: the network, its loss and its error.
+        samples: all samples.
+        split: which samples train and which validate.
+        config: optimiser, schedule and budget.
+        init_from: initial weights; None: random ones.
+        folder: an existing folder for the log and a checkpoint after every epoch; None: nothing is written.
+        resume: continue from the checkpoint in ``folder``, if there is one. The result is the same as without the
+            interruption.
+        progress: called during training.
+
+    Raises:
+        InputError: the loss is not finite, or ``init_from`` or the checkpoint belongs to another network or training.
+        MissingExtraError: torch is not installed.
     """
     require_torch()
-    machine = machine_for(recipe)
-    identity = identity_of(task, samples, recipe, machine.precision, start)
+    device = choose_device(config)
+    identity = run_identity(task, samples, config, device.precision, init_from)
     saved = read_checkpoint(folder, identity) if folder is not None and resume else None
-    with reproducible(machine), feeding(task, samples, recipe.seed, machine.workers) as batches:
-        trainer = Trainer(task, recipe, machine, start)
-        now = _Standing()
+    with deterministic(device), batch_loader(task, samples, config.seed, device.workers) as loader:
+        trainer = Trainer(task, config, device, init_from)
+        state = _State()
         if saved is not None:
-            trainer.load(saved["trainer"])
-            now = _Standing(**saved["standing"])
-        log = Log(folder, now.epoch)
-        said = "training"
-        while not (why := _ended(now, recipe)):
-            row = _epoch(trainer, batches, part, recipe, now, partial(progress or _silent, said))
+            trainer.load_state(saved["trainer"])
+            state = _State(**saved["loop"])
+        log = TrainingLog(folder, state.epoch)
+        text = "training"
+        while not (stop_reason := _stop_reason(state, config)):
+            row = _run_epoch(trainer, loader, split, config, state, partial(progress or _no_progress, text))
             log.add(row)
-            said = progress_line(row, recipe)
+            text = progress_text(row, config)
             if folder is not None:
-                standing = {name: getattr(now, name) for name in _Standing.__slots__}
-                write_checkpoint(folder, {"identity": identity, "trainer": trainer.state(), "standing": standing})
-        if now.best is None:
+                loop = {name: getattr(state, name) for name in _State.__slots__}
+                write_checkpoint(folder, {"identity": identity, "trainer": trainer.state(), "loop": loop})
+        if state.best is None:
             raise InputError(
-                f"after {now.epoch} epochs the network still answers without bounds; train longer, or lower the "
-                f"learning rate, for example --set rate={recipe.rate / 10:g}"
+                f"after {state.epoch} epochs the network's outputs are still not finite; train longer, or lower the "
+                f"learning rate, for example rate={config.rate / 10:g}"
             )
-        weights = {name: value.cpu().numpy().copy() for name, value in now.best.items()}
-    return TrainResult(weights, log.rows, _facts(task, samples, part, recipe, machine, trainer, now, why))
+        weights = {name: value.cpu().numpy().copy() for name, value in state.best.items()}
+    return TrainResult(weights, log.rows, _facts(task, samples, split, config, device, trainer, state, stop_reason))
 
 
-def _epoch(
-    trainer: Trainer, batches: Batches, part: Part, recipe: TrainConfig, now: _Standing, report: Callable[[float], None]
+def _run_epoch(
+    trainer: Trainer,
+    loader: BatchLoader,
+    split: TrainValSplit,
+    config: TrainConfig,
+    state: _State,
+    report: Callable[[float], None],
 ) -> dict[str, Any]:
-    """Train one epoch, measure it, and keep it where it is the best; returns its row of the log."""
-    begun, waited, told = time.perf_counter(), batches.waited_s, now.epoch / recipe.epochs
-    scale = now.scale
+    """Train and validate one epoch, keep its weights where it is the best one, and return its row of the log."""
+    start, waited, share_before = time.perf_counter(), loader.waited_s, state.epoch / config.epochs
+    rate_scale = state.rate_scale
 
-    loss, training_error_n = trainer.train(
-        batches, part.train, now.epoch, scale, lambda share: report(told + share / recipe.epochs)
+    loss, training_error_n = trainer.train_epoch(
+        loader, split.train, state.epoch, rate_scale, lambda share: report(share_before + share / config.epochs)
     )
-    trained_s = time.perf_counter() - begun
-    waited_s = batches.waited_s - waited
+    training_s = time.perf_counter() - start
+    waited_s = loader.waited_s - waited
     if not np.isfinite(loss):
         raise InputError(
-            f"training left the finite numbers in epoch {now.epoch + 1} (the loss is {loss:g}); lower the learning "
-            f"rate, for example --set rate={recipe.rate / 10:g}"
+            f"training diverged in epoch {state.epoch + 1} (the loss is {loss:g}); lower the learning rate, for "
+            f"example rate={config.rate / 10:g}"
         )
-    # a network whose batch normalisation has seen little yet may answer without bounds: such an epoch is not the best
-    error_n = trainer.error_n(batches, part.validate)
-    now.epoch += 1
-    now.since += 1
-    if error_n < now.best_error_n:
-        now.best, now.best_epoch, now.best_error_n, now.since = trainer.kept(), now.epoch, error_n, 0
-    elif recipe.schedule == "plateau" and now.since >= recipe.plateau_epochs:
-        now.scale, now.since = now.scale / 2, 0
-    now.seconds += time.perf_counter() - begun
+    # not finite where batch normalisation has seen too little so far: such an epoch is not the best
+    error_n = trainer.validation_error_n(loader, split.val)
+    state.epoch += 1
+    state.plateau += 1
+    if error_n < state.best_error_n:
+        state.best, state.best_epoch = trainer.best_weights(), state.epoch
+        state.best_error_n, state.plateau = error_n, 0
+    elif config.schedule == "plateau" and state.plateau >= config.plateau_epochs:
+        state.rate_scale, state.plateau = state.rate_scale / 2, 0
+    state.seconds += time.perf_counter() - start
     return {
-        "epoch": now.epoch,
+        "epoch": state.epoch,
         "loss": loss,
         "training_error_n": training_error_n,
         "validation_error_n": error_n if np.isfinite(error_n) else None,
-        "rate_scale": scale,
-        "pictures_per_s": len(part.train) / trained_s,
-        "waiting_share": waited_s / trained_s,
-        "seconds": now.seconds,
+        "rate_scale": rate_scale,
+        "images_per_s": len(split.train) / training_s,
+        "waiting_share": waited_s / training_s,
+        "seconds": state.seconds,
     }
 
 
-def _ended(now: _Standing, recipe: TrainConfig) -> str:
-    """Why training is over; nothing while it is not."""
-    if now.epoch >= recipe.epochs:
+def _stop_reason(state: _State, config: TrainConfig) -> str:
+    """Returns why training ends now; empty while it goes on."""
+    if state.epoch >= config.epochs:
         return "all epochs were run"
-    if recipe.patience is not None and now.epoch - now.best_epoch >= recipe.patience:
-        return f"{recipe.patience} epochs brought no smaller error"
-    if recipe.minutes is not None and now.seconds >= 60 * recipe.minutes:
-        return f"{recipe.minutes:g} minutes were up"
+    if config.patience is not None and state.epoch - state.best_epoch >= config.patience:
+        return f"{config.patience} epochs brought no smaller error"
+    if config.minutes is not None and state.seconds >= 60 * config.minutes:
+        return f"{config.minutes:g} minutes were up"
     return ""
 
 
 def _facts(
-    task: Task, samples: Samples, part: Part, recipe: TrainConfig, machine: Machine, trainer: Trainer, now: _Standing,
-    why: str,
-) -> dict[str, Any]:  # fmt: skip
-    """The budget that was used and what came of it."""
+    task: Task,
+    samples: TrainingSamples,
+    split: TrainValSplit,
+    config: TrainConfig,
+    device: Device,
+    trainer: Trainer,
+    state: _State,
+    stop_reason: str,
+) -> dict[str, Any]:
+    """Returns how the network was trained, for its model folder."""
     return {
         "network": task.name,
         "parameters": sum(value.numel() for value in trainer.network.parameters()),
-        "training_samples": len(part.train),
-        "validation_samples": len(part.validate),
-        "validation": f"{len(set(samples.session[part.validate].tolist()))} whole sessions"
-        if part.sessions
+        "training_samples": len(split.train),
+        "validation_samples": len(split.val),
+        "validation": f"{len(set(samples.session[split.val].tolist()))} whole sessions"
+        if split.by_session
         else "samples drawn at random",
-        "validation_error_n": now.best_error_n,
-        "epochs_wanted": recipe.epochs,
-        "epochs_run": now.epoch,
-        "best_epoch": now.best_epoch,
-        "ended": why,
-        "seconds": now.seconds,
-        "machine": machine.text,
-        "precision": machine.precision,
+        "validation_error_n": state.best_error_n,
+        "max_epochs": config.epochs,
+        "epochs_run": state.epoch,
+        "best_epoch": state.best_epoch,
+        "stop_reason": stop_reason,
+        "seconds": state.seconds,
+        "device": device.text,
+        "precision": device.precision,
         "torch": version("torch"),
-        "new_weights": trainer.fresh,
+        "reinitialised_weights": trainer.reinitialised,
     }
 
 
-def _silent(what: str, share: float) -> None:
+def _no_progress(what: str, share: float) -> None:
     del what, share

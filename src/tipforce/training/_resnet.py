@@ -1,4 +1,4 @@
-"""Method 2 of the thesis: ResNet-18 from the whole picture to the force (ch. 4, fig. 29)."""
+"""Method 2 of the thesis: ResNet-18 from the whole image to the force (thesis ch. 4, fig. 29)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,29 +7,34 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..types import IntArray
-from ._losses import component_rms
-from ._samples import Samples
+from ._data import TrainingSamples
 from ._task import Batch
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-__all__ = ["RESNET_OUTPUTS", "ResnetTask"]
+__all__ = ["RESNET_OUTPUTS", "ResnetTask", "component_rms"]
 
 RESNET_OUTPUTS = ("force_n", "pooled")
-"""What the network returns: (n, outputs) newtons, and the (n, `FEATURES`) that they were made of."""
+"""Outputs of the network: force (n, outputs) in newtons, and the pooled features (n, `FEATURES`) it is made of."""
 
 FEATURES = 512
-"""What the last block of ResNet-18 leaves after pooling."""
+"""Channels of the last block of ResNet-18."""
+
+_SMALLEST_N2 = 1e-12
+"""Keeps the gradient of the root finite where the error is 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class ResnetTask:
-    """``outputs`` force components (thesis: 2) from a picture, and from actuation values where there are any.
+    """Force components from a colour image, and optionally from actuation values.
 
-    The network takes ``picture`` (n, h, w, 3) bytes and makes them 0..1 itself. ``actuation``: mean and deviation of
-    each actuation value; these (n, k), less the mean and over the deviation, are joined to the pooled features before
-    the one dense layer (eq. 18).
+    The network takes ``image`` (n, h, w, 3) uint8 and scales it to 0..1 itself. Standardised actuation values (n, k)
+    are joined to the pooled features before the dense layer (thesis eq. 18).
+
+    Attributes:
+        outputs: number of force components (thesis: 2).
+        actuation: mean and standard deviation of each actuation value.
     """
 
     outputs: int
@@ -37,27 +42,27 @@ class ResnetTask:
 
     @property
     def name(self) -> str:
-        """What a checkpoint is recognised by."""
+        """See `Task`."""
         return f"ResNet-18, {self.outputs} outputs, {len(self.actuation)} actuation values"
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the network's arguments."""
-        return ("picture", "actuation") if self.actuation else ("picture",)
+        """See `Task`."""
+        return ("image", "actuation") if self.actuation else ("image",)
 
     @property
     def head(self) -> tuple[str, ...]:
-        """The dense layer, and the scaling of what is joined to its input."""
+        """The dense layer, and the standardisation of the actuation."""
         return ("dense.", "actuation_")
 
     def build(self) -> "nn.Module":
-        """Stem of 64 filters 7 x 7 and a 3 x 3 maximum, four blocks to 512 filters, mean over the picture, dense."""
+        """Returns the network: 64 filters 7 x 7, max pooling 3 x 3, four stages to 512 filters, mean pooling, dense."""
         import torch
         from monai.networks.nets import resnet18  # pyright: ignore[reportPrivateImportUsage]
         from torch import Tensor, nn
 
         class Resnet(nn.Module):
-            """Bytes in, newtons out."""
+            """uint8 image to force in newtons."""
 
             actuation_mean: Tensor
             actuation_deviation: Tensor
@@ -74,26 +79,31 @@ class ResnetTask:
                     self.register_buffer("actuation_mean", torch.tensor([mean for mean, _ in actuation]))
                     self.register_buffer("actuation_deviation", torch.tensor([spread for _, spread in actuation]))
 
-            def forward(self, picture: Tensor, actuation: Tensor | None = None) -> tuple[Tensor, Tensor]:
-                pooled: Tensor = self.body(picture.permute(0, 3, 1, 2).float() / 255.0)
-                known = pooled
+            def forward(self, image: Tensor, actuation: Tensor | None = None) -> tuple[Tensor, Tensor]:
+                pooled: Tensor = self.body(image.permute(0, 3, 1, 2).float() / 255.0)
+                features = pooled
                 if actuation is not None:
                     scaled = (actuation - self.actuation_mean) / self.actuation_deviation
-                    known = torch.cat([pooled, scaled.to(pooled.dtype)], dim=1)
-                return self.dense(known), pooled
+                    features = torch.cat([pooled, scaled.to(pooled.dtype)], dim=1)
+                return self.dense(features), pooled
 
         return Resnet(self.outputs, self.actuation)
 
-    def batch(self, samples: Samples, index: IntArray, draws: Sequence[np.random.Generator] | None) -> Batch:
-        """Pictures, labels and actuation as they are: the thesis alters nothing."""
-        del draws
-        taken: Batch = {"picture": samples.pictures[index], "force_n": samples.force_n[index]}
+    def batch(self, samples: TrainingSamples, index: IntArray, rngs: Sequence[np.random.Generator] | None) -> Batch:
+        """Returns images, labels and actuation without augmentation: the thesis has none."""
+        del rngs
+        taken: Batch = {"image": samples.images[index], "force_n": samples.force_n[index]}
         return taken | {name: values[index] for name, values in samples.inputs.items()}
 
     def loss(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
-        """Thesis eq. (19) of each sample, and of the batch their mean."""
+        """Returns the mean over the batch of thesis eq. (19)."""
         return component_rms(outputs[0], batch["force_n"]).mean()
 
     def error_n(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
-        """(b,): thesis eq. (19), which also is what the thesis judges by."""
+        """Returns (b,) thesis eq. (19), by which the thesis judges, too."""
         return component_rms(outputs[0], batch["force_n"])
+
+
+def component_rms(predicted: "Tensor", target: "Tensor") -> "Tensor":
+    """Returns (b,) thesis eq. (19): the root mean square over the components of ``predicted - target``, (b, t) each."""
+    return ((predicted - target) ** 2).mean(dim=1).add(_SMALLEST_N2).sqrt()

@@ -1,4 +1,4 @@
-"""What the loop must be told of a network: how it is built, fed and judged."""
+"""The interface between the training loop and a network: how it is built, fed and evaluated, and its weights."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
@@ -6,51 +6,109 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import InputError
 from ..types import IntArray
-from ._samples import Samples
+from ._data import TrainingSamples
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-__all__ = ["Batch", "Task"]
+__all__ = ["Batch", "Task", "Weights", "load_weights", "network_from_weights", "network_weights"]
 
 Batch = dict[str, npt.NDArray[Any]]
-"""Arrays of one batch by name, (b, ...) each: what the network is given, and what it is judged by."""
+"""Arrays of one batch by name, (b, ...) each: the inputs of the network and its labels."""
+
+Weights = Mapping[str, npt.NDArray[Any]]
+"""Parameters and buffers by name."""
+
+_COUNTER = "num_batches_tracked"
+"""A counter of batch normalisation that is not needed."""
 
 
 class Task(Protocol):
-    """A network to train. The loop is the same for all of them.
-
-    ``name``: what a checkpoint is recognised by; ``inputs``: which arrays of a batch the network takes, by the names
-    of its arguments; ``head``: how the names of the parameters begin that may be new where training starts from
-    weights made for other outputs.
-    """
+    """A network to train. The training loop is the same for all of them."""
 
     @property
-    def name(self) -> str: ...
-
-    @property
-    def inputs(self) -> tuple[str, ...]: ...
-
-    @property
-    def head(self) -> tuple[str, ...]: ...
-
-    def build(self) -> "nn.Module":
-        """The network with its first weights, drawn from torch's generator."""
+    def name(self) -> str:
+        """Identifies the architecture: a checkpoint belongs to the task of the same name."""
         ...
 
-    def batch(self, samples: Samples, index: IntArray, draws: Sequence[np.random.Generator] | None) -> Batch:
-        """The samples at ``index`` (b,). Called in background threads.
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the network's arguments, each an array of a batch."""
+        ...
 
-        ``draws``: a generator a sample, keyed by seed, epoch and sample, for what is altered at random in training;
-        None where the network is measured and nothing may be altered.
+    @property
+    def head(self) -> tuple[str, ...]:
+        """Prefixes of the parameters that may be re-initialised where fine-tuning changes the inputs or outputs."""
+        ...
+
+    def build(self) -> "nn.Module":
+        """Returns the network with initial weights from torch's generator."""
+        ...
+
+    def batch(self, samples: TrainingSamples, index: IntArray, rngs: Sequence[np.random.Generator] | None) -> Batch:
+        """Returns the samples at ``index`` (b,). Called in background threads.
+
+        Args:
+            samples: all samples.
+            index: (b,) which of them.
+            rngs: one generator a sample, keyed by seed, epoch and sample, for data augmentation; None for validation,
+                where nothing is augmented.
         """
         ...
 
     def loss(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
-        """What training makes small: a scalar, from what the network returned and the batch, both in fp32."""
+        """Returns the scalar training loss of the network's outputs and the batch, both in fp32."""
         ...
 
     def error_n(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
-        """(b,) newtons: how wrong each sample's force is. Its mean over the validation part chooses the epoch."""
+        """Returns (b,) force errors in newtons. Their mean over the validation split chooses the best epoch."""
         ...
+
+
+def network_weights(network: "nn.Module") -> dict[str, npt.NDArray[Any]]:
+    """Returns copies of all parameters and buffers of ``network``."""
+    return {name: value.detach().cpu().numpy().copy() for name, value in network.state_dict().items()}
+
+
+def network_from_weights(task: Task, weights: Weights) -> "nn.Module":
+    """Returns the network of ``task`` with exactly ``weights``, on the CPU, in eval mode."""
+    network = task.build()
+    reinitialised = load_weights(network, weights, ())
+    assert not reinitialised
+    return network.eval()
+
+
+def load_weights(network: "nn.Module", weights: Weights, head: tuple[str, ...]) -> list[str]:
+    """Copy ``weights`` into ``network``.
+
+    Args:
+        network: changed in place.
+        weights: of the same architecture.
+        head: prefixes of the parameters that may differ in shape; those keep their initial values.
+
+    Returns:
+        The names of the parameters that kept their initial values.
+
+    Raises:
+        InputError: the weights belong to another network.
+    """
+    import torch
+
+    new = network.state_dict()
+    reinitialised: list[str] = []
+    for name, value in new.items():
+        given = weights.get(name)
+        if given is not None and tuple(given.shape) == tuple(value.shape):
+            new[name] = torch.from_numpy(np.array(given)).to(value.dtype)
+        elif name.startswith(head) if head else False:
+            reinitialised.append(name)
+        elif not name.endswith(_COUNTER):
+            got = "none of that name" if given is None else f"the shape {tuple(given.shape)}"
+            raise InputError(
+                f"the initial weights belong to another network: {name} has the shape {tuple(value.shape)} here, they "
+                f"have {got}; start from a model of the same method"
+            )
+    network.load_state_dict(new)
+    return reinitialised

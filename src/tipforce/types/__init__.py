@@ -7,48 +7,69 @@ Force = what the tissue does to the tip, in the base frame.
 
 from ._arrays import BoolArray, FloatArray, Image, IntArray, frozen
 from ._axes import ADVANCE, KNOB, STAGE_ACROSS, STAGE_FORWARD, AxisLimits, Commanded, refuse_unknown
-from ._device import BASE_SIDE, BASE_SIDES, CATHETER_FACTS, KNOB_GAIN, Catheter, Context
+from ._bench_file import bench_text, info_from_facts, read_bench
 from ._estimate import ForceEstimate, Status
 from ._seams import Actuators, Clock, SimulatedClock, Source, SystemClock
+from ._session import (
+    BASE_SIDES,
+    ActuationInfo,
+    BaseSide,
+    Box,
+    Catheter,
+    ForceLogInfo,
+    Reads,
+    SensorInfo,
+    SessionInfo,
+    ViewInfo,
+    merged_values,
+)
 from ._shape import BasePose, CentrelineM, CentrelinePx
 from ._streams import JOINTS, STAGE, Actuation, Event, Frame, Observation, ShapeFeatures, View, Wrench
 
 __all__ = [
     "ADVANCE",
-    "BASE_SIDE",
     "BASE_SIDES",
-    "CATHETER_FACTS",
     "JOINTS",
     "KNOB",
-    "KNOB_GAIN",
     "STAGE",
     "STAGE_ACROSS",
     "STAGE_FORWARD",
     "Actuation",
+    "ActuationInfo",
     "Actuators",
     "AxisLimits",
     "BasePose",
+    "BaseSide",
     "BoolArray",
+    "Box",
     "Catheter",
     "CentrelineM",
     "CentrelinePx",
     "Clock",
     "Commanded",
-    "Context",
     "Event",
     "FloatArray",
     "ForceEstimate",
+    "ForceLogInfo",
     "Frame",
     "Image",
     "IntArray",
     "Observation",
+    "Reads",
+    "SensorInfo",
+    "SessionInfo",
     "ShapeFeatures",
     "SimulatedClock",
     "Source",
     "Status",
     "SystemClock",
     "View",
+    "ViewInfo",
     "Wrench",
+    "bench_text",
     "frozen",
+    "info_from_facts",
+    "merged_values",
+    "read_bench",
     "refuse_unknown",
 ]

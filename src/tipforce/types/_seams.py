@@ -6,7 +6,7 @@ from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
 from ._axes import AxisLimits, Commanded
-from ._device import Context
+from ._session import SessionInfo
 from ._streams import Actuation, Event
 
 __all__ = ["Actuators", "Clock", "SimulatedClock", "Source", "SystemClock"]
@@ -17,7 +17,7 @@ class Source(Protocol):
     """Yields events: a camera, a video, a folder of images, a recording, the twin. A context manager."""
 
     @property
-    def context(self) -> Context:
+    def session_info(self) -> SessionInfo:
         """What is publicly known of this session."""
         ...
 

@@ -1,42 +1,43 @@
-"""Seeing the catheter: frame -> mask -> ordered centreline -> base frame -> coefficients."""
+"""Detection of the catheter: image -> ordered centreline -> base frame -> shape features."""
 
-from ._classic import ClassicChain, ClassicSteps
-from ._draw import contact_sheet, draw_estimate, draw_sighting, shaft_mask
+from ._auto_calibrate import auto_calibrate, is_resolved
+from ._classic import ClassicDetector, ClassicSteps
+from ._detected_shape import DetectedShape
+from ._detector import ShapeDetector
+from ._draw import contact_sheet, draw_estimate, draw_shape, shaft_mask
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
-from ._figures import figure_17, figure_18
-from ._fine import FineTracer
-from ._inspect import Inspection, Reasons, Tally, inspect_picture
-from ._nominal import in_session
-from ._see import Vision
+from ._inspect import Inspection, InspectSettings, Reasons, Tally, inspect_image
+from ._session_size import for_session
 from ._settings import BaseSide, Polarity, VisionSettings
-from ._settle import is_settled, settle
-from ._sighting import Sighting
+from ._thesis_figures import figure_17, figure_18
+from .tracer import Tracer
 
 __all__ = [
     "BaseSide",
-    "ClassicChain",
+    "ClassicDetector",
     "ClassicSteps",
-    "FineTracer",
+    "DetectedShape",
+    "InspectSettings",
     "Inspection",
     "NoFeatures",
     "Polarity",
     "Reasons",
+    "ShapeDetector",
     "ShapeFeatureSettings",
-    "Sighting",
     "Tally",
-    "Vision",
+    "Tracer",
     "VisionSettings",
+    "auto_calibrate",
     "contact_sheet",
     "draw_estimate",
-    "draw_sighting",
+    "draw_shape",
     "feature_names",
     "figure_17",
     "figure_18",
     "fitted_curve",
-    "in_session",
-    "inspect_picture",
-    "is_settled",
-    "settle",
+    "for_session",
+    "inspect_image",
+    "is_resolved",
     "shaft_mask",
     "shape_features",
 ]

@@ -1,4 +1,4 @@
-"""A picture that is drawn on in the coordinates of the original, with letters that stay legible at any size."""
+"""An image to draw on in the coordinates of the original, with letters that are legible at any size."""
 
 import math
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ WHITE: Colour = (255, 255, 255)
 BLACK: Colour = (0, 0, 0)
 ALARM: Colour = (190, 25, 25)
 SMALLEST = 448
-"""Pictures that are narrower are enlarged by a whole factor, so that lines and letters stay legible."""
+"""Images that are narrower are enlarged by a whole factor, so that lines and letters stay legible."""
 SHIFT = 4
 """Bits of sub-pixel position that OpenCV is given."""
 FONT = cv2.FONT_HERSHEY_SIMPLEX
@@ -27,25 +27,25 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 @dataclass(frozen=True, slots=True)
 class Canvas:
-    """A picture being drawn on, in the coordinates of the original."""
+    """An image being drawn on, in the coordinates of the original."""
 
-    picture: Image
+    image: Image
     zoom: int
 
     @classmethod
     def over(cls, image: Image, mask: BoolArray | None) -> "Canvas":
-        picture = rgb(image)
+        image = rgb(image)
         if mask is not None and mask.any():
-            picture = picture.copy()
-            picture[mask] = (0.55 * picture[mask] + 0.45 * np.array(TINT)).astype(np.uint8)
-        zoom = max(1, math.ceil(SMALLEST / picture.shape[1]))
-        big = np.repeat(np.repeat(picture, zoom, axis=0), zoom, axis=1) if zoom > 1 else picture.copy()
+            image = image.copy()
+            image[mask] = (0.55 * image[mask] + 0.45 * np.array(TINT)).astype(np.uint8)
+        zoom = max(1, math.ceil(SMALLEST / image.shape[1]))
+        big = np.repeat(np.repeat(image, zoom, axis=0), zoom, axis=1) if zoom > 1 else image.copy()
         return cls(np.ascontiguousarray(big), zoom)
 
     @property
     def unit(self) -> float:
-        """Pixels of a line of width 1 on a picture 640 px wide."""
-        return max(0.8, max(self.picture.shape[:2]) / 640.0)
+        """Pixels of a line of width 1 on a image 640 px wide."""
+        return max(0.8, max(self.image.shape[:2]) / 640.0)
 
     def _at(self, points: FloatArray) -> FloatArray:
         return (np.atleast_2d(points) + 0.5) * self.zoom - 0.5
@@ -60,7 +60,7 @@ class Canvas:
             dash = 7.0 * self.unit
             ends = np.arange(0.0, along[-1], 2.0 * dash)[:, None] + np.linspace(0.0, dash, 4)
             pieces = [fixed(np.column_stack([np.interp(e, along, at[:, k]) for k in range(2)])) for e in ends]
-        cv2.polylines(self.picture, pieces, False, colour, thick, cv2.LINE_AA, SHIFT)
+        cv2.polylines(self.image, pieces, False, colour, thick, cv2.LINE_AA, SHIFT)
 
     def arrow(self, tail: FloatArray, head: FloatArray, colour: Colour, width: float) -> None:
         """From ``tail`` to ``head``, outlined in black; nothing where they are the same."""
@@ -78,24 +78,24 @@ class Canvas:
         shaft = np.stack([ends[0], ends[1] - 0.8 * size * along])
         for paint, more in ((BLACK, 2.0), (colour, 0.0)):
             thick = max(1, round((width + more) * self.unit))
-            cv2.polylines(self.picture, [fixed(shaft)], False, paint, thick, cv2.LINE_AA, SHIFT)
+            cv2.polylines(self.image, [fixed(shaft)], False, paint, thick, cv2.LINE_AA, SHIFT)
             if more:
-                cv2.polylines(self.picture, [fixed(triangle)], True, paint, max(1, round(more)), cv2.LINE_AA, SHIFT)
-        cv2.fillConvexPoly(self.picture, fixed(triangle), colour, cv2.LINE_AA, SHIFT)
+                cv2.polylines(self.image, [fixed(triangle)], True, paint, max(1, round(more)), cv2.LINE_AA, SHIFT)
+        cv2.fillConvexPoly(self.image, fixed(triangle), colour, cv2.LINE_AA, SHIFT)
 
     def dot(self, point: FloatArray, colour: Colour, radius: float) -> None:
         """A disc with a black rim."""
         centre = fixed(self._at(point))[0]
         for paint, more in ((BLACK, 1.5), (colour, 0.0)):
             reach = round((radius + more) * self.unit * (1 << SHIFT))
-            cv2.circle(self.picture, (int(centre[0]), int(centre[1])), reach, paint, -1, cv2.LINE_AA, SHIFT)
+            cv2.circle(self.image, (int(centre[0]), int(centre[1])), reach, paint, -1, cv2.LINE_AA, SHIFT)
 
     def label(self, text: str, head: FloatArray, along: FloatArray, colour: Colour) -> None:
-        """A word just beyond the ``head`` of an arrow that runs ``along`` (unit vector), kept inside the picture."""
+        """A word just beyond the ``head`` of an arrow that runs ``along`` (unit vector), kept inside the image."""
         (width, height), _ = cv2.getTextSize(text, FONT, self.font, 1)
         u, v = self._at(head)[0] + (6.0 * self.unit + 0.5 * np.hypot(width, height)) * along
-        u = min(max(u - 0.5 * width, 3.0), self.picture.shape[1] - width - 3.0)
-        v = min(max(v + 0.5 * height, height + 3.0), self.picture.shape[0] - 8.0)
+        u = min(max(u - 0.5 * width, 3.0), self.image.shape[1] - width - 3.0)
+        v = min(max(v + 0.5 * height, height + 3.0), self.image.shape[0] - 8.0)
         self._put(text, (round(u), round(v)), colour, self.font)
 
     def banner(self, title: str, detail: str) -> None:
@@ -103,7 +103,7 @@ class Canvas:
         big, small = 1.25 * self.font, self.font
         rows = [(title, big)] + [(line, small) for line in self._broken(detail, small)]
         heights = [round(38 * size) for _, size in rows]
-        bottom = min(self.picture.shape[0], sum(heights) + round(14 * small))
+        bottom = min(self.image.shape[0], sum(heights) + round(14 * small))
         self._shade(0, bottom, ALARM, 0.88)
         at = round(4 * small)
         for (text, size), height in zip(rows, heights, strict=True):
@@ -114,11 +114,11 @@ class Canvas:
         """A dark bar along the bottom with rows of coloured words."""
         sizes = [self.font * (1.5 if big_first and k == 0 else 1.0) for k in range(len(rows))]
         widths = [sum(_width(text, size) + 26 * size for text, _ in row) for row, size in zip(rows, sizes, strict=True)]
-        fit = min(1.0, *((self.picture.shape[1] - 16 * self.font) / width for width in widths))
+        fit = min(1.0, *((self.image.shape[1] - 16 * self.font) / width for width in widths))
         sizes = [fit * size for size in sizes]
         heights = [round(36 * size) for size in sizes]
-        top = max(0, self.picture.shape[0] - sum(heights) - round(10 * self.font))
-        self._shade(top, self.picture.shape[0], BLACK, 0.6)
+        top = max(0, self.image.shape[0] - sum(heights) - round(10 * self.font))
+        self._shade(top, self.image.shape[0], BLACK, 0.6)
         at = top
         for row, size, height in zip(rows, sizes, heights, strict=True):
             at += height
@@ -130,7 +130,7 @@ class Canvas:
     @property
     def font(self) -> float:
         """OpenCV's scale of the letters."""
-        return 0.55 * max(0.75, self.picture.shape[1] / 640.0)
+        return 0.55 * max(0.75, self.image.shape[1] / 640.0)
 
     def _thick(self, size: float) -> int:
         return max(1, round(2.0 * size))
@@ -138,15 +138,15 @@ class Canvas:
     def _put(self, text: str, at: tuple[int, int], colour: Colour, size: float, outlined: bool = True) -> None:
         thick = self._thick(size)
         if outlined:
-            cv2.putText(self.picture, plain(text), at, FONT, size, BLACK, thick + 2, cv2.LINE_AA)
-        cv2.putText(self.picture, plain(text), at, FONT, size, colour, thick, cv2.LINE_AA)
+            cv2.putText(self.image, plain(text), at, FONT, size, BLACK, thick + 2, cv2.LINE_AA)
+        cv2.putText(self.image, plain(text), at, FONT, size, colour, thick, cv2.LINE_AA)
 
     def _shade(self, top: int, bottom: int, colour: Colour, share: float) -> None:
-        part = self.picture[top:bottom]
+        part = self.image[top:bottom]
         part[:] = ((1.0 - share) * part + share * np.array(colour)).astype(np.uint8)
 
     def _broken(self, text: str, size: float) -> list[str]:
-        room = self.picture.shape[1] - round(32 * size)
+        room = self.image.shape[1] - round(32 * size)
         lines: list[str] = []
         for word in plain(text).split():
             longer = f"{lines[-1]} {word}" if lines else word
@@ -167,7 +167,7 @@ def fixed(points: FloatArray) -> Any:
 
 
 def rgb(image: Image) -> Image:
-    """(h, w, 3) of a grey or RGB picture."""
+    """(h, w, 3) of a grey or RGB image."""
     return np.repeat(image[:, :, None], 3, axis=2) if image.ndim == 2 else image
 
 

@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from ..geometry import fit_polynomial
 from ..types import BasePose, BoolArray, CentrelinePx, FloatArray, Image, IntArray, Status
+from ._detected_shape import DetectedShape
 from ._settings import VisionSettings
-from ._sighting import Sighting
 
-__all__ = ["ClassicChain", "ClassicSteps", "grey_of", "resampled"]
+__all__ = ["ClassicDetector", "ClassicSteps", "grey_of", "resampled"]
 
 DEGREE = 4
 """Of the polynomial, thesis eq. (2)."""
@@ -24,12 +24,12 @@ ground that was cut in two by its own noise fills half of its band."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClassicSteps:
-    """What thesis algorithm 1 had in hand after each of its lines; None for the lines that were not reached.
+    """The intermediate results of thesis algorithm 1, by its lines; None for the lines that were not reached.
 
     ``grey`` (h, w): line 4. ``threshold`` c and ``binary`` (h, w), True = catheter: line 5. ``base_px`` (m, 2), BS, and
     ``line_px`` (2, 2), two points of the line L: lines 6 to 9. ``base``: O and [R, T], lines 10 to 12. ``single_px``
     (k, 2): the single-pixel line, line 13, base side first; ``single_local`` (k, 2): the same in the base frame,
-    line 14. ``coefficients`` (5,): lines 15 and 16. Points are (u, v) of the whole picture.
+    line 14. ``coefficients`` (5,): lines 15 and 16. Points are (u, v) of the whole image.
     """
 
     status: Status
@@ -48,34 +48,37 @@ class ClassicSteps:
 
 
 class _Stop(Exception):
-    """The chain cannot go on: no error, an answer."""
+    """The algorithm ends early: a result, not an error."""
 
     def __init__(self, status: Status, detail: str) -> None:
         super().__init__(detail)
         self.status, self.detail = status, detail
 
 
-class ClassicChain:
-    """The chain of the thesis with one set of settings; `see` gives its result, `steps` everything on the way.
+class ClassicDetector:
+    """Thesis algorithm 1: `detect` returns its result, `steps` all intermediate results.
 
     Where the thesis is silent: without a fixed threshold Otsu's is taken; the single-pixel line is the mean row of each
-    column of catheter pixels; the line L is the least-squares line of row on column. The thesis's picture has the base
-    on the left: for other sides the picture is turned in thought, for a light catheter the threshold is turned round.
-    "auto" means the thesis's left side, and the polarity with the fewer pixels.
+    column of catheter pixels; the line L is the least-squares line of row on column. The image of the thesis has the
+    base on the left: for other sides the image is rotated, for a light catheter the threshold is inverted. "auto" means
+    the left side, and the polarity with fewer pixels.
     """
 
     def __init__(self, settings: VisionSettings) -> None:
         self.settings = settings
 
-    def see(self, image: Image) -> Sighting:
-        """The catheter in ``image``, (h, w) grey or (h, w, 3) RGB. The centreline runs from O to the last column."""
+    def detect(self, image: Image) -> DetectedShape:
+        """Returns the catheter in ``image``, (h, w) grey or (h, w, 3) RGB.
+
+        The centreline goes from O to the last column.
+        """
         steps = self.steps(image)
         if steps.status is not Status.VALID or steps.base is None or steps.single_px is None:
-            return Sighting(steps.status, steps.detail)
+            return DetectedShape(steps.status, steps.detail)
         local = steps.base.to_base(steps.single_px)
         from_base = np.vstack([np.zeros((1, 2)), local[local[:, 0] > 0.0]])
         centreline = resampled(steps.base.to_image(from_base), self.settings.points)
-        return Sighting(
+        return DetectedShape(
             status=Status.VALID,
             centreline=CentrelinePx(centreline),
             base=steps.base,
@@ -85,7 +88,7 @@ class ClassicChain:
         )
 
     def steps(self, image: Image) -> ClassicSteps:
-        """Every intermediate result of thesis algorithm 1 for one picture; what thesis fig. 17 and 18 show."""
+        """Returns every intermediate result for one image; what thesis fig. 17 and 18 show."""
         grey = grey_of(image)
         threshold, binary = self._threshold(grey)
         found: dict[str, Any] = {}
@@ -122,7 +125,7 @@ class ClassicChain:
             inside = turn.view(_within(settings.base_region, binary))
             columns = np.flatnonzero(inside.any(axis=0))
             if not len(columns):
-                raise _Stop(Status.NO_CATHETER, f"the base region {settings.base_region} lies outside the picture")
+                raise _Stop(Status.NO_CATHETER, f"the base region {settings.base_region} lies outside the image")
             first, last = int(columns[0]), int(columns[-1]) + 1
             where = f"the base region {settings.base_region}"
 
@@ -182,7 +185,7 @@ class ClassicChain:
 
     @staticmethod
     def _refuse_folds(body: BoolArray, first: int, turn: "_Turn", height: float) -> None:
-        """Two runs of catheter pixels one above the other: their mean row lies on neither."""
+        """Stops for two runs of catheter pixels in one column: their mean row lies on neither."""
         half = max(2, round(0.5 * height))
         # Opening and closing by half a shaft: specks and highlights are not the second run that is looked for.
         kernel = np.ones((half, 1), dtype=np.uint8)
@@ -194,12 +197,12 @@ class ClassicChain:
             raise _Stop(
                 Status.NOT_A_FUNCTION,
                 f"{turn.lines} {double[0] + first} to {double[-1] + first} from the base side hold two separate pieces "
-                "of catheter: the shape bends past 90 degrees, or something else is in the picture",
+                "of catheter: the shape bends past 90 degrees, or something else is in the image",
             )
 
 
 class _Turn:
-    """Turns a picture in thought so that the base lies on the left, and points back again."""
+    """Rotates an image so that the base lies on the left, and points back again."""
 
     def __init__(self, side: str, box: tuple[slice, slice]) -> None:
         self.upright = side in ("top", "bottom")
@@ -207,14 +210,14 @@ class _Turn:
         self.box = box
         self.lines = "rows" if self.upright else "columns"
 
-    def view(self, picture: BoolArray) -> BoolArray:
-        """``picture`` within the box, base on the left."""
-        part = picture[self.box]
+    def view(self, image: BoolArray) -> BoolArray:
+        """Returns ``image`` within the box, base on the left."""
+        part = image[self.box]
         part = part.T if self.upright else part
         return np.ascontiguousarray(part[:, ::-1] if self.mirrored else part)
 
     def to_image(self, columns: FloatArray | IntArray, rows: FloatArray | IntArray) -> FloatArray:
-        """(n, 2) image points (u, v) of columns and rows of `view`."""
+        """Returns (n, 2) image points (u, v) of columns and rows of `view`."""
         v, u = self.box
         along = np.asarray(columns, dtype=np.float64)
         across = np.asarray(rows, dtype=np.float64)
@@ -225,17 +228,17 @@ class _Turn:
 
 
 def _refuse_cut(body: BoolArray, diameter: float, turn: _Turn) -> None:
-    """A shaft that touches a border other than the base's leaves the picture: its tip is not seen."""
+    """Stops for a shaft that touches another border than that of the base: it leaves the image."""
     names = {"far": body[:, -1], "first": body[0, 1:], "last": body[-1, 1:]}
     for border, pixels in names.items():
         if np.count_nonzero(pixels) >= max(2.0, 0.5 * diameter):
             across = "columns" if turn.upright else "rows"
             which = "at the border opposite its base" if border == "far" else f"through the {border} of the {across}"
-            raise _Stop(Status.CUT_OFF, f"the catheter leaves what is looked at {which}: its tip is not seen")
+            raise _Stop(Status.CUT_OFF, f"the catheter leaves the searched region {which}: its tip is not seen")
 
 
 def grey_of(image: Image) -> Image:
-    """(h, w) of an RGB or grey picture: thesis algorithm 1, line 4."""
+    """Returns (h, w) of an RGB or grey image: thesis algorithm 1, line 4."""
     return (
         np.ascontiguousarray(image)
         if image.ndim == 2
@@ -243,22 +246,22 @@ def grey_of(image: Image) -> Image:
     )
 
 
-def _box(roi: tuple[int, int, int, int] | None, picture: npt.NDArray[Any]) -> tuple[slice, slice]:
-    height, width = picture.shape
+def _box(roi: tuple[int, int, int, int] | None, image: npt.NDArray[Any]) -> tuple[slice, slice]:
+    height, width = image.shape
     u0, v0, u1, v1 = roi or (0, 0, width, height)
     u0, v0 = min(max(0, u0), width - 1), min(max(0, v0), height - 1)
     return slice(v0, max(v0 + 1, min(height, v1))), slice(u0, max(u0 + 1, min(width, u1)))
 
 
-def _within(box: tuple[int, int, int, int], picture: BoolArray) -> BoolArray:
-    inside = np.zeros(picture.shape, dtype=np.bool_)
+def _within(box: tuple[int, int, int, int], image: BoolArray) -> BoolArray:
+    inside = np.zeros(image.shape, dtype=np.bool_)
     u0, v0, u1, v1 = box
     inside[max(0, v0) : max(0, v1), max(0, u0) : max(0, u1)] = True
     return inside
 
 
 def resampled(points: FloatArray, count: int) -> FloatArray:
-    """(count, 2): ``points`` (n, 2) at equal steps of arc length."""
+    """Returns (count, 2): ``points`` (n, 2) at equal steps of arc length."""
     steps = np.hypot(*np.diff(points, axis=0).T)
     length = np.concatenate([[0.0], np.cumsum(steps)])
     at = np.linspace(0.0, length[-1], count)

@@ -1,4 +1,4 @@
-"""Drawing what was seen, and the force, on a copy of the picture."""
+"""Drawings of the detected shape and the force on a copy of the image."""
 
 import math
 from collections.abc import Sequence
@@ -9,9 +9,9 @@ import numpy as np
 from ..types import BoolArray, FloatArray, ForceEstimate, Image
 from ..units import newtons_to_grams
 from ._canvas import FONT, SHIFT, WHITE, Canvas, Colour, fixed, plain, rgb
-from ._sighting import Sighting
+from ._detected_shape import DetectedShape
 
-__all__ = ["contact_sheet", "draw_estimate", "draw_sighting", "shaft_mask"]
+__all__ = ["contact_sheet", "draw_estimate", "draw_shape", "shaft_mask"]
 
 CENTRELINE: Colour = (255, 214, 0)
 FITTED: Colour = (255, 70, 220)
@@ -20,60 +20,60 @@ Y_AXIS: Colour = (60, 220, 80)
 FORCE: Colour = (0, 225, 255)
 
 
-def shaft_mask(sighting: Sighting, shape: tuple[int, int]) -> BoolArray:
-    """(h, w): the pixels within half a diameter of the centreline; none where nothing was found."""
-    ground = np.ones(shape, dtype=np.uint8)
-    if sighting.centreline is None or not math.isfinite(sighting.diameter_px):
-        return np.zeros(shape, dtype=np.bool_)
+def shaft_mask(shape: DetectedShape, size: tuple[int, int]) -> BoolArray:
+    """Returns (h, w) = ``size``: the pixels within half a diameter of the centreline; none where nothing was found."""
+    ground = np.ones(size, dtype=np.uint8)
+    if shape.centreline is None or not math.isfinite(shape.diameter_px):
+        return np.zeros(size, dtype=np.bool_)
     # OpenCV's own thick lines are up to two pixels too wide.
-    cv2.polylines(ground, [fixed(sighting.centreline.points)], False, 0, 1, cv2.LINE_8, SHIFT)
-    return cv2.distanceTransform(ground, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= 0.5 * sighting.diameter_px
+    cv2.polylines(ground, [fixed(shape.centreline.points)], False, 0, 1, cv2.LINE_8, SHIFT)
+    return cv2.distanceTransform(ground, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= 0.5 * shape.diameter_px
 
 
-def draw_sighting(
+def draw_shape(
     image: Image,
-    sighting: Sighting,
+    shape: DetectedShape,
     *,
     curve_px: FloatArray | None = None,
     mask: BoolArray | None = None,
     legend: bool = True,
 ) -> Image:
-    """An RGB copy of ``image`` with mask, centreline, base frame, tip and fitted curve, or why there is none.
+    """Returns an RGB copy of ``image`` with mask, centreline, base frame, tip and fitted curve, or why there is none.
 
-    ``curve_px`` (n, 2): the fitted curve in image points. ``mask`` (h, w): what was taken for the catheter; by default
-    the tube around the centreline.
+    ``curve_px`` (n, 2): the fitted curve in image points. ``mask`` (h, w): pixels of the catheter; by default the
+    tube around the centreline.
     """
     if mask is None:
-        mask = shaft_mask(sighting, (image.shape[0], image.shape[1]))
+        mask = shaft_mask(shape, (image.shape[0], image.shape[1]))
     canvas = Canvas.over(image, mask)
-    _draw_shape(canvas, sighting, curve_px)
-    if not sighting.found:
-        canvas.banner(f"NOT FOUND: {sighting.status.replace('_', ' ')}", sighting.detail)
+    _draw_shape(canvas, shape, curve_px)
+    if not shape.found:
+        canvas.banner(f"NOT FOUND: {shape.status.replace('_', ' ')}", shape.detail)
     elif legend:
         entries = [("centreline", CENTRELINE)]
         if curve_px is not None:
             entries.append(("fitted curve", FITTED))
         canvas.footer([[*entries, ("base frame x", X_AXIS), ("y", Y_AXIS), ("tip", WHITE)]])
-    return canvas.picture
+    return canvas.image
 
 
 def draw_estimate(
-    image: Image, sighting: Sighting | None, estimate: ForceEstimate, *, full_scale_n: float = 0.3
+    image: Image, shape: DetectedShape | None, estimate: ForceEstimate, *, full_scale_n: float = 0.3
 ) -> Image:
-    """An RGB copy of ``image`` with the shape, the force's arrow on the tip, its value in N and g, interval and status.
+    """Returns an RGB copy of ``image`` with the shape, the force as an arrow and in N and g, interval and status.
 
     The arrow is what the tissue does to the tip, so its head lies on the tip; ``full_scale_n`` is as long as a quarter
-    of the picture's shorter side. A method that yields the magnitude alone has no arrow. An estimate that is not valid
-    shows its reason and no number.
+    of the shorter side of the image. A method that yields the magnitude alone has no arrow. An estimate that is not
+    valid shows its reason and no number.
     """
     canvas = Canvas.over(image, None)
-    if sighting is not None:
-        _draw_shape(canvas, sighting, None, axes=False)
+    if shape is not None:
+        _draw_shape(canvas, shape, None, axes=False)
     if not estimate.valid:
         canvas.banner(f"NOT VALID: {estimate.status.replace('_', ' ')}", estimate.detail)
-        return canvas.picture
-    if sighting is not None and sighting.centreline is not None and sighting.base is not None:
-        _draw_force(canvas, sighting, estimate, full_scale_n)
+        return canvas.image
+    if shape is not None and shape.centreline is not None and shape.base is not None:
+        _draw_force(canvas, shape, estimate, full_scale_n)
     low, high = estimate.magnitude_interval_n
     value = f"{estimate.magnitude_n:.3f} N   {newtons_to_grams(estimate.magnitude_n):.1f} g"
     interval = f"90 %: {low:.3f} to {high:.3f} N" if math.isfinite(low) and math.isfinite(high) else "no interval"
@@ -84,19 +84,19 @@ def draw_estimate(
     ]
     second = [(interval, WHITE)] + ([(" ".join(parts) + " N", FORCE)] if parts else [])
     canvas.footer([[(value, WHITE)], second], big_first=True)
-    return canvas.picture
+    return canvas.image
 
 
-def contact_sheet(pictures: Sequence[Image], columns: int, titles: Sequence[str] = (), width: int = 320) -> Image:
-    """Pictures of any sizes as one, ``columns`` in a row, each ``width`` px wide and under its title."""
-    height = max(round(width * p.shape[0] / p.shape[1]) for p in pictures)
+def contact_sheet(images: Sequence[Image], columns: int, titles: Sequence[str] = (), width: int = 320) -> Image:
+    """Returns images of any sizes as one, ``columns`` in a row, each ``width`` px wide and under its title."""
+    height = max(round(width * p.shape[0] / p.shape[1]) for p in images)
     bar = 22 if titles else 0
-    rows = math.ceil(len(pictures) / columns)
+    rows = math.ceil(len(images) / columns)
     sheet = np.full((rows * (height + bar + 4) + 4, columns * (width + 4) + 4, 3), 245, dtype=np.uint8)
-    for k, picture in enumerate(pictures):
-        fit = min(width / picture.shape[1], height / picture.shape[0])
-        size = (max(1, round(fit * picture.shape[1])), max(1, round(fit * picture.shape[0])))
-        small = cv2.resize(rgb(picture), size, interpolation=cv2.INTER_AREA if fit < 1 else cv2.INTER_NEAREST)
+    for k, image in enumerate(images):
+        fit = min(width / image.shape[1], height / image.shape[0])
+        size = (max(1, round(fit * image.shape[1])), max(1, round(fit * image.shape[0])))
+        small = cv2.resize(rgb(image), size, interpolation=cv2.INTER_AREA if fit < 1 else cv2.INTER_NEAREST)
         top, left = 4 + k // columns * (height + bar + 4), 4 + k % columns * (width + 4)
         sheet[top + bar : top + bar + size[1], left : left + size[0]] = small
         if bar and k < len(titles):
@@ -104,33 +104,33 @@ def contact_sheet(pictures: Sequence[Image], columns: int, titles: Sequence[str]
     return sheet
 
 
-def _draw_shape(canvas: "Canvas", sighting: Sighting, curve_px: FloatArray | None, axes: bool = True) -> None:
-    if sighting.centreline is None or sighting.base is None:
+def _draw_shape(canvas: "Canvas", shape: DetectedShape, curve_px: FloatArray | None, axes: bool = True) -> None:
+    if shape.centreline is None or shape.base is None:
         return
-    points = sighting.centreline.points
+    points = shape.centreline.points
     canvas.line(points, CENTRELINE, 2.0)
     if curve_px is not None:
         canvas.line(curve_px, FITTED, 2.0, dashed=True)
     if axes:
-        length = 0.14 * min(canvas.picture.shape[:2]) / canvas.zoom
+        length = 0.14 * min(canvas.image.shape[:2]) / canvas.zoom
         for row, colour, letter in ((0, X_AXIS, "x"), (1, Y_AXIS, "y")):
-            axis = sighting.base.axes_px[row]
-            head = sighting.base.origin_px + length * axis
-            canvas.arrow(sighting.base.origin_px, head, colour, 2.0)
+            axis = shape.base.axes_px[row]
+            head = shape.base.origin_px + length * axis
+            canvas.arrow(shape.base.origin_px, head, colour, 2.0)
             canvas.label(letter, head, axis, colour)
     canvas.dot(points[-1], WHITE, 3.5)
 
 
-def _draw_force(canvas: "Canvas", sighting: Sighting, estimate: ForceEstimate, full_scale_n: float) -> None:
-    assert sighting.centreline is not None
-    assert sighting.base is not None
+def _draw_force(canvas: "Canvas", shape: DetectedShape, estimate: ForceEstimate, full_scale_n: float) -> None:
+    assert shape.centreline is not None
+    assert shape.base is not None
     if not estimate.known[:2].all():
         return
-    quarter = 0.25 * min(canvas.picture.shape[:2]) / canvas.zoom
-    vector = estimate.force_n[:2] @ sighting.base.axes_px * (quarter / full_scale_n)
+    quarter = 0.25 * min(canvas.image.shape[:2]) / canvas.zoom
+    vector = estimate.force_n[:2] @ shape.base.axes_px * (quarter / full_scale_n)
     length = float(np.hypot(*vector))
     if length < 10.0 * canvas.unit / canvas.zoom:
         return  # shorter than an arrow's head
     # A little off the tip, so that its dot stays in sight.
-    head = sighting.centreline.points[-1] - vector * (4.0 * canvas.unit / canvas.zoom / length)
+    head = shape.centreline.points[-1] - vector * (4.0 * canvas.unit / canvas.zoom / length)
     canvas.arrow(head - vector * min(1.0, 1.5 * quarter / length), head, FORCE, 3.0)

@@ -1,4 +1,4 @@
-"""Shape features: what a force is learnt from. Thesis eq. (2), and a set that exists for every shape."""
+"""Shape features: numbers that a force is estimated from. Thesis eq. (2), and a set that exists for every shape."""
 
 import math
 from dataclasses import dataclass
@@ -10,13 +10,13 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..geometry import angle_matrix, curve_from_angle, fit_polynomial, turning_angles
 from ..types import BasePose, CentrelinePx, FloatArray, Status
-from ._sighting import Sighting
+from ._detected_shape import DetectedShape
 
 __all__ = ["NoFeatures", "ShapeFeatureSettings", "feature_names", "fitted_curve", "shape_features"]
 
 
 class ShapeFeatureSettings(BaseModel):
-    """Which numbers stand for a shape."""
+    """Which numbers describe a shape."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -27,7 +27,7 @@ class ShapeFeatureSettings(BaseModel):
     """Degree of the polynomial or of the series."""
     constant: bool = True
     """`polynomial`: with the constant A5, else the curve starts at the base's origin. `legendre`: with the mean angle,
-    else the features do not change when the picture turns."""
+    else the features do not change when the image is rotated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class NoFeatures:
 
 
 def feature_names(settings: ShapeFeatureSettings) -> tuple[str, ...]:
-    """The name of each feature, as in thesis eq. (2) and as "L0", "L1", ... for the angle series.
+    """Returns the name of each feature, as in thesis eq. (2) and as "L0", "L1", ... for the angle series.
 
     >>> feature_names(ShapeFeatureSettings())
     ('A1', 'A2', 'A3', 'A4', 'A5')
@@ -51,26 +51,26 @@ def feature_names(settings: ShapeFeatureSettings) -> tuple[str, ...]:
     return tuple(f"L{k}" for k in range(0 if settings.constant else 1, settings.degree + 1))
 
 
-def shape_features(sighting: Sighting, settings: ShapeFeatureSettings) -> FloatArray | NoFeatures:
-    """The features of what was seen, (k,) as named by `feature_names`; `NoFeatures` where there are none.
+def shape_features(shape: DetectedShape, settings: ShapeFeatureSettings) -> FloatArray | NoFeatures:
+    """Returns the features of a detected shape, (k,) as named by `feature_names`; `NoFeatures` where there are none.
 
     A polynomial is refused with ``not_a_function`` where the shape bends past 90 degrees: several y belong to one x.
     """
-    centreline, base = sighting.centreline, sighting.base
+    centreline, base = shape.centreline, shape.base
     if centreline is None or base is None:
-        return NoFeatures(sighting.status, sighting.detail)
+        return NoFeatures(shape.status, shape.detail)
     if settings.kind == "legendre":
         return _legendre(centreline, base, settings)
     cos, sin = math.cos(base.angle_rad), math.sin(base.angle_rad)
-    if sighting.fitted_px is None:
+    if shape.fitted_px is None:
         values, bend = _polynomial(
             centreline.points, base.origin_px, cos, sin, settings.degree, settings.constant, True, 0.0
         )
     else:
-        # One point a column: at the slanted end of a shaft the columns' means may step back by half its diameter.
+        # One point a column: at the slanted end of a shaft the means of the columns may step back by half its diameter.
         values, bend = _polynomial(
-            sighting.fitted_px, base.origin_px, cos, sin, settings.degree, settings.constant, False,
-            0.5 * sighting.diameter_px,
+            shape.fitted_px, base.origin_px, cos, sin, settings.degree, settings.constant, False,
+            0.5 * shape.diameter_px,
         )  # fmt: skip
     if bend >= 0.0:
         share = round(100.0 * bend)
@@ -93,7 +93,7 @@ def _polynomial(
     whole: bool,
     tolerance: float,
 ) -> tuple[FloatArray, float]:
-    """Coefficients, highest power first, and the share of the points after which x' goes back (-1: it never does)."""
+    """Returns coefficients, highest power first, and the share of points after which x' decreases (-1: never)."""
     n = points.shape[0]
     x, y = np.empty(n), np.empty(n)
     reach = -np.inf
@@ -110,33 +110,34 @@ def _polynomial(
 
 def _legendre(centreline: CentrelinePx, base: BasePose, settings: ShapeFeatureSettings) -> FloatArray:
     points = centreline.points
-    # In the picture v runs down: the angle against the base tangent (cos, -sin), counted the other way round.
+    # In the image v points down: the angle against the base tangent (cos, -sin), with the opposite sign.
     angles = turning_angles(points, math.cos(base.angle_rad), -math.sin(base.angle_rad))
     values = -(angle_matrix(len(points), settings.degree) @ angles)
     return values if settings.constant else values[1:]
 
 
 def fitted_curve(
-    sighting: Sighting, settings: ShapeFeatureSettings, values: FloatArray, points: int = 64
+    shape: DetectedShape, settings: ShapeFeatureSettings, values: FloatArray, points: int = 64
 ) -> FloatArray:
-    """(points, 2) image points of the curve that the features ``values`` stand for, to lay over the picture.
+    """Returns (points, 2): image points of the curve that the features ``values`` describe.
 
-    Raises ValueError for a sighting without a centreline.
+    Raises:
+        ValueError: the shape has no centreline.
     """
-    if sighting.centreline is None or sighting.base is None:
-        raise ValueError(f"no centreline to lay a curve on: {sighting.status}")
-    local = sighting.base.to_base(sighting.centreline.points)
+    if shape.centreline is None or shape.base is None:
+        raise ValueError(f"no centreline to fit a curve to: {shape.status}")
+    local = shape.base.to_base(shape.centreline.points)
     if settings.kind == "polynomial":
         x = np.linspace(local[0, 0], local[:, 0].max(), points)
         y = np.polyval(values if settings.constant else np.append(values, 0.0), x)
-        return sighting.base.to_image(np.column_stack([x, y]))
+        return shape.base.to_image(np.column_stack([x, y]))
     series = values if settings.constant else np.append(_mean_angle(local), values)
     length = float(np.sum(np.hypot(*np.diff(local, axis=0).T)))
     curve = curve_from_angle(series, length, points)
-    # The series knows no place: laid so that the two curves have the same centre.
+    # The series has no position: shift it so that the two curves have the same centre.
     spread = np.linspace(0, points - 1, len(local))
     same = np.column_stack([np.interp(spread, np.arange(points), curve[:, k]) for k in range(2)])
-    return sighting.base.to_image(curve + (local - same).mean(axis=0))
+    return shape.base.to_image(curve + (local - same).mean(axis=0))
 
 
 def _mean_angle(local: FloatArray) -> float:

@@ -1,4 +1,4 @@
-"""What is seen, for people: one picture in detail, or many at a glance."""
+"""Inspection of detections by people: one image in detail, or many at a glance."""
 
 import math
 import re
@@ -9,42 +9,54 @@ from typing import Any
 
 import cv2
 import numpy as np
+from pydantic import BaseModel, ConfigDict
 
 from ..types import FloatArray, Image
-from ._classic import ClassicChain
-from ._draw import contact_sheet, draw_sighting
+from ._classic import ClassicDetector
+from ._detected_shape import DetectedShape
+from ._draw import contact_sheet, draw_shape
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._settings import VisionSettings
-from ._sighting import Sighting
 
-__all__ = ["Inspection", "Reasons", "Tally", "inspect_picture"]
+__all__ = ["InspectSettings", "Inspection", "Reasons", "Tally", "inspect_image"]
+
+
+class InspectSettings(BaseModel):
+    """Settings of an inspection, with the same keys as those of method 1."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    vision: VisionSettings = VisionSettings()
+    """How the catheter is detected."""
+    features: ShapeFeatureSettings = ShapeFeatureSettings()
+    """The curve that is fitted to the shape."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inspection:
-    """One picture: what was seen in it, its features, and the drawing of both."""
+    """One image: the detected shape, its features, and a drawing of both."""
 
-    sighting: Sighting
+    shape: DetectedShape
     features: FloatArray | NoFeatures
     settings: ShapeFeatureSettings
     drawing: Image
 
     def figures(self) -> dict[str, Any]:
-        """All of it as JSON values; None where there is no value."""
-        seen = self.sighting
-        found = seen.centreline is not None and seen.base is not None
-        figures: dict[str, Any] = {"status": seen.status.value, "detail": seen.detail, "base": None, "tip_px": None}
-        if seen.base is not None and seen.centreline is not None:
-            points = seen.centreline.points
+        """Returns all of it as JSON values; None where there is no value."""
+        shape = self.shape
+        found = shape.centreline is not None and shape.base is not None
+        figures: dict[str, Any] = {"status": shape.status.value, "detail": shape.detail, "base": None, "tip_px": None}
+        if shape.base is not None and shape.centreline is not None:
+            points = shape.centreline.points
             figures["base"] = {
-                "origin_px": seen.base.origin_px.tolist(),
-                "angle_deg": math.degrees(seen.base.angle_rad),
+                "origin_px": shape.base.origin_px.tolist(),
+                "angle_deg": math.degrees(shape.base.angle_rad),
             }
             figures["tip_px"] = points[-1].tolist()
-            figures["tip_in_base_px"] = seen.base.to_base(points[-1:])[0].tolist()
+            figures["tip_in_base_px"] = shape.base.to_base(points[-1:])[0].tolist()
             figures["length_px"] = float(np.sum(np.hypot(*np.diff(points, axis=0).T)))
-        figures["diameter_px"] = seen.diameter_px if found else None
-        figures["confidence"] = seen.confidence if found else None
+        figures["diameter_px"] = shape.diameter_px if found else None
+        figures["confidence"] = shape.confidence if found else None
         figures["features"] = None
         if isinstance(self.features, NoFeatures):
             figures["features_refused"] = self.features.detail
@@ -54,9 +66,9 @@ class Inspection:
         return figures
 
     def text(self) -> str:
-        """The same in lines for people."""
+        """Returns the same as lines of text."""
         figures = self.figures()
-        if not self.sighting.found:
+        if not self.shape.found:
             return f"not found: {figures['status'].replace('_', ' ')}: {figures['detail']}"
         (u, v), (tip_u, tip_v), (x, y) = figures["base"]["origin_px"], figures["tip_px"], figures["tip_in_base_px"]
         lines = [
@@ -70,24 +82,24 @@ class Inspection:
         return "\n".join([*lines, *(f"{name:<10} {value:.6g}" for name, value in figures["features"].items())])
 
 
-def inspect_picture(
+def inspect_image(
     image: Image,
-    see: Callable[[Image], Sighting],
+    detect: Callable[[Image], DetectedShape],
     vision: VisionSettings,
     features: ShapeFeatureSettings | None = None,
 ) -> Inspection:
-    """Look at ``image`` with ``see``, fit the features, draw mask, centreline, base frame and fitted curve."""
+    """Runs ``detect`` on ``image``, fits the features, draws mask, centreline, base frame and fitted curve."""
     settings = features or ShapeFeatureSettings()
-    sighting = see(image)
-    values = shape_features(sighting, settings)
-    curve = None if isinstance(values, NoFeatures) else fitted_curve(sighting, settings, values)
-    mask = ClassicChain(vision).steps(image).binary if vision.method == "classic" else None
-    return Inspection(sighting, values, settings, draw_sighting(image, sighting, curve_px=curve, mask=mask))
+    shape = detect(image)
+    values = shape_features(shape, settings)
+    curve = None if isinstance(values, NoFeatures) else fitted_curve(shape, settings, values)
+    mask = ClassicDetector(vision).steps(image).binary if vision.method == "classic" else None
+    return Inspection(shape, values, settings, draw_shape(image, shape, curve_px=curve, mask=mask))
 
 
 @dataclass(slots=True)
 class Tally:
-    """Frames of a video looked at one after the other: how many were found, and an even sample of the drawings.
+    """Counts detections over the frames of a video, and keeps an even sample of the drawings.
 
     ``room``: how many drawings are kept; up to a third of them show frames in which nothing was found.
     """
@@ -103,45 +115,45 @@ class Tally:
         self._found, self._lost = _Sample(self.room), _Sample(max(1, self.room // 3))
 
     @property
-    def looked_at(self) -> int:
+    def frames(self) -> int:
         """Frames so far."""
         return sum(self.statuses.values())
 
     @property
     def share_found(self) -> float:
         """Of the frames so far, 0..1."""
-        return self.statuses["valid"] / max(1, self.looked_at)
+        return self.statuses["valid"] / max(1, self.frames)
 
     def add(self, title: str, inspection: Inspection) -> None:
-        """Count one frame; ``title`` stands over its drawing."""
-        sighting = inspection.sighting
-        self.statuses[sighting.status.value] += 1
-        if sighting.found:
-            self.diameters_px.append(sighting.diameter_px)
+        """Counts one frame; ``title`` stands over its drawing."""
+        shape = inspection.shape
+        self.statuses[shape.status.value] += 1
+        if shape.found:
+            self.diameters_px.append(shape.diameter_px)
         else:
-            self.reasons.add(f"{sighting.status.value}: {sighting.detail}")
-        order = self.looked_at
+            self.reasons.add(f"{shape.status.value}: {shape.detail}")
+        order = self.frames
         small = _small(inspection.drawing)
-        (self._found if sighting.found else self._lost).add(order, f"{title}  {sighting.status.value}", small)
+        (self._found if shape.found else self._lost).add(order, f"{title}  {shape.status.value}", small)
 
     def sheet(self, columns: int = 4) -> Image:
-        """The sample of the drawings in order of time. Raises ValueError before the first frame."""
+        """Returns the sample of the drawings in order of time. Raises ValueError before the first frame."""
         lost = self._lost.best(self._lost.room)
         kept = sorted(lost + self._found.best(self.room - len(lost)), key=lambda entry: entry[0])
         return contact_sheet([entry[2] for entry in kept], min(columns, len(kept)), [entry[1] for entry in kept])
 
     def figures(self) -> dict[str, Any]:
-        """Counts as JSON values."""
+        """Returns the counts as JSON values."""
         return {
-            "frames": self.looked_at,
+            "frames": self.frames,
             "share_found": self.share_found,
             "statuses": dict(self.statuses),
             "diameter_px": float(np.median(self.diameters_px)) if self.diameters_px else None,
         }
 
     def text(self) -> str:
-        """Counts in lines for people."""
-        lines = [f"found in {self.statuses['valid']} of {self.looked_at} frames ({100 * self.share_found:.1f} %)"]
+        """Returns the counts as lines of text."""
+        lines = [f"found in {self.statuses['valid']} of {self.frames} frames ({100 * self.share_found:.1f} %)"]
         if self.diameters_px:
             low, middle, high = np.percentile(self.diameters_px, [5, 50, 95])
             lines[0] += f", diameter {middle:.2f} px (5 to 95 %: {low:.2f} to {high:.2f})"
@@ -149,7 +161,7 @@ class Tally:
 
 
 class Reasons:
-    """Why frames had no answer: reasons that differ in their numbers alone are counted as one.
+    """Counts why frames have no estimate; reasons that differ in their numbers alone count as one.
 
     >>> reasons = Reasons()
     >>> for text in ("lost after 80 px", "lost after 95 px", "nothing dark enters"):
@@ -162,11 +174,11 @@ class Reasons:
         self._examples: dict[str, Counter[str]] = {}
 
     def add(self, reason: str) -> None:
-        """Count one frame."""
+        """Counts one frame."""
         self._examples.setdefault(re.sub(r"-?\d+(\.\d+)?", "#", reason), Counter())[reason] += 1
 
     def lines(self, most: int) -> list[str]:
-        """The ``most`` frequent reasons in words, each with its first example."""
+        """Returns the ``most`` frequent reasons, each with its first example."""
         ranked = sorted(self._examples.values(), key=lambda texts: -texts.total())[:most]
         return [
             f"  {texts.total()} frames {next(iter(texts))}{' (and other numbers)' if len(texts) > 1 else ''}"
@@ -181,9 +193,9 @@ class _Sample:
         self.room, self.stride, self.count = room, 1, 0
         self.entries: list[tuple[int, str, Image]] = []
 
-    def add(self, order: int, title: str, picture: Image) -> None:
+    def add(self, order: int, title: str, image: Image) -> None:
         if self.count % self.stride == 0:
-            self.entries.append((order, title, picture))
+            self.entries.append((order, title, image))
         self.count += 1
         if len(self.entries) >= 2 * self.room:
             self.entries = self.entries[::2]
@@ -193,8 +205,8 @@ class _Sample:
         """At most ``count`` entries, the first and last among them."""
         if len(self.entries) <= count:
             return list(self.entries)
-        places = np.linspace(0, len(self.entries) - 1, count).round().astype(int)
-        return [self.entries[k] for k in places.tolist()]
+        indices = np.linspace(0, len(self.entries) - 1, count).round().astype(int)
+        return [self.entries[k] for k in indices.tolist()]
 
 
 def _small(drawing: Image, width: int = 320) -> Image:

@@ -11,18 +11,17 @@ from typing import Any
 import numpy as np
 
 from ...errors import FileFormatError, MissingExtraError
-from ...types import Catheter, Context, FloatArray
+from ...types import Catheter, FloatArray, SessionInfo
 from .._dataset import Dataset
 from .._stores import ImageArray
 
 __all__ = ["open_layout", "recognises"]
 
 SESSION = "soft-arm"
-NOTES = {
-    "source": "github.com/chendaxia777/Vision-force-estimation, commit 87f02557, All_1camera/no_pressure",
-    "force_frame": "sensor",
-    "stamps": "counted: the pictures are no consecutive frames",
-}
+REMARKS = (
+    "github.com/chendaxia777/Vision-force-estimation, commit 87f02557, All_1camera/no_pressure; the stamps are "
+    "counted, for the images are no consecutive frames"
+)
 
 
 def recognises(folder: Path) -> bool:
@@ -45,7 +44,9 @@ def open_layout(folder: Path) -> Dataset:
         force_n=np.ascontiguousarray(forces[:, :, 0, 0]),
         known=np.ones(3, np.bool_),
         names=np.array([f"picture {k}" for k in range(count)]),
-        contexts={SESSION: Context(SESSION, Catheter("soft continuum arm"), None, NOTES)},
+        session_info={
+            SESSION: SessionInfo(SESSION, Catheter("soft continuum arm"), force_frame="sensor", remarks=REMARKS)
+        },
         rows=np.arange(count),
         title="soft-arm (pictures of 64x64, three force components)",
     )

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FileFormatError, InputError, TableError
-from ...types import Catheter, Context, FloatArray
+from ...io import open_table
+from ...types import Catheter, FloatArray, SessionInfo
 from .._dataset import Dataset
+from .._label_table import check_stamps
 from .._stores import ShapeTable
-from .._tables import CsvTable, check_stamps
 
 __all__ = ["TARE_ROWS", "open_layout", "recognises"]
 
@@ -23,12 +24,11 @@ TARE_ROWS = 10
 
 SHAPE_NAMES = ("A1", "A2", "A3", "A4")
 NEWTONS_PER_UNIT = 1e-3
-NOTES = {
-    "source": "github.com/Bigyuun/LSTM-force-estimation, commit 621b92c9",
-    "force_frame": "sensor",
-    "force_unit": "undocumented in the source, taken as millinewtons",
-    "tare": f"median of the first {TARE_ROWS} rows",
-}
+REMARKS = (
+    "github.com/Bigyuun/LSTM-force-estimation, commit 621b92c9; the unit of the forces is undocumented there and taken "
+    f"as millinewtons; tared by the median of the first {TARE_ROWS} rows"
+)
+CATHETER = Catheter("planar tendon manipulator")
 
 
 def recognises(folder: Path) -> bool:
@@ -52,7 +52,7 @@ def open_layout(folder: Path) -> Dataset:
         force_n=np.concatenate(forces),
         known=np.array([True, True, False]),
         names=np.array([image for part in images for image in part]),
-        contexts={name: Context(name, Catheter("planar tendon manipulator"), None, NOTES) for name in names},
+        session_info={name: SessionInfo(name, CATHETER, force_frame="sensor", remarks=REMARKS) for name in names},
         rows=np.arange(len(stamp_ns)),
         title="tendon-manipulator (forces in an undocumented unit, taken as mN)",
     )
@@ -70,7 +70,7 @@ def _session(
 ) -> tuple[str, np.ndarray[tuple[int], np.dtype[np.int64]], list[str], FloatArray, FloatArray, FloatArray]:
     """Name, stamps (n,), image names (n,), coefficients (n, 4), wire lengths (n, 2) in mm, forces (n, 3) in N."""
     name = path.stem.removeprefix("data_")
-    table, curves = CsvTable(path), path.with_name(_CURVES.format(name))
+    table, curves = open_table(path, comments=False), path.with_name(_CURVES.format(name))
     stamps = table.integers("sec") * 1_000_000_000 + table.integers("nanosec")
     if np.any(np.diff(stamps) < 0):
         raise TableError(f"{path}: its rows are not in the order of time")

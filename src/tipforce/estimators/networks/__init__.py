@@ -1,10 +1,19 @@
-"""Methods that are networks: trained by `learning`, run without what trained them."""
+"""Methods that are networks: trained by the package `training`, run on their ONNX graph without torch."""
 
 from ._graph import Graph
-from ._network import MODEL, NetworkEstimator
-from ._prepared import PREPARED
+from ._network import GRAPH_FILE, NetworkEstimator
+from ._preparation import PREPARED_FILE
 from ._settings import CompactSettings, DcfeSettings
 from .compact import Compact
 from .dcfe import Dcfe
 
-__all__ = ["MODEL", "PREPARED", "Compact", "CompactSettings", "Dcfe", "DcfeSettings", "Graph", "NetworkEstimator"]
+__all__ = [
+    "GRAPH_FILE",
+    "PREPARED_FILE",
+    "Compact",
+    "CompactSettings",
+    "Dcfe",
+    "DcfeSettings",
+    "Graph",
+    "NetworkEstimator",
+]

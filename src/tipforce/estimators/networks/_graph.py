@@ -1,4 +1,4 @@
-"""A trained network as a graph that can be called."""
+"""A trained network as an ONNX graph that can be called."""
 
 import importlib
 import importlib.util
@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError, MissingExtraError, ModelError
+from ._stored_names import current_graph_name
 
 __all__ = ["Graph"]
 
@@ -22,13 +23,22 @@ _KINDS: dict[str, str] = {"tensor(uint8)": "uint8", "tensor(float)": "float32"}
 
 
 class Graph:
-    """An ONNX graph behind a call: ``graph(picture=...)["force_n"]``.
+    """An ONNX graph behind a call: ``graph(image=...)["force_n"]``. It may be called from several threads.
 
-    ``data``: the graph's bytes. ``where``: what messages call it, such as the file's name. ``threads``: on how many it
-    runs; 0: one for each core that this process may use. ``on``: what runs it; OpenVINO needs the extra
-    ``[openvino]``. ``runtime`` names that and its version. ``facts``: what was noted in the graph when it was exported.
-    It may be called from several threads. Raises ModelError where ``data`` is no graph, MissingExtraError where
-    OpenVINO is wanted and not there.
+    Args:
+        data: the bytes of the graph.
+        where: what error messages call it, such as the file's name.
+        threads: number of threads it runs on; 0: one for each core that this process may use.
+        on: the runtime; OpenVINO needs the extra ``[openvino]``.
+
+    Attributes:
+        runtime: name and version of the runtime.
+        metadata: what was stored in the graph when it was exported.
+        inputs: name -> (shape, None where any length is allowed; dtype).
+
+    Raises:
+        ModelError: ``data`` is no graph.
+        MissingExtraError: OpenVINO is not installed.
     """
 
     def __init__(
@@ -36,19 +46,25 @@ class Graph:
     ) -> None:
         if on == "openvino" and importlib.util.find_spec("openvino") is None:
             raise MissingExtraError("openvino", extra="openvino")
-        runs = _OpenVino if on == "openvino" else _OnnxRuntime
+        runtime = _OpenVino if on == "openvino" else _OnnxRuntime
         self._where = where
-        threads = threads or _cores()
-        with _naming(where):
-            loaded = runs.load(data, threads)
-        self._runs = runs(loaded)
-        self.runtime: str = self._runs.name
-        self.facts: dict[str, str] = self._runs.facts
-        self.inputs: dict[str, tuple[_Shape, str]] = self._runs.inputs
-        """Name -> (shape, None where any length goes; dtype)."""
+        threads = threads or _available_cores()
+        with _as_model_error(where):
+            loaded = runtime.load(data, threads)
+        self._session = runtime(loaded)
+        self.runtime: str = self._session.name
+        self.metadata: dict[str, str] = self._session.metadata
+        self._stored = {current_graph_name(name): name for name in self._session.inputs}
+        self.inputs: dict[str, tuple[_Shape, str]] = {
+            name: self._session.inputs[stored] for name, stored in self._stored.items()
+        }
 
     def __call__(self, **inputs: npt.NDArray[Any]) -> _Arrays:
-        """Name -> array of each output. Raises InputError where an input is missing, unknown, or of the wrong form."""
+        """Returns the outputs by name.
+
+        Raises:
+            InputError: an input is missing, unknown, or of the wrong shape or dtype.
+        """
         if inputs.keys() != self.inputs.keys():
             missing, unknown = self.inputs.keys() - inputs.keys(), inputs.keys() - self.inputs.keys()
             wrong = [f"lacks the input {name}" for name in sorted(missing)]
@@ -57,28 +73,29 @@ class Graph:
         for name, (shape, kind) in self.inputs.items():
             array = inputs[name]
             fits = len(array.shape) == len(shape) and all(
-                wanted in (None, got) for wanted, got in zip(shape, array.shape, strict=True)
+                expected in (None, got) for expected, got in zip(shape, array.shape, strict=True)
             )
             if not fits or array.dtype != kind:
                 raise InputError(
-                    f"{self._where}: the input {name} must be {kind} of the shape ({_told(shape)}), "
-                    f"got {array.dtype} of the shape ({_told(array.shape)})"
+                    f"{self._where}: the input {name} must be {kind} of the shape ({_shape_text(shape)}), "
+                    f"got {array.dtype} of the shape ({_shape_text(array.shape)})"
                 )
         if len({len(array) for array in inputs.values()}) > 1:
             counts = ", ".join(f"{name} {len(inputs[name])}" for name in self.inputs)
             raise InputError(f"{self._where}: needs as many samples in each input, got {counts}")
-        return self._runs(inputs)
+        outputs = self._session({self._stored[name]: array for name, array in inputs.items()})
+        return {current_graph_name(name): array for name, array in outputs.items()}
 
 
 @contextmanager
-def _naming(where: str) -> Generator[None]:
-    """Makes a ModelError of what a runtime raises while it loads a graph: each has types of its own."""
+def _as_model_error(where: str) -> Generator[None]:
+    """Turns what a runtime raises while it loads a graph into a ModelError: each runtime has types of its own."""
     try:
         yield
     except Exception as error:
-        said = str(error).strip() or type(error).__name__
+        message = str(error).strip() or type(error).__name__
         raise ModelError(
-            f"{where}: is damaged or no network's graph ({said.splitlines()[0][:200]}); copy the whole model folder "
+            f"{where}: is damaged or no network's graph ({message.splitlines()[0][:200]}); copy the whole model folder "
             "again, or train the model again"
         ) from None
 
@@ -97,7 +114,7 @@ class _OnnxRuntime:
     def __init__(self, session: Any) -> None:
         self._session = session
         self.name = f"onnxruntime {version('onnxruntime')}"
-        self.facts = dict(session.get_modelmeta().custom_metadata_map)
+        self.metadata = dict(session.get_modelmeta().custom_metadata_map)
         self.inputs: dict[str, tuple[_Shape, str]] = {
             each.name: (
                 tuple(length if isinstance(length, int) else None for length in each.shape),
@@ -116,7 +133,7 @@ class _OpenVino:
     def load(data: bytes, threads: int) -> Any:
         openvino: Any = importlib.import_module("openvino")
         core = openvino.Core()
-        # without the first hint it would calculate in bf16 where the processor can, and answer otherwise
+        # without the first hint it would compute in bf16 where the processor can, with other results
         exact = {"INFERENCE_PRECISION_HINT": "f32", "PERFORMANCE_HINT": "LATENCY", "INFERENCE_NUM_THREADS": threads}
         model = core.read_model(data)
         return model, core.compile_model(model, "CPU", exact)
@@ -124,9 +141,9 @@ class _OpenVino:
     def __init__(self, loaded: Any) -> None:
         model, compiled = loaded
         self._request: Any = compiled.create_infer_request()
-        self._one_at_a_time = threading.Lock()
+        self._lock = threading.Lock()
         self.name = f"OpenVINO {version('openvino')}"
-        self.facts = _facts(model)
+        self.metadata = _openvino_metadata(model)
         self.inputs: dict[str, tuple[_Shape, str]] = {
             each.any_name: (
                 tuple(None if length.is_dynamic else length.get_length() for length in each.partial_shape),
@@ -137,25 +154,25 @@ class _OpenVino:
         self._outputs: list[str] = [each.any_name for each in model.outputs]
 
     def __call__(self, inputs: Mapping[str, npt.NDArray[Any]]) -> _Arrays:
-        # contiguous and kept: it would read them where they lie
+        # contiguous and kept alive: it reads them in place
         taken = {name: np.ascontiguousarray(array) for name, array in inputs.items()}
-        with self._one_at_a_time:
+        with self._lock:
             found = self._request.infer(taken)
             return {name: np.array(found[name]) for name in self._outputs}
 
 
-def _facts(model: Any) -> dict[str, str]:
-    """What was noted in the graph, which OpenVINO keeps under "framework"."""
+def _openvino_metadata(model: Any) -> dict[str, str]:
+    """Returns the metadata of the graph, which OpenVINO keeps under "framework"."""
     info: Any = model.get_rt_info()
-    noted: Any = info["framework"] if "framework" in info else {}  # noqa: SIM401 (it is no dict)
-    return {name: str(getattr(value, "value", value)) for name, value in noted.items()}
+    stored: Any = info["framework"] if "framework" in info else {}  # noqa: SIM401 (it is no dict)
+    return {name: str(getattr(value, "value", value)) for name, value in stored.items()}
 
 
-def _cores() -> int:
+def _available_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
-def _told(shape: _Shape) -> str:
+def _shape_text(shape: _Shape) -> str:
     return ", ".join("n" if length is None else str(length) for length in shape)

@@ -1,4 +1,4 @@
-"""What all methods that are networks share: fit, export, hold the export to the network, answer by the graph alone."""
+"""What all methods that are networks share: training, export with a parity check, and estimates by the graph alone."""
 
 import contextlib
 import json
@@ -17,155 +17,172 @@ import numpy.typing as npt
 from ...datasets import Dataset
 from ...errors import InputError, ModelError, NotFittedError
 from ...training import (
-    LOG,
+    LOG_FILE,
     Task,
     TrainConfig,
     export_graph,
-    network_of,
+    graph_weights,
+    network_from_weights,
     parity_n,
     require_torch,
     train_network,
     train_val_split,
-    weights_of,
 )
-from ...types import BoolArray, Context, FloatArray, ForceEstimate, Image, Observation
-from .._answers import AXES, Answers, Interval
+from ...types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
 from .._base import Estimator, Progress
-from .._conformal import interval_from
-from .._reading import Refusal, actuation_names
-from .._words import Words
-from ._arrays import (
-    Arrays,
-    Looked,
-    Outputs,
-    Reader,
-    actuation_form,
-    components_of,
-    read_one,
-    samples_of,
-    spread_of,
-    spread_over,
-)
-from ._eight_bits import in_eight_bits
+from .._builder import AXES, EstimateBuilder
+from .._reading import Abstention, actuation_names
+from .._summary import ModelSummary
+from ..uncertainty import Interval, conformal_interval
+from ._calibration import CalibrationBatch, Outputs, quantise_checked, spread_evenly
 from ._graph import Graph
-from ._prepared import Form, Forms, Prepared, prepare
-from ._words import network_words
+from ._network_summary import network_summary
+from ._preparation import (
+    Arrays,
+    InputReader,
+    PreparedData,
+    Spec,
+    Specs,
+    actuation_spec,
+    prepare,
+    read_inputs,
+    standardisation,
+    training_components,
+    training_samples,
+)
+from ._stored_names import current_array_names, current_weight_names
 
-__all__ = ["MIN_SAMPLES", "MODEL", "PARITY_N", "Answering", "Fitted", "NetworkEstimator"]
+__all__ = ["GRAPH_FILE", "MAX_PARITY_N", "MIN_SAMPLES", "BuildEstimate", "FittedNetwork", "NetworkEstimator"]
 
 MIN_SAMPLES = 20
-"""Fewer samples cannot be trained and validated on."""
+"""Least number of samples for training and validation."""
 
-PARITY_N = 1e-3
-"""The graph's answers may differ from the trained network's by less than this, a tenth of a gram, which is far below
-what any picture tells: else its weights are kept whole, not in half precision, and if that is not enough, training
+MAX_PARITY_N = 1e-3
+"""Largest deviation of the exported graph from the trained network. 1 mN is a tenth of a gram, far below what any image
+shows. Beyond it the weights are stored in single instead of half precision, and if that is not enough, training
 fails."""
 
-MODEL, SMALL = "model.onnx", "model.int8.onnx"
-"""The graph's file in a model folder; the one in 8 bits, which then answers."""
+GRAPH_FILE, QUANTISED_FILE = "model.onnx", "model.int8.onnx"
+"""Files of the graph in a model folder; the quantised one is used where it is there."""
 
-COMPARED = 64
-"""So many samples' answers are compared."""
+_PARITY_SAMPLES = 64
 
-Answering = Callable[[int, Outputs], ForceEstimate]
-"""Makes an estimate of a stamp and what the graph returned for one sample, (1, ...) each."""
+BuildEstimate = Callable[[int, Outputs], ForceEstimate]
+"""Makes an estimate from a stamp and the graph's outputs for one sample, (1, ...) each."""
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
-    """Everything that was learnt."""
+class FittedNetwork:
+    """The learnt state of a network.
+
+    Attributes:
+        actuation: names of the actuation values among its inputs.
+        known: (3,) which force components it estimates.
+        graph: the graph that is used.
+        data: bytes of the graph in 32 bits.
+        quantised: bytes of the graph in 8 bits, None where there is none.
+        log: the training log.
+        arrays: what else was fitted, see `NetworkEstimator.fit_arrays`.
+        interval: conformal intervals.
+        facts: how it was trained, as JSON values.
+        sessions: all sessions it was trained on, with those of the model it was fine-tuned from.
+    """
 
     actuation: tuple[str, ...]
     known: BoolArray
     graph: Graph
     data: bytes
-    small: bytes | None
+    quantised: bytes | None
     log: bytes
-    own: Arrays
+    arrays: Arrays
     interval: Interval
     facts: dict[str, Any]
     sessions: tuple[str, ...]
-    """All that it learnt from, those of what it began with among them."""
 
 
 class NetworkEstimator(Estimator):
-    """A network behind the face of all methods.
+    """A network with the interface of all methods.
 
-    A method states what its network is given (`forms`, `reader`), the task that trains it (`task`), and its settings,
+    A subclass states the inputs of its network (`input_specs`, `reader`), the `task` that trains it, and its settings,
     which derive from `TrainConfig` and have ``view``, ``actuation`` and ``components``.
     """
 
-    looks_at: ClassVar[str] = "the whole picture"
-    """What of each picture it is given, in a few words."""
+    input_text: ClassVar[str] = "the whole image"
+    """The image input in a few words."""
     outputs: ClassVar[tuple[str, ...]] = ("force_n",)
-    """Names of what the network returns, in order."""
+    """Names of the network's outputs, in order."""
 
     def __init__(self, settings: Any = None) -> None:
         self.settings = settings or self.settings_type()
-        self.fitted_: Fitted | None = None
-        self._begin: NetworkEstimator | None = None
+        self.fitted_: FittedNetwork | None = None
+        self._init_from: NetworkEstimator | None = None
 
     @abstractmethod
-    def forms(self, *, training: bool) -> Forms:
-        """What `reader` makes of an observation: name -> shape and dtype; to train, or as the graph takes it."""
+    def input_specs(self, *, training: bool) -> Specs:
+        """Returns shape and dtype of what `reader` reads: for training, or as the graph takes it."""
 
     @abstractmethod
-    def reader(self, context: Context, *, training: bool) -> Reader:
-        """Makes those of the observations of one session."""
+    def reader(self, info: SessionInfo, *, training: bool) -> InputReader:
+        """Returns what reads the inputs from the observations of one session."""
 
     @abstractmethod
-    def task(self, known: BoolArray, in_base: bool, actuation: tuple[tuple[float, float], ...]) -> Task:
-        """What is trained: the components ``known`` (3,) of forces, which may be ``in_base``, the base frame.
+    def task(self, known: BoolArray, base_frame: bool, actuation: tuple[tuple[float, float], ...]) -> Task:
+        """Returns the network to train.
 
-        ``actuation``: mean and deviation of each actuation value.
+        Args:
+            known: (3,) the force components.
+            base_frame: whether the forces are in the base frame.
+            actuation: mean and standard deviation of each actuation value.
         """
 
-    def settle(self, dataset: Dataset) -> None:
-        """Decide what the settings leave open."""
+    def resolve_settings(self, dataset: Dataset) -> None:
+        """Find in ``dataset`` what the settings leave open."""
 
-    def mask_form(self) -> Form | None:
-        """Shape and dtype of the "heat" that `reader` makes of masks; None for a method that has no use for them."""
+    def heatmap_spec(self) -> Spec | None:
+        """Returns shape and dtype of the "heatmap" that `reader` makes of masks; None for a method without one."""
         return None
 
-    def told(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Facts that all sessions of ``dataset`` tell it, which becomes `Estimator.needed_facts`; that any tells it."""
+    def metadata_names(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Returns the names of the metadata that all sessions have, which are then required, and that any has."""
         del dataset
         return (), ()
 
-    def own_arrays(self, looked: Looked) -> Arrays:
-        """What a method keeps beside its graph."""
-        del looked
+    def fit_arrays(self, calibration: CalibrationBatch) -> Arrays:
+        """Fit what a method keeps beside its graph, such as its uncertainty."""
+        del calibration
         return {}
 
-    def begun(self) -> Fitted | None:
-        """What the model that its fits begin with had learnt."""
-        return None if self._begin is None else self._begin.fitted_
+    def initial_model(self) -> FittedNetwork | None:
+        """Returns the model that it is fine-tuned from; None: it is trained from random weights."""
+        return None if self._init_from is None else self._init_from.fitted_
 
     @property
-    def needed_actuation(self) -> tuple[str, ...]:
-        """What it was trained with. Raises NotFittedError before ``fit``."""
-        return self._known().actuation
+    def required_actuation(self) -> tuple[str, ...]:
+        """See `Estimator`. Raises NotFittedError before ``fit``."""
+        return self._fitted().actuation
 
     @property
-    def needed_facts(self) -> tuple[str, ...]:
-        """What every session of the training told. Raises NotFittedError before ``fit``."""
-        return tuple(self._known().facts["told"])
+    def required_metadata(self) -> tuple[str, ...]:
+        """What every training session had. Raises NotFittedError before ``fit``."""
+        return tuple(self._fitted().facts["required_metadata"])
 
     @property
-    def taught_sessions(self) -> frozenset[str]:
-        """Those of what it began with, too. Raises NotFittedError before ``fit``."""
-        return frozenset(self._known().sessions)
+    def training_sessions(self) -> frozenset[str]:
+        """Those of the model it was fine-tuned from, too. Raises NotFittedError before ``fit``."""
+        return frozenset(self._fitted().sessions)
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Train on ``dataset``, all but a part that says when to stop and how wide the interval is.
+        """Train on ``dataset``, except for a validation split for the best epoch and the interval.
 
-        Raises InputError for fewer than `MIN_SAMPLES` samples, data without pictures or force components, actuation
-        that they do not have, or training that diverges; MissingExtraError without torch; ModelError where the exported
-        graph answers otherwise than the network.
+        Raises:
+            InputError: there are fewer than `MIN_SAMPLES` samples, no images, force components or actuation values
+                that are needed, or training diverges.
+            MissingExtraError: torch is not installed.
+            ModelError: the exported graph differs from the network.
         """
-        return self.fit_from(dataset, progress)
+        return self.fit_resumable(dataset, progress)
 
-    def fit_from(
+    def fit_resumable(
         self,
         dataset: Dataset,
         progress: Progress | None = None,
@@ -173,179 +190,192 @@ class NetworkEstimator(Estimator):
         folder: Path | None = None,
         resume: bool = False,
     ) -> Self:
-        """`fit` that can be killed and gone on with.
+        """As `fit`; a training that was killed can be resumed.
 
-        ``folder`` takes the prepared pictures, a checkpoint after every epoch and the log; ``resume``: go on from what
-        is there. Without it a temporary one is used and removed.
+        Args:
+            dataset: the training data.
+            progress: called during training.
+            folder: run directory for prepared images, log and a checkpoint after every epoch; None: a temporary one.
+            resume: continue from the checkpoint in ``folder``.
         """
-        report, start = progress or _silent, self._begin
+        report, initial = progress or _no_progress, self._init_from
         require_torch()
         if len(dataset) < MIN_SAMPLES:
             raise InputError(
                 f"{dataset.title}: has {len(dataset)} samples; training {self.name} needs at least {MIN_SAMPLES}"
             )
-        self.settle(dataset)
-        every, some = self.told(dataset)
-        known = components_of(dataset, self.settings.components, self.name)
+        self.resolve_settings(dataset)
+        required, available = self.metadata_names(dataset)
+        known = training_components(dataset, self.settings.components, self.name)
         names = actuation_names(self.settings.actuation, dataset)
-        if start is not None and names and names != start._known().actuation != ():
+        if initial is not None and names and names != initial._fitted().actuation != ():
             raise InputError(
-                f"the model to begin with was trained with {', '.join(start._known().actuation)}, not with "
-                f"{', '.join(names)}; state the same, or begin with another model"
+                f"the initial model was trained with {', '.join(initial._fitted().actuation)}, not with "
+                f"{', '.join(names)}; state the same, or start from another model"
             )
         with contextlib.ExitStack() as stack:
-            place = folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tipforce-")))
-            prepared = self._prepared(dataset, names, place, lambda share: report("preparing pictures", 0.1 * share))
-            samples = samples_of(dataset, prepared, known)
-            part = train_val_split(samples.session, self.settings)
-            task = self.task(known, dataset.force_frames == {"base"}, spread_of(samples.inputs.get("actuation")))
-            learnt = train_network(
-                task, samples, part, self.settings,
-                start=None if start is None else weights_of(start.files()[MODEL]),
-                folder=folder, resume=resume,
+            work = folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tipforce-")))
+            prepared = self._prepared(dataset, names, work, lambda share: report("preparing images", 0.1 * share))
+            samples = training_samples(dataset, prepared, known)
+            split = train_val_split(samples.session, self.settings)
+            task = self.task(known, dataset.force_frames == {"base"}, standardisation(samples.inputs.get("actuation")))
+            result = train_network(
+                task,
+                samples,
+                split,
+                self.settings,
+                init_from=None if initial is None else current_weight_names(graph_weights(initial.files()[GRAPH_FILE])),
+                folder=folder,
+                resume=resume,
                 progress=lambda what, share: report(what, 0.1 + 0.85 * share),
-            )  # fmt: skip
+            )
             report("exporting", 0.95)
-            network, kept = network_of(task, learnt.weights), prepared.kept
-            inputs = {**self.forms(training=False), **actuation_form(names)}
-            noted = {"method": self.name, "components": ", ".join(np.array(AXES)[known])}
-            compared = task.batch(samples, spread_over(part.validate, COMPARED), None)
+            network, index = network_from_weights(task, result.weights), prepared.index
+            inputs = {**self.input_specs(training=False), **actuation_spec(names)}
+            metadata = {"method": self.name, "components": ", ".join(np.array(AXES)[known])}
+            compared = task.batch(samples, spread_evenly(split.val, _PARITY_SAMPLES), None)
             shown = {name: compared[name] for name in task.inputs}
-            for halved in (True, False):  # half precision is too coarse for a network whose large features cancel
-                data = export_graph(network, inputs, self.outputs, noted, halved=halved)
+            for half_precision in (True, False):  # too coarse for a network whose large features cancel
+                data = export_graph(network, inputs, self.outputs, metadata, half_precision=half_precision)
                 deviation_n = parity_n(data, network, shown)
-                if deviation_n < PARITY_N:
+                if deviation_n < MAX_PARITY_N:
                     break
             else:
                 raise ModelError(
                     f"the exported graph differs from the trained network by up to {deviation_n:.2g} N, more than "
-                    f"{PARITY_N:g} N: there is no model; train it with a smaller rate"
+                    f"{MAX_PARITY_N:g} N: there is no model; train it with a smaller rate"
                 )
-            small, growth = in_eight_bits(data, task, samples, part) if self.settings.bits == 8 else (None, None)
-            graph = Graph(data, MODEL) if small is None else Graph(small, SMALL)
-            looked = Looked(graph, task, samples, part, dataset.stamp_ns[kept])
-            own = self.own_arrays(looked)
-            del prepared, samples, looked  # before the files they are maps of
-        held_out, earlier = dataset.subset(kept[part.validate]), self.begun()
-        learnt_from = f"{len(kept)} samples of {dataset.title}"
-        self.fitted_ = Fitted(
+            quantised, growth = None, None
+            if self.settings.bits == 8:
+                quantised, growth = quantise_checked(data, task, samples, split)
+            graph = Graph(data, GRAPH_FILE) if quantised is None else Graph(quantised, QUANTISED_FILE)
+            calibration = CalibrationBatch(graph, task, samples, split, dataset.stamp_ns[index])
+            arrays = self.fit_arrays(calibration)
+            del prepared, samples, calibration  # before the files that they map
+        held_out, before = dataset.subset(index[split.val]), self.initial_model()
+        trained_on = f"{len(index)} samples of {dataset.title}"
+        self.fitted_ = FittedNetwork(
             actuation=names,
             known=known,
             graph=graph,
             data=data,
-            small=small,
-            own=own,
-            log="".join(json.dumps(row) + "\n" for row in learnt.rows).encode(),
-            interval=_UNKNOWN,
+            quantised=quantised,
+            arrays=arrays,
+            log="".join(json.dumps(row) + "\n" for row in result.rows).encode(),
+            interval=_NO_INTERVAL,
             facts={
-                **learnt.facts,
-                "told": list(every),
-                "ever_told": list(some),
-                "samples": len(kept),
-                "samples_left_out": len(dataset) - len(kept),
+                **result.facts,
+                "required_metadata": list(required),
+                "known_metadata": list(available),
+                "samples": len(index),
+                "samples_skipped": len(dataset) - len(index),
                 "parity_with_network_n": deviation_n,
-                "bits": 32 if small is None else 8,
+                "bits": 32 if quantised is None else 8,
                 "error_growth_in_8_bits": growth,
-                "started_from": None if start is None else start.describe()["network"],
-                "learnt_from": [*earlier.facts["learnt_from"], learnt_from] if earlier else [learnt_from],
+                "fine_tuned_from": None if initial is None else initial.describe()["network"],
+                "trained_on": [*before.facts["trained_on"], trained_on] if before else [trained_on],
             },
-            sessions=tuple(sorted({*dataset.sessions, *(earlier.sessions if earlier else ())})),
+            sessions=tuple(sorted({*dataset.session_fingerprints.values(), *(before.sessions if before else ())})),
         )
-        # the part that chose the epoch promises nothing about another session, even where it was whole ones
-        drawn = f"{'held-out' if part.sessions else 'random'} samples that also chose the epoch,"
-        self._set_interval(held_out, drawn, lambda share: report("measuring", 0.96 + 0.04 * share))
+        # the split that chose the epoch guarantees nothing for another session, even where it has whole ones
+        sampling = f"{'held-out' if split.by_session else 'random'} samples that also chose the epoch,"
+        self._set_interval(held_out, sampling, lambda share: report("measuring", 0.96 + 0.04 * share))
         return self
 
     def _prepared(
-        self, dataset: Dataset, names: tuple[str, ...], folder: Path, report: Callable[[float], None]
-    ) -> Prepared:
-        readers: dict[str, Reader] = {}
+        self, dataset: Dataset, actuation: tuple[str, ...], folder: Path, report: Callable[[float], None]
+    ) -> PreparedData:
+        readers: dict[str, InputReader] = {}
 
-        def read(session: str, observation: Observation, mask: Image | None) -> Arrays | Refusal:
+        def read(session: str, observation: Observation, mask: Image | None) -> Arrays | Abstention:
             if session not in readers:
                 readers.clear()
-                readers[session] = self.reader(dataset.contexts[session], training=True)
-            return read_one(readers[session], names, observation, mask)
+                readers[session] = self.reader(dataset.session_info[session], training=True)
+            return read_inputs(readers[session], actuation, observation, mask)
 
-        forms, view = {**self.forms(training=True), **actuation_form(names)}, self.settings.view
-        heat = self.mask_form()
+        specs, view = {**self.input_specs(training=True), **actuation_spec(actuation)}, self.settings.view
+        heatmap = self.heatmap_spec()
         masks: Iterable[Image | None] = repeat(None, len(dataset))
-        if heat is not None and dataset.has_masks(view):
-            forms["heat"], masks = heat, dataset.masks(view)
-        sheets = [repr(dataset.contexts[name]) for name in sorted(dataset.contexts)]
-        key = "\n".join([self.name, self.settings.model_dump_json(exclude=set(TrainConfig.model_fields)), *sheets])
-        prepared = prepare(dataset, masks, forms, read, folder, key, dataset.names_of(view), report)
-        if len(prepared.kept) < MIN_SAMPLES:
+        if heatmap is not None and dataset.has_masks(view):
+            specs["heatmap"], masks = heatmap, dataset.masks(view)
+        sessions = [repr(dataset.session_info[name]) for name in sorted(dataset.session_info)]
+        key = "\n".join([self.name, self.settings.model_dump_json(exclude=set(TrainConfig.model_fields)), *sessions])
+        prepared = prepare(dataset, masks, specs, read, folder, key, dataset.names_of(view), report)
+        if len(prepared.index) < MIN_SAMPLES:
             raise InputError(
-                f"{dataset.title}: {len(prepared.kept)} of {len(dataset)} samples can be read, {self.name} needs "
-                f"{MIN_SAMPLES}; the first other one says: {prepared.why_not}"
+                f"{dataset.title}: {len(prepared.index)} of {len(dataset)} samples can be read, {self.name} needs "
+                f"{MIN_SAMPLES}; the first other one says: {prepared.first_skipped}"
             )
         return prepared
 
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Find the intervals anew on ``dataset``, of whose sessions ``fit`` saw none; the answers stay as they are.
+        """Set the intervals on ``dataset``, whose sessions ``fit`` did not use; the estimated forces stay.
 
-        Raises InputError where none of its samples can be answered, NotFittedError before ``fit``.
+        Raises:
+            InputError: none of its samples has an estimate.
+            NotFittedError: before ``fit``.
         """
-        report = progress or _silent
-        self._known()
+        report = progress or _no_progress
+        self._fitted()
         self._set_interval(dataset, "", lambda share: report("calibrating", share))
         return self
 
-    def _set_interval(self, dataset: Dataset, drawn: str, report: Callable[[float], None]) -> None:
-        """By the answers to ``dataset``, whole sessions that were held out unless it was ``drawn``, which says how."""
-        fitted = self._known()
-        shown = self.answers(dataset, report)
-        answered = [place for place, estimate in enumerate(shown) if estimate.valid]
-        if not answered:
+    def _set_interval(self, dataset: Dataset, sampling: str, report: Callable[[float], None]) -> None:
+        """Set the intervals on ``dataset``: whole held-out sessions, unless ``sampling`` says how it was drawn."""
+        fitted = self._fitted()
+        estimates = self.answers(dataset, report)
+        valid = [index for index, estimate in enumerate(estimates) if estimate.valid]
+        if not valid:
             raise InputError(
-                f"{dataset.title}: intervals cannot be found on {len(dataset)} samples without an answer; the first "
-                f"says: {shown[0].detail} ({shown[0].status})"
+                f"{dataset.title}: none of its {len(dataset)} samples has an estimate, so there is nothing to set the "
+                f"intervals on; the first says: {estimates[0].detail} ({estimates[0].status})"
             )
-        found = [shown[place] for place in answered]
-        truth = dataset.force_n[answered][:, fitted.known]
-        interval = self.interval(found, truth, dataset.session[answered], drawn)
+        found = [estimates[index] for index in valid]
+        truth = dataset.force_n[valid][:, fitted.known]
+        interval = self.fit_interval(found, truth, dataset.session[valid], sampling)
         self.fitted_ = replace(fitted, interval=interval)
 
-    def interval(
-        self, found: Sequence[ForceEstimate], truth: FloatArray, session: npt.NDArray[np.str_], drawn: str
+    def fit_interval(
+        self, estimates: Sequence[ForceEstimate], truth: FloatArray, session: npt.NDArray[np.str_], sampling: str
     ) -> Interval:
-        """From the answers ``found`` to samples of ``session`` (n,) and their labels (n, t); see `interval_from`."""
-        known = self._known().known
-        force = np.array([each.force_n[known] for each in found])
-        return interval_from(known, force, force - truth, truth, session, not drawn, drawn)
+        """Returns the intervals from estimates, their labels (n, t) and sessions (n,); see `conformal_interval`."""
+        known = self._fitted().known
+        force = np.array([each.force_n[known] for each in estimates])
+        return conformal_interval(known, force, force - truth, truth, session, not sampling, sampling)
 
-    def start(self, context: Context) -> "NetworkStream":
-        """A stream for one session. Raises NotFittedError before ``fit``."""
-        fitted = self._known()
-        return NetworkStream(fitted.graph, self.reader(context, training=False), fitted.actuation, self.answering())
+    def start(self, info: SessionInfo) -> "NetworkStream":
+        """Returns a stream for one session. Raises NotFittedError before ``fit``."""
+        fitted = self._fitted()
+        reader = self.reader(info, training=False)
+        return NetworkStream(fitted.graph, reader, fitted.actuation, self.estimate_builder())
 
-    def answering(self) -> Answering:
-        """What makes estimates of the graph's outputs."""
-        fitted = self._known()
-        answers = Answers(fitted.known, fitted.interval)
-        return lambda stamp_ns, outputs: answers.valid(stamp_ns, outputs["force_n"][0])
+    def estimate_builder(self) -> BuildEstimate:
+        """Returns what makes estimates from the graph's outputs, for one session."""
+        fitted = self._fitted()
+        builder = EstimateBuilder(fitted.known, fitted.interval)
+        return lambda stamp_ns, outputs: builder.valid(stamp_ns, outputs["force_n"][0])
 
     def unfitted(self) -> Self:
-        """The same recipe without what was learnt; it begins with the same weights, if it began with any."""
+        """Returns the same settings and initial model without the learnt state."""
         made = type(self)(self.settings)
-        made._begin = self._begin
+        made._init_from = self._init_from
         return made
 
-    def beginning_with(self, model: "NetworkEstimator") -> Self:
-        """The same recipe, whose fits begin with the weights of ``model`` and have the settings for that.
+    def fine_tuned_from(self, model: "NetworkEstimator") -> Self:
+        """Returns an unfitted estimator whose fits start from the weights of ``model``, with settings for fine-tuning.
 
-        Raises InputError for another method's model.
+        Raises:
+            InputError: ``model`` is of another method.
         """
         if model.name != self.name:
-            raise InputError(f"a {self.name} cannot begin with the weights of a {model.name}; name a {self.name}")
+            raise InputError(f"a {self.name} cannot start from the weights of a {model.name}; name a {self.name}")
         made = self.unfitted()
-        made.settings, made._begin = self.settings.for_fine_tuning(), model
+        made.settings, made._init_from = self.settings.for_fine_tuning(), model
         return made
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-        """All but the graph and the log, which are `files`."""
-        fitted = self._known()
+        """Returns all but the graph and the log, which are `files`."""
+        fitted = self._fitted()
         values = {
             "actuation": list(fitted.actuation),
             "known": fitted.known.tolist(),
@@ -353,13 +383,13 @@ class NetworkEstimator(Estimator):
             "facts": fitted.facts,
             "sessions": list(fitted.sessions),
         }
-        return values, fitted.own
+        return values, fitted.arrays
 
     def files(self) -> dict[str, bytes]:
-        """The graph, and the log of the training, one JSON line an epoch."""
-        fitted = self._known()
-        small = {} if fitted.small is None else {SMALL: fitted.small}
-        return {MODEL: fitted.data, LOG: fitted.log, **small}
+        """Returns the graph, and the training log with one JSON line an epoch."""
+        fitted = self._fitted()
+        quantised = {} if fitted.quantised is None else {QUANTISED_FILE: fitted.quantised}
+        return {GRAPH_FILE: fitted.data, LOG_FILE: fitted.log, **quantised}
 
     @classmethod
     def from_state(
@@ -372,67 +402,68 @@ class NetworkEstimator(Estimator):
         """The inverse of `state` and `files`. Raises KeyError without the graph, ModelError where it is damaged."""
         files = files or {}
         made = cls(cls.settings_type.model_validate(settings))
-        made.fitted_ = Fitted(
+        quantised = QUANTISED_FILE in files
+        made.fitted_ = FittedNetwork(
             actuation=tuple(values["actuation"]),
             known=np.array(values["known"], np.bool_),
-            graph=Graph(files[SMALL], SMALL) if SMALL in files else Graph(files[MODEL], MODEL),
-            data=files[MODEL],
-            small=files.get(SMALL),
-            log=files[LOG],
-            own=dict(arrays),
+            graph=Graph(files[QUANTISED_FILE], QUANTISED_FILE) if quantised else Graph(files[GRAPH_FILE], GRAPH_FILE),
+            data=files[GRAPH_FILE],
+            quantised=files.get(QUANTISED_FILE),
+            log=files[LOG_FILE],
+            arrays=current_array_names(arrays),
             interval=Interval.of(values["interval"]),
-            facts={"learnt_from": [f"{values['facts']['samples']} samples"], **values["facts"]},
-            sessions=tuple(values.get("sessions", ())),
+            facts=dict(values["facts"]),
+            sessions=tuple(values["sessions"]),
         )
-        made.start(Context())  # what an earlier version did not keep is missed here, not at the first frame
+        made.start(SessionInfo())  # what the state lacks is missed here, not at the first frame
         return made
 
     def describe(self) -> dict[str, Any]:
-        """The network, the budget that was used, errors, intervals and their basis."""
-        fitted = self._known()
+        """Returns the network, its training, errors, intervals and their basis."""
+        fitted = self._fitted()
         names = [*np.array(AXES)[fitted.known].tolist(), "magnitude"]
-        halves = dict(zip(names, self.usual_half_n().tolist(), strict=True))
+        half_widths = dict(zip(names, self.typical_half_n().tolist(), strict=True))
         return {
             **fitted.facts,
             "actuation": list(fitted.actuation),
-            "looks_at": self.looks_at,
-            "remembers": self.remembers,
-            "interval_half_width_n": {name: half if np.isfinite(half) else None for name, half in halves.items()},
+            "input": self.input_text,
+            "uses_history": self.uses_history,
+            "interval_half_width_n": {name: half if np.isfinite(half) else None for name, half in half_widths.items()},
             "interval_basis": fitted.interval.basis,
         }
 
-    def usual_half_n(self) -> FloatArray:
-        """(t + 1,): half-widths of the components' intervals and of the magnitude's, as they usually are."""
-        fitted = self._known()
+    def typical_half_n(self) -> FloatArray:
+        """Returns (t + 1,) typical half-widths of the components' intervals and of the magnitude's, in newtons."""
+        fitted = self._fitted()
         return np.append(fitted.interval.half_n[fitted.known], fitted.interval.magnitude_half_n)
 
     @classmethod
-    def words(cls, facts: Mapping[str, Any]) -> Words:
-        """Budget, best epoch, intervals."""
-        return network_words(facts)
+    def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
+        """See `Estimator`."""
+        return network_summary(facts)
 
-    def _known(self) -> Fitted:
+    def _fitted(self) -> FittedNetwork:
         if self.fitted_ is None:
             raise NotFittedError(f"{self.name} was not fitted; train it with `tipforce train` or load a model")
         return self.fitted_
 
 
 class NetworkStream:
-    """One session, frame after frame; what is kept of earlier ones is the matter of ``answering``."""
+    """One session, frame after frame; ``build`` keeps what is needed of earlier frames."""
 
-    def __init__(self, graph: Graph, reader: Reader, actuation: tuple[str, ...], answering: Answering) -> None:
-        self._graph, self._reader, self._actuation, self._answering = graph, reader, actuation, answering
+    def __init__(self, graph: Graph, reader: InputReader, actuation: tuple[str, ...], build: BuildEstimate) -> None:
+        self._graph, self._reader, self._actuation, self._build = graph, reader, actuation, build
 
     def update(self, observation: Observation) -> ForceEstimate:
-        """The force at this observation; its status says why where there is none."""
-        row = read_one(self._reader, self._actuation, observation)
-        if isinstance(row, Refusal):
+        """Returns the estimate for this observation; its status says why where there is no force."""
+        row = read_inputs(self._reader, self._actuation, observation)
+        if isinstance(row, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail)
-        return self._answering(observation.stamp_ns, self._graph(**{name: value[None] for name, value in row.items()}))
+        return self._build(observation.stamp_ns, self._graph(**{name: value[None] for name, value in row.items()}))
 
 
-def _silent(what: str, share: float) -> None:
+def _no_progress(what: str, share: float) -> None:
     del what, share
 
 
-_UNKNOWN = Interval(np.full(3, np.nan), math.nan, np.full((3, 3), np.nan), False, "not measured yet", 0, 0)
+_NO_INTERVAL = Interval(np.full(3, np.nan), math.nan, np.full((3, 3), np.nan), False, "not measured yet", 0, 0)

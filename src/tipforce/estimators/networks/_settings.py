@@ -6,19 +6,19 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field
 
 from ...training import Augmentation, TrainConfig
-from ._window import LENGTHS
+from ._image_input import WINDOW_LENGTHS
 
 __all__ = ["CompactSettings", "DcfeSettings"]
 
 
 class NetworkSettings(TrainConfig):
-    """What all networks have."""
+    """Settings of all networks."""
 
     fine_tuning: ClassVar[Mapping[str, Any]] = {}
-    """What is otherwise where training begins with a model's weights, as long as nothing else is stated."""
+    """Defaults that differ where a model is fine-tuned."""
 
     def for_fine_tuning(self) -> Self:
-        """The settings for a training that begins with a model's weights.
+        """Returns the settings for fine-tuning; values that were set explicitly stay.
 
         >>> CompactSettings(epochs=3).for_fine_tuning().epochs, CompactSettings().for_fine_tuning().rate
         (3, 0.0005)
@@ -28,17 +28,17 @@ class NetworkSettings(TrainConfig):
         )
 
     view: str = "camera"
-    """Which of an observation's views to look at."""
+    """Name of the camera view."""
     bits: Literal[32, 8] = 32
-    """8: the model answers by a graph in 8 bits, two to four times faster, if its error on what was kept from training
-    is less than 5 % larger; else by the one in 32 bits, and says so."""
+    """8: the graph is quantised to 8 bits, two to four times faster, if its validation error grows by less than 5 %;
+    else the model runs in 32 bits, with a warning."""
 
 
 class DcfeSettings(NetworkSettings):
-    """ResNet-18 from the picture to Fx and Fy (thesis ch. 4).
+    """ResNet-18 from the image to Fx and Fy (thesis ch. 4).
 
-    The thesis states stochastic gradient descent, eq. (19) and 10,000 epochs; what it leaves open is chosen here and
-    may be set. ``patience`` ends training before its budget is used up.
+    The thesis states stochastic gradient descent, eq. (19) and 10,000 epochs; what it leaves open is chosen here.
+    ``patience`` ends training early.
     """
 
     fine_tuning: ClassVar[Mapping[str, Any]] = {
@@ -51,64 +51,64 @@ class DcfeSettings(NetworkSettings):
     }
 
     components: Literal["xy", "all"] = "xy"
-    """Components to learn: `xy` as in the thesis, or `all` that the training data know."""
+    """Force components: `xy` as in the thesis, or `all` that the training data have."""
     actuation: tuple[str, ...] | None = ()
-    """Beyond the thesis: names of actuation values that join the picture's features; None: all that there are."""
+    """Beyond the thesis: names of actuation values that join the image's features; None: all of the dataset."""
     epochs: Annotated[int, Field(ge=1)] = 10_000
-    """The thesis's budget: passes over the training part."""
+    """Largest number of epochs, as in the thesis."""
     patience: Annotated[int, Field(ge=1)] | None = 60
-    """Training ends after so many epochs without a smaller error on the validation part; None: all ``epochs``."""
+    """Early stopping after so many epochs without a smaller validation error; None: all ``epochs``."""
     batch: Annotated[int, Field(ge=2)] = 16
-    """Samples a step."""
+    """Batch size."""
     rate: Annotated[float, Field(gt=0)] = 0.0003
-    """The learning rate. The slope of eq. (19) is about 1 however small the error is, and the forces are not
-    normalised, so larger rates leap over forces of 0.1 N and diverge."""
+    """Learning rate. The gradient of eq. (19) is about 1 however small the error is, and the forces are not
+    normalised, so larger rates overshoot forces of 0.1 N and diverge."""
     schedule: Literal["constant", "cosine", "plateau"] = "plateau"
-    """For the same reason a rate that never falls keeps the answers trembling."""
+    """Learning-rate schedule. For the same reason a constant rate does not converge."""
     plateau_epochs: Annotated[int, Field(ge=1)] = 15
-    """Of `plateau`."""
+    """Patience of `plateau`."""
 
 
 class CompactSettings(NetworkSettings):
-    """A small network on the window around the catheter; see `Compact`."""
+    """Small network for a window around the catheter; see `Compact`."""
 
     fine_tuning: ClassVar[Mapping[str, Any]] = {"rate": 0.0005}
 
     components: Literal["xy", "all"] = "all"
-    """Components to learn: those in the picture's plane, or all that the training data know."""
+    """Force components: those in the image plane, or all that the training data have."""
     actuation: tuple[str, ...] | None = ()
-    """Names of actuation values that join the sheet as they are; None: all that there are. The knob needs no mention:
-    where the sheet says what it does, the curvature that it asks for is given to the network anyway."""
+    """Names of actuation values that join the metadata as they are; None: all of the dataset. The knob needs no
+    mention: where the metadata has its gain, the network is given the curvature that it sets anyway."""
     size: Annotated[int, Field(ge=64, multiple_of=32)] = 160
-    """Side of the network's picture in pixels."""
-    lengths: Annotated[float, Field(gt=1)] = LENGTHS
+    """Side of the network's image in pixels."""
+    lengths: Annotated[float, Field(gt=1)] = WINDOW_LENGTHS
     """Side of the window in nominal lengths of the catheter: it is to show what the tip touches, too."""
     base_side: Literal["auto", "left", "right", "top", "bottom", "none"] = "auto"
-    """The border that the base lies at; `auto`: as the sheet says, else as seen; `none`: the whole picture is shown."""
+    """Border at which the base lies. `auto`: from the metadata, else detected; `none`: the whole image is used."""
     across: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Where along that border, as a share from its left or upper end."""
-    refused: Annotated[float, Field(ge=0, lt=1)] = 0.03
-    """Share of usual pictures that are refused since they tell the force worst."""
+    """Position of the base along that border, as a share from its left or upper end."""
+    abstained: Annotated[float, Field(ge=0, lt=1)] = 0.03
+    """Share of in-distribution images without an estimate: those with the largest predicted uncertainty."""
     augmentation: Augmentation = Augmentation()
-    """What is altered at random in training."""
+    """Data augmentation."""
     epochs: Annotated[int, Field(ge=1)] = 30
-    """The budget: passes over the training part."""
+    """Largest number of epochs."""
     patience: Annotated[int, Field(ge=1)] | None = None
-    """Training ends after so many epochs without a smaller error on the validation part; None: never before its time,
-    for the rate falls with the budget."""
+    """Early stopping after so many epochs without a smaller validation error; None: never, for the learning rate
+    falls with the number of epochs."""
     batch: Annotated[int, Field(ge=2)] = 64
-    """Samples a step."""
+    """Batch size."""
     optimiser: Literal["sgd", "adamw"] = "adamw"
-    """Stochastic gradient descent with ``momentum``, or AdamW with the usual constants."""
+    """Stochastic gradient descent with ``momentum``, or AdamW with its usual constants."""
     rate: Annotated[float, Field(gt=0)] = 0.002
-    """The learning rate."""
+    """Learning rate."""
     weight_decay: Annotated[float, Field(ge=0)] = 0.02
-    """Pull of the weights toward 0."""
+    """Weight decay of the optimiser."""
     schedule: Literal["constant", "cosine", "plateau"] = "cosine"
     """See `TrainConfig`."""
     warmup_epochs: Annotated[float, Field(ge=0)] = 0.5
-    """The rate rises in a straight line over so many epochs first."""
+    """The learning rate rises linearly over so many epochs first."""
     clip_norm: Annotated[float, Field(gt=0)] | None = 1.0
-    """Longer gradients are shortened to this length."""
+    """Largest norm of the gradient; longer gradients are scaled down."""
     average: Annotated[float, Field(ge=0, lt=1)] = 0.998
     """See `TrainConfig`."""

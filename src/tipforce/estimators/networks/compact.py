@@ -1,12 +1,13 @@
-"""A small network made for this task: the window around the catheter, its sheet, and a doubt of its own.
+"""`compact`: a small network for a window around the catheter, with metadata of the session and its own uncertainty.
 
-Beyond the thesis: grey pictures of the window alone, heads for the force's variance, contact and the catheter's place,
-intervals that follow the doubt, the mean over a picture and its mirror image, and a plain refusal of what it was not
-taught: strange pictures, and those of a bench that was moved.
+Beyond the thesis: grey images of the window alone; outputs for the variance of the force, contact and the catheter's
+heatmap; intervals that follow the predicted uncertainty; the mean over an image and its mirror image; abstention from
+images unlike the training images, and from those of a displaced camera or bench.
 """
 
 import itertools
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -15,40 +16,72 @@ import numpy.typing as npt
 
 from ...datasets import Dataset
 from ...errors import InputError
-from ...training import COMPACT_OUTPUTS, COMPACT_UNIT_N, UNKNOWN, CompactTask
+from ...training import COMPACT_OUTPUTS, COMPACT_UNIT_N, HEATMAP_UNKNOWN, CompactTask
 from ...types import (
-    BASE_SIDE,
     KNOB,
-    KNOB_GAIN,
     BoolArray,
-    Context,
     FloatArray,
     ForceEstimate,
     Image,
     Observation,
+    SessionInfo,
     ShapeFeatures,
     Status,
 )
-from ...vision import VisionSettings, settle
-from .._answers import Interval
-from .._needed import missing_facts, only_facts, refuse_malformed, stated_facts
-from .._reading import Refusal, read_actuation, read_view
-from ._arrays import Arrays, Looked, Reader, spread_over
-from ._doubt import Doubt, learn_doubt
-from ._doubtful import Doubtful, Limits, limits_from, magnitude_sigma, relative_interval, sigma_of, wider
-from ._lead import Lead, Trail, lead_from
-from ._network import Answering, NetworkEstimator
-from ._prepared import Form, Forms
+from ...vision import VisionSettings, auto_calibrate
+from .._reading import Abstention, read_actuation, read_view
+from .._session_metadata import missing_metadata
+from ..uncertainty import Interval, LastLayerLaplace, OodDetector, fit_laplace, fit_ood_detector, wider_interval
+from ._calibration import CalibrationBatch, spread_evenly
+from ._compact_estimates import (
+    AbstentionLimits,
+    CompactEstimateBuilder,
+    component_sigma,
+    fit_abstention_limits,
+    magnitude_sigma,
+    normalised_interval,
+)
+from ._image_input import Window, catheter_window, crop_window, enlarged
+from ._network import BuildEstimate, NetworkEstimator
+from ._preparation import Arrays, InputReader, Spec, Specs
+from ._rate_compensation import History, RateCompensation, rate_compensation_from
 from ._settings import CompactSettings
-from ._sheet import SHEET, sheet_of
-from ._window import Window, cut, widened, window_of
 
-__all__ = ["Compact"]
+__all__ = ["METADATA_FEATURES", "Compact", "metadata_features"]
 
-_WIDER = 1.3
-"""Side of the pictures that are trained on, in those of the network: there is room to shift and turn them."""
-_SETTLING = 10
-"""So many pictures tell where the base lies, where no sheet does."""
+METADATA_FEATURES = ("log_stiffness", "log_length", "diameter", "bend")
+"""Logarithms of stiffness and length over the values below; diameter over that below, less one; the curvature that the
+knob sets, times the length."""
+
+STIFFNESS_NM2, LENGTH_M, DIAMETER_M = 4.3e-4, 0.04, 2.33e-3
+"""A 7F ablation catheter 40 mm in front of its sheath."""
+
+_KNOB_GAIN = "actuation.knob_gain_per_m_deg"
+_TRAINING_SIZE = 1.3
+"""Side of the training images over that of the network's: there is room for augmentation."""
+_CALIBRATION_IMAGES = 10
+"""Images in which the base's border is detected, where the metadata do not state it."""
+
+
+def metadata_features(info: SessionInfo, actuation: Mapping[str, float]) -> npt.NDArray[np.float32]:
+    """Returns (4,) `METADATA_FEATURES` of catheter and bench; 0 for what is not known.
+
+    >>> metadata_features(SessionInfo(), {}).tolist()
+    [0.0, 0.0, 0.0, 0.0]
+    """
+    catheter = info.catheter
+    stiffness, length, diameter = catheter.bending_stiffness_nm2, catheter.flexible_length_m, catheter.diameter_m
+    gain = info.actuation.knob_gain_per_m_deg
+    bend = 0.0
+    if gain is not None and length is not None:
+        bend = gain * actuation.get(KNOB, 0.0) * length
+    features = (
+        math.log(stiffness / STIFFNESS_NM2) if stiffness else 0.0,
+        math.log(length / LENGTH_M) if length else 0.0,
+        diameter / DIAMETER_M - 1.0 if diameter else 0.0,
+        bend,
+    )
+    return np.array(features, np.float32)
 
 
 class Compact(NetworkEstimator):
@@ -57,177 +90,220 @@ class Compact(NetworkEstimator):
     name: ClassVar[str] = "compact"
     settings_type = CompactSettings
     settings: CompactSettings
-    looks_at = "a window around the catheter in each picture, in grey"
+    input_text = "a window around the catheter in each image, in grey"
     outputs = COMPACT_OUTPUTS
 
     def __init__(self, settings: CompactSettings | None = None) -> None:
         super().__init__(settings)
-        self._seen_side = "none"
+        self._detected_base_side = "none"
 
-    def settle(self, dataset: Dataset) -> None:
-        """Find the border that the base lies at, where neither sheet nor settings tell; none: whole pictures."""
-        silent = [name for name, context in dataset.contexts.items() if BASE_SIDE not in context.notes]
-        if self.settings.base_side != "auto" or not silent:
+    def resolve_settings(self, dataset: Dataset) -> None:
+        """Detect the border at which the base lies, where neither metadata nor settings state it.
+
+        Where it cannot be detected, whole images are used.
+        """
+        view = self.settings.view
+        unstated = [name for name, info in dataset.session_info.items() if info.view(view).base_side is None]
+        if self.settings.base_side != "auto" or not unstated:
             return
-        rows = spread_over(np.flatnonzero(np.isin(dataset.session, silent)), _SETTLING)
-        some = dataset.subset(rows)
-        views = [observation.views.get(self.settings.view) for observation in some.observations()]
-        images = [view for view in views if isinstance(view, np.ndarray)]
+        index = spread_evenly(np.flatnonzero(np.isin(dataset.session, unstated)), _CALIBRATION_IMAGES)
+        some = dataset.subset(index)
+        views = [observation.views.get(view) for observation in some.observations()]
+        images = [image for image in views if isinstance(image, np.ndarray)]
         try:
-            self._seen_side = settle(VisionSettings(view=self.settings.view), images).base_side
+            self._detected_base_side = auto_calibrate(VisionSettings(view=view), images).base_side
         except InputError:
-            self._seen_side = "none"
+            self._detected_base_side = "none"
 
-    def forms(self, *, training: bool) -> Forms:
-        """The window, wider for training; the sheet."""
+    def input_specs(self, *, training: bool) -> Specs:
+        """See `NetworkEstimator`: the window, larger for training, and the metadata features."""
         side = self._side(training=training)
-        return {"picture": ((side, side), "uint8"), "sheet": ((len(SHEET),), "float32")}
+        return {"image": ((side, side), "uint8"), "metadata": ((len(METADATA_FEATURES),), "float32")}
 
-    def told(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Without what every session tells, another catheter would be taken for a nominal one."""
-        each = [stated_facts(context) for context in dataset.contexts.values()]
-        settled = (BASE_SIDE,) if self.settings.base_side != "auto" else ()
-        names = [name for name in dict.fromkeys(itertools.chain(*each)) if name not in settled]
+    def metadata_names(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """See `NetworkEstimator`. Without what every session stated, another catheter would pass for a nominal one."""
+        each = [info.stated_keys() for info in dataset.session_info.values()]
+        names = [name for name in dict.fromkeys(itertools.chain(*each)) if name in self._used_metadata()]
         return tuple(name for name in names if all(name in other for other in each)), tuple(names)
 
-    @property
-    def needed_actuation(self) -> tuple[str, ...]:
-        """What it was trained with; the knob, where the sheets tell what it does. Raises NotFittedError."""
-        known = self._known()
-        told = KNOB_GAIN in self.needed_facts and KNOB not in known.actuation
-        return (*known.actuation, KNOB) if told else known.actuation
+    def _used_metadata(self) -> tuple[str, ...]:
+        """Returns the keys of the session metadata that it uses."""
+        view = f"views.{self.settings.view}"
+        side = (f"{view}.base_side",) if self.settings.base_side == "auto" else ()
+        catheter = ("diameter_m", "flexible_length_m", "rigid_length_m", "bending_stiffness_nm2")
+        return (*(f"catheter.{name}" for name in catheter), f"{view}.metres_per_px", *side, _KNOB_GAIN)
 
-    def mask_form(self) -> Form:
-        """A quarter as fine as the picture."""
+    @property
+    def required_actuation(self) -> tuple[str, ...]:
+        """What it was trained with; the knob, too, where its gain is required. Raises NotFittedError."""
+        fitted = self._fitted()
+        with_knob = _KNOB_GAIN in self.required_metadata and KNOB not in fitted.actuation
+        return (*fitted.actuation, KNOB) if with_knob else fitted.actuation
+
+    def heatmap_spec(self) -> Spec:
+        """See `NetworkEstimator`: a quarter of the image's size."""
         side = self._side(training=True) // 4
         return (side, side), "uint8"
 
     def _side(self, *, training: bool) -> int:
         size = self.settings.size
-        return 8 * round(_WIDER * size / 8) if training else size
+        return 8 * round(_TRAINING_SIZE * size / 8) if training else size
 
-    def reader(self, context: Context, *, training: bool) -> Reader:
-        """Cuts the window out of a session's pictures."""
+    def reader(self, info: SessionInfo, *, training: bool) -> InputReader:
+        """See `NetworkEstimator`: crops the window out of a session's images."""
         side = self._side(training=training)
-        refuse_malformed(context)
-        missing, seen_side = "", self._seen_side
+        missing, detected_base_side = "", self._detected_base_side
         if not training and self.fitted_ is not None:
-            missing = missing_facts(self.needed_facts, context)
-            context = only_facts(self.fitted_.facts["ever_told"], context)
-            seen_side = str(self.fitted_.own["seen_side"])
-        turns_knob = bool(float(context.notes.get(KNOB_GAIN, 0.0)))
+            missing = missing_metadata(self.required_metadata, info)
+            info = info.only(self.fitted_.facts["known_metadata"])
+            detected_base_side = str(self.fitted_.arrays["detected_base_side"])
+        needs_knob = bool(info.actuation.knob_gain_per_m_deg)
         windows: dict[tuple[int, ...], Window] = {}
 
         def window(shape: tuple[int, ...]) -> Window:
             if shape not in windows:
-                side_of_base = self.settings.base_side
-                if side_of_base == "auto":
-                    side_of_base = context.notes.get(BASE_SIDE, seen_side)
-                base = None if side_of_base == "none" else side_of_base
-                found = window_of(context, shape, base, self.settings.lengths, self.settings.across)
-                windows[shape] = widened(found, side / self.settings.size)
+                base_side = self.settings.base_side
+                if base_side == "auto":
+                    base_side = info.view(self.settings.view).base_side or detected_base_side
+                known_side = None if base_side == "none" else base_side
+                lengths, across = self.settings.lengths, self.settings.across
+                found = catheter_window(info, self.settings.view, shape, known_side, lengths, across)
+                windows[shape] = enlarged(found, side / self.settings.size)
             return windows[shape]
 
-        def read(observation: Observation, mask: Image | None = None) -> Arrays | Refusal:
+        def read(observation: Observation, mask: Image | None = None) -> Arrays | Abstention:
             view = read_view(observation, self.settings.view, "view")
-            if isinstance(view, Refusal):
+            if isinstance(view, Abstention):
                 return view
             if isinstance(view, ShapeFeatures):
-                return Refusal(Status.MISSING_INPUT, "this method looks at pictures; these data are shape numbers")
+                return Abstention(Status.MISSING_INPUT, "this method needs images; these data are shape features")
             if missing:
-                return Refusal(Status.MISSING_INPUT, missing)
-            knob = read_actuation(observation, (KNOB,)) if turns_knob else None
-            if isinstance(knob, Refusal):
+                return Abstention(Status.MISSING_INPUT, missing)
+            knob = read_actuation(observation, (KNOB,)) if needs_knob else None
+            if isinstance(knob, Abstention):
                 return knob
-            made: Arrays = {
-                "picture": cut(view, window(view.shape[:2]), side),
-                "sheet": sheet_of(context, observation.actuation),
+            inputs: Arrays = {
+                "image": crop_window(view, window(view.shape[:2]), side),
+                "metadata": metadata_features(info, observation.actuation),
             }
             if training and mask is None:
-                made["heat"] = np.full((side // 4, side // 4), UNKNOWN, np.uint8)
+                inputs["heatmap"] = np.full((side // 4, side // 4), HEATMAP_UNKNOWN, np.uint8)
             elif mask is not None:
-                made["heat"] = cut(np.where(mask, np.uint8(255), np.uint8(0)), window(view.shape[:2]), side // 4)
-            return made
+                binary = np.where(mask, np.uint8(255), np.uint8(0))
+                inputs["heatmap"] = crop_window(binary, window(view.shape[:2]), side // 4)
+            return inputs
 
         return read
 
-    def task(self, known: BoolArray, in_base: bool, actuation: tuple[tuple[float, float], ...]) -> CompactTask:
-        """See `CompactTask`."""
+    def task(self, known: BoolArray, base_frame: bool, actuation: tuple[tuple[float, float], ...]) -> CompactTask:
+        """See `NetworkEstimator`."""
         return CompactTask(
             outputs=int(known.sum()),
-            sheet=len(SHEET),
+            metadata=len(METADATA_FEATURES),
             size=self.settings.size,
-            planar=(0, 1) if in_base and bool(known[:2].all()) else None,
+            planar=(0, 1) if base_frame and bool(known[:2].all()) else None,
             augmentation=self.settings.augmentation,
             actuation=actuation,
         )
 
-    def own_arrays(self, looked: Looked) -> Arrays:
-        """Its doubt, what it refuses, and its lead; what training altered, but did not move too far, is known to it."""
-        how = self.settings.augmentation
-        assert isinstance(looked.task, CompactTask)
-        looked = replace(looked, task=replace(looked.task, augmentation=how.model_copy(update={"moved": 0.0})))
-        kept = looked.outputs(kept=True, altered=False)
-        taught = looked.outputs(kept=False, altered=True)
-        begun = self.begun()
-        before = None if begun is None else Doubt.of(begun.own)
-        doubt = learn_doubt(taught, kept, looked.outputs(kept=True, altered=True)["grid"], before)
-        sigma = sigma_of(kept, doubt, COMPACT_UNIT_N)
-        size = np.array([magnitude_sigma(f, s) for f, s in zip(kept["force_n"].astype(np.float64), sigma, strict=True)])
-        map_taught = looked.samples.heat is not None or (begun is not None and bool(begun.own["limit_seen"] > 0))
-        limits = limits_from(kept, size, self.settings.refused, map_taught=map_taught, moved_taught=how.moved > 0)
-        if begun is not None and len(doubt.domains.each) > 1:  # what that one knew counts still
-            limits = limits.widened(_limits_of(begun.own))
-        lead = lead_from(looked, None if begun is None else _lead_of(begun.own))
-        usual = np.append(np.median(sigma, axis=0), np.median(size))
+    def fit_arrays(self, calibration: CalibrationBatch) -> Arrays:
+        """Fit uncertainty, abstention limits and rate compensation.
+
+        Images as they are augmented in training count as in distribution, except for its out-of-distribution ones.
+        """
+        augmentation = self.settings.augmentation
+        task = calibration.task
+        assert isinstance(task, CompactTask)
+        in_distribution = augmentation.model_copy(update={"out_of_distribution": 0.0})
+        calibration = replace(calibration, task=replace(task, augmentation=in_distribution))
+        held_out = calibration.outputs(held_out=True, augmented=False)
+        training = calibration.outputs(held_out=False, augmented=True)
+        threshold_grid = calibration.outputs(held_out=True, augmented=True)["grid"]
+        initial = self.initial_model()
+        before = None if initial is None else OodDetector.of(initial.arrays)
+        ood = fit_ood_detector(training["grid"], held_out["grid"], threshold_grid, before)
+        # what the initial model learnt still holds where its distribution contains the new images
+        still_holds = initial is not None and len(ood.distributions) > 1
+        laplace = fit_laplace(
+            training["features"],
+            LastLayerLaplace.of(initial.arrays) if initial is not None and still_holds else None,
+        )
+        sigma = component_sigma(held_out, laplace, COMPACT_UNIT_N)
+        forces = held_out["force_n"].astype(np.float64)
+        magnitude = np.array([magnitude_sigma(f, s) for f, s in zip(forces, sigma, strict=True)])
+        heatmap_trained = calibration.samples.heatmap is not None or (
+            initial is not None and bool(initial.arrays["min_heatmap_px"] > 0)
+        )
+        limits = fit_abstention_limits(
+            held_out,
+            magnitude,
+            self.settings.abstained,
+            heatmap_trained=heatmap_trained,
+            ood_trained=augmentation.out_of_distribution > 0,
+        )
+        if initial is not None and still_holds:
+            limits = limits.widened(_limits(initial.arrays))
+        compensation = rate_compensation_from(
+            calibration, None if initial is None else _rate_compensation(initial.arrays)
+        )
         return {
-            **doubt.arrays(),
-            "limit_seen": np.array(limits.seen),
-            "limit_sigma_n": np.array(limits.sigma_n),
-            "limit_familiar": np.array(limits.familiar),
-            "usual_sigma_n": usual,
-            "lead_s": lead.seconds,
-            "lead_alone": np.array(lead.alone),
-            "seen_side": np.array(self._seen_side),
+            **ood.arrays(),
+            **laplace.arrays(),
+            "min_heatmap_px": np.array(limits.min_heatmap_px),
+            "max_sigma_n": np.array(limits.max_sigma_n),
+            "min_in_distribution_logit": np.array(limits.min_in_distribution_logit),
+            "typical_sigma_n": np.append(np.median(sigma, axis=0), np.median(magnitude)),
+            "rate_compensation_s": compensation.seconds,
+            "sigma_factor_without_history": np.array(compensation.sigma_factor_without_history),
+            "detected_base_side": np.array(self._detected_base_side),
         }
 
-    def answering(self) -> Answering:
-        """Intervals that follow the doubt, and refusals."""
-        fitted = self._known()
-        own = fitted.own
-        return Doubtful(
-            fitted.known, COMPACT_UNIT_N, Doubt.of(own), _limits_of(own), fitted.interval, _lead_of(own), Trail()
+    def estimate_builder(self) -> BuildEstimate:
+        """See `NetworkEstimator`."""
+        fitted = self._fitted()
+        return CompactEstimateBuilder(
+            known=fitted.known,
+            unit_n=COMPACT_UNIT_N,
+            laplace=LastLayerLaplace.of(fitted.arrays),
+            ood=OodDetector.of(fitted.arrays),
+            limits=_limits(fitted.arrays),
+            interval=fitted.interval,
+            compensation=_rate_compensation(fitted.arrays),
+            history=History(),
         )
 
     @property
-    def remembers(self) -> bool:
-        """Once it was taught by frames that follow each other closely."""
-        return self.fitted_ is not None and _lead_of(self.fitted_.own).used
+    def uses_history(self) -> bool:
+        """True where it was trained on frames that follow each other closely."""
+        return self.fitted_ is not None and _rate_compensation(self.fitted_.arrays).used
 
-    def interval(
-        self, found: Sequence[ForceEstimate], truth: FloatArray, session: npt.NDArray[np.str_], drawn: str
+    def fit_interval(
+        self, estimates: Sequence[ForceEstimate], truth: FloatArray, session: npt.NDArray[np.str_], sampling: str
     ) -> Interval:
-        """In standard deviations of each answer.
+        """Returns the intervals in standard deviations of each estimate.
 
-        Samples of the same sessions promise little: where it began with another model, that one's interval, if wider.
+        Samples of the training sessions guarantee little: where it was fine-tuned, the initial model's interval counts
+        if it is wider.
         """
-        known = self._known().known
-        force = np.array([each.force_n[known] for each in found])
-        sigma = np.array([np.sqrt(np.diag(each.covariance_n2)[known]) for each in found])
-        found_now = relative_interval(known, force, sigma, truth, session, drawn)
-        begun = self.begun()
-        return found_now if begun is None or not drawn else wider(found_now, begun.interval)
+        known = self._fitted().known
+        force = np.array([each.force_n[known] for each in estimates])
+        sigma = np.array([np.sqrt(np.diag(each.covariance_n2)[known]) for each in estimates])
+        interval = normalised_interval(known, force, sigma, truth, session, sampling)
+        initial = self.initial_model()
+        return interval if initial is None or not sampling else wider_interval(interval, initial.interval)
 
-    def usual_half_n(self) -> FloatArray:
-        """(t + 1,): half-widths of the components' intervals and the magnitude's, at the usual doubt."""
-        fitted = self._known()
-        halves = np.append(fitted.interval.half_n[fitted.known], fitted.interval.magnitude_half_n)
-        return halves * fitted.own["usual_sigma_n"]
-
-
-def _lead_of(own: Arrays) -> Lead:
-    return Lead(np.asarray(own["lead_s"], np.float64), float(own["lead_alone"]))
+    def typical_half_n(self) -> FloatArray:
+        """See `NetworkEstimator`: at the typical uncertainty."""
+        fitted = self._fitted()
+        half_widths = np.append(fitted.interval.half_n[fitted.known], fitted.interval.magnitude_half_n)
+        return half_widths * fitted.arrays["typical_sigma_n"]
 
 
-def _limits_of(own: Arrays) -> Limits:
-    return Limits(*(float(own[f"limit_{name}"]) for name in ("seen", "sigma_n", "familiar")))
+def _rate_compensation(arrays: Arrays) -> RateCompensation:
+    seconds = np.asarray(arrays["rate_compensation_s"], np.float64)
+    return RateCompensation(seconds, float(arrays["sigma_factor_without_history"]))
+
+
+def _limits(arrays: Arrays) -> AbstentionLimits:
+    names = ("min_heatmap_px", "max_sigma_n", "min_in_distribution_logit")
+    return AbstentionLimits(*(float(arrays[name]) for name in names))

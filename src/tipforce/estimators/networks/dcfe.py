@@ -1,29 +1,31 @@
-"""Method 2: the deep catheter force estimator, a ResNet-18 from the whole picture to the force (thesis ch. 4)."""
+"""Method 2: the deep catheter force estimator, a ResNet-18 from the whole image to the force (thesis ch. 4)."""
 
 from typing import ClassVar
 
 from ...training import RESNET_OUTPUTS, ResnetTask
-from ...types import BoolArray, Context, ForceEstimate, Image, Observation, ShapeFeatures, Status
-from .._answers import Answers
-from .._reading import Refusal, read_view
-from ._arrays import Arrays, Looked, Outputs, Reader
-from ._domain import Domains, learn_domains, refused_as_strange
-from ._network import Answering, NetworkEstimator
-from ._pictures import SIDE, whole_picture
-from ._prepared import Forms
+from ...types import BoolArray, ForceEstimate, Image, Observation, SessionInfo, ShapeFeatures, Status
+from .._builder import EstimateBuilder
+from .._reading import Abstention, read_view
+from ..uncertainty import OodDetector, fit_ood_detector
+from ._calibration import CalibrationBatch, Outputs
+from ._image_input import RESNET_SIZE_PX, resize_to_resnet
+from ._network import BuildEstimate, NetworkEstimator
+from ._preparation import Arrays, InputReader, Specs
 from ._settings import DcfeSettings
 
 __all__ = ["Dcfe"]
 
-_FORCE_DIRECTIONS = 20
-"""Of the pooled features: along these known pictures differ, the first holds nearly all of their variance."""
+_IGNORED_DIRECTIONS = 20
+"""Principal directions of the pooled features along which in-distribution images differ: the first holds nearly all of
+their variance."""
 
 
 class Dcfe(NetworkEstimator):
-    """Picture to Fx and Fy: 224 x 224 x 3, values 0..1 and nothing else; forces as they are, in newtons.
+    """Image to Fx and Fy: 224 x 224 x 3, values 0..1 and nothing else; forces in newtons as they are.
 
-    The picture's aspect is not kept, as in the thesis; grey ones are repeated in three channels. Beyond the thesis, a
-    picture whose pooled features lie far from all of the training's is refused. ``fitted_`` is None before ``fit``.
+    The image's aspect ratio is not kept, as in the thesis; grey images are repeated in three channels. Beyond the
+    thesis, there is no estimate for an image whose pooled features are out of distribution. ``fitted_`` is None before
+    ``fit``.
     """
 
     name: ClassVar[str] = "dcfe"
@@ -32,46 +34,47 @@ class Dcfe(NetworkEstimator):
     thesis_samples: ClassVar[int] = 615
     outputs = RESNET_OUTPUTS
 
-    def forms(self, *, training: bool) -> Forms:
-        """The same in training and after."""
+    def input_specs(self, *, training: bool) -> Specs:
+        """See `NetworkEstimator`; the same in training and after."""
         del training
-        return {"picture": ((SIDE, SIDE, 3), "uint8")}
+        return {"image": ((RESNET_SIZE_PX, RESNET_SIZE_PX, 3), "uint8")}
 
-    def reader(self, context: Context, *, training: bool) -> Reader:
-        """The picture resized; nothing hangs on the session."""
-        del context, training
+    def reader(self, info: SessionInfo, *, training: bool) -> InputReader:
+        """See `NetworkEstimator`; the image resized, whatever the session."""
+        del info, training
         return self._read
 
-    def task(self, known: BoolArray, in_base: bool, actuation: tuple[tuple[float, float], ...]) -> ResnetTask:
-        """Thesis fig. 29 and eq. (19); the network learns forces of any frame."""
-        del in_base
+    def task(self, known: BoolArray, base_frame: bool, actuation: tuple[tuple[float, float], ...]) -> ResnetTask:
+        """See `NetworkEstimator`: thesis fig. 29 and eq. (19), with forces of any frame."""
+        del base_frame
         return ResnetTask(int(known.sum()), actuation)
 
-    def own_arrays(self, looked: Looked) -> Arrays:
-        """Which pictures it knows."""
-        taught, kept = (looked.outputs(kept=part, altered=False)["pooled"] for part in (False, True))
-        begun = self.begun()
-        before = None if begun is None else Domains.of(begun.own)
-        return learn_domains(taught, kept, kept, before, beside=_FORCE_DIRECTIONS).arrays()
+    def fit_arrays(self, calibration: CalibrationBatch) -> Arrays:
+        """Fit the out-of-distribution detector."""
+        training, held_out = (
+            calibration.outputs(held_out=held_out, augmented=False)["pooled"] for held_out in (False, True)
+        )
+        initial = self.initial_model()
+        before = None if initial is None else OodDetector.of(initial.arrays)
+        detector = fit_ood_detector(training, held_out, held_out, before, ignored_directions=_IGNORED_DIRECTIONS)
+        return detector.arrays()
 
-    def answering(self) -> Answering:
-        """Estimates, or a refusal of what is unlike the training."""
-        fitted = self._known()
-        answers, domains = Answers(fitted.known, fitted.interval), Domains.of(fitted.own)
+    def estimate_builder(self) -> BuildEstimate:
+        """See `NetworkEstimator`; abstains where an image is out of distribution."""
+        fitted = self._fitted()
+        builder, detector = EstimateBuilder(fitted.known, fitted.interval), OodDetector.of(fitted.arrays)
 
-        def answer(stamp_ns: int, outputs: Outputs) -> ForceEstimate:
-            strange = refused_as_strange(stamp_ns, domains, outputs["pooled"])
-            return answers.valid(stamp_ns, outputs["force_n"][0]) if strange is None else strange
+        def build(stamp_ns: int, outputs: Outputs) -> ForceEstimate:
+            abstention = detector.abstention(stamp_ns, outputs["pooled"])
+            return builder.valid(stamp_ns, outputs["force_n"][0]) if abstention is None else abstention
 
-        return answer
+        return build
 
-    def _read(self, observation: Observation, mask: Image | None = None) -> Arrays | Refusal:
+    def _read(self, observation: Observation, mask: Image | None = None) -> Arrays | Abstention:
         del mask
         view = read_view(observation, self.settings.view, "view")
-        if isinstance(view, Refusal):
+        if isinstance(view, Abstention):
             return view
         if isinstance(view, ShapeFeatures):
-            return Refusal(
-                Status.MISSING_INPUT, "this method looks at pictures; these data are ready-made shape numbers"
-            )
-        return {"picture": whole_picture(view)}
+            return Abstention(Status.MISSING_INPUT, "this method needs images; these data are shape features")
+        return {"image": resize_to_resnet(view)}

@@ -1,0 +1,60 @@
+"""Estimates of a method with constant intervals, made without the checks whose outcome is known."""
+
+import math
+
+import numpy as np
+
+from ..types import BoolArray, FloatArray, ForceEstimate, Status
+from .uncertainty import Interval
+
+__all__ = ["AXES", "EstimateBuilder"]
+
+AXES = ("fx", "fy", "fz")
+"""Names of the force components."""
+
+_set = object.__setattr__
+
+
+class EstimateBuilder:
+    """Makes estimates from forces. What is the same in all of them is made once and shared, read-only."""
+
+    def __init__(self, known: BoolArray, interval: Interval) -> None:
+        self._axes = np.flatnonzero(known).tolist()
+        self._half = [float(interval.half_n[axis]) for axis in self._axes]
+        self._magnitude_half = interval.magnitude_half_n
+        self._known, self._covariance = known.copy(), interval.covariance_n2.copy()
+        self._unknown, self._no_interval = np.full(3, math.nan), np.full((3, 2), math.nan)
+        for array in (self._known, self._covariance, self._unknown, self._no_interval):
+            array.setflags(write=False)
+
+    def valid(self, stamp_ns: int, newtons: FloatArray) -> ForceEstimate:
+        """``newtons`` (t,): the known components in order, or the magnitude alone where none is known."""
+        if self._axes:
+            force, interval, square = self._unknown.copy(), self._no_interval.copy(), 0.0
+            for place, (axis, half) in enumerate(zip(self._axes, self._half, strict=True)):
+                value = float(newtons[place])
+                force[axis] = value
+                interval[axis, 0] = value - half
+                interval[axis, 1] = value + half
+                square += value * value
+            magnitude = math.sqrt(square)
+            force.setflags(write=False)
+            interval.setflags(write=False)
+        else:
+            # a magnitude cannot be negative; the regression does not know that
+            magnitude, force, interval = max(0.0, float(newtons[0])), self._unknown, self._no_interval
+        both = np.array((max(0.0, magnitude - self._magnitude_half), magnitude + self._magnitude_half))
+        both.setflags(write=False)
+        # ForceEstimate's own __init__ copies and checks five arrays: 8 us of the 100 us that a frame may take
+        estimate = ForceEstimate.__new__(ForceEstimate)
+        _set(estimate, "stamp_ns", stamp_ns)
+        _set(estimate, "force_n", force)
+        _set(estimate, "known", self._known)
+        _set(estimate, "covariance_n2", self._covariance)
+        _set(estimate, "interval_n", interval)
+        _set(estimate, "magnitude_n", magnitude)
+        _set(estimate, "magnitude_interval_n", both)
+        _set(estimate, "status", Status.VALID)
+        _set(estimate, "detail", "")
+        _set(estimate, "contact", math.nan)
+        return estimate

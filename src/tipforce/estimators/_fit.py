@@ -1,0 +1,124 @@
+"""One training run: draw samples, hold some out, fit, measure."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..datasets import Dataset, random_split, random_subset
+from ..errors import InputError
+from ..types import FloatArray
+from ._base import Estimator, Progress
+from .networks import NetworkEstimator
+
+__all__ = ["Training", "train"]
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """A fitted ``estimator``, the samples it learnt from, and ``metrics`` on those held out (empty without any).
+
+    ``calibration``: the sessions apart that its intervals were found on, if there were any.
+    """
+
+    estimator: Estimator
+    dataset: Dataset
+    metrics: dict[str, Any]
+    calibration: Dataset | None = None
+
+
+def train(
+    recipe: Estimator,
+    dataset: Dataset,
+    *,
+    samples: int | None = None,
+    holdout: float = 0.0,
+    seed: int = 0,
+    start: NetworkEstimator | None = None,
+    folder: Path | None = None,
+    resume: bool = False,
+    calibrate: Dataset | None = None,
+    progress: Progress | None = None,
+) -> Training:
+    """Fit ``recipe`` on ``dataset``, or on ``samples`` drawn from it, less a random share ``holdout`` to measure on.
+
+    ``seed`` is that of drawing, holding out and, where its settings do not state their own, of the method. ``start``,
+    ``folder`` and ``resume`` are for networks: see `NetworkEstimator.fit_resumable`. ``calibrate``: other sessions, on
+    which the intervals are found. Raises InputError as `draw`, `random_split`, `Estimator.fit` and
+    `Estimator.calibrate` do, where ``start`` is another method's, and where ``calibrate`` has sessions of ``dataset``,
+    or other forces.
+    """
+    if start is not None and not isinstance(recipe, NetworkEstimator):
+        raise InputError(f"{recipe.name} is no network and always learns from nothing; leave out what it starts from")
+    if calibrate is not None:
+        _check_calibration(dataset, calibrate)
+    settings = recipe.settings
+    if "seed" in type(settings).model_fields and "seed" not in settings.model_fields_set:
+        recipe = recipe.unfitted()
+        recipe.settings = settings.model_copy(update={"seed": seed})
+
+    def fit(part: Dataset) -> Estimator:
+        fresh = recipe.unfitted()
+        if not isinstance(fresh, NetworkEstimator):
+            fitted = fresh.fit(part, progress)
+        else:
+            fresh = fresh if start is None else fresh.fine_tuned_from(start)
+            fitted = fresh.fit_resumable(part, progress, folder=folder, resume=resume)
+        return fitted if calibrate is None else fitted.calibrate(calibrate, progress)
+
+    drawn = dataset if samples is None else random_subset(dataset, samples, seed)
+    if not holdout:
+        return Training(fit(drawn), drawn, {}, calibrate)
+    split = random_split(drawn, holdout, seed)
+    part = drawn.subset(split.train)
+    fitted = fit(part)
+    return Training(fitted, part, _measured(fitted, drawn.subset(split.test)), calibrate)
+
+
+def _check_calibration(dataset: Dataset, calibrate: Dataset) -> None:
+    """Ask before training for minutes."""
+    known = {fingerprint: name for name, fingerprint in dataset.session_fingerprints.items()}
+    if shared := [known[each] for each in calibrate.session_fingerprints.values() if each in known]:
+        raise InputError(
+            f"{calibrate.title}: {shared[0]} is in the training data, too, where errors are smaller than elsewhere; "
+            f"leave it out there (without={shared[0]})"
+        )
+    if (dataset.known & ~calibrate.known).any():
+        raise InputError(
+            f"{calibrate.title}: lacks force components that {dataset.title} has; the intervals need all of them"
+        )
+    if other := calibrate.force_frames - dataset.force_frames:
+        raise InputError(
+            f"{calibrate.title}: its forces are in the frame {min(other)}, those of {dataset.title} in "
+            f"{', '.join(sorted(dataset.force_frames))}; convert one of them"
+        )
+    views, there = (next(data.observations()).views.keys() for data in (dataset, calibrate))
+    if views - there:
+        raise InputError(
+            f"{calibrate.title}: has no view {min(views - there)!r}, which {dataset.title} has; the intervals need it"
+        )
+
+
+def _measured(fitted: Estimator, test: Dataset) -> dict[str, Any]:
+    """Errors in newtons over the answered samples of ``test``."""
+    answers = fitted.answers(test)
+    valid = np.array([answer.valid for answer in answers], np.bool_)
+    metrics: dict[str, Any] = {"held_out_samples": len(test), "answered": int(valid.sum())}
+    if not valid.any():
+        return metrics
+    force = np.array([answer.force_n for answer in answers])[valid]
+    size = np.array([answer.magnitude_n for answer in answers])[valid]
+    metrics |= _errors("magnitude", size - test.magnitude_n[valid])
+    for axis, name in enumerate(("fx", "fy", "fz")):
+        if test.known[axis] and np.isfinite(force[:, axis]).all():
+            metrics |= _errors(name, force[:, axis] - test.force_n[valid, axis])
+    return metrics
+
+
+def _errors(name: str, wrong_n: FloatArray) -> dict[str, float]:
+    return {
+        f"{name}_mae_n": float(np.mean(np.abs(wrong_n))),
+        f"{name}_rmse_n": float(np.sqrt(np.mean(wrong_n**2))),
+        f"{name}_max_n": float(np.max(np.abs(wrong_n))),
+    }

@@ -1,0 +1,96 @@
+"""Outputs of a trained graph on training and validation samples: for the uncertainty, and for quantisation."""
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...training import MAX_ERROR_GROWTH, Task, TrainingSamples, TrainValSplit, error_growth, quantise
+from ...types import FloatArray, IntArray
+from ._graph import Graph
+from ._preparation import Arrays
+
+__all__ = ["CalibrationBatch", "Outputs", "quantise_checked", "spread_evenly"]
+
+Outputs = Mapping[str, npt.NDArray[Any]]
+"""Outputs of a graph by name, (n, ...) each."""
+
+_CALIBRATION_SAMPLES = 4000
+"""Samples that the uncertainty of a network is fitted on."""
+_BATCH = 50
+_RANGE_SAMPLES, _COMPARED_SAMPLES = 300, 2000
+"""Samples for the activation ranges of quantisation, and for the comparison of the errors."""
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationBatch:
+    """A trained graph and the samples of its training, on which its uncertainty is fitted.
+
+    Attributes:
+        graph: the trained network.
+        task: makes batches of the samples.
+        samples: all samples.
+        split: which of them it was trained on.
+        stamp_ns: (n,) stamps of the samples.
+    """
+
+    graph: Graph
+    task: Task
+    samples: TrainingSamples
+    split: TrainValSplit
+    stamp_ns: IntArray
+
+    def outputs(self, *, held_out: bool, augmented: bool) -> Arrays:
+        """Returns the outputs for samples spread evenly over the validation split (``held_out``) or the training one.
+
+        The images are as they are, or ``augmented`` as in training.
+        """
+        index = self.split.val if held_out else self.split.train
+        return self.at(spread_evenly(index, _CALIBRATION_SAMPLES), augmented=augmented)
+
+    def at(self, index: IntArray, *, augmented: bool = False, names: Sequence[str] | None = None) -> Arrays:
+        """Returns the outputs ``names`` (None: all) for the samples at ``index``."""
+        batches: list[Arrays] = []
+        for first in range(0, len(index), _BATCH):
+            now = index[first : first + _BATCH]
+            rngs = [np.random.default_rng(sample) for sample in now.tolist()] if augmented else None
+            batch = self.task.batch(self.samples, now, rngs)
+            found = self.graph(**{name: batch[name] for name in self.task.inputs})
+            batches.append({name: found[name] for name in names or found})
+        return {name: np.concatenate([batch[name] for batch in batches]) for name in batches[0]}
+
+
+def spread_evenly(index: IntArray, most: int) -> IntArray:
+    """Returns at most so many of ``index``, spread evenly over it."""
+    return index[np.unique(np.linspace(0, len(index) - 1, min(len(index), most)).astype(np.int64))]
+
+
+def quantise_checked(
+    data: bytes, task: Task, samples: TrainingSamples, split: TrainValSplit
+) -> tuple[bytes | None, float]:
+    """Quantise a graph to 8 bits, if its error on validation samples hardly grows.
+
+    Returns:
+        The quantised graph and the relative growth of its error. None, with a warning, in place of the graph where the
+        error grows by `MAX_ERROR_GROWTH` or more.
+    """
+    typical = _batches(task, samples, spread_evenly(split.train, _RANGE_SAMPLES))
+    quantised = quantise(data, (inputs for inputs, _ in typical))
+    growth = error_growth(data, quantised, _batches(task, samples, spread_evenly(split.val, _COMPARED_SAMPLES)))
+    if growth < MAX_ERROR_GROWTH:
+        return quantised, growth
+    warnings.warn(
+        f"in 8 bits the error would be {growth:.0%} larger, {MAX_ERROR_GROWTH:.0%} is the limit: the model runs in 32 "
+        "bits",
+        stacklevel=3,
+    )
+    return None, growth
+
+
+def _batches(task: Task, samples: TrainingSamples, index: IntArray) -> Iterator[tuple[Arrays, FloatArray]]:
+    for first in range(0, len(index), _BATCH):
+        batch = task.batch(samples, index[first : first + _BATCH], None)
+        yield {name: batch[name] for name in task.inputs}, batch["force_n"].astype(np.float64)

@@ -1,0 +1,188 @@
+"""Estimates from the outputs of `compact`: intervals that follow the predicted uncertainty, and abstentions."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ...types import BoolArray, FloatArray, ForceEstimate, Status
+from ..uncertainty import Interval, LastLayerLaplace, OodDetector, interval_from_errors
+from ._calibration import Outputs
+from ._rate_compensation import History, RateCompensation
+
+__all__ = [
+    "AbstentionLimits",
+    "CompactEstimateBuilder",
+    "component_sigma",
+    "fit_abstention_limits",
+    "heatmap_pixels",
+    "magnitude_sigma",
+    "normalised_interval",
+]
+
+_HEATMAP_SHARE = 0.3
+"""A heatmap with less than this share of the smallest usual number of pixels shows no catheter."""
+_OOD_QUANTILE = 0.002
+"""Share of in-distribution images that may be taken for images of a displaced catheter."""
+
+
+@dataclass(frozen=True, slots=True)
+class AbstentionLimits:
+    """Limits beyond which there is no estimate.
+
+    Attributes:
+        min_heatmap_px: least expected number of heatmap pixels of the catheter; 0 where no heatmap was trained.
+        max_sigma_n: largest standard deviation of the magnitude, in newtons.
+        min_in_distribution_logit: least logit of an in-distribution position; -inf where that was not trained.
+    """
+
+    min_heatmap_px: float
+    max_sigma_n: float
+    min_in_distribution_logit: float
+
+    def widened(self, other: "AbstentionLimits") -> "AbstentionLimits":
+        """Returns the wider of both limits, or the only one of a limit that just one of them has."""
+        heatmap = (self.min_heatmap_px, other.min_heatmap_px)
+        logits = (self.min_in_distribution_logit, other.min_in_distribution_logit)
+        return AbstentionLimits(
+            min_heatmap_px=min(filter(None, heatmap), default=0.0),
+            max_sigma_n=max(self.max_sigma_n, other.max_sigma_n),
+            min_in_distribution_logit=min(filter(math.isfinite, logits), default=-math.inf),
+        )
+
+
+def fit_abstention_limits(
+    held_out: Outputs, sigma_n: FloatArray, abstained: float, *, heatmap_trained: bool, ood_trained: bool
+) -> AbstentionLimits:
+    """Set the limits.
+
+    Args:
+        held_out: outputs for held-out samples.
+        sigma_n: (n,) standard deviations of their magnitudes.
+        abstained: share of them whose standard deviation is to be too large.
+        heatmap_trained: whether training had heatmaps.
+        ood_trained: whether training had out-of-distribution images.
+    """
+    logit = min(0.0, float(np.quantile(held_out["in_distribution_logit"], _OOD_QUANTILE)))
+    pixels = _HEATMAP_SHARE * float(np.quantile(heatmap_pixels(held_out), 0.01)) if heatmap_trained else 0.0
+    return AbstentionLimits(
+        min_heatmap_px=pixels,
+        max_sigma_n=float(np.quantile(sigma_n, 1.0 - abstained)),
+        min_in_distribution_logit=logit if ood_trained else -math.inf,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class CompactEstimateBuilder:
+    """Makes the estimates of one session from the outputs of `CompactTask`'s network.
+
+    Attributes:
+        known: (3,) which components are estimated.
+        unit_n: the network's unit of force.
+        laplace: epistemic uncertainty.
+        ood: out-of-distribution detector on the network's last grid of features.
+        limits: when to abstain.
+        interval: half-widths in standard deviations, not newtons: the predicted deviation scales them.
+        compensation: of the viscous force.
+        history: earlier estimates of the session.
+    """
+
+    known: BoolArray
+    unit_n: float
+    laplace: LastLayerLaplace
+    ood: OodDetector
+    limits: AbstentionLimits
+    interval: Interval
+    compensation: RateCompensation
+    history: History
+
+    def __call__(self, stamp_ns: int, outputs: Outputs) -> ForceEstimate:
+        """Returns one estimate, from outputs (1, ...)."""
+        pixels = heatmap_pixels(outputs)[0]
+        if pixels < self.limits.min_heatmap_px:
+            return ForceEstimate.invalid(
+                stamp_ns,
+                Status.NO_CATHETER,
+                f"there is hardly a catheter in the window ({pixels:.1f} pixels of its heatmap)",
+            )
+        if outputs["in_distribution_logit"][0] < self.limits.min_in_distribution_logit:
+            return ForceEstimate.invalid(
+                stamp_ns,
+                Status.OUT_OF_DOMAIN,
+                "the catheter lies as in no training image: shifted, rotated, or of another scale",
+            )
+        abstention = self.ood.abstention(stamp_ns, outputs["grid"])
+        if abstention is not None:
+            return abstention
+        force = outputs["force_n"][0].astype(np.float64)
+        sigma = component_sigma(outputs, self.laplace, self.unit_n)[0]
+        sigma_n = magnitude_sigma(force, sigma)
+        if not sigma_n <= self.limits.max_sigma_n:
+            return ForceEstimate.invalid(
+                stamp_ns,
+                Status.UNOBSERVABLE,
+                f"this image tells the force to {sigma_n * 1e3:.0f} mN only (standard deviation)",
+            )
+        rate = self.history.rate(stamp_ns, force)
+        if rate is None:
+            sigma = sigma * self.compensation.sigma_factor_without_history
+        else:
+            force = force + rate @ self.compensation.seconds
+        magnitude, sigma_n = float(np.linalg.norm(force)), magnitude_sigma(force, sigma)
+        full, interval = np.full(3, math.nan), np.full((3, 2), math.nan)
+        covariance = np.full((3, 3), math.nan)
+        axes = np.flatnonzero(self.known)
+        full[axes] = force
+        half = self.interval.half_n[axes] * sigma
+        interval[axes, 0], interval[axes, 1] = force - half, force + half
+        covariance[np.ix_(axes, axes)] = np.diag(sigma**2)
+        magnitude_half = self.interval.magnitude_half_n * sigma_n
+        return ForceEstimate(
+            stamp_ns=stamp_ns,
+            force_n=full,
+            known=self.known,
+            covariance_n2=covariance,
+            interval_n=interval,
+            magnitude_n=magnitude,
+            magnitude_interval_n=np.array([max(0.0, magnitude - magnitude_half), magnitude + magnitude_half]),
+            contact=1.0 / (1.0 + math.exp(-float(outputs["contact_logit"][0]))),
+        )
+
+
+def normalised_interval(
+    known: BoolArray,
+    predicted: FloatArray,
+    sigma: FloatArray,
+    truth: FloatArray,
+    session: npt.NDArray[np.str_],
+    sampling: str,
+) -> Interval:
+    """As `conformal_interval`, in standard deviations: errors (n, t) are divided by their ``sigma`` (n, t)."""
+    magnitude = np.array([magnitude_sigma(f, s) for f, s in zip(predicted, sigma, strict=True)])
+    error = (np.linalg.norm(predicted, axis=1) - np.linalg.norm(truth, axis=1)) / magnitude
+    components = (predicted - truth) / sigma
+    return interval_from_errors(known, components, error, session, held_out=not sampling, sampling=sampling)
+
+
+def component_sigma(outputs: Outputs, laplace: LastLayerLaplace, unit_n: float) -> FloatArray:
+    """Returns (n, t) standard deviations of the components in newtons, aleatoric and epistemic together."""
+    log_variance = outputs["log_variance"].astype(np.float64)
+    epistemic = 1.0 + laplace.variance(outputs["features"].astype(np.float64))
+    return unit_n * np.exp(0.5 * log_variance) * np.sqrt(epistemic)[:, None]
+
+
+def magnitude_sigma(force: FloatArray, sigma: FloatArray) -> float:
+    """Returns the standard deviation of the length of ``force`` (t,) from those of its components, ``sigma`` (t,).
+
+    For a force near zero it is that of any direction.
+    """
+    square = float(force @ force) + float(sigma @ sigma) / len(sigma)
+    along = float((force * force) @ (sigma * sigma)) + float(sigma @ sigma) ** 2 / len(sigma) ** 2
+    return math.sqrt(along / square)
+
+
+def heatmap_pixels(outputs: Outputs) -> FloatArray:
+    """Returns (n,) expected numbers of heatmap pixels that the catheter covers."""
+    logits = outputs["heatmap_logit"].astype(np.float64)
+    return (1.0 / (1.0 + np.exp(-logits))).sum(axis=(1, 2))

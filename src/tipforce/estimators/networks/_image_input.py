@@ -1,0 +1,256 @@
+"""From an image of any size to the image of a network: the whole image resized, or a window around the catheter.
+
+The window of `compact` follows the session's metadata: its side is a multiple of the catheter's nominal length at the
+image's scale, so that a long and a short catheter fill it alike. It begins at the border at which the base lies, and is
+rotated so that the base is on the left. Nothing needs to be detected in the image first.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ..._compile import STEADY
+from ...types import Image, SessionInfo
+
+__all__ = [
+    "RESNET_SIZE_PX",
+    "WINDOW_LENGTHS",
+    "Window",
+    "catheter_window",
+    "crop_window",
+    "enlarged",
+    "resize_to_resnet",
+]
+
+RESNET_SIZE_PX = 224
+"""Side of the image of the thesis's network."""
+
+BASE_SIDES = ("left", "bottom", "right", "top")
+"""Borders that the base may lie at; the index is the number of clockwise quarter turns of the image."""
+
+WINDOW_LENGTHS = 1.35
+"""Side of the window in nominal lengths of the catheter: it shows what the tip touches, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A square part of an image.
+
+    Attributes:
+        origin: (u, v) of the base: the middle of the window's side at the border of the image.
+        size_px: side in image pixels.
+        turns: clockwise quarter turns that bring the base to the left.
+    """
+
+    origin: tuple[float, float]
+    size_px: float
+    turns: int
+
+
+_INWARD = ((1.0, 0.0), (0.0, -1.0), (-1.0, 0.0), (0.0, 1.0))
+"""Direction (u, v) from the base's border into the image."""
+
+
+def catheter_window(
+    info: SessionInfo,
+    view: str,
+    shape: tuple[int, ...],
+    side: str | None,
+    lengths: float = WINDOW_LENGTHS,
+    across: float = 0.5,
+) -> Window:
+    """Returns the window around the catheter.
+
+    Without a scale or a length it is the largest square at the base's border; without a side, the smallest that holds
+    the whole image.
+
+    Args:
+        info: of the session.
+        view: name of the view.
+        shape: (h, w[, 3]) of its images.
+        side: border at which the base lies; None: not known.
+        lengths: side of the window in nominal lengths of the catheter.
+        across: position of the base along the border, as a share from its left or upper end.
+    """
+    height, width = shape[:2]
+    along, beside = (width, height) if side in ("left", "right", None) else (height, width)
+    catheter, scale = info.catheter, info.view(view).metres_per_px
+    size = float(max(along, beside) if side is None else min(along, beside))
+    if side is not None and scale is not None and catheter.flexible_length_m is not None:
+        size = lengths * (catheter.flexible_length_m + (catheter.rigid_length_m or 0.0)) / scale
+    if side is None:
+        return Window((0.5 * (width - size) - 0.5, 0.5 * height - 0.5), size, 0)
+    turns = BASE_SIDES.index(side)
+    starts = (
+        (-0.5, across * height - 0.5),
+        (across * width - 0.5, height - 0.5),
+        (width - 0.5, across * height - 0.5),
+        (across * width - 0.5, -0.5),
+    )
+    return Window(starts[turns], size, turns)
+
+
+def crop_window(image: Image, window: Window, size: int) -> Image:
+    """Returns (size, size) grey levels of ``image`` (h, w[, 3]) in ``window``, averaged over areas.
+
+    Beyond the image its border is repeated.
+    """
+    out = np.empty((size, size), np.uint8)
+    channels_last = image if image.ndim == 3 else image[:, :, None]
+    cos, sin = _INWARD[window.turns]
+    _crop(channels_last, window.origin[0], window.origin[1], cos, sin, window.size_px, out)
+    return out
+
+
+def enlarged(window: Window, factor: float) -> Window:
+    """Returns the window with the same centre and ``factor`` times the side."""
+    cos, sin = _INWARD[window.turns]
+    back = 0.5 * (factor - 1.0) * window.size_px
+    return Window((window.origin[0] - cos * back, window.origin[1] - sin * back), factor * window.size_px, window.turns)
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
+def _crop(image: Image, u0: float, v0: float, cos: float, sin: float, side: float, out: Image) -> None:
+    """Separable area averaging with boxes as wide as a pixel of ``out``, at least one image pixel."""
+    size = out.shape[0]
+    height, width, channels = image.shape
+    scale = side / size
+    reach = max(scale, 1.0)
+    most = math.ceil(reach) + 2
+    columns = np.empty((2, size, most), np.int64)
+    weights = np.empty((2, size, most), np.float32)
+    counts = np.empty((2, size), np.int64)
+    for axis in range(2):
+        limit = width if axis == 0 else height
+        # on which of the image's axes "along" and "across" of the window lie
+        for k in range(size):
+            along = (k + 0.5) * scale
+            across = along - 0.5 * side
+            if axis == 0:
+                centre = u0 + cos * along if cos != 0.0 else u0 - sin * across
+            else:
+                centre = v0 + sin * along if sin != 0.0 else v0 + cos * across
+            low, high = centre - 0.5 * reach, centre + 0.5 * reach
+            first = math.floor(low + 0.5)
+            number = 0
+            total = 0.0
+            for pixel in range(first, first + most):
+                share = min(high, pixel + 0.5) - max(low, pixel - 0.5)
+                if share <= 1e-9:
+                    continue
+                columns[axis, k, number] = min(max(pixel, 0), limit - 1)
+                weights[axis, k, number] = share
+                total += share
+                number += 1
+            for k_pixel in range(number):
+                weights[axis, k, k_pixel] /= total
+            counts[axis, k] = number
+    red, green, blue = np.float32(0.299), np.float32(0.587), np.float32(0.114)
+    row = np.empty(width, np.float32)
+    low_u, high_u = width, -1
+    for k in range(size):
+        for n in range(counts[0, k]):
+            low_u = min(low_u, columns[0, k, n])
+            high_u = max(high_u, columns[0, k, n])
+    for b in range(size):
+        for u in range(low_u, high_u + 1):
+            row[u] = 0.0
+        for n in range(counts[1, b]):
+            v, weight = columns[1, b, n], weights[1, b, n]
+            if channels == 3:
+                for u in range(low_u, high_u + 1):
+                    row[u] += weight * (
+                        np.float32(red) * image[v, u, 0]
+                        + np.float32(green) * image[v, u, 1]
+                        + np.float32(blue) * image[v, u, 2]
+                    )
+            else:
+                for u in range(low_u, high_u + 1):
+                    row[u] += weight * image[v, u, 0]
+        for a in range(size):
+            total = np.float32(0.0)
+            for n in range(counts[0, a]):
+                total += weights[0, a, n] * row[columns[0, a, n]]
+            value = np.uint8(min(max(total + np.float32(0.5), np.float32(0.0)), np.float32(255.0)))
+            # a runs along the image's u, b along its v: back to along and across of the window
+            if cos != 0.0:
+                out[b, a] = value
+            else:
+                out[a, b] = value
+
+
+def resize_to_resnet(image: Image) -> Image:
+    """Resize all of ``image`` to (224, 224, 3), without its aspect ratio, as in the thesis.
+
+    Grey images are repeated in three channels. Each pixel is the mean over the area that it covers: a thin catheter
+    must not fall between the rows.
+
+    >>> resize_to_resnet(np.full((480, 640), 7, np.uint8)).shape
+    (224, 224, 3)
+    """
+    (height, width), size = image.shape[:2], RESNET_SIZE_PX
+    if height < size or width < size:
+        resized = cv2.resize(image, (size, size), interpolation=cv2.INTER_LINEAR)
+    else:
+        channels = 1 if image.ndim == 2 else image.shape[2]
+        resized = np.empty((size, size) if image.ndim == 2 else (size, size, channels), np.uint8)
+        rows = np.ascontiguousarray(image).reshape(height, -1)
+        weights = *_area_weights(height, 1), *_area_weights(width, channels)
+        _average_areas(rows, channels, *weights, resized.reshape(size, -1))
+    return np.asarray(resized if resized.ndim == 3 else cv2.cvtColor(resized, cv2.COLOR_GRAY2RGB), np.uint8)
+
+
+@cache
+def _area_weights(length: int, channels: int) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
+    """Returns the weights of area averaging along an axis of ``length`` pixels of ``channels`` values each.
+
+    For each value of the new pixels (size * channels,) the first old value under it, and the weights
+    (taps, size * channels) of that one and the next ones, which are ``channels`` apart.
+    """
+    scale = length / RESNET_SIZE_PX
+    taps = int(np.ceil(scale)) + 1
+    start = np.arange(RESNET_SIZE_PX) * scale
+    first = np.clip(np.floor(start + 1e-9), 0, max(length - taps, 0)).astype(np.int32)
+    taps = min(taps, length)
+    pixel = first + np.arange(taps)[:, None]
+    covered = np.maximum(np.minimum(start + scale, pixel + 1) - np.maximum(start, pixel), 0.0) / scale
+    values = np.repeat(first * channels, channels) + np.tile(np.arange(channels), RESNET_SIZE_PX)
+    return values.astype(np.int32), np.repeat(covered, channels, axis=1).astype(np.float32)
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
+def _average_areas(
+    image: Image,
+    channels: int,
+    top: npt.NDArray[np.int32],
+    down: npt.NDArray[np.float32],
+    left: npt.NDArray[np.int32],
+    across: npt.NDArray[np.float32],
+    out: Image,
+) -> None:
+    """Average ``image`` (h, w * channels) over areas: rows first, all columns at once, then along each row."""
+    row = np.empty(image.shape[1], np.float32)
+    mean = np.empty(out.shape[1], np.float32)
+    for y in range(out.shape[0]):
+        line = image[top[y]]  # outside of the loops, or they are not vectorised
+        share = down[0, y]
+        for x in range(row.size):
+            row[x] = share * np.float32(line[x])
+        for k in range(1, down.shape[0]):
+            share = down[k, y]
+            if share > 0:
+                line = image[top[y] + k]
+                for x in range(row.size):
+                    row[x] += share * np.float32(line[x])
+        for x in range(mean.size):
+            mean[x] = np.float32(0.5)  # for rounding
+        for k in range(across.shape[0]):
+            for x in range(mean.size):
+                mean[x] += across[k, x] * row[left[x] + k * channels]
+        for x in range(mean.size):
+            out[y, x] = np.uint8(mean[x])

@@ -1,0 +1,119 @@
+"""Compensation of the viscous part of the force, which no single image shows, by the rate of change of the estimate.
+
+An image shows the indentation of the tissue, and the elastic force follows from that. The viscous part leads it in
+phase, by the loss factor over the angular frequency: 23 ms in tissue of loss factor 0.175 at 1.2 Hz. Its size follows
+from the change of the estimate since an earlier frame.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ...types import FloatArray, IntArray
+from ._calibration import CalibrationBatch
+
+__all__ = ["History", "RateCompensation", "earlier_samples", "fit_rate_compensation", "rate_compensation_from"]
+
+MIN_ELAPSED_S, MAX_ELAPSED_S = 0.03, 0.15
+"""Time over which the change is taken: less is noise, more is another phase of the heartbeat."""
+
+_PRIOR_SAMPLES = 200.0
+"""The initial model's compensation, or none, counts as so many samples."""
+_MAX_PAIRS = 20_000
+"""About the largest number of pairs of samples for the fit, at most twice as many."""
+
+
+@dataclass(frozen=True, eq=False)
+class RateCompensation:
+    """The compensated force is force (t,) + rate of change (t,) @ ``seconds`` (t, t).
+
+    ``sigma_factor_without_history``: how many times as large the error is where there is no earlier frame.
+    """
+
+    seconds: FloatArray
+    sigma_factor_without_history: float
+
+    @property
+    def used(self) -> bool:
+        """Whether earlier frames matter at all."""
+        return bool(self.seconds.any())
+
+
+class History:
+    """The estimates of the last moments of one session."""
+
+    def __init__(self) -> None:
+        self._past: deque[tuple[int, FloatArray]] = deque()
+
+    def rate(self, stamp_ns: int, force_n: FloatArray) -> FloatArray | None:
+        """Returns the rate of change (t,) in N/s up to ``force_n`` (t,), None without a suitable earlier frame.
+
+        ``force_n`` is kept for later calls.
+        """
+        past = self._past
+        while past and not 0 <= stamp_ns - past[0][0] <= MAX_ELAPSED_S * 1e9:
+            past.popleft()
+        while len(past) > 1 and stamp_ns - past[1][0] >= MIN_ELAPSED_S * 1e9:
+            past.popleft()
+        found = None
+        if past and stamp_ns - past[0][0] >= MIN_ELAPSED_S * 1e9:
+            found = (force_n - past[0][1]) / (1e-9 * (stamp_ns - past[0][0]))
+        past.append((stamp_ns, force_n))
+        return found
+
+
+def rate_compensation_from(calibration: CalibrationBatch, initial: RateCompensation | None) -> RateCompensation:
+    """Fit the compensation on all samples that have an earlier one in their session; see `fit_rate_compensation`."""
+    before = earlier_samples(calibration.stamp_ns, calibration.samples.session)
+    later = np.flatnonzero(before >= 0)
+    later = later[:: max(1, len(later) // _MAX_PAIRS)]
+    outputs = calibration.samples.force_n.shape[1]
+    if initial is None or initial.seconds.shape != (outputs, outputs):
+        initial = RateCompensation(np.zeros((outputs, outputs)), 1.0)
+    if not len(later):
+        return initial
+    now, then = (
+        calibration.at(index, names=("force_n",))["force_n"].astype(np.float64) for index in (later, before[later])
+    )
+    elapsed_s = 1e-9 * (calibration.stamp_ns[later] - calibration.stamp_ns[before[later]])
+    rate = (now - then) / elapsed_s[:, None]
+    return fit_rate_compensation(now, rate, calibration.samples.force_n[later].astype(np.float64), initial)
+
+
+def earlier_samples(stamp_ns: IntArray, session: npt.NDArray[np.str_]) -> IntArray:
+    """Returns (n,) the index of the sample that `History` compares each with, -1 for none.
+
+    All samples of a ``session`` (n,) are taken in the order of their stamps.
+    """
+    found = np.full(len(stamp_ns), -1, np.int64)
+    order = np.lexsort((stamp_ns, session))
+    for rows in np.split(order, np.flatnonzero(session[order][1:] != session[order][:-1]) + 1):
+        stamps = stamp_ns[rows]
+        index = np.searchsorted(stamps, stamps - int(MIN_ELAPSED_S * 1e9), side="right") - 1
+        near = (index >= 0) & (stamps - stamps[np.maximum(index, 0)] <= MAX_ELAPSED_S * 1e9)
+        found[rows[near]] = rows[index[near]]
+    return found
+
+
+def fit_rate_compensation(
+    estimate_n: FloatArray, rate: FloatArray, truth_n: FloatArray, initial: RateCompensation
+) -> RateCompensation:
+    """Fit the compensation by regularised least squares.
+
+    Args:
+        estimate_n: (n, t) estimates from single images.
+        rate: (n, t) rates of their change in N/s.
+        truth_n: (n, t) labels.
+        initial: what the fit is regularised towards, with the weight of `_PRIOR_SAMPLES` samples.
+    """
+    if not rate.any():
+        return initial
+    missing = truth_n - estimate_n
+    prior = _PRIOR_SAMPLES * float(np.mean(rate * rate)) * np.eye(estimate_n.shape[1])
+    solution = np.linalg.solve(rate.T @ rate + prior, rate.T @ missing + prior @ initial.seconds)
+    seconds = solution.astype(np.float64)
+    remaining = missing - rate @ seconds
+    factor = max(1.0, float(np.sqrt(np.mean(missing**2) / max(np.mean(remaining**2), 1e-12))))
+    return RateCompensation(seconds, factor)

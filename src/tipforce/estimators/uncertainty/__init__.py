@@ -1,0 +1,33 @@
+"""Uncertainty of an estimate: conformal intervals, last-layer Laplace approximation, out-of-distribution detection."""
+
+from ._conformal import (
+    COVERAGE,
+    Interval,
+    IntervalBasis,
+    conformal_half_width,
+    conformal_interval,
+    interval_basis,
+    interval_from_errors,
+    sessions_for_guarantee,
+    wider_interval,
+)
+from ._laplace import LastLayerLaplace, fit_laplace
+from ._ood import FeatureDistribution, OodDetector, fit_feature_distribution, fit_ood_detector
+
+__all__ = [
+    "COVERAGE",
+    "FeatureDistribution",
+    "Interval",
+    "IntervalBasis",
+    "LastLayerLaplace",
+    "OodDetector",
+    "conformal_half_width",
+    "conformal_interval",
+    "fit_feature_distribution",
+    "fit_laplace",
+    "fit_ood_detector",
+    "interval_basis",
+    "interval_from_errors",
+    "sessions_for_guarantee",
+    "wider_interval",
+]

@@ -1,0 +1,100 @@
+"""The methods that are evaluated: saved models and methods by name."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from ..errors import InputError
+from ..estimators import (
+    ESTIMATORS,
+    Estimator,
+    NetworkEstimator,
+    create,
+    load_initial_model,
+    load_model,
+    located,
+    read_manifest,
+)
+
+__all__ = ["Method", "methods_from"]
+
+
+@dataclass(frozen=True, eq=False)
+class Method:
+    """A method that is evaluated.
+
+    Attributes:
+        label: Its name in the report.
+        estimator: Trained anew on every split.
+        saved: A fitted model, scored as it is on the sessions that are not in ``trained_sessions``; None for a method
+            that was named.
+        trained_sessions: Fingerprints of the sessions that the saved model was trained on (names, where a model was
+            made before these were kept), or, where ``estimator`` is fine-tuned from a model's weights, that model's.
+        trained_fingerprint: Fingerprint of the data that the saved model was trained on.
+    """
+
+    label: str
+    estimator: Estimator
+    saved: Estimator | None = None
+    trained_sessions: frozenset[str] = frozenset()
+    trained_fingerprint: str = ""
+
+
+def methods_from(
+    models: Sequence[str], settings: Mapping[str, BaseModel] | None = None, init_from: str | None = None
+) -> list[Method]:
+    """Makes a `Method` of each name.
+
+    Args:
+        models: Folders of saved models, ``pretrained/NAME``, or names of methods such as ``svr``.
+        settings: Method -> its settings; default settings where absent. A saved model keeps its own.
+        init_from: Model whose weights the named methods start from in every split; they must be networks of its kind.
+
+    Raises:
+        InputError: A name is neither a model nor a method.
+        ModelError: A folder holds no whole model.
+    """
+    made: list[Method] = []
+    for model in models:
+        if located(model).is_dir():
+            made.append(_saved(model))
+        elif model in ESTIMATORS:
+            estimator = create(model, (settings or {}).get(model))
+            begin = load_initial_model(estimator, init_from)
+            if isinstance(estimator, NetworkEstimator) and begin is not None:
+                estimator = estimator.fine_tuned_from(begin)
+            made.append(Method(model, estimator, trained_sessions=begin.training_sessions if begin else frozenset()))
+        else:
+            known = ", ".join(ESTIMATORS)
+            raise InputError(
+                f"{model}: is neither the folder of a saved model nor a method; the methods are {known}, "
+                "and `tipforce train DATA -o FOLDER` saves a model"
+            )
+    taken = [method.label for method in made]
+    if len(set(taken)) < len(taken):
+        # Two folders of the same name: their whole paths tell them apart.
+        made = [replace(method, label=str(Path(model))) for model, method in zip(models, made, strict=True)]
+    return made
+
+
+def _saved(folder: str) -> Method:
+    fitted = load_model(folder)
+    training = read_manifest(folder).get("training", {})
+    return Method(
+        label=Path(folder).resolve().name if Path(folder).exists() else folder,
+        estimator=fitted.unfitted(),
+        saved=fitted,
+        trained_sessions=_identifiers(training)
+        | _identifiers(training.get("calibration", {}))
+        | fitted.training_sessions,
+        trained_fingerprint=str(training.get("fingerprint", "")),
+    )
+
+
+def _identifiers(part: Mapping[str, Any]) -> frozenset[str]:
+    """Fingerprints of the sessions of a manifest's ``part``; the names of those of which none is kept."""
+    fingerprints: Mapping[str, str] = part.get("session_fingerprints", {})
+    return frozenset(fingerprints.get(name, name) for name in part.get("sessions", ()))

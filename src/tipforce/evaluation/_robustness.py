@@ -1,0 +1,180 @@
+"""Robustness: metrics on test samples with perturbed images, beside those on the same samples as they are."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from ..datasets import PERTURBATIONS, Dataset, Perturbation, in_memory, perturbed
+from ..errors import InputError
+from ..estimators import Estimator, Progress
+from ..types import ForceEstimate, IntArray
+from ._constant import Constant
+from ._methods import Method
+from ._metrics import error_metrics, interval_metrics
+from ._predictions import CONTACT_N, Predictions, collect, concatenate
+from ._protocols import AS_SAVED, MethodResult, ScoredData, index_in
+
+__all__ = ["UNPERTURBED", "perturbed_metrics", "require_images"]
+
+UNPERTURBED = "unperturbed"
+"""Kind of the first line of a table: the same samples with their images as they are."""
+
+_CHUNK = 50
+"""So many images are in memory at once; a method that remembers is shown so many in a row."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Samples for one fitted method: those at ``scored`` count, the others are what came before."""
+
+    fold: str
+    samples: Dataset
+    scored: IntArray
+
+
+def perturbed_metrics(
+    method: Method,
+    result: MethodResult,
+    constant: MethodResult,
+    data: ScoredData,
+    *,
+    frames: int = 500,
+    perturbations: Sequence[Perturbation] = PERTURBATIONS,
+    progress: Progress | None = None,
+) -> list[dict[str, Any]]:
+    """Scores the fitted methods of a result on some of its test samples, as they are and then perturbed.
+
+    A method that remembers is shown stretches of 50 frames in a row. The method is not told of the perturbation: scale
+    and base side stay as they were noted.
+
+    Args:
+        method: The method.
+        result: Its result, whose fitted methods are used.
+        constant: The constant predictor's result under the same splits; its errors stand beside.
+        data: The samples; its seed is that of noise and of the place of an object.
+        frames: Number of test samples, spread over all.
+        perturbations: Kinds and sizes; those that differ in their direction only are pooled in one line.
+        progress: Is told what is done and which share.
+
+    Returns:
+        Lines of a table, the first of kind `UNPERTURBED`: ``kind``, ``size``, ``samples``, errors, ``coverage``,
+        ``abstained_share``, the errors of the ``constant``, and ``ways``: the same for each direction.
+    """
+    estimators, means = _fitted(method, result, constant, data.dataset)
+    parts = list(_parts(result.predictions, data, frames, estimators))
+    ordered = sorted(perturbations, key=lambda each: repr(each.picture))  # an image is predicted once for all labels
+    images = [list(group) for _, group in groupby(ordered, key=lambda each: each.picture)]
+    plain = Perturbation(UNPERTURBED, "", _unchanged)
+    found: dict[tuple[str, str, str], tuple[list[Predictions], list[Predictions]]] = {
+        (each.kind, each.size, each.way): ([], []) for each in (plain, *perturbations)
+    }
+    for number, part in enumerate(parts):
+        kept = in_memory(part.samples)
+        for group in ([plain], *images):
+            estimates = estimators[part.fold].predict(perturbed(kept, group[0], data.seed))
+            for each in group:
+                labelled = replace(kept, force_n=each.force(kept.force_n))
+                own, others = found[each.kind, each.size, each.way]
+                own.append(_predictions(result, part, labelled, estimates))
+                others.append(_predictions(constant, part, labelled, means[part.fold].predict(labelled)))
+        if progress is not None:
+            progress(f"{method.label}, perturbed", (number + 1) / len(parts))
+    lines: list[dict[str, Any]] = []
+    for (kind, size), keys in groupby(found, key=lambda key: key[:2]):
+        ways = {key[2]: tuple(map(concatenate, found[key])) for key in keys}
+        whole, mean = (concatenate([pair[side] for pair in ways.values()]) for side in (0, 1))
+        apart = [{"way": way, **_metrics(*pair)} for way, pair in ways.items() if way]
+        lines.append({"kind": kind, "size": size, **_metrics(whole, mean), "ways": apart})
+    return lines
+
+
+def require_images(dataset: Dataset) -> None:
+    """Checks that the samples have images, before minutes of training.
+
+    Raises:
+        InputError: The first sample has no image.
+    """
+    first = next(dataset.subset(np.arange(1)).observations())
+    if not any(isinstance(view, np.ndarray) for view in first.views.values()):
+        raise InputError(
+            f"there is no image in the samples of {dataset.title}, and only images can be perturbed; evaluate "
+            "without perturbations"
+        )
+
+
+def _unchanged(image: Any, seed: tuple[int, int]) -> Any:  # noqa: ARG001 - nothing is drawn
+    return image
+
+
+def _fitted(
+    method: Method, result: MethodResult, constant: MethodResult, dataset: Dataset
+) -> tuple[Mapping[str, Estimator], Mapping[str, Estimator]]:
+    """By split: the fitted method, and the constant predictor that was fitted on the same samples."""
+    if result.fits:
+        estimators, means = ({fit.split.name: fit.estimator for fit in each.fits} for each in (result, constant))
+        return estimators, means
+    assert method.saved is not None
+    rest = np.setdiff1d(np.arange(len(dataset)), result.predictions.index)
+    return {AS_SAVED: method.saved}, {AS_SAVED: Constant().fit(dataset.subset(rest) if len(rest) else dataset)}
+
+
+def _parts(
+    predictions: Predictions, data: ScoredData, frames: int, estimators: Mapping[str, Estimator]
+) -> Iterator[_Part]:
+    """Test samples spread over all of them; for a method that remembers, each ends a stretch of its session."""
+    remembers = next(iter(estimators.values())).uses_history
+    count = max(1, frames // _CHUNK) if remembers else frames
+    last = len(predictions) - 1
+    chosen = np.unique(np.linspace(0, last, min(count, len(predictions))).round().astype(np.int64))
+    if not remembers:
+        keys = list(zip(predictions.fold[chosen].tolist(), predictions.session[chosen].tolist(), strict=True))
+        for key in dict.fromkeys(keys):
+            own = chosen[[index for index, each in enumerate(keys) if each == key]]
+            for some in np.array_split(own, -(-len(own) // _CHUNK)):
+                yield _Part(key[0], data.dataset.subset(predictions.index[some]), np.arange(len(some)))
+        return
+    everything = data.everything
+    indices = index_in(everything, data.dataset)[predictions.index]
+    for index in chosen.tolist():
+        session = np.flatnonzero(everything.session == predictions.session[index])
+        end = int(np.searchsorted(session, indices[index])) + 1
+        stretch = session[max(0, end - _CHUNK) : end]
+        own = indices[predictions.fold == predictions.fold[index]]
+        scored = np.flatnonzero(np.isin(stretch, own))
+        yield _Part(str(predictions.fold[index]), everything.subset(stretch), scored)
+
+
+def _predictions(
+    result: MethodResult, part: _Part, samples: Dataset, estimates: Sequence[ForceEstimate]
+) -> Predictions:
+    contact = samples.magnitude_n > CONTACT_N
+    found = [estimates[index] for index in part.scored.tolist()]
+    return collect(result.method, result.protocol, part.fold, samples, part.scored, found, contact)
+
+
+def _metrics(predictions: Predictions, constant: Predictions) -> dict[str, Any]:
+    """Errors of the valid samples, coverage and the share abstained; then the errors of the constant predictor."""
+    mean = _errors(constant)
+    own = _errors(predictions)
+    coverage = interval_metrics(predictions.reference_magnitude_n, predictions.magnitude_interval_n)["coverage"]
+    return {
+        "samples": len(predictions),
+        **own,
+        "mae_over_constant": own["mae_n"] / mean["mae_n"] if mean["mae_n"] > 0 else None,
+        "coverage": coverage,
+        "abstained_share": float(np.mean(~predictions.valid)),
+        "constant": mean,
+    }
+
+
+def _errors(predictions: Predictions) -> dict[str, Any]:
+    magnitude = error_metrics(predictions.reference_magnitude_n, predictions.magnitude_n)
+    errors: dict[str, Any] = {name: magnitude[name] for name in ("mae_n", "mae_g", "rmse_n")}
+    for axis, name in enumerate("xyz"):
+        errors[f"rmse_{name}_n"] = error_metrics(predictions.reference_n[:, axis], predictions.force_n[:, axis])[
+            "rmse_n"
+        ]
+    return errors

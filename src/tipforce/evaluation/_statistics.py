@@ -1,0 +1,178 @@
+"""Statistics that respect sessions: bootstrap by session, Bland-Altman, coverage by stratum.
+
+Frames of one session resemble each other, so they are no independent samples. Confidence intervals resample whole
+sessions with replacement (cluster bootstrap); the limits of agreement take the variance between sessions apart from
+that within them.
+"""
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..types import BoolArray, FloatArray, IntArray
+from ._predictions import Predictions
+
+__all__ = [
+    "CONTACT_ANGLE_BINS_DEG",
+    "COVERAGE_FORCE_BINS_N",
+    "MIN_SESSIONS",
+    "bland_altman",
+    "bootstrap_mean",
+    "coverage_by_stratum",
+]
+
+MIN_SESSIONS = 5
+"""With fewer sessions no bootstrap interval is given: resampling so few says little of the spread between sessions."""
+
+COVERAGE_FORCE_BINS_N = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 1.0, math.inf)
+"""Edges of the strata of the reference magnitude, in newtons; 0.1 and 0.4 N are the limits of the contact window."""
+
+CONTACT_ANGLE_BINS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+"""Edges of the strata of the angle between the tip's axis and the direction into the tissue."""
+
+_RESAMPLES = 4000
+_LIMITS_OF_AGREEMENT = 1.96
+"""95 % of a Gaussian lie within so many standard deviations."""
+
+
+def bootstrap_mean(
+    values: FloatArray, session: npt.NDArray[np.str_], *, seed: int = 0, resamples: int = _RESAMPLES
+) -> dict[str, Any]:
+    """95 % confidence interval of the mean of ``values`` over all samples, from resampled sessions.
+
+    Each resample draws as many sessions as there are, with replacement, and takes the mean over all of their samples.
+    The interval is that of the 2.5 and 97.5 % quantiles of these means (percentile bootstrap).
+
+    Args:
+        values: (n,) one value a sample; NaN is left out, and with it sessions that have nothing else.
+        session: (n,) name of each sample's session.
+        seed: Of the resampling.
+        resamples: Number of resamples.
+
+    Returns:
+        ``low`` and ``high``, NaN with fewer than `MIN_SESSIONS` sessions; ``sessions``: how many there are.
+    """
+    use = np.isfinite(values)
+    _, place = np.unique(session[use], return_inverse=True)
+    count = np.bincount(place).astype(np.float64)
+    found: dict[str, Any] = {"low": math.nan, "high": math.nan, "sessions": len(count)}
+    if len(count) < MIN_SESSIONS:
+        return found
+    total = np.bincount(place, weights=values[use])
+    drawn = np.random.default_rng(seed).multinomial(len(count), np.full(len(count), 1 / len(count)), resamples)
+    low, high = np.quantile((drawn @ total) / (drawn @ count), (0.025, 0.975))
+    return found | {"low": float(low), "high": float(high)}
+
+
+def bland_altman(
+    reference_n: FloatArray, estimate_n: FloatArray, session: npt.NDArray[np.str_], *, seed: int = 0
+) -> dict[str, Any]:
+    """Agreement of two ways of measuring one force: differences (estimate - reference) over their mean.
+
+    With several sessions the variance of the differences is the sum of that within and that between sessions, from a
+    one-way analysis of variance with sessions of unequal length (Bland and Altman 2007, J. Biopharm. Stat. 17, 571,
+    for a true value that varies). With one session it is the sample variance.
+
+    Args:
+        reference_n: (n,) in newtons.
+        estimate_n: (n,) in newtons; NaN is left out.
+        session: (n,) name of each sample's session.
+        seed: Of the bootstrap of the bias.
+
+    Returns:
+        ``n``; ``bias_n``, the mean difference, with ``bias_ci95_n`` [low, high] (see `bootstrap_mean`); ``sd_n`` of the
+        differences, ``within_sd_n`` and ``between_sd_n``; ``lower_n`` and ``upper_n``, the 95 % limits of agreement
+        bias -+ 1.96 sd; ``inside_share`` of the differences; ``slope`` of the difference over the mean by least
+        squares (negative: large forces are estimated too small). NaN where nothing is left.
+    """
+    use = np.isfinite(estimate_n) & np.isfinite(reference_n)
+    difference, mean = (estimate_n - reference_n)[use], (0.5 * (estimate_n + reference_n))[use]
+    count = len(difference)
+    if count < 2:
+        names = ("sd_n", "within_sd_n", "between_sd_n", "lower_n", "upper_n", "inside_share", "slope")
+        bias = float(difference[0]) if count else math.nan
+        return {"n": count, "bias_n": bias, "bias_ci95_n": [math.nan] * 2, **dict.fromkeys(names, math.nan)}
+    bias = float(difference.mean())
+    within, between = _variances(difference, session[use])
+    sd = math.sqrt(within + between)
+    lower, upper = bias - _LIMITS_OF_AGREEMENT * sd, bias + _LIMITS_OF_AGREEMENT * sd
+    spread = float(np.var(mean))
+    interval = bootstrap_mean(difference, session[use], seed=seed)
+    return {
+        "n": count,
+        "bias_n": bias,
+        "bias_ci95_n": [interval["low"], interval["high"]],
+        "sd_n": sd,
+        "within_sd_n": math.sqrt(within),
+        "between_sd_n": math.sqrt(between),
+        "lower_n": lower,
+        "upper_n": upper,
+        "inside_share": float(np.mean((difference >= lower) & (difference <= upper))),
+        "slope": float(np.mean((mean - mean.mean()) * (difference - bias))) / spread if spread > 0 else math.nan,
+    }
+
+
+def _variances(difference: FloatArray, session: npt.NDArray[np.str_]) -> tuple[float, float]:
+    """Variance within and between sessions; of one session, or one sample a session, the sample variance alone."""
+    _, place = np.unique(session, return_inverse=True)
+    size = np.bincount(place).astype(np.float64)
+    groups, count = len(size), len(difference)
+    if groups in (1, count):
+        return float(np.var(difference, ddof=1)), 0.0
+    means = np.bincount(place, weights=difference) / size
+    within = float(np.sum((difference - means[place]) ** 2)) / (count - groups)
+    mean_square = float(np.sum(size * (means - difference.mean()) ** 2)) / (groups - 1)
+    typical = (count - float(np.sum(size**2)) / count) / (groups - 1)
+    return within, max(0.0, (mean_square - within) / typical)
+
+
+def coverage_by_stratum(
+    predictions: Predictions, by: FloatArray, edges: tuple[float, ...], unit: str, *, seed: int = 0
+) -> list[dict[str, Any]]:
+    """Coverage of the magnitude's 90 % interval in strata of ``by``, with the number of samples behind each figure.
+
+    Args:
+        predictions: Predictions of one method under one protocol.
+        by: (n,) value that the strata are of; NaN is in none.
+        edges: Of the strata; a value on an edge lies in the stratum above it, on the last one in the last stratum.
+        unit: Of ``by``, ``n`` or ``deg``: part of the keys.
+        seed: Of the bootstrap.
+
+    Returns:
+        One dict for each stratum that has samples: ``from_UNIT`` and ``below_UNIT``; ``samples``; ``intervals``, those
+        with an interval; ``sessions`` that these are of; ``coverage`` and ``coverage_ci95`` [low, high] (see
+        `bootstrap_mean`); ``width_n``, the mean width of the bounded intervals; ``mae_n`` and ``bias_n`` of the valid
+        samples; ``abstained_share``.
+    """
+    reference, estimate, interval = predictions.column("magnitude")
+    low, high = interval.T
+    given = ~np.isnan(interval).any(axis=1) & np.isfinite(reference)
+    inside = np.where(given, (reference >= low) & (reference <= high), np.nan)
+    bounded = given & np.isfinite(low) & np.isfinite(high)
+    error = estimate - reference
+    strata: list[dict[str, Any]] = []
+    for start, end in pairwise(edges):
+        chosen: BoolArray = (by >= start) & ((by < end) | ((by == end) & (end == edges[-1])))
+        if not chosen.any():
+            continue
+        ranged = bootstrap_mean(inside[chosen], predictions.session[chosen], seed=seed)
+        valid: IntArray = np.flatnonzero(chosen & predictions.valid)
+        strata.append(
+            {
+                f"from_{unit}": start,
+                f"below_{unit}": end,
+                "samples": int(chosen.sum()),
+                "intervals": int((chosen & given).sum()),
+                "sessions": ranged["sessions"],
+                "coverage": float(inside[chosen & given].mean()) if (chosen & given).any() else math.nan,
+                "coverage_ci95": [ranged["low"], ranged["high"]],
+                "width_n": float((high - low)[chosen & bounded].mean()) if (chosen & bounded).any() else math.inf,
+                "mae_n": float(np.abs(error[valid]).mean()) if len(valid) else math.nan,
+                "bias_n": float(error[valid].mean()) if len(valid) else math.nan,
+                "abstained_share": float(np.mean(~predictions.valid[chosen])),
+            }
+        )
+    return strata

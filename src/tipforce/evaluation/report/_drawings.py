@@ -1,0 +1,324 @@
+"""All figures of a report, in the order of the page, each with a file name and a caption."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ...estimators import view_of
+from ...types import FloatArray
+from .._constant import Constant
+from .._evaluate import Evaluation
+from .._predictions import CONTACT_N, Predictions, collect
+from .._protocols import BY_SESSION, PROTOCOL_WORDS, MethodResult, index_in
+from ._figures_extra import figure_bound, figure_perturbed, figure_training, training_log
+from ._figures_results import (
+    figure_bland_altman,
+    figure_coverage,
+    figure_residuals,
+    figure_scatter,
+    figure_sessions,
+    figure_splits,
+    figure_trace,
+    typical_session,
+)
+from ._figures_thesis import figure_23a, figure_23b, figure_24, figure_31, figure_32, sample_sheet
+from ._style import METHOD_COLOURS, WIDE_IN, WIDTH_IN, Drawing, drawing_of, image_drawing
+
+__all__ = ["HEAD", "head_drawings", "method_drawings", "traces_of", "whole_session"]
+
+HEAD = ("trace", "scatter", "agreement", "coverage_force", "coverage_angle", "splits", "bound", "perturbed")
+"""Names of the figures before the sections of the methods."""
+
+
+def traces_of(evaluation: Evaluation) -> dict[str, Predictions]:
+    """Predicts one whole session for each method that has valid predictions under the strictest protocol.
+
+    It is the session with the median error, see `typical_session` and `whole_session`.
+    """
+    found: dict[str, Predictions] = {}
+    for method in evaluation.methods:
+        result = evaluation.result(method.label, evaluation.strictest)
+        if result is not None and result.predictions.valid.any():
+            found[method.label] = whole_session(evaluation, result, typical_session(result.predictions))
+    return found
+
+
+def head_drawings(evaluation: Evaluation, best: str, traces: Mapping[str, Predictions]) -> dict[str, Drawing]:
+    """Draws the figures before the sections of the methods, without those that the data do not allow.
+
+    Args:
+        evaluation: The evaluation.
+        best: Label of the method whose trace, scatter and agreement are shown.
+        traces: What `traces_of` returned.
+
+    Returns:
+        Name of `HEAD` -> drawing.
+    """
+    drawings: dict[str, Drawing] = {}
+    strict = evaluation.result(best, evaluation.strictest)
+    assert strict is not None
+    of = PROTOCOL_WORDS[evaluation.strictest].of
+    if best in traces:
+        whole = traces[best]
+        session = str(whole.session[0])
+        figure = figure_trace(
+            whole, session, evaluation.truth_n, quantities=("magnitude",), width_in=8.4, height_in=5.3
+        )
+        caption = (
+            f"Session {session}, the one with the median error: {PROTOCOL_WORDS[evaluation.strictest].held}. "
+            "Below 0.1 N (10 g) an ablation fails, above 0.4 N (41 g) the wall may be pierced."
+        )
+        drawings["trace"] = drawing_of("trace", caption, figure)
+        caption = f"Each point is a sample of {of}; on the line the estimate equals the force sensor."
+        drawings["scatter"] = drawing_of("scatter", caption, figure_scatter(strict.predictions))
+        drawings["agreement"] = _agreement(strict, "bland-altman")
+    drawings |= _coverage(evaluation)
+    drawings["splits"] = _splits(evaluation)
+    bound, perturbed = _bound(evaluation), _perturbed(evaluation)
+    if bound is not None:
+        drawings["bound"] = bound
+    if perturbed is not None:
+        drawings["perturbed"] = perturbed
+    return drawings
+
+
+def _agreement(result: MethodResult, slug: str) -> Drawing:
+    agreement = result.metrics["quantities"]["magnitude"]["bland_altman"]
+    caption = (
+        f"Bland-Altman, {PROTOCOL_WORDS[result.protocol].of}: 95 % of the differences are expected between the dashed "
+        "lines. Their variance is the sum of that within and that between sessions."
+    )
+    return drawing_of(slug, caption, figure_bland_altman(result.predictions, agreement))
+
+
+def _coverage(evaluation: Evaluation) -> dict[str, Drawing]:
+    """Coverage by force and, where the contact angle is known, by angle, all methods under the strictest protocol."""
+    results = {m.label: evaluation.result(m.label, evaluation.strictest) for m in evaluation.methods}
+    found: list[tuple[str, dict[str, Any], str, str, str]] = []
+    for key, unit, axis_label, title in (
+        ("coverage_by_force", "n", "measured force, N", "Coverage of the 90 % intervals by force"),
+        (
+            "coverage_by_contact_angle",
+            "deg",
+            "contact angle, degrees",
+            "Coverage of the 90 % intervals by contact angle",
+        ),
+    ):
+        strata = {name: result.metrics.get(key, []) for name, result in results.items() if result is not None}
+        strata = {name: parts for name, parts in strata.items() if any(np.isfinite(part["coverage"]) for part in parts)}
+        if strata:
+            found.append((key, strata, unit, axis_label, title))
+    caption = (
+        "Bars through the points: 95 % confidence intervals from resampled sessions, where a stratum has enough "
+        "sessions. Coverage of fewer than 10 samples is not drawn."
+    )
+    drawings: dict[str, Drawing] = {}
+    for key, strata, unit, axis_label, title in found:
+        figure = figure_coverage(strata, unit, axis_label, title, width_in=WIDTH_IN if len(found) > 1 else WIDE_IN)
+        name = "coverage_force" if key == "coverage_by_force" else "coverage_angle"
+        drawings[name] = drawing_of(name.replace("_", "-"), caption, figure)
+    return drawings
+
+
+def _splits(evaluation: Evaluation) -> Drawing:
+    """The protocols side by side, all methods and the constant predictor."""
+    labels = [*(method.label for method in evaluation.methods), Constant.name]
+    maes = {
+        label: {each.protocol: _mae_and_sessions(each) for each in evaluation.results if each.method == label}
+        for label in labels
+    }
+    caption = (
+        "Bars: mean absolute error of the magnitude over all test samples. Dots: single sessions. Neighbouring frames "
+        "of one recording leak into a random split; only sessions never seen show what a new recording will get."
+    )
+    return drawing_of("splits", caption, figure_splits(maes, evaluation.protocols))
+
+
+def _bound(evaluation: Evaluation) -> Drawing | None:
+    """All methods' errors over their Cramer-Rao bounds under the strictest protocol; None without any bound."""
+    results = [each for each in evaluation.results if each.protocol == evaluation.strictest and each.bound_ratios]
+    ratios = {each.method: each.bound_ratios or {} for each in results}
+    quantities = [
+        name for name in ("magnitude", "x", "y") if any(each["one_frame"][name]["all"]["n"] for each in ratios.values())
+    ]
+    if not quantities:
+        return None
+    caption = (
+        "Median of error over bound in each bin, divided by the 0.674 of a Gaussian; the prior is that of the preset's "
+        "forces. One frame: for a method that looks at each image on its own. All frames until then: for one that "
+        "remembers. Bins of fewer than 10 samples are left out."
+    )
+    return drawing_of("bound", caption, figure_bound(ratios, quantities))
+
+
+def _perturbed(evaluation: Evaluation) -> Drawing | None:
+    """Errors under perturbations, all methods; None where they were not asked for."""
+    if not evaluation.perturbed:
+        return None
+    caption = (
+        "Above: mean absolute error of the samples with an estimate. Below: share of those without. Every panel begins "
+        "with the same samples unperturbed; its directions (left, right, up, down) are taken together."
+    )
+    return drawing_of("perturbed", caption, figure_perturbed(evaluation.perturbed))
+
+
+def method_drawings(evaluation: Evaluation, method: str, best: str, traces: Mapping[str, Predictions]) -> list[Drawing]:
+    """Draws the figures of one method's section: the thesis's, then those beyond it.
+
+    Args:
+        evaluation: The evaluation.
+        method: Label of the method.
+        best: Label of the method whose agreement stands at the head of the page.
+        traces: What `traces_of` returned.
+    """
+    number = [each.label for each in evaluation.methods].index(method)
+    colour = METHOD_COLOURS[number % len(METHOD_COLOURS)]
+    results = {each.protocol: each for each in evaluation.results if each.method == method}
+    first = results.get("random") or next(iter(results.values()))
+    strict = results[evaluation.strictest]
+    constant = evaluation.result(Constant.name, evaluation.strictest)
+    assert constant is not None
+    name = _file_name(method)
+    panels = {PROTOCOL_WORDS[each.protocol].name: each.predictions for each in (first, strict)}
+    made: list[Drawing] = []
+    if method in traces:
+        made += [
+            drawing_of(
+                f"{name}-residuals",
+                "Error over force. The band is the median of the 90 % intervals; a median error that leaves zero is "
+                "bias.",
+                figure_residuals(strict.predictions),
+            ),
+            drawing_of(
+                f"{name}-sessions",
+                "Every session by itself, "
+                + ("when it was held out" if evaluation.strictest in BY_SESSION else _protocol_name(strict))
+                + ". Right: share of its forces inside the 90 % interval.",
+                _sessions(strict, constant, colour),
+            ),
+        ]
+        if method != best:
+            made.append(_agreement(strict, f"{name}-bland-altman"))
+    made += [
+        drawing_of(
+            f"{name}-fig23b",
+            "Thesis fig. 23(b): on the line y = x the estimate equals the sensor's force.",
+            figure_23b(panels),
+        ),
+    ]
+    if method in evaluation.fitted:
+        fitted = evaluation.fitted[method]
+        caption = (
+            f"Thesis fig. 24: the model on the very samples it was trained on, split "
+            f"“{PROTOCOL_WORDS[fitted.protocol].name}”. A good fit here says nothing of new data."
+        )
+        made.append(drawing_of(f"{name}-fig24", caption, figure_24(fitted)))
+    if len(first.predictions.quantities) > 1:
+        made += _of_components(evaluation, first, name)
+    made += _of_training(evaluation, strict, name)
+    odd = sum(not drawing.wide for drawing in made) % 2 == 0  # with fig. 23(a), which then goes across
+    caption = (
+        f"Thesis fig. 23(a): over-estimates are positive. Samples of the split “{_protocol_name(first)}”; forces below "
+        "10 mN have no percentage."
+    )
+    figure = figure_23a(first.predictions, width_in=WIDE_IN if odd else WIDTH_IN)
+    made.append(drawing_of(f"{name}-fig23a", caption, figure))
+    if method not in traces:
+        return made
+    session = str(traces[method].session[0])
+    caption = f"Session {session}, the one with the median error: {PROTOCOL_WORDS[evaluation.strictest].held}."
+    height_in = 1.3 + 1.25 * len(traces[method].quantities)
+    figure = figure_trace(traces[method], session, evaluation.truth_n, width_in=WIDE_IN, height_in=height_in)
+    return [drawing_of(f"{name}-trace", caption, figure), *made]
+
+
+def _of_training(evaluation: Evaluation, result: MethodResult, name: str) -> list[Drawing]:
+    """The learning curve of the saved model, or of the first fit, where the method keeps a log."""
+    saved = next(each.saved for each in evaluation.methods if each.label == result.method)
+    epochs = training_log(saved or result.fits[0].estimator)
+    if not epochs:
+        return []
+    of = (
+        "the saved model"
+        if saved
+        else f"the split “{PROTOCOL_WORDS[result.protocol].name}: {result.fits[0].split.name}”"
+    )
+    caption = (
+        f"Learning curve of {of}: the epoch with the smallest error on the validation part was kept; {len(epochs)} "
+        "epochs were run. The validation part chose it, so its error there flatters."
+    )
+    return [drawing_of(f"{name}-training", caption, figure_training(epochs, result.method))]
+
+
+def _of_components(evaluation: Evaluation, result: MethodResult, name: str) -> list[Drawing]:
+    """The thesis's figures 30, 31 and 32."""
+    split = f"Test samples of the split “{PROTOCOL_WORDS[result.protocol].name}”"
+    sheet = sample_sheet(evaluation.dataset, result.predictions, view_of(result.fits[0].estimator))
+    made = [
+        drawing_of(
+            f"{name}-fig31",
+            f"Thesis fig. 31: box plots by direction, r measured and p estimated. {split}: median, quartiles, whiskers "
+            "to 1.5 times their distance, outliers.",
+            figure_31(result.predictions),
+        ),
+        drawing_of(
+            f"{name}-fig32",
+            f"Thesis fig. 32: measured and estimated force by direction. {split}, in their order; in a gap the method "
+            "abstained.",
+            figure_32(result.predictions),
+        ),
+    ]
+    if sheet is None:
+        return made
+    caption = "Thesis fig. 30: images of the test part as they come, before the method's own resizing."
+    return [image_drawing(f"{name}-fig30", caption, sheet), *made]
+
+
+def whole_session(evaluation: Evaluation, result: MethodResult, session: str) -> Predictions:
+    """Predicts all frames of a held-out session, also those that were not drawn.
+
+    Args:
+        evaluation: The evaluation.
+        result: Of one method; under protocols that hold out no whole sessions its test samples are taken.
+        session: Name of the session.
+
+    Returns:
+        Predictions whose ``index`` counts in ``evaluation.everything``.
+    """
+    part = result.predictions.where(result.predictions.session == session)
+    everything = evaluation.everything
+    if result.protocol not in BY_SESSION:
+        return replace(part, index=index_in(everything, evaluation.dataset)[part.index])
+    fit = next(fit for fit in result.fits if fit.split.name == part.fold[0])
+    frames = np.flatnonzero(everything.session == session)
+    found = fit.estimator.answers(everything.subset(frames))
+    contact = everything.magnitude_n > CONTACT_N
+    return collect(result.method, result.protocol, fit.split.name, everything, frames, found, contact)
+
+
+def _sessions(result: MethodResult, constant: MethodResult, colour: str) -> Figure:
+    own, other = result.metrics["by_session"], constant.metrics["by_session"]
+
+    def column(groups: dict[str, dict[str, dict[str, dict[str, float]]]], key: str) -> FloatArray:
+        return np.array([groups[name]["quantities"]["magnitude"][key] for name in own], dtype=np.float64)
+
+    title = f"{result.method}: session by session"
+    return figure_sessions(
+        title, list(own), column(own, "mae_n"), column(other, "mae_n"), column(own, "coverage"), colour
+    )
+
+
+def _mae_and_sessions(result: MethodResult) -> FloatArray:
+    sessions = result.metrics["by_session"].values()
+    return np.array([result.mae_n, *(part["quantities"]["magnitude"]["mae_n"] for part in sessions)], dtype=np.float64)
+
+
+def _file_name(method: str) -> str:
+    return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in method)
+
+
+def _protocol_name(result: MethodResult) -> str:
+    return PROTOCOL_WORDS[result.protocol].name

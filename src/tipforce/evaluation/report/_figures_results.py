@@ -1,0 +1,418 @@
+"""Figures of the results: force trace, scatter, agreement, coverage, protocols side by side, errors and sessions."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator, PercentFormatter
+
+from ...types import BoolArray, FloatArray
+from .._predictions import Predictions
+from .._protocols import PROTOCOL_WORDS
+from ._style import (
+    COLOURS,
+    CONTACT_WINDOW_N,
+    GREY,
+    HEIGHT_IN,
+    MANY_POINTS,
+    METHOD_COLOURS,
+    WIDE_IN,
+    WIDTH_IN,
+    draw_window,
+    grams_axis,
+    legend_above,
+    make_figure,
+    mark_line,
+)
+
+__all__ = [
+    "THESIS_MAE_N",
+    "figure_bland_altman",
+    "figure_coverage",
+    "figure_residuals",
+    "figure_scatter",
+    "figure_sessions",
+    "figure_splits",
+    "figure_trace",
+    "typical_session",
+]
+
+THESIS_MAE_N = 0.042
+"""Table 4 of the thesis: mean absolute error of its own test samples, forces of 0.160-0.275 N."""
+
+_TRACE = 900
+"""Samples of a session that a time trace shows."""
+
+
+def figure_trace(
+    predictions: Predictions,
+    session: str,
+    truth_n: FloatArray | None = None,
+    *,
+    quantities: Sequence[str] | None = None,
+    width_in: float = WIDTH_IN,
+    height_in: float = HEIGHT_IN,
+) -> Figure:
+    """One session in time: reference, estimate, 90 % interval and where the method abstained; a panel a quantity.
+
+    The contact window is marked in the panel of the magnitude.
+
+    Args:
+        predictions: Of one method.
+        session: Name of the session.
+        truth_n: (m, 3) true force at ``predictions.index``, drawn beside the sensor's.
+        quantities: Panels; None: all that the predictions have.
+        width_in: Width in inches.
+        height_in: Height in inches.
+    """
+    part = predictions.where(np.flatnonzero(predictions.session == session))
+    part = part.where(np.argsort(part.stamp_ns, kind="stable")[:_TRACE])
+    seconds = (part.stamp_ns - part.stamp_ns[0]) * 1e-9
+    shown = part.quantities if quantities is None else tuple(quantities)
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+        gaps = _stretches(seconds, ~part.valid)
+        for axes, name in zip(panels, shown, strict=True):
+            reference, estimate, interval = part.column(name)
+            interval = _bounded(interval)
+            axes.plot(seconds, reference, color=COLOURS["reference"], linewidth=1.3, label="measured")
+            if truth_n is not None:
+                axes.plot(seconds, _truth_of(part, truth_n, name), color=COLOURS["second"], linewidth=1.0, label="true")
+            axes.plot(seconds, estimate, color=COLOURS["estimate"], linewidth=1.4, label="estimated")
+            axes.fill_between(
+                seconds, interval[:, 0], interval[:, 1], color=COLOURS["band"], alpha=0.35, linewidth=0,
+                label="90 % interval",
+            )  # fmt: skip
+            for number, (start, end) in enumerate(gaps):
+                label = "abstained" if number == 0 else None
+                axes.axvspan(start, end, color=GREY, alpha=0.35, linewidth=0, label=label)
+            if name == "magnitude":
+                low, high = axes.get_ylim()
+                axes.set_ylim(min(0.0, low), max(high, 1.1 * CONTACT_WINDOW_N[1]))
+                draw_window(axes)
+            axes.set_ylabel("force, N" if name == "magnitude" else f"F{name}, N")
+            grams_axis(axes)
+        legend_above(panels[0], 4 if width_in < 8 else 7)
+        panels[-1].set_xlabel("time, s")
+        panels[-1].set_xlim(seconds[0], max(seconds[-1], 1e-3))
+
+    title = f"{predictions.method}: {_short(session, 40)} in time, {PROTOCOL_WORDS[predictions.protocol].of}"
+    return make_figure(draw, title, width_in, height_in)
+
+
+def _truth_of(part: Predictions, truth_n: FloatArray, quantity: str) -> FloatArray:
+    true = truth_n[part.index]
+    if quantity != "magnitude":
+        return true[:, "xyz".index(quantity)]
+    known = np.isfinite(part.reference_n).any(axis=0)
+    return np.sqrt(np.sum(true[:, known] ** 2, axis=1))
+
+
+def figure_scatter(predictions: Predictions, *, width_in: float = 5.6, height_in: float = 5.3) -> Figure:
+    """Estimated over measured magnitude of all test samples, with the identity line and the contact window."""
+    reference, estimate, _ = predictions.column("magnitude")
+    largest = max(float(np.nanmax(estimate, initial=0.0)), float(np.max(reference, initial=0.0)))
+    top = max(1.04 * largest, 1.1 * CONTACT_WINDOW_N[1])
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        axes.plot(
+            reference, estimate, "o", color=COLOURS["estimate"], markersize=3, mew=0,
+            alpha=float(np.clip(300 / max(len(reference), 1), 0.12, 0.6)), rasterized=len(reference) > MANY_POINTS,
+        )  # fmt: skip
+        axes.plot([0, top], [0, top], color=COLOURS["reference"], linewidth=1.2, label="estimated = measured")
+        axes.set_xlim(0, top)
+        axes.set_ylim(0, top)
+        draw_window(axes, label=False)
+        draw_window(axes, vertical=True, label=False)
+        axes.set_aspect("equal")
+        axes.xaxis.set_major_locator(MultipleLocator(_step(top)))
+        axes.yaxis.set_major_locator(MultipleLocator(_step(top)))
+        axes.set_xlabel("measured force, N")
+        axes.set_ylabel("estimated force, N")
+        grams_axis(axes)
+        legend_above(axes)
+
+    title = f"{predictions.method}: all {len(predictions)} samples"
+    return make_figure(draw, title, width_in, height_in)
+
+
+def _step(top: float) -> float:
+    """Distance of ticks that shows both limits of the contact window where the forces are small."""
+    return next((step for step in (0.1, 0.2, 0.5, 1.0, 2.0) if top / step <= 8), 5.0)
+
+
+def figure_bland_altman(predictions: Predictions, agreement: Mapping[str, Any]) -> Figure:
+    """Difference (estimated - measured) over the mean of both, with the bias and the 95 % limits of agreement.
+
+    Args:
+        predictions: Of one method.
+        agreement: What `bland_altman` says of their magnitude.
+    """
+    reference, estimate, _ = predictions.column("magnitude")
+    use = predictions.valid
+    mean, difference = 0.5 * (reference + estimate)[use], (estimate - reference)[use]
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        axes.axhline(0, color=COLOURS["reference"], linewidth=0.8)
+        axes.plot(
+            mean, difference, "o", color=COLOURS["estimate"], markersize=3, mew=0,
+            alpha=float(np.clip(300 / max(len(mean), 1), 0.12, 0.6)), rasterized=len(mean) > MANY_POINTS,
+        )  # fmt: skip
+        bias, low, high = (float(agreement[name]) for name in ("bias_n", "lower_n", "upper_n"))
+        axes.axhline(bias, color=COLOURS["line"], linewidth=1.6, label=f"bias {_signed(bias)} mN")
+        limits = f"95 % limits of agreement {_signed(low)} to {_signed(high)} mN"
+        for place, value in enumerate((low, high)):
+            if math.isfinite(value):
+                axes.axhline(
+                    value, color=COLOURS["line"], linestyle=(0, (4, 3)), linewidth=1.3,
+                    label=limits if place == 0 else None,
+                )  # fmt: skip
+        axes.set_xlabel("mean of estimated and measured force, N")
+        axes.set_ylabel("estimated - measured, N")
+        grams_axis(axes)
+        legend_above(axes, 2)
+
+    return make_figure(draw, f"{predictions.method}: agreement with the force sensor (Bland-Altman)")
+
+
+_MIN_INTERVALS = 10
+"""Coverage of fewer samples is not drawn."""
+
+
+def figure_coverage(
+    strata: Mapping[str, Sequence[Mapping[str, Any]]],
+    unit: str,
+    axis_label: str,
+    title: str,
+    *,
+    width_in: float = WIDTH_IN,
+) -> Figure:
+    """Coverage of the 90 % intervals by stratum, with 95 % confidence intervals; below, the samples of each stratum.
+
+    Args:
+        strata: Method -> what `coverage_by_stratum` says.
+        unit: Of the strata, ``n`` or ``deg``.
+        axis_label: Of the strata.
+        title: Of the figure.
+        width_in: Width in inches.
+    """
+    names = sorted({(each[f"from_{unit}"], each[f"below_{unit}"]) for parts in strata.values() for each in parts})
+
+    def draw(figure: Figure) -> None:
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
+        lowest = 0.8
+        for number, (method, parts) in enumerate(strata.items()):
+            colour = METHOD_COLOURS[number % len(METHOD_COLOURS)]
+            x = np.array([names.index((each[f"from_{unit}"], each[f"below_{unit}"])) for each in parts], np.float64)
+            x += (number - (len(strata) - 1) / 2) * 0.18
+            enough = np.array([each["intervals"] >= _MIN_INTERVALS for each in parts])
+            coverage = np.where(enough, [each["coverage"] for each in parts], np.nan)
+            ends = np.array([each["coverage_ci95"] for each in parts], np.float64).reshape(-1, 2)
+            above.vlines(x, ends[:, 0], ends[:, 1], color=colour, linewidth=2, alpha=0.5)
+            above.plot(x, coverage, "o", color=colour, markersize=6, label=method)
+            shown = np.array([*coverage, *ends[:, 0]])
+            lowest = min([lowest, *shown[np.isfinite(shown)].tolist()])
+        for place, each in enumerate(names):
+            first = next(iter(strata.values()))
+            count = next((s["samples"] for s in first if (s[f"from_{unit}"], s[f"below_{unit}"]) == each), 0)
+            below.bar(place, count, 0.6, color=GREY, alpha=0.8)
+            below.annotate(str(count), (place, count), xytext=(0, 2), textcoords="offset points", ha="center")
+        mark_line(above, 0.9, "nominal 90 %")
+        above.set_ylim(max(0.0, lowest - 0.06), 1.02)
+        above.yaxis.set_major_formatter(PercentFormatter(1.0, 0, " %"))
+        above.set_ylabel("inside the interval")
+        below.set_ylabel("samples")
+        below.margins(y=0.25)
+        below.set_xticks(range(len(names)), [_stratum(*each) for each in names])
+        below.set_xlabel(axis_label)
+        for axes in (above, below):
+            axes.grid(visible=False, axis="x")
+            axes.tick_params(axis="x", length=0)
+        legend_above(above)
+
+    return make_figure(draw, title, width_in)
+
+
+def _stratum(low: float, high: float) -> str:
+    return f"{low:g}-{high:g}" if math.isfinite(high) else f"> {low:g}"
+
+
+def _signed(newtons: float) -> str:
+    text = f"{1e3 * newtons:+.{0 if abs(newtons) >= 0.01 else 1}f}"
+    return text.replace("-", "\u2212")
+
+
+def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[str]) -> Figure:
+    """Bars of the MAE by protocol, with a dot for each session.
+
+    Args:
+        maes: Method -> protocol -> (1 + sessions,) in newtons: over all samples, then session by session. The constant
+            predictor (named ``constant``) is drawn in grey.
+        protocols: In the order of the bars.
+    """
+    methods = list(maes)
+    top = max(float(np.nanmax(values, initial=0.0)) for groups in maes.values() for values in groups.values())
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        width = 0.8 / len(methods)
+        numbered = len(methods) * len(protocols) <= _NUMBERED
+        for place, method in enumerate(methods):
+            colour = GREY if method == "constant" else METHOD_COLOURS[place % len(METHOD_COLOURS)]
+            offset = (place - (len(methods) - 1) / 2) * width
+            for group, protocol in enumerate(protocols):
+                values = maes[method].get(protocol)
+                if values is None or not math.isfinite(values[0]):
+                    continue
+                x = group + offset
+                label = method if protocol == next(p for p in protocols if p in maes[method]) else None
+                axes.bar(x, values[0], 0.92 * width, color=colour, label=label)
+                sessions = values[1:][np.isfinite(values[1:])]
+                spread = (
+                    np.linspace(-0.28, 0.28, len(sessions)) * width if len(sessions) > 1 else np.zeros(len(sessions))
+                )
+                axes.plot(
+                    x + spread, sessions, "o", color=COLOURS["reference"], markersize=2.6, alpha=0.55, mew=0,
+                )  # fmt: skip
+                tall = values[0] > 0.07 * top
+                if not numbered:
+                    continue
+                text = f"{values[0] * 1e3:.{0 if values[0] >= 0.01 else 1}f}"
+                axes.annotate(
+                    text, (x, 0 if tall else values[0]), xytext=(0, 4), textcoords="offset points",
+                    ha="center", fontweight="bold",
+                    color=COLOURS["reference"] if not tall else "#000000" if colour in _LIGHT else "#ffffff",
+                )  # fmt: skip
+        mark_line(axes, THESIS_MAE_N, "thesis: 42 mN")
+        axes.set_xticks(range(len(protocols)), [PROTOCOL_WORDS[name].bar for name in protocols])
+        axes.tick_params(axis="x", length=0)
+        axes.grid(visible=False, axis="x")
+        axes.set_ylabel("MAE, N (in the bars: mN)")
+        grams_axis(axes)
+        legend_above(axes)
+
+    split = f"the same methods, split {len(protocols)} ways" if len(protocols) > 1 else "bars over all, dots by session"
+    return make_figure(draw, f"Mean absolute error: {split}")
+
+
+_NUMBERED = 9
+"""More bars than these leave no room for numbers of a legible size."""
+_LIGHT = {"#e69f00", "#56b4e9", "#cc79a7"}
+"""Bars that need dark numbers."""
+
+
+def figure_residuals(predictions: Predictions) -> Figure:
+    """Error over the measured magnitude, with the median error and the median 90 % interval as a band."""
+    reference, estimate, interval = predictions.column("magnitude")
+    use = predictions.valid
+    reference, estimate, interval = reference[use], estimate[use], _bounded(interval[use])
+    residual = estimate - reference
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        axes.axhline(0, color=COLOURS["reference"], linewidth=0.8)
+        axes.plot(
+            reference, residual, "o", color=COLOURS["estimate"], markersize=3, alpha=0.45, mew=0,
+            rasterized=len(residual) > MANY_POINTS, label="held-out samples",
+        )  # fmt: skip
+        edges = (
+            np.quantile(reference, np.linspace(0, 1, min(13, max(2, len(reference) // 15 + 1)))) if use.any() else []
+        )
+        edges = np.unique(edges)
+        if len(edges) > 1:
+            slot = np.clip(np.searchsorted(edges, reference, side="right") - 1, 0, len(edges) - 2)
+            groups = [slot == number for number in range(len(edges) - 1)]
+            groups = [group for group in groups if group.any()]
+            middle = [float(np.median(reference[group])) for group in groups]
+            # The reference lies inside its interval exactly where the residual lies in (estimate - interval).
+            low = [float(np.median((estimate - interval[:, 1])[group])) for group in groups]
+            high = [float(np.median((estimate - interval[:, 0])[group])) for group in groups]
+            median = [float(np.median(residual[group])) for group in groups]
+            axes.fill_between(middle, low, high, color=COLOURS["band"], alpha=0.28, linewidth=0, label="90 % interval")
+            axes.plot(middle, median, color=COLOURS["line"], linewidth=1.5, label="median error")
+        axes.set_xlabel("measured force, N")
+        axes.set_ylabel("estimated - measured, N")
+        grams_axis(axes)
+        legend_above(axes)
+
+    return make_figure(
+        draw, f"{predictions.method}: error over force, samples of {PROTOCOL_WORDS[predictions.protocol].of}"
+    )
+
+
+def typical_session(predictions: Predictions) -> str:
+    """Returns the session with the median error: neither the best nor the worst one."""
+    names = list(dict.fromkeys(predictions.session.tolist()))
+    size = np.abs(predictions.magnitude_n - predictions.reference_magnitude_n)
+    errors = {
+        name: float(np.nanmean(size[predictions.session == name]))
+        for name in names
+        if np.isfinite(size[predictions.session == name]).any()
+    }
+    ranked = sorted(errors, key=lambda name: errors[name])
+    return ranked[len(ranked) // 2] if ranked else names[0]
+
+
+_SESSIONS_NARROW = 9
+"""More sessions than these go across the page."""
+
+
+def figure_sessions(
+    title: str, names: Sequence[str], mae_n: FloatArray, constant_n: FloatArray, coverage: FloatArray, colour: str
+) -> Figure:
+    """Error and coverage session by session.
+
+    Args:
+        title: Of the figure.
+        names: Of the sessions.
+        mae_n: (sessions,) of the method.
+        constant_n: (sessions,) MAE of the constant predictor.
+        coverage: (sessions,) share of the forces inside the 90 % interval.
+        colour: Of the method.
+    """
+
+    def draw(figure: Figure) -> None:
+        left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.6, 1))
+        place = np.arange(len(names))
+        left.barh(place - 0.19, mae_n, 0.38, color=colour, label="method")
+        left.barh(place + 0.19, constant_n, 0.38, color=GREY, label="constant")
+        left.set_yticks(place, [_short(name) for name in names])
+        left.set_ylim(len(names) - 0.4, -0.6)
+        left.grid(visible=False, axis="y")
+        left.set_xlabel("MAE, N")
+        legend_above(left, 2)
+        right.hlines(place, np.minimum(coverage, 0.9), np.maximum(coverage, 0.9), color=colour, alpha=0.5)
+        right.plot(coverage, place, "o", color=colour, markersize=5)
+        mark_line(right, 0.9, "nominal", vertical=True)
+        right.set_xlim(min(0.5, float(np.nanmin(coverage, initial=0.9)) - 0.05), 1.02)
+        right.xaxis.set_major_formatter(PercentFormatter(1.0, 0, " %"))
+        right.set_xlabel("inside the 90 % interval")
+        right.tick_params(axis="y", length=0)
+        right.grid(visible=False, axis="y")
+        legend_above(right, 1)
+
+    if len(names) <= _SESSIONS_NARROW:
+        return make_figure(draw, title)
+    return make_figure(draw, title, WIDE_IN, 1.8 + 0.3 * len(names))
+
+
+def _stretches(seconds: FloatArray, chosen: BoolArray) -> list[tuple[float, float]]:
+    """Start and end of every run of True; a single sample still has a visible width."""
+    step = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
+    edges = np.diff(np.concatenate([[0], chosen.astype(np.int64), [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return [(float(seconds[a]) - step / 2, float(seconds[b]) + step / 2) for a, b in zip(starts, ends, strict=True)]
+
+
+def _bounded(interval: FloatArray) -> FloatArray:
+    """An unbounded interval is not drawn."""
+    return np.where(np.isfinite(interval).all(axis=1, keepdims=True), interval, np.nan)
+
+
+def _short(name: str, length: int = 22) -> str:
+    return name if len(name) <= length else "…" + name[-length + 1 :]

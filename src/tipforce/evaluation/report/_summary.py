@@ -1,0 +1,213 @@
+"""An evaluation as nested dicts of numbers and text: what ``metrics.json`` holds and the page is made of."""
+
+import platform
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from ... import __version__
+from ...types import ShapeFeatures
+from ...units import newtons_to_grams
+from .._constant import Constant
+from .._evaluate import Evaluation, ShowsFeatures
+from .._ground_truth import BOUND_KINDS
+from .._metrics import json_ready
+from .._protocols import BY_SESSION, PROTOCOL_WORDS, MethodResult
+from .._statistics import MIN_SESSIONS
+from ._figures_results import THESIS_MAE_N
+
+__all__ = ["best_method", "summary", "verdict"]
+
+THESIS_DIRECTIONS = {
+    "x": {"min_error_n": 0.0001, "max_error_n": 0.066, "rmse_n": 0.028},
+    "y": {"min_error_n": 0.0003, "max_error_n": 0.068, "rmse_n": 0.023},
+}
+"""Table 5 of the thesis: method 2 on its own 154 test samples."""
+
+_LIBRARIES = ("numpy", "scipy", "scikit-learn", "opencv-python-headless", "numba", "matplotlib", "onnxruntime")
+
+
+def best_method(evaluation: Evaluation) -> str:
+    """Returns the method with the smallest MAE under the strictest protocol; the constant fills where it abstained."""
+    found = [evaluation.result(method.label, evaluation.strictest) for method in evaluation.methods]
+    results = [each for each in found if each is not None]
+    return min(results, key=lambda each: (not each.predictions.valid.any(), each.metrics["mae_filled_n"])).method
+
+
+def verdict(evaluation: Evaluation) -> list[str]:
+    """The answer in sentences: the error on held-out sessions, its confidence interval, the 90 % intervals."""
+    method, strictest = best_method(evaluation), evaluation.strictest
+    result, constant = evaluation.result(method, strictest), evaluation.result(Constant.name, strictest)
+    assert result is not None
+    assert constant is not None
+    random = evaluation.result(method, "random")
+    if not np.isfinite(result.mae_n):
+        reasons = ", ".join(f"{reason} {count}" for reason, count in result.metrics["abstained"].items())
+        on = PROTOCOL_WORDS[strictest].on
+        return [f"{on}, {method} gave no estimate for any of {len(result.predictions)} samples ({reasons})."]
+    parts = [f"{PROTOCOL_WORDS[strictest].on}, {method}: MAE {_both(result.mae_n)}"]
+    if strictest != "random" and random is not None and np.isfinite(random.mae_n):
+        parts.append(f"random split: {_both(random.mae_n)}")
+    parts.append(f"a constant: {_both(constant.mae_n)}")
+    sentences = ["; ".join(parts) + "."]
+    ratio = result.mae_n / constant.mae_n if constant.mae_n > 0 else float("inf")
+    if ratio >= 0.95:
+        sentences.append("That is no better than always answering the same force: nothing was read from the image.")
+    else:
+        sentences.append(f"That is {100 * ratio:.0f} % of the constant’s error.")
+    magnitude = result.metrics["quantities"]["magnitude"]
+    sentences.append(_confidence(magnitude["mae_ci95_n"], magnitude["mae_ci95_sessions"]))
+    coverage = magnitude["coverage"]
+    if magnitude["unbounded_share"] > 0.5:
+        sentences.append("Its 90 % intervals exclude nothing: there were too few sessions to bound them.")
+    elif np.isfinite(coverage):
+        sentences.append(f"The 90 % intervals hold {100 * coverage:.0f} % of the measured forces.")
+    abstained = result.metrics["abstained_share"]
+    if abstained > 0:
+        sentences.append(f"It abstained on {100 * abstained:.1f} % of the samples.")
+    if strictest not in BY_SESSION:
+        sentences.append("No session was held out, so how it does on a new session is not known.")
+    return sentences
+
+
+def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
+    """Everything but the figures, ready for JSON: no NaN.
+
+    Args:
+        evaluation: The evaluation.
+        command: What was typed to make it.
+
+    Returns:
+        What ``metrics.json`` holds: verdict, notes, data, ``results`` (see `score`) and the methods.
+    """
+    data = evaluation.dataset
+    return json_ready(
+        {
+            "tipforce": __version__,
+            "made_utc": datetime.now(UTC).isoformat(timespec="seconds"),
+            "command": command,
+            "research_use_only": True,
+            "verdict": verdict(evaluation),
+            "best_method": best_method(evaluation),
+            "strictest_protocol": evaluation.strictest,
+            "notes": [*evaluation.notes, *(evaluation.bounds.notes if evaluation.bounds else ())],
+            "data": {
+                "title": data.title,
+                "samples": len(data),
+                "samples_before_drawing": len(evaluation.everything),
+                "sessions": data.sessions,
+                "views": _views(evaluation),
+                "known": [axis for axis, known in zip("xyz", data.known.tolist(), strict=True) if known],
+                "force_min_n": data.magnitude_n.min(),
+                "force_max_n": data.magnitude_n.max(),
+                "force_mean_n": data.magnitude_n.mean(),
+                "fingerprint": evaluation.everything.fingerprint(),
+                "truth": evaluation.truth_n is not None,
+            },
+            "cramer_rao_bound": _bound(evaluation),
+            "perturbed": evaluation.perturbed or None,
+            "seed": evaluation.settings.seed,
+            "samples": evaluation.settings.samples,
+            "folds": evaluation.settings.folds,
+            "every": evaluation.settings.every,
+            "confidence": {
+                "method": "percentile bootstrap of whole sessions, 95 %",
+                "sessions_at_least": MIN_SESSIONS,
+            },
+            "results": [_result(each, evaluation) for each in evaluation.results],
+            "methods": {
+                method.label: {
+                    "method": method.estimator.name,
+                    "settings": method.estimator.settings.model_dump(mode="json"),
+                    "saved_model": method.saved is not None,
+                    "interval_basis": _interval_basis(evaluation, method.label),
+                    "time_per_frame": evaluation.timing[method.label],
+                    "samples_table": _five_samples(evaluation, method.label),
+                }
+                for method in evaluation.methods
+            },
+            "thesis": {"mae_n": THESIS_MAE_N, "force_min_n": 0.160, "force_max_n": 0.275, "force_mean_n": 0.218,
+                       "min_error_n": 0.0016, "max_error_n": 0.059, "by_direction": THESIS_DIRECTIONS},
+            "versions": {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}},
+            "machine": f"{platform.system()} {platform.machine()}",
+        }
+    )  # fmt: skip
+
+
+def _bound(evaluation: Evaluation) -> dict[str, Any] | None:
+    """The kinds of Cramer-Rao bound that errors were compared with, and what they take for unknown."""
+    bounds = evaluation.bounds
+    if bounds is None or not bounds.std_n:
+        return None
+    return {"kinds": {kind: BOUND_KINDS[kind] for kind in bounds.std_n}, "nuisances": bounds.nuisances}
+
+
+def _interval_basis(evaluation: Evaluation, method: str) -> str | None:
+    """What the intervals of the method rest on, as it says, under the strictest protocol."""
+    result = evaluation.result(method, evaluation.strictest)
+    basis = result.fits[0].facts.get("interval_basis") if result is not None and result.fits else None
+    return None if basis is None else str(basis)
+
+
+def _views(evaluation: Evaluation) -> str:
+    """What a sample is, in words."""
+    first = next(evaluation.dataset.subset(np.array([0])).observations(), None)
+    views = [] if first is None else list(first.views.values())
+    if not views:
+        return "the drives' readings"
+    return "ready-made shape numbers" if isinstance(views[0], ShapeFeatures) else "an image"
+
+
+def _result(result: MethodResult, evaluation: Evaluation) -> dict[str, Any]:
+    constant = evaluation.result(Constant.name, result.protocol)
+    return {
+        "method": result.method,
+        "protocol": result.protocol,
+        "protocol_text": PROTOCOL_WORDS[result.protocol].name,
+        "mae_over_constant": result.mae_n / constant.mae_n if constant is not None and constant.mae_n > 0 else None,
+        "splits": _splits(result),
+        "against_sensor": result.metrics,
+        "against_truth": result.truth_metrics,
+        "against_bound": result.bound_ratios,
+    }
+
+
+def _splits(result: MethodResult) -> Sequence[dict[str, Any]]:
+    return [
+        {
+            "name": fit.split.name,
+            "train": len(fit.split.train),
+            "calibrate": len(fit.split.calibrate),
+            "test": len(fit.split.test),
+            "fit_s": fit.seconds,
+            "facts": fit.facts,
+        }
+        for fit in result.fits
+    ]
+
+
+def _confidence(ends: Sequence[float], sessions: int) -> str:
+    """How far the MAE over these sessions can be trusted."""
+    if not np.isfinite(ends).all():
+        few = "1 session is" if sessions == 1 else f"{sessions} sessions are"
+        return f"{few} too few for a confidence interval of the MAE (at least {MIN_SESSIONS})."
+    low, high = (1e3 * end for end in ends)
+    return f"95 % confidence interval of the MAE over {sessions} sessions: {low:.0f} to {high:.0f} mN."
+
+
+def _both(newtons: float) -> str:
+    return f"{newtons_to_grams(newtons):.1f} g ({1e3 * newtons:.0f} mN)"
+
+
+def _five_samples(evaluation: Evaluation, method: str) -> dict[str, Any] | None:
+    """Thesis table 3: five scaled samples of the first training part, from the largest force to the smallest."""
+    first = next(each for each in evaluation.results if each.method == method).fits[0]
+    if not isinstance(first.estimator, ShowsFeatures) or not len(first.split.train):
+        return None
+    names, values, targets, force = first.estimator.normalised(evaluation.dataset.subset(first.split.train))
+    order = np.argsort(-np.linalg.norm(force, axis=1), kind="stable")
+    chosen = order[np.unique(np.linspace(0, len(order) - 1, 5).round().astype(int))]
+    return {"names": [*names, *targets], "rows": np.column_stack([values, force])[chosen]}

@@ -1,0 +1,172 @@
+"""Numbers as text, for the page and the terminal, and the report in a few lines for the terminal."""
+
+import json
+import math
+from collections.abc import Callable
+from typing import Any
+
+from ...units import newtons_to_grams
+from .._constant import Constant
+from .._robustness import UNPERTURBED
+
+__all__ = ["FILTERS", "report_lines"]
+
+
+def _number(value: float | None, digits: int, small_digits: int | None = None, small: float = 1.0) -> str:
+    """``value`` with ``digits`` decimals, ``small_digits`` below ``small``; a dash where missing; U+2212 as minus."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    text = f"{value:.{digits if small_digits is None or abs(value) >= small else small_digits}f}"
+    if float(text) == 0.0:
+        text = text.lstrip("-")
+    return text.replace("-", "−")
+
+
+def _times(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor
+
+
+def _mn(newtons: float | None) -> str:
+    return _number(_times(newtons, 1e3), 0, 1, 10.0)
+
+
+def _mn_interval(ends: list[float | None]) -> str:
+    low, high = ends
+    return "–" if low is None or high is None else f"{_mn(low)} to {_mn(high)}"
+
+
+def _grams(grams: float | None) -> str:
+    return _number(grams, 1, 2)
+
+
+def _newtons_as_grams(newtons: float | None) -> str:
+    return _grams(None if newtons is None else newtons_to_grams(newtons))
+
+
+def _g_interval(ends: list[float | None]) -> str:
+    low, high = ends
+    return "–" if low is None or high is None else f"{_newtons_as_grams(low)} to {_newtons_as_grams(high)}"
+
+
+def _newtons(newtons: float | None) -> str:
+    return _number(newtons, 3, 4, 0.01)
+
+
+def _percent(percent: float | None) -> str:
+    return _number(percent, 1)
+
+
+def _share(share: float | None) -> str:
+    return _number(_times(share, 100.0), 1)
+
+
+def _pretty(value: Any) -> str:
+    return json.dumps(value, indent=2, ensure_ascii=False)
+
+
+def _facts(value: Any) -> str:
+    """Nested facts on one line, numbers short."""
+    if isinstance(value, dict):
+        return ", ".join(f"{str(key).replace('_', ' ')} {_facts(item)}" for key, item in value.items())
+    if isinstance(value, list):
+        return " ".join(_facts(item) for item in value)
+    return f"{value:.4g}" if isinstance(value, float) else "–" if value is None else str(value)
+
+
+FILTERS: dict[str, Callable[..., str]] = {
+    "mn": _mn,
+    "mn_interval": _mn_interval,
+    "g_interval": _g_interval,
+    "grams": _grams,
+    "n_to_g": _newtons_as_grams,
+    "newtons": _newtons,
+    "percent": _percent,
+    "share": _share,
+    "fixed": _number,
+    "pretty": _pretty,
+    "facts": _facts,
+}
+"""Filters of the template: what a value is -> its text. A missing value is a dash."""
+
+_HEAD = ("", "MAE g", "MAE mN", "95 % CI mN", "RMSE mN", "max mN", "bias mN", "R2", "coverage %", "abstained %")
+
+
+def report_lines(metrics: dict[str, Any]) -> list[str]:
+    """The report in a few lines of text: verdict, notes, the table of results.
+
+    Args:
+        metrics: What `write_report` or `summary` returns.
+    """
+    mn, grams, fixed, share, interval = (FILTERS[name] for name in ("mn", "grams", "fixed", "share", "mn_interval"))
+    table: list[tuple[str, ...]] = []
+    protocol = ""
+    for result in metrics["results"]:
+        if result["protocol_text"] != protocol:
+            protocol = result["protocol_text"]
+            table.append((f"{protocol}:",))
+        scores = result["against_sensor"]
+        m = scores["quantities"]["magnitude"]
+        name = "constant predictor" if result["method"] == Constant.name else result["method"]
+        table.append(
+            (
+                f"  {name}",
+                grams(m["mae_g"]),
+                mn(m["mae_n"]),
+                interval(m["mae_ci95_n"]),
+                mn(m["rmse_n"]),
+                mn(m["max_n"]),
+                mn(m["bias_n"]),
+                fixed(m["r2"], 2),
+                share(m["coverage"]),
+                share(scores["abstained_share"]),
+            )
+        )
+    first = max(len(cells[0]) for cells in table)
+    lines = [_line(_HEAD, first), *(_line(cells, first) for cells in table)]
+    return [
+        " ".join(metrics["verdict"]),
+        *metrics["notes"],
+        "",
+        *lines,
+        "",
+        *_bound_lines(metrics),
+        *_perturbed_lines(metrics),
+    ]
+
+
+def _bound_lines(metrics: dict[str, Any]) -> list[str]:
+    """One line: each method's error over its Cramer-Rao bound under the strictest protocol."""
+    fixed, ratios = FILTERS["fixed"], list[str]()
+    for result in metrics["results"]:
+        bound = result["against_bound"]
+        if bound is None or result["protocol"] != metrics["strictest_protocol"] or result["method"] == Constant.name:
+            continue
+        one, all_frames = (fixed(bound[kind]["magnitude"]["all"]["ratio"], 2) for kind in ("one_frame", "all_frames"))
+        ratios.append(f"{result['method']} {one} (one frame), {all_frames} (all frames until then)")
+    if not ratios:
+        return []
+    return [f"Error over the Cramer-Rao bound: {'; '.join(ratios)}. What it takes for unknown: metrics.json.", ""]
+
+
+def _perturbed_lines(metrics: dict[str, Any]) -> list[str]:
+    """Each method's error under the largest perturbation of each kind."""
+    if metrics["perturbed"] is None:
+        return []
+    mn, share, found = FILTERS["mn"], FILTERS["share"], list[str]()
+    for method, (plain, *lines) in metrics["perturbed"].items():
+        largest = {line["kind"]: line for line in lines}
+        texts = [
+            f"{kind} {line['size']} {mn(line['mae_n'])} ({share(line['abstained_share'])} % abstained)"
+            for kind, line in largest.items()
+            if "," not in kind
+        ]
+        found.append(
+            f"{method}, perturbed, MAE in mN: {UNPERTURBED} {mn(plain['mae_n'])}, {', '.join(texts)}; "
+            f"a constant {mn(plain['constant']['mae_n'])}"
+        )
+    return [*found, ""]
+
+
+def _line(cells: tuple[str, ...], first: int) -> str:
+    rest = "".join(cell.rjust(max(9, len(head) + 2)) for cell, head in zip(cells[1:], _HEAD[1:], strict=False))
+    return (cells[0].ljust(first) + rest).rstrip()

@@ -1,0 +1,37 @@
+"""From the truths beside recordings to the smallest possible errors of a dataset's samples."""
+
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..datasets import Dataset
+    from ..evaluation import CramerRaoBounds
+
+__all__ = ["bounds_from"]
+
+
+def bounds_from(dataset: "Dataset", folder: Path, progress: Callable[[str, float], None]) -> "CramerRaoBounds":
+    """The bounds of the sessions of ``dataset`` whose truth lies under ``folder``, or notes on why they have none."""
+    import numpy as np
+
+    from ..evaluation import CramerRaoBounds, bound_at
+    from ..limits import bounds_beside, nuisances
+
+    found = bounds_beside(sorted(folder.rglob("*.truth.npz")), dataset.sessions, progress=progress)
+    whole = [each for each in found if not each.refused]
+    missing = Counter(each.refused for each in found if each.refused)
+    notes = [f"No bound for {count} session{'s' * (count > 1)}: {why}." for why, count in missing.items()]
+    unstable = sum(int(np.isnan(each.std_n["one_frame"][:, 0]).sum()) for each in whole)
+    if unstable:
+        notes.append(f"No bound for {unstable} frames in which no stable shape under a dead force was found.")
+    if not whole:
+        return CramerRaoBounds({}, np.full(len(dataset), np.nan), (), tuple(notes))
+    ways = list(whole[0].std_n)
+    rows = {
+        each.session: (each.stamp_ns, np.column_stack([*(each.std_n[way] for way in ways), each.contact_angle_deg]))
+        for each in whole
+    }
+    *columns, angle = np.split(bound_at(dataset, rows), range(3, 3 * len(ways) + 1, 3), axis=1)
+    return CramerRaoBounds(dict(zip(ways, columns, strict=True)), angle[:, 0], tuple(nuisances(whole)), tuple(notes))

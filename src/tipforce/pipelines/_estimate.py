@@ -1,0 +1,308 @@
+"""A model over a whole video, folder or recording: a table with a row per frame, and the video with the force in it."""
+
+import csv
+import math
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TextIO
+
+import numpy as np
+
+from ..alignment import observations
+from ..errors import InputError
+from ..estimators import Estimator, Progress, ShowsShape, load_model, missing_metadata, view_of
+from ..io import VideoWriter, atomic_text, frame_count, open_source, require_actuation
+from ..types import (
+    Actuation,
+    Event,
+    FloatArray,
+    ForceEstimate,
+    Frame,
+    Image,
+    Observation,
+    SessionInfo,
+    ShapeFeatures,
+    Source,
+    Status,
+    read_bench,
+)
+from ..units import newtons_to_grams
+from ..vision import Reasons, draw_estimate
+
+__all__ = ["COLUMNS", "EstimateReport", "estimate", "write_estimates"]
+
+COLUMNS = (
+    "frame", "time_s", "stamp_ns", "magnitude_n", "magnitude_low_n", "magnitude_high_n",
+    "fx_n", "fx_low_n", "fx_high_n", "fy_n", "fy_low_n", "fy_high_n", "fz_n", "fz_low_n", "fz_high_n",
+    "magnitude_g", "contact", "status", "detail",
+)  # fmt: skip
+"""Of the table: number of the frame from 0, seconds since the first one; low and high are the ends of the 90 %
+intervals, contact is a probability."""
+
+
+@dataclass(slots=True)
+class EstimateReport:
+    """What a run over a file came to. ``update_s``: time of each frame from picture to force, without reading it."""
+
+    frames: int = 0
+    statuses: Counter[str] = field(default_factory=Counter[str])
+    reasons: Reasons = field(default_factory=Reasons)
+    magnitudes_n: list[float] = field(default_factory=list[float])
+    update_s: list[float] = field(default_factory=list[float])
+
+    @property
+    def valid(self) -> int:
+        """Frames with a force."""
+        return self.statuses[Status.VALID]
+
+    def add(self, estimate: ForceEstimate, seconds: float) -> None:
+        """Count one estimate."""
+        self.frames += 1
+        self.statuses[estimate.status.value] += 1
+        self.update_s.append(seconds)
+        if estimate.valid:
+            self.magnitudes_n.append(estimate.magnitude_n)
+        else:
+            self.reasons.add(f"{estimate.status.value}: {estimate.detail}")
+
+    def text(self) -> str:
+        """A few lines for people."""
+        lines = [f"{self.frames} frames, {self.valid} with a force"]
+        if self.magnitudes_n:
+            low, mean, high = min(self.magnitudes_n), float(np.mean(self.magnitudes_n)), max(self.magnitudes_n)
+            grams = ", ".join(f"{newtons_to_grams(n):.1f}" for n in (low, mean, high))
+            lines[0] += f": {low:.3f} to {high:.3f} N, mean {mean:.3f} N (smallest, mean, largest {grams} g)"
+        lines += self.reasons.lines(3)
+        p50, p99 = np.percentile(self.update_s, [50, 99]) * 1e3
+        return "\n".join([*lines, f"picture to force: {p50:.2f} ms (p50), {p99:.2f} ms (p99)"])
+
+    def figures(self) -> dict[str, Any]:
+        """All of it as JSON values; None where there is no force at all."""
+        sizes = self.magnitudes_n
+        return {
+            "frames": self.frames,
+            "valid": self.valid,
+            "statuses": dict(self.statuses),
+            "magnitude_n": {"min": min(sizes), "mean": float(np.mean(sizes)), "max": max(sizes)} if sizes else None,
+            "update_ms": {f"p{p}": 1e3 * float(np.percentile(self.update_s, p)) for p in (50, 99)},
+        }
+
+
+Frames = str | Path | Source | Iterable[Frame] | Iterable[Image]
+"""What forces are estimated on: a file or folder, an open source, or images with or without stamps."""
+
+
+def estimate(
+    model: Estimator | str | Path,
+    frames: Frames,
+    *,
+    bench: SessionInfo | str | Path | None = None,
+    actuation: Mapping[str, float] | None = None,
+    frame_rate_hz: float = 30.0,
+) -> Iterator[ForceEstimate]:
+    """Estimates the contact force on every frame, as the frames come.
+
+    Args:
+        model: a fitted estimator, or the model folder to load; ``pretrained/NAME`` comes with the program.
+        frames: a video, DICOM file, folder of images, recording or dataset; an open `Source`; or an iterable of
+            `Frame` or of images, (h, w) grey or (h, w, 3) RGB, uint8.
+        bench: metadata of the session in place of what the file holds: a `SessionInfo` or a ``bench.toml``.
+        actuation: constant readings of drives that ``frames`` do not carry, as ``{"knob_deg": 10.0}``.
+        frame_rate_hz: of images without stamps.
+
+    Yields:
+        One `ForceEstimate` a frame, in newtons in the base frame; it says ``valid`` or why not.
+
+    Raises:
+        InputError: the file cannot be read, or readings or metadata that the model needs are missing; the message
+            names them.
+        ModelError: the model folder is incomplete or altered.
+
+    >>> import tipforce
+    >>> frames = [np.zeros((480, 640), np.uint8)]
+    >>> next(tipforce.estimate("pretrained/dcfe", frames)).status.value
+    'out_of_distribution'
+    """
+    estimator = model if isinstance(model, Estimator) else load_model(model)
+    stated = session_info_from(bench)
+    with source_of(frames, stated, actuation or {}, frame_rate_hz) as source:
+        check_inputs(estimator, source)
+        stream = estimator.start(source.session_info)
+        for observation in observations(source, view_of(estimator)):
+            yield stream.update(observation)
+
+
+def session_info_from(bench: SessionInfo | str | Path | None) -> SessionInfo:
+    """Metadata that a caller states as such, as a ``bench.toml``, or not at all."""
+    if bench is None:
+        return SessionInfo()
+    return bench if isinstance(bench, SessionInfo) else read_bench(bench)
+
+
+def source_of(frames: Frames, stated: SessionInfo, actuation: Mapping[str, float], frame_rate_hz: float) -> Source:
+    """``frames`` as a `Source`. Raises InputError where a file cannot be read."""
+    if isinstance(frames, str | Path):
+        return open_source(frames, actuation=actuation, stated=stated)
+    if isinstance(frames, Source):
+        return frames
+    return _Given(frames, stated, {**stated.actuation.constant, **actuation}, frame_rate_hz)
+
+
+def check_inputs(estimator: Estimator, source: Source) -> None:
+    """Raises InputError where ``source`` lacks readings or metadata that ``estimator`` needs."""
+    require_actuation(source, estimator.required_actuation)
+    missing = missing_metadata(estimator.required_metadata, source.session_info)
+    if missing:
+        raise InputError(f"{getattr(source, 'path', source.session_info.name)}: {missing}")
+
+
+class _Given:
+    """Images or frames of the caller's as a `Source`, with constant readings in front of them."""
+
+    def __init__(
+        self,
+        frames: Iterable[Frame] | Iterable[Image],
+        info: SessionInfo,
+        actuation: Mapping[str, float],
+        frame_rate_hz: float,
+    ) -> None:
+        self._frames, self.session_info, self._actuation = frames, info, dict(actuation)
+        self._step_ns = round(1e9 / frame_rate_hz)
+
+    def __iter__(self) -> Iterator[Event]:
+        for number, each in enumerate(self._frames):
+            frame = each if isinstance(each, Frame) else Frame(number * self._step_ns, each)
+            if number == 0 and self._actuation:
+                yield Actuation(frame.stamp_ns, self._actuation)
+            yield frame
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """The frames are the caller's."""
+
+
+def write_estimates(
+    estimator: Estimator,
+    source: Source,
+    forces: Path | TextIO,
+    *,
+    overlay: Path | None = None,
+    full_scale_n: float = 0.3,
+    progress: Progress | None = None,
+) -> EstimateReport:
+    """Estimates the force on every frame of ``source``; a row of `COLUMNS` each to ``forces``.
+
+    Cells are empty where a value is unknown. Files appear when they are complete, or not at all.
+
+    Args:
+        estimator: a fitted one.
+        source: an open source; see `open_source`.
+        forces: a CSV file or an open stream.
+        overlay: also an .mp4 with shape, force, value, interval and status in it.
+        full_scale_n: force whose arrow is a quarter of the image long.
+        progress: called with what is done and its share.
+
+    Raises:
+        InputError: ``source`` holds no frame, or lacks readings or metadata that ``estimator`` needs.
+    """
+    check_inputs(estimator, source)
+    view = view_of(estimator)
+    total = frame_count(source, view)
+    stream = estimator.start(source.session_info)
+    report, first_ns = EstimateReport(), 0
+    with ExitStack() as stack:
+        table = stack.enter_context(atomic_text(forces)) if isinstance(forces, Path) else forces
+        video = (
+            stack.enter_context(_Overlay(overlay, estimator, source.session_info, view, full_scale_n))
+            if overlay
+            else None
+        )
+        rows = csv.writer(table, lineterminator="\n")
+        rows.writerow(COLUMNS)
+        for observation in observations(source, view):
+            start = time.perf_counter()
+            found = stream.update(observation)
+            report.add(found, time.perf_counter() - start)
+            first_ns = found.stamp_ns if report.frames == 1 else first_ns
+            rows.writerow([report.frames - 1, f"{(found.stamp_ns - first_ns) * 1e-9:.6f}", *_row(found)])
+            if video:
+                video.add(observation, found)
+            if progress:
+                progress(f"frame {report.frames}", min(1.0, report.frames / total) if total else 0.0)
+        if not report.frames:
+            raise InputError(f"no frame of the view {view!r} to estimate a force from; look with `tipforce inspect`")
+    return report
+
+
+def _row(estimate: ForceEstimate) -> list[str]:
+    cells = [str(estimate.stamp_ns), _cell(estimate.magnitude_n), *_ends(estimate.magnitude_interval_n)]
+    for value, interval in zip(estimate.force_n.tolist(), estimate.interval_n, strict=True):
+        cells += [_cell(value), *_ends(interval)]
+    grams = newtons_to_grams(estimate.magnitude_n)
+    cells += ["" if math.isnan(value) else f"{value:.3f}" for value in (grams, estimate.contact)]
+    return [*cells, estimate.status.value, estimate.detail]
+
+
+def _cell(newtons: float) -> str:
+    return f"{newtons:.6f}" if math.isfinite(newtons) else ""
+
+
+def _ends(interval: FloatArray) -> list[str]:
+    """Both ends, or neither: an interval without an end says nothing."""
+    return [_cell(end) for end in interval.tolist()] if np.isfinite(interval).all() else ["", ""]
+
+
+class _Overlay:
+    """The video with the force in it; its rate is that of the first two frames."""
+
+    def __init__(self, path: Path, estimator: Estimator, info: SessionInfo, view: str, full_scale_n: float) -> None:
+        self.path, self.estimator, self.view, self.full_scale_n = path, estimator, view, full_scale_n
+        self.session_info = info
+        self.first: Frame | None = None
+        self.writer: VideoWriter | None = None
+        self.stack = ExitStack()
+
+    def add(self, observation: Observation, estimate: ForceEstimate) -> None:
+        """Draw one frame and write it."""
+        frame = Frame(observation.stamp_ns, self._drawn(observation, estimate))
+        if self.writer:
+            self.writer.write(frame)
+        elif self.first is None:
+            self.first = frame
+        else:
+            self._open(1e9 / max(1, frame.stamp_ns - self.first.stamp_ns)).write(frame)
+
+    def _open(self, rate: float) -> VideoWriter:
+        assert self.first is not None
+        self.writer = self.stack.enter_context(VideoWriter(self.path, float(np.clip(rate, 0.01, 1000.0))))
+        self.writer.write(self.first)
+        return self.writer
+
+    def _drawn(self, observation: Observation, estimate: ForceEstimate) -> Image:
+        image = observation.views[self.view]
+        if isinstance(image, ShapeFeatures):
+            raise InputError("an overlay needs pictures, and these data are ready-made shape coefficients")
+        sighting = (
+            self.estimator.look(observation, self.session_info)[0] if isinstance(self.estimator, ShowsShape) else None
+        )
+        return draw_estimate(image, sighting, estimate, full_scale_n=self.full_scale_n)
+
+    def __enter__(self) -> "_Overlay":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None and self.writer is None and self.first is not None:
+            self._open(24.0)
+        # The writer learns of an error too, so that its file does not appear.
+        self.stack.__exit__(kind, error, trace)

@@ -1,0 +1,139 @@
+"""Methods judged on held-out data, and the report on it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel
+
+from ..errors import InputError
+from ..estimators import ESTIMATORS, Progress
+from ..evaluation import (
+    Evaluation,
+    EvaluationSettings,
+    check_report_folder,
+    methods_from,
+    report_lines,
+    truth_at,
+    write_report,
+)
+from ..evaluation import evaluate as evaluate_methods
+from ..simulation import read_truth
+from ..types import FloatArray, IntArray, SessionInfo
+from ._bounds import bounds_from
+from ._estimate import session_info_from
+from ._train import Data, data_of
+
+__all__ = ["EvaluateReport", "evaluate"]
+
+Protocol = Literal["all", "random", "blocked", "session", "thesis", "standard", "catheter", "saved"]
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluateReport:
+    """What an evaluation came to.
+
+    ``evaluation``: predictions and scores; ``metrics``: content of metrics.json; ``lines``: the same for people;
+    ``report``: the page that was written.
+    """
+
+    evaluation: Evaluation
+    metrics: Mapping[str, Any]
+    lines: tuple[str, ...]
+    report: Path
+
+
+def evaluate(
+    models: str | Path | Sequence[str | Path],
+    data: Data,
+    output: str | Path,
+    *,
+    protocol: Protocol = "all",
+    settings: BaseModel | Mapping[str, Any] | None = None,
+    bench: SessionInfo | str | Path | None = None,
+    init_from: str | Path | None = None,
+    truth: str | Path | None = None,
+    bound: bool | None = None,
+    samples: int | None = None,
+    every: int = 1,
+    folds: int | None = None,
+    perturb: int = 0,
+    seed: int = 0,
+    command: str = "",
+    progress: Progress | None = None,
+) -> EvaluateReport:
+    """Judges methods on held-out data and writes a report.
+
+    A method is trained anew for every split; a saved model is also scored as it is, on sessions that it never saw.
+
+    Args:
+        models: folders of saved models, ``pretrained/NAME``, or names of methods.
+        data: labelled samples; see `open_dataset`.
+        output: folder for report.html, metrics.json and figures.
+        protocol: what is held out. "all": random, blocked and session side by side; "saved": nothing is trained.
+        settings: of the methods that are named; saved models have their own.
+        bench: metadata in place of what the data hold.
+        init_from: networks that are named: each split fine-tunes this model, or "pretrained".
+        truth: folder with the truth of simulated sessions: score against it, too.
+        bound: with ``truth``: also compute the posterior Cramer-Rao bound; default: yes.
+        samples: draw so many samples first; all by default.
+        every: take every so many-th frame of each session.
+        folds: cross-validate with so many folds.
+        perturb: also ask for so many samples with perturbed images, spread over all.
+        seed: of drawn samples and splits.
+        command: what a person typed, for the report.
+        progress: called with what is done and its share.
+
+    Raises:
+        InputError: no method, data or truth that can be used, or options that do not go together.
+    """
+    output, truth = Path(output), None if truth is None else Path(truth)
+    names = [str(model) for model in ([models] if isinstance(models, str | Path) else models)]
+    check_report_folder(output)
+    named = [name for name in names if name in ESTIMATORS and not Path(name).is_dir()]
+    if settings and not named:
+        raise InputError("settings are for a method that is named, such as svr; a saved model has its own")
+    if bound is not None and truth is None:
+        raise InputError("the bound needs the truth: state the folder that `tipforce simulate` wrote as truth")
+    if init_from is not None and not named:
+        raise InputError("init_from is for a method that is named, such as compact; a saved model has its own weights")
+    chosen = {name: ESTIMATORS[name].settings_type.model_validate(settings or {}) for name in named}
+    methods = methods_from(names, chosen, None if init_from is None else str(init_from))
+    dataset = data_of(data, session_info_from(bench))
+    report = progress or _silent
+    true_n = None if truth is None else truth_at(dataset, _truths(truth))
+    result = evaluate_methods(
+        dataset,
+        methods,
+        EvaluationSettings(
+            protocols=None if protocol in ("all", "saved") else [protocol],
+            as_saved=protocol == "saved",
+            samples=samples,
+            folds=folds,
+            every=every,
+            seed=seed,
+            perturbed_frames=perturb or None,
+        ),
+        truth_n=true_n,
+        bounds=bounds_from(dataset, truth, report) if truth is not None and bound is not False else None,
+        progress=report,
+    )
+    report("report", 1.0)
+    metrics = write_report(result, output, command)
+    return EvaluateReport(result, metrics, tuple(report_lines(metrics)), output / "report.html")
+
+
+def _truths(folder: Path) -> dict[str, tuple[IntArray, FloatArray]]:
+    """Stamps (n,) and true forces (n, 3) by session, of all that simulate wrote under ``folder``."""
+    found: dict[str, tuple[IntArray, FloatArray]] = {}
+    for path in sorted(folder.rglob("*.truth.npz")):
+        truth = read_truth(path)  # of which little is kept: a set at scale has thousands
+        found[truth.session] = truth.stamp_ns, truth.force_n
+    if not found:
+        raise InputError(f"{folder}: there is no truth in it; only what `tipforce simulate` wrote has one")
+    return found
+
+
+def _silent(what: str, share: float) -> None:
+    del what, share

@@ -1,0 +1,59 @@
+"""What is in a file, and what is detected in its images."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..datasets import dataset_at, describe_dataset, session_images
+from ..io import is_image
+from ..types import SessionInfo
+from ..vision import InspectSettings
+from ._estimate import session_info_from
+from ._inspect_images import InspectionSheet, inspect_frames, inspect_image_file, inspect_sessions
+
+__all__ = ["inspect"]
+
+
+def inspect(
+    path: str | Path,
+    *,
+    settings: InspectSettings | Mapping[str, Any] | None = None,
+    bench: SessionInfo | str | Path | None = None,
+    every: int = 1,
+    drawn: int = 12,
+    progress: Callable[[str, float], None] | None = None,
+) -> InspectionSheet:
+    """Detects the catheter in the images of a file and draws what is found.
+
+    Args:
+        path: an image, video, DICOM file, folder of images, recording or dataset.
+        settings: of the detection and of the curve that is fitted to the shape.
+        bench: metadata in place of what the file holds.
+        every: of several images, look at every so many-th.
+        drawn: so many of them are drawn.
+        progress: called with what is done and its share.
+
+    Returns:
+        What was found, in words and figures, and a drawing (h, w, 3) RGB.
+
+    Raises:
+        InputError: the file cannot be read or holds no images.
+    """
+    path, stated = Path(path), session_info_from(bench)
+    chosen = InspectSettings.model_validate(settings or {})
+    vision, features = chosen.vision, chosen.features
+    dataset = dataset_at(path)
+    if dataset is not None:
+        lines, facts = describe_dataset(dataset)
+        shared = replace(stated, name="")
+        shown = ((info.updated(shared), images) for info, images in session_images(dataset, vision.view, every))
+        sheet = inspect_sessions(
+            shown, vision, features, title=str(path), room=drawn, progress=progress, total=-(-len(dataset) // every)
+        )
+        return replace(
+            sheet, text="\n".join([*lines, sheet.text]), figures={"file": str(path), **facts, **sheet.figures}
+        )
+    if is_image(path):
+        return inspect_image_file(path, vision, features, stated)
+    return inspect_frames(path, vision, features, stated=stated, every=every, room=drawn, progress=progress)

@@ -1,0 +1,157 @@
+"""Sessions or labelled samples of a simulated bench."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+from ..errors import InputError
+from ..simulation import PRESETS, AnySimulationSettings, read_truth, sample_set
+from ..simulation import simulate as simulate_sessions
+from ._simulate_samples import write_samples
+from ._simulate_sessions import FORMS, refuse_form
+
+__all__ = ["SimulateReport", "preset_settings", "simulate", "simulate_dataset"]
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class SimulateReport:
+    """What was simulated: ``paths`` of the sessions, or of the dataset; number of ``frames``; ``seconds`` it took."""
+
+    paths: tuple[Path, ...]
+    frames: int
+    sessions: int
+    views: tuple[str, ...]
+    seconds: float
+
+
+def preset_settings(
+    preset: str | AnySimulationSettings, seconds: float | None = None, changes: Mapping[str, Any] | None = None
+) -> AnySimulationSettings:
+    """A preset's settings with changes; one that is changed is none any more, and is called so.
+
+    Args:
+        preset: its name, or settings, which are taken as they are.
+        seconds: length of each session; else the preset's.
+        changes: nested values, as ``{"world": {"wall": {"friction": [0, 0]}}}``.
+
+    Raises:
+        InputError: there is no such preset.
+        pydantic.ValidationError: a change is refused.
+    """
+    if not isinstance(preset, str):
+        return preset
+    if preset not in PRESETS:
+        raise InputError(f"{preset}: there is no such preset; there are {', '.join(PRESETS)}")
+    base = PRESETS[preset]
+    values: dict[str, Any] = base.model_dump()
+    for change in (changes or {}, {} if seconds is None else {"world": {"seconds": seconds}}):
+        _merge(values, change)
+    chosen = type(base).model_validate(values)
+    if chosen != base and chosen.preset == preset:
+        chosen = chosen.model_copy(update={"preset": f"{preset} changed"})
+    return chosen
+
+
+def simulate(
+    output: str | Path,
+    preset: str | AnySimulationSettings = "bench-2021",
+    *,
+    sessions: int = 8,
+    seconds: float | None = None,
+    seed: int = 0,
+    form: Literal["recording", "files", "dicom"] = "recording",
+    lossless: bool = False,
+    progress: Progress | None = None,
+) -> SimulateReport:
+    """Simulates sessions as a real bench leaves them, with the truth in a file beside each.
+
+    Args:
+        output: folder that they go to; sessions that stand there already are kept.
+        preset: bench-2021, generalise, fluoro, biplane, guidewire, catheter-5f, or settings of one's own.
+        sessions: how many.
+        seconds: length of each; else the preset's.
+        seed: the same seed gives the same sessions.
+        form: one recording a session; or a folder of video (or DICOM), logs and bench.toml, to be imported.
+        lossless: keep every pixel as it is rendered.
+        progress: called with what is done and its share.
+
+    Raises:
+        InputError: no such preset, or sessions of other settings in ``output``.
+        MissingExtraError: DICOM without pydicom.
+    """
+    started, chosen = time.monotonic(), preset_settings(preset, seconds)
+    refuse_form(form, chosen)
+    suffix, write = FORMS[form]
+    paths = simulate_sessions(
+        Path(output),
+        partial(write, lossless=lossless),
+        chosen,
+        suffix=suffix,
+        sessions=sessions,
+        seed=seed,
+        progress=progress,
+    )
+    frames = sum(len(read_truth(path).stamp_ns) for path in paths)
+    return SimulateReport(tuple(paths), frames, len(paths), (), time.monotonic() - started)
+
+
+def simulate_dataset(
+    output: str | Path,
+    preset: str | AnySimulationSettings = "bench-2021",
+    *,
+    samples: int = 1000,
+    samples_per_session: int = 80,
+    seconds: float | None = None,
+    seed: int = 0,
+    shards: bool = False,
+    masks: bool = False,
+    lossless: bool = False,
+    say: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
+) -> SimulateReport:
+    """Simulates labelled images at random instants of as many short sessions as needed: a dataset for training.
+
+    Args:
+        output: the dataset folder; what a kill interrupted goes on with the same arguments.
+        preset: as for `simulate`.
+        samples: number of images.
+        samples_per_session: images of each session.
+        seconds: length of each session; else as many as the samples need.
+        seed: the same seed gives the same samples.
+        shards: Parquet files instead of a folder of images.
+        masks: the true masks of the catheter, too, in masks/.
+        lossless: keep every pixel as it is rendered.
+        say: called with a line for people, such as a warning about disk space.
+        progress: called with what is done and its share.
+
+    Raises:
+        InputError: no such preset, other samples in ``output``, too little disk.
+    """
+    started, chosen = time.monotonic(), preset_settings(preset)
+    wanted = sample_set(chosen, seed=seed, samples=samples, per_session=samples_per_session, seconds=seconds)
+    write_samples(
+        Path(output), wanted, shards=shards, masks=masks, lossless=lossless,
+        say=say or _silent, progress=progress or _silent_progress,
+    )  # fmt: skip
+    return SimulateReport((Path(output),), samples, wanted.sessions, tuple(wanted.views), time.monotonic() - started)
+
+
+def _merge(values: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    for key, value in changes.items():
+        if isinstance(value, Mapping) and isinstance(values.get(key), dict):
+            _merge(values[key], value)
+        else:
+            values[key] = value
+
+
+def _silent(line: str) -> None:
+    del line
+
+
+def _silent_progress(what: str, share: float) -> None:
+    del what, share

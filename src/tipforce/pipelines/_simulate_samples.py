@@ -1,0 +1,157 @@
+"""How simulated sessions become labelled samples: the label is what importing the recording would give."""
+
+import json
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ..alignment import label_log, observations
+from ..datasets import Growing, GrowingImages, GrowingShards, SessionSamples
+from ..errors import InputError
+from ..io import encode_image
+from ..simulation import (
+    SampleSet,
+    SimulatedBench,
+    Truth,
+    refuse_other,
+    truth_of,
+    truth_path,
+    write_sessions,
+    write_truth,
+)
+from ..types import Actuation, Frame, IntArray, Observation
+
+__all__ = ["write_samples"]
+
+_BYTES_PER_PX = {False: 0.2, True: 2.6}
+"""Of a picture, lossless or not, with a margin."""
+_LARGE = 1e9
+
+
+def write_samples(
+    folder: Path,
+    wanted: SampleSet,
+    *,
+    shards: bool,
+    masks: bool,
+    lossless: bool,
+    say: Callable[[str], None],
+    progress: Callable[[str, float], None],
+    workers: int | None = None,
+) -> None:
+    """``wanted`` as a dataset in ``folder``, the truth in ``folder / "truth"``; finished sessions are kept.
+
+    Raises InputError where something else is in ``folder``, or the disk has too little room.
+    """
+    made = {**wanted.model_dump(mode="json"), "shards": shards, "masks": masks, "lossless": lossless}
+    told = folder / "simulated.json"
+    if told.exists():
+        refuse_other(folder, json.loads(told.read_text(encoding="utf-8")), made)
+    elif folder.exists() and any(folder.iterdir()):
+        raise InputError(f"{folder}: is there already and no set of simulated samples; choose another folder with -o")
+    else:
+        _check_room(folder, wanted, lossless, say)
+    into = (
+        GrowingShards(folder, wanted.sessions, wanted.per_session) if shards else GrowingImages(folder, wanted.sessions)
+    )
+    if into.whole:
+        return
+    todo = [number for number in range(wanted.sessions) if not into.has(number)]
+    (folder / "truth").mkdir(parents=True, exist_ok=True)
+    told.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+    work = partial(_write_session, wanted, into, masks, lossless)
+    write_sessions(work, todo, wanted.per_session, workers=workers, progress=progress)
+    settings = wanted.settings
+    into.finish(f"{settings.preset}, seed {wanted.seed}, {wanted.samples} simulated samples")
+
+
+def _check_room(folder: Path, wanted: SampleSet, lossless: bool, say: Callable[[str], None]) -> None:
+    settings = wanted.settings
+    need = wanted.samples * len(wanted.views) * settings.width * settings.height * _BYTES_PER_PX[lossless]
+    place = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    free = shutil.disk_usage(place).free
+    if need > free:
+        raise InputError(
+            f"{folder}: some {need / 1e9:.1f} GB are needed and {free / 1e9:.1f} GB are free; take fewer samples or "
+            "another disk"
+        )
+    if need > _LARGE:
+        say(f"some {need / 1e9:.1f} GB will be written to {folder}")
+
+
+def _write_session(
+    wanted: SampleSet, into: Growing, masks: bool, lossless: bool, number: int, tick: Callable[[], None]
+) -> None:
+    cv2.setNumThreads(1)  # there is a process for every core
+    bench = wanted.bench(number)
+    frames = wanted.frames(bench, number)
+    truth = truth_of(bench, frames)
+    write_truth(truth, truth_path(into.folder / "truth" / bench.name))
+    hidden = _masks(bench, truth) if masks else {}
+    seen = _observed(bench, frames, tick)
+    into.add(number, _labelled(bench, frames, seen, wanted.offset_ms(bench, number), hidden, lossless))
+
+
+def _masks(bench: SimulatedBench, truth: Truth) -> dict[str, list[bytes]]:
+    """The true masks of every view as PNGs, 255 where the catheter is."""
+    shown = dict(zip(bench.views, (truth, *truth.others.values()), strict=True))
+    return {
+        view: [
+            encode_image(each.mask(k).astype(np.uint8) * np.uint8(255), lossless=True, jpeg_quality=0)[1]
+            for k in range(len(truth.stamp_ns))
+        ]
+        for view, each in shown.items()
+    }
+
+
+def _observed(bench: SimulatedBench, frames: IntArray, tick: Callable[[], None]) -> list[Observation]:
+    """What an estimator would have seen at ``frames``."""
+    readings, joints = bench.readings, bench.readings.joints
+    rows = range(len(joints.stamp_ns) if bench.has_joints else 0)
+    events: list[Actuation | Frame] = [readings.actuation(joints, row) for row in rows]
+    for index in frames.tolist():
+        events += [bench.frame(index, view) for view in bench.views]
+        tick()
+    return list(observations(sorted(events, key=lambda event: event.stamp_ns), bench.views))
+
+
+def _labelled(
+    bench: SimulatedBench,
+    frames: IntArray,
+    seen: Sequence[Observation],
+    offset_ms: float,
+    masks: Mapping[str, Sequence[bytes]],
+    lossless: bool,
+) -> SessionSamples:
+    info, log = bench.session_info, bench.log
+    found = label_log(
+        bench.stamp_ns[frames],
+        (log.stamp_ns, log.force_n),
+        bench.stage_log(),
+        sensor=info.sensor,
+        tare=info.sensor.no_contact_s or "none",
+        offset_ms=offset_ms,
+    )
+    if not np.isfinite(found.force_n[:, found.known]).all():
+        raise InputError(f"{bench.name}: the force sensor's readings are too rare to label its pictures")
+    names = dict.fromkeys(name for observation in seen for name in observation.actuation)
+    quality = bench.imaging.jpeg_quality
+    encoded = {
+        view: [encode_image(each.views[view], lossless=lossless, jpeg_quality=quality)[1] for each in seen]  # type: ignore[arg-type]
+        for view in seen[0].views
+    }
+    return SessionSamples(
+        session_info=info,
+        frame=frames,
+        stamp_ns=found.stamp_ns,
+        actuation={name: np.array([each.actuation.get(name, np.nan) for each in seen]) for name in names},
+        force_n=found.force_n,
+        known=found.known,
+        pictures=encoded,
+        suffix=".png" if lossless else ".jpg",
+        masks=masks,
+    )

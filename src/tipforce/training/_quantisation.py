@@ -1,0 +1,291 @@
+"""Static quantisation of a graph to 8 bits, and the growth of its error by that.
+
+The image's bytes enter the first convolution as they are, without a conversion to floating point.
+"""
+
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ._device import import_extra
+from ._export import to_single_precision
+
+__all__ = ["MAX_ERROR_GROWTH", "error_growth", "group_pixels", "quantise"]
+
+MAX_ERROR_GROWTH = 0.05
+"""Largest relative growth of the error by quantisation: beyond it the graph in single precision stays in use."""
+
+_Inputs = Mapping[str, npt.NDArray[Any]]
+"""Inputs of a graph by name."""
+
+_PREPROCESSED = {"onnx.quant.pre_process": "onnxruntime.quant"}
+"""Tells the quantiser that batch normalisation is folded already; it would warn."""
+
+_BYTE = np.float32(1.0 / 255.0)
+_GROUP = 4
+"""Pixels of a group. With eight the multiplications by the new kernel's zeros cost more than is gained, from three
+channels on."""
+
+
+def quantise(graph: bytes, batches: Iterable[_Inputs]) -> bytes:
+    """Quantise the convolutions of a graph to 8 bits (static quantisation); inputs and outputs stay the same.
+
+    Activations are unsigned (processors multiply unsigned by signed bytes fastest); kernels are signed and symmetric,
+    with a scale for each output channel (Krishnamoorthi 2018; Jacob et al. 2018). What comes before the first
+    convolutions, the dense layers and what takes other inputs than images stay in single precision: they take little
+    time, and rounding there would round the force. Images that are merely divided by 255 enter the first convolution
+    as bytes.
+
+    Args:
+        graph: of `export_graph`.
+        batches: calibration batches, typical inputs of the graph; the range of every activation is taken from them.
+
+    Raises:
+        MissingExtraError: onnx is not installed.
+    """
+    import onnxruntime
+
+    onnx, tool = import_extra("onnx"), import_extra("onnxruntime.quantization")
+    model = onnx.load_from_string(graph)
+    metadata = {each.key: each.value for each in model.metadata_props}
+    to_single_precision(model)
+    with tempfile.TemporaryDirectory(prefix="tipforce-") as folder:
+        fused, quantised = Path(folder) / "fused.onnx", Path(folder) / "quantised.onnx"
+        options = onnxruntime.SessionOptions()
+        options.graph_optimization_level = (
+            onnxruntime.GraphOptimizationLevel.ORT_ENABLE_BASIC
+        )  # folds batch normalisation
+        options.optimized_model_filepath = str(fused)
+        onnxruntime.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
+        model = onnx.load(str(fused))
+        group_pixels(onnx, model)
+        _drop_unused(model.graph)
+        onnx.helper.set_model_props(model, _PREPROCESSED)
+        tool.quantize_static(
+            model,
+            str(quantised),
+            _calibration_reader(tool, batches),
+            quant_format=tool.QuantFormat.QDQ,
+            activation_type=tool.QuantType.QUInt8,
+            weight_type=tool.QuantType.QInt8,
+            per_channel=True,
+            nodes_to_exclude=_not_quantised(onnx, model.graph),
+        )
+        model = onnx.load(str(quantised))
+    _feed_bytes(onnx, model)
+    _drop_unused(model.graph)
+    onnx.helper.set_model_props(model, metadata)
+    onnx.checker.check_model(model)
+    return model.SerializeToString()
+
+
+def error_growth(graph: bytes, quantised: bytes, labelled: Iterable[tuple[_Inputs, npt.NDArray[Any]]]) -> float:
+    """Returns the relative growth of the mean error of ``force_n`` by quantisation; negative where it shrinks.
+
+    Accept the quantised graph by ``growth < MAX_ERROR_GROWTH``, so that NaN is not accepted.
+
+    Args:
+        graph: the graph in single precision.
+        quantised: the graph in 8 bits.
+        labelled: inputs and forces (n, t) in newtons, other samples than the calibration batches. The error of a
+            sample is the length of the force difference; samples with NaN are left out.
+
+    Raises:
+        ValueError: there is no labelled sample.
+    """
+    import onnxruntime
+
+    sessions = [onnxruntime.InferenceSession(each, providers=["CPUExecutionProvider"]) for each in (graph, quantised)]
+    totals, count = np.zeros(2), 0
+    for batch, force_n in labelled:
+        known = ~np.isnan(force_n).any(axis=1)
+        count += int(known.sum())
+        for number, session in enumerate(sessions):
+            found: npt.NDArray[Any] = np.asarray(session.run(["force_n"], dict(batch))[0])
+            totals[number] += np.linalg.norm(found - force_n, axis=1)[known].sum()
+    if not count:
+        raise ValueError("there is no labelled sample to compare the graphs on")
+    return float(totals[1] / totals[0] - 1.0)
+
+
+def _not_quantised(onnx: Any, graph: Any) -> list[str]:
+    """Returns the names of all nodes but those between the first convolutions and the dense layers of images alone."""
+    convolved: set[str] = set()
+    dense_inputs = {each.name for each in graph.input if each.type.tensor_type.elem_type != onnx.TensorProto.UINT8}
+    names: list[str] = []
+    for node in graph.node:  # in topological order
+        if node.op_type == "Conv" or convolved.intersection(node.input):
+            convolved.update(node.output)
+        dense = node.op_type in ("Gemm", "MatMul") or bool(dense_inputs.intersection(node.input))
+        if dense:
+            dense_inputs.update(node.output)
+        if dense or not convolved.intersection(node.output):
+            names.append(node.name)
+    return names
+
+
+def _drop_unused(graph: Any) -> None:
+    """Remove initialisers that no node uses any more."""
+    used = {name for node in graph.node for name in node.input}
+    for each in [each for each in graph.initializer if each.name not in used]:
+        graph.initializer.remove(each)
+
+
+def _calibration_reader(tool: Any, batches: Iterable[_Inputs]) -> Any:
+    """Returns ``batches`` behind the interface that the quantiser expects."""
+
+    class Reader(tool.CalibrationDataReader):
+        def __init__(self) -> None:
+            self._rest = iter(batches)
+
+        def get_next(self) -> dict[str, Any] | None:
+            batch = next(self._rest, None)
+            return None if batch is None else dict(batch)
+
+    return Reader()
+
+
+def group_pixels(onnx: Any, model: Any) -> None:
+    """Make a first convolution of stride 2 take pixels in groups of four along a row, in place; the result stays.
+
+    With one to three channels a pixel, gathering the pixels under a large kernel costs far more than multiplying them.
+    So a row of w pixels is read as w / 4 pixels of four times the channels, and one position of the new kernel yields
+    two positions of the old one; neither moves a byte. A graph that does not begin with bytes, a division by 255 and
+    such a convolution stays as it is.
+    """
+    graph = model.graph
+    consumers, producers = _consumers(graph), _producers(graph)
+    constants = {each.name: each for each in graph.initializer}
+    for division in [node for node in graph.node if node.op_type == "Div"]:
+        convolution, cast = _only_consumer(consumers, division.output[0], "Conv"), producers.get(division.input[0])
+        if convolution is None or cast is None or cast.op_type != "Cast" or not _by_255(onnx, constants, division):
+            continue
+        channels_first = producers.get(cast.input[0])  # from the image to (n, channels, h, w)
+        if channels_first is None or channels_first.op_type not in ("Unsqueeze", "Transpose"):
+            continue
+        source = next((each for each in graph.input if each.name == channels_first.input[0]), None)
+        options = {each.name: onnx.helper.get_attribute_value(each) for each in convolution.attribute}
+        kernel = onnx.numpy_helper.to_array(constants[convolution.input[1]])
+        if source is None or not _halves_size(options, kernel.shape[2:]):
+            continue
+        _, height, width, *channels = [each.dim_value for each in source.type.tensor_type.shape.dim]
+        if height % 2 or width % _GROUP:
+            continue
+        new, pads = _grouped_kernel(kernel, options.get("pads", [0, 0, 0, 0]))
+        del convolution.attribute[:]
+        for name, value in (("kernel_shape", new.shape[2:]), ("pads", pads), ("strides", (2, 1))):
+            convolution.attribute.append(onnx.helper.make_attribute(name, value))
+
+        def constant(name: str, array: Any) -> str:
+            graph.initializer.append(onnx.numpy_helper.from_array(array, f"first/{name}"))
+            return f"first/{name}"
+
+        convolution.input[1] = constant("kernel", new)
+        if len(convolution.input) > 2:
+            bias = onnx.numpy_helper.to_array(constants[convolution.input[2]])
+            convolution.input[2] = constant("bias", np.tile(bias, _GROUP // 2))
+        node = onnx.helper.make_node
+        shape = constant("group_shape", np.array([-1, height, width // _GROUP, _GROUP * (channels or [1])[0]]))
+        _insert(
+            graph,
+            cast,
+            node("Reshape", [source.name, shape], ["first/grouped"]),
+            node("Transpose", ["first/grouped"], ["first/channels_first"], perm=[0, 3, 1, 2]),
+        )
+        cast.input[0] = "first/channels_first"
+        last = _only_consumer(consumers, convolution.output[0], "Relu") or convolution
+        original, last.output[0] = last.output[0], "first/groups_out"
+        shape = constant("pixel_shape", np.array([-1, height // 2, width // 2, kernel.shape[0]]))
+        _insert(
+            graph,
+            consumers[original][0],
+            node("Transpose", ["first/groups_out"], ["first/channels_last"], perm=[0, 2, 3, 1]),
+            node("Reshape", ["first/channels_last", shape], ["first/pixels"]),
+            node("Transpose", ["first/pixels"], [original], perm=[0, 3, 1, 2]),
+        )
+        if len(consumers[channels_first.output[0]]) == 1:
+            graph.node.remove(channels_first)
+
+
+def _feed_bytes(onnx: Any, model: Any) -> None:
+    """Replace Cast, division by 255 and quantisation of an image by its bytes, in place."""
+    graph = model.graph
+    consumers, producers = _consumers(graph), _producers(graph)
+    constants = {each.name: each for each in graph.initializer}
+    for division in [node for node in graph.node if node.op_type == "Div"]:
+        cast, quantisation = (
+            producers.get(division.input[0]),
+            _only_consumer(consumers, division.output[0], "QuantizeLinear"),
+        )
+        if cast is None or cast.op_type != "Cast" or quantisation is None or not _by_255(onnx, constants, division):
+            continue
+        dequantisation = _only_consumer(consumers, quantisation.output[0], "DequantizeLinear")
+        if dequantisation is None:
+            continue
+        scale, zero = "image_scale", "image_zero"
+        graph.initializer.extend(
+            [onnx.numpy_helper.from_array(np.array(_BYTE), scale), onnx.numpy_helper.from_array(np.uint8(0), zero)]
+        )
+        del dequantisation.input[:]
+        dequantisation.input.extend([cast.input[0], scale, zero])
+        for node in (cast, division, quantisation):
+            graph.node.remove(node)
+
+
+def _grouped_kernel(kernel: Any, pads: Any) -> tuple[Any, tuple[int, int, int, int]]:
+    """Returns kernel (o, c, h, w) of stride 2 as (2 o, 4 c, h, w') of stride (2, 1) on groups, and its padding."""
+    out, channels, height, width = kernel.shape
+    positions = _GROUP // 2
+    # group, and pixel in it, under column j of the kernel at the k-th position of a group
+    columns = [[divmod(2 * k + j - pads[1], _GROUP) for j in range(width)] for k in range(positions)]
+    first, last = columns[0][0][0], columns[-1][-1][0]
+    new = np.zeros((positions, out, _GROUP, channels, height, last - first + 1), kernel.dtype)
+    for k, row in enumerate(columns):
+        for j, (group, pixel) in enumerate(row):
+            new[k, :, pixel, :, :, group - first] = kernel[:, :, :, j]
+    return new.reshape(positions * out, _GROUP * channels, *new.shape[4:]), (pads[0], -first, pads[2], last)
+
+
+def _halves_size(options: dict[str, Any], size: tuple[int, ...]) -> bool:
+    """Returns whether the convolution has stride 2, no groups or dilation, and padding that exactly halves the size."""
+    pads = options.get("pads", [0, 0, 0, 0])
+    return (
+        list(options.get("strides", [1, 1])) == [2, 2]
+        and options.get("group", 1) == 1
+        and list(options.get("dilations", [1, 1])) == [1, 1]
+        and options.get("auto_pad", b"NOTSET") == b"NOTSET"
+        and all(size[axis] - 2 <= pads[axis] + pads[axis + 2] < size[axis] for axis in (0, 1))
+    )
+
+
+def _insert(graph: Any, before: Any, *nodes: Any) -> None:
+    index = list(graph.node).index(before)
+    for node in reversed(nodes):
+        graph.node.insert(index, node)
+
+
+def _by_255(onnx: Any, constants: dict[str, Any], division: Any) -> bool:
+    divisor = constants.get(division.input[1])
+    return divisor is not None and bool(np.all(onnx.numpy_helper.to_array(divisor) == 255.0))
+
+
+def _consumers(graph: Any) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = {}
+    for node in graph.node:
+        for name in node.input:
+            found.setdefault(name, []).append(node)
+    return found
+
+
+def _producers(graph: Any) -> dict[str, Any]:
+    return {name: node for node in graph.node for name in node.output}
+
+
+def _only_consumer(consumers: dict[str, list[Any]], name: str, kind: str) -> Any:
+    """Returns the only node that uses ``name``, where it is of this kind."""
+    found = consumers.get(name, [])
+    return found[0] if len(found) == 1 and found[0].op_type == kind else None

@@ -1,0 +1,187 @@
+"""``bench.toml``: the session metadata of a bench as a file that a person writes, with a comment for every value."""
+
+import json
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import FileFormatError, InputError
+from ._session import SessionInfo, merged_values
+
+__all__ = ["bench_text", "info_from_facts", "read_bench"]
+
+_GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
+    "catheter": (
+        "The catheter, by its data sheet or as measured. Lengths are in metres: 2.33 mm is 2.33e-3.",
+        (
+            ("name", '"7F ablation catheter"', ""),
+            ("diameter_m", "2.33e-3", "outer diameter of the shaft"),
+            ("flexible_length_m", "40e-3", "from the clamp or the sheath's mouth to the rigid tip"),
+            ("rigid_length_m", "8e-3", "the electrode; 0 without a rigid tip"),
+            (
+                "bending_stiffness_nm2",
+                "4.3e-4",
+                "EI of the flexible part",
+            ),
+            (
+                "stiffness_profile",
+                "[[0.0, 1.0], [1.0, 0.5]]",
+                "[share of the length, EI over the value above]",
+            ),
+        ),
+    ),
+    "views": (
+        'One table for each view. A single camera is "camera".',
+        (
+            ("metres_per_px", "2.0e-4", "scale in the plane in which the catheter bends: 0.2 mm a pixel"),
+            ("base_side", '"left"', "border of the image that the catheter comes from: left, right, top, bottom"),
+            (
+                "base_region",
+                "[100, 200, 140, 260]",
+                "a box across the shaft at its base, px: left, top, right, bottom",
+            ),
+            ("roi", "[0, 0, 640, 480]", "the part of the image to look at, px: left, top, right, bottom"),
+            ("polarity", '"dark"', "the catheter is dark or light against the ground; found where it is not stated"),
+            ("modality", '"camera"', "camera or xray"),
+            ("projection", "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]", "3 x 4: metres to pixels"),
+            ("projection_frame", '"base"', "base, or isocentre: x to the patient's left, y to the back, z to the head"),
+        ),
+    ),
+    "sensor": (
+        "The force sensor, needed where labelled recordings are made.",
+        (
+            ("angle_deg", "90.0", "its x axis, counter-clockwise from the catheter's base, as seen in the image"),
+            ("reads", '"tip-on-tissue"', "a sensor under the tissue; tissue-on-tip for one that holds the catheter"),
+            (
+                "no_contact_s",
+                "[0.0, 5.0]",
+                "without contact in every session, in seconds of the log: the tare",
+            ),
+            ("moving_mass_kg", "0.05", "what rides on a moving sensor"),
+        ),
+    ),
+    "sensor.log": (
+        "Columns of the force log; found by their names where they are not stated.",
+        (
+            ("time", '"Time [s]"', ""),
+            ("fx", '"Fx"', '"-Fx" turns the axis round'),
+            ("fy", '"Fy"', ""),
+            ("fz", '"Fz"', "toward the camera, if there is one"),
+            ("time_unit", '"s"', "s, ms, us or ns"),
+            ("force_unit", '"N"', "N, mN, g or counts"),
+            ("counts_per_n", "1000.0", "for counts"),
+        ),
+    ),
+    "actuation": (
+        "The catheter's drives.",
+        (
+            ("knob_gain_per_m_deg", "0.533", "curvature in 1/m for a degree of the knob"),
+            ("knob_column", '"knob"', "column of the force log with the knob's angle in degrees"),
+            ("constant", "{ knob_deg = 10.0 }", "readings that stay the same and are in no log; names end in the unit"),
+        ),
+    ),
+}
+"""Section -> what it is; its keys, each with an example and its meaning."""
+
+_OTHERS = ("force_frame", "simulated", "preset", "remarks")
+
+
+def bench_text(info: SessionInfo, *, guide: bool = True) -> str:
+    """``info`` as the text of a ``bench.toml``.
+
+    Args:
+        info: what is stated; its name is left out, for a bench has many sessions.
+        guide: also write what is not stated, as comments with an example.
+
+    Returns:
+        TOML that `read_bench` reads back to the same metadata.
+    """
+    values = info.values()
+    lines = ["# The bench: everything is optional but what a command asks for. Units are in the names."]
+    lines += [f"{key} = {_toml(values[key])}" for key in _OTHERS if key in values]
+    for section, (about, keys) in _GUIDE.items():
+        own: Any = values
+        for part in section.split("."):
+            own = own.get(part, {})
+        tables: Mapping[str | None, Any] = (own or {"camera": {}}) if section == "views" else {None: own}
+        for name, table in tables.items():
+            if not (table or guide):
+                continue
+            lines += ["", f"# {about}", f"[{section}]" if name is None else f"[{section}.{_key(name)}]"]
+            for key, example, meaning in keys:
+                note = f"  # {meaning}" if meaning and guide else ""
+                if key in table:
+                    lines.append(f"{key} = {_toml(table[key])}{note}")
+                elif guide:
+                    lines.append(f"#{key} = {example}{note}")
+    return "\n".join(lines) + "\n"
+
+
+def read_bench(path: Path | str) -> SessionInfo:
+    """The metadata that ``bench.toml`` at ``path`` states.
+
+    Raises:
+        FileFormatError: there is no such file, or it is no TOML.
+        InputError: a key is unknown or a value refused; the message names file, key and what is expected.
+    """
+    path = Path(path)
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise FileFormatError(f"{path}: does not exist; write one with `tipforce init-bench -o {path}`") from None
+    except IsADirectoryError:
+        raise FileFormatError(f"{path}: is a folder; state the bench.toml in it") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise FileFormatError(f"{path}: is no TOML: {error}") from None
+    return SessionInfo.from_values(values, str(path))
+
+
+def info_from_facts(facts: list[str]) -> SessionInfo:
+    """Single values as they are typed: ``KEY=VALUE`` with the keys of ``bench.toml``.
+
+    Args:
+        facts: for example ``["catheter.diameter_m=2.33e-3", "views.camera.base_side=left"]``.
+
+    Raises:
+        InputError: one of them has no ``=``, an unknown key or a value that is refused.
+
+    >>> info_from_facts(["views.camera.base_side=left"]).view("camera").base_side
+    'left'
+    """
+    values: dict[str, Any] = {}
+    for fact in facts:
+        key, equals, text = fact.partition("=")
+        if not (key.strip() and equals and text.strip()):
+            raise InputError(f"fact {fact}: expected KEY=VALUE, for example views.camera.base_side=left")
+        try:
+            value = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            value = text.strip()
+        nested: Any = value
+        for part in reversed(key.strip().split(".")):
+            nested = {part: nested}
+        values = merged_values(values, nested)
+    return SessionInfo.from_values(values, "fact " + ", ".join(facts))
+
+
+def _key(name: str) -> str:
+    return name if name.replace("_", "").replace("-", "").isalnum() and name.isascii() else _text(name)
+
+
+def _toml(value: Any) -> str:
+    """A JSON value in TOML."""
+    if isinstance(value, dict):
+        inner = ", ".join(f"{_key(key)} = {_toml(each)}" for key, each in value.items())
+        return f"{{ {inner} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(_toml(each) for each in value)}]"
+    if isinstance(value, float):
+        return repr(value) if math.isfinite(value) else "nan"
+    return _text(value) if isinstance(value, str) else json.dumps(value)
+
+
+def _text(value: str) -> str:
+    """A basic string of TOML: as JSON, which lets the control character DEL stand."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,288 @@
+"""Public metadata of a session: what ``bench.toml`` states, what a recording and a dataset carry, in SI units.
+
+Every field is optional. A method declares those that it needs by their key, as `stated_keys` names them.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Le
+
+from ..errors import InputError
+from ._arrays import FloatArray
+
+__all__ = [
+    "BASE_SIDES",
+    "ActuationInfo",
+    "BaseSide",
+    "Box",
+    "Catheter",
+    "ForceLogInfo",
+    "Reads",
+    "SensorInfo",
+    "SessionInfo",
+    "ViewInfo",
+    "merged_values",
+]
+
+BaseSide = Literal["left", "right", "top", "bottom"]
+BASE_SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
+Box = tuple[int, int, int, int]
+"""(u0, v0, u1, v1) in pixels: left, top, right, bottom, the last two exclusive."""
+
+Reads = Literal["tip-on-tissue", "tissue-on-tip"]
+"""Which of the two opposite forces at the contact a sensor shows."""
+
+_STRICT: dict[str, Any] = {"extra": "forbid", "allow_inf_nan": False}
+
+
+@dataclass(frozen=True, slots=True)
+class Catheter:
+    """Nominal values of one catheter; None where nobody measured it. ``rigid_length_m`` is 0 without a rigid tip.
+
+    ``stiffness_profile``: (share of the flexible length from the base, stiffness over the nominal one), for a shaft
+    whose stiffness changes along its length.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+
+    name: str = "unnamed"
+    diameter_m: Annotated[float, Gt(0), Le(0.05)] | None = None
+    flexible_length_m: Annotated[float, Gt(0), Le(2.0)] | None = None
+    rigid_length_m: Annotated[float, Ge(0), Le(0.2)] | None = None
+    bending_stiffness_nm2: Annotated[float, Gt(0), Le(10.0)] | None = None
+    stiffness_profile: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ViewInfo:
+    """One view. ``metres_per_px``: scale in the plane in which the catheter bends.
+
+    ``base_side``: the border of the image that the catheter comes from; ``base_region``: a box across the shaft where
+    the base lies, for a catheter that does not reach the border; ``roi``: the part of the image to look at;
+    ``polarity``: whether the catheter is darker or lighter than the ground. ``projection``: (3, 4), from metres in
+    ``projection_frame`` to pixels; frame "isocentre": x to the patient's left, y to the back, z to the head.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+
+    metres_per_px: Annotated[float, Gt(0), Le(0.01)] | None = None
+    base_side: BaseSide | None = None
+    base_region: Box | None = None
+    roi: Box | None = None
+    polarity: Literal["dark", "light"] | None = None
+    modality: Literal["camera", "xray"] | None = None
+    projection: tuple[tuple[float, float, float, float], ...] | None = None
+    projection_frame: Literal["base", "isocentre"] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ForceLogInfo:
+    """Which columns of a force log hold what, and their units; None: found by the log's header.
+
+    A leading "-" turns an axis round: ``fx="-Fy"``. ``counts_per_n``: the sensor's sensitivity, for counts.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+
+    time: str | None = None
+    fx: str | None = None
+    fy: str | None = None
+    fz: str | None = None
+    time_unit: Literal["s", "ms", "us", "ns"] | None = None
+    force_unit: Literal["N", "mN", "g", "counts"] | None = None
+    counts_per_n: Annotated[float, Gt(0)] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SensorInfo:
+    """The force sensor at the bench.
+
+    ``angle_deg``: its x axis, counter-clockwise from the base x axis as seen in the displayed image; its z axis points
+    to the camera. ``reads``: a sensor under the tissue reads tip-on-tissue. ``no_contact_s``: a stretch without
+    contact, in seconds since its log's first row, which gives the tare. ``moving_mass_kg``: what moves with the sensor.
+    ``log``: how its log is to be read.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+
+    angle_deg: Annotated[float, Ge(-360), Le(360)] | None = None
+    reads: Reads | None = None
+    no_contact_s: tuple[float, float] | None = None
+    moving_mass_kg: Annotated[float, Ge(0)] | None = None
+    log: ForceLogInfo = ForceLogInfo()
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(3, 3): force of the tissue on the tip in the base frame = matrix @ (reading - tare).
+
+        An angle that is not stated counts as 0, what the sensor reads as tip-on-tissue.
+
+        >>> np.round(SensorInfo(angle_deg=90.0).matrix @ [1.0, 0.0, 0.0], 6) + 0.0
+        array([ 0., -1.,  0.])
+        """
+        angle = math.radians(self.angle_deg or 0.0)
+        c, s = math.cos(angle), math.sin(angle)
+        sign = 1.0 if self.reads == "tissue-on-tip" else -1.0
+        return sign * np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True)
+class ActuationInfo:
+    """The catheter's drives. ``knob_gain_per_m_deg``: curvature in 1/m that a degree of the knob asks for.
+
+    ``knob_column``: column of the force log that holds the knob's angle, NAME_UNIT or else in degrees.
+    ``constant``: readings that stayed the same all the time and are in no log, as ``{"knob_deg": 10.0}``; every name
+    ends in its unit.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+
+    knob_gain_per_m_deg: float | None = None
+    knob_column: str | None = None
+    constant: Mapping[str, float] = field(default_factory=dict[str, float])
+
+
+@dataclass(frozen=True, slots=True)
+class SessionInfo:
+    """What an estimator may know of a session beside its observations; never anything of the truth.
+
+    ``name``: of the session; ``views``: by the name of the view; ``force_frame``: axes of the forces, "base" is the
+    convention of this program; ``simulated`` and ``preset``: whether and by which preset it was simulated;
+    ``remarks``: for people, read by nothing.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+
+    name: str = ""
+    catheter: Catheter = Catheter()
+    views: Mapping[str, ViewInfo] = field(default_factory=dict[str, ViewInfo])
+    sensor: SensorInfo = SensorInfo()
+    actuation: ActuationInfo = ActuationInfo()
+    force_frame: str = "base"
+    simulated: bool = False
+    preset: str | None = None
+    remarks: str = ""
+
+    def view(self, name: str) -> ViewInfo:
+        """What is known of the view ``name``: nothing where it is not described."""
+        return self.views.get(name, ViewInfo())
+
+    def updated(self, stated: "SessionInfo") -> "SessionInfo":
+        """These metadata with every value that ``stated`` holds in place of its own.
+
+        >>> SessionInfo("a", Catheter("7F")).updated(SessionInfo(views={"camera": ViewInfo(2e-4)})).catheter.name
+        '7F'
+        """
+        return SessionInfo.from_values(merged_values(self.values(), stated.values()))
+
+    def values(self) -> dict[str, Any]:
+        """Nested JSON values of all that is stated, as ``bench.toml`` has them.
+
+        >>> SessionInfo(catheter=Catheter(diameter_m=2.33e-3)).values()
+        {'catheter': {'diameter_m': 0.00233}}
+        """
+        return _adapter().dump_python(self, mode="json", exclude_defaults=True)
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any], where: str = "the session's metadata") -> "SessionInfo":
+        """The inverse of `values`.
+
+        Args:
+            values: nested, as ``bench.toml`` holds them.
+            where: the file or option that they are from, for the message.
+
+        Raises:
+            InputError: a key is unknown, or a value is not what it has to be; the message names it.
+        """
+        from pydantic import ValidationError
+
+        try:
+            return _adapter().validate_python(dict(values))
+        except ValidationError as error:
+            first = error.errors()[0]
+            raise InputError(f"{where}: {_complaint(first['loc'], first)}") from None
+
+    def stated_keys(self) -> tuple[str, ...]:
+        """Keys of what is stated of catheter, views, sensor and actuation, as ``catheter.diameter_m``.
+
+        >>> SessionInfo(views={"camera": ViewInfo(base_side="left")}).stated_keys()
+        ('views.camera.base_side',)
+        """
+        parts = {key: value for key, value in self.values().items() if isinstance(value, dict)}
+        return tuple(key for key in _flat(parts) if key != "catheter.name")
+
+    def only(self, keys: Iterable[str]) -> "SessionInfo":
+        """These metadata without what they state of catheter, views, sensor and actuation beyond ``keys``."""
+        wanted = set(keys)
+        values = self.values()
+        for key in self.stated_keys():
+            if key not in wanted:
+                *path, last = key.split(".")
+                inner = values
+                for part in path:
+                    inner = inner[part]
+                del inner[last]
+        return SessionInfo.from_values(values)
+
+    def missing(self, keys: Iterable[str]) -> tuple[str, ...]:
+        """Those of ``keys`` that are not stated."""
+        stated = set(self.stated_keys())
+        return tuple(key for key in keys if key not in stated)
+
+
+def merged_values(values: Mapping[str, Any], stated: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested ``values``, with those of ``stated`` in their place."""
+    made = dict(values)
+    for key, value in stated.items():
+        own = made.get(key)
+        made[key] = merged_values(own, value) if isinstance(own, dict) and isinstance(value, dict) else value
+    return made
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        flat |= _flat(value, f"{before}{key}.") if isinstance(value, dict) else {f"{before}{key}": value}
+    return flat
+
+
+_ADAPTER: list[Any] = []
+
+
+def _adapter() -> Any:
+    """Pydantic's validator of `SessionInfo`; made at its first use, for the import of pydantic takes a while."""
+    if not _ADAPTER:
+        from pydantic import TypeAdapter
+
+        _ADAPTER.append(TypeAdapter(SessionInfo))
+    return _ADAPTER[0]
+
+
+_PARTS: dict[str, type] = {
+    "catheter": Catheter,
+    "views": ViewInfo,
+    "sensor": SensorInfo,
+    "sensor.log": ForceLogInfo,
+    "actuation": ActuationInfo,
+}
+
+
+def _complaint(place: tuple[int | str, ...], error: Any) -> str:
+    """One sentence on the first value that is refused."""
+    names = [part for part in place if isinstance(part, str)]
+    key = ".".join(names)
+    if error["type"] == "unexpected_keyword_argument":
+        before = ".".join(names[:-1])
+        kind = _PARTS.get(before) or _PARTS.get(names[0] if before else "", SessionInfo)
+        known = ", ".join(each.name for each in fields(kind))
+        return f"{key} is not known; {before or 'it'} may hold {known}"
+    hint = ""
+    if error["type"] == "less_than_equal" and (key.endswith(("_m", "metres_per_px"))):
+        value = error["input"]
+        hint = f"; it is in metres: for {value:g} mm write {value * 1e-3:g}"
+    message = str(error["msg"])
+    return f"{key} = {error['input']!r} is refused: {message[0].lower()}{message[1:]}{hint}"

@@ -1,0 +1,204 @@
+"""Auto-calibration: finds, once and on several images, what the vision settings leave open."""
+
+import math
+import statistics
+from collections.abc import Iterable, Sequence
+from itertools import islice, product
+
+import numpy as np
+
+from ..errors import InputError
+from ..types import FloatArray, Image, SessionInfo, Status
+from ._detected_shape import DetectedShape
+from ._session_size import for_session, learn_length, learn_tip_template, on_axis, with_nominal
+from ._settings import BaseSide, Polarity, VisionSettings
+from .tracer import Trace, Tracer
+
+__all__ = ["auto_calibrate", "is_resolved"]
+
+_FRAMES = 16
+_TEMPLATES = 3
+"""The tip template is learnt so many times: with it the tip is found more often."""
+_THICK_PX = 12.0
+_SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
+_POLARITIES: tuple[Polarity, ...] = ("dark", "light")
+
+
+def is_resolved(settings: VisionSettings) -> bool:
+    """True where nothing is left to be found."""
+    return (
+        settings.polarity != "auto"
+        and settings.base_side != "auto"
+        and settings.threshold is not None
+        and settings.diameter_px is not None
+    )
+
+
+def _noise(image: Image) -> float:
+    """Returns the standard deviation of the noise in grey levels, from second differences along every eighth row."""
+    if image.shape[1] < 3:
+        return 0.0
+    rows = image[::8].astype(np.float64)
+    grey = rows if rows.ndim == 2 else rows @ np.array([0.299, 0.587, 0.114])
+    return float(np.median(np.abs(np.diff(grey, n=2, axis=1)))) / (0.6745 * math.sqrt(6.0))
+
+
+def _convincing(trace: Trace, noise: float) -> bool:
+    # while the diameter is open, random pairs of edges in noise resemble a short shaft
+    if trace.contrast < 2.0 * noise:
+        return False
+    return (
+        trace.status is Status.VALID and trace.length_px > max(5.0 * trace.diameter_px, 24.0) and trace.confidence > 0.6
+    )
+
+
+def _threshold(settings: VisionSettings, frames: Sequence[Image], infos: Sequence[SessionInfo]) -> int | None:
+    """Returns the grey level half-way from the shaft to what lies beside it, or further if that would lose frames.
+
+    None where the catheter is detected in no frame.
+    """
+
+    def detected(tried: VisionSettings) -> list[DetectedShape]:
+        return [Tracer(for_session(tried, c)).detect(frame) for frame, c in zip(frames, infos, strict=True)]
+
+    levels = [_levels(frame, shape) for frame, shape in zip(frames, detected(settings), strict=True) if shape.found]
+    if not levels:
+        return None
+    shaft, ground = (statistics.median(values) for values in zip(*levels, strict=True))
+    threshold = 0
+    for share in (0.5, 0.75, 1.0):
+        threshold = round(shaft + share * (ground - shaft))
+        if sum(shape.found for shape in detected(settings.model_copy(update={"threshold": threshold}))) >= len(levels):
+            break
+    return threshold
+
+
+def _levels(image: Image, shape: DetectedShape) -> tuple[float, float]:
+    """Returns the grey levels of the shaft and of what lies beside it.
+
+    The axis alone would not do: a highlight lies along it, as bright as the shadow beside it.
+    """
+    assert shape.centreline is not None
+    points, diameter = shape.centreline.points, shape.diameter_px
+    tangent = np.gradient(points, axis=0)
+    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]]) / np.linalg.norm(tangent, axis=1)[:, None]
+
+    def median(offsets: FloatArray) -> float:
+        """Median grey level of the pixels at ``offsets`` across the shaft, in diameters."""
+        at = np.rint(points[:, None] + offsets[:, None] * diameter * normal[:, None]).astype(np.int64).reshape(-1, 2)
+        inside = ((at >= 0) & (at < (image.shape[1], image.shape[0]))).all(axis=1)
+        pixels = image[at[inside, 1], at[inside, 0]].astype(np.float64)
+        grey = pixels if pixels.ndim == 1 else pixels @ np.array([0.299, 0.587, 0.114])
+        return float(np.median(grey))
+
+    return median(np.linspace(-0.4, 0.4, 9)), median(np.array([-1.3, -1.1, -0.9, 0.9, 1.1, 1.3]))
+
+
+def _best_side(
+    settings: VisionSettings, frames: Sequence[Image], infos: Sequence[SessionInfo], reasons: list[str]
+) -> tuple[VisionSettings, list[Trace | None]] | None:
+    """Returns the side and polarity with the best shafts, and each frame's trace if convincing; fills ``reasons``."""
+    noise = [_noise(frame) for frame in frames]
+    sides = _SIDES if settings.base_side == "auto" else (settings.base_side,)
+    polarities = _POLARITIES if settings.polarity == "auto" else (settings.polarity,)
+    best: tuple[float, VisionSettings, list[Trace | None]] | None = None
+    for side, polarity in product(sides, polarities):
+        tried = settings.model_copy(update={"base_side": side, "polarity": polarity})
+        found = [Tracer(for_session(tried, c)).best_trace(frame) for frame, c in zip(frames, infos, strict=True)]
+        traces = [
+            trace if trace and _convincing(trace, n) else None for (trace, _), n in zip(found, noise, strict=True)
+        ]
+        reasons += [trace.detail if trace else why for trace, why in found[:1]]
+        # of two shafts that end inside the image the thicker, clearer one is the catheter, the other a cable
+        score = sum(
+            trace.score * min(1.0, trace.contrast / 40.0) * min(1.0, trace.diameter_px / _THICK_PX)
+            for trace in traces
+            if trace
+        )
+        if score > 0.0 and (best is None or score > best[0]):
+            best = (score, tried, traces)
+    return best and best[1:]
+
+
+def _lines(
+    settings: VisionSettings, frames: Sequence[Image], infos: Sequence[SessionInfo], traces: Sequence[Trace | None]
+) -> list[FloatArray | None]:
+    """Returns the centreline in each frame whose trace is convincing."""
+    lines = [
+        Tracer(for_session(settings, c)).detect(frame).centreline if trace else None
+        for frame, c, trace in zip(frames, infos, traces, strict=True)
+    ]
+    return [line.points if line else None for line in lines]
+
+
+def auto_calibrate(
+    settings: VisionSettings, images: Iterable[Image], infos: SessionInfo | Sequence[SessionInfo] | None = None
+) -> VisionSettings:
+    """Finds what ``settings`` leave open on the first 16 of ``images``: polarity, base side, threshold, diameter.
+
+    Every open combination of side and polarity is traced; the one with the longest, clearest shaft that ends inside
+    the image wins. Values that are set stay. Where the size of the catheter and the scale are known, only a shaft of
+    that size counts, and its length in the image is learnt too; with one session also the tip template. That works
+    best with images from all over a session, because the ground beneath the tip must change.
+
+    Args:
+        settings: what the user says.
+        images: (h, w) grey or (h, w, 3) RGB, uint8.
+        infos: what is known of the session; or one entry for each image.
+
+    Returns:
+        The settings with the found values.
+
+    Raises:
+        InputError: no frame shows a catheter.
+    """
+    if is_resolved(settings) and (infos is None or settings.length_px is not None):
+        return settings
+    frames = list(islice(images, _FRAMES))
+    if not frames:
+        raise InputError("there is no frame for the auto-calibration of the vision settings; give at least one")
+    each = [infos or SessionInfo()] * len(frames) if infos is None or isinstance(infos, SessionInfo) else list(infos)
+    each = each[: len(frames)]
+    reasons: list[str] = []
+    found = None
+    sized = with_nominal(settings, each[0])
+    # a view that shows only a part of the catheter must not be rejected for its length
+    for start in dict.fromkeys((sized, sized.model_copy(update={"length_px": settings.length_px}))):
+        found = found or _best_side(start, frames, each, reasons)
+    if found is None:
+        different = list(dict.fromkeys(reason for reason in reasons if reason))
+        what = different[0] if len(different) == 1 else f"{len(reasons)} combinations of side and polarity tried"
+        first = "the first frame" if len(frames) == 1 else f"the first {len(frames)} frames"
+        raise InputError(
+            f"no catheter was found in {first} ({what}): "
+            "set polarity and base_side, or mark the shaft's base with base_region"
+        )
+    chosen, traces = found
+    guess = chosen
+    if settings.length_px is None and chosen.length_px is not None:
+        chosen = learn_length(guess, each, frames, _lines(guess, frames, each, traces))
+        if isinstance(infos, SessionInfo) and chosen is not guess:
+            for _ in range(_TEMPLATES):
+                lines = on_axis(chosen, frames, _lines(chosen, frames, each, traces))
+                chosen = learn_tip_template(learn_length(guess, each, frames, lines), frames, lines)
+    if chosen.threshold is None:
+        # a wrongly learnt length or template rejects every frame: then go without it
+        for tried in dict.fromkeys((chosen, chosen.model_copy(update={"tip_template": None}), guess)):
+            threshold = _threshold(tried, frames, each)
+            if threshold is not None:
+                chosen = tried.model_copy(update={"threshold": threshold})
+                break
+        else:
+            raise InputError(
+                f"a shaft was found in the first {len(frames)} frames, but in none of them as far as its end: set "
+                "base_side, or mark the shaft's base with base_region"
+            )
+    if settings.diameter_px is None:
+        scales = [for_session(chosen, info).nominal_px for info in each]
+        widths = [
+            trace.diameter_px * (chosen.nominal_px[1] / scale[1] if chosen.nominal_px and scale else 1.0)
+            for trace, scale in zip(traces, scales, strict=True)
+            if trace
+        ]
+        chosen = chosen.model_copy(update={"diameter_px": round(statistics.median(widths), 2)})
+    return chosen

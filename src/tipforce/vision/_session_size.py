@@ -1,0 +1,145 @@
+"""The catheter's size in the image: from the session metadata, learnt from images, and scaled to other sessions."""
+
+import math
+import statistics
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..types import FloatArray, Image, SessionInfo
+from ._settings import VisionSettings
+from ._tip_consensus import axis_offset, build_tip_template, common_tip, shift_tip
+
+__all__ = ["for_session", "learn_length", "learn_tip_template", "on_axis", "with_nominal"]
+
+_WIDER = 1.03
+"""Detected flanks are so much further apart than the catheter is thick: blur and the lustre of its rim."""
+_SHOWN, _GIVE = 0.97, 0.08
+"""Share of the nominal length that is visible of a catheter that enters at the border, and its tolerance."""
+_FRAMES = 3
+"""From fewer images nothing is learnt."""
+_DEVIATION = 0.7
+"""Standard deviation of the length in shares of its tolerance."""
+_ONE, _MANY, _MOST = 0.01, 0.03, 0.08
+"""Least tolerance of a length that was learnt in one session, in many, and the largest."""
+
+
+def _nominal_px(info: SessionInfo, view: str) -> tuple[float, float] | None:
+    catheter, scale = info.catheter, info.view(view).metres_per_px
+    if scale is None or catheter.diameter_m is None or catheter.flexible_length_m is None:
+        return None
+    length_m = catheter.flexible_length_m + (catheter.rigid_length_m or 0.0)
+    return round(length_m / scale, 2), round(catheter.diameter_m / scale, 3)
+
+
+def with_nominal(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
+    """Returns ``settings`` with the size, and what the session metadata state of the view, where these are open."""
+    view = info.view(settings.view)
+    stated = {
+        "base_side": view.base_side if settings.base_side == "auto" else None,
+        "polarity": view.polarity if settings.polarity == "auto" else None,
+        "base_region": view.base_region if settings.base_region is None else None,
+        "roi": view.roi if settings.roi is None else None,
+    }
+    if update := {name: value for name, value in stated.items() if value is not None}:
+        settings = settings.model_copy(update=update)
+    nominal = _nominal_px(info, settings.view)
+    if nominal is None or settings.nominal_px is not None or settings.length_px is not None:
+        return settings
+    sized: dict[str, object] = {
+        "nominal_px": nominal,
+        "length_px": round(_SHOWN * nominal[0], 2),
+        "length_tolerance": _GIVE,
+    }
+    if settings.diameter_px is None:
+        sized["diameter_px"] = round(_WIDER * nominal[1], 2)
+    return settings.model_copy(update=sized)
+
+
+def for_session(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
+    """Returns ``settings`` for the catheter and the scale of another session; unchanged where these are unknown.
+
+    >>> from tipforce.types import Catheter, ViewInfo
+    >>> resolved = VisionSettings(length_px=230.0, diameter_px=12.0, nominal_px=(240.0, 11.7))
+    >>> nearer = SessionInfo("day 2", Catheter("7F", 2.34e-3, 40e-3, 8e-3), {"camera": ViewInfo(0.1e-3)})
+    >>> for_session(resolved, nearer).length_px
+    460.0
+    """
+    nominal = _nominal_px(info, settings.view)
+    if nominal is None or settings.nominal_px is None or nominal == settings.nominal_px:
+        return settings
+    update: dict[str, object] = {"nominal_px": nominal, "tip_template": None}
+    for name, now, then in zip(("length_px", "diameter_px"), nominal, settings.nominal_px, strict=True):
+        value = getattr(settings, name)
+        if value is not None:
+            update[name] = round(value * now / then, 2)
+    return settings.model_copy(update=update)
+
+
+def learn_length(
+    settings: VisionSettings, infos: Sequence[SessionInfo], images: Sequence[Image], lines: Sequence[FloatArray | None]
+) -> VisionSettings:
+    """Returns ``settings`` with the length in the images: the median over the sessions, each from all of its images.
+
+    ``lines``: the centreline of each image, None where it was not detected. The length of one session is well known;
+    sessions differ in how far the catheter stands out of its sheath.
+    """
+    sessions: dict[str, list[int]] = {}
+    for k, (info, line) in enumerate(zip(infos, lines, strict=True)):
+        if line is not None:
+            sessions.setdefault(info.name, []).append(k)
+    if sum(map(len, sessions.values())) < _FRAMES:
+        return settings
+    ratios: list[float] = []
+    spreads: list[float] = []
+    for members in sessions.values():
+        own = for_session(settings, infos[members[0]])
+        if own.length_px is None or own.diameter_px is None:
+            return settings
+        found = common_tip(
+            [images[k] for k in members],
+            [line for k in members if (line := lines[k]) is not None],
+            0.5 * own.diameter_px,
+            own.length_px,
+            _DEVIATION * own.length_tolerance * own.length_px,
+        )
+        if found is not None:
+            ratios.append(found[0] / own.length_px)
+            spreads.append(float(np.median(np.abs(found[1] - found[0]))) / own.length_px)
+    if settings.length_px is None or not ratios:
+        return settings
+    middle = statistics.median(ratios)
+    apart = statistics.median(abs(ratio - middle) for ratio in ratios)
+    spread = 3.0 * 1.4826 * math.hypot(apart, statistics.median(spreads))
+    least = _ONE if len(sessions) == 1 else _MANY
+    return settings.model_copy(
+        update={
+            "length_px": round(middle * settings.length_px, 2),
+            "length_tolerance": round(min(max(spread, least), _MOST), 4),
+        }
+    )
+
+
+def learn_tip_template(
+    settings: VisionSettings, images: Sequence[Image], lines: Sequence[FloatArray | None]
+) -> VisionSettings:
+    """Returns ``settings`` with the tip template of the images of one session; the length must be known."""
+    seen = [(image, line) for image, line in zip(images, lines, strict=True) if line is not None]
+    if settings.length_px is None or settings.diameter_px is None or len(seen) < _FRAMES:
+        return settings
+    template = build_tip_template(
+        [i for i, _ in seen], [line for _, line in seen], 0.5 * settings.diameter_px, settings.length_px
+    )
+    return settings.model_copy(update={"tip_template": template})
+
+
+def on_axis(
+    settings: VisionSettings, images: Sequence[Image], lines: Sequence[FloatArray | None]
+) -> list[FloatArray | None]:
+    """Returns the ``lines`` of one session, shifted at the tip by their common offset from the catheter's axis."""
+    seen = [(image, line) for image, line in zip(images, lines, strict=True) if line is not None]
+    if settings.length_px is None or settings.diameter_px is None or len(seen) < _FRAMES:
+        return list(lines)
+    half = 0.5 * settings.diameter_px
+    offset = axis_offset([i for i, _ in seen], [line for _, line in seen], half, settings.length_px)
+    return [None if line is None else shift_tip(line, half, settings.length_px, offset) for line in lines]

@@ -1,0 +1,12 @@
+"""Sub-pixel tracing of a catheter's centreline.
+
+Only the pixels around the two flanks of the shaft are read. A frame takes these steps: entries on the base line and
+tracing of the shaft (`_trace`), a smooth axis (`_spline`), its tip (`_tip`, `_known_length`, `_tip_template`), what
+continues beyond it (`_continuation`, on a `_strip`), all of it for one candidate (`_solve`), and the decision whether
+the result is the catheter (`_tracer`).
+"""
+
+from ._tip_template import TEMPLATE_COLUMNS, TEMPLATE_ROWS, TEMPLATE_WIDTH
+from ._tracer import Trace, Tracer
+
+__all__ = ["TEMPLATE_COLUMNS", "TEMPLATE_ROWS", "TEMPLATE_WIDTH", "Trace", "Tracer"]

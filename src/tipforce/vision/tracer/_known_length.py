@@ -1,0 +1,254 @@
+"""The tip of a catheter of known length: the shaft is followed to that length, and its tip is searched there.
+
+Beyond what the trace followed there may be a metal tip on a ground of its own grey level, half in shadow, or hidden for
+a while. A flank then has one sign here and the other there, and more contrast in one channel than in another; but it
+is visible over a stretch as long as the shaft is wide, in its place on either side. The smooth arc whose flanks are
+visible in most stretches is followed; a single strong edge counts little.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ._pixels import Raster, fast
+from ._spline import FitBuffers, Spline, fit_axis, heading
+from ._strip import (
+    BEHIND,
+    BINS,
+    BLOCK,
+    BLOCKS,
+    CELL,
+    COLUMNS,
+    FLOOR,
+    ROWS,
+    column_of,
+    flank_evidence,
+    roughness,
+    straighten,
+)
+from ._tip import TIP_SIZE, tip_by_colour
+from ._tip_template import match_template, template_difference
+from ._trace import ARC, KIND, SHAFT, WEIGHT, add_station
+
+__all__ = ["KNOWN_LENGTH_SIZE", "TipAtLength", "continues_beyond", "find_tip_at_length"]
+
+_UNSEEN = 4.0
+"""So many radii before its tip the catheter may be detected for the last time."""
+_HIDDEN = 12.0
+"""So many radii of it may be hidden, if what appears again has the right length."""
+_CONTRAST = 5.0
+"""Grey levels by which the front of the tip must separate what is before and behind it."""
+_PAST = 4.0
+"""A shaft that is as clear as ever so many radii beyond its length is not this catheter."""
+_CLEAR = 0.5
+"""Least weight of a station where the shaft is clear."""
+_DEVIATION = 0.45
+"""Standard deviation of the length in shares of its tolerance."""
+_GROUP = 4
+"""Blocks that are averaged: a diameter of the shaft."""
+_TURNS, _TURN, _LIKELY_TURN = 6, 0.012, 0.015
+_BENDS, _BEND, _LIKELY_BEND = 4, 0.004, 0.006
+"""Arcs to try on either side, how far apart, and their standard deviation: radians, and 1 / radius."""
+_STIFF = 7.0
+"""So many radii before the tip the catheter is straight: its metal tip."""
+_DETECTED = 1.3
+"""Evidence from which on a stretch counts as detected."""
+_STRAIGHT_ON = 9.5
+"""With so many radii left or less the shaft is taken as straight."""
+_WEIGHT = 0.2
+"""Of the stations that are added."""
+_TIMES = 12
+_FOLLOW_SIZE = ROWS * COLUMNS + 6 * BLOCKS * COLUMNS + BINS
+KNOWN_LENGTH_SIZE = max(_FOLLOW_SIZE, TIP_SIZE)
+"""Numbers of working memory that `find_tip_at_length` needs."""
+
+
+class TipAtLength(NamedTuple):
+    """Result of `find_tip_at_length`; lengths in px."""
+
+    n: int
+    """Number of stations."""
+    spline: Spline
+    """Fitted to them, over the last arc length + ``ahead`` + 6 px."""
+    tip: float
+    """Arc length."""
+    contrast: float
+    """Of the tip in grey levels; 0 where it is not visible."""
+    hidden: float
+    """Length of a hidden stretch that is too long, or 0."""
+    difference: float
+    """Mean difference of the tip from the template in grey levels."""
+
+
+@fast
+def _group_evidence(
+    flanks: np.ndarray, channels: int, first: int, last: int, turn: float, bend: float, floor: float
+) -> float:
+    """Returns the evidence of both flanks of the arc in blocks ``first`` to ``last``, as logarithms."""
+    total = 0.0
+    for side in range(2):
+        power = 0.0
+        for c in range(channels):
+            mean = 0.0
+            for b in range(first, last):
+                column = column_of(turn, bend, b)
+                column = min(max(column, 8), COLUMNS - 9)
+                mean += flanks[2 * c + side, b, column]
+            mean /= (last - first) * floor
+            power += mean * mean
+        total += math.log1p(power / channels)
+    return total
+
+
+@fast
+def _arc_score(flanks: np.ndarray, channels: int, blocks: int, turn: float, bend: float, floor: float) -> float:
+    total = -0.5 * ((turn / _LIKELY_TURN) ** 2 + (bend / _LIKELY_BEND) ** 2)
+    first = BEHIND + 1
+    while first + 2 <= blocks:
+        last = min(first + _GROUP, blocks)
+        total += _group_evidence(flanks, channels, first, last, turn, bend, floor) * (last - first) / _GROUP
+        first = last
+    return total
+
+
+@fast
+def _go_straight(
+    stations: np.ndarray, n: int, u: float, v: float, angle: float, back: float, goal: float, half: float
+) -> int:
+    """Adds stations from the last one straight to ``goal``, from (u, v), which lies ``back`` before it."""
+    last = stations[n - 1, ARC]
+    count = max(0, int((goal - last) / (0.5 * half)))
+    for k in range(1, count + 1):
+        if n == stations.shape[0]:
+            break
+        s = (goal - last) * k / count
+        way_u, way_v = (back + s) * math.cos(angle), (back + s) * math.sin(angle)
+        n = add_station(stations, n, u + way_u, v + way_v, last + s, half, _WEIGHT)
+    return n
+
+
+@fast
+def _follow_to(
+    image: Raster, half: float, goal: float, work: np.ndarray,
+    stations: np.ndarray, n: int,
+) -> tuple[int, float]:  # fmt: skip
+    """Adds stations behind the first ``n`` up to the arc length ``goal``; returns their number, and the longest gap.
+
+    Gap: the longest stretch where no flank was detected, except the metal tip.
+    """
+    channels = image.channels
+    strip = work[: ROWS * COLUMNS].reshape((ROWS, COLUMNS))
+    a = ROWS * COLUMNS
+    flanks = work[a : a + 6 * BLOCKS * COLUMNS].reshape((6, BLOCKS, COLUMNS))
+    bins = work[a + 6 * BLOCKS * COLUMNS :]
+    cell = CELL * half
+    widest = 0.0
+    taken = stations[n - 1, ARC]
+    for _ in range(_TIMES):
+        last = stations[n - 1, ARC]
+        if last > goal - half:
+            break
+        back = (BEHIND + 1) * BLOCK * cell
+        u, v, angle, bend = heading(stations, n, half, back)
+        rest = goal - last
+        bend *= max(0.0, 1.0 - (_STIFF * half / rest) ** 2)
+        if rest < _STRAIGHT_ON * half:
+            # lustre along a metal tip misleads more than the direction of the shaft does
+            n = _go_straight(stations, n, u, v, angle, back, goal - 0.5 * half, half)
+            break
+        inside = 0
+        for c in range(channels):
+            rows = straighten(image, 1.0, u, v, angle, bend, half, c, strip)
+            inside = flank_evidence(strip, rows, flanks[2 * c], flanks[2 * c + 1])
+        s0 = last - back
+        blocks = min(inside, int((goal - _STIFF * half - s0) / (BLOCK * cell)))
+        if blocks < BEHIND + 3:
+            break
+        middle = channels // 2
+        floor = max(FLOOR, 0.7 * roughness(flanks[2 * middle], flanks[2 * middle + 1], inside, bins))
+        best, way, arc = -1e9, 0.0, 0.0
+        for i in range(-_TURNS, _TURNS + 1):
+            for j in range(-_BENDS, _BENDS + 1):
+                score = _arc_score(flanks, channels, blocks, i * _TURN, j * _BEND, floor)
+                if score > best:
+                    best, way, arc = score, i * _TURN, j * _BEND
+        found_to = 0
+        first = BEHIND + 1
+        while first + 2 <= blocks:
+            end = min(first + _GROUP, blocks)
+            if _group_evidence(flanks, channels, first, end, way, arc, floor) > _DETECTED:
+                found_to = end
+                widest = max(widest, s0 + BLOCK * first * cell - taken)
+                taken = s0 + BLOCK * end * cell
+            first = end
+        if found_to == 0:
+            break
+        for b in range(BEHIND + 1, found_to):
+            if n == stations.shape[0]:
+                break
+            s = BLOCK * (b + 0.5) * cell
+            turned = angle + bend * s
+            halfway = angle + 0.5 * bend * s
+            x = BLOCK * (b - BEHIND - 0.5)
+            x = (way * x + 0.5 * arc * CELL * x * x) * cell
+            at_u = u + s * math.cos(halfway) - x * math.sin(turned)
+            at_v = v + s * math.sin(halfway) + x * math.cos(turned)
+            n = add_station(stations, n, at_u, at_v, s0 + s, half, _WEIGHT)
+    return n, max(widest, goal - taken - _STRAIGHT_ON * half)
+
+
+@fast
+def continues_beyond(stations: np.ndarray, n: int, goal: float, give: float, half: float) -> bool:
+    """Whether the shaft was traced beyond the arc length where it must end, at full contrast and without a break."""
+    first, past = goal - give - half, goal + give + _PAST * half
+    if n == 0 or stations[n - 1, ARC] < past:
+        return False
+    i = n - 1
+    while i > 0 and stations[i, ARC] > past:
+        i -= 1
+    while i > 0 and stations[i, ARC] > first:
+        if stations[i, KIND] != SHAFT or stations[i, WEIGHT] < _CLEAR:
+            return False
+        i -= 1
+    return True
+
+
+@fast
+def find_tip_at_length(
+    image: Raster, template: np.ndarray, half: float, goal: float, give: float, ahead: float, buffers: FitBuffers,
+    work: np.ndarray, stations: np.ndarray, n: int,
+) -> TipAtLength:  # fmt: skip
+    """Follows the shaft from its station ``n`` - 1 to where it must end: arc length ``goal``, within ``give``.
+
+    ``template``: of the tip, empty if unknown. ``ahead``: length in px that the spline extends beyond the last
+    station, less 6. ``work``: of `KNOWN_LENGTH_SIZE`.
+    """
+    while n > 6 and stations[n - 1, ARC] > goal - give - half:
+        n -= 1
+    n, gap = _follow_to(image, half, goal, work, stations, n)
+    last = stations[n - 1, ARC]
+    spline, _ = fit_axis(stations, n, half, last + ahead + 6.0, buffers)
+    if len(template):
+        better = match_template(image, template, spline, last, goal, half, work, stations, n)
+        if better > 0:
+            n, gap = better, 0.0
+            last = stations[n - 1, ARC]
+            spline, _ = fit_axis(stations, n, half, last + ahead + 6.0, buffers)
+    if gap > _HIDDEN * half or goal - give - last > _UNSEEN * half:
+        return TipAtLength(n, spline, goal, 0.0, max(gap, goal - last), 0.0)
+    tip, contrast = tip_by_colour(image, spline, last, goal, _DEVIATION * give, half, work)
+    hidden = 0.0
+    if contrast < _CONTRAST:
+        # a length alone is no proof: what ends before may be something else, or this catheter broken off
+        contrast, hidden = 0.0, max(goal - last, 1.0)
+    if n > 6 and last > tip - 0.3 * half:
+        # what was measured behind the tip lies on something else
+        while n > 6 and stations[n - 1, ARC] > tip - 0.3 * half:
+            n -= 1
+        last = stations[n - 1, ARC]
+        spline, _ = fit_axis(stations, n, half, last + ahead + 6.0, buffers)
+    difference = 0.0
+    if len(template):
+        difference = template_difference(image, template, spline, last, tip, half, work)
+    return TipAtLength(n, spline, tip, contrast, hidden, difference)

@@ -1,0 +1,217 @@
+"""Where a shaft ends: the position of its tip along the axis, and denser stations at both ends.
+
+Two ways of finding the tip. `tip_by_contrast`: the first clear edge of grey level along the axis. `tip_by_colour`, for
+a catheter of known length: a metal tip may have the luminance of the ground, or of the tissue that it touches, but
+hardly its colour too and hardly the same lustre across. So the image is straightened along the axis as far as the tip
+can lie, and the round front is moved along it. The tip lies where the means on its two sides differ most, in every
+channel and at every distance from the axis, and where the length is likely. For white noise that is the difference in
+the mixture of channels and distances that separates them best (Fisher's linear discriminant).
+"""
+
+import math
+
+import numpy as np
+
+from ._pixels import Raster, colour_between, edge_near, fast, grey_between, measure_pair
+from ._spline import Spline, axis_at, spline_at
+from ._trace import ARC, KIND, SHAFT, WEIGHT, WIDE, U, V
+
+__all__ = ["TIP_BACK", "TIP_SIZE", "base_offset", "measure_ends", "tip_by_colour", "tip_by_contrast"]
+
+_BASE_N, _BASE_STEP = 5, 0.4
+"""Stations measured again at the base, and the distance between them in radii of the shaft."""
+_TIP_N, _TIP_FIRST, _TIP_STEP = 6, 0.6, 0.35
+"""Stations measured again at the tip, how far the first one lies before it, and the distance between them, in radii."""
+TIP_BACK = 8.0
+"""Least length that is read before the last station, to know the level that the edge of a tip falls from, in px."""
+_ACROSS = 9
+_WIDTH = 0.85
+"""Points across the shaft, and how far the outermost lie from the axis in radii."""
+_ROWS = 160
+_CELLS = 3 * _ACROSS
+_WINDOW = 1.3
+"""What is compared before and behind the front, in radii."""
+_RIM = 0.7
+"""A metal end's dark rim is not wider than so many radii."""
+_CLEAR, _ABOVE = 0.45, 1.4
+"""An edge is clear from this share of the steepest one near by, and so far above the average."""
+TIP_SIZE = (_ROWS + 1) * _CELLS + _ROWS
+"""Numbers of working memory that `tip_by_colour` needs."""
+
+
+@fast
+def tip_by_contrast(
+    image: Raster, sign: float, spline: Spline, last: float, half: float, back: float, ahead: float, typical: float,
+    profile: np.ndarray,
+) -> tuple[float, float]:  # fmt: skip
+    """Returns the arc length of the tip, where the axis crosses half the grey level, and the drop of grey level there.
+
+    The drop is 0 where no clear edge ends the shaft between ``back`` px before the ``last`` station and ``ahead`` px
+    behind it: the shaft touches something of its own grey level, or leaves the image. ``typical``: contrast of the
+    shaft. ``profile``: buffer.
+    """
+    back = min(back, last - 1.0)
+    first = last - back
+    n = min(int(back + ahead + 4.0), profile.shape[0], int(spline.length - first))
+    for j in range(n):
+        u, v, du, dv = spline_at(spline, first + j)
+        norm = math.sqrt(du * du + dv * dv)
+        nu, nv = -dv / norm, du / norm
+        total = 0.0
+        for k in range(-2, 3):
+            x = 0.15 * half * k
+            a, b = u + x * nu, v + x * nv
+            if a < image.left or b < image.top or a > image.right - 1.001 or b > image.bottom - 1.001:
+                a = min(max(a, image.left), image.right - 1.001)
+                b = min(max(b, image.top), image.bottom - 1.001)
+            total += grey_between(image, a, b)
+        profile[j] = sign * total / 5.0
+    middle = last + 0.5 * (ahead - back + TIP_BACK - 1.0)
+    reach = 0.5 * (ahead + back - TIP_BACK + 1.0) + 1.0
+    place, drop = edge_near(profile, n, first, middle, reach, half < 3.5, 0.6)
+    if abs(drop) < max(8.0, 0.12 * typical):
+        return last, 0.0
+    return place, drop
+
+
+@fast
+def measure_ends(
+    image: Raster, sign: float, spline: Spline, tip: float, half: float, heading: float, least: float,
+    profile: np.ndarray, stations: np.ndarray, n: int,
+) -> int:  # fmt: skip
+    """Measures the shaft more densely at its base and its tip, along the curve fitted so far.
+
+    A curve fitted from one side only is uncertain at its ends, where the stations are as far apart as elsewhere; and
+    at a rounded tip the pair of flanks grows narrow but stays centred on the axis. ``stations[n:]`` receives the new
+    stations. Both flanks must drop by ``least``. Returns the number of all stations.
+    """
+    room = min(n + 16, stations.shape[0])
+    line_u, line_v = -math.sin(heading), math.cos(heading)
+    for k in range(_BASE_N + _TIP_N):
+        if n == room:
+            break
+        at_base = k < _BASE_N
+        if at_base:
+            s = 1.0 + _BASE_STEP * half * k
+            wide = half
+        else:
+            # chords of the round end, then the full width
+            j = k - _BASE_N
+            back = (_TIP_FIRST + _TIP_STEP * j) * half
+            s = tip - back
+            wide = half * math.sqrt(1.0 - (1.0 - back / half) ** 2) if back < half else half
+        if s < 0.0 or s > spline.length:
+            continue
+        u, v, du, dv = spline_at(spline, s)
+        norm = math.sqrt(du * du + dv * dv)
+        nu, nv = -dv / norm, du / norm
+        slant = 1.0
+        margin = half + 2.0
+        leaves = u - abs(nu) * margin < image.left or u + abs(nu) * margin > image.right - 1.0
+        leaves = leaves or v - abs(nv) * margin < image.top or v + abs(nv) * margin > image.bottom - 1.0
+        if at_base and leaves:
+            slant = max(0.5, nu * line_u + nv * line_v)
+        pu, pv = (nu, nv) if slant == 1.0 else (line_u, line_v)
+        reach = min(max(0.28 * wide, 1.5), 5.0)
+        if u < image.left or v < image.top or u > image.right - 1.001 or v > image.bottom - 1.001:
+            continue
+        left, left_drop, right, right_drop = measure_pair(image, sign, u, v, pu, pv, wide / slant, reach, profile)
+        if left_drop < least or right_drop < least:
+            continue
+        off = 0.5 * (right - left) * slant
+        strange = 0.5 * (left + right) * slant - wide
+        stations[n, U] = u + off * nu
+        stations[n, V] = v + off * nv
+        stations[n, ARC] = s
+        stations[n, WIDE] = (left + right) * slant
+        stations[n, WEIGHT] = 0.05 / (0.05 + strange * strange)
+        stations[n, KIND] = SHAFT
+        n += 1
+    return n
+
+
+@fast
+def tip_by_colour(
+    image: Raster, spline: Spline, straight: float, expected: float, spread: float, half: float, work: np.ndarray
+) -> tuple[float, float]:
+    """Returns the arc length of the tip, and its contrast; ``expected`` with the standard deviation ``spread``.
+
+    The axis is the spline, straight beyond ``straight``. The contrast is the difference between before and behind the
+    front in grey levels, root mean square; 0 where the image ends before. ``work``: of `TIP_SIZE`.
+    """
+    step = max(1.0, half / 6.0)
+    window = max(3, int(_WINDOW * half / step + 0.5))
+    reach = min(2.3 * spread, 0.5 * (_ROWS - 2 * window - 8) * step)
+    start = expected - reach - (window + 2) * step
+    if start < 1.0:
+        start = 1.0
+    rows = min(_ROWS, int((expected + reach - start) / step) + window + 3)
+    channels = image.channels
+    cells = channels * _ACROSS
+    sums = work[: (_ROWS + 1) * _CELLS].reshape((_ROWS + 1, _CELLS))
+    slope = work[(_ROWS + 1) * _CELLS :]
+    sums[0, :] = 0.0
+    seen = 0
+    for j in range(rows):
+        s = start + j * step
+        u, v, du, dv = axis_at(spline, straight, s)
+        if u < image.left or v < image.top or u > image.right - 1.001 or v > image.bottom - 1.001:
+            break
+        norm = math.sqrt(du * du + dv * dv)
+        du /= norm
+        dv /= norm
+        for k in range(_ACROSS):
+            x = _WIDTH * (2.0 * k / (_ACROSS - 1) - 1.0)
+            # the front is round: beside the axis it lies further back
+            back = half * (1.0 - math.sqrt(1.0 - x * x))
+            a = min(max(u - x * half * dv - back * du, image.left), image.right - 1.001)
+            b = min(max(v + x * half * du - back * dv, image.top), image.bottom - 1.001)
+            for c in range(channels):
+                m = k * channels + c
+                sums[j + 1, m] = sums[j, m] + colour_between(image, c, a, b)
+        seen += 1
+    best, at = 0.0, -1
+    for j in range(window + 1, seen - window - 1):
+        far = (start + j * step - expected) / spread
+        total = 0.0
+        for m in range(cells):
+            apart = sums[j - 1, m] - sums[j - 1 - window, m] - sums[j + 2 + window, m] + sums[j + 2, m]
+            total += apart * apart
+        total = math.sqrt(total / cells) / window * math.exp(-0.5 * far * far)
+        if total > best:
+            best, at = total, j
+    if at < 0:
+        return expected, 0.0
+    stands = best * math.exp(0.5 * ((start + at * step - expected) / spread) ** 2)
+    # lustre ends before the metal does: the outermost clear edge near by is the outline
+    for j in range(2, seen - 2):
+        total = 0.0
+        for m in range(cells):
+            apart = sums[j, m] - sums[j - 2, m] - sums[j + 3, m] + sums[j + 1, m]
+            total += apart * apart
+        far = (start + j * step - expected) / spread
+        slope[j] = math.sqrt(total / cells) * math.exp(-0.5 * far * far)
+    low, high = max(3, at - window // 2), min(seen - 4, at + int(_RIM * half / step + 0.5))
+    steepest = plain = 0.0
+    for j in range(low, high + 1):
+        steepest = max(steepest, slope[j])
+    for j in range(2, seen - 2):
+        plain += min(slope[j], steepest) / (seen - 4)
+    place = float(at)
+    for j in range(low, high + 1):
+        here = slope[j]
+        if here < slope[j - 1] or here <= slope[j + 1] or here < max(_CLEAR * steepest, _ABOVE * plain):
+            continue
+        place = j + 0.5 * (slope[j - 1] - slope[j + 1]) / (slope[j - 1] - 2.0 * here + slope[j + 1])
+    return start + place * step, stands
+
+
+@fast
+def base_offset(spline: Spline, heading: float, entry_u: float, entry_v: float, depth: float) -> float:
+    """Returns the arc length at which the curve, extended along its first tangent, meets the base line."""
+    u, v, du, dv = spline_at(spline, 0.0)
+    inward_u, inward_v = math.cos(heading), math.sin(heading)
+    rate = du * inward_u + dv * inward_v
+    inside = (u - entry_u) * inward_u + (v - entry_v) * inward_v + depth
+    first = -inside / rate if rate > 0.3 else 0.0
+    return min(max(first, -depth - 3.0), 3.0)

@@ -1,0 +1,147 @@
+"""Whether the tip of a catheter looks as in the other images of its session, and where else it may lie.
+
+The last stations of a trace may lie along a shadow or the rim of another object, and what is extrapolated from them
+misses the tip. With a template of the last stretch of the catheter (rings, metal, lustre), the line is compared with
+arcs from a point further back, and the one that fits the template best is taken.
+"""
+
+import math
+
+import numpy as np
+
+from ._pixels import Raster, colour_between, fast
+from ._spline import Spline, axis_at, heading
+from ._trace import ARC, add_station
+
+__all__ = ["TEMPLATE_COLUMNS", "TEMPLATE_ROWS", "TEMPLATE_WIDTH", "match_template", "template_difference"]
+
+TEMPLATE_ROWS = 13
+"""Rows of a template, a radius apart, the first half a radius before the tip."""
+TEMPLATE_COLUMNS, TEMPLATE_WIDTH = 7, 0.85
+"""Points across the shaft in a row, and how far the outermost lie from the axis in radii."""
+_BACK = 16.0
+"""So many radii before the tip the arcs begin."""
+_STIFF = 7.0
+"""So many radii before the tip the catheter is straight: its metal tip."""
+_MOST = 40.0
+"""Most that the difference of one point counts, in grey levels: something may cover it."""
+_ALIKE = 6.0
+"""A line with a smaller mean difference is accepted without a search."""
+_BETTER, _BETTER_BY = 0.75, 1.0
+"""The difference of an arc must be below this share of that of the line, less so many grey levels."""
+_TURNS, _TURN, _LIKELY_TURN = 8, 0.012, 0.06
+_BENDS, _BEND, _LIKELY_BEND = 5, 0.004, 0.012
+"""Arcs to try on either side, how far apart, and their standard deviation: radians, and 1 / radius."""
+_FINER = 3
+_TIP_ROWS = 6
+"""Rows of the metal tip; further back the rings are known to a few px only."""
+_WEIGHT = 0.2
+
+
+@fast
+def _difference(image: Raster, template: np.ndarray, nodes: np.ndarray, half: float, every: int) -> float:
+    """Returns the mean difference of points along ``nodes`` (k, 4: u, v, du, dv) from the template; every so many."""
+    channels = image.channels
+    total, count = 0.0, 0
+    for i in range(0, nodes.shape[0], every):
+        u, v, du, dv = nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3]
+        for k in range(0, TEMPLATE_COLUMNS, every):
+            x = half * TEMPLATE_WIDTH * (2.0 * k / (TEMPLATE_COLUMNS - 1) - 1.0)
+            a = min(max(u - x * dv, image.left), image.right - 1.001)
+            b = min(max(v + x * du, image.top), image.bottom - 1.001)
+            for c in range(channels):
+                total += min(abs(colour_between(image, c, a, b) - template[i, k * channels + c]), _MOST)
+            count += channels
+    return total / count
+
+
+@fast
+def _arc_point(u: float, v: float, angle: float, bend: float, curved: float, s: float) -> tuple[float, float, float]:
+    """Returns position and direction at ``s`` of an arc that is straight behind ``curved``."""
+    arc = min(s, curved)
+    middle, end = angle + 0.5 * bend * arc, angle + bend * arc
+    over = s - arc
+    return (
+        u + arc * math.cos(middle) + over * math.cos(end),
+        v + arc * math.sin(middle) + over * math.sin(end),
+        end,
+    )
+
+
+@fast
+def _nodes_along_arc(
+    u: float, v: float, angle: float, bend: float, curved: float, back: float, half: float, nodes: np.ndarray
+) -> None:
+    """Fills ``nodes`` with the rows of a template along an arc from (u, v) that reaches the tip after ``back``."""
+    for k in range(TEMPLATE_ROWS):
+        nodes[k, 0], nodes[k, 1], end = _arc_point(u, v, angle, bend, curved, back - (k + 0.5) * half)
+        nodes[k, 2], nodes[k, 3] = math.cos(end), math.sin(end)
+
+
+@fast
+def _nodes_along_spline(spline: Spline, straight: float, tip: float, half: float, nodes: np.ndarray) -> None:
+    """Fills ``nodes`` with the rows of a template along a spline with its tip at ``tip``."""
+    for i in range(nodes.shape[0]):
+        u, v, du, dv = axis_at(spline, straight, tip - (i + 0.5) * half)
+        norm = math.sqrt(du * du + dv * dv)
+        nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3] = u, v, du / norm, dv / norm
+
+
+@fast
+def template_difference(
+    image: Raster, template: np.ndarray, spline: Spline, straight: float, tip: float, half: float, work: np.ndarray,
+) -> float:  # fmt: skip
+    """Returns the mean difference of the metal tip before ``tip`` from the template, in grey levels."""
+    nodes = work[: 4 * _TIP_ROWS].reshape((_TIP_ROWS, 4))
+    _nodes_along_spline(spline, straight, tip, half, nodes)
+    return _difference(image, template, nodes, half, 1)
+
+
+@fast
+def match_template(
+    image: Raster, template: np.ndarray, spline: Spline, straight: float, goal: float, half: float, work: np.ndarray,
+    stations: np.ndarray, n: int,
+) -> int:  # fmt: skip
+    """Adds stations up to ``goal`` along an arc that fits the template better; returns the number of all, or 0.
+
+    The spline is straight behind ``straight``. ``template``: (`TEMPLATE_ROWS`, `TEMPLATE_COLUMNS` x channels) grey
+    levels. ``work``: buffer of 4 x `TEMPLATE_ROWS`.
+    """
+    nodes = work[: 4 * TEMPLATE_ROWS].reshape((TEMPLATE_ROWS, 4))
+    _nodes_along_spline(spline, straight, goal, half, nodes)
+    kept = _difference(image, template, nodes, half, 1)
+    cut = n
+    while cut > 0 and stations[cut - 1, ARC] > goal - _BACK * half:
+        cut -= 1
+    if kept < _ALIKE or cut < 8:
+        return 0
+    back = goal - stations[cut - 1, ARC]
+    curved = back - _STIFF * half
+    u, v, angle, bend = heading(stations, cut, half, 0.0)
+    best, turn, curve = 1e9, 0.0, 0.0
+    from_turn, from_curve = 0.0, 0.0
+    for finer in range(2):
+        turns, bends = (_FINER, _FINER) if finer else (_TURNS, _BENDS)
+        share = 1.0 / (_FINER + 1.0) if finer else 1.0
+        from_turn, from_curve = turn, curve
+        for i in range(-turns, turns + 1):
+            for j in range(-bends, bends + 1):
+                way, arc = from_turn + share * i * _TURN, from_curve + share * j * _BEND
+                _nodes_along_arc(u, v, angle + way, bend + arc / half, curved, back, half, nodes)
+                total = _difference(image, template, nodes, half, 2)
+                total *= 1.0 + 0.1 * ((way / _LIKELY_TURN) ** 2 + (arc / _LIKELY_BEND) ** 2)
+                if total < best:
+                    best, turn, curve = total, way, arc
+    _nodes_along_arc(u, v, angle + turn, bend + curve / half, curved, back, half, nodes)
+    best = _difference(image, template, nodes, half, 1)
+    if best > _BETTER * kept - _BETTER_BY:
+        return 0
+    count = max(2, int((back - 0.5 * half) / (0.5 * half)))
+    n = cut
+    for k in range(1, count + 1):
+        if n == stations.shape[0]:
+            break
+        s = (back - 0.5 * half) * k / count
+        at_u, at_v, _ = _arc_point(u, v, angle + turn, bend + curve / half, curved, s)
+        n = add_station(stations, n, at_u, at_v, goal - back + s, half, _WEIGHT)
+    return n

@@ -1,0 +1,69 @@
+"""A small simulated bench on disk, as `simulate --as files` and `import` leave it; made once for all contracts."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import pytest
+
+from tipforce.io import open_source
+from tipforce.pipelines import import_session, simulate
+from tipforce.pipelines._simulate import preset_settings
+from tipforce.simulation import PRESETS
+from tipforce.types import Frame
+
+SMALL = {"bench-2021": (320, 240), "generalise": (320, 240), "fluoro": (256, 256)}
+"""Presets that examples name, and the size of image that makes them quick."""
+
+
+def small(preset: str):
+    """A preset with small images and short sessions: the same code in a tenth of the time."""
+    width, height = SMALL[preset]
+    world = {"seconds": 9.0, "tare_s": 2.0}
+    made = preset_settings(preset, changes={"width": width, "height": height, "world": world})
+    return made.model_copy(update={"preset": preset})
+
+
+@pytest.fixture(scope="session")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two sessions as files (session_00, session_01), imported as runs/session_00.mcap, runs/session_01.mcap."""
+    folder = tmp_path_factory.mktemp("bench")
+    simulate(folder, small("bench-2021"), sessions=2, seed=3, form="files")
+    for name in ("session_00", "session_01"):
+        session = folder / name
+        logs = [session / "force.csv", session / "stage.csv"]
+        import_session(session / "video.mp4", logs, folder / "runs" / f"{name}.mcap", bench=session / "bench.toml")
+    return folder
+
+
+@pytest.fixture
+def small_presets(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The presets by their names, but small."""
+    made = {name: small(name) for name in SMALL}
+    for name, settings in made.items():
+        monkeypatch.setitem(PRESETS, name, settings)
+
+
+def lay_out(bench: Path, place: Path) -> None:
+    """Files by the names that the examples of the help texts use."""
+    session = bench / "session_00"
+    for name in ("video.mp4", "force.csv", "stage.csv", "bench.toml"):
+        shutil.copy(session / name, place / name)
+    (place / "runs").mkdir()
+    for number in range(8):
+        shutil.copy(bench / "runs" / f"session_0{number % 2}.mcap", place / "runs" / f"session_0{number}.mcap")
+    for path in bench.glob("*.truth.npz"):
+        shutil.copy(path, place / "runs" / path.name)
+    shutil.copy(bench / "runs" / "session_00.mcap", place / "run.mcap")
+    (place / "frames").mkdir()
+    with open_source(place / "video.mp4") as source:
+        frames = [event for event in source if isinstance(event, Frame)][:72]
+    for frame in frames:
+        cv2.imwrite(str(place / "frames" / f"{frame.stamp_ns}_ns.png"), frame.image)
+    cv2.imwrite(str(place / "frame.png"), frames[0].image)
+    lines = (place / "force.csv").read_text().splitlines()
+    # the same log as another logger writes it: tabs, milliseconds, grams, no units in the names
+    rows = [line.split(",") for line in lines[1:]]
+    text = "\n".join("\t".join([f"{1e3 * float(t):.3f}", *(f"{float(x) / 9.80665e-3:.4f}" for x in xyz[:3])])
+                     for t, *xyz in rows)  # fmt: skip
+    (place / "log.tsv").write_text(f"t\tFx\tFy\tFz\n{text}\n")

@@ -1,0 +1,82 @@
+"""Every example in every help text runs, in the order of a working day, in a folder with files of those names."""
+
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from tipforce.cli import VERBS, app
+
+from .conftest import lay_out  # type: ignore[import-not-found]
+
+COMMANDS = get_command(app).commands  # type: ignore[attr-defined]
+QUICKER = {"minutes=60": "minutes=0.05", "--samples 10000": "--samples 30 --samples-per-session 10"}
+"""What is replaced in an example so that it ends within a test; nothing else is."""
+
+
+def examples(verb: str) -> list[str]:
+    lines = [line.strip().removeprefix("Example:").strip() for line in (COMMANDS[verb].help or "").split("\n")]
+    return [line for line in lines if line.startswith(f"tipforce {verb} ")]
+
+
+def test_every_verb_has_examples() -> None:
+    assert all(examples(verb) for verb in VERBS)
+
+
+def run(line: str) -> None:
+    for slow, quick in QUICKER.items():
+        line = line.replace(slow, quick)
+    words = shlex.split(line)[1:]
+    expanded = [path for word in words for path in (sorted(map(str, Path().glob(word))) if "*" in word else [word])]
+    if expanded[0] == "train" and "dcfe" in expanded:
+        expanded += ["--samples", "40"]
+    result = CliRunner().invoke(app, expanded, catch_exceptions=False)
+    assert result.exit_code == 0, f"{line}\n{result.output}"
+
+
+@pytest.fixture
+def workplace(bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None) -> Path:
+    lay_out(bench, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_examples_of_simulate(workplace: Path) -> None:
+    shutil.rmtree(workplace / "runs")
+    for line in examples("simulate"):
+        run(line)
+    assert (workplace / "runs" / "session_07.mcap").is_file()
+    assert (workplace / "set" / "metadata.csv").is_file()
+
+
+@pytest.mark.parametrize("verb", ["init-bench", "import", "inspect"])
+def test_examples_of(verb: str, workplace: Path) -> None:
+    for name in ("bench.toml", "run.mcap"):
+        if verb in ("init-bench", "import"):
+            kept = (workplace / name).read_bytes()
+    for line in examples(verb):
+        output = shlex.split(line)[-1]
+        if verb in ("init-bench", "import") and (workplace / output).is_file():
+            kept = (workplace / output).read_bytes()
+            (workplace / output).unlink()
+            if output == "bench.toml":
+                run(line)
+                continue
+            run(line)
+            assert kept
+        else:
+            run(line)
+
+
+def test_examples_of_train_evaluate_and_estimate(workplace: Path) -> None:
+    shutil.copytree(workplace / "runs", workplace / "bench")
+    shutil.copytree(workplace / "runs", workplace / "other")
+    for line in examples("train"):
+        run(f"{line} --overwrite")
+    shutil.rmtree(workplace / "models")
+    run("tipforce train runs/ --estimator svr -o models/svr --set force=components")
+    for line in (*examples("evaluate"), *examples("estimate")):
+        run(line if line.startswith("tipforce evaluate") else f"{line} --overwrite")

@@ -1,0 +1,142 @@
+"""Packages import in one direction only; public names are exactly ``__all__``; importing stays light."""
+
+import ast
+import importlib
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import tipforce
+
+SOURCE = Path(tipforce.__file__).parent
+
+BASE = {"types", "errors", "units"}
+ALLOWED: dict[str, set[str]] = {
+    "types": {"errors"},
+    "errors": set(),
+    "units": set(),
+    "geometry": BASE,
+    "mechanics": BASE | {"geometry"},
+    "simulation": BASE | {"geometry", "mechanics"},
+    "limits": BASE | {"geometry", "mechanics", "simulation"},
+    "vision": BASE | {"geometry"},
+    "io": BASE | {"geometry"},
+    "alignment": BASE | {"geometry", "vision", "io"},
+    "datasets": BASE | {"geometry", "vision", "io", "alignment"},
+    "training": BASE | {"geometry"},
+    "estimators": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "training"},
+    "evaluation": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "estimators"},
+    "pipelines": BASE
+    | {
+        *("geometry", "mechanics", "simulation", "limits", "vision", "io", "alignment", "datasets", "training"),
+        *("estimators", "evaluation"),
+    },
+}
+"""docs/design.md draws this; what is not listed may not be imported."""
+
+
+def packages() -> list[str]:
+    """Packages and modules directly in ``tipforce``; a folder that holds nothing but old caches is none."""
+    found = [path for path in SOURCE.iterdir() if not path.name.startswith("_")]
+    return sorted(path.stem for path in found if path.suffix == ".py" or (path / "__init__.py").is_file())
+
+
+def imported_packages(path: Path) -> set[str]:
+    """Packages that ``path`` imports, relative or absolute, at any depth of its code."""
+    package = ("tipforce", *path.relative_to(SOURCE).with_suffix("").parts)[:-1]
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            start = package[: len(package) - node.level + 1] if node.level else ()
+            stem = ".".join((*start, *((node.module or "").split(".") if node.module else ())))
+            names = [stem, *(f"{stem}.{alias.name}" for alias in node.names)]
+        else:
+            continue
+        for name in names:
+            parts = name.split(".")
+            if parts[0] == "tipforce" and len(parts) > 1:
+                found.add(parts[1])
+    return found & set(packages())
+
+
+@pytest.mark.parametrize("package", [package for package in packages() if package != "cli"])
+def test_a_package_imports_only_what_its_contract_allows(package: str) -> None:
+    assert package in ALLOWED, f"{package} is new: give it a place in ALLOWED and in docs/design.md"
+    paths = sorted((SOURCE / package).rglob("*.py")) or [SOURCE / f"{package}.py"]
+    crossings = {str(p.relative_to(SOURCE)): imported_packages(p) - ALLOWED[package] - {package} for p in paths}
+    assert not {path: broken for path, broken in crossings.items() if broken}
+
+
+def test_a_broken_contract_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "tipforce" / "vision" / "deep" / "_bad.py"
+    path.parent.mkdir(parents=True)
+    path.write_text("def f():\n    from ...estimators import Svr\n    import tipforce.datasets\n")
+    for package in ("estimators", "datasets"):
+        (tmp_path / "tipforce" / package).mkdir()
+        (tmp_path / "tipforce" / package / "__init__.py").touch()
+    monkeypatch.setattr(sys.modules[__name__], "SOURCE", tmp_path / "tipforce")
+    assert imported_packages(path) == {"estimators", "datasets"}
+
+
+def public_packages() -> list[str]:
+    return [
+        "tipforce",
+        *(
+            m.name
+            for m in pkgutil.iter_modules(tipforce.__path__, "tipforce.")
+            if m.name not in ("tipforce.cli", "tipforce.__main__")
+        ),
+    ]
+
+
+def lazily_imported(tree: ast.Module) -> list[ast.stmt]:
+    """What stands under ``if TYPE_CHECKING``: names that are loaded when they are first used."""
+    return [node for block in tree.body if isinstance(block, ast.If) for node in block.body]
+
+
+@pytest.mark.parametrize("name", public_packages())
+def test_public_names_are_exactly_dunder_all(name: str) -> None:
+    module = importlib.import_module(name)
+    exported = module.__all__
+    assert len(exported) == len(set(exported))
+    missing = [item for item in exported if not hasattr(module, item)]
+    assert not missing
+    if module.__file__ and Path(module.__file__).name == "__init__.py":
+        children = {m.name for m in pkgutil.iter_modules(module.__path__)}
+        tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
+        taken = {
+            alias.asname or alias.name
+            for node in [*tree.body, *lazily_imported(tree)]
+            if isinstance(node, ast.ImportFrom) and node.level
+            for alias in node.names
+        }
+        assert {t for t in taken if not t.startswith("_")} - children == set(exported) - {"__version__"} - children
+
+
+NEVER = ("torch", "monai", "onnx", "onnxscript", "onnxruntime", "openvino")
+
+
+@pytest.mark.parametrize(
+    ("module", "heavy"),
+    [
+        ("tipforce", (*NEVER, "matplotlib", "sklearn", "av", "starlette", "numba")),
+        ("tipforce.cli", (*NEVER, "matplotlib", "sklearn", "av", "starlette", "numba")),
+        ("tipforce.training", NEVER),
+        ("tipforce.estimators", NEVER),
+        ("tipforce.evaluation", NEVER),
+    ],
+)
+def test_import_is_light(module: str, heavy: tuple[str, ...]) -> None:
+    code = f"import sys, {module}; print([m for m in {heavy!r} if m in sys.modules])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.strip() == "[]"
+
+
+def test_no_file_is_too_long_to_be_read() -> None:
+    sizes = {str(p.relative_to(SOURCE)): len(p.read_text(encoding="utf-8").splitlines()) for p in SOURCE.rglob("*.py")}
+    assert not {path: lines for path, lines in sizes.items() if lines > 500}
