@@ -71,5 +71,5 @@ def test_without_torch_fine_tuning_is_skipped_in_a_sentence(
 
 def test_a_command_that_fails_ends_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=2, stderr="a reason"))
-    with pytest.raises(TipforceError, match="simulate .* exit code 2"):
+    with pytest.raises(TipforceError, match=r"simulate .* exit code 2"):
         demo(tmp_path / "demo", say=lambda *_: None)
