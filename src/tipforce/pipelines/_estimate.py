@@ -14,9 +14,10 @@ from typing import Any, Self, TextIO
 import numpy as np
 
 from ..alignment import observations
+from ..datasets import open_source
 from ..errors import InputError
 from ..estimators import Estimator, Progress, ShowsShape, load_model, missing_metadata, view_of
-from ..io import VideoWriter, atomic_text, frame_count, open_source, require_actuation
+from ..io import VideoWriter, atomic_text, frame_count, require_actuation
 from ..types import (
     Actuation,
     Event,
