@@ -1,11 +1,15 @@
-"""Eight numbers that go through one instruction together, as one number of compiled loops.
+"""Eight float64 as one number of compiled loops: numba types and LLVM intrinsics for the batch of planar rods.
 
-What a loop makes of such numbers stays in registers, where a row of eight would be written and read back between two
-turns, and nothing is left to the compiler's guess of which rows may overlap. ``lanes``, a tuple of as many numbers as
-there are lanes, one or eight, tells which kind is meant; a single lane is a plain float. Octets can be added,
-subtracted and multiplied as floats can.
+What a loop makes of such numbers stays in vector registers, where an array of eight would be written and read back
+between two turns, and nothing is left to the compiler's guess of which arrays may overlap. ``lanes``, a tuple of as
+many numbers as there are lanes, one or eight, tells which kind is meant; a single lane is a plain float. Octets can be
+added, subtracted and multiplied as floats can.
+
+This is the only file with hand-written vector code. It stays because plain loops are two to four times as slow
+(docs/log.md, "Planar rod: plain loops in place of vector intrinsics").
 """
 
+import math
 import operator
 from collections.abc import Callable
 from typing import Any
@@ -15,9 +19,11 @@ from numba import extending
 from numba.core import types
 from numba.core.typing import templates
 
+from ._compile import compiled
+
 __all__ = [
-    "EIGHT", "alike", "choose", "fma", "inverse", "larger", "largest_of", "magnitude", "nothing", "put", "take",
-    "whole",
+    "EIGHT", "alike", "choose", "circle", "fma", "inverse", "larger", "largest_of", "magnitude", "nothing", "put",
+    "take", "whole",
 ]  # fmt: skip
 
 EIGHT = (0.0,) * 8
@@ -206,3 +212,35 @@ def largest_of(_: Any, octet: Any, lanes: Any) -> Any:
         return largest
 
     return kind(octet, lanes), build
+
+
+_HALF_PI_HIGH, _HALF_PI_LOW = 1.57079632673412561417, 6.07710050650619224932e-11
+"""Pi / 2 in two parts: a small whole number times the first is exact."""
+
+
+@compiled
+def circle(angle: Any) -> tuple[Any, Any]:
+    """Cosine and sine of a float or an octet, to the last bit or two within 1e5 rad.
+
+    Minimax coefficients on a quarter turn are those of fdlibm (Sun Microsystems 1993).
+    """
+    half, one, two = alike(0.5, angle), alike(1.0, angle), alike(2.0, angle)
+    quarter = whole(fma(angle, alike(2.0 / math.pi, angle), half))
+    r = fma(quarter, alike(-_HALF_PI_LOW, angle), fma(quarter, alike(-_HALF_PI_HIGH, angle), angle))
+    z = r * r
+    tail = fma(z, alike(1.58969099521155010221e-10, angle), alike(-2.50507602534068634195e-08, angle))
+    tail = fma(z, tail, alike(2.75573137070700676789e-06, angle))
+    tail = fma(z, tail, alike(-1.98412698298579493134e-04, angle))
+    tail = fma(z, tail, alike(8.33333333332248946124e-03, angle))
+    s = fma(r * z, fma(z, tail, alike(-1.66666666666666324348e-01, angle)), r)
+    tail = fma(z, alike(-1.13596475577881948265e-11, angle), alike(2.08757232129817482790e-09, angle))
+    tail = fma(z, tail, alike(-2.75573143513906633035e-07, angle))
+    tail = fma(z, tail, alike(2.48015872894767294178e-05, angle))
+    tail = fma(z, tail, alike(-1.38888888888741095749e-03, angle))
+    c = one - (half * z - z * z * fma(z, tail, alike(4.16666666666666019037e-02, angle)))
+    # Of the four quarters the odd ones swap the two; the sine is negative in the last two, the cosine in the middle.
+    below, above = whole(half * quarter), whole(half * (quarter + one))
+    odd = quarter - two * below
+    sine_sign = one - two * (below - two * whole(half * below))
+    cosine_sign = one - two * (above - two * whole(half * above))
+    return choose(odd, s, c) * cosine_sign, choose(odd, c, s) * sine_sign
