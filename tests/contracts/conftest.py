@@ -1,11 +1,15 @@
 """A small simulated bench on disk, as `simulate --as files` and `import` leave it; made once for all contracts."""
 
+import re
+import shlex
 import shutil
 from pathlib import Path
 
 import cv2
 import pytest
+from typer.testing import CliRunner
 
+from tipforce.cli import app
 from tipforce.io import open_source
 from tipforce.pipelines import import_session, simulate
 from tipforce.pipelines._simulate import preset_settings
@@ -67,3 +71,35 @@ def lay_out(bench: Path, place: Path) -> None:
     text = "\n".join("\t".join([f"{1e3 * float(t):.3f}", *(f"{float(x) / 9.80665e-3:.4f}" for x in xyz[:3])])
                      for t, *xyz in rows)  # fmt: skip
     (place / "log.tsv").write_text(f"t\tFx\tFy\tFz\n{text}\n")
+
+
+QUICKER = {"minutes=60": "minutes=0.05", "--samples 10000": "--samples 30 --samples-per-session 10"}
+"""What is replaced in a command that is written down so that it ends within a test."""
+
+
+def type_command(line: str, replacements: dict[str, str] | None = None) -> str:
+    """Runs a command line that is written down; returns what it printed. Networks train on few samples."""
+    for slow, quick in (QUICKER | (replacements or {})).items():
+        line = line.replace(slow, quick)
+    words = shlex.split(line, comments=True)[1:]
+    expanded = [path for word in words for path in (sorted(map(str, Path().glob(word))) if "*" in word else [word])]
+    if expanded[0] == "train" and {"dcfe", "compact"} & {*expanded} and "--samples" not in expanded:
+        expanded += ["--samples", "40"]
+        if "compact" in expanded:
+            expanded += ["--set", "epochs=1"]
+    result = CliRunner().invoke(app, expanded, catch_exceptions=False)
+    assert result.exit_code == 0, f"{line}\n{result.output}"
+    return result.output
+
+
+def code_blocks(text: str, language: str = "") -> list[str]:
+    """The fenced blocks of a page, in order."""
+    return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
+
+
+@pytest.fixture
+def workplace(bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None) -> Path:
+    """The current folder, with files by the names that examples use; see `lay_out`."""
+    lay_out(bench, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path

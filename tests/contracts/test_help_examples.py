@@ -6,15 +6,12 @@ from pathlib import Path
 
 import pytest
 from typer.main import get_command
-from typer.testing import CliRunner
 
 from tipforce.cli import VERBS, app
 
-from .conftest import lay_out  # type: ignore[import-not-found]
+from .conftest import type_command as run  # type: ignore[import-not-found]
 
 COMMANDS = get_command(app).commands  # type: ignore[attr-defined]
-QUICKER = {"minutes=60": "minutes=0.05", "--samples 10000": "--samples 30 --samples-per-session 10"}
-"""What is replaced in an example so that it ends within a test; nothing else is."""
 
 
 def examples(verb: str) -> list[str]:
@@ -24,24 +21,6 @@ def examples(verb: str) -> list[str]:
 
 def test_every_verb_has_examples() -> None:
     assert all(examples(verb) for verb in VERBS)
-
-
-def run(line: str) -> None:
-    for slow, quick in QUICKER.items():
-        line = line.replace(slow, quick)
-    words = shlex.split(line)[1:]
-    expanded = [path for word in words for path in (sorted(map(str, Path().glob(word))) if "*" in word else [word])]
-    if expanded[0] == "train" and "dcfe" in expanded:
-        expanded += ["--samples", "40"]
-    result = CliRunner().invoke(app, expanded, catch_exceptions=False)
-    assert result.exit_code == 0, f"{line}\n{result.output}"
-
-
-@pytest.fixture
-def workplace(bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None) -> Path:
-    lay_out(bench, tmp_path)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def test_examples_of_simulate(workplace: Path) -> None:

@@ -34,8 +34,10 @@ def model_card(manifest: Mapping[str, Any]) -> str:
         "## Use",
         "",
         "```",
-        "tipforce estimate THIS_FOLDER video.mp4 -o forces.csv",
+        "tipforce estimate THIS_FOLDER video.mp4 --bench bench.toml -o forces.csv",
         "```",
+        "",
+        _needs(facts),
         "",
         "## What it sees",
         "",
@@ -69,6 +71,16 @@ def model_card(manifest: Mapping[str, Any]) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def _needs(facts: Mapping[str, Any]) -> str:
+    """What `bench.toml` must state for this model."""
+    required = list(facts.get("required_metadata", ()))
+    actuation = (*facts.get("actuation", ()), *facts.get("features", ()))
+    if "knob_deg" in actuation or "actuation.knob_gain_per_m_deg" in required:
+        required.append("the angle of the knob (actuation.constant.knob_deg, where it is not in the recording)")
+    needs = f" This model needs of it: {', '.join(required)}." if required else ""
+    return f"`bench.toml` describes the bench; `tipforce init-bench -o bench.toml` writes one.{needs}"
 
 
 def _calibrated(training: Mapping[str, Any]) -> str:
