@@ -163,7 +163,10 @@ def lost(points: np.ndarray, tube: Tube) -> bool:
 
 def trained(case: Case) -> Estimator:
     """The thesis's method with the tracer in front of it, its settings found on the first frames."""
-    vision = auto_calibrate(VisionSettings(method="tracer"), [tube.image for tube in case.drawn])
+    found = auto_calibrate(VisionSettings(method="tracer"), [tube.image for tube in case.drawn])
+    vision = VisionSettings(
+        polarity=found.polarity, base_side=found.base_side, threshold=found.threshold, diameter_px=found.diameter_px
+    )
     return create("svr", {"vision": vision}).fit(training_set(case.size))
 
 

@@ -25,7 +25,7 @@ from tipforce.errors import InputError
 from tipforce.io import RecordingReader
 from tipforce.simulation import Truth, read_truth
 from tipforce.types import SessionInfo
-from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate, for_session
+from tipforce.vision import ResolvedVision, ShapeDetector, VisionSettings, auto_calibrate, for_session
 
 FIRST, SPREAD = 50, 16
 HIDDEN = 0.03
@@ -57,7 +57,7 @@ def covered(curve: np.ndarray, visible: float, size: tuple[int, int]) -> bool:
     return visible < float(inside.mean()) - HIDDEN
 
 
-def settled_together(paths: list[Path]) -> dict[str, VisionSettings]:
+def settled_together(paths: list[Path]) -> dict[str, ResolvedVision]:
     """By view, settled once on `SPREAD` pictures spread over all recordings at ``paths``."""
     images: dict[str, list[np.ndarray]] = {}
     infos: dict[str, list[SessionInfo]] = {}
@@ -71,7 +71,7 @@ def settled_together(paths: list[Path]) -> dict[str, VisionSettings]:
 
 
 def session(
-    path: Path, truth: Truth, shared: dict[str, VisionSettings], options: argparse.Namespace
+    path: Path, truth: Truth, shared: dict[str, ResolvedVision], options: argparse.Namespace
 ) -> list[dict[str, Any]]:
     """Every so many frames of each view of a recording."""
     with RecordingReader(path) as reader:
@@ -83,7 +83,7 @@ def one_view(
     view: str,
     path: Path,
     truth: Truth,
-    shared: dict[str, VisionSettings],
+    shared: dict[str, ResolvedVision],
     options: argparse.Namespace,
 ) -> list[dict[str, Any]]:
     """Every so many frames of one view."""

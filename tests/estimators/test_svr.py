@@ -194,8 +194,8 @@ def test_pictures_are_learnt_from_and_what_they_hide_is_said(tmp_path: Path) -> 
     write_pictures(tmp_path / "data")
     data = open_dataset(tmp_path / "data")
     svr = fitted(data, force="components", features={"kind": "legendre", "degree": 3})
-    assert svr.settings.vision.polarity == "dark"
-    assert svr.settings.vision.base_side == "left"
+    assert svr.fitted_.vision.polarity == "dark"
+    assert svr.fitted_.vision.base_side == "left"
     error = np.array([a.force_n[1] for a in svr.predict(data)]) - data.force_n[:, 1]
     assert np.sqrt(np.mean(error**2)) < 0.01
     stream = svr.start(SessionInfo())

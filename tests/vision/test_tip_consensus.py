@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tipforce.types import Catheter, FloatArray, SessionInfo, Status, ViewInfo
-from tipforce.vision import DetectedShape, Tracer, VisionSettings, auto_calibrate, for_session
+from tipforce.vision import DetectedShape, ResolvedVision, Tracer, VisionSettings, auto_calibrate, for_session
 from tipforce.vision._auto_calibrate import _TEMPLATES
 from tipforce.vision._session_size import learn_tip_template
 from tipforce.vision._tip_consensus import axis_offset, shift_tip
@@ -106,7 +106,7 @@ def test_a_tip_that_differs_from_the_template_is_refused() -> None:
 def test_a_tip_template_that_no_image_fits_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     times = []
 
-    def learn(settings: VisionSettings, images: Sequence[np.ndarray], lines: Sequence[FloatArray | None]):
+    def learn(settings: ResolvedVision, images: Sequence[np.ndarray], lines: Sequence[FloatArray | None]):
         learnt = learn_tip_template(settings, images, lines)
         assert learnt.tip_template is not None
         times.append(learnt)

@@ -10,7 +10,15 @@ import pytest
 
 from tipforce.errors import InputError
 from tipforce.types import Status
-from tipforce.vision import DetectedShape, ShapeDetector, Tracer, VisionSettings, auto_calibrate, inspect_image
+from tipforce.vision import (
+    DetectedShape,
+    ResolvedVision,
+    ShapeDetector,
+    Tracer,
+    VisionSettings,
+    auto_calibrate,
+    inspect_image,
+)
 
 from .conftest import load  # type: ignore[import-not-found]
 
@@ -181,7 +189,8 @@ def test_the_calibrated_threshold_parts_a_shaft_with_a_highlight_from_its_ground
         image = (tube.image * (1 - weight) + ground * weight).astype(np.uint8)
         resolved = auto_calibrate(VisionSettings(polarity="light" if light else "dark", base_side="left"), [image])
         assert resolved.threshold == pytest.approx(0.5 * (ground + shaft), abs=0.25 * abs(ground - shaft))
-        assert ShapeDetector(resolved.model_copy(update={"method": "classic"})).detect(image).found
+        classic = resolved.model_copy(update={"settings": VisionSettings(method="classic")})
+        assert ShapeDetector(classic).detect(image).found
 
 
 def test_auto_calibration_without_a_frame_says_so() -> None:
@@ -277,3 +286,26 @@ def test_a_region_outside_the_image_is_said_to_lie_there(place: str, box: tuple[
 def test_what_is_no_image_is_refused(image: np.ndarray) -> None:
     with pytest.raises(InputError, match="uint8"):
         Tracer(KNOWN).detect(image)
+
+
+def test_what_is_stated_stands_and_what_is_found_is_kept_beside_it() -> None:
+    images = [drawn(seed, "bottom").image for seed in range(3)]
+    stated = VisionSettings(base_side="bottom", threshold=100, diameter_px=12.5, points=40)
+    resolved = auto_calibrate(stated, images)
+    assert resolved.settings == stated
+    assert stated.polarity == "auto"
+    assert (resolved.polarity, resolved.base_side, resolved.threshold, resolved.diameter_px) == (
+        "dark", "bottom", 100, 12.5,
+    )  # fmt: skip
+    again = ResolvedVision.model_validate_json(resolved.model_dump_json())
+    assert again == resolved
+    first, second = ShapeDetector(resolved).detect(images[0]), ShapeDetector(again).detect(images[0])
+    assert first.centreline is not None
+    assert second.centreline is not None
+    assert len(first.centreline.points) == 40
+    assert np.array_equal(first.centreline.points, second.centreline.points)
+
+
+def test_the_tracer_wants_a_polarity_and_a_base_side() -> None:
+    with pytest.raises(InputError, match="auto_calibrate"):
+        Tracer(VisionSettings(polarity="dark"))

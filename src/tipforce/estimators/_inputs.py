@@ -7,7 +7,15 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import angle_matrix, arc_length, turning_angles
 from ..types import FloatArray, Image, Observation, SessionInfo, ShapeFeatures, Status
-from ..vision import NoFeatures, ShapeDetector, ShapeFeatureSettings, feature_names, for_session, shape_features
+from ..vision import (
+    NoFeatures,
+    ResolvedVision,
+    ShapeDetector,
+    ShapeFeatureSettings,
+    feature_names,
+    for_session,
+    shape_features,
+)
 from ._reading import Abstention, read_actuation, read_view
 from ._settings import AngleSettings, SvrSettings
 
@@ -20,13 +28,20 @@ class Inputs:
     """Reads observations; one for each session, because `ShapeDetector` keeps its working memory.
 
     ``info``: of that session. ``actuation``: the names wanted, in order. ``shape``: names that ready-made shape
-    numbers must have, in order; None where it is not settled yet (training).
+    numbers must have, in order; None while training. ``vision``: of an auto-calibration; None: what the settings leave
+    open is resolved on each image.
     """
 
     def __init__(
-        self, settings: SvrSettings, actuation: Sequence[str], info: SessionInfo, shape: Sequence[str] | None = None
+        self,
+        settings: SvrSettings,
+        actuation: Sequence[str],
+        info: SessionInfo,
+        shape: Sequence[str] | None = None,
+        vision: ResolvedVision | None = None,
     ) -> None:
-        self._settings, self._view, self._context = settings, settings.vision.view, info
+        self._settings, self._view = settings, settings.vision.view
+        self._detection = settings.vision if vision is None else for_session(vision, info)
         self._actuation = tuple(actuation)
         self._vision: ShapeDetector | None = None
         self._angles = None
@@ -53,7 +68,7 @@ class Inputs:
 
     def _picture(self, image: Image) -> FloatArray | Abstention:
         if self._vision is None:
-            self._vision = ShapeDetector(for_session(self._settings.vision, self._context))
+            self._vision = ShapeDetector(self._detection)
         sighting = self._vision.detect(image)
         if not sighting.found:
             return Abstention(sighting.status, sighting.detail)

@@ -6,6 +6,7 @@ from ..types import FloatArray, Observation, SessionInfo, ShapeFeatures, Status
 from ..vision import (
     DetectedShape,
     NoFeatures,
+    ResolvedVision,
     ShapeDetector,
     ShapeFeatureSettings,
     VisionSettings,
@@ -28,13 +29,14 @@ class ShowsShape(Protocol):
 
 
 def look_with(
-    vision: VisionSettings, features: ShapeFeatureSettings, observation: Observation, info: SessionInfo
+    vision: VisionSettings | ResolvedVision, features: ShapeFeatureSettings, observation: Observation, info: SessionInfo
 ) -> tuple[DetectedShape, FloatArray | None]:
     """`ShowsShape.look` for a method that sees by ``vision`` and learns from ``features``."""
     image = observation.views.get(vision.view)
     if image is None or isinstance(image, ShapeFeatures):
         return DetectedShape(Status.MISSING_INPUT, f"there is no picture in the view {vision.view!r}"), None
-    sighting = ShapeDetector(for_session(vision, info)).detect(image)
+    detection = for_session(vision, info) if isinstance(vision, ResolvedVision) else vision
+    sighting = ShapeDetector(detection).detect(image)
     values = shape_features(sighting, features)
     return sighting, None if isinstance(values, NoFeatures) else fitted_curve(sighting, features, values)
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ..datasets import Dataset
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, IntArray, Observation
+from ..vision import ResolvedVision
 from ._inputs import Inputs
 from ._reading import Abstention
 from ._settings import SvrSettings
@@ -46,7 +47,11 @@ class Rows:
 
 
 def gather_rows(
-    settings: SvrSettings, actuation: Sequence[str], dataset: Dataset, report: Callable[[float], None]
+    settings: SvrSettings,
+    actuation: Sequence[str],
+    dataset: Dataset,
+    report: Callable[[float], None],
+    vision: ResolvedVision | None = None,
 ) -> Rows:
     """Features and labels of the samples of ``dataset`` whose shape is known."""
     source = dataset.whole or dataset
@@ -64,9 +69,11 @@ def gather_rows(
         return (() if view is None else inputs.names(view)), inputs.read(observation)
 
     recipe = settings.model_dump_json(include={"vision", "features", "angles"}) + repr(tuple(actuation))
+    if vision is not None:
+        recipe += vision.model_dump_json()
     seen: list[tuple[tuple[str, ...], FloatArray | Abstention]] = []
     for name in frames.sessions:
-        inputs = Inputs(settings, actuation, frames.session_info[name])
+        inputs = Inputs(settings, actuation, frames.session_info[name], vision=vision)
         seen += frames.subset(frames.session == name).derive(f"svr inputs {recipe}", partial(read, inputs=inputs))
     found: dict[int, FloatArray] = {}
     why_not = ""

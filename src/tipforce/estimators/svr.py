@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ..datasets import Dataset
 from ..errors import InputError, ModelError, NotFittedError
 from ..types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
-from ..vision import DetectedShape, auto_calibrate
+from ..vision import DetectedShape, ResolvedVision, auto_calibrate
 from ._base import Estimator, Progress
 from ._builder import AXES, EstimateBuilder
 from ._inputs import Inputs
@@ -56,6 +56,8 @@ class _Fitted:
     samples: int
     unseen: int
     sessions: int
+    vision: ResolvedVision | None
+    """Of the auto-calibration; None where the data hold no images."""
 
     @property
     def targets(self) -> tuple[str, ...]:
@@ -94,9 +96,11 @@ class Svr(Estimator):
         count = len(dataset)
         if count < MIN_SAMPLES:
             raise InputError(f"{dataset.title}: has {count} samples; training svr needs at least {MIN_SAMPLES}")
-        settings = self._settled(dataset)
+        settings, vision = self.settings, self._calibrated_vision(dataset)
         actuation = actuation_names(settings.actuation, dataset)
-        rows = gather_rows(settings, actuation, dataset, lambda share: report("seeing the catheter", 0.4 * share))
+        rows = gather_rows(
+            settings, actuation, dataset, lambda share: report("seeing the catheter", 0.4 * share), vision
+        )
         if len(rows.features) < MIN_SAMPLES:
             raise InputError(
                 f"{dataset.title}: the catheter's shape is known in {len(rows.features)} of {count} samples, svr needs "
@@ -120,7 +124,6 @@ class Svr(Estimator):
         share = len(part) / len(rows.features)
         constants = [replace(each, c=each.c * share) for each in constants]
         machines = fit_machines(rows.features, rows.learn_n, constants, shift, scale, linear)
-        self.settings = settings
         self.fitted_ = _Fitted(
             actuation=actuation,
             shape=rows.names,
@@ -132,6 +135,7 @@ class Svr(Estimator):
             samples=len(rows.features),
             unseen=unseen,
             sessions=len(set(rows.session.tolist())),
+            vision=vision,
         )
         report("training", 1.0)
         return self
@@ -142,7 +146,9 @@ class Svr(Estimator):
         Raises InputError where the catheter is found in none of its pictures, NotFittedError before ``fit``.
         """
         report, fitted = progress or _silent, self._known()
-        rows = gather_rows(self.settings, fitted.actuation, dataset, lambda share: report("calibrating", share))
+        rows = gather_rows(
+            self.settings, fitted.actuation, dataset, lambda share: report("calibrating", share), fitted.vision
+        )
         if not len(rows.features):
             raise InputError(
                 f"{dataset.title}: intervals cannot be found on {len(dataset)} samples without a known shape; the "
@@ -155,8 +161,8 @@ class Svr(Estimator):
         self.fitted_ = replace(fitted, interval=interval)
         return self
 
-    def _settled(self, dataset: Dataset) -> SvrSettings:
-        """The settings with the vision's "auto" decided on pictures spread over the dataset."""
+    def _calibrated_vision(self, dataset: Dataset) -> ResolvedVision | None:
+        """Auto-calibrates the vision on images spread over the dataset; returns None where it holds no images."""
         some = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, SETTLING_SAMPLES).astype(np.int64)))
         warn_of_sizes(dataset, self.settings.vision.view)
         images: list[Image] = []
@@ -167,12 +173,11 @@ class Svr(Estimator):
                 images.append(view)
                 infos.append(dataset.session_info[session])
         if not images:
-            return self.settings
+            return None
         try:
-            settled = auto_calibrate(self.settings.vision, images, infos)
+            return auto_calibrate(self.settings.vision, images, infos)
         except InputError as error:
             raise InputError(f"{dataset.title}: {error}") from None
-        return self.settings.model_copy(update={"vision": settled})
 
     def start(self, info: SessionInfo) -> "SvrStream":
         """A stream for one session; ``info`` tells scale and catheter. Raises NotFittedError before ``fit``."""
@@ -180,7 +185,8 @@ class Svr(Estimator):
 
     def look(self, observation: Observation, info: SessionInfo) -> tuple[DetectedShape, FloatArray | None]:
         """What is seen in the picture, and the fitted curve (n, 2) in image points: see `ShowsShape`."""
-        return look_with(self.settings.vision, self.settings.features, observation, info)
+        vision = (self.fitted_ and self.fitted_.vision) or self.settings.vision
+        return look_with(vision, self.settings.features, observation, info)
 
     def normalised(self, dataset: Dataset) -> tuple[tuple[str, ...], FloatArray, tuple[str, ...], FloatArray]:
         """Thesis table 3: names (k,) and scaled values (m, k) of the features, then (t,) and (m, t) of the forces.
@@ -188,7 +194,7 @@ class Svr(Estimator):
         Samples without a shape are left out. With a window, a feature's name says how old it is.
         """
         fitted = self._known()
-        rows = gather_rows(self.settings, fitted.actuation, dataset, lambda _: None)
+        rows = gather_rows(self.settings, fitted.actuation, dataset, lambda _: None, fitted.vision)
         machines, lags = fitted.machines, self.settings.window.lags_ms
         own = (*fitted.shape, *fitted.actuation)
         names = tuple(name if lag == 0 else f"{name} {lag:g} ms ago" for lag in lags for name in own)
@@ -222,6 +228,7 @@ class Svr(Estimator):
             "samples": fitted.samples,
             "unseen": fitted.unseen,
             "sessions": fitted.sessions,
+            "vision": None if fitted.vision is None else fitted.vision.model_dump(mode="json"),
             "parity_n": fitted.machines.parity_n,
         }
         return values, fitted.machines.arrays()
@@ -247,6 +254,7 @@ class Svr(Estimator):
             samples=values["samples"],
             unseen=values["unseen"],
             sessions=values["sessions"],
+            vision=None if values["vision"] is None else ResolvedVision.model_validate(values["vision"]),
         )
         return svr
 
@@ -290,7 +298,7 @@ class SvrStream:
     """One session, frame after frame."""
 
     def __init__(self, settings: SvrSettings, fitted: _Fitted, info: SessionInfo) -> None:
-        self._inputs = Inputs(settings, fitted.actuation, info, fitted.shape)
+        self._inputs = Inputs(settings, fitted.actuation, info, fitted.shape, fitted.vision)
         self._window = Window(settings.window) if settings.window.used else None
         self._machines = fitted.machines
         self._answers = EstimateBuilder(fitted.known, fitted.interval)

@@ -14,6 +14,7 @@ from ..types import Frame, Image, SessionInfo, Source
 from ..vision import (
     ClassicDetector,
     Inspection,
+    ResolvedVision,
     ShapeDetector,
     ShapeFeatureSettings,
     Tally,
@@ -41,7 +42,7 @@ class InspectionSheet:
     figures: dict[str, Any]
     drawing: Image
     picture: Image
-    vision: VisionSettings
+    vision: VisionSettings | ResolvedVision
 
     def thesis_figures(self) -> "dict[str, Figure]":
         """Thesis figures 17 and 18 of ``picture``: what thesis algorithm 1 makes of it."""
@@ -106,7 +107,8 @@ def inspect_sessions(
 
     ``total``: of the pictures, for ``progress``. Raises InputError where there is none.
     """
-    tally, first, settled = Tally(room), None, vision
+    tally, first = Tally(room), None
+    settled: VisionSettings | ResolvedVision = vision
     for info, session in sessions:
         if not session:
             continue
@@ -142,7 +144,7 @@ def _spread(source: Source, view: str, total: int) -> list[Image]:
     return [frame.image for frame in islice(_frames(source, view), 0, step * _SETTLING, step)]
 
 
-def _settled(vision: VisionSettings, images: list[Image], info: SessionInfo) -> VisionSettings:
+def _settled(vision: VisionSettings, images: list[Image], info: SessionInfo) -> VisionSettings | ResolvedVision:
     """``vision`` with what it leaves open decided on ``images``; as it is where they show no catheter."""
     try:
         return auto_calibrate(vision, images, info)
@@ -154,10 +156,14 @@ def _frames(source: Source, view: str) -> Iterator[Frame]:
     return (event for event in source if isinstance(event, Frame) and event.view == view)
 
 
-def _stated(settled: VisionSettings, given: VisionSettings) -> str:
+def _as_stated(given: VisionSettings) -> ResolvedVision | None:
+    return None if "auto" in (given.polarity, given.base_side) else ResolvedVision.stated(given)
+
+
+def _stated(settled: VisionSettings | ResolvedVision, given: VisionSettings) -> str:
     threshold = "automatic" if settled.threshold is None else str(settled.threshold)
     text = f"settings   {settled.method}, catheter {settled.polarity}, base {settled.base_side}, threshold {threshold}"
-    if settled == given or given.base_region is not None:
+    if not isinstance(settled, ResolvedVision) or settled == _as_stated(given) or given.base_region is not None:
         return text
     return (
         f"{text}: found automatically; where the drawing shows another thing, state polarity and base_side of the view "

@@ -8,7 +8,7 @@ from ._draw import contact_sheet, draw_estimate, draw_shape, shaft_mask
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._inspect import Inspection, InspectSettings, Reasons, Tally, inspect_image
 from ._session_size import for_session
-from ._settings import BaseSide, Polarity, VisionSettings
+from ._settings import BaseSide, Polarity, ResolvedVision, VisionSettings
 from ._thesis_figures import figure_17, figure_18
 from .tracer import Tracer
 
@@ -22,6 +22,7 @@ __all__ = [
     "NoFeatures",
     "Polarity",
     "Reasons",
+    "ResolvedVision",
     "ShapeDetector",
     "ShapeFeatureSettings",
     "Tally",

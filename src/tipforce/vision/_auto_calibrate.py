@@ -10,8 +10,8 @@ import numpy as np
 from ..errors import InputError
 from ..types import FloatArray, Image, SessionInfo, Status
 from ._detected_shape import DetectedShape
-from ._session_size import for_session, learn_length, learn_tip_template, on_axis, with_nominal
-from ._settings import BaseSide, Polarity, VisionSettings
+from ._session_size import for_session, learn_length, learn_tip_template, on_axis, with_nominal, with_view
+from ._settings import BaseSide, Polarity, ResolvedVision, VisionSettings
 from .tracer import Trace, Tracer
 
 __all__ = ["auto_calibrate", "is_resolved"]
@@ -52,23 +52,23 @@ def _convincing(trace: Trace, noise: float) -> bool:
     )
 
 
-def _threshold(settings: VisionSettings, frames: Sequence[Image], infos: Sequence[SessionInfo]) -> int | None:
+def _threshold(vision: ResolvedVision, frames: Sequence[Image], infos: Sequence[SessionInfo]) -> int | None:
     """Returns the grey level half-way from the shaft to what lies beside it, or further if that would lose frames.
 
     None where the catheter is detected in no frame.
     """
 
-    def detected(tried: VisionSettings) -> list[DetectedShape]:
+    def detected(tried: ResolvedVision) -> list[DetectedShape]:
         return [Tracer(for_session(tried, c)).detect(frame) for frame, c in zip(frames, infos, strict=True)]
 
-    levels = [_levels(frame, shape) for frame, shape in zip(frames, detected(settings), strict=True) if shape.found]
+    levels = [_levels(frame, shape) for frame, shape in zip(frames, detected(vision), strict=True) if shape.found]
     if not levels:
         return None
     shaft, ground = (statistics.median(values) for values in zip(*levels, strict=True))
     threshold = 0
     for share in (0.5, 0.75, 1.0):
         threshold = round(shaft + share * (ground - shaft))
-        if sum(shape.found for shape in detected(settings.model_copy(update={"threshold": threshold}))) >= len(levels):
+        if sum(shape.found for shape in detected(vision.model_copy(update={"threshold": threshold}))) >= len(levels):
             break
     return threshold
 
@@ -95,15 +95,14 @@ def _levels(image: Image, shape: DetectedShape) -> tuple[float, float]:
 
 
 def _best_side(
-    settings: VisionSettings, frames: Sequence[Image], infos: Sequence[SessionInfo], reasons: list[str]
-) -> tuple[VisionSettings, list[Trace | None]] | None:
-    """Returns the side and polarity with the best shafts, and each frame's trace if convincing; fills ``reasons``."""
+    vision: ResolvedVision, ways: Sequence[tuple[BaseSide, Polarity]], frames: Sequence[Image],
+    infos: Sequence[SessionInfo], reasons: list[str],
+) -> tuple[ResolvedVision, list[Trace | None]] | None:  # fmt: skip
+    """Returns the one of ``ways`` with the best shafts, and each frame's trace if convincing; fills ``reasons``."""
     noise = [_noise(frame) for frame in frames]
-    sides = _SIDES if settings.base_side == "auto" else (settings.base_side,)
-    polarities = _POLARITIES if settings.polarity == "auto" else (settings.polarity,)
-    best: tuple[float, VisionSettings, list[Trace | None]] | None = None
-    for side, polarity in product(sides, polarities):
-        tried = settings.model_copy(update={"base_side": side, "polarity": polarity})
+    best: tuple[float, ResolvedVision, list[Trace | None]] | None = None
+    for side, polarity in ways:
+        tried = vision.model_copy(update={"base_side": side, "polarity": polarity})
         found = [Tracer(for_session(tried, c)).best_trace(frame) for frame, c in zip(frames, infos, strict=True)]
         traces = [
             trace if trace and _convincing(trace, n) else None for (trace, _), n in zip(found, noise, strict=True)
@@ -121,11 +120,11 @@ def _best_side(
 
 
 def _lines(
-    settings: VisionSettings, frames: Sequence[Image], infos: Sequence[SessionInfo], traces: Sequence[Trace | None]
+    vision: ResolvedVision, frames: Sequence[Image], infos: Sequence[SessionInfo], traces: Sequence[Trace | None]
 ) -> list[FloatArray | None]:
     """Returns the centreline in each frame whose trace is convincing."""
     lines = [
-        Tracer(for_session(settings, c)).detect(frame).centreline if trace else None
+        Tracer(for_session(vision, c)).detect(frame).centreline if trace else None
         for frame, c, trace in zip(frames, infos, traces, strict=True)
     ]
     return [line.points if line else None for line in lines]
@@ -133,7 +132,7 @@ def _lines(
 
 def auto_calibrate(
     settings: VisionSettings, images: Iterable[Image], infos: SessionInfo | Sequence[SessionInfo] | None = None
-) -> VisionSettings:
+) -> ResolvedVision:
     """Finds what ``settings`` leave open on the first 16 of ``images``: polarity, base side, threshold, diameter.
 
     Every open combination of side and polarity is traced; the one with the longest, clearest shaft that ends inside
@@ -147,13 +146,13 @@ def auto_calibrate(
         infos: what is known of the session; or one entry for each image.
 
     Returns:
-        The settings with the found values.
+        The settings with all values, stated or found.
 
     Raises:
         InputError: no frame shows a catheter.
     """
     if is_resolved(settings) and (infos is None or settings.length_px is not None):
-        return settings
+        return ResolvedVision.stated(settings)
     frames = list(islice(images, _FRAMES))
     if not frames:
         raise InputError("there is no frame for the auto-calibration of the vision settings; give at least one")
@@ -161,10 +160,16 @@ def auto_calibrate(
     each = each[: len(frames)]
     reasons: list[str] = []
     found = None
-    sized = with_nominal(settings, each[0])
+    stated = with_view(settings, each[0])
+    sides = _SIDES if stated.base_side == "auto" else (stated.base_side,)
+    polarities = _POLARITIES if stated.polarity == "auto" else (stated.polarity,)
+    ways = tuple(product(sides, polarities))
+    first_way = stated.model_copy(update={"base_side": sides[0], "polarity": polarities[0]})
+    start = ResolvedVision.stated(first_way).model_copy(update={"settings": settings})
+    sized = with_nominal(start, each[0])
     # a view that shows only a part of the catheter must not be rejected for its length
-    for start in dict.fromkeys((sized, sized.model_copy(update={"length_px": settings.length_px}))):
-        found = found or _best_side(start, frames, each, reasons)
+    for tried in dict.fromkeys((sized, sized.model_copy(update={"length_px": settings.length_px}))):
+        found = found or _best_side(tried, ways, frames, each, reasons)
     if found is None:
         different = list(dict.fromkeys(reason for reason in reasons if reason))
         what = different[0] if len(different) == 1 else f"{len(reasons)} combinations of side and polarity tried"

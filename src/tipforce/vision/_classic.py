@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ..geometry import fit_polynomial
 from ..types import BasePose, BoolArray, CentrelinePx, FloatArray, Image, IntArray, Status
 from ._detected_shape import DetectedShape
-from ._settings import VisionSettings
+from ._settings import ResolvedVision, VisionSettings
 
 __all__ = ["ClassicDetector", "ClassicSteps", "grey_of", "resampled"]
 
@@ -64,7 +64,7 @@ class ClassicDetector:
     the left side, and the polarity with fewer pixels.
     """
 
-    def __init__(self, settings: VisionSettings) -> None:
+    def __init__(self, settings: VisionSettings | ResolvedVision) -> None:
         self.settings = settings
 
     def detect(self, image: Image) -> DetectedShape:

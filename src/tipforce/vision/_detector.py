@@ -7,7 +7,7 @@ from ..types import Image, Status
 from ._auto_calibrate import auto_calibrate, is_resolved
 from ._classic import ClassicDetector
 from ._detected_shape import DetectedShape
-from ._settings import VisionSettings
+from ._settings import ResolvedVision, VisionSettings
 from .tracer import Tracer
 
 __all__ = ["ShapeDetector"]
@@ -17,27 +17,33 @@ class _Detector(Protocol):
     def detect(self, image: Image) -> DetectedShape: ...
 
 
-def _detector(settings: VisionSettings) -> _Detector:
-    return ClassicDetector(settings) if settings.method == "classic" else Tracer(settings)
+def _detector(vision: ResolvedVision | VisionSettings) -> _Detector:
+    return ClassicDetector(vision) if vision.method == "classic" else Tracer(vision)
 
 
 class ShapeDetector:
-    """Detects the catheter in one image after another, by the method that ``settings`` names.
+    """Detects the catheter in one image after another, by the method that the settings name.
 
     The result depends on the image and the settings alone. Settings that leave something open are resolved on each
     image anew: where there are many, resolve them once with `auto_calibrate`.
     """
 
-    def __init__(self, settings: VisionSettings) -> None:
-        self.settings = settings
-        self._detector = _detector(settings) if settings.method == "classic" or is_resolved(settings) else None
+    def __init__(self, vision: ResolvedVision | VisionSettings) -> None:
+        self.settings = vision
+        self._open: VisionSettings | None = None
+        self._detector: _Detector | None = None
+        if isinstance(vision, ResolvedVision) or vision.method == "classic" or is_resolved(vision):
+            self._detector = _detector(vision)
+        else:
+            self._open = vision
 
     def detect(self, image: Image) -> DetectedShape:
         """Returns the catheter's shape in ``image``, (h, w) grey or (h, w, 3) RGB, uint8; or why it was not found."""
-        if self._detector is not None:
-            return self._detector.detect(image)
-        try:
-            resolved = auto_calibrate(self.settings, [image])
-        except InputError as error:
-            return DetectedShape(Status.NO_CATHETER, str(error))
-        return _detector(resolved).detect(image)
+        detector = self._detector
+        if detector is None:
+            assert self._open is not None
+            try:
+                detector = Tracer(auto_calibrate(self._open, [image]))
+            except InputError as error:
+                return DetectedShape(Status.NO_CATHETER, str(error))
+        return detector.detect(image)

@@ -16,7 +16,7 @@ from ._classic import ClassicDetector
 from ._detected_shape import DetectedShape
 from ._draw import contact_sheet, draw_shape
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
-from ._settings import VisionSettings
+from ._settings import ResolvedVision, VisionSettings
 
 __all__ = ["InspectSettings", "Inspection", "Reasons", "Tally", "inspect_image"]
 
@@ -85,7 +85,7 @@ class Inspection:
 def inspect_image(
     image: Image,
     detect: Callable[[Image], DetectedShape],
-    vision: VisionSettings,
+    vision: VisionSettings | ResolvedVision,
     features: ShapeFeatureSettings | None = None,
 ) -> Inspection:
     """Runs ``detect`` on ``image``, fits the features, draws mask, centreline, base frame and fitted curve."""

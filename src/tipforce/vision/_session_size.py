@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..types import FloatArray, Image, SessionInfo
-from ._settings import VisionSettings
+from ._settings import ResolvedVision, VisionSettings
 from ._tip_consensus import axis_offset, build_tip_template, common_tip, shift_tip
 
-__all__ = ["for_session", "learn_length", "learn_tip_template", "on_axis", "with_nominal"]
+__all__ = ["for_session", "learn_length", "learn_tip_template", "on_axis", "with_nominal", "with_view"]
 
 _WIDER = 1.03
 """Detected flanks are so much further apart than the catheter is thick: blur and the lustre of its rim."""
@@ -32,8 +32,8 @@ def _nominal_px(info: SessionInfo, view: str) -> tuple[float, float] | None:
     return round(length_m / scale, 2), round(catheter.diameter_m / scale, 3)
 
 
-def with_nominal(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
-    """Returns ``settings`` with the size, and what the session metadata state of the view, where these are open."""
+def with_view(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
+    """Returns ``settings`` with what the session metadata state of the view, where these are open."""
     view = info.view(settings.view)
     stated = {
         "base_side": view.base_side if settings.base_side == "auto" else None,
@@ -41,45 +41,50 @@ def with_nominal(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
         "base_region": view.base_region if settings.base_region is None else None,
         "roi": view.roi if settings.roi is None else None,
     }
-    if update := {name: value for name, value in stated.items() if value is not None}:
-        settings = settings.model_copy(update=update)
-    nominal = _nominal_px(info, settings.view)
-    if nominal is None or settings.nominal_px is not None or settings.length_px is not None:
-        return settings
-    sized: dict[str, object] = {
+    update = {name: value for name, value in stated.items() if value is not None}
+    return settings.model_copy(update=update) if update else settings
+
+
+def with_nominal(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
+    """Returns ``vision`` with the nominal size of the catheter in the image, where its length is not stated."""
+    nominal = _nominal_px(info, vision.view)
+    if nominal is None or vision.length_px is not None:
+        return vision
+    update: dict[str, object] = {
         "nominal_px": nominal,
         "length_px": round(_SHOWN * nominal[0], 2),
         "length_tolerance": _GIVE,
     }
-    if settings.diameter_px is None:
-        sized["diameter_px"] = round(_WIDER * nominal[1], 2)
-    return settings.model_copy(update=sized)
+    if vision.diameter_px is None:
+        update["diameter_px"] = round(_WIDER * nominal[1], 2)
+    return vision.model_copy(update=update)
 
 
-def for_session(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
-    """Returns ``settings`` for the catheter and the scale of another session; unchanged where these are unknown.
+def for_session(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
+    """Returns ``vision`` for the catheter and the scale of another session; unchanged where these are unknown.
 
     >>> from tipforce.types import Catheter, ViewInfo
-    >>> resolved = VisionSettings(length_px=230.0, diameter_px=12.0, nominal_px=(240.0, 11.7))
+    >>> settings = VisionSettings(polarity="dark", base_side="left", length_px=230.0, diameter_px=12.0)
+    >>> resolved = ResolvedVision.stated(settings).model_copy(update={"nominal_px": (240.0, 11.7)})
     >>> nearer = SessionInfo("day 2", Catheter("7F", 2.34e-3, 40e-3, 8e-3), {"camera": ViewInfo(0.1e-3)})
     >>> for_session(resolved, nearer).length_px
     460.0
     """
-    nominal = _nominal_px(info, settings.view)
-    if nominal is None or settings.nominal_px is None or nominal == settings.nominal_px:
-        return settings
+    nominal = _nominal_px(info, vision.view)
+    if nominal is None or vision.nominal_px is None or nominal == vision.nominal_px:
+        return vision
     update: dict[str, object] = {"nominal_px": nominal, "tip_template": None}
-    for name, now, then in zip(("length_px", "diameter_px"), nominal, settings.nominal_px, strict=True):
-        value = getattr(settings, name)
+    for name, now, then in zip(("length_px", "diameter_px"), nominal, vision.nominal_px, strict=True):
+        value = getattr(vision, name)
         if value is not None:
             update[name] = round(value * now / then, 2)
-    return settings.model_copy(update=update)
+    return vision.model_copy(update=update)
 
 
 def learn_length(
-    settings: VisionSettings, infos: Sequence[SessionInfo], images: Sequence[Image], lines: Sequence[FloatArray | None]
-) -> VisionSettings:
-    """Returns ``settings`` with the length in the images: the median over the sessions, each from all of its images.
+    vision: ResolvedVision, infos: Sequence[SessionInfo], images: Sequence[Image], lines: Sequence[FloatArray | None]
+) -> ResolvedVision:
+    """Returns ``vision`` with the length in the images: the median over the sessions, each from all of its images.
 
     ``lines``: the centreline of each image, None where it was not detected. The length of one session is well known;
     sessions differ in how far the catheter stands out of its sheath.
@@ -89,13 +94,13 @@ def learn_length(
         if line is not None:
             sessions.setdefault(info.name, []).append(k)
     if sum(map(len, sessions.values())) < _FRAMES:
-        return settings
+        return vision
     ratios: list[float] = []
     spreads: list[float] = []
     for members in sessions.values():
-        own = for_session(settings, infos[members[0]])
+        own = for_session(vision, infos[members[0]])
         if own.length_px is None or own.diameter_px is None:
-            return settings
+            return vision
         found = common_tip(
             [images[k] for k in members],
             [line for k in members if (line := lines[k]) is not None],
@@ -106,40 +111,40 @@ def learn_length(
         if found is not None:
             ratios.append(found[0] / own.length_px)
             spreads.append(float(np.median(np.abs(found[1] - found[0]))) / own.length_px)
-    if settings.length_px is None or not ratios:
-        return settings
+    if vision.length_px is None or not ratios:
+        return vision
     middle = statistics.median(ratios)
     apart = statistics.median(abs(ratio - middle) for ratio in ratios)
     spread = 3.0 * 1.4826 * math.hypot(apart, statistics.median(spreads))
     least = _ONE if len(sessions) == 1 else _MANY
-    return settings.model_copy(
+    return vision.model_copy(
         update={
-            "length_px": round(middle * settings.length_px, 2),
+            "length_px": round(middle * vision.length_px, 2),
             "length_tolerance": round(min(max(spread, least), _MOST), 4),
         }
     )
 
 
 def learn_tip_template(
-    settings: VisionSettings, images: Sequence[Image], lines: Sequence[FloatArray | None]
-) -> VisionSettings:
-    """Returns ``settings`` with the tip template of the images of one session; the length must be known."""
+    vision: ResolvedVision, images: Sequence[Image], lines: Sequence[FloatArray | None]
+) -> ResolvedVision:
+    """Returns ``vision`` with the tip template of the images of one session; the length must be known."""
     seen = [(image, line) for image, line in zip(images, lines, strict=True) if line is not None]
-    if settings.length_px is None or settings.diameter_px is None or len(seen) < _FRAMES:
-        return settings
+    if vision.length_px is None or vision.diameter_px is None or len(seen) < _FRAMES:
+        return vision
     template = build_tip_template(
-        [i for i, _ in seen], [line for _, line in seen], 0.5 * settings.diameter_px, settings.length_px
+        [i for i, _ in seen], [line for _, line in seen], 0.5 * vision.diameter_px, vision.length_px
     )
-    return settings.model_copy(update={"tip_template": template})
+    return vision.model_copy(update={"tip_template": template})
 
 
 def on_axis(
-    settings: VisionSettings, images: Sequence[Image], lines: Sequence[FloatArray | None]
+    vision: ResolvedVision, images: Sequence[Image], lines: Sequence[FloatArray | None]
 ) -> list[FloatArray | None]:
     """Returns the ``lines`` of one session, shifted at the tip by their common offset from the catheter's axis."""
     seen = [(image, line) for image, line in zip(images, lines, strict=True) if line is not None]
-    if settings.length_px is None or settings.diameter_px is None or len(seen) < _FRAMES:
+    if vision.length_px is None or vision.diameter_px is None or len(seen) < _FRAMES:
         return list(lines)
-    half = 0.5 * settings.diameter_px
-    offset = axis_offset([i for i, _ in seen], [line for _, line in seen], half, settings.length_px)
-    return [None if line is None else shift_tip(line, half, settings.length_px, offset) for line in lines]
+    half = 0.5 * vision.diameter_px
+    offset = axis_offset([i for i, _ in seen], [line for _, line in seen], half, vision.length_px)
+    return [None if line is None else shift_tip(line, half, vision.length_px, offset) for line in lines]

@@ -4,7 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["BaseSide", "Box", "Polarity", "VisionSettings"]
+from ..errors import InputError
+
+__all__ = ["BaseSide", "Box", "Polarity", "ResolvedVision", "VisionSettings"]
 
 Polarity = Literal["auto", "dark", "light"]
 BaseSide = Literal["auto", "left", "right", "top", "bottom"]
@@ -12,7 +14,7 @@ Box = tuple[int, int, int, int]
 
 
 class VisionSettings(BaseModel):
-    """How the catheter is detected. "auto" and None are resolved once, on several images, by `auto_calibrate`.
+    """What a user says about the detection. "auto" and None are resolved on images, by `auto_calibrate`.
 
     Boxes are (u0, v0, u1, v1) in pixels: left, top, right, bottom, the last two exclusive.
     """
@@ -40,14 +42,81 @@ class VisionSettings(BaseModel):
     length_px: Annotated[float, Field(gt=1)] | None = None
     """Length of the catheter from the base line to its tip in the image. None: unknown."""
     length_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.08
-    """``length_px`` is right within this share of it."""
-    nominal_px: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] | None = None
-    """Nominal length and diameter of the catheter in the images of the auto-calibration. In a session of another scale
-    or catheter ``length_px`` and ``diameter_px`` change in proportion; see `for_session`."""
-    tip_template: tuple[int, ...] | None = None
-    """Grey levels of the last stretch of the catheter in the session of the auto-calibration: by rows from the tip
-    back, points across and channels. None: unknown."""
+    """A stated ``length_px`` is right within this share of it."""
     max_gap_px: Annotated[float, Field(ge=0)] = 12.0
     """Longest stretch of shaft without visible flanks (rings, highlights, gaps) that is bridged."""
     points: Annotated[int, Field(ge=8)] = 64
     """Points of the centreline."""
+
+
+class ResolvedVision(BaseModel):
+    """`VisionSettings` with the values that auto-calibration found; what is stated in the settings stands.
+
+    Lengths in px of the images of the auto-calibration; `for_session` scales them. Saved as JSON.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    settings: VisionSettings
+    """What the user said."""
+    polarity: Literal["dark", "light"]
+    base_side: Literal["left", "right", "top", "bottom"]
+    base_region: Box | None = None
+    roi: Box | None = None
+    threshold: int | None = None
+    diameter_px: float | None = None
+    length_px: float | None = None
+    """Length of the catheter from the base line to its tip. None: unknown."""
+    length_tolerance: float
+    """``length_px`` is right within this share of it."""
+    nominal_px: tuple[float, float] | None = None
+    """Nominal length and diameter of the catheter. In a session of another scale or catheter ``length_px`` and
+    ``diameter_px`` change in proportion."""
+    tip_template: tuple[int, ...] | None = None
+    """Grey levels of the last stretch of the catheter in the session of the auto-calibration: by rows from the tip
+    back, points across and channels. None: unknown."""
+
+    @classmethod
+    def stated(cls, settings: VisionSettings) -> "ResolvedVision":
+        """Returns the values that ``settings`` state. Raises InputError where polarity or base side is "auto"."""
+        if settings.polarity == "auto" or settings.base_side == "auto":
+            raise InputError(
+                f"the tracer needs a polarity and a base side, got {settings.polarity} and {settings.base_side}: "
+                "state both, or find them with auto_calibrate"
+            )
+        return cls(
+            settings=settings,
+            polarity=settings.polarity,
+            base_side=settings.base_side,
+            base_region=settings.base_region,
+            roi=settings.roi,
+            threshold=settings.threshold,
+            diameter_px=settings.diameter_px,
+            length_px=settings.length_px,
+            length_tolerance=settings.length_tolerance,
+        )
+
+    @property
+    def method(self) -> Literal["tracer", "classic"]:
+        """Of the settings."""
+        return self.settings.method
+
+    @property
+    def view(self) -> str:
+        """Of the settings."""
+        return self.settings.view
+
+    @property
+    def base_columns(self) -> int:
+        """Of the settings."""
+        return self.settings.base_columns
+
+    @property
+    def max_gap_px(self) -> float:
+        """Of the settings."""
+        return self.settings.max_gap_px
+
+    @property
+    def points(self) -> int:
+        """Of the settings."""
+        return self.settings.points

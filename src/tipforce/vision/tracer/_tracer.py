@@ -9,7 +9,7 @@ import numpy as np
 from ...errors import InputError
 from ...types import BasePose, CentrelinePx, Image, Status
 from .._detected_shape import DetectedShape
-from .._settings import BaseSide, Box, VisionSettings
+from .._settings import BaseSide, Box, ResolvedVision, VisionSettings
 from ._solve import STATIONS, WORK_SIZE, ShaftFit, solve_shaft
 from ._tip_template import TEMPLATE_COLUMNS, TEMPLATE_ROWS
 from ._trace import END_BORDER, END_LOST, END_SHORT, BaseLine, Candidate, find_entries
@@ -81,10 +81,11 @@ class Tracer:
     Holds buffers, but no memory of earlier frames: the result depends on the image and the settings alone.
 
     Args:
-        settings: polarity and base side must be resolved (not "auto").
+        vision: resolved settings; or plain ones that state polarity and base side, else InputError is raised.
     """
 
-    def __init__(self, settings: VisionSettings) -> None:
+    def __init__(self, vision: ResolvedVision | VisionSettings) -> None:
+        settings = vision if isinstance(vision, ResolvedVision) else ResolvedVision.stated(vision)
         self.settings = settings
         self._line = np.zeros(8)
         self._slope = np.zeros(8)
