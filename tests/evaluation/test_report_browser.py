@@ -77,3 +77,75 @@ def test_the_page_fits_a_phone_without_scrolling_sideways(page, tmp_path):
     probe.unlink()
     wide, window = map(int, re.search(r"<title>width (\d+) of (\d+)", dom).groups())
     assert wide <= window
+
+
+def measured(page, profile, script, *flags):
+    """What a script in a copy of the page writes into its title."""
+    probe = page.with_name("probe.html")
+    code = f"<script>document.title = (() => {{ {script} }})()</script>"
+    probe.write_text(page.read_text(encoding="utf-8").replace("</body>", code + "</body>"), encoding="utf-8")
+    dom, _ = browse(probe, profile, "--dump-dom", *flags)
+    probe.unlink()
+    return re.search(r"<title>(.*?)</title>", dom).group(1)
+
+
+SMALLEST = """
+  const sizes = [];
+  const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let node = walk.nextNode(); node; node = walk.nextNode()) {
+    const holder = node.parentElement;
+    if (!node.data.trim() || !holder.getClientRects().length) continue;
+    if (holder.closest('script, title, metadata, defs')) continue;
+    const matrix = holder.getScreenCTM ? holder.getScreenCTM() : null;
+    const scale = matrix ? Math.hypot(matrix.a, matrix.b) : 1;
+    sizes.push([parseFloat(getComputedStyle(holder).fontSize) * scale, node.data.trim()]);
+  }
+  sizes.sort((one, other) => one[0] - other[0]);
+  return sizes.length + ' texts, smallest ' + sizes[0][0].toFixed(2) + ' px';
+"""
+
+
+@pytest.mark.parametrize("width", [1400, 1200, 800, 500])
+def test_no_type_is_smaller_than_12_px(page, tmp_path, width):
+    found = measured(page, tmp_path / "profile", SMALLEST, f"--window-size={width},900")
+    texts, smallest = re.match(r"(\d+) texts, smallest ([\d.]+) px", found).groups()
+    assert int(texts) > 300
+    assert float(smallest) >= 11.99
+
+
+def test_figures_leave_no_place_of_a_row_empty(page, tmp_path):
+    script = """
+      const holes = [];
+      for (const grid of document.querySelectorAll('.figures, .head')) {
+        const right = grid.getBoundingClientRect().right;
+        const rows = new Map();
+        for (const item of grid.children) {
+          const box = item.getBoundingClientRect();
+          rows.set(Math.round(box.top), Math.max(rows.get(Math.round(box.top)) || 0, box.right));
+        }
+        for (const end of rows.values()) if (right - end > 2) holes.push(right - end);
+      }
+      return holes.length + ' holes';
+    """
+    assert measured(page, tmp_path / "profile", script, "--window-size=1200,900") == "0 holes"
+
+
+def test_the_tables_of_results_fit_the_page_without_scrolling(page, tmp_path):
+    script = """
+      const tables = [...document.querySelectorAll('#scores .scroll, #agreement .scroll, #coverage .scroll')];
+      return tables.filter(each => each.scrollWidth > each.clientWidth).length + ' of ' + tables.length;
+    """
+    found = measured(page, tmp_path / "profile", script, "--window-size=1200,900")
+    wide, tables = found.split(" of ")
+    assert int(tables) >= 5
+    assert int(wide) == 0
+
+
+def test_the_printed_page_holds_its_tables_and_figures(page, tmp_path):
+    printed = tmp_path / "report.pdf"
+    browse(page, tmp_path / "profile", "--no-pdf-header-footer", f"--print-to-pdf={printed}")
+    data = printed.read_bytes()
+    assert data.startswith(b"%PDF")
+    boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", data)
+    assert boxes
+    assert all(float(width) > float(height) for width, height in boxes), "landscape: two figures fit beside each other"

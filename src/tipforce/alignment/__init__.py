@@ -3,8 +3,7 @@
 from ._find import ForceCorrections, OffsetChoice, TareChoice, find_offset, find_tare_and_inertia
 from ._inertia import StageMotion, fit_inertia
 from ._labels import Labels, label_log, labels
-from ._observations import observations
-from ._pairing import nearest_frames
+from ._observations import nearest_frames, observations
 from ._tare import find_tare, stated_tare
 from ._timing import estimate_offset, shape_coordinates
 

@@ -14,7 +14,7 @@ __all__ = ["command"]
 
 def command(
     model: Annotated[Path, typer.Argument(help="A model folder, as `tipforce train` writes it, or pretrained/NAME.")],
-    frames: Annotated[Path, typer.Argument(metavar="VIDEO|FOLDER|RUN.MCAP", help="The pictures.")],
+    frames: Annotated[Path, typer.Argument(metavar="VIDEO|FOLDER|RUN.MCAP|DATASET", help="The images.")],
     output: Annotated[
         str, typer.Option("-o", "--output", metavar="FILE", help="The table; - is standard output.")
     ] = "forces.csv",
@@ -27,6 +27,7 @@ def command(
     bench: BenchOption = None,
     fact: FactOption = None,
     knob_deg: KnobOption = None,
+    session: Annotated[str | None, typer.Option(metavar="NAME", help="Which one, of data with several.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there already.")] = False,
     json_file: JsonOption = None,
 ) -> None:
@@ -43,9 +44,9 @@ def command(
 
     What bench.toml states stands in place of what a recording holds itself.
     """
+    from ..datasets import open_source
     from ..errors import InputError
     from ..estimators import load_model
-    from ..io import open_source
     from ..pipelines import write_estimates
 
     target = sys.stdout if output == "-" else Path(output)
@@ -56,7 +57,7 @@ def command(
     estimator = load_model(model)
     knob = {} if knob_deg is None else {"knob_deg": number_from(str(knob_deg), "--knob-deg", "degrees")}
     with (
-        open_source(frames, actuation=knob, stated=stated_info(bench, fact)) as source,
+        open_source(frames, session=session, actuation=knob, stated=stated_info(bench, fact)) as source,
         progress_bar() as progress,
     ):
         report = write_estimates(estimator, source, target, overlay=overlay, full_scale_n=arrow_n, progress=progress)

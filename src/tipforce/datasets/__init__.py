@@ -3,26 +3,28 @@
 from ._dataset import Dataset, RowStore
 from ._describe import dataset_at, describe_dataset, session_images
 from ._folder import write_dataset
-from ._growing_images import GrowingImages
-from ._growing_shards import GrowingShards
-from ._image_operations import Blur, Disc, ImageOperation, Light, Noise, Warp
-from ._join import join
+from ._growing import Growing, GrowingImages, GrowingShards, SessionSamples
+from ._join import every_nth, join, random_subset, without_sessions
 from ._open import open_dataset
-from ._perturb import PERTURBATIONS, Perturbation, in_memory, perturbed
-from ._protocols import THESIS_SESSIONS, Protocol, catheter_splits, splits, standard_split, thesis_split
+from ._perturb import PERTURBATIONS, Blur, Disc, ImageOperation, Light, Noise, Perturbation, Warp, in_memory, perturbed
 from ._recordings import open_recordings
-from ._samples import Growing, SessionSamples
+from ._source import DatasetSource, open_source
 from ._splits import (
     LEAVE_ONE_OUT_SESSIONS,
+    THESIS_SESSIONS,
+    Protocol,
     Split,
     blocked_folds,
     blocked_split,
+    catheter_splits,
     random_folds,
     random_split,
     session_folds,
     session_split,
+    splits,
+    standard_split,
+    thesis_split,
 )
-from ._subsets import every_nth, random_subset, without_sessions
 
 __all__ = [
     "LEAVE_ONE_OUT_SESSIONS",
@@ -30,6 +32,7 @@ __all__ = [
     "THESIS_SESSIONS",
     "Blur",
     "Dataset",
+    "DatasetSource",
     "Disc",
     "Growing",
     "GrowingImages",
@@ -53,6 +56,7 @@ __all__ = [
     "join",
     "open_dataset",
     "open_recordings",
+    "open_source",
     "perturbed",
     "random_folds",
     "random_split",

@@ -11,19 +11,22 @@ from ..types import FloatArray, Image, SessionInfo
 from ..units import newtons_to_grams
 from ._dataset import Dataset
 from ._folder import METADATA
-from ._open import open_dataset
-from ._parquet import SUFFIX
+from ._open import holds_samples, open_dataset
 
 __all__ = ["dataset_at", "describe_dataset", "session_images"]
 
 
 def dataset_at(path: Path) -> Dataset | None:
-    """The dataset at ``path`` where it is Parquet shards or a dataset folder of several sessions, else None."""
-    shards = path.suffix == SUFFIX or (path.is_dir() and any(path.glob(f"*{SUFFIX}")))
-    if not (shards or (path / METADATA).is_file()):
+    """The dataset at ``path`` where it is more than the frames of one session, else None.
+
+    That is shards, a table, a published layout, several recordings, or a dataset folder of several sessions.
+    """
+    several = path.is_dir() and len(list(path.glob("*.mcap"))) > 1
+    if not (several or holds_samples(path)):
         return None
     dataset = open_dataset(path)
-    return dataset if shards or len(dataset.sessions) > 1 else None
+    one_folder = path.is_dir() and (path / METADATA).is_file() and len(dataset.sessions) == 1
+    return None if one_folder else dataset
 
 
 def describe_dataset(dataset: Dataset) -> tuple[list[str], dict[str, Any]]:

@@ -3,20 +3,39 @@
 from pathlib import Path
 
 from ..errors import FileFormatError
+from ..io import open_table
 from ._dataset import Dataset
 from ._folder import METADATA, open_folder
+from ._label_table import FORCES
 from ._parquet import SUFFIX, open_shards
 from ._recordings import open_recordings
 from .layouts import LAYOUTS
 
-__all__ = ["open_dataset"]
+__all__ = ["holds_samples", "open_dataset"]
+
+
+def holds_samples(path: Path) -> bool:
+    """Whether ``path`` is a dataset folder or its table, Parquet shards, or a published layout: more than frames."""
+    if path.is_file():
+        return path.suffix.lower() in (SUFFIX, ".csv")
+    if (path / METADATA).is_file():
+        return bool(set(FORCES) & set(open_table(path / METADATA, comments=False).columns))
+    return path.is_dir() and (any(path.glob(f"*{SUFFIX}")) or any(like(path) for like, _ in LAYOUTS.values()))
 
 
 def open_dataset(path: str | Path) -> Dataset:
-    """The samples in ``path``: a dataset folder, Parquet shards, one or many recordings, or a published layout.
+    """Opens labelled samples of any kind; images are read when they are used.
 
-    Images are read when they are used. Raises FileFormatError for a path that is none of these, TableError and
-    TimeError for a table that cannot be used.
+    Args:
+        path: A dataset folder or its table (.csv), Parquet shards, one or many recordings, or a published layout.
+
+    Returns:
+        The samples in the order of their sessions and stamps.
+
+    Raises:
+        FileFormatError: for a path that is none of these.
+        TableError: for a table that cannot be used.
+        TimeError: where two samples of a session have one stamp.
     """
     path = Path(path)
     if not path.exists():
@@ -24,8 +43,8 @@ def open_dataset(path: str | Path) -> Dataset:
     if path.is_file():
         if path.suffix == ".mcap":
             return open_recordings([path], path.stem)
-        if path.name == METADATA:
-            return open_folder(path.parent)
+        if path.suffix.lower() == ".csv":
+            return open_folder(path.parent, path.name)
         if path.suffix == SUFFIX:
             return open_shards([path], path.stem)
         raise FileFormatError(

@@ -34,7 +34,7 @@ class ImageFolder:
 
 
 def read_folder(folder: Path) -> ImageFolder:
-    """The images of ``folder`` in the order of their stamps.
+    """The images of ``folder`` in the order of their stamps, or the only one, where it is an image file.
 
     Stamps come from ``stamps.csv`` or ``metadata.csv`` (``file_name`` and a time column such as ``stamp_ns`` or
     ``time_s``; further columns NAME_UNIT are actuation), else from the names: ``SECONDS-NANOSECONDS``, a number with
@@ -42,6 +42,8 @@ def read_folder(folder: Path) -> ImageFolder:
     holds one, the images are still images, in the order of their names and one second apart. Raises FileFormatError
     without images or where some names only hold stamps, TimeError where stamps repeat.
     """
+    if folder.is_file():
+        return ImageFolder((folder,), _numbered(1), {}, numbered=True)
     for name in _TABLES:
         if (folder / name).exists():
             found = _from_table(folder, open_table(folder / name))

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from ..errors import FileFormatError, InputError
 from ..types import STAGE, Actuation, Event, Frame, Image, SessionInfo, Source
 from ._dicom import dicom_size, is_dicom, read_dicom
 from ._folder import frames_of, read_folder
+from ._images import is_image
 from ._reader import RecordingReader
 from ._video import read_video, video_size
 
@@ -26,7 +27,7 @@ class FileSource:
 
     def __init__(self, path: Path, actuation: Mapping[str, float], stated: SessionInfo) -> None:
         self.path = path
-        self._folder = read_folder(path) if path.is_dir() else None
+        self._folder = read_folder(path) if path.is_dir() or is_image(path) else None
         own = self._folder.actuation if self._folder else {}
         constant = {name: value for name, value in stated.actuation.constant.items() if name not in own}
         self._actuation = {**constant, **actuation}
@@ -77,7 +78,7 @@ class FileSource:
 def open_source(
     path: Path | str, *, actuation: Mapping[str, float] | None = None, stated: SessionInfo | None = None
 ) -> Source:
-    """A video, a DICOM file, a folder of images or a recording as a `Source`; a context manager, may be iterated again.
+    """A video, DICOM file, image, folder of images or recording as a `Source`; a context manager, to iterate at will.
 
     ``stated``: metadata in place of those that the file holds; constant readings of drives among them are used where
     the file carries none. ``actuation``: constant readings, too.
@@ -106,12 +107,24 @@ def frame_count(source: Source, view: str = "camera") -> int:
     if isinstance(source, RecordingReader):
         stream = source.info.streams.get(view)
         return stream.count if stream else 0
-    return source.frame_count if isinstance(source, FileSource) else 0
+    return source.frame_count if isinstance(source, _Counted) else 0
+
+
+@runtime_checkable
+class _Counted(Protocol):
+    frame_count: int
+
+
+@runtime_checkable
+class _Lacking(Protocol):
+    path: Path
+
+    def lacks(self, names: Iterable[str]) -> list[str]: ...
 
 
 def can_be_read_again(source: Source) -> bool:
     """Whether ``source`` is a file, which may be iterated more than once, and not a live stream."""
-    return isinstance(source, RecordingReader | FileSource | _Stated)
+    return isinstance(getattr(source, "path", None), Path)
 
 
 def spread_images(source: Source, view: str = "camera", count: int = 16) -> list[Image]:
@@ -137,7 +150,7 @@ def require_actuation(source: Source, names: Iterable[str]) -> None:
     """
     if isinstance(source, RecordingReader):
         path, lacking = source.path, _never_read(source, names)
-    elif isinstance(source, FileSource | _Stated):
+    elif isinstance(source, _Lacking):
         path, lacking = source.path, source.lacks(names)
     else:
         return

@@ -1,6 +1,5 @@
 """Plain functions, one a job: what the public API offers and the command line calls."""
 
-from ._describe import describe_recording
 from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_estimates
 from ._evaluate import EvaluateReport, evaluate
 from ._import_session import import_session
@@ -9,7 +8,7 @@ from ._inspect_images import InspectionSheet, inspect_frames, inspect_image_file
 from ._record import RecordingReport, record
 from ._simulate import SimulateReport, preset_settings, simulate, simulate_dataset
 from ._simulate_samples import write_samples
-from ._summary import RecordingSummary, plot_summary, summarise_recording
+from ._summary import RecordingSummary, describe_recording, plot_summary, summarise_recording
 from ._train import TrainReport, train
 
 __all__ = [

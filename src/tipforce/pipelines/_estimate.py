@@ -14,6 +14,7 @@ from typing import Any, Self, TextIO
 import numpy as np
 
 from ..alignment import observations
+from ..datasets import open_source
 from ..errors import InputError
 from ..estimators import Estimator, Progress, Stream, load_model, missing_metadata
 from ..io import (
@@ -21,7 +22,6 @@ from ..io import (
     atomic_text,
     can_be_read_again,
     frame_count,
-    open_source,
     require_actuation,
     spread_images,
 )

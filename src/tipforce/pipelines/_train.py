@@ -100,7 +100,7 @@ def train(
             done.estimator, output, done.dataset, done.metrics, calibration=done.calibration, overwrite=overwrite
         )
     manifest = read_manifest(output)
-    return TrainReport(output, done.estimator, manifest, done.metrics, tuple(training_lines(manifest)))
+    return TrainReport(output, done.estimator, manifest, done.metrics, (*dataset.remarks, *training_lines(manifest)))
 
 
 def data_of(data: Data, stated: SessionInfo | None = None) -> Dataset:

@@ -120,7 +120,9 @@ def _not_quantised(onnx: Any, graph: Any) -> list[str]:
     for node in graph.node:  # in topological order
         if node.op_type == "Conv" or convolved.intersection(node.input):
             convolved.update(node.output)
-        dense = node.op_type in ("Gemm", "MatMul") or bool(dense_inputs.intersection(node.input))
+        # the exporter may take the batch size from any input: it makes nothing dense
+        from_dense = node.op_type != "Shape" and bool(dense_inputs.intersection(node.input))
+        dense = node.op_type in ("Gemm", "MatMul") or from_dense
         if dense:
             dense_inputs.update(node.output)
         if dense or not convolved.intersection(node.output):

@@ -39,6 +39,7 @@ from ._calibration import CalibrationBatch, Outputs, quantise_checked, spread_ev
 from ._graph import Graph
 from ._network_summary import network_summary
 from ._preparation import (
+    PREPARED_FILE,
     Arrays,
     InputReader,
     PreparedData,

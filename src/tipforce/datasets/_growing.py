@@ -1,0 +1,270 @@
+"""A dataset that grows session by session, from many processes, and outlives a kill."""
+
+import csv
+import json
+import shutil
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from ..types import BoolArray, FloatArray, IntArray, SessionInfo
+from ._facts import FACTS, facts_text
+from ._folder import FILE, METADATA, cell
+from ._label_table import FORCES
+from ._parquet import IMAGE, SUFFIX, arrow
+
+__all__ = ["Growing", "GrowingImages", "GrowingShards", "SessionSamples"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionSamples:
+    """Labelled pictures of one session: n samples.
+
+    ``frame`` (n,): their numbers in it; ``stamp_ns`` (n,), ``actuation``: name -> (n,); ``force_n`` (n, 3), NaN where
+    ``known`` (3,) is False. ``pictures``: view -> n encoded pictures; ``suffix``: of their files. ``masks``: view ->
+    n PNGs, or nothing.
+    """
+
+    session_info: SessionInfo
+    frame: IntArray
+    stamp_ns: IntArray
+    actuation: Mapping[str, FloatArray]
+    force_n: FloatArray
+    known: BoolArray
+    pictures: Mapping[str, Sequence[bytes]]
+    suffix: str
+    masks: Mapping[str, Sequence[bytes]] = field(default_factory=dict[str, Sequence[bytes]])
+
+    def columns(self) -> dict[str, list[Any]]:
+        """Name -> n values, of all columns but the pictures."""
+        return {
+            "session": [self.session_info.name] * len(self.frame),
+            "stamp_ns": self.stamp_ns.tolist(),
+            **{name: values.tolist() for name, values in self.actuation.items()},
+            **{FORCES[axis]: self.force_n[:, axis].tolist() for axis in range(3) if self.known[axis]},
+        }
+
+    def names(self, view: str) -> list[str]:
+        """Path of each picture of ``view``, from the dataset's folder."""
+        return self._paths("images", view, self.suffix)
+
+    def mask_names(self, view: str) -> list[str]:
+        """Path of the mask of each picture of ``view``."""
+        return self._paths("masks", view, ".png")
+
+    def _paths(self, kind: str, view: str, suffix: str) -> list[str]:
+        more = f"-{view}" if len(self.pictures) > 1 else ""
+        return [f"{kind}/{self.session_info.name}/{number:05d}{more}{suffix}" for number in self.frame.tolist()]
+
+
+class Growing(ABC):
+    """A dataset in ``folder`` that becomes whole when ``sessions`` sessions are in it.
+
+    Sessions are added in any order and by any process, each whole or not at all; `finish` gathers them in the order of
+    their numbers, so the bytes hang on neither. What is not gathered yet lies in ``folder / PARTS``.
+    """
+
+    PARTS = ".parts"
+
+    def __init__(self, folder: Path, sessions: int) -> None:
+        self.folder, self.sessions = folder, sessions
+        self.parts = folder / self.PARTS
+
+    @property
+    def whole(self) -> bool:
+        """Whether all is there and gathered."""
+        return (self.folder / FACTS).exists() and not self.parts.exists()
+
+    @abstractmethod
+    def has(self, number: int) -> bool:
+        """Whether the session of this number was added."""
+
+    @abstractmethod
+    def add(self, number: int, samples: SessionSamples) -> None:
+        """Add one session."""
+
+    def finish(self, title: str) -> None:
+        """Gather all sessions; a kill meanwhile loses nothing, it is begun again."""
+        facts = self.parts / FACTS
+        if not facts.exists():
+            infos = [self.session_info(number) for number in range(self.sessions)]
+            put(facts, facts_text(title, infos, self.view()).encode())
+        self.gather()
+        facts.replace(self.folder / FACTS)
+        shutil.rmtree(self.parts)
+
+    @abstractmethod
+    def session_info(self, number: int) -> SessionInfo:
+        """Of a session that was added."""
+
+    @abstractmethod
+    def view(self) -> str:
+        """What the only view is called; "camera" where there are several."""
+
+    @abstractmethod
+    def gather(self) -> None:
+        """Make the final files from those of the sessions."""
+
+
+def put(path: Path, data: bytes) -> None:
+    """Write a file whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.part")
+    part.write_bytes(data)
+    part.replace(path)
+
+
+def about(samples: SessionSamples) -> dict[str, Any]:
+    """What `context_of` and `view` need, as JSON values."""
+    views = list(samples.pictures)
+    return {"session_info": samples.session_info.values(), "view": views[0] if len(views) == 1 else "camera"}
+
+
+def context_of(known: Mapping[str, Any]) -> SessionInfo:
+    """The inverse of `about`."""
+    return SessionInfo.from_values(known["session_info"])
+
+
+def as_json(values: Mapping[str, Any]) -> bytes:
+    """Compact and the same for the same values."""
+    return json.dumps(values, ensure_ascii=False, separators=(",", ":")).encode()
+
+
+class GrowingImages(Growing):
+    """``images/SESSION/FRAME.jpg``, where there are masks ``masks/SESSION/FRAME.png``; FRAME-VIEW for several views."""
+
+    def _part(self, number: int) -> Path:
+        return self.parts / f"{number:07d}.json"
+
+    def has(self, number: int) -> bool:
+        """Whether the session of this number was added."""
+        return self._part(number).exists()
+
+    def add(self, number: int, samples: SessionSamples) -> None:
+        """Write its pictures, then its rows, which say that it is whole."""
+        files: dict[str, bytes] = {}
+        for view, pictures in samples.pictures.items():
+            files.update(zip(samples.names(view), pictures, strict=True))
+        for view, masks in samples.masks.items():
+            files.update(zip(samples.mask_names(view), masks, strict=True))
+        for place in {Path(name).parent for name in files}:
+            self._fill(place, {Path(name).name: data for name, data in files.items() if Path(name).parent == place})
+        heads = [FILE] if len(samples.pictures) == 1 else [f"{view}_{FILE}" for view in samples.pictures]
+        columns = dict(zip(heads, map(samples.names, samples.pictures), strict=True)) | samples.columns()
+        rows = [[cell(value) for value in row] for row in zip(*columns.values(), strict=True)]
+        put(self._part(number), as_json({**about(samples), "columns": list(columns), "rows": rows}))
+
+    def _fill(self, place: Path, files: dict[str, bytes]) -> None:
+        """The folder ``place`` with ``files``, whole or not at all."""
+        part = self.parts / f"{place.parent.name}-{place.name}"
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir(parents=True)
+        for name, data in files.items():
+            (part / name).write_bytes(data)
+        target = self.folder / place
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(target, ignore_errors=True)  # of a session whose rows were not written any more
+        part.replace(target)
+
+    @lru_cache(maxsize=2)  # noqa: B019  the set is gone when its command ends
+    def _read(self, number: int) -> dict[str, Any]:
+        return json.loads(self._part(number).read_text(encoding="utf-8"))
+
+    def session_info(self, number: int) -> SessionInfo:
+        """Of a session that was added."""
+        return context_of(self._read(number))
+
+    def view(self) -> str:
+        """What the only view is called; "camera" where there are several."""
+        return self._read(0)["view"]
+
+    def gather(self) -> None:
+        """All rows into ``metadata.csv``."""
+        part = self.parts / METADATA
+        with part.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(self._read(0)["columns"])
+            for number in range(self.sessions):
+                writer.writerows(self._read(number)["rows"])
+        part.replace(self.folder / METADATA)
+
+
+_ABOUT = b"tipforce"
+_PER_SHARD = 2000
+"""Samples: some 150 MB of pictures of 640x480."""
+
+
+class GrowingShards(Growing):
+    """``samples-00000-of-00005.parquet`` and so on: a row group a session, whole sessions in each shard."""
+
+    def __init__(self, folder: Path, sessions: int, per_session: int) -> None:
+        super().__init__(folder, sessions)
+        arrow()  # says at once what is missing
+        self._each = max(1, _PER_SHARD // per_session)
+        self._shards = -(-sessions // self._each)
+
+    def _part(self, number: int) -> Path:
+        return self.parts / f"{number:07d}{SUFFIX}"
+
+    def _shard(self, shard: int) -> Path:
+        return self.folder / f"samples-{shard:05d}-of-{self._shards:05d}{SUFFIX}"
+
+    def has(self, number: int) -> bool:
+        """Whether the session of this number was added."""
+        return self._part(number).exists() or self._shard(number // self._each).exists()
+
+    def add(self, number: int, samples: SessionSamples) -> None:
+        """Write one session as a file of its own."""
+        pa, parquet = arrow()
+        labels = samples.columns()
+        kinds = {"session": pa.string(), "stamp_ns": pa.int64()}
+        arrays: dict[str, Any] = {}
+        features: dict[str, Any] = {}
+        for view, pictures in samples.pictures.items():
+            column = IMAGE if len(samples.pictures) == 1 else view
+            cells = [{"bytes": data, "path": name} for data, name in zip(pictures, samples.names(view), strict=True)]
+            arrays[column] = pa.array(cells, pa.struct([("bytes", pa.binary()), ("path", pa.string())]))
+            features[column] = {"_type": "Image"}
+        for name, values in labels.items():
+            kind = kinds.get(name, pa.float64())
+            arrays[name] = pa.array(values, kind)
+            features[name] = {"dtype": "float64" if kind == pa.float64() else str(kind), "_type": "Value"}
+        table = pa.table(arrays).replace_schema_metadata(
+            {b"huggingface": as_json({"info": {"features": features}}), _ABOUT: as_json(about(samples))}
+        )
+        self.parts.mkdir(parents=True, exist_ok=True)
+        part = self._part(number).with_suffix(".part")
+        parquet.write_table(table, part, compression="NONE", use_dictionary=["session"], write_statistics=False)
+        part.replace(self._part(number))
+
+    def _about(self, number: int) -> dict[str, Any]:
+        return json.loads(arrow()[1].read_schema(self._part(number)).metadata[_ABOUT])
+
+    def session_info(self, number: int) -> SessionInfo:
+        """Of a session that was added."""
+        return context_of(self._about(number))
+
+    def view(self) -> str:
+        """What the only view is called; "camera" where there are several."""
+        return self._about(0)["view"]
+
+    def gather(self) -> None:
+        """Shard by shard; the sessions' own files go as soon as theirs is whole."""
+        _, parquet = arrow()
+        for shard in range(self._shards):
+            parts = [self._part(n) for n in range(shard * self._each, min((shard + 1) * self._each, self.sessions))]
+            target = self._shard(shard)
+            if not target.exists():
+                part = self.parts / f"{target.name}.part"
+                schema = parquet.read_schema(parts[0])
+                schema = schema.with_metadata({b"huggingface": schema.metadata[b"huggingface"]})
+                options = {"compression": "NONE", "use_dictionary": ["session"], "write_statistics": False}
+                with parquet.ParquetWriter(part, schema, **options) as writer:
+                    for path in parts:
+                        writer.write_table(parquet.read_table(path).replace_schema_metadata(schema.metadata))
+                part.replace(target)
+            for path in parts:
+                path.unlink(missing_ok=True)

@@ -1,0 +1,121 @@
+"""A session of any kind of data as a `Source` of events: what estimates are made on is what is trained on."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from ..errors import FileFormatError, InputError
+from ..io import open_source as open_file_source
+from ..types import Actuation, Event, Frame, SessionInfo, ShapeFeatures, Source
+from ._dataset import Dataset
+from ._folder import METADATA
+from ._open import holds_samples, open_dataset
+
+__all__ = ["DatasetSource", "open_source"]
+
+
+class DatasetSource:
+    """One session of a dataset as a `Source`: its images and drives, never its labels.
+
+    Args:
+        dataset: Samples of one session with images.
+        path: What the dataset was opened from, for messages.
+        actuation: Constant readings. Raises InputError where the samples have a column of that name.
+        stated: Metadata in place of those that the dataset holds; constant readings among them are used where the
+            samples have none.
+    """
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        path: Path,
+        actuation: Mapping[str, float] | None = None,
+        stated: SessionInfo | None = None,
+    ) -> None:
+        stated = stated or SessionInfo()
+        (name,) = dataset.sessions
+        own = {drive for drive, values in dataset.actuation.items() if np.isfinite(values).any()}
+        if clash := own & set(actuation or {}):
+            raise InputError(f"{path}: has a column {min(clash)!r} already; do not state it a second time")
+        self.path, self.frame_count, self._dataset, self._own = path, len(dataset), dataset, own
+        self.session_info = dataset.session_info[name].updated(stated)
+        constant = self.session_info.actuation.constant.items()
+        self._constant = {drive: value for drive, value in constant if drive not in own} | dict(actuation or {})
+
+    def lacks(self, names: Iterable[str]) -> list[str]:
+        """Those of the actuation's ``names`` that never come."""
+        return [name for name in names if name not in self._constant and name not in self._own]
+
+    def __iter__(self) -> Iterator[Event]:
+        for number, observation in enumerate(self._dataset.observations()):
+            values = {**(self._constant if number == 0 else {}), **observation.actuation}
+            if values:
+                yield Actuation(observation.stamp_ns, values)
+            for view, image in observation.views.items():
+                if isinstance(image, ShapeFeatures):
+                    raise InputError(
+                        f"{self.path}: holds ready-made shape numbers and no images, which this needs; they serve "
+                        "`tipforce train` and `tipforce evaluate`"
+                    )
+                yield Frame(observation.stamp_ns, image, view)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Nothing stays open between two iterations."""
+
+
+def open_source(
+    path: Path | str,
+    *,
+    session: str | None = None,
+    actuation: Mapping[str, float] | None = None,
+    stated: SessionInfo | None = None,
+) -> Source:
+    """One session of any kind of data as a `Source`; a context manager, may be iterated again.
+
+    Args:
+        path: A recording, video, DICOM file, image or folder of images; a dataset folder, its table, Parquet shards, a
+            folder of recordings or a published layout.
+        session: Which one, where ``path`` holds several.
+        actuation: Constant readings of drives (``knob_deg``) that the data do not hold.
+        stated: Metadata in place of those that the data hold.
+
+    Raises:
+        FileFormatError: where nothing can be read.
+        InputError: where ``session`` is none of the data's or must be stated, or ``actuation`` has a name that the
+            data hold themselves.
+    """
+    where = Path(path)
+    recordings = sorted(where.glob("*.mcap")) if where.is_dir() and not (where / METADATA).is_file() else []
+    if recordings:
+        stem = _chosen(where, [recording.stem for recording in recordings], session)
+        return open_file_source(where / f"{stem}.mcap", actuation=actuation, stated=stated)
+    if not holds_samples(where):
+        source = open_file_source(where, actuation=actuation, stated=stated)
+        if session not in (None, source.session_info.name):
+            raise InputError(f"{where}: is one session, {source.session_info.name}; there is no session {session}")
+        return source
+    dataset = open_dataset(where)
+    name = _chosen(where, dataset.sessions, session)
+    part = dataset.subset(np.flatnonzero(dataset.session == name))
+    return DatasetSource(part, where, actuation, stated)
+
+
+def _chosen(path: Path, sessions: Iterable[str], wanted: str | None) -> str:
+    names = list(sessions)
+    if not names:
+        raise FileFormatError(f"{path}: holds no session")
+    if wanted is None and len(names) == 1:
+        return names[0]
+    if wanted not in names:
+        listed = ", ".join(names[:10]) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
+        said = f"holds {len(names)} sessions; state one of them" if wanted is None else f"has no session {wanted}"
+        raise InputError(f"{path}: {said}: {listed}")
+    return wanted
