@@ -152,10 +152,10 @@ def test_a_folder_that_does_not_exist_is_named(model: Path, video: Path, tmp_pat
 
 def test_facts_that_the_model_needs_are_asked_for_before_the_work(trained, video: Path, tmp_path: Path) -> None:
     class Told:
-        settings = trained.settings
-        views, required_actuation = trained.views, trained.required_actuation
         required_metadata = ("catheter.flexible_length_m", "views.camera.metres_per_px", "views.camera.base_side")
-        start = staticmethod(trained.start)
+
+        def __getattr__(self, name):
+            return getattr(trained, name)
 
     wanted = (
         r"t\.mp4: catheter\.flexible_length_m, views\.camera\.metres_per_px, views\.camera\.base_side are not stated.*"
@@ -196,11 +196,11 @@ def test_facts_that_are_none_are_refused(model, video, tmp_path, option, value, 
 
 def test_an_interval_without_an_end_is_written_as_nothing(trained, video: Path, tmp_path: Path) -> None:
     class Unsure:
-        settings = trained.settings
-        views, required_actuation, required_metadata = trained.views, trained.required_actuation, ()
+        def __getattr__(self, name):
+            return getattr(trained, name)
 
-        def start(self, info):
-            stream = trained.start(info)
+        def start(self, *words):
+            stream = trained.start(*words)
             return SimpleNamespace(update=lambda observation: widened(stream.update(observation)))
 
     def widened(estimate: ForceEstimate) -> ForceEstimate:
