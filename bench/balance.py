@@ -29,14 +29,14 @@ def measure(number: int = 0, seconds: float = 12.0, halvings: int = 2, seed: int
     """Both balances of one session: forces at the twin's own step, energy at ``halvings`` halves of it too."""
     settings = settings_of(seconds)
     session = run_session(settings, seed, number)
-    period = 1.0 / session.rig.draw.beat_hz
+    period = 1.0 / session.bench_model.parameters.beat_hz
     first = settings.tare_s + 2.0  # the approach is over
     starts = first + period * np.arange(int((seconds - first) / period) + 1)
     own = run(session, settings, 1)
     begin, end = np.searchsorted(own.time_s, starts[[0, -1]] - 1e-9)
     figures = {
         "session": number,
-        "beat_hz": session.rig.draw.beat_hz,
+        "beat_hz": session.bench_model.parameters.beat_hz,
         "forces": force_balance(own, np.arange(begin, end)),
         "energy": [],
         "energy, events resolved": [],

@@ -26,8 +26,8 @@ def mean(values: np.ndarray) -> np.ndarray:
 
 def energies(r: Run) -> dict[str, np.ndarray]:
     """(m - 1,) each, in J, of every step: `PUT_IN`, what is added to `STORED`, `LOST` by the laws, `NUMERICAL`."""
-    rig, contact, wall, shaft = r.session.rig, r.contact, r.session.rig.wall, r.settings.shaft
-    rod, d, spans = rig.rod, np.asarray(wall.normal), rig.rod.joint_spans_m
+    bench_model, contact, wall, shaft = r.session.bench_model, r.contact, r.session.bench_model.wall, r.settings.shaft
+    rod, d, spans = bench_model.rod, np.asarray(wall.normal), bench_model.rod.joint_spans_m
     u, rest = r.strain, r.rest
     memory = crept(r, u)
 

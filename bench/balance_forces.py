@@ -6,7 +6,7 @@ from bench.strains import carried, moment
 
 from tipforce.mechanics.spatial._rod import frames_of
 from tipforce.simulation.world import Load, read_sensor
-from tipforce.simulation.world._sensor import GRAVITY_M_PER_S2
+from tipforce.simulation.world._force_sensor import GRAVITY_M_PER_S2
 
 LEVER_PER_M = 25.0
 """Scales forces to moments in the least squares: one over a rod's length."""
@@ -18,7 +18,7 @@ def from_strain(r: Run, strain: np.ndarray, memory: np.ndarray, rows: np.ndarray
     The moments M_i = M_0 - p_i x F of all joints, solved for both by least squares: no use is made of where the force
     acts, or of any law of the wall.
     """
-    rod = r.session.rig.rod
+    rod = r.session.bench_model.rod
     u, rest = strain[rows], r.rest[rows]
     maxwell = r.settings.shaft.creep_share * (u - rest - memory[rows])
     springs = np.array([rod.gj_nm2, rod.bending_stiffness_nm2, rod.bending_stiffness_nm2])
@@ -45,7 +45,7 @@ def from_strain(r: Run, strain: np.ndarray, memory: np.ndarray, rows: np.ndarray
 
 def force_balance(r: Run, rows: np.ndarray) -> dict[str, float]:
     """Largest differences over the instants ``rows``, relative to the largest force or moment among them."""
-    rig, contact, wall = r.session.rig, r.contact, r.session.rig.wall
+    bench_model, contact, wall = r.session.bench_model, r.contact, r.session.bench_model.wall
     d = np.asarray(wall.normal)
     force = contact.force_n[rows]
     size = float(np.linalg.norm(force, axis=1).max())
@@ -63,8 +63,8 @@ def force_balance(r: Run, rows: np.ndarray) -> dict[str, float]:
     stretch = -wall.tangential_n_per_m * touched_way(r)
     tie = np.linalg.norm(drag[rows] - drag[rows - 1] - stretch[rows], axis=1)
 
-    load = Load(r.time_s, -contact.force_n, contact.touch_m, r.session.course.acceleration_m_per_s2)
-    angle = float(np.arctan2(rig.forward[1], rig.forward[0]))
+    load = Load(r.time_s, -contact.force_n, contact.touch_m, r.session.trajectory.acceleration_m_per_s2)
+    angle = float(np.arctan2(bench_model.forward[1], bench_model.forward[0]))
     log = read_sensor(EXACT_SENSOR, EXACT_CLOCK, load, angle, r.settings.seconds, np.random.default_rng(0))
     place = rows - round(-r.time_s[0] / r.step_s[0])
     acceleration = load.acceleration_m_per_s2[rows]

@@ -44,7 +44,7 @@ class Run:
     @property
     def strain(self) -> np.ndarray:
         """(m, k, 3)."""
-        return rotation_vectors(self.contact.quaternions) / self.session.rig.rod.joint_spans_m[:, None]
+        return rotation_vectors(self.contact.quaternions) / self.session.bench_model.rod.joint_spans_m[:, None]
 
     @property
     def events(self) -> np.ndarray:
@@ -55,9 +55,9 @@ class Run:
 
 def run(session: Session, settings: WorldSettings, finer: int) -> Run:
     """With the twin's step divided by ``finer``."""
-    course = session.course
-    steps = (course.time_s.size - 1) * finer
-    return _run(session, settings, course.time_s[0], np.full(steps, STEP_S / finer))
+    trajectory = session.trajectory
+    steps = (trajectory.time_s.size - 1) * finer
+    return _run(session, settings, trajectory.time_s[0], np.full(steps, STEP_S / finer))
 
 
 def run_fine_at_events(rough: Run, parts: int) -> Run:
@@ -69,14 +69,19 @@ def run_fine_at_events(rough: Run, parts: int) -> Run:
 
 
 def _run(session: Session, settings: WorldSettings, begin_s: float, step: np.ndarray) -> Run:
-    course, rig, shaft = session.course, session.rig, settings.shaft
+    trajectory, bench_model, shaft = session.trajectory, session.bench_model, settings.shaft
     time = begin_s + np.concatenate([[0.0], np.cumsum(step)])
-    wall = CubicSpline(course.time_s, course.wall_m)(time)
+    wall = CubicSpline(trajectory.time_s, trajectory.wall_m)(time)
     change = np.zeros((time.size, 3))
-    change[:, 2] = np.interp(time, course.time_s, course.curvature_per_m)
+    change[:, 2] = np.interp(time, trajectory.time_s, trajectory.curvature_per_m)
     press = SpatialContactSolver(
-        rig.rod, rig.wall, step[0], rig.radius_m, creep=shaft.creep_share, creep_time_s=shaft.creep_s
-    )  # fmt: skip
+        bench_model.rod,
+        bench_model.wall,
+        step[0],
+        bench_model.radius_m,
+        creep=shaft.creep_share,
+        creep_time_s=shaft.creep_s,
+    )
     # The first instant has no step before it; after it the stretches of even steps, one by one.
     before = np.insert(step, 0, step[0])
     ends = np.append(np.flatnonzero(np.diff(before)) + 1, time.size)
@@ -90,8 +95,8 @@ def _run(session: Session, settings: WorldSettings, begin_s: float, step: np.nda
         for name in SpatialContact.__dataclass_fields__
         if name not in ("rod", "wall")
     }
-    rest = np.asarray(rig.rod.precurvature_per_m)[None] + change[:, None, :]
-    return Run(session, settings, time, step, wall, rest, SpatialContact(rig.rod, rig.wall, **joined))
+    rest = np.asarray(bench_model.rod.precurvature_per_m)[None] + change[:, None, :]
+    return Run(session, settings, time, step, wall, rest, SpatialContact(bench_model.rod, bench_model.wall, **joined))
 
 
 def crept(r: Run, strain: np.ndarray) -> np.ndarray:
@@ -108,7 +113,7 @@ def crept(r: Run, strain: np.ndarray) -> np.ndarray:
 
 def tangential(r: Run, vectors: np.ndarray) -> np.ndarray:
     """The part of (m, 3) vectors in the wall's plane."""
-    d = np.asarray(r.session.rig.wall.normal)
+    d = np.asarray(r.session.bench_model.wall.normal)
     return vectors - (vectors @ d)[:, None] * d
 
 
@@ -117,7 +122,7 @@ def touched_way(r: Run) -> np.ndarray:
 
     The material point, so that rolling counts: it turns with the electrode.
     """
-    d, radius = np.asarray(r.session.rig.wall.normal), r.session.rig.radius_m
+    d, radius = np.asarray(r.session.bench_model.wall.normal), r.session.bench_model.radius_m
     axes = frames_of(r.contact.quaternions[:, -1])
     arm = radius * d @ axes  # in the electrode's frame
     middle = 0.5 * (arm[1:] + arm[:-1])

@@ -21,7 +21,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from tipforce.evaluation import CONTACT_ANGLE_BINS_DEG, CONTACT_N, FORCE_BOUND_BINS_N
-from tipforce.limits import FORCES_N2, LASTING, MEASURED, SessionBound
+from tipforce.limits import CENTRELINE_NOISE, CONTACT_FORCE_PRIORS_N2, SESSION_NOISE, CramerRaoBound
 from tipforce.simulation import PRESETS, SimulatedBench
 
 QUANTITIES = ("fx", "fy", "magnitude")
@@ -29,14 +29,14 @@ WAYS = {"each": "one frame", "along": "all frames until then"}
 COLOURS = {"each": "#d55e00", "along": "#0072b2"}
 
 
-def groups_of(session: SessionBound) -> list[str]:
+def groups_of(session: CramerRaoBound) -> list[str]:
     """All groups of unknowns but the force itself."""
-    return [*dict.fromkeys(unknown.group for unknown in session.unknowns if unknown.group != "force"), LASTING]
+    return [*dict.fromkeys(unknown.group for unknown in session.parameters if unknown.group != "force"), SESSION_NOISE]
 
 
 def one(preset: str, seed: int, broken_down: int, number: int) -> dict[str, Any]:
     """The bounds of a session's frames in contact, standard deviations in mN of `QUANTITIES`; (n, 3) each."""
-    session = SessionBound.of(SimulatedBench(PRESETS[preset], seed, number))
+    session = CramerRaoBound.of(SimulatedBench(PRESETS[preset], seed, number))
     size = np.linalg.norm(session.force_n, axis=1)
     chosen = session.touching & (size > CONTACT_N) & session.stable
 
@@ -51,9 +51,9 @@ def one(preset: str, seed: int, broken_down: int, number: int) -> dict[str, Any]
         "force_n": size[chosen],
         "vector_n": session.force_n[chosen],
         "bound_mn": both(()),
-        "learnt_mn": both((), FORCES_N2[preset]),
-        "unknowns": [asdict(unknown) for unknown in session.unknowns],
-        "tare_only_mn": 1e3 * session.along(free_known="tare").fx_fy_magnitude_n[chosen],
+        "learnt_mn": both((), CONTACT_FORCE_PRIORS_N2[preset]),
+        "unknowns": [asdict(unknown) for unknown in session.parameters],
+        "tare_only_mn": 1e3 * session.sequential(free_known="tare").fx_fy_magnitude_n[chosen],
     }
     if number < broken_down:
         groups = groups_of(session)
@@ -148,7 +148,7 @@ def unknowns_table(unknowns: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def draw(figures: dict[str, Any], path: Path) -> None:
+def parameters(figures: dict[str, Any], path: Path) -> None:
     """Medians with their spread: the magnitude above, the components below; by contact angle and by force."""
     figure, axes = plt.subplots(2, 2, figsize=(11.5, 8), layout="constrained", sharey="row")
     shown = [
@@ -208,7 +208,7 @@ def main() -> None:
         "sessions": len(rows),
         "frames_in_contact": len(size),
         "frames_without_a_shape": sum(row["unstable"] for row in rows),
-        "noise_m": asdict(MEASURED[options.preset]),
+        "noise_m": asdict(CENTRELINE_NOISE[options.preset]),
         "unknowns": rows[0]["unknowns"],
         "forces": {"std_n": vector.std(axis=0).tolist(), "correlation": np.corrcoef(vector.T).tolist()},
         "all": binned(rows, "force_n", (CONTACT_N, np.inf))[0],
@@ -235,7 +235,7 @@ def main() -> None:
         figures["breakdown_of_magnitude_mn"] = breakdown(told)
     place = options.out / f"bound-{options.preset}"
     place.with_suffix(".json").write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
-    draw(figures, place.with_suffix(".svg"))
+    parameters(figures, place.with_suffix(".svg"))
     print(unknowns_table(figures["unknowns"]), end="\n\n")
     for suffix, what in (("", "broad"), ("_learnt", "as forces are")):
         print(f"force beforehand: {what}\n")

@@ -17,7 +17,14 @@ from typing import Any
 import numpy as np
 from bench.line_noise import POINTS, line_errors, line_grid
 
-from tipforce.limits import MEASURED, Facts, changed_lens, facts_of, seen_rows, unknowns_of
+from tipforce.limits import (
+    CENTRELINE_NOISE,
+    BoundInputs,
+    bound_inputs,
+    centreline_jacobian,
+    perturb_lens,
+    unknown_parameters,
+)
 from tipforce.mechanics import contact_derivatives, posterior_covariance
 from tipforce.simulation import PRESETS, SimulatedBench
 
@@ -32,28 +39,28 @@ NEAREST_M = 0.1
 """A camera nearer than this is none."""
 
 
-def at(facts: Facts, frame: int) -> Facts:
+def at(inputs: BoundInputs, frame: int) -> BoundInputs:
     """One frame of a session."""
     rows = ("stamp_ns", "force_n", "touch_m", "touching", "lines_m", "curvature_per_m", "knob_deg")
-    return replace(facts, **{name: getattr(facts, name)[frame : frame + 1] for name in rows})
+    return replace(inputs, **{name: getattr(inputs, name)[frame : frame + 1] for name in rows})
 
 
-def moved(facts: Facts, change: dict[str, float]) -> Facts:
+def moved(inputs: BoundInputs, change: dict[str, float]) -> BoundInputs:
     """The frame with its unknowns changed."""
-    rig, lens, force = facts.rig, facts.lens, facts.force_n.copy()
-    rod, draw = rig.rod, rig.draw
+    bench_model, lens, force = inputs.bench_model, inputs.lens, inputs.force_n.copy()
+    rod, parameters = bench_model.rod, bench_model.parameters
     joints = np.linspace(0.0, 1.0, rod.segments + 1)
-    curvature, touch = facts.curvature_per_m, facts.touch_m
+    curvature, touch = inputs.curvature_per_m, inputs.touch_m
     for name, value in change.items():
         match name:
             case "force along the base tangent":
                 force[:, 0] += value
-            case "force across it in the picture":
+            case "force across it in the image":
                 force[:, 1] += value
             case "force in depth":
                 force[:, 2] += value
             case "place of the touch on the dome":
-                true = facts.force_n[0]
+                true = inputs.force_n[0]
                 arm = np.array([true[1], -true[0], 0.0]) * np.linalg.norm(true) / (true[0] ** 2 + true[1] ** 2)
                 touch = touch + value * arm
             case "stiffness EI":
@@ -66,26 +73,33 @@ def moved(facts: Facts, change: dict[str, float]) -> Facts:
             case "free length":
                 rod = replace(rod, flexible_length_m=rod.flexible_length_m + value)
             case "knob factor" | "knob drift":
-                curvature = curvature + value * facts.curvature_per_m
+                curvature = curvature + value * inputs.curvature_per_m
             case "place in the backlash":
-                curvature = curvature + value * facts.settings.world.actuation.gain_per_m_deg * draw.knob_factor
+                curvature = curvature + value * inputs.settings.world.actuation.gain_per_m_deg * parameters.knob_factor
             case "bend out of the plane":
                 rest = np.asarray(rod.precurvature_per_m) + np.array([0.0, value, 0.0])
                 rod = replace(rod, precurvature_per_m=rest)
             case _:
-                lens = changed_lens(lens, name, value)
-    return replace(facts, rig=replace(rig, rod=rod), lens=lens, force_n=force, touch_m=touch, curvature_per_m=curvature)
+                lens = perturb_lens(lens, name, value)
+    return replace(
+        inputs,
+        bench_model=replace(bench_model, rod=rod),
+        lens=lens,
+        force_n=force,
+        touch_m=touch,
+        curvature_per_m=curvature,
+    )
 
 
-def line_px(facts: Facts) -> np.ndarray:
+def line_px(inputs: BoundInputs) -> np.ndarray:
     """(97, 2): the line of a frame in the picture."""
-    rod, curvature, shaft = facts.rig.rod, facts.curvature_per_m, facts.settings.world.shaft
+    rod, curvature, shaft = inputs.bench_model.rod, inputs.curvature_per_m, inputs.settings.world.shaft
     found = contact_derivatives(
-        rod, facts.lines_m, facts.force_n, facts.touch_m, 97, tip_radius_m=facts.rig.radius_m,
+        rod, inputs.lines_m, inputs.force_n, inputs.touch_m, 97, tip_radius_m=inputs.bench_model.radius_m,
         precurvature_change_per_m=np.stack([0 * curvature, 0 * curvature, curvature], axis=1),
-        time_s=facts.time_s, creep=shaft.creep_share, creep_time_s=shaft.creep_s,
+        time_s=inputs.time_s, creep=shaft.creep_share, creep_time_s=shaft.creep_s,
     )  # fmt: skip
-    return facts.lens.camera(facts.settings.width, facts.settings.height).project(found.centreline_m[0])
+    return inputs.lens.camera(inputs.settings.width, inputs.settings.height).project(found.centreline_m[0])
 
 
 def seen_px(line: np.ndarray, errors: np.ndarray, width: int, height: int) -> np.ndarray:
@@ -96,30 +110,31 @@ def seen_px(line: np.ndarray, errors: np.ndarray, width: int, height: int) -> np
     return seen
 
 
-def errors_of(facts: Facts, seen: np.ndarray, found: np.ndarray, names: list[str]) -> np.ndarray | None:
+def errors_of(inputs: BoundInputs, seen: np.ndarray, found: np.ndarray, names: list[str]) -> np.ndarray | None:
     """How far ``seen`` lies off the line that the unknowns ``found`` predict, m; None where there is no such line."""
-    settings = facts.settings
+    settings = inputs.settings
     try:
-        now = moved(facts, dict(zip(names, found.tolist(), strict=True)))
+        now = moved(inputs, dict(zip(names, found.tolist(), strict=True)))
         line = line_px(now)
     except ValueError:  # a rod bent beyond what its law allows: too long a step
         return None
     if now.lens.distance_m < NEAREST_M:
         return None
-    scale = facts.lens.scale_m_per_px * 640.0 / settings.width
+    scale = inputs.lens.scale_m_per_px * 640.0 / settings.width
     errors = scale * line_errors(seen, line, settings.width, settings.height)[0]
     return errors if np.isfinite(errors).all() else None
 
 
-def fit(facts: Facts, seen: np.ndarray, means: np.ndarray, stds: np.ndarray, names: list[str], whiten: np.ndarray,
-        ) -> tuple[np.ndarray, bool]:  # fmt: skip
+def fit(
+    inputs: BoundInputs, seen: np.ndarray, means: np.ndarray, stds: np.ndarray, names: list[str], whiten: np.ndarray
+) -> tuple[np.ndarray, bool]:
     """The most probable change of the unknowns, and whether the fit has settled."""
     found = means.copy()
-    errors = errors_of(facts, seen, found, names)
+    errors = errors_of(inputs, seen, found, names)
     if errors is None:
         return found, False
     for _ in range(STEPS):
-        rows, _, stable = seen_rows(moved(facts, dict(zip(names, found.tolist(), strict=True))))
+        rows, _, stable = centreline_jacobian(moved(inputs, dict(zip(names, found.tolist(), strict=True))))
         if not stable[0]:
             return found, False
         slopes = whiten @ np.stack([rows[name][0] for name in names], axis=1)
@@ -131,7 +146,7 @@ def fit(facts: Facts, seen: np.ndarray, means: np.ndarray, stds: np.ndarray, nam
         share = 1.0
         while share > SMALLEST:
             tried = found + share * stds * step
-            there = errors_of(facts, seen, tried, names)
+            there = errors_of(inputs, seen, tried, names)
             if (
                 there is not None
                 and np.sum((whiten @ there) ** 2) + np.sum(((means - tried) / stds) ** 2) < left @ left
@@ -156,22 +171,22 @@ def main() -> None:
     parser.add_argument("--width", type=float, default=1.0, help="scale of priors and noise")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    facts = facts_of(SimulatedBench(PRESETS[options.preset], options.seed, options.session))
-    size = np.linalg.norm(facts.force_n, axis=1)
-    order = np.flatnonzero(facts.touching & (size > 0.02))
+    inputs = bound_inputs(SimulatedBench(PRESETS[options.preset], options.seed, options.session))
+    size = np.linalg.norm(inputs.force_n, axis=1)
+    order = np.flatnonzero(inputs.touching & (size > 0.02))
     order = order[np.argsort(size[order])]
     chosen = order[np.linspace(0, len(order) - 1, options.frames + 2).astype(int)[1:-1]]
     rng = np.random.default_rng(1)
-    every = unknowns_of(facts.settings, facts.rig.draw)
+    every = unknown_parameters(inputs.settings, inputs.bench_model.parameters)
     unknowns = [unknown for unknown in every if not unknown.name.startswith("creep")]
     names = [unknown.name for unknown in unknowns]
     stds = options.width * np.array([unknown.std for unknown in unknowns])
-    noise, width, height = MEASURED[options.preset], facts.settings.width, facts.settings.height
-    scale = facts.lens.scale_m_per_px * 640.0 / width
+    noise, width, height = CENTRELINE_NOISE[options.preset], inputs.settings.width, inputs.settings.height
+    scale = inputs.lens.scale_m_per_px * 640.0 / width
     results: list[dict[str, Any]] = []
     for frame in chosen.tolist():
-        here = at(facts, frame)
-        rows, arc, _ = seen_rows(here)
+        here = at(inputs, frame)
+        rows, arc, _ = centreline_jacobian(here)
         root = options.width * np.linalg.cholesky(noise.fresh.covariance_m2(arc) + noise.lasting.covariance_m2(arc))
         whiten = np.linalg.inv(root)
         slopes = whiten @ np.stack([rows[name][0] for name in names], axis=1)

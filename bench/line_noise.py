@@ -26,7 +26,7 @@ from scipy.interpolate import CubicSpline
 
 from tipforce.errors import InputError
 from tipforce.geometry import arc_length
-from tipforce.limits import SeenNoise
+from tipforce.limits import CentrelineNoise
 from tipforce.mechanics import LineNoise
 from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
@@ -174,7 +174,7 @@ def main() -> None:
     length = float(np.median([value for row in found for value in row["lengths"]]))
     arc = np.linspace(0.0, length, POINTS)
     fresh, lasting = covariances(found)
-    noise = SeenNoise(LineNoise.fit(fresh, arc), LineNoise.fit(lasting, arc))
+    noise = CentrelineNoise(LineNoise.fit(fresh, arc), LineNoise.fit(lasting, arc))
     figures = {
         "preset": options.preset,
         "seed": options.seed,

@@ -45,8 +45,8 @@ def main() -> None:
     preset = PRESETS["bench-2021"]
     settings = preset.model_copy(update={"world": preset.world.model_copy(update={"seconds": chosen.seconds})})
     figures = {}
-    for name, pictures, commanded in (("pictures", True, False), ("none", False, False), ("commanded", False, True)):
-        twin = LiveSimulation(settings, seed=0, session=1, pictures=pictures)
+    for name, images, commanded in (("pictures", True, False), ("none", False, False), ("commanded", False, True)):
+        twin = LiveSimulation(settings, seed=0, session=1, images=images)
         run(twin, commanded)  # compiled, drawn and tried out
         walls, processors, steps = zip(*(run(twin, commanded) for _ in range(chosen.blocks)), strict=True)
         waits = 1e3 * np.concatenate(steps)

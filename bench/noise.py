@@ -13,9 +13,9 @@ from scipy.stats import chi2, norm, poisson
 
 from tipforce.simulation.rendering._random import gauss_table
 from tipforce.simulation.rendering.camera import SensorNoise
-from tipforce.simulation.rendering.camera._noise import add_noise, frame_key
-from tipforce.simulation.rendering.fluoroscope._quanta import draw_quanta, quantum_tables
-from tipforce.simulation.rendering.fluoroscope._quanta import frame_key as quantum_key
+from tipforce.simulation.rendering.camera._sensor_noise import add_noise, frame_key
+from tipforce.simulation.rendering.fluoroscope._detector import frame_key as quantum_key
+from tipforce.simulation.rendering.fluoroscope._detector import photon_tables, sample_photons
 
 LEVELS = (3.0, 20.3, 45.0, 128.0, 199.6, 240.0)
 NOISES = {sigma: SensorNoise.at_mid_grey(sigma, read_share=share) for sigma, share in ((2.0, 0.4), (5.0, 0.3))}
@@ -68,12 +68,12 @@ def measure() -> dict[str, Any]:
         for level in LEVELS:
             counts = sum(np.bincount(draw(noise, level, frame).ravel(), minlength=256) for frame in range(3))
             figures["camera"][f"sigma {sigma:g}, level {level:g}"] = _row(np.asarray(counts), chances(noise, level))
-    tables, quanta = quantum_tables(), np.empty(SHAPE, np.uint16)
+    tables, quanta = photon_tables(), np.empty(SHAPE, np.uint16)
     for mean in MEANS:
         counts = np.zeros(2048, np.int64)
         for frame in range(3):
             means = np.full(SHAPE, mean, np.float32)
-            draw_quanta(means, quantum_key(7, 0, frame, 0), tables.alias, tables.gauss, quanta)
+            sample_photons(means, quantum_key(7, 0, frame, 0), tables.alias, tables.gauss, quanta)
             counts += np.bincount(quanta.ravel(), minlength=2048)
         figures["fluoroscope"][f"mean {mean:g}"] = _row(counts, poisson.pmf(np.arange(2048), float(np.float32(mean))))
     noise, rng = NOISES[5.0], np.random.default_rng(0)

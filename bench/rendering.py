@@ -21,7 +21,7 @@ from tipforce.simulation.rendering.camera import (
     CameraRenderer,
     TissueHome,
     TissueState,
-    draw_scene,
+    sample_scene,
 )
 
 LENGTH_M = 0.048
@@ -37,7 +37,7 @@ class Session:
 
     def __init__(self, preset, seed: int, size: tuple[int, int]) -> None:
         rng = np.random.default_rng([seed, 7])
-        scene = draw_scene(preset, rng, length_m=LENGTH_M)
+        scene = sample_scene(preset, rng, length_m=LENGTH_M)
         into = np.array([math.cos(0.5), math.sin(0.5), 0.0])
         self.rest = self.shape(0.3)
         home = TissueHome(self.rest[-1] - 1e-3 * into, into)

@@ -18,10 +18,11 @@ from bench.timing import interleaved
 from bench.written import Packed, pack, write
 from scipy.ndimage import gaussian_filter, shift, zoom
 
-from tipforce.simulation.rendering.fluoroscope import FLUORO, Pulse, XrayRenderer, draw_xray_scene
-from tipforce.simulation.rendering.fluoroscope._makes import Tube, swayed
-from tipforce.simulation.rendering.fluoroscope._paint import COARSE
+from tipforce.simulation.rendering.fluoroscope import FLUORO, Pulse, XrayRenderer, sample_xray_scene
+from tipforce.simulation.rendering.fluoroscope._instruments import swayed
 from tipforce.simulation.rendering.fluoroscope._scene import lag_weights
+from tipforce.simulation.rendering.fluoroscope._static_layers import COARSE
+from tipforce.simulation.rendering.fluoroscope._tube_model import Tube
 
 LENGTH_M = 55e-3
 
@@ -43,39 +44,39 @@ class Plain:
     """The same picture by NumPy and SciPy alone; tubes as distances from every pixel near them to their chords."""
 
     def __init__(self, renderer: XrayRenderer) -> None:
-        self.renderer, self.painted = renderer, renderer._painted
+        self.renderer, self.layers = renderer, renderer._layers
         self.plane = renderer.scene.views[0]
         self.rng = np.random.default_rng(0)
         self.past: list[np.ndarray] = []
 
     def frame(self, pulse: Pulse) -> np.ndarray:
-        painted, detector, scene = self.painted, self.plane.detector, self.renderer.scene
-        h, w = painted.still.shape
+        layers, detector, scene = self.layers, self.plane.detector, self.renderer.scene
+        h, w = layers.still.shape
         rhythm = scene.rhythm
-        breath = -rhythm.breath_m * rhythm.breath(pulse.time_s) * painted.head_px
-        m, coarse = painted.margin, painted.coarse_margin
-        chest = shift(painted.chest, 0.15 * breath[::-1], order=1)[m : m + h, m : m + w]
+        breath = -rhythm.breath_m * rhythm.breath(pulse.time_s) * layers.head_px
+        m, coarse = layers.margin, layers.coarse_margin
+        chest = shift(layers.chest, 0.15 * breath[::-1], order=1)[m : m + h, m : m + w]
         soft = sum(
             zoom(shift(layer, by[::-1] / COARSE, order=1)[coarse:-coarse, coarse:-coarse], COARSE, order=1)
-            for layer, by in ((painted.heart, 0.3 * breath), (painted.liver, breath))
+            for layer, by in ((layers.heart, 0.3 * breath), (layers.liver, breath))
         )
         through = np.zeros((h, w))
         for part in np.linspace(0.0, 1.0, 3):
             tubes = np.zeros((h, w))
             points = (1 - part) * pulse.shapes_m[0] + part * pulse.shapes_m[1]
-            lay(tubes, painted.camera.project(points), painted.catheter)
-            for item in painted.devices:
-                at = swayed(item.device, item.points_m, item.share, rhythm, pulse.time_s)
-                lay(tubes, painted.patient_camera.project(at), item.tube)
+            lay(tubes, layers.camera.project(points), layers.catheter)
+            for item in layers.devices:
+                at = swayed(item.instrument, item.points_m, item.share, rhythm, pulse.time_s)
+                lay(tubes, layers.patient_camera.project(at), item.tube)
             through += np.exp(-tubes) / 3
-        light = np.exp(-(painted.still + chest + soft)) * through
-        scattered = detector.scatter * gaussian_filter(light, detector.scatter_m * painted.px_per_m, mode="nearest")
+        light = np.exp(-(layers.still + chest + soft)) * through
+        scattered = detector.scatter * gaussian_filter(light, detector.scatter_m * layers.px_per_m, mode="nearest")
         light = light + scattered
-        spread = gaussian_filter(light, detector.glare_m * painted.px_per_m, mode="nearest")
+        spread = gaussian_filter(light, detector.glare_m * layers.px_per_m, mode="nearest")
         light = (1 - detector.glare) * light + detector.glare * spread
-        quanta = self.rng.poisson(light * self.plane.beam.photons / light.mean()).astype(np.float64)
+        counts = self.rng.poisson(light * self.plane.beam.photons / light.mean()).astype(np.float64)
         weights = lag_weights(detector)
-        self.past = [quanta, *self.past][: len(weights)]
+        self.past = [counts, *self.past][: len(weights)]
         signal = sum(w * q for w, q in zip(weights, self.past, strict=False))
         core, tail = (gaussian_filter(signal, sigma) for sigma in detector.blur_px)
         signal = (1 - detector.blur_tail) * core + detector.blur_tail * tail
@@ -89,7 +90,7 @@ class Plain:
 def lay(tubes: np.ndarray, pixels: np.ndarray, tube: Tube) -> None:
     """Add a tube of one material along ``pixels`` (n, 2): for each pixel in its box, the nearest chord."""
     h, w = tubes.shape
-    reach = tube.profiles.reach_px
+    reach = tube.section_profiles.reach_px
     (u0, v0), (u1, v1) = np.floor(pixels.min(axis=0) - reach), np.ceil(pixels.max(axis=0) + reach)
     u0, v0, u1, v1 = max(0, int(u0)), max(0, int(v0)), min(w, int(u1)), min(h, int(v1))
     if u1 <= u0 or v1 <= v0:
@@ -100,13 +101,13 @@ def lay(tubes: np.ndarray, pixels: np.ndarray, tube: Tube) -> None:
         way = b - a
         t = np.clip(((u - a[0]) * way[0] + (v - a[1]) * way[1]) / max(way @ way, 1e-12), 0.0, 1.0)
         np.minimum(nearest, np.hypot(u - a[0] - t * way[0], v - a[1] - t * way[1]), out=nearest)
-    table = tube.profiles.table[0]
+    table = tube.section_profiles.table[0]
     tubes[v0:v1, u0:u1] += np.interp(nearest, np.arange(table.size) / 16.0, table, right=0.0)
 
 
 def of_size(size: int, plainly: bool, blocks: int = 4, frames: int = 24) -> dict[str, float]:
     """Frames a second of the best block, by way."""
-    scene = draw_xray_scene(FLUORO, np.random.default_rng(6))
+    scene = sample_xray_scene(FLUORO, np.random.default_rng(6))
     renderer = XrayRenderer(scene, LENGTH_M, width=size, height=size)
     run = pulses(frames)
 
@@ -115,7 +116,7 @@ def of_size(size: int, plainly: bool, blocks: int = 4, frames: int = 24) -> dict
 
     def whole(part: list[Pulse]) -> list[Packed]:
         shown = zip(part, renderer.run(part), strict=True)
-        return [pack(picture, renderer.truth(pulse.shapes_m), 90) for pulse, picture in shown]
+        return [pack(image, renderer.truth(pulse.shapes_m), 90) for pulse, image in shown]
 
     parts = [run[: frames // 2], run[frames // 2 :]]
     with ThreadPoolExecutor(2) as pool:

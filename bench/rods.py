@@ -18,8 +18,8 @@ from scipy.integrate import solve_bvp
 from threadpoolctl import threadpool_limits
 
 from tipforce.mechanics import CentrelineNoise, Rod, derivatives, fisher_information, solve_static, solve_static_batch
+from tipforce.mechanics.planar._batch import ONE, Results, make_results, solve_batch
 from tipforce.mechanics.planar._newton import elastic_of
-from tipforce.mechanics.planar._rows import settle_rows
 from tipforce.mechanics.planar._statics import carried_n
 
 SHAFT, TIP, STIFFNESS, CURVATURE = 0.057, 0.008, 4.3e-4, 10.0
@@ -74,24 +74,32 @@ def tip_of(solution: Any) -> np.ndarray:
 
 
 @njit
-def _singly(angles, warm, rod, k0, force, moment, carried, numbers):
+def _singly(angles, warm, rod, k0, force, moment, carried, results):
     for row in range(angles.shape[0]):
         part = slice(row, row + 1)
-        settle_rows(angles[part], warm, rod, k0, force[part], moment[part], carried, numbers[part], (0.0,))
+        now = Results(
+            results.energy[part],
+            results.residual[part],
+            results.converged[part],
+            results.stable[part],
+            results.branch[part],
+            results.iterations[part],
+        )
+        solve_batch(angles[part], warm, rod, k0, force[part], moment[part], carried, now, ONE)
 
 
 def singly(rod: Rod, loads: np.ndarray, start: np.ndarray | None = None) -> Callable[[], None]:
     """All ``loads`` one after the other, by the solver of `solve_static`; warm where ``start`` (m, n) is given."""
     rows = len(loads)
     angles = np.empty((rows, rod.segments + 1)) if start is None else start.copy()
-    numbers = np.empty((rows, 6))
+    results = make_results(rows)
     elastic, k0 = elastic_of(rod, rod.rigid_length_m), rod.precurvatures_per_m[None]
     carried, moment = carried_n(rod, None), np.zeros(rows)
 
     def run() -> None:
         if start is not None:
             angles[:] = start
-        _singly(angles, start is not None, elastic, k0, loads, moment, carried, numbers)
+        _singly(angles, start is not None, elastic, k0, loads, moment, carried, results)
 
     return run
 

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from tipforce.simulation import PRESETS, SampleSet, SimulatedBench, sample_set
-from tipforce.simulation.world import SWIFT, Pace, Session
-from tipforce.simulation.world._course import run_course
+from tipforce.simulation.world import FAST, Resolution, Session
+from tipforce.simulation.world._trajectory import integrate_trajectory
 
 AT = (0.1, 0.25, 0.5, 0.75, 0.9, 0.99)
 
@@ -24,14 +24,14 @@ AT = (0.1, 0.25, 0.5, 0.75, 0.9, 0.99)
 def figures(bench: SimulatedBench, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Force (k,), angle between tip and wall's normal where it touches (j,), knob (k,) at the frames ``rows``."""
     times = bench.frame_s[rows]
-    contact, near = bench.course.contact, bench.instants.nearest(times)
+    contact, near = bench.trajectory.contact, bench.interpolator.nearest(times)
     touching = near[contact.touching[near]]
     axis = contact.tip_axes(touching)
-    angle = np.degrees(np.arccos(np.clip(axis @ bench.session.rig.wall.normal, -1.0, 1.0)))
+    angle = np.degrees(np.arccos(np.clip(axis @ bench.session.bench_model.wall.normal, -1.0, 1.0)))
     return (
-        np.linalg.norm(bench.instants.at(contact.force_n, times), axis=1),
+        np.linalg.norm(bench.interpolator.at(contact.force_n, times), axis=1),
         angle,
-        bench.instants.at(bench.course.knob_deg, times),
+        bench.interpolator.at(bench.trajectory.knob_deg, times),
     )
 
 
@@ -46,8 +46,8 @@ def collect(made: SampleSet, sessions: int) -> list[np.ndarray]:
 
 def apart(session: Session, every: int) -> float:
     """Rms in newtons between the forces with the rod at every instant and at every so many, on the same motion."""
-    fine = run_course(session.rig, session.tune, session.motion)
-    coarse = run_course(session.rig, session.tune, session.motion, every)
+    fine = integrate_trajectory(session.bench_model, session.motion_profile, session.motion)
+    coarse = integrate_trajectory(session.bench_model, session.motion_profile, session.motion, every)
     return float(np.sqrt(np.mean(np.sum((coarse.contact.force_n - fine.contact.force_n[::every]) ** 2, axis=1))))
 
 
@@ -79,8 +79,8 @@ def main() -> None:
     short = sample_set(preset, seed=options.seed, samples=10**9, per_session=24)
     for number in range(options.fine):
         made_now = short.bench(number)
-        rms = apart(made_now.session, SWIFT.every)
-        print(f"session {number}: every {SWIFT.every} ms against {Pace().every} ms: {1e3 * rms:.2f} mN rms")
+        rms = apart(made_now.session, FAST.every)
+        print(f"session {number}: every {FAST.every} ms against {Resolution().every} ms: {1e3 * rms:.2f} mN rms")
 
 
 if __name__ == "__main__":

@@ -31,13 +31,13 @@ def one(preset: str, seed: int, number: int) -> dict[str, Any]:
     """The figures of one session, at the camera's rate."""
     settings = PRESETS[preset].world
     session = run_session(settings, seed, number)
-    course, rig = session.course, session.rig
-    contact = course.contact
-    rows = np.flatnonzero(course.time_s >= settings.tare_s + 1.5)[:: round(1000 / settings.clock.fps)]
+    trajectory, bench_model = session.trajectory, session.bench_model
+    contact = trajectory.contact
+    rows = np.flatnonzero(trajectory.time_s >= settings.tare_s + 1.5)[:: round(1000 / settings.clock.fps)]
     size = np.linalg.norm(contact.force_n[rows], axis=1)
     touching = contact.touching[rows]
     axis = contact.tip_axes(rows)[touching]
-    angle = np.degrees(np.arccos(np.clip(axis @ rig.wall.normal, -1.0, 1.0)))
+    angle = np.degrees(np.arccos(np.clip(axis @ bench_model.wall.normal, -1.0, 1.0)))
     force = contact.force_n[rows][touching]
     axial = np.abs(np.sum(force * axis, axis=1)) / np.linalg.norm(force, axis=1)
     line = contact.nodes_m()[rows]
@@ -50,8 +50,8 @@ def one(preset: str, seed: int, number: int) -> dict[str, Any]:
         "slip_share": float(contact.slipping[rows][touching].mean()),
         "peak_n": float(np.linalg.norm(contact.force_n, axis=1).max()),
         "amplitude_m": session.motion.amplitude_m,
-        "drawn_angle_deg": rig.draw.contact_angle_deg,
-        "wave": rig.draw.wave,
+        "drawn_angle_deg": bench_model.parameters.contact_angle_deg,
+        "wave": bench_model.parameters.wave,
         "tip_way_m": float(np.linalg.norm(np.ptp(line[:, -1], axis=0))),
         "unstable": int((~contact.stable).sum()),
         "redraws": session.redraws,
@@ -64,7 +64,7 @@ def spread(values: Any) -> dict[str, float]:
     return {"min": low, "25 %": first, "median": middle, "75 %": third, "max": high}
 
 
-def draw(rows: list[dict[str, Any]], preset: str, path: Path) -> None:
+def parameters(rows: list[dict[str, Any]], preset: str, path: Path) -> None:
     """Histograms of what matters."""
     together = {key: np.concatenate([row[key] for row in rows]) for key in ("force_n", "contact_angle_deg")}
     panels = [
@@ -119,7 +119,7 @@ def main() -> None:
         "sessions_redrawn": sum(bool(row["redraws"]) for row in rows),
     }
     (options.out / "distributions.json").write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
-    draw(rows, options.preset, options.out / "distributions.svg")
+    parameters(rows, options.preset, options.out / "distributions.svg")
     print(json.dumps(figures, indent=2))
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from tipforce.simulation.rendering.camera import PictureTruth
+from tipforce.simulation.rendering.camera import ImageTruth
 
 
 class Packed(NamedTuple):
@@ -21,7 +21,7 @@ class Packed(NamedTuple):
     visible: float
 
 
-def pack(picture: np.ndarray, truth: PictureTruth, quality: int) -> Packed:
+def pack(picture: np.ndarray, truth: ImageTruth, quality: int) -> Packed:
     """Encode a grey or RGB picture and its mask."""
     ordered = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
     data = cv2.imencode(".jpg", ordered, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]

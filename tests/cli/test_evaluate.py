@@ -187,14 +187,14 @@ def test_the_truth_of_the_simulated_bench_is_scored_beside_the_sensor(rows, tmp_
 
 
 def test_errors_on_the_simulated_bench_are_held_against_the_smallest_possible(tmp_path, monkeypatch):
-    from tipforce.simulation import PRESETS, SimulatedBench, truth_of, truth_path, write_truth
+    from tipforce.simulation import PRESETS, SimulatedBench, collect_truth, truth_path, write_truth
 
     preset = PRESETS["bench-2021"]
     world = preset.world.model_copy(update={"seconds": 9.0})
     lines = ["session,stamp_ns,shape_A1,shape_A2,shape_A3,shape_A4,knob_deg,fx_n,fy_n"]
     (tmp_path / "runs").mkdir()
     bench = SimulatedBench(preset.model_copy(update={"preset": "bench-2021 changed", "world": world}), 5, 0)
-    truth = truth_of(bench, np.arange(0, len(bench.frame_s), 3))
+    truth = collect_truth(bench, np.arange(0, len(bench.frame_s), 3))
     write_truth(truth, truth_path(tmp_path / "runs" / f"{bench.name}.mcap"))
     for stamp, (fx, fy, _) in zip(truth.stamp_ns, truth.force_n, strict=True):
         lines.append(f"{bench.name},{stamp},{0.1 * fx:.6f},{0.2 * fy:.6f},{fx:.6f},0.02,10,{fx:.6f},{fy:.6f}")

@@ -7,7 +7,7 @@ import pytest
 
 from tipforce.errors import FileFormatError, MissingExtraError, TimeError
 from tipforce.io import open_source
-from tipforce.simulation.rendering.fluoroscope import FLUORO, draw_xray_scene, write_dicom
+from tipforce.simulation.rendering.fluoroscope import FLUORO, sample_xray_scene, write_dicom
 from tipforce.types import Frame
 
 pydicom = pytest.importorskip("pydicom")
@@ -17,7 +17,7 @@ STAMPS = [5_000_000, 71_000_000, 140_000_000, 290_000_000]
 def written(path, bits=8):
     rng = np.random.default_rng(bits)
     frames = [rng.integers(0, 1 << bits, (16, 24)).astype(np.uint8 if bits == 8 else np.uint16) for _ in STAMPS]
-    write_dicom(path, frames, STAMPS, draw_xray_scene(FLUORO, np.random.default_rng(1)), bits=bits)
+    write_dicom(path, frames, STAMPS, sample_xray_scene(FLUORO, np.random.default_rng(1)), bits=bits)
     return frames
 
 

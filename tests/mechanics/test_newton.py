@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tipforce.mechanics.planar._newton import Elastic, Load, Springs, _assemble, _newton_step, energy_at, relax
-from tipforce.mechanics.planar._sincos import sincos
+from tipforce.mechanics.planar._newton import Elastic, Load, Springs, _assemble, _newton_step, energy_at, relax, sincos
 
 N = 11
 ROD = Elastic(

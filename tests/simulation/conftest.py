@@ -1,4 +1,4 @@
-"""Short sessions in small pictures, for all that is not about the picture."""
+"""Short sessions in small images, for all that is not about the image."""
 
 import pytest
 

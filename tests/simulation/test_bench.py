@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tipforce.simulation import SimulatedBench, truth_of
+from tipforce.simulation import SimulatedBench, collect_truth
 from tipforce.types import JOINTS, STAGE, Source
 
 
@@ -35,7 +35,7 @@ def test_it_is_a_source_whose_streams_are_in_order(streams, bench):
 def test_all_comes_at_its_time_on_the_cameras_clock_and_readings_with_stamps_of_their_own(streams, bench):
     for name in ("Frame", JOINTS, STAGE):
         assert all(now == event.stamp_ns for event, now in streams[name]), name
-    truth = truth_of(bench)
+    truth = collect_truth(bench)
     assert 1e-3 < abs(truth.clock_offset_s) <= 0.08
     own = np.array([event.stamp_ns for event, _ in streams["Wrench"]]) * 1e-9
     came = np.array([now for _, now in streams["Wrench"]]) * 1e-9
@@ -56,7 +56,7 @@ def test_the_same_arguments_give_the_same_bytes_and_others_do_not(bench, short):
 
 
 def test_what_the_bench_tells_is_near_the_truth_but_not_the_truth(bench):
-    info, truth = bench.session_info, truth_of(bench)
+    info, truth = bench.session_info, collect_truth(bench)
     true_scale = truth.values["lens"]["scale_m_per_px"] * 640 / bench.settings.width
     stated = info.view("camera").metres_per_px
     assert stated == pytest.approx(true_scale, rel=0.0105)

@@ -12,7 +12,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tipforce.mechanics import solve_static_spatial
-from tipforce.simulation import PRESETS, FluoroSettings, LiveSimulation, SimulatedBench, SimulationSettings, truth_of
+from tipforce.simulation import (
+    PRESETS,
+    FluoroSettings,
+    LiveSimulation,
+    SimulatedBench,
+    SimulationSettings,
+    collect_truth,
+)
 from tipforce.types import Actuators, Frame, Source, Wrench
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "simulation.md"
@@ -37,7 +44,7 @@ ALL = {"advance_mm", "knob_deg", "stage_forward_mm", "stage_across_mm"}
 
 @pytest.fixture(scope="module")
 def twin():
-    return LiveSimulation(SETTINGS, seed=2, pictures=False)
+    return LiveSimulation(SETTINGS, seed=2, images=False)
 
 
 def told(event):
@@ -70,18 +77,18 @@ def test_without_commands_each_stream_is_the_recorded_one_to_the_byte():
         for event in running.source:
             kind, content = told(event)
             live[kind].append(content)
-            if isinstance(event, Frame):  # an exposure must have ended, and its picture must have come through
+            if isinstance(event, Frame):  # an exposure must have ended, and its image must have come through
                 assert running.clock.now_ns() >= event.stamp_ns + 15_000_000
         assert live == recorded
         assert running.source.session_info == bench.session_info
-        done, course = running.source.run.settled, running.source.course
-        np.testing.assert_array_equal(course.wall_m[:done], bench.course.wall_m[:done])
-        truth, whole = running.truth(), truth_of(bench)
+        done, trajectory = running.source.run.settled, running.source.trajectory
+        np.testing.assert_array_equal(trajectory.wall_m[:done], bench.trajectory.wall_m[:done])
+        truth, whole = running.truth(), collect_truth(bench)
         np.testing.assert_array_equal(truth.force_n, whole.force_n)
         np.testing.assert_array_equal(truth.mask_bytes, whole.mask_bytes)
 
 
-def test_two_views_are_the_recorded_ones_to_the_byte_where_pictures_of_either_are_dropped():
+def test_two_views_are_the_recorded_ones_to_the_byte_where_images_of_either_are_dropped():
     clock = {"fps": 6.0, "dropped_share": 0.2}
     small = PRESETS["biplane"].model_dump() | {"width": 128, "height": 128}
     small["world"] |= {"seconds": 8.0, "tare_s": 1.0, "clock": clock}
@@ -98,7 +105,7 @@ def test_two_views_are_the_recorded_ones_to_the_byte_where_pictures_of_either_ar
             live[kind].append(content)
         assert {"a", "b"} <= set(live)
         assert live == recorded
-        truth, whole = running.truth(), truth_of(bench)
+        truth, whole = running.truth(), collect_truth(bench)
         np.testing.assert_array_equal(truth.stamp_ns, whole.stamp_ns)
         np.testing.assert_array_equal(truth.others["b"].mask_bytes, whole.others["b"].mask_bytes)
 
@@ -121,7 +128,7 @@ orders = st.lists(
 def test_no_axis_exceeds_its_limits_or_moves_before_its_delay(twin, orders):
     with twin as still:
         until(still, 1.2)
-        programme = still.source.course
+        programme = still.source.trajectory
     with twin as bench:
         actuators, first = bench.actuators, {}
         for when, name, target in sorted(orders, key=lambda order: order[0]):
@@ -134,7 +141,7 @@ def test_no_axis_exceeds_its_limits_or_moves_before_its_delay(twin, orders):
             assert taken.targets[name] == min(max(target, limits.low), limits.high)
             assert taken.clipped == ({} if limits.low <= target <= limits.high else {name: target})
         until(bench, 1.2)
-        course, world, rows = bench.source.course, SETTINGS.world, slice(0, 1600)
+        trajectory, world, rows = bench.source.trajectory, SETTINGS.world, slice(0, 1600)
         delay = {"advance_mm": world.clamp.delay_s, "knob_deg": world.knob_drive.delay_s}
         for name, column in (
             ("advance_mm", lambda c: 1e3 * c.advance_m),
@@ -142,7 +149,7 @@ def test_no_axis_exceeds_its_limits_or_moves_before_its_delay(twin, orders):
             ("stage_forward_mm", lambda c: 1e3 * c.stage_m[:, 0]),
             ("stage_across_mm", lambda c: 1e3 * c.stage_m[:, 1]),
         ):
-            places, limits = column(course)[rows], actuators.limits[name]
+            places, limits = column(trajectory)[rows], actuators.limits[name]
             step = {"knob_deg": world.knob_drive.step_deg}.get(name, 1e3 * world.motion.step_m)
             assert limits.low <= places.min() <= places.max() <= limits.high
             assert np.abs(np.diff(places)).max() <= 1e-3 * limits.max_speed + 1.001 * step
@@ -151,7 +158,7 @@ def test_no_axis_exceeds_its_limits_or_moves_before_its_delay(twin, orders):
             most = limits.max_acceleration * 1e-3 * over + 4 * step / (1e-3 * over)
             assert np.abs(mean[over:] - mean[:-over]).max() <= most
             moves = first.get(name, math.inf) + delay.get(name, world.motion.delay_s)
-            before = course.time_s[rows] <= moves
+            before = trajectory.time_s[rows] <= moves
             np.testing.assert_array_equal(places[before], column(programme)[rows][before])
 
 
@@ -218,12 +225,12 @@ def test_a_step_arrives_late_by_delay_and_lag(twin):
         now = bench.clock.now_ns() * 1e-9
         bench.actuators.command({"advance_mm": 1.0})
         until(bench, 0.8)
-        course = bench.source.course
-        moved = 1e3 * course.advance_m
-        begun = course.time_s[np.flatnonzero(moved > 0)[0]] - now
+        trajectory = bench.source.trajectory
+        moved = 1e3 * trajectory.advance_m
+        begun = trajectory.time_s[np.flatnonzero(moved > 0)[0]] - now
         assert clamp.delay_s <= begun <= clamp.delay_s + 12e-3  # a lag of 10 ms hides the first microsteps
         # At rest the way left undone is the mean delay: dead time, lag and the drive's ramp (a triangle here).
-        rows = (course.time_s > now) & (course.time_s <= now + 0.4)
+        rows = (trajectory.time_s > now) & (trajectory.time_s <= now + 0.4)
         area_s = float((1.0 - moved[rows]).sum()) * 1e-3
         ramp_s = math.sqrt(1e-3 / clamp.max_acceleration_m_per_s2)
         assert area_s == pytest.approx(clamp.delay_s + clamp.lag_s + ramp_s, abs=3e-3)
@@ -240,39 +247,40 @@ def test_advancing_into_the_wall_raises_the_force_as_the_rods_stiffness_says(twi
         hold_still(bench, 4.0, 2.5)
         source = bench.source
         row = source.run.done - 1
-        before = source.course.contact.force_n[row]
+        before = source.trajectory.contact.force_n[row]
         bench.actuators.command({"advance_mm": 1.0})
         until(bench, 4.5)
-        risen = float(np.linalg.norm(source.course.contact.force_n[source.run.done - 1]) - np.linalg.norm(before))
-        rig = source.session.rig
-        bent = rig.rod.precurvature_per_m + np.array([0.0, 0.0, source.course.curvature_per_m[row]])
+        risen = float(np.linalg.norm(source.trajectory.contact.force_n[source.run.done - 1]) - np.linalg.norm(before))
+        bench_model = source.session.bench_model
+        bent = bench_model.rod.precurvature_per_m + np.array([0.0, 0.0, source.trajectory.curvature_per_m[row]])
         # its end is the dome's middle, through which a wall without friction pushes
-        rod = replace(rig.rod, precurvature_per_m=bent, rigid_length_m=rig.rod.rigid_length_m - rig.radius_m)
-        normal, push = np.asarray(rig.wall.normal), float(np.linalg.norm(before))
+        to_dome = bench_model.rod.rigid_length_m - bench_model.radius_m
+        rod = replace(bench_model.rod, precurvature_per_m=bent, rigid_length_m=to_dome)
+        normal, push = np.asarray(bench_model.wall.normal), float(np.linalg.norm(before))
         assert push > 0.02
         back = [float(solve_static_spatial(rod, -force * normal).tip_m @ normal) for force in (push, push + risen)]
-        compliance = (back[0] - back[1]) / risen + 1.0 / rig.wall.stiffness_n_per_m
+        compliance = (back[0] - back[1]) / risen + 1.0 / bench_model.wall.stiffness_n_per_m
         assert risen == pytest.approx(1e-3 * normal[0] / compliance, rel=0.03)
 
 
 def test_the_knobs_play_of_one_degree_shows(twin):
     with twin as bench:
-        course, gain = bench.source.course, SETTINGS.world.actuation.gain_per_m_deg
+        trajectory, gain = bench.source.trajectory, SETTINGS.world.actuation.gain_per_m_deg
 
         def curvature_at(knob_deg, seconds):
             bench.actuators.command({"knob_deg": knob_deg})
             until(bench, seconds)
-            return course.curvature_per_m[bench.source.run.done - 1]
+            return trajectory.curvature_per_m[bench.source.run.done - 1]
 
         up = curvature_at(13.05, 0.5)
         assert curvature_at(12.15, 1.0) == up  # 0.9 degrees back
         down = curvature_at(11.025, 1.5)  # 2.025 degrees back
-        factor = bench.source.session.rig.draw.knob_factor
+        factor = bench.source.session.bench_model.parameters.knob_factor
         assert up - down == pytest.approx(1.025 * gain * factor, abs=0.15 * gain)
 
 
 def test_real_time_waits_for_the_machines_clock():
-    with LiveSimulation(SETTINGS, seed=2, real_time=True, pictures=False) as bench:
+    with LiveSimulation(SETTINGS, seed=2, real_time=True, images=False) as bench:
         started, zero = time.monotonic(), bench.clock.now_ns()
         until(bench, 0.3)
         assert time.monotonic() - started >= 0.29 - 1e-9 * zero

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from tipforce.geometry import triangulate
-from tipforce.simulation import PRESETS, FluoroSettings, SimulatedBench, read_truth, truth_of, write_truth
+from tipforce.simulation import PRESETS, FluoroSettings, SimulatedBench, collect_truth, read_truth, write_truth
 from tipforce.simulation.world import run_session
-from tipforce.simulation.world._device import catheter_of
-from tipforce.simulation.world._session import UNFIT_CATHETER
+from tipforce.simulation.world._session import UNFIT_CATHETER, catheter_of
 from tipforce.simulation.world.settings import MotionSettings, WorldSettings
 from tipforce.types import JOINTS, Actuation, Frame
 
@@ -27,9 +26,9 @@ def biplane() -> SimulatedBench:
 def test_two_views_show_the_same_catheter_in_space(biplane):
     shown = biplane.arrived("a")[[60, 90]]
     for index in shown.tolist():
-        lines = [biplane.picture_truth(index, view).centreline_px for view in biplane.views]
+        lines = [biplane.image_truth(index, view).centreline_px for view in biplane.views]
         cameras = [biplane.imaging.camera(view) for view in biplane.views]
-        truth = biplane.instants.lines_m(biplane.frame_s[index : index + 1])[0]
+        truth = biplane.interpolator.lines_m(biplane.frame_s[index : index + 1])[0]
         found = triangulate(cameras, np.stack(lines, axis=1))
         np.testing.assert_allclose(found.points_m, truth, atol=1e-9)
         for view, line in zip(biplane.views, lines, strict=True):
@@ -41,7 +40,7 @@ def test_two_views_show_the_same_catheter_in_space(biplane):
 
 def test_the_stated_calibration_is_off_by_half_a_pixel_and_no_truth(biplane):
     info, values = biplane.session_info, biplane.values()
-    points = biplane.instants.lines_m(np.array([7.0]))[0]
+    points = biplane.interpolator.lines_m(np.array([7.0]))[0]
     pose = np.array(values["isocentre_from_base"])
     at_isocentre = points @ pose[:, :3].T + pose[:, 3]
     for view in biplane.views:
@@ -55,17 +54,17 @@ def test_the_stated_calibration_is_off_by_half_a_pixel_and_no_truth(biplane):
 
 def test_the_truth_of_both_views_comes_back(biplane, tmp_path):
     frames = biplane.arrived("a")[[5, 60]]
-    truth = truth_of(biplane, frames)
+    truth = collect_truth(biplane, frames)
     write_truth(truth, tmp_path / "session_00.truth.npz")
     again = read_truth(tmp_path / "session_00.truth.npz")
     assert list(again.others) == ["b"]
     np.testing.assert_array_equal(again.others["b"].centreline_px, truth.others["b"].centreline_px)
     assert not np.allclose(again.centreline_px, again.others["b"].centreline_px)
-    np.testing.assert_array_equal(again.mask(1), biplane.picture_truth(int(frames[1]), "a").mask)
-    np.testing.assert_array_equal(again.others["b"].mask(1), biplane.picture_truth(int(frames[1]), "b").mask)
+    np.testing.assert_array_equal(again.mask(1), biplane.image_truth(int(frames[1]), "a").mask)
+    np.testing.assert_array_equal(again.others["b"].mask(1), biplane.image_truth(int(frames[1]), "b").mask)
 
 
-def test_pictures_of_a_view_are_the_same_in_any_order():
+def test_images_of_a_view_are_the_same_in_any_order():
     settings = brief("fluoro")
     one, two = SimulatedBench(settings, 2, 0), SimulatedBench(settings, 2, 0)
     last = [one.frame(index).image for index in (40, 41, 42)][-1]
@@ -82,7 +81,7 @@ def test_a_guidewire_has_no_knob():
             streams.add(event.stream)
     assert JOINTS not in streams
     assert bench.session_info.actuation.knob_gain_per_m_deg is None
-    rod = bench.session.rig.rod
+    rod = bench.session.bench_model.rod
     assert rod.stiffness_profile[0] == 1.0
     assert rod.stiffness_profile[-1] == pytest.approx(0.05)
     assert bench.session_info.catheter.diameter_m == pytest.approx(0.035 * 25.4e-3, abs=1e-6)
@@ -92,7 +91,7 @@ def test_a_guidewire_has_no_knob():
 def test_a_devices_forces_stay_in_its_own_range(preset):
     settings = brief(preset).world
     session = run_session(settings, 4, 0)
-    peak = float(np.linalg.norm(session.course.contact.force_n, axis=1).max())
+    peak = float(np.linalg.norm(session.trajectory.contact.force_n, axis=1).max())
     low, high = settings.motion.peak_force_n
     assert 0.95 * low <= peak <= 1.05 * high
 
@@ -112,7 +111,7 @@ def hard(sessions_per_catheter: int) -> WorldSettings:
 
 
 def test_a_catheter_that_reaches_no_force_is_drawn_again_for_all_of_its_sessions_alike(monkeypatch):
-    monkeypatch.setattr("tipforce.simulation.world._device._TRIALS", 4)
+    monkeypatch.setattr("tipforce.simulation.world._session._TRIALS", 4)
     catheters = [catheter_of(hard(5), 0, number) for number in range(0, 40, 5)]
     assert any(each.redraws for each in catheters)
     for number, each in zip(range(0, 40, 5), catheters, strict=True):
@@ -127,6 +126,6 @@ def test_the_number_of_redrawn_catheters_stands_in_the_truth(monkeypatch):
 
 
 def _third():
-    from tipforce.simulation.world._device import Catheter
+    from tipforce.simulation.world._session import Catheter
 
     return Catheter(catheter_of(PRESETS["generalise"].world, 0, 0).device, 2)

@@ -10,9 +10,9 @@ from tipforce.errors import InputError
 from tipforce.simulation import (
     SimulatedBench,
     SimulationSettings,
+    collect_truth,
     read_truth,
     simulate,
-    truth_of,
     truth_path,
     write_logs,
 )
@@ -20,7 +20,7 @@ from tipforce.types import read_bench
 
 
 def leave(bench, target, tick):
-    """Stands for what writes pictures: the twin itself knows no video."""
+    """Stands for what writes images: the simulation itself writes no video."""
     part = target.with_name("part")
     part.mkdir()
     for index in range(0, len(bench.frame_s), 40):
@@ -47,7 +47,7 @@ def table(path):
     return names, np.array([[float(cell) for cell in row.split(",")] for row in rows])
 
 
-def test_logs_hold_what_the_bench_read_and_the_sheet_nothing_of_the_truth(root, bench):
+def test_logs_hold_what_the_bench_read_and_the_metadata_nothing_of_the_truth(root, bench):
     folder = root / "session_01"
     assert {path.name for path in root.iterdir()} >= {"session_01", "session_01.truth.npz"}
     assert {path.name for path in folder.iterdir() if path.suffix != ".npy"} == {"bench.toml", "force.csv", "stage.csv"}
@@ -66,7 +66,7 @@ def test_logs_hold_what_the_bench_read_and_the_sheet_nothing_of_the_truth(root, 
     assert (stated.sensor.reads, stated.sensor.no_contact_s) == ("tip-on-tissue", (0.0, 2.0))
     assert stated.catheter.bending_stiffness_nm2 == 4.3e-4
     told = (folder / "bench.toml").read_text()
-    truth = truth_of(bench).values
+    truth = collect_truth(bench).values
     for name in ("flexible_length_m", "stiffness_nm2", "friction", "contact_angle_deg", "knob_factor", "amplitude_m"):
         assert f"{truth[name]:.4g}" not in told, name
 
@@ -85,7 +85,7 @@ def test_a_knob_that_moves_has_a_log_of_its_own(short, tmp_path):
 
 
 def test_truth_comes_back_as_it_was(root, bench):
-    truth, again = read_truth(root / "session_01"), truth_of(bench)
+    truth, again = read_truth(root / "session_01"), collect_truth(bench)
     for name in ("stamp_ns", "force_n", "touching", "centreline_m", "centreline_px", "mask_bytes"):
         np.testing.assert_array_equal(getattr(truth, name), getattr(again, name))
     assert (truth.values, truth.clock_offset_s, truth.clock_drift) == (

@@ -24,7 +24,7 @@ SETTINGS = SimulationSettings.model_validate(
 @pytest.fixture(scope="module")
 def source():
     """The tissue is pushed so far that the shaft lies down on it."""
-    twin = LiveSimulation(SETTINGS, seed=4, pictures=False)
+    twin = LiveSimulation(SETTINGS, seed=4, images=False)
     with twin as bench:
         for _ in bench.source:
             now = bench.clock.now_ns() * 1e-9
@@ -37,33 +37,35 @@ def source():
 
 
 def test_side_and_dome_push_away_from_the_wall_and_the_clamp_carries_both(source):
-    done, course = source.run.done, source.course
-    contact, normal = course.contact, np.asarray(source.session.rig.wall.normal)
+    done, trajectory = source.run.done, source.trajectory
+    contact, normal = trajectory.contact, np.asarray(source.session.bench_model.wall.normal)
     side = -contact.side_force_n[:done] @ normal
     assert side.max() > 0.02
     assert side.min() >= 0.0
-    assert not side[course.time_s[:done] < 1.0].any()
+    assert not side[trajectory.time_s[:done] < 1.0].any()
     assert contact.converged[:done].all()
     np.testing.assert_allclose(contact.reaction_force_n, -contact.force_n - contact.side_force_n, atol=1e-12)
-    depth = (contact.nodes_m()[:done, 1:-1] - course.wall_m[:done, None]) @ normal + source.session.rig.radius_m
+    depth = (
+        contact.nodes_m()[:done, 1:-1] - trajectory.wall_m[:done, None]
+    ) @ normal + source.session.bench_model.radius_m
     spring = 1e4 * contact.rod.flexible_length_m / contact.rod.segments  # of each node
     np.testing.assert_allclose(side, spring * np.maximum(depth, 0.0).sum(axis=1), atol=1e-7)
 
 
 def test_the_sensor_reads_both_and_the_truth_tells_them_apart(source, tmp_path):
-    log, course = source.log, source.course
+    log, trajectory = source.log, source.trajectory
     rows = slice(0, int(np.searchsorted(source.readings.need_force, source.run.settled)))
 
     def at(values):
-        return np.stack([np.interp(log.true_s[rows], course.time_s, values[:, k]) for k in range(3)], axis=1)
+        return np.stack([np.interp(log.true_s[rows], trajectory.time_s, values[:, k]) for k in range(3)], axis=1)
 
     own = log.bias_n + log.drift_n_per_s * log.true_s[rows, None]
     base = (log.force_n[rows] - own) @ log.rotation
-    base -= 0.05 * (np.array([0.0, 0.0, -9.80665]) - at(course.acceleration_m_per_s2))
-    np.testing.assert_allclose(base, -at(course.contact.force_n + course.contact.side_force_n), atol=1e-6)
-    origin = course.wall_m + 0.02 * source.session.rig.forward
-    moment = np.cross(course.contact.touch_m - origin, -course.contact.force_n)
-    moment += np.cross(course.side_touch_m(slice(None)) - origin, -course.contact.side_force_n)
+    base -= 0.05 * (np.array([0.0, 0.0, -9.80665]) - at(trajectory.acceleration_m_per_s2))
+    np.testing.assert_allclose(base, -at(trajectory.contact.force_n + trajectory.contact.side_force_n), atol=1e-6)
+    origin = trajectory.wall_m + 0.02 * source.session.bench_model.forward
+    moment = np.cross(trajectory.contact.touch_m - origin, -trajectory.contact.force_n)
+    moment += np.cross(trajectory.side_touch_m(slice(None)) - origin, -trajectory.contact.side_force_n)
     np.testing.assert_allclose(log.torque_nm[rows] @ log.rotation, at(moment), atol=1e-5)
     truth = source.kept_truth
     assert np.linalg.norm(truth.side_force_n, axis=1).max() > 0.02

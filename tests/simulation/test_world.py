@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from tipforce.errors import InputError
 from tipforce.mechanics import HEART_WAVES, HeartMotion
-from tipforce.simulation.world import SWIFT, Axis, AxisModel, Drive, Load, read_sensor, run_session, smooth_lines
-from tipforce.simulation.world._draw import slow_drift
+from tipforce.simulation.world import FAST, Axis, AxisModel, Drive, Load, read_sensor, run_session, smooth_centrelines
+from tipforce.simulation.world._motion_profile import slow_drift
 from tipforce.simulation.world.settings import ClockSettings, MotionSettings, SensorSettings, WorldSettings
 
 SHORT = WorldSettings(seconds=14.0, tare_s=2.0)
@@ -133,7 +133,7 @@ def sessions():
 
 def test_forces_and_free_time_are_what_the_settings_ask_for(sessions):
     for session in sessions:
-        contact, time_s = session.course.contact, session.course.time_s
+        contact, time_s = session.trajectory.contact, session.trajectory.time_s
         size = np.linalg.norm(contact.force_n, axis=1)
         assert 0.1425 <= size.max() <= 0.3675
         assert not size[time_s < 2.0].any()
@@ -143,7 +143,7 @@ def test_forces_and_free_time_are_what_the_settings_ask_for(sessions):
 
 def test_the_wall_only_pushes_and_friction_stays_in_its_cone(sessions):
     for session in sessions:
-        contact, wall = session.course.contact, session.rig.wall
+        contact, wall = session.trajectory.contact, session.bench_model.wall
         push = -contact.force_n @ np.asarray(wall.normal)
         assert (push[contact.touching] > 0).all()
         along = np.linalg.norm(contact.force_n + np.outer(push, wall.normal), axis=1)
@@ -152,22 +152,22 @@ def test_the_wall_only_pushes_and_friction_stays_in_its_cone(sessions):
 
 
 def test_the_clamp_carries_what_the_wall_does(sessions):
-    contact = sessions[0].course.contact
+    contact = sessions[0].trajectory.contact
     np.testing.assert_allclose(contact.reaction_force_n, -contact.force_n, atol=1e-12)
 
 
 def test_the_same_seed_is_the_same_session(sessions):
     again = run_session(SHORT, 3, 1)
-    np.testing.assert_array_equal(again.course.contact.force_n, sessions[1].course.contact.force_n)
-    assert again.rig.draw == sessions[1].rig.draw
-    assert sessions[0].rig.draw != sessions[1].rig.draw
+    np.testing.assert_array_equal(again.trajectory.contact.force_n, sessions[1].trajectory.contact.force_n)
+    assert again.bench_model.parameters == sessions[1].bench_model.parameters
+    assert sessions[0].bench_model.parameters != sessions[1].bench_model.parameters
 
 
 def test_sessions_of_one_catheter_share_it():
     shared = WorldSettings.model_validate({"shaft": {"sessions_per_catheter": 2, "known_to": 0.05}})
-    from tipforce.simulation.world._draw import draw_device
+    from tipforce.simulation.world._parameters import sample_device
 
-    devices = [draw_device(shared, 0, number) for number in range(4)]
+    devices = [sample_device(shared, 0, number) for number in range(4)]
     assert devices[0] == devices[1]
     assert devices[2] == devices[3]
     assert devices[0] != devices[2]
@@ -182,15 +182,15 @@ def test_a_session_that_cannot_be_had_says_what_to_change(monkeypatch):
 
 def test_a_session_without_a_second_of_beats_is_refused_in_a_sentence():
     least = SHORT.model_copy(update={"seconds": 4.5})  # tare 2 s, approach 1.5 s
-    assert run_session(least, 3, 0).course.time_s[-1] > 4.5
+    assert run_session(least, 3, 0).trajectory.time_s[-1] > 4.5
     with pytest.raises(InputError, match=r"world.seconds=4.4: .* state at least 4.5 s"):
         run_session(SHORT.model_copy(update={"seconds": 4.4}), 3, 0)
 
 
 def test_the_drawn_line_goes_through_the_rods_nodes_and_is_smooth(sessions):
-    contact, rod = sessions[0].course.contact, sessions[0].rig.rod
+    contact, rod = sessions[0].trajectory.contact, sessions[0].bench_model.rod
     rows = contact.quaternions[[0, 5000, 9000]]
-    lines = smooth_lines(rod, rows, 961)
+    lines = smooth_centrelines(rod, rows, 961)
     steps = np.linalg.norm(np.diff(lines, axis=1), axis=2)
     np.testing.assert_allclose(steps, rod.length_m / 960, rtol=1e-3)
     nodes = rod.nodes_m(rows)
@@ -202,16 +202,16 @@ def test_the_drawn_line_goes_through_the_rods_nodes_and_is_smooth(sessions):
 
 def test_a_session_in_haste_comes_to_the_forces_that_were_drawn_all_the_same():
     for number in range(4):
-        session = run_session(SHORT, 17, number, SWIFT)
-        peak = float(np.linalg.norm(session.course.contact.force_n, axis=1).max())
-        assert peak == pytest.approx(session.rig.draw.peak_force_n, abs=12e-3)
-        beating = session.course.time_s > SHORT.tare_s + 1.5
+        session = run_session(SHORT, 17, number, FAST)
+        peak = float(np.linalg.norm(session.trajectory.contact.force_n, axis=1).max())
+        assert peak == pytest.approx(session.bench_model.parameters.peak_force_n, abs=12e-3)
+        beating = session.trajectory.time_s > SHORT.tare_s + 1.5
         low, high = SHORT.motion.free_share
-        assert low <= 1.0 - session.course.contact.touching[beating].mean() <= high
+        assert low <= 1.0 - session.trajectory.contact.touching[beating].mean() <= high
 
 
 def test_haste_says_in_the_same_words_what_cannot_be_had(monkeypatch):
     monkeypatch.setattr("tipforce.simulation.world._session._DRAWS", 3)
     weak = SHORT.motion.model_copy(update={"amplitude_m": (0.0, 0.2e-3), "respiration_m": (0.0, 0.0)})
     with pytest.raises(InputError, match="too little force at the largest amplitude"):
-        run_session(SHORT.model_copy(update={"motion": weak, "seconds": 6.0}), 17, 0, SWIFT)
+        run_session(SHORT.model_copy(update={"motion": weak, "seconds": 6.0}), 17, 0, FAST)

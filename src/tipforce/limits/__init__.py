@@ -1,28 +1,35 @@
-"""How well the force on the twin's tip can be known at best: the posterior Cramer-Rao bound, frame by frame."""
+"""The smallest possible error of the tip's force: posterior Cramer-Rao bounds of simulated sessions, frame by frame."""
 
-from ._beside import BoundBeside, bounds_beside, nuisances
-from ._facts import Facts, facts_of
-from ._noise import FORCES_N2, MEASURED, SeenNoise, measured_on
-from ._rows import changed_lens, seen_rows
-from ._session import ForceBound, SessionBound
-from ._unknowns import FORCE_STD_N, LASTING, Unknown, unknowns_of
+from ._bound import CramerRaoBound, ForceCovarianceBound
+from ._companion import CompanionBound, describe_nuisances, read_companion_bounds
+from ._jacobian import BoundInputs, bound_inputs, centreline_jacobian, perturb_lens
+from ._priors import (
+    BROAD_FORCE_STD_N,
+    CENTRELINE_NOISE,
+    CONTACT_FORCE_PRIORS_N2,
+    SESSION_NOISE,
+    CentrelineNoise,
+    Parameter,
+    noise_preset,
+    unknown_parameters,
+)
 
 __all__ = [
-    "FORCES_N2",
-    "FORCE_STD_N",
-    "LASTING",
-    "MEASURED",
-    "BoundBeside",
-    "Facts",
-    "ForceBound",
-    "SeenNoise",
-    "SessionBound",
-    "Unknown",
-    "bounds_beside",
-    "changed_lens",
-    "facts_of",
-    "measured_on",
-    "nuisances",
-    "seen_rows",
-    "unknowns_of",
+    "BROAD_FORCE_STD_N",
+    "CENTRELINE_NOISE",
+    "CONTACT_FORCE_PRIORS_N2",
+    "SESSION_NOISE",
+    "BoundInputs",
+    "CentrelineNoise",
+    "CompanionBound",
+    "CramerRaoBound",
+    "ForceCovarianceBound",
+    "Parameter",
+    "bound_inputs",
+    "centreline_jacobian",
+    "describe_nuisances",
+    "noise_preset",
+    "perturb_lens",
+    "read_companion_bounds",
+    "unknown_parameters",
 ]

@@ -129,8 +129,8 @@ def _spatial(shape: SpatialShape, arc_m: FloatArray, way_m: FloatArray) -> Deriv
         # Turning the clamp is turning all, and the loads back.
         back = [np.cross(part, unit) for part in load]
         add_pull(q, elastic, SpatialLoad(back[0], back[1], back[2]), sides[11 + axis])
-    sides[9] = (here - gradient(elastic._replace(bend=2 * elastic.bend))) / rod.bending_stiffness_nm2
-    sides[10] = (here - gradient(elastic._replace(twist=2 * elastic.twist))) / rod.gj_nm2
+    sides[9] = (here - gradient(elastic._replace(ei=2 * elastic.ei))) / rod.bending_stiffness_nm2
+    sides[10] = (here - gradient(elastic._replace(gj=2 * elastic.gj))) / rod.gj_nm2
     assemble(q, elastic, load, NO_TOUCH, work)
     newton_step(work, 0, 0, 0.0)
     for side in sides:

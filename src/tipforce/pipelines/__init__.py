@@ -1,5 +1,6 @@
 """Plain functions, one a job: what the public API offers and the command line calls."""
 
+from ._demo import DemoReport, demo
 from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_estimates
 from ._evaluate import EvaluateReport, evaluate
 from ._import_session import import_session
@@ -13,6 +14,7 @@ from ._train import TrainReport, train
 
 __all__ = [
     "COLUMNS",
+    "DemoReport",
     "EstimateReport",
     "EvaluateReport",
     "InspectionSheet",
@@ -21,6 +23,7 @@ __all__ = [
     "SimulateReport",
     "TrainReport",
     "check_inputs",
+    "demo",
     "describe_recording",
     "estimate",
     "evaluate",

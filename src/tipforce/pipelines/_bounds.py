@@ -17,11 +17,11 @@ def bounds_from(dataset: "Dataset", folder: Path, progress: Callable[[str, float
     import numpy as np
 
     from ..evaluation import CramerRaoBounds, bound_at
-    from ..limits import bounds_beside, nuisances
+    from ..limits import describe_nuisances, read_companion_bounds
 
-    found = bounds_beside(sorted(folder.rglob("*.truth.npz")), dataset.sessions, progress=progress)
-    whole = [each for each in found if not each.refused]
-    missing = Counter(each.refused for each in found if each.refused)
+    found = read_companion_bounds(sorted(folder.rglob("*.truth.npz")), dataset.sessions, progress=progress)
+    whole = [each for each in found if not each.rejection_reason]
+    missing = Counter(each.rejection_reason for each in found if each.rejection_reason)
     notes = [f"No bound for {count} session{'s' * (count > 1)}: {why}." for why, count in missing.items()]
     unstable = sum(int(np.isnan(each.std_n["one_frame"][:, 0]).sum()) for each in whole)
     if unstable:
@@ -34,4 +34,6 @@ def bounds_from(dataset: "Dataset", folder: Path, progress: Callable[[str, float
         for each in whole
     }
     *columns, angle = np.split(bound_at(dataset, rows), range(3, 3 * len(ways) + 1, 3), axis=1)
-    return CramerRaoBounds(dict(zip(ways, columns, strict=True)), angle[:, 0], tuple(nuisances(whole)), tuple(notes))
+    return CramerRaoBounds(
+        dict(zip(ways, columns, strict=True)), angle[:, 0], tuple(describe_nuisances(whole)), tuple(notes)
+    )

@@ -17,8 +17,8 @@ from ..simulation import (
     SampleSet,
     SimulatedBench,
     Truth,
-    refuse_other,
-    truth_of,
+    collect_truth,
+    require_same_settings,
     truth_path,
     write_sessions,
     write_truth,
@@ -50,7 +50,7 @@ def write_samples(
     made = {**wanted.model_dump(mode="json"), "shards": shards, "masks": masks, "lossless": lossless}
     told = folder / "simulated.json"
     if told.exists():
-        refuse_other(folder, json.loads(told.read_text(encoding="utf-8")), made)
+        require_same_settings(folder, json.loads(told.read_text(encoding="utf-8")), made)
     elif folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder}: is there already and no set of simulated samples; choose another folder with -o")
     else:
@@ -89,7 +89,7 @@ def _write_session(
     cv2.setNumThreads(1)  # there is a process for every core
     bench = wanted.bench(number)
     frames = wanted.frames(bench, number)
-    truth = truth_of(bench, frames)
+    truth = collect_truth(bench, frames)
     write_truth(truth, truth_path(into.folder / "truth" / bench.name))
     hidden = _masks(bench, truth) if masks else {}
     seen = _observed(bench, frames, tick)

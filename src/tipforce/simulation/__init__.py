@@ -1,13 +1,12 @@
-"""The twin: a bench in software, as hard as a real one, behind the same seams."""
+"""A simulated bench with the errors of a real one, behind the same protocols: `Source`, `Actuators`, `Clock`."""
 
 from ._bench import SimulatedBench
-from ._files import WriteSession, simulate
+from ._ground_truth import Truth, ViewTruth, collect_truth, read_truth, truth_path, write_truth
 from ._live import LiveSimulation
 from ._logs import write_logs
-from ._samples import SampleSet, sample_set
-from ._sessions import refuse_other, write_sessions
+from ._sample_set import SampleSet, sample_set
+from ._session_files import WriteSession, require_same_settings, simulate, write_sessions
 from ._settings import PRESETS, AnySimulationSettings, FluoroSettings, SimulationSettings
-from ._sidecar import Truth, ViewTruth, read_truth, truth_of, truth_path, write_truth
 
 __all__ = [
     "PRESETS",
@@ -20,11 +19,11 @@ __all__ = [
     "Truth",
     "ViewTruth",
     "WriteSession",
+    "collect_truth",
     "read_truth",
-    "refuse_other",
+    "require_same_settings",
     "sample_set",
     "simulate",
-    "truth_of",
     "truth_path",
     "write_logs",
     "write_sessions",

@@ -1,4 +1,4 @@
-"""One session of the twin as a source of events."""
+"""One session of the simulated bench as a source of events."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -21,23 +21,22 @@ from ..types import (
     SessionInfo,
     SimulatedClock,
 )
-from ._imaging import Imaging, imaging_of, views_of
-from ._instants import Instants
-from ._readings import Readings
+from ._imaging import Imaging, make_imaging, view_names
 from ._settings import AnySimulationSettings, SimulationSettings
-from .rendering.camera import PictureTruth
-from .world import FINE, Course, Pace, SensorLog, Session, run_session
+from ._trajectory_sampling import Readings, TrajectoryInterpolator
+from .rendering.camera import ImageTruth
+from .world import FINE, Resolution, SensorLog, Session, Trajectory, run_session
 
 __all__ = ["SimulatedBench"]
 
 
 class SimulatedBench:
-    """Session ``session`` of ``seed`` on the bench of ``settings``: pictures, force readings, knob and stage.
+    """Session ``session`` of ``seed`` on the bench of ``settings``: images, force readings, knob and stage.
 
     A `Source` and context manager. Camera, knob and stage are stamped by the camera's clock, whose zero is where the
     first frame would be without jitter; the force sensor stamps by its own, and reads tip-on-tissue in the frame
-    "sensor". `info` holds what a person at the bench would know, `truth` what only an evaluation may see. The same
-    arguments give the same bytes. Nothing is computed before it is asked for. ``pace``: how finely the world is run;
+    "sensor". `session_info` holds what a person at the bench would know. The same arguments
+    give the same bytes. Nothing is computed before it is asked for. ``resolution``: how finely the world is simulated;
     ``name``: what the session is called, session_00 and so on by default.
     """
 
@@ -47,11 +46,11 @@ class SimulatedBench:
         seed: int = 0,
         session: int = 0,
         *,
-        pace: Pace = FINE,
+        resolution: Resolution = FINE,
         name: str = "",
     ) -> None:
         self.settings = settings or SimulationSettings()
-        self.seed, self.number, self.pace = seed, session, pace
+        self.seed, self.number, self.resolution = seed, session, resolution
         self.name = name or f"session_{session:02d}"
         self.clock: Clock = SimulatedClock()
         """Simulated time on the camera's clock; stands at the event that was yielded last."""
@@ -69,25 +68,27 @@ class SimulatedBench:
 
     @cached_property
     def session(self) -> Session:
-        """What is drawn and what happens: the truth."""
-        return run_session(self.settings.world, self.seed, self.number, self.pace)
+        """The session's parameters and trajectory: the ground truth."""
+        return run_session(self.settings.world, self.seed, self.number, self.resolution)
 
     @property
-    def course(self) -> Course:
-        """What happens, instant by instant."""
-        return self.session.course
+    def trajectory(self) -> Trajectory:
+        """The trajectory, instant by instant."""
+        return self.session.trajectory
 
     @cached_property
     def imaging(self) -> Imaging:
-        """What looks at the bench."""
+        """The cameras or the fluoroscope of the bench."""
         times, kept = self._exposures
         shown = np.flatnonzero(kept.any(axis=1))
-        return imaging_of(self.settings, self.session.rig, self._rng(2), self.instants.exposure, times, shown)
+        return make_imaging(
+            self.settings, self.session.bench_model, self._rng(2), self.interpolator.exposure, times, shown
+        )
 
     @property
     def views(self) -> tuple[str, ...]:
-        """Names of the pictures' streams."""
-        return views_of(self.settings)
+        """Names of the images' streams."""
+        return view_names(self.settings)
 
     @property
     def has_knob(self) -> bool:
@@ -101,14 +102,14 @@ class SimulatedBench:
 
     @cached_property
     def readings(self) -> Readings:
-        """All that is read but the pictures."""
-        readings = Readings(self.session.rig, self.instants.place, self._rng(3))
-        readings.take(self.course, self._rows_known())
+        """All that is read but the images."""
+        readings = Readings(self.session.bench_model, self.interpolator.place, self._rng(3))
+        readings.take(self.trajectory, self._rows_known())
         return readings
 
     def _rows_known(self) -> int:
-        """How many of the course's instants are known."""
-        return self.course.time_s.size
+        """How many of the trajectory's instants are known."""
+        return self.trajectory.time_s.size
 
     @property
     def log(self) -> SensorLog:
@@ -117,7 +118,7 @@ class SimulatedBench:
 
     @cached_property
     def _exposures(self) -> tuple[FloatArray, BoolArray]:
-        """(m,) middle of each exposure, and (m, views) whether its picture arrived."""
+        """(m,) middle of each exposure, and (m, views) whether its image arrived."""
         clock, rng = self.settings.world.clock, self._rng(4)
         count = round(self.settings.world.seconds * clock.fps)
         most = min(3.0 * clock.jitter_s, 0.45 / clock.fps)  # no frame comes before the one ahead of it
@@ -128,7 +129,7 @@ class SimulatedBench:
 
     @property
     def _shown(self) -> BoolArray:
-        """(m,): exposures of which at least one view's picture arrived."""
+        """(m,): exposures of which at least one view's image arrived."""
         return np.asarray(self._exposures[1].any(axis=1), np.bool_)
 
     @cached_property
@@ -150,16 +151,16 @@ class SimulatedBench:
         return np.round(self.frame_s * 1e9).astype(np.int64)
 
     @cached_property
-    def instants(self) -> Instants:
-        """The course at any time."""
-        return Instants(self.course, self.session.rig, self.pace)
+    def interpolator(self) -> TrajectoryInterpolator:
+        """The trajectory at any time."""
+        return TrajectoryInterpolator(self.trajectory, self.session.bench_model, self.resolution)
 
     def frame(self, index: int, view: str = "") -> Frame:
-        """The ``index``-th picture; of the first view where none is named."""
+        """The ``index``-th image; of the first view where none is named."""
         view = view or self.views[0]
         return Frame(int(self.stamp_ns[index]), self.imaging.image(view, index), view)
 
-    def picture_truth(self, index: int, view: str = "") -> PictureTruth:
+    def image_truth(self, index: int, view: str = "") -> ImageTruth:
         """What frame ``index`` shows of the catheter."""
         return self.imaging.truth(view or self.views[0], index)
 
@@ -178,10 +179,10 @@ class SimulatedBench:
         readings = self.readings
         force_ns = np.round(readings.log.true_s * 1e9).astype(np.int64)
         joints_ns = readings.joints.stamp_ns if self.has_joints else np.empty(0, np.int64)
-        pictures = [self.stamp_ns[self.arrived(view)] for view in self.views]
-        stamps = (force_ns, readings.stage.stamp_ns, joints_ns, *pictures)
+        images = [self.stamp_ns[self.arrived(view)] for view in self.views]
+        stamps = (force_ns, readings.stage.stamp_ns, joints_ns, *images)
         *drives, camera = self._delays_ns()
-        delays = (*drives, *(camera for _ in pictures))
+        delays = (*drives, *(camera for _ in images))
         arrival = np.concatenate([own + late for own, late in zip(stamps, delays, strict=True)])
         stream = np.repeat(np.arange(len(stamps)), [len(own) for own in stamps])
         row = np.concatenate([np.arange(len(own)) for own in stamps])
@@ -189,7 +190,7 @@ class SimulatedBench:
         return list(zip(arrival[order].tolist(), stream[order].tolist(), row[order].tolist(), strict=True))
 
     def _delays_ns(self) -> tuple[int, ...]:
-        """Of force, stage, joints and pictures: in a recording all stands when it happened."""
+        """Of force, stage, joints and images: in a recording all stands when it happened."""
         return (0, 0, 0, 0)
 
     def event(self, stream: int, row: int) -> Event:
@@ -213,12 +214,12 @@ class SimulatedBench:
 
     @property
     def session_info(self) -> SessionInfo:
-        """What is written on the sheet beside the bench."""
-        return self._sheet
+        """The session's public metadata: what a person at the bench would know."""
+        return self._session_info
 
     @cached_property
-    def _sheet(self) -> SessionInfo:
-        world, device = self.settings.world, self.session.rig.draw.device
+    def _session_info(self) -> SessionInfo:
+        world, device = self.settings.world, self.session.bench_model.parameters.device
         imaging, gain = self.imaging, world.actuation.gain_per_m_deg
         metres_per_px = float(f"{imaging.measured_scale_m_per_px(self._rng(5)):.4g}")
         return SessionInfo(
@@ -244,15 +245,15 @@ class SimulatedBench:
         )
 
     def values(self) -> dict[str, Any]:
-        """All that was drawn, flat."""
+        """Returns all session parameters, by name."""
         session, log = self.session, self.log
-        draw = asdict(session.rig.draw)
+        parameters = asdict(session.bench_model.parameters)
         return {
-            **draw.pop("device"),
-            **draw,
+            **parameters.pop("device"),
+            **parameters,
             **asdict(session.motion),
-            "wall_normal": session.rig.wall.normal.tolist(),
-            "forward": session.rig.forward.tolist(),
+            "wall_normal": session.bench_model.wall.normal.tolist(),
+            "forward": session.bench_model.forward.tolist(),
             "bias_n": log.bias_n.tolist(),
             "drift_n_per_s": log.drift_n_per_s.tolist(),
             "redraws": session.redraws,

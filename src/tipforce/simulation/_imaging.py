@@ -1,4 +1,4 @@
-"""What looks at the bench: the camera, or the fluoroscope in one plane or two."""
+"""The imaging of a session: one camera, or a fluoroscope in one plane or two."""
 
 import math
 from collections.abc import Callable
@@ -11,11 +11,11 @@ import numpy as np
 from ..geometry import CameraModel
 from ..types import FloatArray, Image, IntArray, ViewInfo
 from ._settings import AnySimulationSettings, FluoroSettings, SimulationSettings
-from .rendering.camera import CameraRenderer, CameraScene, PictureTruth, TissueHome, TissueState, draw_scene
-from .rendering.fluoroscope import Pulse, XrayRenderer, XrayScene, draw_xray_scene
-from .world import Rig
+from .rendering.camera import CameraRenderer, CameraScene, ImageTruth, TissueHome, TissueState, sample_scene
+from .rendering.fluoroscope import Pulse, XrayRenderer, XrayScene, sample_xray_scene
+from .world import BenchModel
 
-__all__ = ["CameraImaging", "Imaging", "XrayImaging", "imaging_of", "views_of"]
+__all__ = ["CameraImaging", "Imaging", "XrayImaging", "make_imaging", "view_names"]
 
 Exposed = Callable[[float, float, int], tuple[FloatArray, TissueState]]
 """Middle of an exposure and its length in seconds, number of instants -> shapes (m, n, 3) and the tissue."""
@@ -24,7 +24,7 @@ _KEPT_PULSES = 16
 
 
 class Imaging(Protocol):
-    """Draws the pictures of a session."""
+    """Draws the images of a session."""
 
     @property
     def views(self) -> tuple[str, ...]:
@@ -38,12 +38,12 @@ class Imaging(Protocol):
 
     @property
     def jpeg_quality(self) -> int:
-        """Of the pictures as recorded."""
+        """Of the images as recorded."""
         ...
 
     @property
     def exposure_s(self) -> float:
-        """How long the light of one picture is gathered."""
+        """How long the light of one image is gathered."""
         ...
 
     def camera(self, view: str) -> CameraModel:
@@ -51,11 +51,11 @@ class Imaging(Protocol):
         ...
 
     def image(self, view: str, index: int) -> Image:
-        """The ``index``-th picture."""
+        """The ``index``-th image."""
         ...
 
-    def truth(self, view: str, index: int) -> PictureTruth:
-        """What that picture shows of the catheter."""
+    def truth(self, view: str, index: int) -> ImageTruth:
+        """What that image shows of the catheter."""
         ...
 
     def measured_scale_m_per_px(self, rng: np.random.Generator) -> float:
@@ -71,53 +71,58 @@ class Imaging(Protocol):
         ...
 
 
-def views_of(settings: AnySimulationSettings) -> tuple[str, ...]:
-    """Names of the pictures' streams: "camera" for one, "a" and "b" for two."""
+def view_names(settings: AnySimulationSettings) -> tuple[str, ...]:
+    """Names of the images' streams: "camera" for one, "a" and "b" for two."""
     return ("a", "b") if isinstance(settings, FluoroSettings) and settings.scene.planes == 2 else ("camera",)
 
 
-def imaging_of(
+def make_imaging(
     settings: AnySimulationSettings,
-    rig: Rig,
+    bench_model: BenchModel,
     rng: np.random.Generator,
     exposed: Exposed,
     times_s: FloatArray,
     kept: IntArray,
 ) -> Imaging:
-    """The pictures of a session: ``times_s`` (m,) of all exposures, ``kept`` (n,): which of them became pictures."""
+    """The images of a session: ``times_s`` (m,) of all exposures, ``kept`` (n,): which of them became images."""
     if isinstance(settings, FluoroSettings):
-        return XrayImaging(settings, rig, rng, exposed, times_s, kept)
-    return CameraImaging(settings, rig, rng, exposed, times_s[kept])
+        return XrayImaging(settings, bench_model, rng, exposed, times_s, kept)
+    return CameraImaging(settings, bench_model, rng, exposed, times_s[kept])
 
 
 class CameraImaging:
-    """One camera in front of the bench; ``times_s`` (n,) of its pictures."""
+    """One camera in front of the bench; ``times_s`` (n,) of its images."""
 
     views = ("camera",)
 
     def __init__(
-        self, settings: SimulationSettings, rig: Rig, rng: np.random.Generator, exposed: Exposed, times_s: FloatArray
+        self,
+        settings: SimulationSettings,
+        bench_model: BenchModel,
+        rng: np.random.Generator,
+        exposed: Exposed,
+        times_s: FloatArray,
     ) -> None:
-        self.settings, self._rig, self._exposed, self._times_s = settings, rig, exposed, times_s
-        ranges = settings.scene.model_copy(update={"diameter_m": rig.draw.device.diameter_m})
-        self.scene = draw_scene(ranges, rng, length_m=rig.rod.length_m)
+        self.settings, self._bench_model, self._exposed, self._times_s = settings, bench_model, exposed, times_s
+        ranges = settings.scene.model_copy(update={"diameter_m": bench_model.parameters.device.diameter_m})
+        self.scene = sample_scene(ranges, rng, length_m=bench_model.rod.length_m)
 
     @cached_property
     def renderer(self) -> CameraRenderer:
-        """Draws the pictures."""
-        rig, settings = self._rig, self.settings
+        """Draws the images."""
+        bench_model, settings = self._bench_model, self.settings
         return CameraRenderer(
             scene=self.scene,
             camera=self.camera(),
-            length_m=rig.rod.length_m,
-            tissue=TissueHome(rig.touch_m, np.asarray(rig.wall.normal)),
+            length_m=bench_model.rod.length_m,
+            tissue=TissueHome(bench_model.touch_m, np.asarray(bench_model.wall.normal)),
             width=settings.width,
             height=settings.height,
         )
 
     @property
     def jpeg_quality(self) -> int:
-        """Of the pictures as recorded."""
+        """Of the images as recorded."""
         return self.scene.jpeg_quality
 
     @property
@@ -131,13 +136,13 @@ class CameraImaging:
         return self.scene.camera(self.settings.width, self.settings.height)
 
     def image(self, view: str, index: int) -> Image:
-        """The ``index``-th picture."""
+        """The ``index``-th image."""
         del view
         time_s = float(self._times_s[index])
         shapes, tissue = self._exposed(time_s, self.scene.exposure_s, _CAMERA_INSTANTS)
         return self.renderer.render(shapes, tissue, frame=index, time_s=time_s)
 
-    def truth(self, view: str, index: int) -> PictureTruth:
+    def truth(self, view: str, index: int) -> ImageTruth:
         """What frame ``index`` shows of the catheter."""
         del view
         time_s = float(self._times_s[index])
@@ -169,23 +174,23 @@ class XrayImaging:
     def __init__(
         self,
         settings: FluoroSettings,
-        rig: Rig,
+        bench_model: BenchModel,
         rng: np.random.Generator,
         exposed: Exposed,
         times_s: FloatArray,
         kept: IntArray,
     ) -> None:
         self.settings, self._exposed, self._times_s, self._kept = settings, exposed, times_s, kept
-        self.views = views_of(settings)
-        self._length_m = rig.rod.length_m
-        draw, breath_hz = rig.draw, rig.settings.motion.respiration_hz
-        diameter = draw.device.diameter_m
-        scene = draw_xray_scene(
+        self.views = view_names(settings)
+        self._length_m = bench_model.rod.length_m
+        parameters, breath_hz = bench_model.parameters, bench_model.settings.motion.respiration_hz
+        diameter = parameters.device.diameter_m
+        scene = sample_xray_scene(
             settings.scene.model_copy(
                 update={
                     "diameter_m": (diameter, diameter),
-                    "electrode_m": rig.settings.shaft.rigid_length_m,
-                    "rate_hz": rig.settings.clock.fps,
+                    "electrode_m": bench_model.settings.shaft.rigid_length_m,
+                    "rate_hz": bench_model.settings.clock.fps,
                 }
             ),
             rng,
@@ -193,10 +198,10 @@ class XrayImaging:
         # the wall meets the tip at the sine's top, when the heart is emptied and the chest is full
         rhythm = replace(
             scene.rhythm,
-            heart_hz=draw.beat_hz,
-            heart_phase=0.25 if draw.wave == "sine" else 0.5,
+            heart_hz=parameters.beat_hz,
+            heart_phase=0.25 if parameters.wave == "sine" else 0.5,
             breath_hz=breath_hz,
-            breath_phase=(draw.respiration_phase + 0.5 * math.pi) / (2.0 * math.pi),
+            breath_phase=(parameters.respiration_phase + 0.5 * math.pi) / (2.0 * math.pi),
         )
         self.scene = replace(scene, rhythm=rhythm)
         self._pulses: dict[int, Pulse] = {}
@@ -210,7 +215,7 @@ class XrayImaging:
 
     @property
     def jpeg_quality(self) -> int:
-        """Of the pictures as recorded."""
+        """Of the images as recorded."""
         return self.settings.jpeg_quality
 
     @property
@@ -223,11 +228,11 @@ class XrayImaging:
         return self.scene.camera(self.views.index(view), self.settings.width, self.settings.height)
 
     def image(self, view: str, index: int) -> Image:
-        """The ``index``-th picture; what the detector still shows of earlier pulses is in it, dropped ones too."""
+        """The ``index``-th image; what the detector still shows of earlier pulses is in it, dropped ones too."""
         number, renderer = int(self._kept[index]), self._renderers[view]
         *before, now = [self._pulse(k) for k in range(max(0, number - renderer.memory), number + 1)]
-        picture = renderer.render(now.shapes_m, now.tissue, frame=now.frame, time_s=now.time_s, before=before)
-        return cast("Image", picture)  # 8 bits, as asked for
+        image = renderer.render(now.shapes_m, now.tissue, frame=now.frame, time_s=now.time_s, before=before)
+        return cast("Image", image)  # 8 bits, as asked for
 
     def _pulse(self, number: int) -> Pulse:
         if number not in self._pulses:
@@ -238,7 +243,7 @@ class XrayImaging:
             self._pulses[number] = Pulse(shapes, tissue, number, time_s)
         return self._pulses[number]
 
-    def truth(self, view: str, index: int) -> PictureTruth:
+    def truth(self, view: str, index: int) -> ImageTruth:
         """What frame ``index`` shows of the catheter."""
         time_s = float(self._times_s[self._kept[index]])
         shapes, tissue = self._exposed(time_s, self.scene.views[0].beam.pulse_s, 1)

@@ -1,32 +1,136 @@
-"""The twin while it runs: events as they arrive, drives that may be commanded, time that is simulated or real."""
+"""A simulated session in progress: events as they arrive, drives that take commands, simulated or real time."""
 
+import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from functools import cached_property
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
-from ..types import Clock, Event, IntArray, SimulatedClock, SystemClock
-from ._actuators import SimulatedActuators
+from ..types import (
+    ADVANCE,
+    KNOB,
+    STAGE_ACROSS,
+    STAGE_FORWARD,
+    Actuation,
+    AxisLimits,
+    Clock,
+    Commanded,
+    Event,
+    IntArray,
+    SimulatedClock,
+    SystemClock,
+    refuse_unknown,
+)
 from ._bench import SimulatedBench
+from ._ground_truth import Truth, collect_truth
 from ._settings import AnySimulationSettings
-from ._sidecar import Truth, truth_of
-from .world import Course, CourseRun, Session, instants_until
+from .world import Drive, Session, Trajectory, TrajectoryIntegrator, WorldSettings, instants_until
 
-__all__ = ["LiveSimulation"]
+__all__ = ["LiveSimulation", "SimulatedActuators"]
 
-_PICTURES = 3
-"""The first stream of pictures in a schedule."""
+_PER_UNIT = {ADVANCE: 1e3, KNOB: 1.0, STAGE_FORWARD: 1e3, STAGE_ACROSS: 1e3}
+_DIGITS = {ADVANCE: 4, KNOB: 2, STAGE_FORWARD: 4, STAGE_ACROSS: 4}
+
+
+class SimulatedActuators:
+    """The `Actuators` of a session: ``advance_mm``, ``knob_deg`` where there is a knob, and the stage's two axes.
+
+    Each plays the session's own programme until it is commanded or stopped. A command counts from the first instant
+    after ``clock``'s time; its effect begins after the axis's delay. ``reach`` lets the trajectory happen up to an
+    instant, exclusive, and holds ``lock`` meanwhile, so that another thread than the one that takes events may command.
+    """
+
+    def __init__(
+        self,
+        settings: WorldSettings,
+        run: TrajectoryIntegrator,
+        clock: Clock,
+        reach: Callable[[int], None],
+        lock: AbstractContextManager[Any],
+    ) -> None:
+        self._run, self._clock, self._reach, self._lock = run, clock, reach, lock
+        drives = {ADVANCE: run.clamp, KNOB: run.knob, STAGE_FORWARD: run.forward, STAGE_ACROSS: run.across}
+        if settings.actuation.gain_per_m_deg == 0.0:
+            del drives[KNOB]
+        self._drives: dict[str, Drive] = drives
+        self._limits = {name: _limits(drive, _PER_UNIT[name]) for name, drive in drives.items()}
+        self._open = True
+
+    @property
+    def limits(self) -> Mapping[str, AxisLimits]:
+        """What each axis keeps to, in mm or degrees."""
+        return dict(self._limits)
+
+    def command(self, targets: Mapping[str, float]) -> Commanded:
+        """Send axes on their way; see `Actuators.command`. Raises RuntimeError once the bench is closed."""
+        with self._lock:
+            taken = Commanded.of(self._now_ns(), targets, self._limits)
+            for name, target in taken.targets.items():
+                self._command_axis(name, taken.stamp_ns, target / _PER_UNIT[name])
+            return taken
+
+    def read(self) -> Actuation:
+        """Where the axes are at the clock's time, in whole steps."""
+        now = self._now_ns()
+        trajectory = self._run.trajectory
+        row = min(instants_until(now * 1e-9), trajectory.time_s.size) - 1
+        self._reach(row + 1)
+        places = {
+            ADVANCE: trajectory.advance_m[row],
+            KNOB: trajectory.knob_deg[row],
+            STAGE_FORWARD: trajectory.stage_m[row, 0],
+            STAGE_ACROSS: trajectory.stage_m[row, 1],
+        }
+        values = {name: round(_PER_UNIT[name] * float(places[name]), _DIGITS[name]) for name in self._drives}
+        return Actuation(now, values)
+
+    def stop(self, *axes: str) -> None:
+        """Bring these axes, or all, to rest; see `Actuators.stop`."""
+        refuse_unknown(axes, self._limits)
+        with self._lock:
+            now = self._now_ns()
+            for name in axes or self._drives:
+                self._command_axis(name, now, math.nan)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._open:
+            self.stop()
+        self._open = False
+
+    def _now_ns(self) -> int:
+        if not self._open:
+            raise RuntimeError("the bench is closed; its axes stand still")
+        return self._clock.now_ns()
+
+    def _command_axis(self, name: str, now_ns: int, target: float) -> None:
+        drive = self._drives[name]
+        drive.command(max(instants_until(now_ns * 1e-9), self._run.done - drive.late), target)
+
+
+def _limits(drive: Drive, per_unit: float) -> AxisLimits:
+    model = drive.model
+    return AxisLimits(*(per_unit * x for x in (model.low, model.high, model.max_speed, model.max_acceleration)))
+
+
+_FIRST_IMAGE_STREAM = 3
+"""The first stream of images in a schedule."""
 
 
 class _LiveSource(SimulatedBench):
     """A session of ``plan`` that happens while it is looked at: its events, in the order in which they arrive."""
 
-    def __init__(self, plan: SimulatedBench, run: CourseRun, *, real_time: bool, pictures: bool) -> None:
+    def __init__(self, plan: SimulatedBench, run: TrajectoryIntegrator, *, real_time: bool, images: bool) -> None:
         super().__init__(plan.settings, plan.seed, plan.number)
-        self._plan, self.run, self._pictures = plan, run, pictures
+        self._plan, self.run, self._images = plan, run, images
         self._next = 0
         self.lock = threading.RLock()
         self._late = min(drive.late for drive in run.drives)
@@ -40,22 +144,22 @@ class _LiveSource(SimulatedBench):
         return self._plan.session
 
     @property
-    def course(self) -> Course:
+    def trajectory(self) -> Trajectory:
         """What has happened so far."""
-        return self.run.course
+        return self.run.trajectory
 
     def _rows_known(self) -> int:
         return self.run.settled
 
     def _delays_ns(self) -> tuple[int, ...]:
         clock = self.settings.world.clock
-        picture = 0.5 * self.imaging.exposure_s + clock.camera_delay_s
-        delays = (clock.force_delay_s, clock.drive_delay_s, clock.drive_delay_s, picture)
+        image = 0.5 * self.imaging.exposure_s + clock.camera_delay_s
+        delays = (clock.force_delay_s, clock.drive_delay_s, clock.drive_delay_s, image)
         return tuple(round(1e9 * delay) for delay in delays)
 
     @cached_property
-    def _needs(self) -> tuple[IntArray, ...]:
-        """By stream: how many instants of the course must have happened for each event."""
+    def _instants_needed(self) -> tuple[IntArray, ...]:
+        """By stream: how many instants of the trajectory must have happened for each event."""
         readings = self.readings
         settled = (readings.need_force, readings.stage.need, readings.joints.need)
         return *(need + 2 for need in settled), *(self._frames_need[self.arrived(view)] for view in self.views)
@@ -63,7 +167,7 @@ class _LiveSource(SimulatedBench):
     @cached_property
     def _frames_need(self) -> IntArray:
         """(n,): how many instants must have happened for each frame, whichever view it arrives in."""
-        low, _ = self.instants.place(self.frame_s + 0.5 * self.imaging.exposure_s)
+        low, _ = self.interpolator.place(self.frame_s + 0.5 * self.imaging.exposure_s)
         return low + 2
 
     def reach(self, rows: int, now_ns: int | None = None) -> None:
@@ -72,7 +176,7 @@ class _LiveSource(SimulatedBench):
             if rows > self.run.done:
                 now = self.clock.now_ns() if now_ns is None else now_ns
                 self.run.advance(max(rows, instants_until(now * 1e-9) + self._late))
-                self.readings.take(self.course, self.run.settled)
+                self.readings.take(self.trajectory, self.run.settled)
 
     def frames_so_far(self) -> IntArray:
         """(n,): the frames whose exposure has happened."""
@@ -82,9 +186,9 @@ class _LiveSource(SimulatedBench):
         while self._next < len(self._order):
             at_ns, stream, row = self._order[self._next]
             self._next += 1
-            if stream >= _PICTURES and not self._pictures:
+            if stream >= _FIRST_IMAGE_STREAM and not self._images:
                 continue
-            self.reach(int(self._needs[stream][row]), at_ns)
+            self.reach(int(self._instants_needed[stream][row]), at_ns)
             event = self.event(stream, row)
             self.clock.sleep_until_ns(at_ns)
             yield event
@@ -95,7 +199,7 @@ class LiveSimulation:
 
     ``source``: its events, in the order in which a program at the bench would have them (see ``ClockSettings`` for
     the delays); going on with it makes time go on. ``actuators``: its drives. ``clock``: simulated, which stands at
-    the event that came last, or with ``real_time`` the machine's, which it waits for. Without ``pictures`` none are
+    the event that came last, or with ``real_time`` the machine's, which it waits for. Without ``images`` none are
     drawn.
 
     While nobody commands a drive the events are those of `SimulatedBench`, each of them the same bytes. A command
@@ -111,15 +215,15 @@ class LiveSimulation:
         session: int = 0,
         *,
         real_time: bool = False,
-        pictures: bool = True,
+        images: bool = True,
     ) -> None:
         self._plan = SimulatedBench(settings, seed, session)
-        self._real_time, self._pictures = real_time, pictures
+        self._real_time, self._images = real_time, images
         self._begun: tuple[_LiveSource, SimulatedActuators] | None = None
 
     def __enter__(self) -> Self:
         run = self._plan.session.begin()
-        source = _LiveSource(self._plan, run, real_time=self._real_time, pictures=self._pictures)
+        source = _LiveSource(self._plan, run, real_time=self._real_time, images=self._images)
         self._begun = (
             source,
             SimulatedActuators(self._plan.settings.world, run, source.clock, source.reach, source.lock),
@@ -152,6 +256,6 @@ class LiveSimulation:
         return self._entered()[0].clock
 
     def truth(self) -> Truth:
-        """What really was in every frame so far: for evaluation only. What is told of drives is what was commanded."""
+        """What really was in every frame so far: for evaluation only. Of drives it holds what was commanded."""
         source = self._entered()[0]
-        return truth_of(source, source.frames_so_far())
+        return collect_truth(source, source.frames_so_far())

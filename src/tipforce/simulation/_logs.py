@@ -1,4 +1,4 @@
-"""What a laboratory's loggers leave of a session beside the video: tables, and ``bench.toml``."""
+"""The logs of a session as a laboratory's loggers leave them beside the video: tables, and ``bench.toml``."""
 
 from collections.abc import Mapping
 from dataclasses import replace

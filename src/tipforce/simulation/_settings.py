@@ -1,8 +1,8 @@
-"""All settings of a simulated bench, and the presets that the yardstick is made of."""
+"""All settings of a simulated bench, and the presets of the benchmark protocol."""
 
 from pydantic import Field
 
-from ._ranges import Settings
+from ._fields import Settings
 from .rendering.camera import GENERALISE, SceneRanges
 from .rendering.fluoroscope import BIPLANE, FLUORO, XrayRanges
 from .world.settings import (
@@ -29,7 +29,7 @@ class SimulationSettings(_BenchSettings):
 
     scene: SceneRanges = SceneRanges()
     scale_error: float = Field(default=0.01, ge=0, lt=1)
-    """The picture's scale is measured with a uniform error within +- this share."""
+    """The image's scale is measured with a uniform error within +- this share."""
     width: int = Field(default=640, ge=160, le=4096, multiple_of=2)
     height: int = Field(default=480, ge=120, le=4096, multiple_of=2)
 

@@ -14,7 +14,7 @@ __all__ = ["Actuators", "Clock", "SimulatedClock", "Source", "SystemClock"]
 
 @runtime_checkable
 class Source(Protocol):
-    """Yields events: a camera, a video, a folder of images, a recording, the twin. A context manager."""
+    """Yields events: a camera, a video, a folder of images, a recording, a simulated bench. A context manager."""
 
     @property
     def session_info(self) -> SessionInfo:

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from tipforce.simulation.rendering.camera import (
+    BackgroundAppearance,
     CameraScene,
-    GroundLook,
     Lighting,
     SceneRanges,
     SensorNoise,
     TubeFinish,
-    draw_scene,
+    sample_scene,
 )
 
 LENGTH_M = 0.048
@@ -34,14 +34,14 @@ def _shape(turning_rad: float, nodes: int = 61, out_of_plane: float = 0.0) -> np
 
 def _plain(**lens: float) -> CameraScene:
     """A grey scene whose ground and shaft have one level each; ``lens``: changes of the drawn one."""
-    scene = draw_scene(SceneRanges(colour=False, objects=(0, 0), wear=(0.0, 0.0)), np.random.default_rng(1))
+    scene = sample_scene(SceneRanges(colour=False, objects=(0, 0), wear=(0.0, 0.0)), np.random.default_rng(1))
     flat = TubeFinish((SHAFT,) * 3, (SHAFT,) * 3, 0.0, 20.0, 0.0, 10.0)
     even = Lighting(1.0, 0.0, 0.0, 0.0, 0.0, (0.5, 0.5), 1.0, (), 0.1)
     return dataclasses.replace(
         scene,
         light=even,
         noise=SensorNoise(0.05, 1.0),
-        ground=GroundLook("board", (GROUND,) * 3, 0.0, 0.0, 20e-3, 0, 0.0),
+        ground=BackgroundAppearance("board", (GROUND,) * 3, 0.0, 0.0, 20e-3, 0, 0.0),
         catheter=dataclasses.replace(scene.catheter, finish=flat, seam=0.0, rings_m=(), electrode_m=1e-9),
         lens=dataclasses.replace(
             scene.lens, base_at_m=(8e-3, 12e-3), base_turn_rad=math.radians(7.0), **{"sharpest_m": 0.0, **lens}

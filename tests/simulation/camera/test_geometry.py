@@ -1,4 +1,4 @@
-"""The picture of a tube lies where geometry says, to a hundredth of a pixel."""
+"""The image of a tube lies where geometry says, to a hundredth of a pixel."""
 
 import dataclasses
 import math
@@ -18,10 +18,10 @@ SHAPES = [0.0, 0.5, -1.3]
 
 
 def cover(renderer, shape):
-    """Cover without shading: two pictures whose shafts differ, everything else alike."""
+    """Cover without shading: two images whose shafts differ, everything else alike."""
     bright = dataclasses.replace(renderer.scene.catheter.finish, shaft=(SHAFT * 2,) * 3, metal=(SHAFT * 2,) * 3)
-    look = dataclasses.replace(renderer.scene.catheter, finish=bright)
-    other = CameraRenderer(dataclasses.replace(renderer.scene, catheter=look), LENGTH_M)
+    appearance = dataclasses.replace(renderer.scene.catheter, finish=bright)
+    other = CameraRenderer(dataclasses.replace(renderer.scene, catheter=appearance), LENGTH_M)
     dark, light = renderer.clean(shape), other.clean(shape)
     shaft = light - dark  # shading times cover
     return 1.0 - (dark - shaft) / GROUND
@@ -66,7 +66,7 @@ def outlines(camera, shape, radius, count=4000):
 
 
 def brute_force(camera, shape, radius, sigma, box, finer=8):
-    """The cover by supersampling the outlines and blurring the fine picture, at the centres of pixels."""
+    """The cover by supersampling the outlines and blurring the fine image, at the centres of pixels."""
     u0, v0, w, h = box
     left, right, dome = outlines(camera, shape, radius, 300)
     fine = np.zeros((h * finer, w * finer), np.float32)
@@ -78,7 +78,7 @@ def brute_force(camera, shape, radius, sigma, box, finer=8):
     return fine.reshape(h, finer, w, finer)[:, middle, :, middle].mean(axis=(1, 3))
 
 
-def test_the_picture_is_that_of_exact_outlines_finely_sampled_and_blurred(arc, plain):
+def test_the_image_is_that_of_exact_outlines_finely_sampled_and_blurred(arc, plain):
     scene = plain(blur_px=1.2, defocus_px_per_m=0.0)
     renderer = CameraRenderer(scene, LENGTH_M)
     shape = arc(-1.3, out_of_plane=1.5)
@@ -86,7 +86,7 @@ def test_the_picture_is_that_of_exact_outlines_finely_sampled_and_blurred(arc, p
     box = (70, 40, 240, 400)
     want = brute_force(renderer.camera, shape, scene.catheter.radius_m, 1.2, box)
     off = np.abs(share[40:440, 70:310] - want)
-    off[:, :5] = 0.0  # the finely sampled picture ends here
+    off[:, :5] = 0.0  # the finely sampled image ends here
     edge = (want > 0.02) & (want < 0.98)
     assert edge.sum() > 1500
     assert off[edge].mean() < 0.001  # of the contrast: 0.003 px where the edge is steepest

@@ -55,7 +55,7 @@ def test_neighbours_and_frames_are_not_correlated():
         assert spread == pytest.approx(1.0, abs=0.12)
 
 
-def test_a_colour_picture_turned_grey_has_a_grey_cameras_noise():
+def test_a_colour_image_turned_grey_has_a_grey_cameras_noise():
     grey = draw(NOISES[2.0], 120.0, 3)[0]
     planes = draw(NOISES[2.0], 120.0, 3, channels=3)
     seen = cv2.cvtColor(cv2.merge(list(planes)), cv2.COLOR_RGB2GRAY)

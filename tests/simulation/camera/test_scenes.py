@@ -15,7 +15,7 @@ from tipforce.simulation.rendering.camera import (
     SceneRanges,
     TissueHome,
     TissueState,
-    draw_scene,
+    sample_scene,
 )
 
 LENGTH_M = 0.048
@@ -24,7 +24,7 @@ SMALL = {"width": 320, "height": 240}
 
 
 def scene_of(ranges=BENCH_2021, seed=0):
-    return draw_scene(ranges, np.random.default_rng(seed), length_m=LENGTH_M)
+    return sample_scene(ranges, np.random.default_rng(seed), length_m=LENGTH_M)
 
 
 def state(x_m=0.0, dent_m=0.0):
@@ -57,7 +57,7 @@ def test_frames_do_not_depend_on_what_was_drawn_before_or_on_which_thread(arc, b
     assert (first[0] != first[1]).mean() > 0.5
 
 
-def test_noise_is_new_in_every_frame_and_centred_on_the_clean_picture(arc, busy):
+def test_noise_is_new_in_every_frame_and_centred_on_the_clean_image(arc, busy):
     clean = busy.clean(arc(0.3), state())
     mean = np.mean([busy.render(arc(0.3), state(), frame=k).astype(float) for k in range(24)], axis=0)
     inside = (clean > 25) & (clean < 230)

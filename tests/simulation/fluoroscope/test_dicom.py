@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from tipforce.errors import InputError, MissingExtraError
-from tipforce.simulation.rendering.fluoroscope import BIPLANE, RESEARCH_NOTE, XrayScene, draw_xray_scene, write_dicom
+from tipforce.simulation.rendering.fluoroscope import BIPLANE, RESEARCH_NOTE, XrayScene, sample_xray_scene, write_dicom
 
 pydicom = pytest.importorskip("pydicom")
 
 
 @pytest.fixture(scope="module")
 def scene() -> XrayScene:
-    return draw_xray_scene(BIPLANE, np.random.default_rng(2))
+    return sample_xray_scene(BIPLANE, np.random.default_rng(2))
 
 
 @pytest.mark.parametrize("bits", [8, 10, 12])
@@ -67,7 +67,7 @@ def test_planes_of_a_scene_share_a_study_and_are_two_images(tmp_path, scene: Xra
 
 
 def test_another_scene_is_another_frame_of_reference(tmp_path, scene: XrayScene) -> None:
-    other = draw_xray_scene(BIPLANE, np.random.default_rng(3))
+    other = sample_xray_scene(BIPLANE, np.random.default_rng(3))
     for name, each in (("one", scene), ("two", other)):
         write_dicom(tmp_path / f"{name}.dcm", [np.zeros((8, 8), np.uint8)], [0], each)
     one, two = (pydicom.dcmread(tmp_path / f"{name}.dcm") for name in ("one", "two"))

@@ -13,7 +13,7 @@ __all__ = ["Hysteresis", "Play", "PrandtlIshlinskii", "row_of"]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def march(
+def _integrate(
     inputs: FloatArray,
     half_widths: FloatArray,
     weights: FloatArray,
@@ -72,7 +72,7 @@ class Play:
         """(n,) inputs in their order -> (n,) outputs; the same as n times `step`."""
         inputs = row_of(values)
         outputs, memory = np.empty_like(inputs), np.array([self.output], np.float64)
-        march(inputs, np.array([0.5 * self.width]), np.ones(1), 0.0, memory, outputs)
+        _integrate(inputs, np.array([0.5 * self.width]), np.ones(1), 0.0, memory, outputs)
         self.output = float(memory[0])
         return outputs
 
@@ -141,5 +141,5 @@ class PrandtlIshlinskii:
         """(n,) inputs in their order -> (n,) outputs; the same as n times `step`."""
         inputs = row_of(values)
         outputs = np.empty_like(inputs)
-        march(inputs, self.half_widths, self.weights, self.slope, self.memory, outputs)
+        _integrate(inputs, self.half_widths, self.weights, self.slope, self.memory, outputs)
         return outputs

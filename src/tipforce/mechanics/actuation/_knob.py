@@ -70,7 +70,7 @@ class Tendon:
         pulls = row_of(pull_m)
         curvature, tension = np.empty_like(pulls), np.empty_like(pulls)
         rub = math.exp(self.friction * self.wrap_rad)
-        self.curvature_per_m = _march(
+        self.curvature_per_m = _integrate(
             pulls,
             1.0 / self._takes_up_m2(rub),
             1.0 / self._takes_up_m2(1.0 / rub),
@@ -91,7 +91,7 @@ class Tendon:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _march(
+def _integrate(
     pulls: FloatArray,
     pulling: float,
     letting_go: float,

@@ -166,7 +166,7 @@ def _relax(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float, wor
 
 
 @njit(cache=True, error_model="numpy")
-def settle(chain: Chain, fx: float, fy: float, moment: float, first_share: float, q: FloatArray) -> bool:
+def _solve_chain(chain: Chain, fx: float, fy: float, moment: float, first_share: float, q: FloatArray) -> bool:
     """Raise the load from nothing, so that ``q`` (m,) ends on the unloaded shape's branch; False: not converged.
 
     ``first_share``: of the load, for the first step; steps are halved where they fail or jump.
@@ -186,11 +186,11 @@ def settle(chain: Chain, fx: float, fy: float, moment: float, first_share: float
     return converged
 
 
-def bend_links(rod: Rod, chain: Chain, clamped_m: float, force_n: FloatArray, moment_nm: float) -> PolylineShape:
+def _solve_links(rod: Rod, chain: Chain, clamped_m: float, force_n: FloatArray, moment_nm: float) -> PolylineShape:
     """Straight links behind a first one of ``clamped_m`` that stays along x."""
     fx, fy = float(force_n[0]), float(force_n[1])
     angles = np.empty(chain.span_m.size)
-    converged = settle(chain, fx, fy, float(moment_nm), first_share(rod, fx, fy, moment_nm), angles)
+    converged = _solve_chain(chain, fx, fy, float(moment_nm), first_share(rod, fx, fy, moment_nm), angles)
     ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     ways *= (chain.link_m + chain.give_m_per_n * (ways @ np.array([fx, fy])))[:, None]
     nodes = np.zeros((angles.size + 2, 2))
@@ -235,7 +235,7 @@ class RigidLinks:
 
     def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
         """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
-        return bend_links(self.rod, self._chain, 0.5 * self._chain.span_m[0], force_n, moment_nm)
+        return _solve_links(self.rod, self._chain, 0.5 * self._chain.span_m[0], force_n, moment_nm)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -274,7 +274,7 @@ class MassSpring:
 
     def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
         """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
-        return bend_links(self.rod, self._chain, 0.0, force_n, moment_nm)
+        return _solve_links(self.rod, self._chain, 0.0, force_n, moment_nm)
 
 
 _SHOWN = 48
@@ -318,7 +318,7 @@ class ConstantCurvature:
         rod, n, chain = self.rod, self.arcs, self._chain
         fx, fy = float(force_n[0]), float(force_n[1])
         ends = np.empty(n)
-        converged = settle(chain, fx, fy, float(moment_nm), first_share(rod, fx, fy, moment_nm), ends)
+        converged = _solve_chain(chain, fx, fy, float(moment_nm), first_share(rod, fx, fy, moment_nm), ends)
         # Chord after chord of equal pieces of the arcs: exact places on them.
         per_arc = -(-_SHOWN // n)
         turn = np.diff(ends, prepend=0.0) / per_arc

@@ -6,11 +6,12 @@ stick and slip, is its oracle.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ...types import BoolArray, FloatArray
+from ._compile import compiled
 from ._newton import NO_SPRINGS, Elastic, Load, Springs, elastic_of, relax
 from ._rod import Rod
 
@@ -23,7 +24,8 @@ class Wall:
 
     ``angle_rad``: the direction INTO the wall, d, counter-clockwise from x; t is d turned by a further 90 degrees.
     Normal force = ``stiffness_n_per_m`` x depth + ``damping_ns_per_m`` x rate of depth, never pulling: after a release
-    the dent goes back with the time constant damping / stiffness and is met again where it then is (Kelvin-Voigt).
+    the indentation goes back with the time constant damping / stiffness and is met again where it then is
+    (Kelvin-Voigt).
     Along the wall the tissue yields by ``shear_n_per_m`` until Coulomb's ``friction`` is reached, then the tip slips.
     """
 
@@ -44,7 +46,7 @@ class Contact:
     """The rod at m instants.
 
     ``angles_rad`` (m, segments + 1); ``force_n`` (m, 2): what the wall does to the tip, base frame; ``touch_m`` (m, 2):
-    where it does so; ``indentation_m`` (m,): dent in the wall, which outlasts the contact where there is damping;
+    where it does so; ``indentation_m`` (m,): of the wall, which outlasts the contact where there is damping;
     ``touching``, ``slipping``, ``converged``, ``stable`` (m,).
     """
 
@@ -60,7 +62,7 @@ class Contact:
     stable: BoolArray
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _slip(
     theta: FloatArray, rod: Elastic, springs: Springs, friction: float, way: float, normal: float, nothing: Load
 ) -> tuple[float, bool, bool]:
@@ -86,8 +88,20 @@ def _slip(
     return normal, converged, stable
 
 
-@njit(cache=True, error_model="numpy")
-def _march(
+class _Instants(NamedTuple):
+    """What comes out at each of m instants, (m,) but ``angles`` (m, n); ``drag``: force on the tip along t."""
+
+    angles: FloatArray
+    normal: FloatArray
+    drag: FloatArray
+    indentation: FloatArray
+    slipping: BoolArray
+    converged: BoolArray
+    stable: BoolArray
+
+
+@compiled
+def _integrate(
     theta: FloatArray,
     rod: Elastic,
     springs: Springs,
@@ -96,21 +110,20 @@ def _march(
     dt_s: float,
     position: FloatArray,
     along: FloatArray,
-    angles: FloatArray,
-    numbers: FloatArray,
+    out_rows: _Instants,
 ) -> None:
-    """Instant after instant. ``numbers`` (m, 6): normal force, drag along t, dent, slipping, converged, stable."""
+    """Instant after instant, into ``out_rows``."""
     last = theta.size - 1
-    dent = 0.0
+    indentation = 0.0
     touching = False
     anchor = 0.0  # of the tip's way along the wall, seen from the wall
     nothing = Load(0.0, 0.0, 0.0, np.zeros((theta.size, 2)))
     start = relax(theta, rod, nothing, NO_SPRINGS)
     way_before = start.slide
     for row in range(position.size):
-        # Kelvin-Voigt by implicit Euler: a stiffer spring that begins where the dent would be without contact.
+        # Kelvin-Voigt by implicit Euler: a stiffer spring that begins where the indentation would be without contact.
         kn = springs.kn + damping / dt_s
-        rest = dent * (damping / dt_s) / kn
+        rest = indentation * (damping / dt_s) / kn
         place = Springs(springs.dx, springs.dy, position[row] + rest, kn, 0.0, 0.0, springs.radius)
         if not touching:
             anchor = way_before
@@ -137,12 +150,12 @@ def _march(
             y += reach * math.sin(theta[i])
         depth = x * springs.dx + y * springs.dy + springs.radius - position[row]
         way_before = y * springs.dx - x * springs.dy + springs.radius * theta[last] - along[row]
-        dent = depth if touching else rest
+        indentation = depth if touching else rest
         if slipping:
             anchor = way_before + drag / springs.kt
-        angles[row] = theta
-        numbers[row, 0], numbers[row, 1], numbers[row, 2] = normal, drag, dent
-        numbers[row, 3], numbers[row, 4], numbers[row, 5] = slipping, converged, stable
+        out_rows.angles[row] = theta
+        out_rows.normal[row], out_rows.drag[row], out_rows.indentation[row] = normal, drag, indentation
+        out_rows.slipping[row], out_rows.converged[row], out_rows.stable[row] = slipping, converged, stable
 
 
 def solve_contact(
@@ -150,7 +163,7 @@ def solve_contact(
 ) -> Contact:
     """The rod while the wall moves: one equilibrium for each instant, each starting from the one before.
 
-    ``position_m`` (m,): where the wall's undented surface cuts the axis d through the base frame's origin;
+    ``position_m`` (m,): where the wall's undeformed surface cuts the axis d through the base frame's origin;
     ``along_m`` (m,): the wall's own way along t. ``dt_s`` is the time between instants and matters with damping only.
     The electrode ends in a ball of ``tip_radius_m``. The first instant is reached from the unloaded shape, so it
     should be without contact, and steps should be short beside the ball.
@@ -165,23 +178,24 @@ def solve_contact(
     shear = wall.shear_n_per_m if wall.shear_n_per_m is not None else wall.stiffness_n_per_m * 2 / 3
     dx, dy = float(direction[0]), float(direction[1])
     springs = Springs(dx, dy, 0.0, wall.stiffness_n_per_m, shear, 0.0, tip_radius_m)
-    angles = np.empty((position.size, rod.segments + 1))
-    numbers = np.empty((position.size, 6))
+    rows, flags = np.empty((3, position.size)), np.empty((3, position.size), np.bool_)
+    now = _Instants(
+        np.empty((position.size, rod.segments + 1)), rows[0], rows[1], rows[2], flags[0], flags[1], flags[2]
+    )
     start = np.array(rod.unloaded_angles_rad)
-    _march(start, elastic, springs, wall.damping_ns_per_m, wall.friction, dt_s, position, along, angles, numbers)
-    normal, drag = numbers[:, :1], numbers[:, 1:2]
+    _integrate(start, elastic, springs, wall.damping_ns_per_m, wall.friction, dt_s, position, along, now)
     tangent = np.array([-direction[1], direction[0]])
-    tip = rod.nodes_m(angles)[:, -1]
-    axis = np.stack([np.cos(angles[:, -1]), np.sin(angles[:, -1])], axis=1)
+    tip = rod.nodes_m(now.angles)[:, -1]
+    axis = np.stack([np.cos(now.angles[:, -1]), np.sin(now.angles[:, -1])], axis=1)
     return Contact(
         rod=rod,
         wall=wall,
-        angles_rad=angles,
-        force_n=drag * tangent - normal * direction,
+        angles_rad=now.angles,
+        force_n=now.drag[:, None] * tangent - now.normal[:, None] * direction,
         touch_m=tip + tip_radius_m * (direction - axis),
-        indentation_m=numbers[:, 2],
-        touching=numbers[:, 0] > 0,
-        slipping=numbers[:, 3] > 0,
-        converged=numbers[:, 4] > 0,
-        stable=numbers[:, 5] > 0,
+        indentation_m=now.indentation,
+        touching=now.normal > 0,
+        slipping=now.slipping,
+        converged=now.converged,
+        stable=now.stable,
     )

@@ -1,19 +1,20 @@
-"""Newton's method on the energy of the discrete planar elastica, pressed by springs at its tip.
+"""Newton's method on the energy of the discrete planar elastica, pressed by springs at its tip, and continuation.
 
 Unknowns are the tangent angles: one a segment of length h, and one of the rigid tip. Inextensible segments make the
 Hessian of the bending energy and of a dead tip load tridiagonal; each of the two contact springs adds a term of rank
-one, which the Woodbury identity takes in.
+one, which the Woodbury identity takes in. The continuation (`follow`) raises all loads together, from the unloaded
+shape to the whole load.
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ...types import FloatArray
+from ._compile import compiled
 from ._rod import Rod
-from ._sincos import sincos
+from ._simd import circle
 
 __all__ = [
     "NO_SPRINGS",
@@ -26,10 +27,11 @@ __all__ = [
     "bending_density",
     "elastic_of",
     "energy_at",
+    "follow",
     "hessian_bands",
     "relax",
     "relax_in",
-    "solve_for",
+    "sincos",
 ]
 
 
@@ -111,7 +113,17 @@ def elastic_of(rod: Rod, lever_m: float) -> Elastic:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
+def sincos(angle: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
+    """Fills ``cosine`` and ``sine``, in a loop of vector instructions.
+
+    One angle after the other, as the library's functions take them, would cost more than half of a solve.
+    """
+    for i in range(angle.size):
+        cosine[i], sine[i] = circle(angle[i])
+
+
+@compiled
 def bending_density(k: float, k0: float, soft: float) -> float:
     """Energy per metre over EI, at curvature ``k`` against the pre-curvature ``k0``; ``soft``: 1 / k_s^2."""
     density = 0.5 * (k - k0) ** 2
@@ -120,7 +132,7 @@ def bending_density(k: float, k0: float, soft: float) -> float:
     return density
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def energy_at(
     theta: FloatArray, cosine: FloatArray, sine: FloatArray, rod: Elastic, load: Load, springs: Springs
 ) -> tuple[float, float, float]:
@@ -146,7 +158,7 @@ def energy_at(
     return total, depth, slide
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _assemble(
     theta: FloatArray,
     cosine: FloatArray,
@@ -194,7 +206,7 @@ def _assemble(
     return residual
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _newton_step(work: FloatArray, shift: float, pressed: bool, step: FloatArray) -> bool:
     """Solve (H + shift I) step = -gradient; False where H + shift I is not positive definite.
 
@@ -259,13 +271,13 @@ def _newton_step(work: FloatArray, shift: float, pressed: bool, step: FloatArray
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def relax(theta: FloatArray, rod: Elastic, load: Load, springs: Springs) -> Outcome:
     """`relax_in` with a scratch of its own."""
     return relax_in(theta, rod, load, springs, TOLERANCE, np.empty((SCRATCH, theta.size)))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def relax_in(
     theta: FloatArray, rod: Elastic, load: Load, springs: Springs, tolerance: float, scratch: FloatArray
 ) -> Outcome:
@@ -312,8 +324,8 @@ def relax_in(
             theta[i] = trial[i]
 
 
-@njit(cache=True, error_model="numpy")
-def solve_for(scratch: FloatArray, answer: FloatArray) -> None:
+@compiled
+def _solve_factorised(scratch: FloatArray, answer: FloatArray) -> None:
     """Solve with the factors of the Hessian that `relax_in` left, without springs; ``answer`` holds the side first.
 
     For shapes that are stable: of a Hessian that is not positive definite other factors may have been left.
@@ -327,10 +339,108 @@ def solve_for(scratch: FloatArray, answer: FloatArray) -> None:
         answer[i] = answer[i] * inverse[i] - factor[i] * answer[i + 1]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def hessian_bands(theta: FloatArray, rod: Elastic, load: Load) -> FloatArray:
     """(2, n): diagonal and off-diagonal of the Hessian at ``theta``, without springs."""
     scratch = np.empty((SCRATCH, theta.size))
     _, depth, slide = energy_at(theta, scratch[10], scratch[11], rod, load, NO_SPRINGS)
     _assemble(theta, scratch[10], scratch[11], rod, load, NO_SPRINGS, depth, slide, scratch[:8])
     return scratch[1:3].copy()
+
+
+_MISMATCH = 0.02
+"""Largest angle, rad, by which a step of the load may miss the mean of the tangents at its two ends.
+
+On a smooth branch the miss falls with the cube of the step; a jump to another branch misses by the jump, whatever the
+step.
+"""
+_LONGEST = 0.6
+"""Longest way of an angle in one step of the load along the tangent, rad."""
+_SHORTEST = 1e-5
+"""Share of the load below which a step that still fails is taken for a fold, or for the point of buckling."""
+_ON_THE_WAY = 1e-5
+"""Residual that will do for the shapes that are passed through."""
+_ANEW = 0.02
+"""Share of the load in the first step after that."""
+
+
+@compiled
+def _tangent(rod: Elastic, load: Load, scratch: FloatArray, way: FloatArray) -> None:
+    """Change of the angles with the share of the load, into ``way``; ``scratch``: what `relax_in` left there."""
+    last = way.size - 1
+    cosine, sine = scratch[10], scratch[11]
+    for i in range(last + 1):
+        reach = rod.h if i < last else rod.lever
+        way[i] = reach * ((load.fy + load.carried[i, 1]) * cosine[i] - (load.fx + load.carried[i, 0]) * sine[i])
+    way[last] += load.m
+    _solve_factorised(scratch, way)
+
+
+@compiled
+def _copy(source: FloatArray, target: FloatArray) -> None:
+    """Copies (n,); a slice's assignment would cost the compiler seconds, for the message of its error."""
+    for i in range(source.size):
+        target[i] = source[i]
+
+
+@compiled
+def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: FloatArray) -> tuple[Outcome, bool]:
+    """From the unloaded ``theta`` to the whole load; True where the branch was followed without a jump.
+
+    A branch that loses its stability without a fold (a straight rod pushed along its axis) is followed on. ``scratch``
+    (SCRATCH + 4, n).
+    """
+    n = theta.size
+    work, before, way, way_before = scratch[:SCRATCH], scratch[12], scratch[13], scratch[14]
+    way_last, carried = scratch[15], np.zeros((n, 2))
+    outcome = relax_in(theta, rod, Load(0.0, 0.0, 0.0, carried), NO_SPRINGS, _ON_THE_WAY, work)
+    _tangent(rod, load, work, way)
+    _copy(way, way_last)
+    stable = outcome.stable
+    iterations = outcome.iterations
+    followed = True
+    share, step, last_step = 0.0, first, 0.0
+    while share < 1.0:
+        if stable:
+            longest = 0.0
+            for i in range(n):
+                longest = max(longest, abs(way[i]))
+            step = max(_SHORTEST, min(step, _LONGEST / (longest + 1e-300)))
+        target = min(1.0, share + step)
+        step = target - share
+        _copy(theta, before)
+        _copy(way, way_before)
+        if stable:
+            # The tangent, and its change over the last step.
+            bent = 0.5 * step * step / last_step if last_step > 0.0 else 0.0
+            for i in range(n):
+                theta[i] += step * way[i] + bent * (way[i] - way_last[i])
+        for i in range(n):
+            carried[i, 0], carried[i, 1] = target * load.carried[i, 0], target * load.carried[i, 1]
+        part = Load(target * load.fx, target * load.fy, target * load.m, carried)
+        tolerance = TOLERANCE if target == 1.0 else _ON_THE_WAY
+        outcome = relax_in(theta, rod, part, NO_SPRINGS, tolerance, work)
+        iterations += outcome.iterations
+        was_stable, stable = stable, outcome.stable
+        if stable:
+            _tangent(rod, load, work, way)
+        miss = moved = 0.0
+        for i in range(n):
+            moved = max(moved, abs(theta[i] - before[i]))
+            miss = max(miss, abs(theta[i] - before[i] - 0.5 * step * (way[i] + way_before[i])))
+        if stable and was_stable and outcome.converged and miss <= _MISMATCH:
+            share, last_step = target, step
+            _copy(way_before, way_last)
+            if miss < 0.125 * _MISMATCH:
+                step *= 2.0
+        elif not was_stable or step < 1.5 * _SHORTEST:
+            # Past the end of a stable stretch there is no tangent to hold on to: only what stands still is followed.
+            followed = followed and outcome.converged and moved <= _MISMATCH
+            share, step, last_step = target, _ANEW, 0.0
+        else:
+            _copy(before, theta)
+            _copy(way_before, way)
+            stable = True
+            step = max(0.3 * step, _SHORTEST)
+    whole = Outcome(iterations, outcome.converged, outcome.stable, outcome.energy, outcome.residual, 0.0, 0.0)
+    return whole, followed

@@ -6,14 +6,11 @@ import numpy as np
 
 from ...types import BoolArray, FloatArray, IntArray, frozen
 from .._branch import Branch
+from ._batch import MANY, ONE, make_results, solve_batch
 from ._newton import elastic_of
 from ._rod import Rod
-from ._rows import settle_rows
 
 __all__ = ["Shape", "Shapes", "carried_n", "solve_static", "solve_static_batch"]
-
-_ONE, _MANY = (0.0,), (0.0,) * 8
-"""Lanes for one load and for many: eight of them fill the time that one waits for its pivots."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,10 +170,9 @@ def solve_static_batch(
         angles = np.array(start.angles_rad if isinstance(start, Shapes) else start, dtype=np.float64)
         if angles.shape != (rows, n):
             raise ValueError(f"start: expected angles ({rows}, {n}), got {angles.shape}")
-    numbers = np.empty((rows, 6))
-    elastic = elastic_of(rod, rod.rigid_length_m)
-    carried = carried_n(rod, distributed_n_per_m)
-    settle_rows(angles, start is not None, elastic, k0, force, moment, carried, numbers, _ONE if rows == 1 else _MANY)
+    results = make_results(rows)
+    elastic, carried = elastic_of(rod, rod.rigid_length_m), carried_n(rod, distributed_n_per_m)
+    solve_batch(angles, start is not None, elastic, k0, force, moment, carried, results, ONE if rows == 1 else MANY)
     return Shapes(
         rod=rod,
         angles_rad=angles,
@@ -184,12 +180,12 @@ def solve_static_batch(
         moment_nm=moment,
         distributed_n_per_m=distributed_n_per_m,
         precurvature_per_m=curved,
-        energy_j=numbers[:, 0],
-        residual=numbers[:, 1],
-        converged=numbers[:, 2] > 0,
-        stable=numbers[:, 3] > 0,
-        branch=numbers[:, 4].astype(np.int64),
-        iterations=numbers[:, 5].astype(np.int64),
+        energy_j=results.energy,
+        residual=results.residual,
+        converged=results.converged > 0,
+        stable=results.stable > 0,
+        branch=results.branch,
+        iterations=results.iterations,
     )
 
 

@@ -8,13 +8,13 @@ import numpy as np
 from ...types import BoolArray, FloatArray, IntArray, frozen
 from ._rod import SpatialRod, frames_of
 from ._state import Load, elastic_of, line_of, make_work
-from ._time_stepping import NUMBERS, Law, make_history, march
+from ._time_stepping import WallLaw, integrate, make_history, make_instants
 
 __all__ = ["SpatialContact", "SpatialContactSolver", "SpatialWall", "damping_of_loss_factor", "solve_contact_spatial"]
 
 
 def damping_of_loss_factor(stiffness_n_per_m: float, loss_factor: float, frequency_hz: float) -> float:
-    """Damping in N s/m whose force leads the dent by atan(``loss_factor``) at ``frequency_hz``.
+    """Damping in N s/m whose force leads the indentation by atan(``loss_factor``) at ``frequency_hz``.
 
     A spring and a dashpot side by side have the loss factor 2 pi f c / k.
 
@@ -34,8 +34,8 @@ class SpatialWall:
     """A plane that yields where it is touched, in the base frame.
 
     ``normal`` (3,): the direction INTO the wall, d, made a unit vector. Normal force = spring + ``damping_ns_per_m`` x
-    rate of depth, never pulling: after a release the dent goes back by itself and is met again where it then is. The
-    spring is ``stiffness_n_per_m`` x depth, or with ``hertz_depth_m`` h, Hertz's law for a ball:
+    rate of depth, never pulling: after a release the indentation goes back by itself and is met again where it then is.
+    The spring is ``stiffness_n_per_m`` x depth, or with ``hertz_depth_m`` h, Hertz's law for a ball:
     ``stiffness_n_per_m`` x depth x sqrt(depth / h), so that the stiffness is the secant's at depth h.
 
     Along the wall the tissue yields by ``shear_n_per_m`` (None: 2/3 of ``stiffness_n_per_m``, Mindlin's ratio for an
@@ -92,7 +92,7 @@ class SpatialContact:
     ``quaternions`` (m, segments + 1, 4), see `SpatialRod.unloaded_quaternions`; ``advance_m`` (m,): the clamp along x.
     ``force_n`` (m, 3): what the wall does to the electrode's dome, at ``touch_m`` (m, 3); ``side_force_n`` (m, 3): what
     it does to the shaft's side. ``reaction_force_n``, ``reaction_moment_nm`` (m, 3): what the clamp does to the rod,
-    about the clamp, the moment taken from the shaft's strain. ``indentation_m`` (m,): dent in the wall, which
+    about the clamp, the moment taken from the shaft's strain. ``indentation_m`` (m,): indentation of the wall, which
     outlasts the contact where there is damping. ``touching``, ``slipping`` (of the dome), ``converged``, ``stable``
     (m,); a sticking tip counts as held by its tie.
     """
@@ -171,7 +171,7 @@ class SpatialContactSolver:
         self._weight_n = (np.broadcast_to(weight, (rod.segments + 1, 3)) * rod.element_lengths_m[:, None]).sum(axis=0)
         self._creep, self._creep_time_s = creep, creep_time_s
         self._elastic = elastic_of(rod, rod.rigid_length_m - tip_radius_m)
-        self._law = Law(
+        self._law = WallLaw(
             axes=wall.axes,
             radius=tip_radius_m,
             stiffness=wall.stiffness_n_per_m,
@@ -215,24 +215,24 @@ class SpatialContactSolver:
             )
         rod = self.rod
         rod.check_stiffening(np.abs(change).max(axis=0, initial=0.0) + np.abs(self._law.base_rest).max(axis=0))
-        shapes, numbers = np.empty((m, rod.segments + 1, 4)), np.empty((m, NUMBERS))
-        march(self._elastic, self._load, self._law, self._history, self._work, wall, change, advance, shapes, numbers)
-        side = -numbers[:, 9:10] * np.asarray(self.wall.normal)
+        now = make_instants(m, rod.segments + 1)
+        integrate(self._elastic, self._load, self._law, self._history, self._work, wall, change, advance, now)
+        side = -now.side_force[:, None] * np.asarray(self.wall.normal)
         return SpatialContact(
             rod=rod,
             wall=self.wall,
-            quaternions=shapes,
+            quaternions=now.shapes,
             advance_m=advance,
-            force_n=numbers[:, 0:3],
-            touch_m=numbers[:, 3:6],
+            force_n=now.dome_force,
+            touch_m=now.touch,
             side_force_n=side,
-            reaction_force_n=-numbers[:, 0:3] - side - self._weight_n,
-            reaction_moment_nm=-numbers[:, 6:9],
-            indentation_m=numbers[:, 10],
-            touching=numbers[:, 11] > 0,
-            slipping=numbers[:, 12] > 0,
-            converged=numbers[:, 13] > 0,
-            stable=numbers[:, 14] > 0,
+            reaction_force_n=-now.dome_force - side - self._weight_n,
+            reaction_moment_nm=-now.base_moment,
+            indentation_m=now.indentation,
+            touching=now.touching,
+            slipping=now.slipping,
+            converged=now.converged,
+            stable=now.stable,
         )
 
     def step(
@@ -258,7 +258,7 @@ def solve_contact_spatial(
 ) -> SpatialContact:
     """The rod while the wall moves: one equilibrium for each instant, each starting from the one before.
 
-    ``wall_m`` (m, 3): a point of the wall's undented surface, which the tissue carries along. For the rest see
+    ``wall_m`` (m, 3): a point of the wall's undeformed surface, which the tissue carries along. For the rest see
     `SpatialContactSolver`. ``precurvature_change_per_m`` (m, 3): added to the rod's own pre-curvature in every joint;
     ``advance_m`` (m,): how far the clamp has moved along the base tangent.
     """

@@ -122,7 +122,7 @@ def contact_derivatives(
     return ContactDerivatives(line[:, back], slopes[:, back], columns, good > 0)
 
 
-_ARRAYS = ("span", "bend", "twist", "rest", "reach", "memory")
+_ARRAYS = ("span", "ei", "gj", "rest", "reach", "memory")
 
 
 def orientations_along(rod: SpatialRod, lines_m: FloatArray) -> FloatArray:
@@ -237,7 +237,7 @@ def _fill_sides(
         for i in range(k):
             other.span[i] = rod.span[i] * share
             other.reach[i] = rod.reach[i] * (share if i < k - 1 else 1.0)
-        scaled = Elastic(other.span, rod.bend, rod.twist, rod.rest, rod.soft, other.reach, rod.memory, rod.maxwell,
+        scaled = Elastic(other.span, rod.ei, rod.gj, rod.rest, rod.soft, other.reach, rod.memory, rod.maxwell,
                          rod.small)  # fmt: skip
         if sign == 0:
             _keep(q, scaled, load, work, here)
@@ -253,19 +253,19 @@ def _fill_sides(
         for i in range(k):
             for j in range(3):
                 other.rest[i, j] = rod.rest[i, j] + (1.0 if j == axis else 0.0)
-        bent = Elastic(rod.span, rod.bend, rod.twist, other.rest, rod.soft, rod.reach, rod.memory, rod.maxwell,
+        bent = Elastic(rod.span, rod.ei, rod.gj, other.rest, rod.soft, rod.reach, rod.memory, rod.maxwell,
                        rod.small)  # fmt: skip
         _differ(q, bent, load, here, work, sides[_REST + axis - 1])
     for i in range(k):
         for j in range(3):
             other.memory[i, j] = 2.0 * rod.memory[i, j]
-    crept = Elastic(rod.span, rod.bend, rod.twist, rod.rest, rod.soft, rod.reach, other.memory, rod.maxwell, rod.small)
+    crept = Elastic(rod.span, rod.ei, rod.gj, rod.rest, rod.soft, rod.reach, other.memory, rod.maxwell, rod.small)
     _differ(q, crept, load, here, work, sides[_CREEP])
     for p in range(patterns.shape[0]):
         for i in range(k):
             share = 1.0 + patterns[p, i]
-            other.bend[i], other.twist[i] = share * rod.bend[i], share * rod.twist[i]
-        firm = Elastic(rod.span, other.bend, other.twist, rod.rest, rod.soft, rod.reach, rod.memory, rod.maxwell,
+            other.ei[i], other.gj[i] = share * rod.ei[i], share * rod.gj[i]
+        firm = Elastic(rod.span, other.ei, other.gj, rod.rest, rod.soft, rod.reach, rod.memory, rod.maxwell,
                        rod.small)  # fmt: skip
         _differ(q, firm, load, here, work, sides[_PATTERNS + p])
 

@@ -109,7 +109,7 @@ def normal_force(touch: Touch, depth: float) -> tuple[float, float, float]:
     """Normal force of the dome, its slope with the depth, and its energy from ``touch.rest`` on."""
     if not (touch.active and depth > touch.rest):
         return 0.0, 0.0, 0.0
-    over, since, base = depth - touch.dent, depth - touch.rest, touch.rest - touch.dent
+    over, since, base = depth - touch.indentation, depth - touch.rest, touch.rest - touch.indentation
     force, slope = touch.rate * over, touch.rate
     energy = 0.5 * touch.rate * (over * over - base * base)
     if touch.hertz > 0.0:
@@ -183,7 +183,7 @@ def energy_at(q: FloatArray, rod: Elastic, load: Load, touch: Touch, tangent: Fl
         rest = (rod.rest[i, 0], rod.rest[i, 1], rod.rest[i, 2])
         memory = (rod.memory[i, 0], rod.memory[i, 1], rod.memory[i, 2])
         strain = (f * a, f * b, f * d)
-        total += rod.span[i] * joint_energy(rod.bend[i], rod.twist[i], rod.soft, strain, rest, memory, rod.maxwell)
+        total += rod.span[i] * joint_energy(rod.ei[i], rod.gj[i], rod.soft, strain, rest, memory, rod.maxwell)
         w0, x0, y0, z0 = w, x, y, z
     px, py, pz = tip_at(q, rod, tangent)
     total -= load.force[0] * px + load.force[1] * py + load.force[2] * pz
@@ -250,9 +250,7 @@ def _add_joints(q: FloatArray, rod: Elastic, gradient: FloatArray, band: FloatAr
         rest = (rod.rest[i, 0], rod.rest[i, 1], rod.rest[i, 2])
         memory = (rod.memory[i, 0], rod.memory[i, 1], rod.memory[i, 2])
         strain = (p0 * inverse, p1 * inverse, p2 * inverse)
-        g0, g1, g2, k00, k11, k12, k22 = joint_moment(
-            rod.bend[i], rod.twist[i], rod.soft, strain, rest, memory, rod.maxwell
-        )
+        g0, g1, g2, k00, k11, k12, k22 = joint_moment(rod.ei[i], rod.gj[i], rod.soft, strain, rest, memory, rod.maxwell)
         k00, k11, k12, k22 = k00 * inverse, k11 * inverse, k12 * inverse, k22 * inverse
         # A = left Jacobian's inverse, 1 - phi x / 2 + kappa phi x (phi x .); the right one's is its transpose.
         core = 1.0 - kappa * (p0 * p0 + p1 * p1 + p2 * p2)

@@ -9,7 +9,7 @@ from ...types import FloatArray, frozen
 from .._arc import arc_m, element_lengths_m, joint_spans_m, way_m
 from ._compile import compiled
 
-__all__ = ["SpatialRod", "chain", "frames_of"]
+__all__ = ["SpatialRod", "frames_of", "integrate_strain"]
 
 _TORSION = 2 / 3
 """GJ / EI of a round section of an incompressible material: 1 / (1 + Poisson's ratio), which is 1/2."""
@@ -31,7 +31,7 @@ def frames_of(quaternions: FloatArray) -> FloatArray:
 
 
 @compiled
-def chain(strain: FloatArray, span: FloatArray, q: FloatArray) -> None:
+def integrate_strain(strain: FloatArray, span: FloatArray, q: FloatArray) -> None:
     """Fill ``q`` (k, 4): the orientations that the ``strain`` (k, 3) over each joint's ``span`` (k,) leads to."""
     w, x, y, z = 1.0, 0.0, 0.0, 0.0
     for i in range(q.shape[0]):
@@ -136,7 +136,7 @@ class SpatialRod:
     def unloaded_quaternions(self) -> FloatArray:
         """(segments + 1, 4): orientation (w, x, y, z) of each segment and of the electrode, without load."""
         out = np.empty((self.segments + 1, 4))
-        chain(self.precurvature_per_m, self.joint_spans_m, out)
+        integrate_strain(self.precurvature_per_m, self.joint_spans_m, out)
         return out
 
     def nodes_m(self, quaternions: FloatArray, advance_m: float | FloatArray = 0.0) -> FloatArray:

@@ -13,14 +13,14 @@ __all__ = ["NO_TOUCH", "Elastic", "Load", "Touch", "Work", "elastic_of", "line_o
 class Elastic(NamedTuple):
     """The rod as numbers; k = segments + 1 joints, each in front of one element (segments, then the electrode).
 
-    ``span``, ``solve_static`` (EI), ``twist`` (GJ) (k,), ``rest`` (k, 3): pre-curvature; ``soft``: 1 / k_s^2.
+    ``span``, ``ei``, ``gj`` (k,), ``rest`` (k, 3): pre-curvature; ``soft``: 1 / k_s^2.
     ``reach`` (k,): length of each element; the last one's is the lever of the loaded point.
     ``memory`` (k, 3), ``maxwell``: crept strain and strength of the Maxwell spring. ``small``: EI / length of shaft.
     """
 
     span: FloatArray
-    bend: FloatArray
-    twist: FloatArray
+    ei: FloatArray
+    gj: FloatArray
     rest: FloatArray
     soft: float
     reach: FloatArray
@@ -43,9 +43,9 @@ class Load(NamedTuple):
 class Touch(NamedTuple):
     """A ball at the lever's end, and the shaft's side, against a plane that yields.
 
-    ``axes`` (3, 3): rows d (into the wall), t1, t2. ``place``: of the undented plane along d, less what the clamp's
+    ``axes`` (3, 3): rows d (into the wall), t1, t2. ``place``: of the undeformed plane along d, less what the clamp's
     advance has of d. Normal force = ``stiffness`` x depth (or x depth^1.5 ``hertz``, where that is positive) + ``rate``
-    x (depth - ``dent``), on depths beyond ``rest`` only. ``kt`` ties the touching point, carried along by ``arm`` (3,)
+    x (depth - ``indentation``), on depths beyond ``rest`` only. ``kt`` ties the touching point, carried by ``arm`` (3,)
     in the electrode's frame, to ``zero`` (2,) along t1 and t2; with ``friction`` >= 0 that tie slips at Coulomb's
     limit, which has no energy. ``drag`` (2,): dead tangential force instead. ``side``: stiffness of the contact of
     each node of the shaft, whose radius is ``side_radius``.
@@ -58,7 +58,7 @@ class Touch(NamedTuple):
     stiffness: float
     hertz: float
     rate: float
-    dent: float
+    indentation: float
     rest: float
     kt: float
     zero: FloatArray
@@ -100,8 +100,8 @@ def elastic_of(rod: SpatialRod, lever_m: float) -> Elastic:
     profile = np.asarray(rod.stiffness_profile, np.float64)
     return Elastic(
         span=rod.joint_spans_m,
-        bend=rod.bending_stiffness_nm2 * profile,
-        twist=rod.gj_nm2 * profile,
+        ei=rod.bending_stiffness_nm2 * profile,
+        gj=rod.gj_nm2 * profile,
         rest=np.array(rod.precurvature_per_m),
         soft=rod.stiffening_curvature_per_m**-2,
         reach=reach,

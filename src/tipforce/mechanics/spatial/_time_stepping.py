@@ -1,27 +1,23 @@
-"""The tip on the wall, quasi-static, instant after instant."""
+"""Time stepping of the tip on the wall: one equilibrium for each instant, with creep, friction and damping."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from ...types import FloatArray
+from ...types import BoolArray, FloatArray
 from ._compile import compiled
 from ._energy import contact_at, joint_moment, log_factors, log_scale, normal_force, tangential_force, tip_at, unturned
 from ._newton import TOLERANCE, Outcome, copy_turns, relax
 from ._state import Elastic, Load, Touch, Work
 
-__all__ = ["NUMBERS", "History", "Law", "creep_on", "make_history", "march"]
-
-NUMBERS = 15
-"""A row of numbers: force on the dome (3), touching point (3), moment carried at the clamp (3), force of the side
-along d, dent, touching, slipping, converged, stable."""
+__all__ = ["History", "Instants", "WallLaw", "creep_on", "integrate", "make_history", "make_instants"]
 
 _SLOW = math.cos(0.5 * 0.02)
 """Turns of up to 0.02 rad an instant are expected to go on."""
 
 
-class Law(NamedTuple):
+class WallLaw(NamedTuple):
     """The wall's laws as numbers, see `Touch`; ``base_rest`` (k, 3): the rod's own pre-curvature."""
 
     axes: FloatArray
@@ -43,7 +39,7 @@ class History(NamedTuple):
 
     Orientations (k, 4), those ``before`` them, centre of the dome, the wall's point (3,). ``way`` (2,): of the
     touching point along the wall, seen from the wall; ``anchor`` (2,): where the tissue that it sticks to is at rest.
-    ``plain``: begun, dent, touching.
+    ``begun``, ``touching``, ``indentation`` (1,).
     """
 
     q: FloatArray
@@ -52,33 +48,64 @@ class History(NamedTuple):
     wall: FloatArray
     way: FloatArray
     anchor: FloatArray
-    plain: FloatArray
+    begun: BoolArray
+    touching: BoolArray
+    indentation: FloatArray
+
+
+class Instants(NamedTuple):
+    """What comes out at each of m instants, base frame.
+
+    ``shapes`` (m, k, 4); ``dome_force``, ``touch`` (m, 3): force on the dome, and where it acts; ``base_moment``
+    (m, 3): carried by the clamp; ``side_force`` (m,): of the shaft's side along d; the others (m,).
+    """
+
+    shapes: FloatArray
+    dome_force: FloatArray
+    touch: FloatArray
+    base_moment: FloatArray
+    side_force: FloatArray
+    indentation: FloatArray
+    touching: BoolArray
+    slipping: BoolArray
+    converged: BoolArray
+    stable: BoolArray
+
+
+def make_instants(rows: int, elements: int) -> Instants:
+    """Room for ``rows`` instants of a rod of ``elements`` = segments + 1."""
+    vectors, flags = np.empty((3, rows, 3)), np.empty((4, rows), np.bool_)
+    return Instants(
+        np.empty((rows, elements, 4)), vectors[0], vectors[1], vectors[2], np.empty(rows), np.empty(rows),
+        flags[0], flags[1], flags[2], flags[3],
+    )  # fmt: skip
 
 
 def make_history(start: FloatArray) -> History:
     """Before the first instant, at the orientations ``start`` (k, 4)."""
-    return History(np.array(start), np.array(start), np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(2), np.zeros(3))
+    return History(np.array(start), np.array(start), np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(2),
+        np.zeros(1, np.bool_), np.zeros(1, np.bool_), np.zeros(1))  # fmt: skip
 
 
 @compiled
-def _resting_dent(law: Law, rate: float, dent: float) -> float:
-    """Where the dent would be at the end of this instant without contact, by implicit Euler."""
-    if rate == 0.0 or dent <= 0.0:
+def _resting_indentation(law: WallLaw, rate: float, indentation: float) -> float:
+    """Where the indentation would be at the end of this instant without contact, by implicit Euler."""
+    if rate == 0.0 or indentation <= 0.0:
         return 0.0
     if law.hertz == 0.0:
-        return dent * rate / (law.stiffness + rate)
-    depth = dent
-    for _ in range(50):  # convex and rising: Newton's method comes down from the dent
+        return indentation * rate / (law.stiffness + rate)
+    depth = indentation
+    for _ in range(50):  # convex and rising: Newton's method comes down from the indentation
         root = law.stiffness * law.hertz * math.sqrt(depth)
-        change = (root * depth + rate * (depth - dent)) / (1.5 * root + rate)
+        change = (root * depth + rate * (depth - indentation)) / (1.5 * root + rate)
         depth -= change
-        if change <= 1e-15 * dent:
+        if change <= 1e-15 * indentation:
             break
     return max(depth, 0.0)
 
 
 @compiled
-def _go_on(q: FloatArray, before: FloatArray) -> None:
+def _extrapolate(q: FloatArray, before: FloatArray) -> None:
     """Turn each element on by the turn of the last instant: from ``before`` to ``q``, which moves to ``before``.
 
     Where one turned fast, as in a snap, that says nothing about the next instant: all stay.
@@ -137,13 +164,13 @@ def creep_on(q: FloatArray, rod: Elastic, relaxing: float) -> None:
 def _with_tie(touch: Touch, kt: float) -> Touch:
     """The same wall with a tie that never slips, or, where ``kt`` is 0, with the drag as a dead load."""
     return Touch(
-        touch.active, touch.axes, touch.place, touch.radius, touch.stiffness, touch.hertz, touch.rate, touch.dent,
-        touch.rest, kt, touch.zero, touch.arm, touch.drag, -1.0, touch.side, touch.side_radius,
+        touch.active, touch.axes, touch.place, touch.radius, touch.stiffness, touch.hertz, touch.rate,
+        touch.indentation, touch.rest, kt, touch.zero, touch.arm, touch.drag, -1.0, touch.side, touch.side_radius,
     )  # fmt: skip
 
 
 @compiled
-def _settle(q: FloatArray, saved: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work) -> Outcome:
+def _solve_instant(q: FloatArray, saved: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work) -> Outcome:
     """Equilibrium on the wall.
 
     On a rough one Newton's method with stick and slip in it goes straight there as a rule. Where it fails, for
@@ -178,7 +205,7 @@ def _base_moment(q: FloatArray, rod: Elastic) -> tuple[float, float, float]:
     p0, p1, p2 = _strain(q, rod, 0)
     rest = (rod.rest[0, 0], rod.rest[0, 1], rod.rest[0, 2])
     memory = (rod.memory[0, 0], rod.memory[0, 1], rod.memory[0, 2])
-    g0, g1, g2, _, _, _, _ = joint_moment(rod.bend[0], rod.twist[0], rod.soft, (p0, p1, p2), rest, memory, rod.maxwell)
+    g0, g1, g2, _, _, _, _ = joint_moment(rod.ei[0], rod.gj[0], rod.soft, (p0, p1, p2), rest, memory, rod.maxwell)
     span = rod.span[0]
     p0, p1, p2 = p0 * span, p1 * span, p2 * span
     angle2 = p0 * p0 + p1 * p1 + p2 * p2
@@ -205,20 +232,19 @@ def _side_force(rod: Elastic, touch: Touch, tangent: FloatArray) -> float:
 
 
 @compiled
-def march(
+def integrate(
     rod: Elastic,
     load: Load,
-    law: Law,
+    law: WallLaw,
     history: History,
     work: Work,
     wall: FloatArray,
     change: FloatArray,
     advance: FloatArray,
-    shapes: FloatArray,
-    numbers: FloatArray,
+    instants: Instants,
 ) -> int:
-    """Instants in a row, from and to ``history``; fills ``shapes`` (m, k, 4) and ``numbers``. Newton's steps taken."""
-    q, axes, plain = history.q, law.axes, history.plain
+    """Solves instants in a row, from and to ``history``, into ``instants``; returns the steps of Newton's method."""
+    q, axes = history.q, law.axes
     saved, zero, arm, was, drag = np.empty_like(q), np.zeros(2), np.zeros(3), np.zeros(3), np.zeros(2)
     rate = law.damping / law.dt_s
     steps = 0
@@ -226,8 +252,8 @@ def march(
         for i in range(q.shape[0]):
             for k in range(3):
                 rod.rest[i, k] = law.base_rest[i, k] + change[row, k]
-        if plain[0] == 0.0:  # hung up long ago
-            slack = Elastic(rod.span, rod.bend, rod.twist, rod.rest, rod.soft, rod.reach, rod.memory, 0.0, rod.small)
+        if not history.begun[0]:  # hung up long ago
+            slack = Elastic(rod.span, rod.ei, rod.gj, rod.rest, rod.soft, rod.reach, rod.memory, 0.0, rod.small)
             nowhere = Touch(False, axes, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zero, arm, drag, -1.0, 0.0, 0.0)
             relax(q, slack, load, nowhere, work, TOLERANCE)
             creep_on(q, rod, math.inf)
@@ -236,12 +262,12 @@ def march(
             history.centre[0], history.centre[1], history.centre[2] = px + advance[row], py, pz
             for k in range(3):
                 history.wall[k] = wall[row, k]
-            plain[0] = 1.0
-        dent, touching = plain[1], plain[2] > 0.0
+            history.begun[0] = True
+        indentation, touching = history.indentation[0], history.touching[0]
         if not touching:
             history.anchor[0], history.anchor[1] = history.way[0], history.way[1]
         # The point of the dome that is about to touch: where the electrode is expected to stand.
-        _go_on(q, history.before)
+        _extrapolate(q, history.before)
         arm[0], arm[1], arm[2] = unturned(q[-1, 0], q[-1, 1], q[-1, 2], q[-1, 3], axes[0, 0], axes[0, 1], axes[0, 2])
         place = -axes[0, 0] * advance[row]
         for k in range(3):
@@ -255,13 +281,13 @@ def march(
             shift = history.centre[k] + was[k] + wall[row, k] - history.wall[k]
             zero[0] += axes[1, k] * shift
             zero[1] += axes[2, k] * shift
-        rest = _resting_dent(law, rate, dent)
+        rest = _resting_indentation(law, rate, indentation)
         grips = touching and law.friction > 0.0
         touch = Touch(
-            True, axes, place, law.radius, law.stiffness, law.hertz, rate, dent, rest,
+            True, axes, place, law.radius, law.stiffness, law.hertz, rate, indentation, rest,
             law.kt if grips else 0.0, zero, arm, drag, law.friction if grips else -1.0, law.side, law.radius,
         )  # fmt: skip
-        out = _settle(q, saved, rod, load, touch, work)
+        out = _solve_instant(q, saved, rod, load, touch, work)
         steps += out.iterations
         px, py, pz = tip_at(q, rod, work.tangent)
         depth, first, second = contact_at(q, px, py, pz, touch)
@@ -273,17 +299,18 @@ def march(
             history.anchor[0] = history.way[0] + t1 / law.kt
             history.anchor[1] = history.way[1] + t2 / law.kt
         history.centre[0], history.centre[1], history.centre[2] = px + advance[row], py, pz
-        plain[1] = depth if normal > 0.0 else rest
-        plain[2] = 1.0 if normal > 0.0 else 0.0
-        numbers[row, 6], numbers[row, 7], numbers[row, 8] = _base_moment(q, rod)
-        numbers[row, 9] = _side_force(rod, touch, work.tangent) if law.side > 0.0 else 0.0
+        history.indentation[0] = depth if normal > 0.0 else rest
+        history.touching[0] = normal > 0.0
+        moment = instants.base_moment[row]
+        moment[0], moment[1], moment[2] = _base_moment(q, rod)
+        instants.side_force[row] = _side_force(rod, touch, work.tangent) if law.side > 0.0 else 0.0
         if rod.maxwell > 0.0:
             creep_on(q, rod, law.relaxing)
-        copy_turns(q, shapes[row])
+        copy_turns(q, instants.shapes[row])
         for k in range(3):
-            numbers[row, k] = t1 * axes[1, k] + t2 * axes[2, k] - normal * axes[0, k]
+            instants.dome_force[row, k] = t1 * axes[1, k] + t2 * axes[2, k] - normal * axes[0, k]
             history.wall[k] = wall[row, k]
-            numbers[row, 3 + k] = history.centre[k] + law.radius * axes[0, k]
-        numbers[row, 10], numbers[row, 11], numbers[row, 12] = plain[1], plain[2], 1.0 if slipping else 0.0
-        numbers[row, 13], numbers[row, 14] = 1.0 if out.converged else 0.0, 1.0 if out.stable else 0.0
+            instants.touch[row, k] = history.centre[k] + law.radius * axes[0, k]
+        instants.indentation[row], instants.touching[row] = history.indentation[0], history.touching[0]
+        instants.slipping[row], instants.converged[row], instants.stable[row] = slipping, out.converged, out.stable
     return steps

@@ -11,13 +11,12 @@ from ..._compile import STEADY
 
 __all__ = ["gauss_row", "gauss_table", "hash_row"]
 
-Picture = npt.NDArray[np.float32]
-
+FloatImage = npt.NDArray[np.float32]
 _TABLE_BITS = 12
 
 
 @lru_cache(maxsize=1)
-def gauss_table() -> Picture:
+def gauss_table() -> FloatImage:
     """(4096,) quantiles of a Gaussian, bent at the ends so that moments 2, 4 and 6 are a Gaussian's (1, 3, 15).
 
     Without it the missing tails of a table would show: sums of two entries would have a kurtosis of 2.996.
@@ -54,7 +53,7 @@ def hash_row(first: int, key: npt.NDArray[np.uint32], words: npt.NDArray[np.uint
 
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
-def gauss_row(words: npt.NDArray[np.uint32], table: Picture, row: Picture) -> None:
+def gauss_row(words: npt.NDArray[np.uint32], table: FloatImage, row: FloatImage) -> None:
     """Gaussian numbers from the words' upper and lower 12 bits; ``table``: `gauss_table`."""
     half = np.float32(math.sqrt(0.5))
     for u in range(words.size):

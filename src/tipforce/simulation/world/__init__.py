@@ -1,41 +1,40 @@
-"""The world of a simulated bench: catheter, tissue, stage, force sensor, clocks. Knows nothing of pictures."""
+"""The world of a simulated bench: catheter, tissue, stage, force sensor, clocks. Knows nothing of images."""
 
-from ._axis import Axis, AxisModel, Drive
-from ._course import Course, CourseRun
-from ._draw import Device, Draw
-from ._lines import smooth_lines
-from ._rig import Rig, build_rig
-from ._sensor import ForceSensor, Load, SensorLog, read_sensor
-from ._session import Session, refuse_short, run_session
-from ._solve import FINE, SWIFT, Pace
-from ._tune import APPROACH_S, LEAD_S, STEP_S, Motion, instants_until
+from ._bench_model import BenchModel, build_bench_model, smooth_centrelines
+from ._drives import Axis, AxisModel, Drive
+from ._force_sensor import ForceSensor, Load, SensorLog, read_sensor
+from ._motion_profile import APPROACH_S, LEAD_S, STEP_S, Motion, instants_until
+from ._motion_solver import FAST, FINE, Resolution
+from ._parameters import Device, SessionParameters
+from ._session import Session, require_long_enough, run_session
+from ._trajectory import Trajectory, TrajectoryIntegrator
 from .settings import WorldSettings
 
 __all__ = [
     "APPROACH_S",
+    "FAST",
     "FINE",
     "LEAD_S",
     "STEP_S",
-    "SWIFT",
     "Axis",
     "AxisModel",
-    "Course",
-    "CourseRun",
+    "BenchModel",
     "Device",
-    "Draw",
     "Drive",
     "ForceSensor",
     "Load",
     "Motion",
-    "Pace",
-    "Rig",
+    "Resolution",
     "SensorLog",
     "Session",
+    "SessionParameters",
+    "Trajectory",
+    "TrajectoryIntegrator",
     "WorldSettings",
-    "build_rig",
+    "build_bench_model",
     "instants_until",
     "read_sensor",
-    "refuse_short",
+    "require_long_enough",
     "run_session",
-    "smooth_lines",
+    "smooth_centrelines",
 ]

@@ -1,19 +1,77 @@
-"""One session: drawn, its motion solved, run; drawn again where it cannot be had."""
+"""One session: its parameters are drawn, its motion is solved, it is run; drawn again where it is rejected.
+
+Consecutive sessions share a catheter. It is drawn again where no motion brings it to the forces that are asked for.
+That choice depends on the catheter's own random numbers alone, never on a session's, so all of its sessions find the
+same one, in whatever order and process they are made.
+"""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from ...errors import InputError
-from ._course import Course, CourseRun, run_course
-from ._device import catheter_of
-from ._draw import draw_session
-from ._rig import Rig, build_rig
-from ._solve import FINE, Pace, objection, solve
-from ._tune import APPROACH_S, LEAD_S, STEP_S, TRAIL_S, Motion, Tune, compose
+from ._bench_model import BenchModel, build_bench_model
+from ._motion_profile import APPROACH_S, LEAD_S, STEP_S, TRAIL_S, Motion, MotionProfile, compose_motion
+from ._motion_solver import FINE, Resolution, rejection_reason, solve
+from ._parameters import Device, sample_device, sample_parameters
+from ._trajectory import Trajectory, TrajectoryIntegrator, integrate_trajectory
 from .settings import WorldSettings
 
-__all__ = ["Session", "refuse_short", "run_session"]
+__all__ = ["Catheter", "Session", "catheter_of", "require_long_enough", "run_session"]
+
+_TRIALS = 100
+_REDRAWS = 50
+_STEP_S = 8e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Catheter:
+    """``redraws``: how many catheters were drawn before this one and could not be used."""
+
+    device: Device
+    redraws: int = 0
+
+
+def catheter_of(settings: WorldSettings, seed: int, session: int) -> Catheter:
+    """The catheter of a session.
+
+    One that serves a single session is taken as drawn: that session finds out for itself. Raises InputError where no
+    catheter reaches the forces.
+    """
+    if settings.shaft.sessions_per_catheter == 1:
+        return Catheter(sample_device(settings, seed, session))
+    return _shared(settings.model_dump_json(), seed, session // settings.shaft.sessions_per_catheter)
+
+
+@lru_cache(maxsize=64)
+def _shared(settings_json: str, seed: int, number: int) -> Catheter:
+    settings = WorldSettings.model_validate_json(settings_json)
+    first = number * settings.shaft.sessions_per_catheter
+    for redraws in range(_REDRAWS):
+        device = sample_device(settings, seed, first, redraws)
+        if any(_reaches(settings, device, (seed, number, 6, redraws, trial)) for trial in range(_TRIALS)):
+            return Catheter(device, redraws)
+    raise InputError(
+        f"catheter {number} of seed {seed}: none of {_REDRAWS} draws of it reaches the forces asked for; widen "
+        "motion.peak_force_n or motion.amplitude_m, or change the ranges of the shaft"
+    )
+
+
+def _reaches(settings: WorldSettings, device: Device, key: tuple[int, ...]) -> bool:
+    """Whether one drawn session comes to the least of the wanted peak forces, over two breaths of largest amplitude."""
+    rng = np.random.default_rng(key)
+    brief = settings.model_copy(update={"tare_s": 0.0})
+    bench_model = build_bench_model(brief, sample_parameters(brief, device, rng))
+    span = APPROACH_S + 2.0 / settings.motion.respiration_hz
+    motion_profile = compose_motion(bench_model, np.arange(round(span / _STEP_S), dtype=np.float64) * _STEP_S, rng)
+    largest = settings.motion.amplitude_m[1]
+    contact = integrate_trajectory(
+        bench_model, motion_profile, Motion(largest, motion_profile.standoff_m(bench_model, largest))
+    ).contact
+    peak = float(np.linalg.norm(contact.force_n, axis=1).max())
+    return bool(contact.converged.all()) and peak >= settings.motion.peak_force_n[0]
+
 
 _DRAWS = 400
 _SAME_ANGLE = 4
@@ -27,26 +85,27 @@ UNFIT_CATHETER = "no motion brings the catheter to the forces"
 class Session:
     """What is true of one session. ``redraws``: by reason, how often its values were drawn again.
 
-    Of the catheter's own draws `UNFIT_CATHETER` counts. ``course``: what happens where nobody commands a drive.
+    Of the catheter's own draws `UNFIT_CATHETER` counts. ``trajectory``: what happens where nobody commands a drive.
     """
 
-    rig: Rig
-    tune: Tune
+    bench_model: BenchModel
+    motion_profile: MotionProfile
     motion: Motion
-    course: Course
+    trajectory: Trajectory
     redraws: dict[str, int]
 
-    def begin(self) -> CourseRun:
+    def begin(self) -> TrajectoryIntegrator:
         """The same session before its first instant, to be made to happen again, commanded."""
-        return CourseRun(self.rig, self.tune, self.motion)
+        return TrajectoryIntegrator(self.bench_model, self.motion_profile, self.motion)
 
 
-def run_session(settings: WorldSettings, seed: int, number: int, pace: Pace = FINE) -> Session:
-    """The session ``number`` of ``seed``: the same arguments give the same values.
+def run_session(settings: WorldSettings, seed: int, number: int, resolution: Resolution = FINE) -> Session:
+    """Simulates session ``number`` of ``seed``: the same arguments give the same values.
 
-    Raises InputError where the settings leave no session that can be had, or it is too short, see `refuse_short`.
+    Raises:
+        InputError: where every draw is rejected, or the session is too short (see `require_long_enough`).
     """
-    refuse_short(settings)
+    require_long_enough(settings)
     catheter = catheter_of(settings, seed, number)
     redraws = {UNFIT_CATHETER: catheter.redraws} if catheter.redraws else {}
     angle_deg = 0.0
@@ -54,19 +113,25 @@ def run_session(settings: WorldSettings, seed: int, number: int, pace: Pace = FI
     whole = np.arange(instants, dtype=np.float64) * STEP_S - LEAD_S
     for attempt in range(_DRAWS):
         rng = np.random.default_rng([seed, number, 1, attempt])
-        draw = draw_session(settings, catheter.device, rng)
+        parameters = sample_parameters(settings, catheter.device, rng)
         if attempt % _SAME_ANGLE == 0:
-            angle_deg = draw.contact_angle_deg
-        draw = replace(draw, contact_angle_deg=angle_deg)
-        rig = build_rig(settings, draw)
-        tune = compose(rig, whole, rng)
-        found = solve(build_rig(settings, draw, pace.trial_segment_m) if pace.trial_segment_m else rig, tune, pace)
+            angle_deg = parameters.contact_angle_deg
+        parameters = replace(parameters, contact_angle_deg=angle_deg)
+        bench_model = build_bench_model(settings, parameters)
+        motion_profile = compose_motion(bench_model, whole, rng)
+        found = solve(
+            build_bench_model(settings, parameters, resolution.trial_segment_m)
+            if resolution.trial_segment_m
+            else bench_model,
+            motion_profile,
+            resolution,
+        )
         why = found if isinstance(found, str) else ""
         if isinstance(found, Motion):
-            course = run_course(rig, tune, found, pace.every)
-            why = objection(rig, course)
+            trajectory = integrate_trajectory(bench_model, motion_profile, found, resolution.every)
+            why = rejection_reason(bench_model, trajectory)
             if not why:
-                return Session(rig, tune, found, course, redraws)
+                return Session(bench_model, motion_profile, found, trajectory, redraws)
         redraws[why] = redraws.get(why, 0) + 1
     redraws.pop(UNFIT_CATHETER, None)
     worst = max(redraws, key=lambda reason: redraws[reason])
@@ -76,7 +141,7 @@ def run_session(settings: WorldSettings, seed: int, number: int, pace: Pace = FI
     )
 
 
-def refuse_short(settings: WorldSettings) -> None:
+def require_long_enough(settings: WorldSettings) -> None:
     """Raises InputError for a session that is over before the wall has beaten for a second: nothing can be solved."""
     least = settings.tare_s + APPROACH_S + _BEATING_S
     if settings.seconds < least:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from .._ranges import NotNegative, Positive, Range, Settings, Share
+from .._fields import NotNegative, Positive, Range, Settings, Share
 
 __all__ = [
     "ActuationSettings",
@@ -166,7 +166,7 @@ class ClockSettings(Settings):
     """Standard deviation of a frame's instant about its place in the row, cut at three of them."""
     dropped_share: Share = 0.005
     camera_delay_s: NotNegative = Field(default=15e-3, exclude_if=lambda delay: delay == 15e-3)
-    """From the end of an exposure until its picture is there to be worked on; a live bench only."""
+    """From the end of an exposure until its image is there to be worked on; a live bench only."""
     force_delay_s: NotNegative = Field(default=3e-3, exclude_if=lambda delay: delay == 3e-3)
     drive_delay_s: NotNegative = Field(default=5e-3, exclude_if=lambda delay: delay == 5e-3)
     """The same of force readings, and of the readings of stage and knob."""

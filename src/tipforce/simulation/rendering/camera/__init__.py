@@ -1,42 +1,40 @@
-"""The twin's camera: from a catheter's shape in space to the picture a laboratory's camera would give."""
+"""The simulated camera: from a catheter's shape in space to the image that a laboratory's camera would take."""
 
-from ._compose import TissueState
-from ._draw import draw_scene
-from ._noise import SensorNoise
-from ._phantom import TissueHome
-from ._profile import Lamp, TubeFinish
-from ._ranges import BENCH_2021, GENERALISE, SceneRanges
+from .._exposure import ImageTruth, TissueHome, TissueState
 from ._renderer import CameraRenderer
 from ._scene import (
+    BackgroundAppearance,
     CameraScene,
-    CatheterLook,
-    Cover,
-    GroundLook,
+    CatheterAppearance,
     Instrument,
+    Lamp,
     Lens,
     Lighting,
-    TissueLook,
+    Occluder,
+    SensorNoise,
+    TissueAppearance,
+    TubeFinish,
 )
-from ._truth import PictureTruth
+from ._scene_settings import BENCH_2021, GENERALISE, SceneRanges, sample_scene
 
 __all__ = [
     "BENCH_2021",
     "GENERALISE",
+    "BackgroundAppearance",
     "CameraRenderer",
     "CameraScene",
-    "CatheterLook",
-    "Cover",
-    "GroundLook",
+    "CatheterAppearance",
+    "ImageTruth",
     "Instrument",
     "Lamp",
     "Lens",
     "Lighting",
-    "PictureTruth",
+    "Occluder",
     "SceneRanges",
     "SensorNoise",
+    "TissueAppearance",
     "TissueHome",
-    "TissueLook",
     "TissueState",
     "TubeFinish",
-    "draw_scene",
+    "sample_scene",
 ]

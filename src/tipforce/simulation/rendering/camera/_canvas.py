@@ -1,24 +1,87 @@
-"""A canvas on which still things are painted, at twice the picture's size: noise, outlines, shadows."""
+"""A canvas on which static things are painted at twice the image's size (outlines, shadows, noise), and its patches."""
 
+import math
 from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from ....types import FloatArray
-from ._patch import Part, Patch, Picture
 from ._scene import CameraScene, Colour
 
-__all__ = ["FINER", "Canvas", "band", "multi_scale_noise", "soften"]
+__all__ = ["FINER", "Box", "Canvas", "FloatImage", "Part", "Patch", "band", "multi_scale_noise", "soften"]
+
+FloatImage = npt.NDArray[np.float32]
+Part = tuple[slice, slice]
+"""Rows and columns of a canvas."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patch:
+    """How much of each pixel of a canvas of ``shape`` a thing covers: ``values`` in ``part``, nothing elsewhere."""
+
+    shape: tuple[int, int]
+    part: Part
+    values: FloatImage
+
+    @classmethod
+    def of(cls, shape: tuple[int, int], part: Part, values: FloatImage) -> "Patch":
+        """``values`` in ``part``, without borders that have nothing."""
+        ends: list[slice] = []
+        for axis in (1, 0):
+            some = np.flatnonzero(values.any(axis=axis))
+            ends.append(slice(int(some[0]), int(some[-1]) + 1) if some.size else slice(0, 0))
+        rows, columns = ends
+        (top, left), patch = (side.start for side in part), values[rows, columns]
+        if not patch.size:
+            return cls(shape, (slice(0, 0), slice(0, 0)), np.zeros((0, 0), np.float32))
+        found = slice(top + rows.start, top + rows.stop), slice(left + columns.start, left + columns.stop)
+        return cls(shape, found, patch)
+
+    def around(self, reach: float) -> Part:
+        """The part and ``reach`` px more on every side, within the canvas."""
+        more = math.ceil(reach)
+        rows, columns = (
+            slice(max(0, side.start - more), min(side.stop + more, size))
+            for side, size in zip(self.part, self.shape, strict=True)
+        )
+        return rows, columns
+
+    def within(self, part: Part) -> FloatImage:
+        """The cover in ``part``, which holds all of it."""
+        whole = np.zeros((part[0].stop - part[0].start, part[1].stop - part[1].start), np.float32)
+        whole[self.seen_from(part)] = self.values
+        return whole
+
+    def seen_from(self, part: Part) -> Part:
+        """Its own part, counted from the corner of ``part``, which holds all of it."""
+        (top, left), (rows, columns) = (side.start for side in part), self.part
+        return slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left)
+
+    def times(self, share: float) -> "Patch":
+        """Of something that lets light through."""
+        return Patch(self.shape, self.part, self.values * np.float32(share))
+
+    def joined(self, other: "Patch") -> "Patch":
+        """The greater cover of both."""
+        if not self.values.size or not other.values.size:
+            return self if self.values.size else other
+        rows, columns = (
+            slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(self.part, other.part, strict=True)
+        )
+        whole = rows, columns
+        return Patch(self.shape, whole, np.maximum(self.within(whole), other.within(whole)))
+
 
 FINER = 2
-"""Canvas pixels per picture pixel."""
+"""Canvas pixels per image pixel."""
 _SUBPIXEL = 4
 
 
 def multi_scale_noise(
     rng: np.random.Generator, shape: tuple[int, int], scales_px: tuple[float, ...], fall: float = 0.6
-) -> Picture:
+) -> FloatImage:
     """(h, w) smooth noise of standard deviation 1: a sum over ``scales_px``, each next weighing ``fall`` times less."""
     h, w = shape
     total, part = np.zeros(shape, np.float32), np.empty(shape, np.float32)
@@ -34,13 +97,13 @@ def multi_scale_noise(
     return total
 
 
-def soften(picture: Picture, sigma: float) -> Picture:
-    """Gaussian blur of ``sigma`` px; a wide one is done on a smaller picture, where nothing of it can be seen."""
+def soften(image: FloatImage, sigma: float) -> FloatImage:
+    """Gaussian blur of ``sigma`` px; a wide one is done on a smaller image, where nothing of it can be seen."""
     shrink = int(sigma / 3.0)
     if shrink < 2:
-        return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE), np.float32)
-    h, w = picture.shape[:2]
-    small = cv2.resize(picture, (max(1, w // shrink), max(1, h // shrink)), interpolation=cv2.INTER_AREA)
+        return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE), np.float32)
+    h, w = image.shape[:2]
+    small = cv2.resize(image, (max(1, w // shrink), max(1, h // shrink)), interpolation=cv2.INTER_AREA)
     small = cv2.GaussianBlur(small, (0, 0), sigma / shrink, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(cv2.resize(small, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
 
@@ -54,20 +117,20 @@ def band(start: FloatArray, end: FloatArray, half: float) -> FloatArray:
 
 @dataclass(slots=True, eq=False)
 class Canvas:
-    """``levels`` (h, w, 3) and how much of what lies below is seen (``left``, (h, w)); ``px_per_m`` of the canvas.
+    """``levels`` (h, w, 3), ``transmittance`` (h, w) for what lies below; ``px_per_m`` of the canvas.
 
     ``changed``: where something was laid or darkened, part by part.
     """
 
-    levels: Picture
-    left: Picture
+    levels: FloatImage
+    transmittance: FloatImage
     px_per_m: float
     scene: CameraScene
     changed: list[Part] = field(default_factory=list[Part])
 
     @classmethod
     def empty(cls, width: int, height: int, px_per_m: float, scene: CameraScene) -> "Canvas":
-        """For a picture of ``width`` x ``height`` in which a metre is ``px_per_m``."""
+        """For a image of ``width`` x ``height`` in which a metre is ``px_per_m``."""
         shape = (height * FINER, width * FINER)
         return cls(np.zeros((*shape, 3), np.float32), np.ones(shape, np.float32), px_per_m * FINER, scene)
 
@@ -102,24 +165,24 @@ class Canvas:
     def lay(
         self,
         cover: Patch,
-        colour: Colour | Picture,
+        colour: Colour | FloatImage,
         *,
         height_m: float = 0.0,
-        shading: Picture | float = 1.0,
+        shading: FloatImage | float = 1.0,
     ) -> None:
         """Lay something of ``colour`` times ``shading`` over what is there, after its shadow where it is high.
 
-        A picture of either is of ``cover.part``.
+        A image of either is of ``cover.part``.
         """
         if height_m > 0.0:
             self.darken(cover, height_m)
         paint = np.asarray(colour, np.float32)
         bright = shading[..., None] if isinstance(shading, np.ndarray) else np.float32(shading)
         self.levels[cover.part] += cover.values[..., None] * (paint * bright - self.levels[cover.part])
-        self.left[cover.part] *= 1.0 - cover.values
+        self.transmittance[cover.part] *= 1.0 - cover.values
         self.changed.append(cover.part)
 
-    def bevel(self, cover: Patch, width_px: float) -> Picture:
+    def bevel(self, cover: Patch, width_px: float) -> FloatImage:
         """Shading around 1 of a thing with rounded edges in its part: brighter where they face the lamps."""
         part = cover.around(4.0 * width_px)
         soft = soften(cover.within(part), max(0.8, width_px))
@@ -147,16 +210,20 @@ class Canvas:
         # Light from all round does not get into the corner where the thing stands either.
         left *= 1.0 - np.float32(0.25) * soften(near, corner)
         self.levels[part] *= left[..., None]
-        self.left[part] *= left
+        self.transmittance[part] *= left
         self.changed.append(part)
 
-    def seen(self, sigma_px: float) -> tuple[Picture, Picture]:
-        """Levels (3, h, w) and what is left of the view (h, w), at the picture's size, blurred by ``sigma_px``."""
+    def seen(self, sigma_px: float) -> tuple[FloatImage, FloatImage]:
+        """Levels (3, h, w) and what is left of the view (h, w), at the image's size, blurred by ``sigma_px``."""
         # The shrinking is itself a blur: a mean over FINER canvas pixels.
         rest = max(0.0, (sigma_px * FINER) ** 2 - (FINER**2 - 1) / 12.0) ** 0.5
-        size = (self.left.shape[1] // FINER, self.left.shape[0] // FINER)
+        size = (self.transmittance.shape[1] // FINER, self.transmittance.shape[0] // FINER)
         small = [
             np.asarray(cv2.resize(soften(plane, rest), size, interpolation=cv2.INTER_AREA), np.float32)
-            for plane in (self.levels, self.left)
+            for plane in (self.levels, self.transmittance)
         ]
         return np.ascontiguousarray(small[0].transpose(2, 0, 1)), small[1]
+
+
+Box = tuple[int, int, int, int]
+"""Rows and columns: from, to (exclusive)."""

@@ -9,11 +9,11 @@ import numpy.typing as npt
 
 from ....geometry import CameraModel
 from ....types import FloatArray
-from ._canvas import FINER, Canvas, multi_scale_noise, soften
-from ._patch import Part, Patch, Picture
+from .._exposure import TissueHome
+from ._canvas import FINER, Canvas, FloatImage, Part, Patch, multi_scale_noise, soften
 from ._scene import CameraScene
 
-__all__ = ["MARGIN_M", "Phantom", "TissueHome", "paint_phantom"]
+__all__ = ["MARGIN_M", "Phantom", "paint_phantom"]
 
 MARGIN_M = 24e-3
 """How far the phantom may move from its home and still be whole."""
@@ -23,21 +23,13 @@ _STEP_M = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TissueHome:
-    """``surface_m`` (3,): a point of the undented surface, at rest; ``into`` (3,): unit vector into the tissue."""
-
-    surface_m: FloatArray
-    into: FloatArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Phantom:
     """``sprite`` (2, 2, c + 1, rows, columns) and ``spans`` as `lay_moving` takes them; ``into_px`` (2,) unit vector.
 
-    At home, the picture's pixel (u, v) shows the sprite at (u, v) + ``margin_px``. ``px_per_m``: scale at the surface.
+    At home, the image's pixel (u, v) shows the sprite at (u, v) + ``margin_px``. ``px_per_m``: scale at the surface.
     """
 
-    sprite: Picture
+    sprite: FloatImage
     spans: npt.NDArray[np.int64]
     margin_px: float
     home_m: FloatArray
@@ -49,7 +41,7 @@ def paint_phantom(
     scene: CameraScene, camera: CameraModel, home: TissueHome, width: int, height: int, channels: int, sigma_px: float
 ) -> Phantom:
     """The phantom as it is seen at ``home``, blurred by ``sigma_px``, unlit."""
-    look = scene.tissue
+    appearance = scene.tissue
     home_px, slopes = (a[0] for a in camera.project_with_slopes(home.surface_m[None]))
     seen = slopes @ home.into
     px_per_m = float(np.sqrt(abs(np.linalg.det(slopes[:, :2]))))
@@ -64,53 +56,58 @@ def paint_phantom(
     def box(deep_from: float, deep_to: float, half: float, corner: float, aside: float = 0.0) -> Patch:
         return _rounded(canvas, origin, into, along, (deep_from, deep_to, aside - half, aside + half, corner), unit)
 
-    pad, plate = look.pad_m[0], look.pad_m[0] + look.plate_m[0]
-    body = plate + look.body_m[0]
+    pad, plate = appearance.pad_m[0], appearance.pad_m[0] + appearance.plate_m[0]
+    body = plate + appearance.body_m[0]
     reach = 1.5 * (width + height) / px_per_m
-    arm = box(body - 2e-3, reach, look.arm_half_m, 1e-3)
-    drum = box(plate - 1e-3, body, look.body_m[1], 2e-3)
-    disc = box(pad - 1e-3, plate, look.plate_m[1], 0.6e-3)
-    shape = box(0.0, pad, look.pad_m[1], look.corner_m)
+    arm = box(body - 2e-3, reach, appearance.arm_half_m, 1e-3)
+    drum = box(plate - 1e-3, body, appearance.body_m[1], 2e-3)
+    disc = box(pad - 1e-3, plate, appearance.plate_m[1], 0.6e-3)
+    shape = box(0.0, pad, appearance.pad_m[1], appearance.corner_m)
     # All parts are about as high as one another: their shadow falls on the ground, and hardly on their neighbours.
     canvas.darken(arm.joined(drum).joined(disc.joined(shape)), scene.ground.depth_m)
-    groove = 0.10 * np.exp(-((_aside(arm.part, origin, along) / (0.18 * look.arm_half_m * unit)) ** 2))
+    groove = 0.10 * np.exp(-((_aside(arm.part, origin, along) / (0.18 * appearance.arm_half_m * unit)) ** 2))
     bright = (canvas.bevel(arm, 3.0) * (1 - groove)).astype(np.float32)
-    canvas.lay(arm, (look.arm_grey, look.arm_grey, look.arm_grey), shading=bright)
-    bright = canvas.bevel(drum, 2.0) * _cylinder(scene, drum.part, origin, along, look.body_m[1] * unit)
-    canvas.lay(drum, (look.body_grey, look.body_grey, 1.02 * look.body_grey), height_m=_STEP_M, shading=bright)
-    plate_colour = (look.plate_grey, look.plate_grey, look.plate_grey)
+    canvas.lay(arm, (appearance.arm_grey, appearance.arm_grey, appearance.arm_grey), shading=bright)
+    bright = canvas.bevel(drum, 2.0) * _cylinder(scene, drum.part, origin, along, appearance.body_m[1] * unit)
+    canvas.lay(
+        drum,
+        (appearance.body_grey, appearance.body_grey, 1.02 * appearance.body_grey),
+        height_m=_STEP_M,
+        shading=bright,
+    )
+    plate_colour = (appearance.plate_grey, appearance.plate_grey, appearance.plate_grey)
     canvas.lay(disc, plate_colour, height_m=_STEP_M, shading=canvas.bevel(disc, 1.8))
     for side in (-0.8, 0.8):
-        at = origin + unit * ((0.5 * (pad + plate)) * into + side * look.plate_m[1] * along)
-        head = canvas.disc(at, min(1.6e-3, 0.42 * look.plate_m[0]) * unit)
-        dark = 0.55 * look.plate_grey
+        at = origin + unit * ((0.5 * (pad + plate)) * into + side * appearance.plate_m[1] * along)
+        head = canvas.disc(at, min(1.6e-3, 0.42 * appearance.plate_m[0]) * unit)
+        dark = 0.55 * appearance.plate_grey
         canvas.lay(head, (dark, dark, dark), height_m=0.5e-3, shading=canvas.bevel(head, 1.2))
-    mottle = 1.0 + look.mottle * multi_scale_noise(rng, shape.shape, (8.0, 30.0, 90.0), 0.7)[shape.part]
+    mottle = 1.0 + appearance.mottle * multi_scale_noise(rng, shape.shape, (8.0, 30.0, 90.0), 0.7)[shape.part]
     # Light comes out again near the edges of silicone, and its wet skin mirrors the lamps in soft patches.
     part = shape.part
     inner = soften(shape.within((slice(0, canvas.shape[0]), slice(0, canvas.shape[1]))), 1.1e-3 * unit)[part]
     glow = 1.0 + 0.22 * np.clip(1.6 - 1.6 * inner, 0.0, 1.0)
     shine = np.clip(multi_scale_noise(rng, shape.shape, (16.0, 50.0), 0.8)[part] - 2.0, 0.0, 1.0)
     lit = mottle * glow * canvas.bevel(shape, 5.0)
-    paint = np.asarray(look.colour, np.float32) * lit[..., None] + np.float32(60.0) * shine[..., None]
+    paint = np.asarray(appearance.colour, np.float32) * lit[..., None] + np.float32(60.0) * shine[..., None]
     canvas.lay(shape, paint.astype(np.float32, copy=False), height_m=_STEP_M)
     return Phantom(*_sprite(canvas, channels, sigma_px), margin + 0.25, home.surface_m, into, px_per_m)
 
 
-def _places(part: Part, origin: FloatArray) -> tuple[Picture, Picture]:
+def _places(part: Part, origin: FloatArray) -> tuple[FloatImage, FloatImage]:
     """(1, w) and (h, 1): u and v of the part's pixels, from ``origin``."""
     v, u = (np.arange(side.start, side.stop).astype(np.float32) for side in part)
-    across: Picture = u - np.float32(origin[0])
-    down: Picture = v - np.float32(origin[1])
+    across: FloatImage = u - np.float32(origin[0])
+    down: FloatImage = v - np.float32(origin[1])
     return across[None], down[:, None]
 
 
-def _aside(part: Part, origin: FloatArray, along: FloatArray) -> Picture:
+def _aside(part: Part, origin: FloatArray, along: FloatArray) -> FloatImage:
     u, v = _places(part, origin)
     return np.asarray(u * np.float32(along[0]) + v * np.float32(along[1]), np.float32)
 
 
-def _cylinder(scene: CameraScene, part: Part, origin: FloatArray, along: FloatArray, radius: float) -> Picture:
+def _cylinder(scene: CameraScene, part: Part, origin: FloatArray, along: FloatArray, radius: float) -> FloatImage:
     """Shading of a turned metal cylinder seen from its side."""
     x = np.clip(_aside(part, origin, along) / np.float32(radius), -1.0, 1.0)
     lamp = scene.light.lamps[0].direction
@@ -139,15 +136,15 @@ def _rounded(
     return Patch.of(canvas.shape, part, np.clip(np.float32(0.5) - away, 0.0, 1.0))
 
 
-def _sprite(canvas: Canvas, channels: int, sigma_px: float) -> tuple[Picture, npt.NDArray[np.int64]]:
+def _sprite(canvas: Canvas, channels: int, sigma_px: float) -> tuple[FloatImage, npt.NDArray[np.int64]]:
     """Half-pixel phases, blurred; where each of their rows has something, and where it has light of its own."""
     # Sampling between half pixels blurs a little too: up to 1/16 px^2, on average 1/24.
     sigma = FINER * max(0.0, sigma_px**2 - 1 / 24 - 1 / 48) ** 0.5
     part = _painted_part(canvas, math.ceil(8.0 * sigma) + 4)
-    levels, left = np.ascontiguousarray(canvas.levels[part]), np.ascontiguousarray(canvas.left[part])
+    levels, left = np.ascontiguousarray(canvas.levels[part]), np.ascontiguousarray(canvas.transmittance[part])
     planes = [cv2.cvtColor(levels, cv2.COLOR_RGB2GRAY)] if channels == 1 else list(cv2.split(levels))
     planes.append(left)
-    if sigma > 0.0:  # in small pictures the sampling's own is all there is
+    if sigma > 0.0:  # in small images the sampling's own is all there is
         planes = [cv2.GaussianBlur(plane, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for plane in planes]
     rows, columns = canvas.shape[0] // FINER, canvas.shape[1] // FINER
     sprite = np.zeros((FINER, FINER, channels + 1, rows, columns), np.float32)
@@ -169,7 +166,7 @@ def _sprite(canvas: Canvas, channels: int, sigma_px: float) -> tuple[Picture, np
 
 
 def _painted_part(canvas: Canvas, reach: int) -> Part:
-    """Where anything was painted and ``reach`` px more, to whole pixels of the picture.
+    """Where anything was painted and ``reach`` px more, to whole pixels of the image.
 
     It begins at a multiple of the vector instructions' width, so that a blur of it rounds as one of the whole would.
     """

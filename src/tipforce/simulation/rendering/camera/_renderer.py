@@ -1,4 +1,4 @@
-"""From shapes in space to the camera's picture."""
+"""From shapes in space to the camera's image, and to what that image shows of the catheter."""
 
 import threading
 
@@ -8,18 +8,18 @@ import numpy.typing as npt
 
 from ....geometry import CameraModel
 from ....types import FloatArray, Image
-from ._compose import Desk, TissueState, compose
-from ._noise import add_noise, frame_key
-from ._paint import paint
-from ._phantom import TissueHome
+from .._exposure import ImageTruth, TissueHome, TissueState, sample_exposure
+from ._compositing import Buffers, compose, draw_tube, lay_phantom
 from ._scene import CameraScene
-from ._truth import PictureTruth, picture_truth
+from ._sensor_noise import add_noise, frame_key
+from ._static_layers import StaticLayers, paint
+from ._tube_model import instrument_shape
 
-__all__ = ["CameraRenderer"]
+__all__ = ["CameraRenderer", "image_truth"]
 
 
 class CameraRenderer:
-    """Draws the pictures of one session; its methods may be called from several threads at once.
+    """Draws the images of one session; its methods may be called from several threads at once.
 
     ``camera`` sees the base frame (metres: x along the base's tangent, y to the left of it, z to the camera); it is
     usually ``scene.camera(width, height)``, which is taken where none is given. ``length_m``: of the catheter, base to
@@ -42,36 +42,87 @@ class CameraRenderer:
     ) -> None:
         self.scene = scene
         self.camera = scene.camera(width, height) if camera is None else camera
-        self._painted = paint(scene, self.camera, length_m, tissue, width, height)
-        self._desks = threading.local()
+        self._layers = paint(scene, self.camera, length_m, tissue, width, height)
+        self._thread_local = threading.local()
 
     def render(
         self, shapes_m: FloatArray, tissue: TissueState | None = None, *, frame: int = 0, time_s: float = 0.0
     ) -> Image:
-        """(h, w, 3) RGB or (h, w) grey picture. ``frame`` picks the noise; ``time_s``: of the instrument's sway."""
-        desk, noise = self._composed(shapes_m, tissue, time_s), self.scene.noise
+        """(h, w, 3) RGB or (h, w) grey image. ``frame`` picks the noise; ``time_s``: of the instrument's sway."""
+        buffers, noise = self._composed(shapes_m, tissue, time_s), self.scene.noise
         key = frame_key(self.scene.seed, frame)
-        add_noise(desk.clean, key, self._painted.gauss, noise.grey_per_electron, noise.read_grey, desk.planes)
-        return desk.planes[0].copy() if len(desk.planes) == 1 else np.asarray(cv2.merge(list(desk.planes)), np.uint8)
+        add_noise(buffers.clean, key, self._layers.gauss, noise.grey_per_electron, noise.read_grey, buffers.planes)
+        return (
+            buffers.planes[0].copy()
+            if len(buffers.planes) == 1
+            else np.asarray(cv2.merge(list(buffers.planes)), np.uint8)
+        )
 
     def clean(
         self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0
     ) -> npt.NDArray[np.float32]:
         """(h, w, 3) or (h, w): the light that `render` adds noise to, grey levels, neither rounded nor clipped."""
-        desk = self._composed(shapes_m, tissue, time_s)
-        return desk.clean[0].copy() if len(desk.clean) == 1 else np.asarray(cv2.merge(list(desk.clean)), np.float32)
+        buffers = self._composed(shapes_m, tissue, time_s)
+        return (
+            buffers.clean[0].copy()
+            if len(buffers.clean) == 1
+            else np.asarray(cv2.merge(list(buffers.clean)), np.float32)
+        )
 
-    def truth(self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0) -> PictureTruth:
-        """What there is to be seen of the catheter in that picture."""
-        return picture_truth(self._painted, self._desk(), shapes_m, tissue, time_s)
+    def truth(self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0) -> ImageTruth:
+        """What there is to be seen of the catheter in that image."""
+        return image_truth(self._layers, self._buffers(), shapes_m, tissue, time_s)
 
-    def _composed(self, shapes_m: FloatArray, tissue: TissueState | None, time_s: float) -> Desk:
-        desk = self._desk()
-        compose(self._painted, desk, shapes_m, tissue, time_s)
-        return desk
+    def _composed(self, shapes_m: FloatArray, tissue: TissueState | None, time_s: float) -> Buffers:
+        buffers = self._buffers()
+        compose(self._layers, buffers, shapes_m, tissue, time_s)
+        return buffers
 
-    def _desk(self) -> Desk:
-        desk = getattr(self._desks, "desk", None)
-        if desk is None:
-            desk = self._desks.desk = Desk.for_pictures_of(self._painted)
-        return desk
+    def _buffers(self) -> Buffers:
+        buffers = getattr(self._thread_local, "buffers", None)
+        if buffers is None:
+            buffers = self._thread_local.buffers = Buffers.for_layers(self._layers)
+        return buffers
+
+
+def image_truth(
+    layers: StaticLayers, buffers: Buffers, shapes_m: FloatArray, tissue: TissueState | None, time_s: float
+) -> ImageTruth:
+    """Truth of the image that `compose` makes of the same arguments."""
+    shape = sample_exposure(shapes_m, 1)
+    h, w = layers.light.shape
+    left = _left_in_front(layers, buffers, tissue, time_s)
+    box = draw_tube(buffers, layers.catheter, layers.catheter.nodes(shape, layers.camera, layers.focus))
+    rows, columns = slice(box[0], box[1]), slice(box[2], box[3])
+    mask = np.zeros((h, w), np.bool_)
+    mask[rows, columns] = (buffers.drawn[rows, columns, 0] > 0.5) & (left[rows, columns] > 0.5)
+    buffers.drawn[rows, columns] = 0.0
+    centreline = layers.camera.project(shape[0])
+    near = np.rint(np.nan_to_num(centreline, nan=-9.0)).astype(int)
+    inside = (near >= 0) & (near < (w, h))
+    visible = inside[:, 0] & inside[:, 1]
+    visible[visible] = left[near[visible, 1], near[visible, 0]] > 0.5
+    weight = np.ones(len(visible))
+    weight[[0, -1]] = 0.5
+    return ImageTruth(mask, centreline, visible, float(visible @ weight / weight.sum()))
+
+
+def _left_in_front(
+    layers: StaticLayers, buffers: Buffers, tissue: TissueState | None, time_s: float
+) -> npt.NDArray[np.float32]:
+    """(h, w): share of the catheter's light that comes past all that may stand in front of it."""
+    scene = layers.scene
+    left = np.ones(layers.light.shape, np.float32) if layers.foreground is None else layers.foreground[-1].copy()
+    instrument, second = scene.instrument, layers.second
+    if second is not None and instrument is not None and instrument.in_front:
+        shape = instrument_shape(scene, instrument, time_s)[None]
+        box = draw_tube(buffers, second, second.nodes(shape, layers.camera, layers.focus))
+        rows, columns = slice(box[0], box[1]), slice(box[2], box[3])
+        left[rows, columns] *= 1.0 - np.clip(buffers.drawn[rows, columns, 0], 0.0, 1.0)
+        buffers.drawn[rows, columns] = 0.0
+    if layers.phantom is not None and tissue is not None and scene.tissue.over_tip:
+        sprite = layers.phantom.sprite[:, :, -1:].repeat(2, axis=2)
+        sprite[:, :, 0] = 0.0
+        still = TissueState(sample_exposure(tissue.shift_m[:, None], 1)[:, 0])
+        lay_phantom(left[None], layers, sprite, still)
+    return left

@@ -7,10 +7,67 @@ import numpy as np
 
 from ....geometry import CameraModel, Pose
 from ....types import BasePose
-from ._noise import SensorNoise
-from ._profile import Lamp, TubeFinish
 
-__all__ = ["CameraScene", "CatheterLook", "Cover", "GroundLook", "Instrument", "Lens", "Lighting", "TissueLook"]
+__all__ = [
+    "BackgroundAppearance",
+    "CameraScene",
+    "CatheterAppearance",
+    "Instrument",
+    "Lamp",
+    "Lens",
+    "Lighting",
+    "Occluder",
+    "SensorNoise",
+    "TissueAppearance",
+    "TubeFinish",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorNoise:
+    """``grey_per_electron``: shot noise has this times the level as its variance; ``read_grey``: sigma of the rest.
+
+    >>> round(SensorNoise.at_mid_grey(3.0, read_share=0.5).sigma(128.0), 6)
+    3.0
+    """
+
+    grey_per_electron: float
+    read_grey: float
+
+    @classmethod
+    def at_mid_grey(cls, sigma_grey: float, *, read_share: float) -> "SensorNoise":
+        """Noise of ``sigma_grey`` at level 128, of which ``read_share`` (of the sigma) comes from reading out."""
+        read = read_share * sigma_grey
+        return cls((sigma_grey**2 - read**2) / 128.0, read)
+
+    def sigma(self, level: float) -> float:
+        """Standard deviation at ``level``, before quantisation, grey levels."""
+        return math.sqrt(self.read_grey**2 + self.grey_per_electron * max(0.0, level))
+
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """``direction`` (3,): unit vector to the lamp: right, down, to the camera. ``strength``: share of the light."""
+
+    direction: tuple[float, float, float]
+    strength: float
+
+
+@dataclass(frozen=True, slots=True)
+class TubeFinish:
+    """How a tube's surface takes the light; levels are what a camera sees at light 1, grey or (red, green, blue).
+
+    ``shaft`` and ``metal``: levels of a face turned to the camera. ``gloss_grey``: the most a highlight adds.
+    ``sharpness``: exponent of the shaft's highlight. ``rim_grey``: what the silhouette mirrors of the ground (Fresnel).
+    """
+
+    shaft: tuple[float, float, float]
+    metal: tuple[float, float, float]
+    gloss_grey: float
+    sharpness: float
+    rim_grey: float
+    metal_sharpness: float
+
 
 Colour = tuple[float, float, float]
 """Red, green, blue in grey levels at light 1."""
@@ -18,10 +75,10 @@ Colour = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Lighting:
-    """``level``: overall; ``gradient``: relative change across the picture along ``gradient_rad`` (in the picture).
+    """``level``: overall; ``gradient``: relative change across the image along ``gradient_rad`` (in the image).
 
     ``vignetting``: loss in the corners. ``spot``: how much brighter the middle of a lamp's pool is than its rim, and
-    ``spot_at``: where, in shares of the picture. ``lamps`` carry what ``ambient`` leaves of 1; ``lamp_size_rad``: how
+    ``spot_at``: where, in shares of the image. ``lamps`` carry what ``ambient`` leaves of 1; ``lamp_size_rad``: how
     large the lamps look from the table, which is what softens their shadows.
     """
 
@@ -37,7 +94,7 @@ class Lighting:
 
 
 @dataclass(frozen=True, slots=True)
-class CatheterLook:
+class CatheterAppearance:
     """``radius_m``; ``electrode_m``: length of the metal tip; ``rings_m``: from, to, measured back from the apex.
 
     ``seam``: how dark the joints between metal and polymer are, 0..1; ``wear``: relative unevenness along the shaft.
@@ -52,7 +109,7 @@ class CatheterLook:
 
 
 @dataclass(frozen=True, slots=True)
-class GroundLook:
+class BackgroundAppearance:
     """``kind``: board, cloth, paper or breadboard; ``depth_m``: below the base frame's plane; ``objects`` lie on it.
 
     ``texture_grey``: standard deviation of the unevenness; ``lines_grey``: contrast of weave, print or holes.
@@ -69,7 +126,7 @@ class GroundLook:
 
 
 @dataclass(frozen=True, slots=True)
-class TissueLook:
+class TissueAppearance:
     """A silicone pad on a plate, on a round sensor, on the arm of a stage; sizes in metres.
 
     ``over_tip``: the pad is taller than the catheter and hides what the tip sinks in, else the tip is seen on the pad.
@@ -102,11 +159,11 @@ class Instrument:
     sway_hz: float
     phase_rad: float
     in_front: bool
-    look: CatheterLook
+    appearance: CatheterAppearance
 
 
 @dataclass(frozen=True, slots=True)
-class Cover:
+class Occluder:
     """Something in front of the shaft: a band across it from ``from_m`` to ``to_m`` along the base's tangent.
 
     ``kind``: tape, bracket or cable; ``slant_rad`` from the perpendicular; ``colour``.
@@ -123,9 +180,9 @@ class Cover:
 class Lens:
     """Where the camera stands and how sharp it sees.
 
-    ``base_at_m`` (2,): the base, right and down from the middle of the picture's left border; ``base_turn_rad``: its
-    tangent from the picture's u axis, counter-clockwise as displayed. ``yaw_rad``, ``pitch_rad``: the camera's turn
-    about its own vertical and horizontal axes, held on the middle of the picture. ``blur_px``: sigma in the base
+    ``base_at_m`` (2,): the base, right and down from the middle of the image's left border; ``base_turn_rad``: its
+    tangent from the image's u axis, counter-clockwise as displayed. ``yaw_rad``, ``pitch_rad``: the camera's turn
+    about its own vertical and horizontal axes, held on the middle of the image. ``blur_px``: sigma in the base
     frame's plane; ``sharpest_m``: where the focus lies above that plane (towards the camera); ``defocus_px_per_m``.
     """
 
@@ -156,9 +213,9 @@ class Lens:
 
 @dataclass(frozen=True, slots=True)
 class CameraScene:
-    """All that a session's pictures depend on but for what moves; see `draw_scene` for where it comes from.
+    """All that a session's images depend on but for what moves; see `sample_scene` for where it comes from.
 
-    ``colour``: pictures are (h, w, 3) RGB, else (h, w). ``seed``: of textures and noise.
+    ``colour``: images are (h, w, 3) RGB, else (h, w). ``seed``: of textures and noise.
     """
 
     seed: int
@@ -168,11 +225,11 @@ class CameraScene:
     light: Lighting
     lens: Lens
     noise: SensorNoise
-    catheter: CatheterLook
-    ground: GroundLook
-    tissue: TissueLook
+    catheter: CatheterAppearance
+    ground: BackgroundAppearance
+    tissue: TissueAppearance
     instrument: Instrument | None
-    covers: tuple[Cover, ...]
+    occluders: tuple[Occluder, ...]
 
     def camera(self, width: int = 640, height: int = 480) -> CameraModel:
         """The camera of this scene; see `Lens.camera`."""

@@ -1,11 +1,10 @@
-"""The twin's fluoroscope: from a catheter's shape in space to X-ray pictures, in one view or two."""
+"""The simulated fluoroscope: from a catheter's shape in space to X-ray images, in one view or two."""
 
-from ._carm import CArm
+from ._c_arm import CArm
 from ._dicom import RESEARCH_NOTE, write_dicom
-from ._draw import draw_xray_scene
-from ._ranges import BIPLANE, FLUORO, XrayRanges
 from ._renderer import Pulse, XrayRenderer
-from ._scene import Anatomy, Beam, CatheterMake, Detector, Device, Rhythm, XrayScene, XrayView
+from ._scene import Anatomy, Beam, CatheterConstruction, Detector, Instrument, Rhythm, XrayScene, XrayView
+from ._scene_settings import BIPLANE, FLUORO, XrayRanges, sample_xray_scene
 
 __all__ = [
     "BIPLANE",
@@ -14,15 +13,15 @@ __all__ = [
     "Anatomy",
     "Beam",
     "CArm",
-    "CatheterMake",
+    "CatheterConstruction",
     "Detector",
-    "Device",
+    "Instrument",
     "Pulse",
     "Rhythm",
     "XrayRanges",
     "XrayRenderer",
     "XrayScene",
     "XrayView",
-    "draw_xray_scene",
+    "sample_xray_scene",
     "write_dicom",
 ]

@@ -1,6 +1,6 @@
 """Bones, wires and leads of a chest as tubes in space, and its soft parts as ellipsoids; the patient's frame, metres.
 
-Not a copy of anybody: rough shapes of the usual sizes, enough to lay on the picture the edges and gradients that
+Not a copy of anybody: rough shapes of the usual sizes, enough to lay on the image the edges and gradients that
 fluoroscopy of the heart has.
 """
 
@@ -12,9 +12,9 @@ from scipy.interpolate import CubicSpline
 
 from ....geometry import arc_length
 from ....types import FloatArray
-from ._materials import ATTENUATION_PER_M as PER_M
-from ._profile import Layer
 from ._scene import Anatomy
+from ._tube_model import ATTENUATION_PER_M as PER_M
+from ._tube_model import Layer
 
 __all__ = ["Blob", "Part", "chest_parts", "heart_blobs", "liver_blobs", "spine_parts"]
 
@@ -174,7 +174,7 @@ def _leads(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
     for _ in range(anatomy.leads):
         y = rng.choice([-105.0, 105.0])
         start, away = rng.uniform(-70, 70, 2), rng.uniform(0.0, 2 * math.pi)
-        end = 130 * np.array([math.cos(away), math.sin(away)])  # out of the picture
+        end = 130 * np.array([math.cos(away), math.sin(away)])  # out of the image
         knots = np.array([(*start, y), (*(0.6 * start + 0.4 * end + rng.normal(0, 18, 2)), y), (*end, y)])
         parts.append(_metal(knots[:, [0, 2, 1]], rng.uniform(0.35, 0.6), 0.35 * PER_M["copper"]))
         clip = knots[0, [0, 2, 1]]

@@ -1,4 +1,4 @@
-"""A run of X-ray pictures as a DICOM XA file (X-Ray Angiographic Image Storage, PS3.3 A.14)."""
+"""A run of X-ray images as a DICOM XA file (X-Ray Angiographic Image Storage, PS3.3 A.14)."""
 
 import importlib
 from collections.abc import Sequence
@@ -13,14 +13,14 @@ from ._scene import XrayScene
 
 __all__ = ["RESEARCH_NOTE", "write_dicom"]
 
-RESEARCH_NOTE = "Research use only. Simulated picture of no patient, made by tipforce."
+RESEARCH_NOTE = "Research use only. Simulated image of no patient, made by tipforce."
 
-Pictures = Sequence[npt.NDArray[np.uint8]] | Sequence[npt.NDArray[np.uint16]]
+Images = Sequence[npt.NDArray[np.uint8]] | Sequence[npt.NDArray[np.uint16]]
 
 
 def write_dicom(
     path: str | Path,
-    frames: Pictures,
+    frames: Images,
     stamps_ns: Sequence[int],
     scene: XrayScene,
     *,
@@ -70,13 +70,18 @@ def _identity(pydicom: Any, scene: XrayScene, view: int, stamps: npt.NDArray[np.
     data.file_meta = meta
     data.SOPClassUID, data.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
     data.SpecificCharacterSet = "ISO_IR 192"
-    data.PatientName, data.PatientID, data.PatientBirthDate, data.PatientSex = "Simulated^Tipforce", "TWIN", "", "O"
+    data.PatientName, data.PatientID, data.PatientBirthDate, data.PatientSex = (
+        "Simulated^Tipforce",
+        "SIMULATED",
+        "",
+        "O",
+    )
     data.StudyInstanceUID, data.SeriesInstanceUID = uid("study"), uid("series")
     # both planes' angles and distances are about one isocentre, and it stays where it is
     data.FrameOfReferenceUID, data.PositionReferenceIndicator = uid("frame of reference"), ""
     data.StudyDate, data.StudyTime, data.ReferringPhysicianName = "", "", ""
     data.StudyID, data.AccessionNumber, data.SeriesNumber, data.InstanceNumber = "1", "", 1, view + 1
-    data.Modality, data.Manufacturer, data.ManufacturerModelName = "XA", "tipforce", "twin"
+    data.Modality, data.Manufacturer, data.ManufacturerModelName = "XA", "tipforce", "simulation"
     data.DeviceSerialNumber, data.SoftwareVersions = "0", "tipforce"
     # no day, for nobody was there; the time is the zero that the stamps of all planes count from
     data.ContentDate, data.ContentTime, data.PatientOrientation = "", "000000.000000", ""
@@ -112,9 +117,7 @@ def _add_acquisition(data: Any, scene: XrayScene, view: int) -> None:
     data.RecommendedDisplayFrameRate = round(beam.rate_hz)
 
 
-def _add_pixels(
-    pydicom: Any, data: Any, frames: Pictures, stamps: npt.NDArray[np.int64], curve: str, bits: int
-) -> None:
+def _add_pixels(pydicom: Any, data: Any, frames: Images, stamps: npt.NDArray[np.int64], curve: str, bits: int) -> None:
     """Multi-frame, cine and image pixel modules."""
     data.NumberOfFrames = len(frames)
     data.FrameIncrementPointer = pydicom.tag.Tag("FrameTimeVector")

@@ -9,42 +9,43 @@ import numpy.typing as npt
 from numba import njit
 
 from ...._compile import STEADY
-from ._left import left_of
-from ._paint import COARSE, Painted
 from ._scene import Detector, Rhythm
+from ._static_layers import COARSE, StaticLayers
+from ._tube_kernels import transmittance
 
-__all__ = ["BLOCK", "Veil", "direct_light", "soft_layers"]
+__all__ = ["BLOCK", "ScatterAndGlare", "direct_light", "soft_layers"]
 
-Picture = npt.NDArray[np.float32]
-
+FloatImage = npt.NDArray[np.float32]
 BLOCK = 8
 """Side, in pixels, of the blocks on which what is spread wide is computed."""
 
 
 def soft_layers(
-    painted: Painted, rhythm: Rhythm, breath: float, beating: float, wall_px: tuple[float, float] | None
-) -> Picture:
+    layers: StaticLayers, rhythm: Rhythm, breath: float, beating: float, wall_px: tuple[float, float] | None
+) -> FloatImage:
     """(h, w): heart and diaphragm.
 
     ``breath``, ``beating``: see `Rhythm`; ``wall_px``: how far the heart's wall is from where it rests; None: the heart
     moves by itself.
     """
-    h, w = painted.still.shape[0] // COARSE, painted.still.shape[1] // COARSE
-    down = -rhythm.breath_m * breath * painted.head_px
+    h, w = layers.still.shape[0] // COARSE, layers.still.shape[1] // COARSE
+    down = -rhythm.breath_m * breath * layers.head_px
     size = 1.0 - rhythm.beat * beating
     # By itself, its base comes down toward the apex as it empties.
-    du, dv = -0.08 * rhythm.beat * beating * painted.head_px if wall_px is None else wall_px
-    heart = _moved(painted.heart, painted, size, du + 0.3 * down[0], dv + 0.3 * down[1], (h, w))
-    heart += _moved(painted.liver, painted, 1.0, down[0], down[1], (h, w))
-    return np.asarray(cv2.resize(heart, painted.still.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+    du, dv = -0.08 * rhythm.beat * beating * layers.head_px if wall_px is None else wall_px
+    heart = _moved(layers.heart, layers, size, du + 0.3 * down[0], dv + 0.3 * down[1], (h, w))
+    heart += _moved(layers.liver, layers, 1.0, down[0], down[1], (h, w))
+    return np.asarray(cv2.resize(heart, layers.still.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def _moved(layer: Picture, painted: Painted, size: float, du: float, dv: float, shape: tuple[int, int]) -> Picture:
-    """``layer`` about the heart's middle scaled by ``size`` and moved by (du, dv) px of the picture."""
-    middle = (painted.heart_px - 0.5 * (COARSE - 1)) / COARSE
+def _moved(
+    layer: FloatImage, layers: StaticLayers, size: float, du: float, dv: float, shape: tuple[int, int]
+) -> FloatImage:
+    """``layer`` about the heart's middle scaled by ``size`` and moved by (du, dv) px of the image."""
+    middle = (layers.heart_px - 0.5 * (COARSE - 1)) / COARSE
     back = 1.0 / size
-    u = middle[0] * (1.0 - back) - back * du / COARSE + painted.coarse_margin
-    v = middle[1] * (1.0 - back) - back * dv / COARSE + painted.coarse_margin
+    u = middle[0] * (1.0 - back) - back * du / COARSE + layers.coarse_margin
+    v = middle[1] * (1.0 - back) - back * dv / COARSE + layers.coarse_margin
     way = np.array([[back, 0.0, u], [0.0, back, v]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.asarray(cv2.warpAffine(layer, way, shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE), np.float32)
@@ -52,14 +53,14 @@ def _moved(layer: Picture, painted: Painted, size: float, du: float, dv: float, 
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def direct_light(
-    still: Picture,
-    chest: Picture,
+    still: FloatImage,
+    chest: FloatImage,
     left: float,
     top: float,
-    soft: Picture,
-    taken: Picture,
-    light: Picture,
-    blocks: Picture,
+    soft: FloatImage,
+    taken: FloatImage,
+    light: FloatImage,
+    blocks: FloatImage,
 ) -> None:
     """Share of the rays that comes through all layers into ``light`` (h, w), its means into ``blocks``.
 
@@ -82,7 +83,7 @@ def direct_light(
             out[u] = w00 * a[u] + w01 * b[u] + w10 * c[u] + w11 * d[u]
         for u in range(w):
             x = min(max((out[u] + base[u] + veil[u]) * over, -half), half)
-            out[u] = left_of(x) * (one - tube[u])
+            out[u] = transmittance(x) * (one - tube[u])
         row = blocks[v // BLOCK]
         for k in range(row.size):
             total = none
@@ -92,7 +93,7 @@ def direct_light(
 
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
-def _mix(light: Picture, direct: float, veil: Picture) -> None:
+def _mix(light: FloatImage, direct: float, veil: FloatImage) -> None:
     share = np.float32(direct)
     for v in range(light.shape[0]):
         out, more = light[v], veil[v]
@@ -101,16 +102,16 @@ def _mix(light: Picture, direct: float, veil: Picture) -> None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Veil:
-    """Scatter and glare on the blocks of a picture: each a pair of matrices (rows, columns), and a share."""
+class ScatterAndGlare:
+    """Scatter and glare on the blocks of a image: each a pair of matrices (rows, columns), and a share."""
 
-    scatter: tuple[Picture, Picture]
-    glare: tuple[Picture, Picture]
+    scatter: tuple[FloatImage, FloatImage]
+    glare: tuple[FloatImage, FloatImage]
     scattered: float
     glared: float
 
     @classmethod
-    def of(cls, detector: Detector, px_per_m: float, shape: tuple[int, int]) -> "Veil":
+    def of(cls, detector: Detector, px_per_m: float, shape: tuple[int, int]) -> "ScatterAndGlare":
         """For ``shape`` blocks."""
         near, far = (sigma * px_per_m / BLOCK for sigma in (detector.scatter_m, detector.glare_m))
         rows, columns = shape
@@ -121,8 +122,8 @@ class Veil:
             detector.glare,
         )
 
-    def add(self, light: Picture, blocks: Picture, exposure: float) -> None:
-        """Quanta that ``light`` (h, w) becomes: times ``exposure``, with scatter, and with glare spread."""
+    def add(self, light: FloatImage, blocks: FloatImage, exposure: float) -> None:
+        """Photons that ``light`` (h, w) becomes: times ``exposure``, with scatter, and with glare spread."""
         scattered = self.scatter[0] @ blocks @ self.scatter[1].T * np.float32(self.scattered)
         spread = self.glare[0] @ (blocks + scattered) @ self.glare[1].T * np.float32(self.glared)
         veil = (scattered * np.float32(1.0 - self.glared) + spread) * np.float32(exposure)
@@ -130,7 +131,7 @@ class Veil:
         _mix(light, exposure * (1.0 - self.glared), np.asarray(full, np.float32))
 
 
-def _spread(count: int, sigma: float) -> Picture:
+def _spread(count: int, sigma: float) -> FloatImage:
     """(count, count): a Gaussian over a row of blocks; beyond the border it goes on as at the border."""
     reach = math.ceil(4.0 * sigma)
     at = np.arange(-reach, reach + 1)

@@ -1,4 +1,4 @@
-"""From shapes in space to the fluoroscope's picture."""
+"""From shapes in space to the fluoroscope's image, and to what that image shows of the catheter."""
 
 import math
 import threading
@@ -7,35 +7,42 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from ....geometry import CameraModel
-from ....types import FloatArray, IntArray
-from ..camera import PictureTruth, TissueState
-from ..camera._project import instants
-from ._light import BLOCK, Veil, direct_light, soft_layers
-from ._makes import swayed
-from ._paint import paint
-from ._quanta import Quanta, draw_quanta, frame_key, quantum_tables
-from ._readout import blurred, display_curve, read_out, with_lag
+from ....types import BoolArray, FloatArray, IntArray
+from .._exposure import sample_exposure
+from ..camera import ImageTruth, TissueState
+from ._detector import (
+    PhotonCounts,
+    blurred,
+    display_curve,
+    frame_key,
+    photon_tables,
+    read_out,
+    sample_photons,
+    with_lag,
+)
+from ._instruments import swayed
+from ._light import BLOCK, ScatterAndGlare, direct_light, soft_layers
 from ._scene import XrayScene, lag_weights
-from ._truth import picture_truth
-from ._tube import fold_instant, join_taken, no_spans
+from ._static_layers import paint
+from ._tube_kernels import fold_instant, join_taken, no_spans
 
-__all__ = ["Pulse", "XrayRenderer"]
+__all__ = ["Pulse", "XrayRenderer", "image_truth"]
 
-Picture = npt.NDArray[np.float32]
-Picture8Or16 = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
-
+FloatImage = npt.NDArray[np.float32]
+GreyImage = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 _STEP_PX = 1.0
 """Motion blur is a mean of instants no farther apart than this: about the detector's own blur."""
 _MOST_INSTANTS = 16
 _FIELD = 0.33
-"""Radius of the exposure control's measuring field, as a share of the picture's side."""
+"""Radius of the exposure control's measuring field, as a share of the image's side."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pulse:
-    """What `XrayRenderer.render` draws one picture of; see there."""
+    """What `XrayRenderer.render` draws one image of; see there."""
 
     shapes_m: FloatArray
     tissue: TissueState | None = None
@@ -56,33 +63,33 @@ class Pulse:
 
 
 @dataclass(slots=True, eq=False)
-class _Desk:
-    """Buffers of one thread; ``drawn``, ``tube`` and ``taken`` are zero between uses. ``kept``: quanta, newest last."""
+class _Buffers:
+    """Buffers of one thread; ``drawn``, ``tube`` and ``taken`` are zero between uses. ``kept``: counts, newest last."""
 
-    drawn: Picture
-    tube: Picture
-    taken: Picture
-    light: Picture
-    blocks: Picture
+    drawn: FloatImage
+    tube: FloatImage
+    taken: FloatImage
+    light: FloatImage
+    blocks: FloatImage
     spans: IntArray
-    kept: list[tuple[Pulse, Quanta]] = field(default_factory=list[tuple[Pulse, Quanta]])
+    kept: list[tuple[Pulse, PhotonCounts]] = field(default_factory=list[tuple[Pulse, PhotonCounts]])
 
     @classmethod
-    def of(cls, height: int, width: int) -> "_Desk":
+    def of(cls, height: int, width: int) -> "_Buffers":
         a, b, c, d = np.zeros((4, height, width), np.float32)
         return cls(a, b, c, d, np.zeros((height // BLOCK, width // BLOCK), np.float32), no_spans(height))
 
 
 class XrayRenderer:
-    """Draws the pictures of one view of one session; its methods may be called from several threads at once.
+    """Draws the images of one view of one session; its methods may be called from several threads at once.
 
-    ``length_m``: of the catheter, base to apex. ``bits``: 8 gives uint8 pictures, 9 to 16 give uint16 ones. The same
+    ``length_m``: of the catheter, base to apex. ``bits``: 8 gives uint8 images, 9 to 16 give uint16 ones. The same
     scene, shapes, frame number and ``before`` give the same bytes on any thread and in any order.
 
     Shapes are (m, n, 3): the catheter's axis from base to apex in the base frame, uniform in arc length, at instants
     evenly spread over the pulse, the first at its start and the last at its end; m = 1: nothing moves.
 
-    Raises ValueError where the picture's sides are no multiples of 8 or ``bits`` is out of range.
+    Raises ValueError where the image's sides are no multiples of 8 or ``bits`` is out of range.
     """
 
     def __init__(
@@ -97,29 +104,29 @@ class XrayRenderer:
     ) -> None:
         if width % BLOCK or height % BLOCK or not 8 <= bits <= 16:
             raise ValueError(
-                f"an X-ray picture: expected sides that are multiples of {BLOCK} and 8 to 16 bits, "
+                f"an X-ray image: expected sides that are multiples of {BLOCK} and 8 to 16 bits, "
                 f"got {width} x {height} and {bits} bits"
             )
         self.scene, self.view, self.bits = scene, view, bits
         self._plane = scene.views[view]
-        self._painted = paint(scene, view, length_m, width, height)
+        self._layers = paint(scene, view, length_m, width, height)
         self._weights = lag_weights(self._plane.detector)
-        self._veil = Veil.of(self._plane.detector, self._painted.px_per_m, (height // BLOCK, width // BLOCK))
-        self._tables = quantum_tables()
+        self._veil = ScatterAndGlare.of(self._plane.detector, self._layers.px_per_m, (height // BLOCK, width // BLOCK))
+        self._tables = photon_tables()
         self._finer = width / 512.0
         self._photons = self._plane.beam.photons / self._finer**2
         self._curve = display_curve(self._plane.detector, self._photons, bits)
-        self._desks = threading.local()
+        self._thread_local = threading.local()
         self._field = self._measured()
 
     @property
     def camera(self) -> CameraModel:
         """How this view truly sees; world = base frame."""
-        return self._painted.camera
+        return self._layers.camera
 
     @property
     def memory(self) -> int:
-        """How many frames before it a picture shows traces of."""
+        """How many frames before it a image shows traces of."""
         return len(self._weights) - 1
 
     def render(
@@ -130,8 +137,8 @@ class XrayRenderer:
         frame: int = 0,
         time_s: float = 0.0,
         before: Sequence[Pulse] = (),
-    ) -> Picture8Or16:
-        """(h, w) picture. ``frame`` picks the noise; ``time_s``: where heart, breath and instruments are.
+    ) -> GreyImage:
+        """(h, w) image. ``frame`` picks the noise; ``time_s``: where heart, breath and instruments are.
 
         ``tissue``: where the heart's wall has moved to, and the heart's shadow with it; without it the heart beats by
         the scene's own rhythm. ``before``: the pulses before this one, newest last, whose lag is still seen;
@@ -139,19 +146,19 @@ class XrayRenderer:
         """
         now = Pulse(shapes_m, tissue, frame, time_s)
         known = list(before)[-self.memory :] if self.memory else []
-        planes = [self._quanta(pulse) for pulse in (*known, now)][::-1]
-        desk, detector = self._desk(), self._plane.detector
-        with_lag(planes, self._weights, desk.light)
-        signal = blurred(desk.light, detector, self._finer)
-        picture: Picture8Or16
-        picture = np.empty(signal.shape, np.uint8) if self.bits == 8 else np.empty(signal.shape, np.uint16)
+        planes = [self._photon_counts(pulse) for pulse in (*known, now)][::-1]
+        buffers, detector = self._buffers(), self._plane.detector
+        with_lag(planes, self._weights, buffers.light)
+        signal = blurred(buffers.light, detector, self._finer)
+        image: GreyImage
+        image = np.empty(signal.shape, np.uint8) if self.bits == 8 else np.empty(signal.shape, np.uint16)
         key = frame_key(self.scene.seed, self.view, frame, 1)
         curve, gauss = self._curve, self._tables.gauss
-        read_out(signal, key, gauss, detector.electronic, detector.line_noise, curve.levels, curve.per_root, picture)
-        return picture
+        read_out(signal, key, gauss, detector.electronic, detector.line_noise, curve.levels, curve.per_root, image)
+        return image
 
-    def run(self, pulses: Iterable[Pulse]) -> Iterator[Picture8Or16]:
-        """Pictures of pulses that follow each other, each with the lag of those before it."""
+    def run(self, pulses: Iterable[Pulse]) -> Iterator[GreyImage]:
+        """Images of pulses that follow each other, each with the lag of those before it."""
         before: list[Pulse] = []
         for pulse in pulses:
             yield self.render(
@@ -159,87 +166,87 @@ class XrayRenderer:
             )
             before = [*before, pulse][-max(1, self.memory) :]
 
-    def light(self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0) -> Picture:
-        """(h, w): quanta a pixel that the detector expects of one pulse: before noise, blur and lag."""
-        desk = self._desk()
-        self._expect(desk, Pulse(shapes_m, tissue, 0, time_s))
-        return desk.light.copy()
+    def light(self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0) -> FloatImage:
+        """(h, w): photons a pixel that the detector expects of one pulse: before noise, blur and lag."""
+        buffers = self._buffers()
+        self._expect(buffers, Pulse(shapes_m, tissue, 0, time_s))
+        return buffers.light.copy()
 
-    def truth(self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0) -> PictureTruth:
-        """What there is to be seen of the catheter in that picture; neither tissue nor time change it."""
+    def truth(self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0) -> ImageTruth:
+        """What there is to be seen of the catheter in that image; neither tissue nor time change it."""
         del tissue, time_s
-        h, w = self._painted.still.shape
-        return picture_truth(self.camera, instants(checked(shapes_m), 1)[0], self.scene.catheter.radius_m, h, w)
+        h, w = self._layers.still.shape
+        return image_truth(self.camera, sample_exposure(checked(shapes_m), 1)[0], self.scene.catheter.radius_m, h, w)
 
-    def _quanta(self, pulse: Pulse) -> Quanta:
+    def _photon_counts(self, pulse: Pulse) -> PhotonCounts:
         """The noise of one pulse, alone; kept for the frames after it."""
-        desk = self._desk()
-        for known, plane in desk.kept:
+        buffers = self._buffers()
+        for known, plane in buffers.kept:
             if known.same(pulse):
                 return plane
-        self._expect(desk, pulse)
-        plane = np.empty(desk.light.shape, np.uint16)
+        self._expect(buffers, pulse)
+        plane = np.empty(buffers.light.shape, np.uint16)
         key = frame_key(self.scene.seed, self.view, pulse.frame, 0)
-        draw_quanta(desk.light, key, self._tables.alias, self._tables.gauss, plane)
-        desk.kept = [*desk.kept, (pulse, plane)][-(self.memory + 1) :]
+        sample_photons(buffers.light, key, self._tables.alias, self._tables.gauss, plane)
+        buffers.kept = [*buffers.kept, (pulse, plane)][-(self.memory + 1) :]
         return plane
 
-    def _expect(self, desk: _Desk, pulse: Pulse) -> None:
-        """Leave the expected quanta of ``pulse`` in ``desk.light``."""
-        painted, rhythm = self._painted, self.scene.rhythm
-        self._lay_tubes(desk, pulse)
+    def _expect(self, buffers: _Buffers, pulse: Pulse) -> None:
+        """Leave the expected photons of ``pulse`` in ``buffers.light``."""
+        layers, rhythm = self._layers, self.scene.rhythm
+        self._lay_tubes(buffers, pulse)
         breath = rhythm.breath(pulse.time_s)
         wall = None
         if pulse.tissue is not None:
-            _, slopes = painted.camera.project_with_slopes(np.zeros((1, 3)))
+            _, slopes = layers.camera.project_with_slopes(np.zeros((1, 3)))
             moved = slopes[0] @ pulse.tissue.shift_m.mean(axis=0)
             wall = float(moved[0]), float(moved[1])
-        self._shine(desk, breath, rhythm.beating(pulse.time_s), wall)
-        desk.taken[:] = 0.0
+        self._shine(buffers, breath, rhythm.beating(pulse.time_s), wall)
+        buffers.taken[:] = 0.0
         delayed = rhythm.breath(pulse.time_s - self._plane.beam.control_s)
         exposure = self._photons / float(np.interp(delayed, np.linspace(0.0, 1.0, len(self._field)), self._field))
-        self._veil.add(desk.light, desk.blocks, exposure)
+        self._veil.add(buffers.light, buffers.blocks, exposure)
 
-    def _shine(self, desk: _Desk, breath: float, beating: float, wall_px: tuple[float, float] | None) -> None:
-        painted = self._painted
-        soft = soft_layers(painted, self.scene.rhythm, breath, beating, wall_px)
-        ribs = 0.15 * self.scene.rhythm.breath_m * breath * painted.head_px  # the ribs rise as the diaphragm sinks
-        left, top = painted.margin - float(ribs[0]), painted.margin - float(ribs[1])
-        direct_light(painted.still, painted.chest, left, top, soft, desk.taken, desk.light, desk.blocks)
+    def _shine(self, buffers: _Buffers, breath: float, beating: float, wall_px: tuple[float, float] | None) -> None:
+        layers = self._layers
+        soft = soft_layers(layers, self.scene.rhythm, breath, beating, wall_px)
+        ribs = 0.15 * self.scene.rhythm.breath_m * breath * layers.head_px  # the ribs rise as the diaphragm sinks
+        left, top = layers.margin - float(ribs[0]), layers.margin - float(ribs[1])
+        direct_light(layers.still, layers.chest, left, top, soft, buffers.taken, buffers.light, buffers.blocks)
 
-    def _lay_tubes(self, desk: _Desk, pulse: Pulse) -> None:
-        """What catheter and devices take from the light into ``desk.taken``."""
-        painted = self._painted
-        for item in painted.devices:
-            points = swayed(item.device, item.points_m, item.share, self.scene.rhythm, pulse.time_s)
-            item.tube.add(desk.drawn, desk.spans, painted.patient_camera, points)
-        fold_instant(desk.drawn, desk.spans, desk.taken, 1.0)
-        desk.spans[:] = no_spans(len(desk.spans))
-        shapes = moments(checked(pulse.shapes_m), painted.px_per_m)
+    def _lay_tubes(self, buffers: _Buffers, pulse: Pulse) -> None:
+        """What catheter and devices take from the light into ``buffers.taken``."""
+        layers = self._layers
+        for item in layers.devices:
+            points = swayed(item.instrument, item.points_m, item.share, self.scene.rhythm, pulse.time_s)
+            item.tube.add(buffers.drawn, buffers.spans, layers.patient_camera, points)
+        fold_instant(buffers.drawn, buffers.spans, buffers.taken, 1.0)
+        buffers.spans[:] = no_spans(len(buffers.spans))
+        shapes = blur_instants(checked(pulse.shapes_m), layers.px_per_m)
         for points in shapes:
-            painted.catheter.add(desk.drawn, desk.spans, painted.camera, points)
-            fold_instant(desk.drawn, desk.spans, desk.tube, 1.0 / len(shapes))
-        join_taken(desk.tube, desk.spans, desk.taken)
-        desk.spans[:] = no_spans(len(desk.spans))
+            layers.catheter.add(buffers.drawn, buffers.spans, layers.camera, points)
+            fold_instant(buffers.drawn, buffers.spans, buffers.tube, 1.0 / len(shapes))
+        join_taken(buffers.tube, buffers.spans, buffers.taken)
+        buffers.spans[:] = no_spans(len(buffers.spans))
 
     def _measured(self) -> FloatArray:
         """(5,) what of the rays reaches the measuring field without the catheter, by the patient's breath."""
-        desk = self._desk()
-        h, w = desk.light.shape
+        buffers = self._buffers()
+        h, w = buffers.light.shape
         v, u = np.mgrid[0:h, 0:w]
         inside = np.hypot((v + 0.5) / h - 0.5, (u + 0.5) / w - 0.5) < _FIELD
         means: list[float] = []
         for breath in np.linspace(0.0, 1.0, 5):
-            self._shine(desk, float(breath), 0.0, None)
-            self._veil.add(desk.light, desk.blocks, 1.0)
-            means.append(float(desk.light[inside].mean()))
+            self._shine(buffers, float(breath), 0.0, None)
+            self._veil.add(buffers.light, buffers.blocks, 1.0)
+            means.append(float(buffers.light[inside].mean()))
         return np.array(means)
 
-    def _desk(self) -> _Desk:
-        desk = getattr(self._desks, "desk", None)
-        if desk is None:
-            desk = self._desks.desk = _Desk.of(*self._painted.still.shape)
-        return desk
+    def _buffers(self) -> _Buffers:
+        buffers = getattr(self._thread_local, "buffers", None)
+        if buffers is None:
+            buffers = self._thread_local.buffers = _Buffers.of(*self._layers.still.shape)
+        return buffers
 
 
 def checked(shapes_m: FloatArray) -> FloatArray:
@@ -250,7 +257,56 @@ def checked(shapes_m: FloatArray) -> FloatArray:
     return shapes
 
 
-def moments(shapes: FloatArray, px_per_m: float) -> FloatArray:
-    """As many `instants` as motion blur needs."""
+def blur_instants(shapes: FloatArray, px_per_m: float) -> FloatArray:
+    """As many `sample_exposure` as motion blur needs."""
     way = float(np.abs(np.diff(shapes, axis=0)).max(axis=(1, 2), initial=0.0).sum()) * px_per_m
-    return instants(shapes, max(1, min(_MOST_INSTANTS, math.ceil(way / _STEP_PX))))
+    return sample_exposure(shapes, max(1, min(_MOST_INSTANTS, math.ceil(way / _STEP_PX))))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _cover(mask: BoolArray, pixels: FloatArray, half_px: FloatArray) -> None:
+    h, w = mask.shape
+    for i in range(pixels.shape[0] - 1):
+        au, av, bu, bv = pixels[i, 0], pixels[i, 1], pixels[i + 1, 0], pixels[i + 1, 1]
+        far = max(half_px[i], half_px[i + 1])
+        du, dv = bu - au, bv - av
+        square = du * du + dv * dv
+        for v in range(max(0, math.ceil(min(av, bv) - far)), min(h, math.floor(max(av, bv) + far) + 1)):
+            for u in range(max(0, math.ceil(min(au, bu) - far)), min(w, math.floor(max(au, bu) + far) + 1)):
+                t = ((u - au) * du + (v - av) * dv) / square if square > 0 else 0.0
+                t = min(max(t, 0.0), 1.0)
+                half = half_px[i] + t * (half_px[i + 1] - half_px[i])
+                if (u - au - t * du) ** 2 + (v - av - t * dv) ** 2 <= half * half:
+                    mask[v, u] = True
+
+
+def _covered(camera: CameraModel, points_m: FloatArray, radius_m: float, height: int, width: int) -> BoolArray:
+    """(h, w): pixels whose ray through the middle passes a tube of ``radius_m`` along ``points_m`` (n, 3), world.
+
+    The tube ends in a hemisphere of its own radius at the last point.
+    """
+    steps = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
+    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    # The middle of the dome lies one radius before its apex.
+    even = np.linspace(0.0, max(arc[-1] - radius_m, 0.0), 2 * len(arc))
+    middle = np.stack([np.interp(even, arc, points_m[:, k]) for k in range(3)], axis=1)
+    depth = camera.camera_from_world.apply(middle)[:, 2]
+    mask = np.zeros((height, width), np.bool_)
+    pixels = camera.project(middle)
+    if np.isfinite(pixels).all():
+        _cover(mask, pixels, radius_m * float(camera.focal_px[1]) / depth)
+    return mask
+
+
+def image_truth(camera: CameraModel, points_m: FloatArray, radius_m: float, height: int, width: int) -> ImageTruth:
+    """Truth of a image of a catheter along ``points_m`` (n, 3), in the camera's world.
+
+    Nothing hides what X-rays pass: visible is what lies in the image, however faint it may be.
+    """
+    centreline = camera.project(points_m)
+    near = np.rint(np.nan_to_num(centreline, nan=-9.0))
+    visible = np.asarray(((near >= 0) & (near < (width, height))).all(axis=1), np.bool_)
+    weight = np.ones(len(visible))
+    weight[[0, -1]] = 0.5
+    mask = _covered(camera, points_m, radius_m, height, width)
+    return ImageTruth(mask, centreline, visible, float(visible @ weight / weight.sum()))

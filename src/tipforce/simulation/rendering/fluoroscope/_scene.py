@@ -7,9 +7,19 @@ import numpy as np
 
 from ....geometry import CameraModel, Pose
 from ....types import FloatArray
-from ._carm import CArm
+from ._c_arm import CArm
 
-__all__ = ["Anatomy", "Beam", "CatheterMake", "Detector", "Device", "Rhythm", "XrayScene", "XrayView", "lag_weights"]
+__all__ = [
+    "Anatomy",
+    "Beam",
+    "CatheterConstruction",
+    "Detector",
+    "Instrument",
+    "Rhythm",
+    "XrayScene",
+    "XrayView",
+    "lag_weights",
+]
 
 Point = tuple[float, float, float]
 """In the patient's frame (`CArm`), metres."""
@@ -20,7 +30,7 @@ class Beam:
     """What leaves the tube, and how much of it arrives."""
 
     photons: float
-    """Detected quanta a pixel at 512 columns, mean over the measuring field in the picture's middle."""
+    """Detected photons a pixel at 512 columns, mean over the measuring field in the image's middle."""
     pulse_s: float
     rate_hz: float
     focal_spot_m: float
@@ -33,14 +43,14 @@ class Beam:
 
 @dataclass(frozen=True, slots=True)
 class Detector:
-    """From quanta to grey levels; pixels are those of 512 columns."""
+    """From photons to grey levels; pixels are those of 512 columns."""
 
     scatter: float
-    """Scattered over direct quanta."""
+    """Scattered over direct photons."""
     scatter_m: float
     """Sigma of their spread, at the isocentre."""
     glare: float
-    """Share of all light that is spread over the picture."""
+    """Share of all light that is spread over the image."""
     glare_m: float
     blur_px: tuple[float, float]
     """Sigmas of two Gaussians."""
@@ -49,9 +59,9 @@ class Detector:
     lag: tuple[tuple[float, float], ...]
     """Exponentials: share of the light, and what is left of it a frame later."""
     electronic: float
-    """Noise of a pixel, sigma in quanta."""
+    """Noise of a pixel, sigma in photons."""
     line_noise: float
-    """Noise of a row, sigma in quanta."""
+    """Noise of a row, sigma in photons."""
     curve: str
     """Of the display: log or linear."""
     contrast: float
@@ -69,7 +79,7 @@ class XrayView:
 
 
 @dataclass(frozen=True, slots=True)
-class CatheterMake:
+class CatheterConstruction:
     """``radius_m``; ``electrode_m``: length of the metal tip; ``rings_m``: from, to, measured back from the apex.
 
     ``barium_sulphate``: its share of the shaft's polymer by weight; ``wall``: share of the radius; ``braid``: share of
@@ -87,7 +97,7 @@ class CatheterMake:
 
 
 @dataclass(frozen=True, slots=True)
-class Device:
+class Instrument:
     """Another instrument in the heart: ``kind`` (wire, diagnostic, lead, probe) along a smooth curve through ``knots``.
 
     It sways by ``sway_m`` with the heart, ``phase`` (share of a beat) behind it; more toward its end.
@@ -143,7 +153,7 @@ class Anatomy:
 
 @dataclass(frozen=True, slots=True)
 class XrayScene:
-    """All that a session's pictures depend on but for the catheter's shape; see `draw_xray_scene`.
+    """All that a session's images depend on but for the catheter's shape; see `sample_xray_scene`.
 
     ``base_axis_angle`` and ``base_m``: the base frame's pose in the patient's frame. ``seed``: of textures and noise.
     """
@@ -152,8 +162,8 @@ class XrayScene:
     views: tuple[XrayView, ...]
     base_axis_angle: Point
     base_m: Point
-    catheter: CatheterMake
-    devices: tuple[Device, ...]
+    catheter: CatheterConstruction
+    devices: tuple[Instrument, ...]
     rhythm: Rhythm
     anatomy: Anatomy
 

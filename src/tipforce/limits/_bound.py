@@ -1,0 +1,215 @@
+"""The posterior Cramer-Rao bound of a session: of each frame alone, and of all frames until then."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, Self
+
+import numpy as np
+from scipy.linalg import block_diag, solve_triangular
+
+from ..mechanics import posterior_covariance, posterior_covariance_along
+from ..simulation._bench import SimulatedBench
+from ..simulation._ground_truth import Truth
+from ..types import BoolArray, FloatArray, IntArray, frozen
+from ._jacobian import bound_inputs, centreline_jacobian
+from ._priors import (
+    CENTRELINE_NOISE,
+    SESSION_NOISE,
+    CentrelineNoise,
+    Parameter,
+    noise_preset,
+    unknown_parameters,
+)
+
+__all__ = ["CramerRaoBound", "ForceCovarianceBound"]
+
+_PLAY = "place in the backlash"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForceCovarianceBound:
+    """The smallest covariance of the force in each frame; base frame; NaN where no stable shape was found.
+
+    ``stamp_ns`` (m,); ``force_n`` (m, 3): the true force; ``covariance_n2`` (m, 3, 3).
+    """
+
+    session: str
+    stamp_ns: IntArray
+    force_n: FloatArray
+    covariance_n2: FloatArray
+
+    @property
+    def std_n(self) -> FloatArray:
+        """(m, 3): of fx, fy and fz."""
+        return np.sqrt(np.diagonal(self.covariance_n2, axis1=1, axis2=2))
+
+    @property
+    def magnitude_std_n(self) -> FloatArray:
+        """(m,): of the force's magnitude, to first order; NaN where there is no force."""
+        size = np.linalg.norm(self.force_n, axis=1, keepdims=True)
+        way = np.divide(self.force_n, size, out=np.full_like(self.force_n, np.nan), where=size > 0)
+        return np.sqrt(np.einsum("mi,mij,mj->m", way, self.covariance_n2, way))
+
+    @property
+    def fx_fy_magnitude_n(self) -> FloatArray:
+        """(m, 3): standard deviations of fx, fy and of the magnitude."""
+        return np.column_stack([self.std_n[:, :2], self.magnitude_std_n])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CramerRaoBound:
+    """The measurement model of a session, and the bounds that follow from it.
+
+    ``jacobian`` (m, rows, parameters): of the detected centreline by ``parameters``, see `centreline_jacobian`;
+    ``arc_m`` (points,): positions along it. ``touching``, ``stable`` (m,); ``contact_angle_deg`` (m,): between tip and
+    wall's normal. ``play_open`` (m,): whether the knob may not have crossed its backlash yet. ``tare_s``: until when
+    the session's metadata say that nothing touches. ``noise``: of the centreline.
+    """
+
+    session: str
+    stamp_ns: IntArray
+    force_n: FloatArray
+    touching: BoolArray
+    stable: BoolArray
+    contact_angle_deg: FloatArray
+    play_open: BoolArray
+    tare_s: float
+    parameters: tuple[Parameter, ...]
+    jacobian: FloatArray
+    arc_m: FloatArray
+    noise: CentrelineNoise
+
+    @classmethod
+    def of(cls, source: Truth | SimulatedBench, noise: CentrelineNoise | None = None) -> Self:
+        """Sets up the model of a simulated session.
+
+        Args:
+            source: the session's ground truth, or its bench.
+            noise: of the detected centreline; None: as measured on the session's preset.
+
+        Raises:
+            ValueError: without ``noise`` for a preset on which none was measured, for X-ray images, and where the
+                tissue touches the shaft's side too.
+        """
+        preset = noise_preset(source.settings)
+        if noise is None:
+            if preset is None:
+                name = source.settings.preset if isinstance(source, SimulatedBench) else source.settings.get("preset")
+                raise ValueError(
+                    "the error of detected centrelines was measured on images of "
+                    f"{' and '.join(CENTRELINE_NOISE)} only, not of preset {str(name)!r}"
+                )
+            noise = CENTRELINE_NOISE[preset]
+        inputs = bound_inputs(source)
+        settings = inputs.settings
+        if settings.world.wall.side_stiffness_n_per_m2 > 0:
+            raise ValueError("the bound is of a force on the electrode's dome; here the shaft's side is touched too")
+        parameters = unknown_parameters(settings, inputs.bench_model.parameters)
+        rows, arc, stable = centreline_jacobian(inputs)
+        jacobian = np.stack([rows[parameter.name] for parameter in parameters], axis=2)
+        jacobian[~stable] = 0.0
+        knob = inputs.knob_deg
+        travelled = np.maximum.accumulate(knob) - np.minimum.accumulate(knob)
+        return cls(
+            session=inputs.session,
+            stamp_ns=inputs.stamp_ns,
+            force_n=inputs.force_n,
+            touching=inputs.touching,
+            stable=stable,
+            contact_angle_deg=inputs.contact_angle_deg,
+            play_open=travelled < settings.world.actuation.play_deg,
+            tare_s=settings.world.tare_s,
+            parameters=parameters,
+            jacobian=jacobian,
+            arc_m=arc,
+            noise=noise,
+        )
+
+    def single_frame(self, known: Iterable[str] = (), force_n2: FloatArray | None = None) -> ForceCovarianceBound:
+        """Returns the bound of every frame alone.
+
+        Args:
+            known: groups of parameters that are taken as known.
+            force_n2: (3, 3) prior covariance of the force, base frame; None: broad, see `unknown_parameters`.
+
+        Raises:
+            ValueError: for a group that does not exist, and for that of the force.
+        """
+        free, lasting = self._free(known)
+        covariance = self.noise.fresh.covariance_m2(self.arc_m)
+        if lasting:
+            covariance = covariance + self.noise.lasting.covariance_m2(self.arc_m)
+        white = _whitened(self.jacobian[:, :, free], covariance)
+        return self._bound(posterior_covariance(white, self._prior(free, force_n2), sum(k < 3 for k in free)))
+
+    def sequential(
+        self,
+        known: Iterable[str] = (),
+        force_n2: FloatArray | None = None,
+        free_known: Literal["all", "tare", "none"] = "all",
+    ) -> ForceCovarianceBound:
+        """Returns the bound of every frame together with all frames before it (the filtering bound).
+
+        Args:
+            known: as in `single_frame`.
+            force_n2: as in `single_frame`.
+            free_known: in which frames without contact the estimator may be sure that there is none. All: the bound
+                then holds also for estimators that detect contact; the tare only, which the metadata state; none.
+
+        Raises:
+            ValueError: as in `single_frame`.
+        """
+        free, lasting = self._free(known)
+        jacobian = self.jacobian[:, :, free].copy()
+        chosen = [self.parameters[k] for k in free]
+        time_s = (self.stamp_ns - self.stamp_ns[0]) * 1e-9
+        still = self.stamp_ns * 1e-9 < self.tare_s
+        nothing = {"all": ~self.touching, "tare": still & ~self.touching, "none": np.zeros_like(still)}[free_known]
+        for k, parameter in enumerate(chosen):
+            if parameter.memory_s == 0:  # the force's components
+                jacobian[nothing, :, k] = 0.0
+            if parameter.name == _PLAY:
+                jacobian[~self.play_open, :, k] = 0.0
+        fresh = self.noise.fresh.covariance_m2(self.arc_m)
+        prior, memory = self._prior(free, force_n2), [parameter.memory_s for parameter in chosen]
+        if lasting:
+            # An error that stays for a session is a parameter like others: one for each row.
+            rows = self.noise.lasting.covariance_m2(self.arc_m)
+            prior, memory = np.asarray(block_diag(prior, rows), np.float64), memory + [np.inf] * len(rows)
+            shown = np.broadcast_to(np.eye(len(rows)) * self.stable[:, None, None], (len(jacobian), *rows.shape))
+            jacobian = np.concatenate([jacobian, shown], axis=2)
+        wanted = sum(k < 3 for k in free)
+        found = posterior_covariance_along(_whitened(jacobian, fresh), prior, wanted, time_s, np.array(memory))
+        found[nothing] = 0.0
+        return self._bound(found)
+
+    def _free(self, known: Iterable[str]) -> tuple[list[int], bool]:
+        """Indices of the parameters that are unknown, and whether the session's lasting noise is."""
+        groups, known = {parameter.group for parameter in self.parameters} | {SESSION_NOISE}, set(known)
+        if known - groups or "force" in known:
+            allowed = ", ".join(sorted(groups - {"force"}))
+            raise ValueError(f"known: expected some of {allowed}, got {', '.join(sorted(known))}")
+        return [
+            k for k, parameter in enumerate(self.parameters) if parameter.group not in known
+        ], SESSION_NOISE not in known
+
+    def _prior(self, free: list[int], force_n2: FloatArray | None) -> FloatArray:
+        """Prior covariance of the parameters at ``free``."""
+        prior = np.diag([parameter.std**2 for parameter in self.parameters])
+        if force_n2 is not None:
+            prior[:3, :3] = frozen("force_n2", force_n2, (3, 3))
+        return prior[np.ix_(np.array(free), np.array(free))]
+
+    def _bound(self, found: FloatArray) -> ForceCovarianceBound:
+        """``found`` (m, 2, 2) where the depth is known, else (m, 3, 3)."""
+        covariance = np.zeros((len(found), 3, 3))
+        covariance[:, : found.shape[1], : found.shape[1]] = found
+        covariance[~self.stable] = np.nan
+        return ForceCovarianceBound(self.session, self.stamp_ns, self.force_n, covariance)
+
+
+def _whitened(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
+    root = np.linalg.cholesky(covariance)
+    m, rows, columns = jacobian.shape
+    flat = np.moveaxis(jacobian, 1, 0).reshape(rows, -1)
+    return np.moveaxis(solve_triangular(root, flat, lower=True).reshape(rows, m, columns), 0, 1)

@@ -1,0 +1,232 @@
+"""How the detected centreline moves with each unknown parameter, and what of the session that needs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+from scipy.interpolate import CubicSpline
+
+from ..geometry import arc_length
+from ..mechanics import contact_derivatives
+from ..simulation._bench import SimulatedBench
+from ..simulation._ground_truth import Truth
+from ..simulation._imaging import CameraImaging
+from ..simulation._settings import SimulationSettings
+from ..simulation.rendering.camera import Lens
+from ..simulation.world import BenchModel, Device, SessionParameters, build_bench_model
+from ..types import BoolArray, FloatArray, IntArray
+
+__all__ = ["POINTS", "BoundInputs", "bound_inputs", "centreline_jacobian", "perturb_lens"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoundInputs:
+    """What the bound needs of a session at its m frames; see `Truth` for the arrays.
+
+    ``force_n``, ``touch_m`` (m, 3); ``lines_m`` (m, p, 3): the centreline, base frame, metres.
+    """
+
+    session: str
+    settings: SimulationSettings
+    bench_model: BenchModel
+    lens: Lens
+    stamp_ns: IntArray
+    force_n: FloatArray
+    touch_m: FloatArray
+    touching: BoolArray
+    lines_m: FloatArray
+    curvature_per_m: FloatArray
+    knob_deg: FloatArray
+
+    @property
+    def time_s(self) -> FloatArray:
+        """(m,) since the first frame."""
+        return (self.stamp_ns - self.stamp_ns[0]) * 1e-9
+
+    @property
+    def contact_angle_deg(self) -> FloatArray:
+        """(m,): between the tip's axis and the direction into the wall."""
+        axis = self.lines_m[:, -1] - self.lines_m[:, -2]
+        cosine = axis @ self.bench_model.wall.normal / np.linalg.norm(axis, axis=1)
+        return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def bound_inputs(source: Truth | SimulatedBench) -> BoundInputs:
+    """Collects the inputs of the bound from a ground truth, or from the bench itself (no image is drawn for it).
+
+    Raises:
+        ValueError: for X-ray sessions, and for a ground truth with settings of another version.
+    """
+    if isinstance(source, Truth):
+        stated = {name: value for name, value in source.settings.items() if name not in ("seed", "number")}
+        try:
+            settings = SimulationSettings.model_validate(stated)
+        except ValidationError as error:
+            key = ".".join(str(part) for part in error.errors()[0]["loc"])
+            raise ValueError(
+                f"its truth was made with settings that one camera's bench does not have ({key})"
+            ) from None
+        values: Mapping[str, Any] = source.values
+        parameters = SessionParameters(device=Device(**_part(Device, values)), **_part(SessionParameters, values))
+        return BoundInputs(
+            session=source.session,
+            settings=settings,
+            bench_model=build_bench_model(settings.world, parameters),
+            lens=Lens(**_part(Lens, values["lens"])),
+            stamp_ns=source.stamp_ns,
+            force_n=source.force_n,
+            touch_m=source.touch_m,
+            touching=source.touching,
+            lines_m=source.centreline_m,
+            curvature_per_m=source.curvature_per_m,
+            knob_deg=source.knob_deg,
+        )
+    if not isinstance(source.settings, SimulationSettings) or not isinstance(source.imaging, CameraImaging):
+        raise ValueError(f"the bound is of one camera's images; {source.settings.preset} has X-ray images")
+    times, trajectory, when = source.frame_s, source.session.trajectory, source.interpolator
+    return BoundInputs(
+        session=source.name,
+        settings=source.settings,
+        bench_model=source.session.bench_model,
+        lens=source.imaging.scene.lens,
+        stamp_ns=source.stamp_ns,
+        force_n=when.at(trajectory.contact.force_n, times),
+        touch_m=when.at(trajectory.contact.touch_m, times),
+        touching=trajectory.contact.touching[when.nearest(times)],
+        lines_m=when.lines_m(times),
+        curvature_per_m=when.at(trajectory.curvature_per_m, times),
+        knob_deg=when.at(trajectory.knob_deg, times),
+    )
+
+
+def _part(kind: type[Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Of ``values``, the fields of the dataclass ``kind``; a file has made lists of its tuples."""
+    found = {field.name: values[field.name] for field in fields(kind) if field.name in values}
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}
+
+
+POINTS = 33
+"""Of the detected centreline, from the image's border to the tip."""
+
+
+def perturb_lens(lens: Lens, name: str, step: float) -> Lens:
+    """Returns ``lens`` with one of the camera's parameters changed by ``step``, in its own unit."""
+    match name:
+        case "base, right":
+            return replace(lens, base_at_m=(lens.base_at_m[0] + step, lens.base_at_m[1]))
+        case "base, down":
+            return replace(lens, base_at_m=(lens.base_at_m[0], lens.base_at_m[1] + step))
+        case "base, turn":
+            return replace(lens, base_turn_rad=lens.base_turn_rad + step)
+        case "camera, yaw":
+            return replace(lens, yaw_rad=lens.yaw_rad + step)
+        case "camera, pitch":
+            return replace(lens, pitch_rad=lens.pitch_rad + step)
+        case "camera, distance":
+            return replace(lens, distance_m=lens.distance_m + step)
+        case "scale":
+            return replace(lens, scale_m_per_px=lens.scale_m_per_px * (1 + step))
+        case _:
+            distortion = list(lens.distortion)
+            distortion[{"lens, k1": 0, "lens, p1": 2, "lens, p2": 3}[name]] += step
+            k1, k2, p1, p2, k3 = distortion
+            return replace(lens, distortion=(k1, k2, p1, p2, k3))
+
+
+_CAMERA_STEPS = {
+    "base, right": 1e-6,
+    "base, down": 1e-6,
+    "base, turn": 1e-5,
+    "camera, yaw": 1e-5,
+    "camera, pitch": 1e-5,
+    "camera, distance": 1e-5,
+    "lens, k1": 1e-4,
+    "lens, p1": 1e-5,
+    "lens, p2": 1e-5,
+    "scale": 1e-5,
+}
+
+
+def centreline_jacobian(inputs: BoundInputs) -> tuple[dict[str, FloatArray], FloatArray, BoolArray]:
+    """Returns the derivatives of the centreline by each parameter, arc lengths, and where the shape is stable.
+
+    Returns:
+        Parameter name -> (m, POINTS + 1) derivatives: how far the centreline moves in the image, in metres of the
+        catheter's plane per unit of the parameter; across itself at each point (left positive, base to tip), and last
+        along itself at the tip. Then the points' arc lengths in metres (POINTS,), and (m,) where the shape under a dead
+        force is stable.
+    """
+    settings, bench_model, lens = inputs.settings, inputs.bench_model, inputs.lens
+    width, height = settings.width, settings.height
+    camera, shaft = lens.camera(width, height), settings.world.shaft
+    scale = lens.scale_m_per_px * 640.0 / width
+    begin = _first_visible_m(inputs)
+    joints = np.linspace(0.0, 1.0, bench_model.rod.segments + 1)
+    curvature = inputs.curvature_per_m
+    nothing = np.zeros_like(curvature)
+    found = contact_derivatives(
+        bench_model.rod,
+        inputs.lines_m,
+        inputs.force_n,
+        inputs.touch_m,
+        np.linspace(begin, bench_model.rod.length_m, POINTS),
+        tip_radius_m=bench_model.radius_m,
+        precurvature_change_per_m=np.stack([nothing, nothing, curvature], axis=1),
+        stiffness_patterns=np.stack([np.ones(joints.size), (joints < 1 / 3).astype(np.float64)]),
+        time_s=inputs.time_s,
+        creep=shaft.creep_share,
+        creep_time_s=shaft.creep_s,
+    )
+    m = len(curvature)
+    # Where the clamp has been advanced, the whole rod has.
+    places = (found.centreline_m + inputs.lines_m[:, :1]).reshape(-1, 3)
+    pixels, slopes = camera.project_with_slopes(places)
+    pixels, slopes = pixels.reshape(m, POINTS, 2), slopes.reshape(m, POINTS, 2, 3)
+    tangent = CubicSpline(np.arange(POINTS), pixels, axis=1)(np.arange(POINTS), 1)
+    tangent /= np.linalg.norm(tangent, axis=2, keepdims=True)
+    left = np.stack([tangent[..., 1], -tangent[..., 0]], axis=2)  # v runs down
+
+    def row(moves: FloatArray) -> FloatArray:
+        """(m, POINTS, 2) px per unit -> (m, POINTS + 1)."""
+        across = np.sum(left * moves, axis=2)
+        return scale * np.column_stack([across, np.sum(tangent[:, -1] * moves[:, -1], axis=1)])
+
+    def of_rod(column: FloatArray) -> FloatArray:
+        return row((slopes @ column[..., None])[..., 0])
+
+    knob = of_rod(found["precurvature"][..., 1])
+    gain = settings.world.actuation.gain_per_m_deg * bench_model.parameters.knob_factor
+    size = np.linalg.norm(inputs.force_n, axis=1)
+    rows = {
+        "force along the base tangent": of_rod(found["force"][..., 0]),
+        "force across it in the image": of_rod(found["force"][..., 1]),
+        "force in depth": of_rod(found["force"][..., 2]),
+        "place of the touch on the dome": size[:, None] * of_rod(found["moment"][..., 2]),
+        "stiffness EI": of_rod(found["stiffness"][..., 0]),
+        "proximal stiffening": of_rod(found["stiffness"][..., 1]),
+        "creep, relative": of_rod(found["creep"][..., 0]),
+        "free length": of_rod(found["length"][..., 0]),
+        "knob factor": curvature[:, None] * knob,
+        "knob drift": curvature[:, None] * knob,
+        "place in the backlash": gain * knob,
+        "bend out of the plane": of_rod(found["precurvature"][..., 0]),
+    }
+    for name, step in _CAMERA_STEPS.items():
+        more, less = (perturb_lens(lens, name, way).camera(width, height).project(places) for way in (step, -step))
+        rows[name] = row(((more - less) / (2 * step)).reshape(m, POINTS, 2))
+    arc = scale * arc_length(pixels[0])
+    return rows, arc, found.stable
+
+
+def _first_visible_m(inputs: BoundInputs) -> float:
+    """Arc length at which the shaft comes into the image; the base lies outside of it."""
+    line, settings = inputs.lines_m[0], inputs.settings
+    pixels = inputs.lens.camera(settings.width, settings.height).project(line)
+    far = np.array([settings.width - 1, settings.height - 1])
+    inward = np.minimum(pixels, far - pixels).min(axis=1)  # how far inside the image
+    first = int(np.argmax(inward >= 0))
+    if first:
+        first -= inward[first] / (inward[first] - inward[first - 1])
+    return float(first) * inputs.bench_model.rod.length_m / (len(line) - 1)

@@ -1,0 +1,7 @@
+"""How the kernels of the planar rod are compiled: a change in any of its files counts."""
+
+from ..._compile import compiled_together
+
+__all__ = ["compiled"]
+
+compiled = compiled_together(__file__, "_*.py")

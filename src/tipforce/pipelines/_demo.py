@@ -1,0 +1,174 @@
+"""The whole job on a simulated bench: the commands that a user would type, one after the other.
+
+Each command runs as a program of its own, so the demo shows and tests what users type. Nothing here computes a force.
+"""
+
+import importlib.util
+import json
+import os
+import shlex
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import TipforceError
+
+__all__ = ["DemoReport", "demo"]
+
+Say = Callable[[str, str | None], None]
+"""Called with a line for people and its style ("bold", "cyan", "dim" or None)."""
+
+_HELD_OUT = 2
+"""Sessions that no model sees in training: the last ones."""
+_EPOCHS = 4
+"""Of fine-tuning; enough for a bench like the one of the pre-training, and short."""
+
+
+@dataclass(frozen=True)
+class DemoReport:
+    """What the demo left.
+
+    ``report``: the page that compares the models on sessions never seen; ``best``: the model with the smallest mean
+    absolute error there; ``seconds``: when each step began, and "total".
+    """
+
+    report: Path
+    best: str
+    seconds: dict[str, float]
+
+
+def demo(
+    output: str | Path, *, sessions: int = 8, seconds: float = 30.0, samples: int = 600, seed: int = 0, say: Say
+) -> DemoReport:
+    """Simulates a bench, imports its files, trains, evaluates on sessions never seen, and estimates on one of them.
+
+    Args:
+        output: folder for everything; files of an earlier run are replaced, sessions that stand there are kept.
+        sessions: number of sessions, at least 3; the last two train nothing.
+        seconds: length of each session.
+        samples: labelled frames that each model is trained on.
+        seed: of the bench and of all draws.
+        say: called with each line.
+
+    Raises:
+        TipforceError: a command failed.
+    """
+    output = Path(output)
+    started, marks = time.monotonic(), dict[str, float]()
+
+    def step(title: str, name: str) -> None:
+        marks[name] = round(time.monotonic() - started, 1)
+        say(f"\n{len(marks)}. {title} ({marks[name]:.0f} s)", "bold")
+
+    output.mkdir(parents=True, exist_ok=True)
+    step("A simulated bench: videos, logs of force and stage, bench.toml", "simulate")
+    bench, runs = output / "bench", output / "runs"
+    _type(
+        say, "simulate", "--preset", "bench-2021", "--as", "files", "--sessions", sessions, "--seconds", seconds,
+        "--seed", seed, "-o", bench,
+    )  # fmt: skip
+
+    step("Video and logs -> recording: clocks aligned, sensor tared, inertia of its load removed", "import")
+    folders = [bench / f"session_{number:02d}" for number in range(sessions)]
+    runs.mkdir(exist_ok=True)
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        list(pool.map(lambda folder: _import(say, folder, runs / f"{folder.name}.mcap"), folders))
+    first, last = folders[0], folders[-1]
+    _type(say, "inspect", runs / f"{first.name}.mcap", "-o", output / "recording.png")
+    _type(
+        say, "inspect", first / "video.mp4", "--bench", first / "bench.toml", "--every", 5, "--figures",
+        "-o", output / "detected.png",
+    )  # fmt: skip
+
+    step(f"Training without the last {_HELD_OUT} sessions: method 1, and the shipped network fine-tuned", "train")
+    without = [word for folder in folders[-_HELD_OUT:] for word in ("--without", folder.name)]
+    svr, compact = output / "models" / "svr", output / "models" / "compact"
+    common = (*without, "--samples", samples, "--overwrite")
+    _type(
+        say, "train", runs, "--estimator", "svr", *common,
+        "--set", "force=components", "--set", f"seed={seed}", "-o", svr,
+    )  # fmt: skip
+    models = ["pretrained/compact", str(svr)]
+    if importlib.util.find_spec("torch") is None:
+        say("Fine-tuning is skipped: torch is not installed (make setup, or pip install -e '.[train]').", "yellow")
+    else:
+        _type(
+            say, "train", runs, "--estimator", "compact", "--from", "pretrained", *common,
+            "--set", f"epochs={_EPOCHS}", "--set", f"seed={seed}", "-o", compact,
+        )  # fmt: skip
+        models.insert(1, str(compact))
+
+    step(f"Evaluation on the {_HELD_OUT} sessions that no model has seen", "evaluate")
+    report = output / "report"
+    _type(say, "evaluate", *models, "--data", runs, "--protocol", "saved", "--truth", bench, "-o", report)
+    marks["first report"] = round(time.monotonic() - started, 1)
+
+    best = _best_of(models, report / "metrics.json")
+    step("The force in the video of a session never seen, by the best of them", "estimate")
+    _type(
+        say, "estimate", best, last / "video.mp4", "--bench", last / "bench.toml", "--overwrite",
+        "-o", output / "forces.csv", "--overlay", output / "overlay.mp4",
+    )  # fmt: skip
+
+    step("Why sessions are held out: the same method under a random split of the frames looks better", "splits")
+    splits = output / "report-splits"
+    _type(
+        say, "evaluate", "svr", "--data", runs, "--samples", 220, "--seed", seed, "--set", "force=components",
+        "-o", splits,
+    )  # fmt: skip
+
+    marks["total"] = round(time.monotonic() - started, 1)
+    say(f"\nDone in {marks['total']:.0f} s. Look at:", None)
+    for what, path in (
+        ("sessions never seen", report / "report.html"),
+        ("random split beside sessions", splits / "report.html"),
+        ("the force in the video", output / "overlay.mp4"),
+        ("a row a frame", output / "forces.csv"),
+        ("what is detected in a video", output / "detected.png"),
+        ("what is in a recording", output / "recording.png"),
+        ("a model and its card", svr / "README.md"),
+    ):
+        say(f"  {what:<30} {path}", None)
+    return DemoReport(report / "report.html", best, marks)
+
+
+def _import(say: Say, folder: Path, target: Path) -> None:
+    """Imports one session; of what is printed, the line about the clocks is repeated."""
+    printed = _type(
+        say, "import", folder / "video.mp4", folder / "force.csv", folder / "stage.csv",
+        "--bench", folder / "bench.toml", "--overwrite", "-o", target, capture=True,
+    )  # fmt: skip
+    clock = next((line for line in printed.splitlines() if line.startswith("clock offset")), "")
+    say(f"  {target.name}  {clock.split(' (')[0]}", "dim")
+
+
+def _best_of(models: list[str], metrics: Path) -> str:
+    """The model with the smallest mean absolute error in ``metrics``."""
+    results = json.loads(metrics.read_text(encoding="utf-8"))["results"]
+    labels = {model if model.startswith("pretrained/") else Path(model).name: model for model in models}
+    errors = {
+        labels[result["method"]]: result["against_sensor"]["quantities"]["magnitude"]["mae_n"]
+        for result in results
+        if result["method"] in labels
+    }
+    return min(errors, key=lambda model: errors[model])
+
+
+def _type(say: Say, *words: object, capture: bool = False) -> str:
+    """Types one command of the program and waits for it; returns what it printed for people, if ``capture``."""
+    command = [str(word) for word in words]
+    say(f"$ tipforce {shlex.join(command)}", "cyan")
+    done = subprocess.run(
+        [sys.executable, "-m", "tipforce", *command],
+        stderr=subprocess.PIPE if capture else None,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        reason = f": {done.stderr.strip()}" if capture else ""
+        raise TipforceError(f"`tipforce {shlex.join(command)}` ended with exit code {done.returncode}{reason}")
+    return done.stderr or ""

@@ -1,0 +1,227 @@
+"""The ground truth of a simulated session, and its companion file."""
+
+import json
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import FileFormatError
+from ..geometry import Pose
+from ..types import BasePose, BoolArray, FloatArray, IntArray
+from ._bench import SimulatedBench
+from ._fields import Settings
+
+__all__ = ["Truth", "ViewTruth", "collect_truth", "read_truth", "settings_record", "truth_path", "write_truth"]
+
+_SUFFIX = ".truth.npz"
+Bytes = npt.NDArray[np.uint8]
+
+
+def _unpacked(packed: Bytes, ends: IntArray, index: int, size: tuple[int, int]) -> BoolArray:
+    """(h, w): the ``index``-th of the masks; ``size``: (width, height)."""
+    width, height = size
+    start = int(ends[index - 1]) if index else 0
+    row = np.frombuffer(zlib.decompress(packed[start : int(ends[index])].tobytes()), np.uint8)
+    return np.unpackbits(row, count=width * height).reshape(height, width).astype(np.bool_)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewTruth:
+    """What another view of the same instants shows: as the fields of the same names in `Truth`."""
+
+    centreline_px: FloatArray
+    visible: FloatArray
+    mask_bytes: Bytes
+    mask_ends: IntArray
+    camera_from_base: Pose
+    image_size: tuple[int, int]
+
+    def mask(self, index: int) -> BoolArray:
+        """(h, w): where the catheter covers at least half of a pixel in frame ``index``."""
+        return _unpacked(self.mask_bytes, self.mask_ends, index, self.image_size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """The ground truth of a session, frame by frame: for evaluation and figures only, never for an estimator.
+
+    ``stamp_ns`` (n,): middle of the exposure, camera clock. ``force_n`` (n, 3): of the tissue on the tip, base frame;
+    ``touch_m`` (n, 3): where; ``touching``, ``slipping`` (n,). ``centreline_m`` (n, p, 3): base to tip, base frame,
+    uniform in arc length; ``centreline_px`` (n, p, 2): as the camera sees it. ``mask_bytes``, ``mask_ends`` (n,): see
+    `mask`. ``curvature_per_m`` (n,): of the unloaded shaft in its plane of bending; ``knob_deg`` (n,).
+    ``camera_from_base``, ``sensor_from_base``: poses. ``image_size``: (width, height). ``clock_offset_s``,
+    ``clock_drift``: camera time = (1 + drift) time in the force log + offset. ``values``: what was drawn, by name with
+    unit. ``settings``: what it was drawn from. ``side_force_n`` (n, 3): of the tissue on the shaft's side, where that
+    can touch. ``others``: the views beyond the first, whose images show the same instants; a image that was dropped
+    in one view has its truth all the same.
+    """
+
+    session: str
+    stamp_ns: IntArray
+    force_n: FloatArray
+    touch_m: FloatArray
+    touching: BoolArray
+    slipping: BoolArray
+    centreline_m: FloatArray
+    centreline_px: FloatArray
+    visible: FloatArray
+    mask_bytes: Bytes
+    mask_ends: IntArray
+    curvature_per_m: FloatArray
+    knob_deg: FloatArray
+    camera_from_base: Pose
+    sensor_from_base: Pose
+    image_size: tuple[int, int]
+    clock_offset_s: float
+    clock_drift: float
+    values: Mapping[str, float]
+    settings: Mapping[str, Any]
+    side_force_n: FloatArray | None = None
+    others: Mapping[str, ViewTruth] = field(default_factory=dict[str, ViewTruth])
+
+    @property
+    def force_camera_n(self) -> FloatArray:
+        """(n, 3): of the tissue on the tip, camera frame (u, v, away from the camera)."""
+        return self.camera_from_base.rotate(self.force_n)
+
+    @property
+    def force_sensor_n(self) -> FloatArray:
+        """(n, 3): of the tip on the tissue, in the sensor's true frame."""
+        return -self.sensor_from_base.rotate(self.force_n)
+
+    def base(self, index: int) -> BasePose:
+        """The base frame in the image of frame ``index``."""
+        line = self.centreline_px[index]
+        along = line[1] - line[0]
+        return BasePose(line[0], float(np.arctan2(-along[1], along[0])))
+
+    def mask(self, index: int) -> BoolArray:
+        """(h, w): where the catheter covers at least half of a pixel in frame ``index``."""
+        return _unpacked(self.mask_bytes, self.mask_ends, index, self.image_size)
+
+
+def truth_path(recording: Path) -> Path:
+    """Where the truth of ``recording`` (a file or a session's folder) lies."""
+    return recording.with_name(recording.name.removesuffix(".mcap") + _SUFFIX)
+
+
+def collect_truth(bench: SimulatedBench, frames: IntArray | None = None) -> Truth:
+    """Collects the ground truth of ``bench`` at all frames, or at the indices ``frames`` (n,)."""
+    chosen = np.arange(len(bench.frame_s)) if frames is None else frames
+    log, times = bench.log, bench.frame_s[chosen]
+    contact, trajectory, when = bench.trajectory.contact, bench.trajectory, bench.interpolator
+    first, *rest = (_view_truth(bench, view, chosen) for view in bench.views)
+    row = when.nearest(times)
+    return Truth(
+        session=bench.name,
+        stamp_ns=bench.stamp_ns[chosen],
+        force_n=when.at(contact.force_n, times),
+        touch_m=when.at(contact.touch_m, times),
+        touching=contact.touching[row],
+        slipping=contact.slipping[row],
+        centreline_m=when.lines_m(times),
+        centreline_px=first.centreline_px,
+        visible=first.visible,
+        mask_bytes=first.mask_bytes,
+        mask_ends=first.mask_ends,
+        curvature_per_m=when.at(trajectory.curvature_per_m, times),
+        knob_deg=when.at(trajectory.knob_deg, times),
+        camera_from_base=first.camera_from_base,
+        sensor_from_base=Pose(log.rotation, np.zeros(3)),
+        image_size=first.image_size,
+        clock_offset_s=log.offset_s,
+        clock_drift=log.drift,
+        values=bench.values(),
+        settings=settings_record(bench.settings, bench.seed, bench.number),
+        side_force_n=when.at(contact.side_force_n, times) if contact.wall.side_stiffness_n_per_m2 > 0.0 else None,
+        others=dict(zip(bench.views[1:], rest, strict=True)),
+    )
+
+
+def _view_truth(bench: SimulatedBench, view: str, frames: IntArray) -> ViewTruth:
+    images = [bench.image_truth(index, view) for index in frames.tolist()]
+    packed = [zlib.compress(np.packbits(image.mask).tobytes(), 1) for image in images]
+    return ViewTruth(
+        centreline_px=np.array([image.centreline_px for image in images]),
+        visible=np.array([image.visible_share for image in images]),
+        mask_bytes=np.frombuffer(b"".join(packed), np.uint8),
+        mask_ends=np.cumsum([len(part) for part in packed]),
+        camera_from_base=bench.imaging.camera(view).camera_from_world,
+        image_size=(bench.settings.width, bench.settings.height),
+    )
+
+
+_POSES = ("camera_from_base", "sensor_from_base")
+_PLAIN = ("session", "image_size", "clock_offset_s", "clock_drift", "values", "settings")
+
+
+def _arrays(truth: Truth | ViewTruth) -> dict[str, npt.NDArray[Any]]:
+    arrays: dict[str, npt.NDArray[Any]] = {}
+    for name in (each.name for each in fields(truth)):
+        value = getattr(truth, name)
+        if name in _POSES:
+            arrays[name] = np.column_stack([value.rotation, value.translation_m])
+        elif name not in _PLAIN and name != "others" and value is not None:
+            arrays[name] = value
+    return arrays
+
+
+def write_truth(truth: Truth, path: Path) -> None:
+    """Write ``path``, whole or not at all."""
+    about = {name: getattr(truth, name) for name in _PLAIN}
+    if truth.others:
+        about["others"] = list(truth.others)
+    arrays = {"about": np.array(json.dumps(about)), **_arrays(truth)}
+    for view, seen in truth.others.items():
+        arrays |= {f"{view}.{name}": value for name, value in _arrays(seen).items()}
+    part = path.with_name(path.name + ".part")
+    with part.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+    part.replace(path)
+
+
+def _read_arrays(kind: type[Truth | ViewTruth], arrays: Mapping[str, npt.NDArray[Any]], before: str) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for each in fields(kind):
+        name = before + each.name
+        if each.name in _POSES:
+            matrix = arrays[name]
+            values[each.name] = Pose(matrix[:, :3], matrix[:, 3])
+        elif name in arrays or (each.name not in _PLAIN and each.default is MISSING and each.name != "others"):
+            values[each.name] = arrays[name]
+    return values
+
+
+def read_truth(path: Path | str) -> Truth:
+    """Reads the ground truth that ``tipforce simulate`` wrote, from its companion file's or the recording's path.
+
+    Raises FileFormatError where there is none.
+    """
+    path = Path(path)
+    path = path if path.name.endswith(_SUFFIX) else truth_path(path)
+    if not path.is_file():
+        raise FileFormatError(f"{path}: there is no such file; only what `tipforce simulate` wrote has a truth")
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            values: dict[str, Any] = json.loads(str(arrays["about"]))
+            size = tuple(values.pop("image_size"))
+            others = {
+                view: ViewTruth(image_size=size, **_read_arrays(ViewTruth, arrays, f"{view}."))
+                for view in values.pop("others", ())
+            }
+            return Truth(image_size=size, others=others, **values, **_read_arrays(Truth, arrays, ""))
+    except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise FileFormatError(
+            f"{path}: no readable truth ({error}); delete it with its recording and run `tipforce simulate` again"
+        ) from None
+
+
+def settings_record(settings: Settings, seed: int, number: int) -> dict[str, Any]:
+    """What a session was made from, as its truth keeps it: JSON values."""
+    return {**settings.model_dump(mode="json"), "seed": seed, "number": number}

@@ -1,0 +1,154 @@
+"""Many sessions as files with the ground truth of each: in all cores at once, and none of them twice."""
+
+import json
+import multiprocessing
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from functools import partial
+from multiprocessing.sharedctypes import Synchronized
+from pathlib import Path
+from typing import Any
+
+from .._cores import cores
+from ..errors import InputError
+from ._bench import SimulatedBench
+from ._ground_truth import collect_truth, read_truth, settings_record, truth_path, write_truth
+from ._imaging import view_names
+from ._settings import AnySimulationSettings, SimulationSettings
+from .world import require_long_enough
+
+__all__ = ["WriteSession", "require_same_settings", "simulate", "write_sessions"]
+
+Work = Callable[[int, Callable[[], None]], None]
+"""Writes the session of a number and calls the function after every frame. Must be importable by another process."""
+_counter: "Synchronized[int] | None" = None
+"""In a worker process: frames drawn so far, over all workers."""
+
+
+def _share_counter(counter: "Synchronized[int]") -> None:
+    global _counter
+    _counter = counter
+
+
+def _count() -> None:
+    if _counter is not None:
+        with _counter.get_lock():
+            _counter.value += 1
+
+
+def _call(work: Work, number: int) -> None:
+    work(number, _count)
+
+
+def require_same_settings(place: Path, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
+    """Raises InputError where the session at ``place`` was made from something else than ``wanted``."""
+    for key, value in json.loads(json.dumps(wanted)).items():  # numbers of a tuple come back as a list
+        if found.get(key) != value:
+            difference = f"{key} = {found.get(key)}, not {value}" if not isinstance(value, dict) else f"another {key}"
+            raise InputError(
+                f"{place}: was simulated with {difference}; choose another folder with -o or delete this one"
+            )
+
+
+def write_sessions(
+    work: Work,
+    numbers: Sequence[int],
+    frames: int,
+    *,
+    workers: int | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> None:
+    """``work`` for each of ``numbers``, in ``workers`` processes: as many as there are cores by default.
+
+    A single one is this process. ``frames``: of a session, for ``progress``.
+    """
+    total, done_frames = max(1, len(numbers) * frames), 0
+
+    def report(count: int) -> None:
+        if progress:
+            progress(f"simulating {len(numbers)} sessions", min(1.0, count / total))
+
+    def one_more() -> None:
+        nonlocal done_frames
+        done_frames += 1
+        report(done_frames)
+
+    worker_count = min(len(numbers), workers or cores())
+    if worker_count <= 1:
+        for number in numbers:
+            work(number, one_more)
+        return
+    context = multiprocessing.get_context("spawn")
+    counter = context.Value("q", 0)
+    with ProcessPoolExecutor(worker_count, mp_context=context, initializer=_share_counter, initargs=(counter,)) as pool:
+        pending: set[Future[None]] = {pool.submit(_call, work, number) for number in numbers}
+        try:
+            while pending:
+                done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
+                for future in done:
+                    future.result()
+                report(counter.value)
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+
+
+WriteSession = Callable[[SimulatedBench, Path, Callable[[], None]], None]
+"""Writes a session to a path that does not exist yet, whole or not at all; calls the function after every frame. Must
+be importable by another process."""
+
+
+def _place(root: Path, suffix: str, number: int) -> Path:
+    return root / f"session_{number:02d}{suffix}"
+
+
+def _work(
+    settings: AnySimulationSettings,
+    seed: int,
+    root: Path,
+    suffix: str,
+    write: WriteSession,
+    number: int,
+    tick: Callable[[], None],
+) -> None:
+    bench, target = SimulatedBench(settings, seed, number), _place(root, suffix, number)
+    write_truth(collect_truth(bench), truth_path(target))
+    write(bench, target, tick)
+
+
+def _is_done(target: Path, settings: AnySimulationSettings, seed: int, number: int) -> bool:
+    """Whether ``target`` holds this very session; InputError where it holds another."""
+    if not target.exists():
+        return False
+    require_same_settings(target, read_truth(target).settings, settings_record(settings, seed, number))
+    return True
+
+
+def simulate(
+    folder: Path | str,
+    write: WriteSession,
+    settings: AnySimulationSettings | None = None,
+    *,
+    suffix: str = ".mcap",
+    sessions: int = 8,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> list[Path]:
+    """Simulates ``sessions`` sessions into ``folder``: what ``write`` makes of each, with its ground truth.
+
+    ``suffix``: of the paths that ``write`` gets, as in ``session_00.mcap``; empty for a session that is a folder. Those
+    that stand there already are kept. Works in ``workers`` processes, as many as there are cores by default; a
+    single one is this process. Returns the paths, old and new. Raises InputError where a file holds a session of other
+    settings, or a session is too short.
+    """
+    settings = settings or SimulationSettings()
+    require_long_enough(settings.world)
+    root = Path(folder)
+    places = [_place(root, suffix, number) for number in range(sessions)]
+    wanted = [number for number, place in enumerate(places) if not _is_done(place, settings, seed, number)]
+    root.mkdir(parents=True, exist_ok=True)
+    frames = round(settings.world.seconds * settings.world.clock.fps) * len(view_names(settings))
+    work = partial(_work, settings, seed, root, suffix, write)
+    write_sessions(work, wanted, frames, workers=workers, progress=progress)
+    return places

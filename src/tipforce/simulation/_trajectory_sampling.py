@@ -1,0 +1,152 @@
+"""A session's trajectory at any time, and the readings that its instruments take of it."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..types import ADVANCE, JOINTS, KNOB, STAGE, STAGE_ACROSS, STAGE_FORWARD, Actuation, FloatArray, IntArray, Wrench
+from .rendering.camera import TissueState
+from .world import LEAD_S, STEP_S, BenchModel, ForceSensor, Load, Resolution, Trajectory, smooth_centrelines
+
+__all__ = ["Place", "Readings", "TrajectoryInterpolator"]
+
+_POINTS = 97
+"""Of the true centreline: half a millimetre apart."""
+
+
+class TrajectoryInterpolator:
+    """Interpolates the trajectory of a session, also of one that is still in progress: only what has happened so far.
+
+    It knows nothing of the bench, whose images hold it: a bench that is no longer used goes at once, with all that
+    is painted.
+    """
+
+    def __init__(self, trajectory: Trajectory, bench_model: BenchModel, resolution: Resolution) -> None:
+        self._trajectory, self._bench_model, self._resolution = trajectory, bench_model, resolution
+
+    def place(self, time_s: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Instant before each time, and how far it is from there to the next."""
+        place = (time_s + LEAD_S) / (STEP_S * self._resolution.every)
+        low = np.clip(np.floor(place).astype(np.int64), 0, self._trajectory.time_s.size - 2)
+        return low, place - low
+
+    def nearest(self, time_s: FloatArray) -> IntArray:
+        """(k,) the trajectory's instants nearest to ``time_s``."""
+        low, share = self.place(time_s)
+        return low + (share >= 0.5)
+
+    def at(self, values: FloatArray, time_s: FloatArray) -> FloatArray:
+        """``values`` (m, ...) of the trajectory at ``time_s`` (k,): linear between instants."""
+        low, share = self.place(time_s)
+        part = share.reshape(-1, *[1] * (values.ndim - 1))
+        return values[low] * (1 - part) + values[low + 1] * part
+
+    def lines_m(self, time_s: FloatArray) -> FloatArray:
+        """(k, points, 3): the centreline at ``time_s`` (k,), base frame, base to apex, uniform in arc length."""
+        low, share = self.place(time_s)
+        trajectory, rod = self._trajectory, self._bench_model.rod
+        before, after = (
+            smooth_centrelines(rod, trajectory.contact.quaternions[rows], _POINTS, trajectory.advance_m[rows])
+            for rows in (low, low + 1)
+        )
+        return before + share[:, None, None] * (after - before)
+
+    def exposure(self, middle_s: float, length_s: float, count: int) -> tuple[FloatArray, TissueState]:
+        """Shapes (count, points, 3) and tissue, evenly over an exposure; of one instant: its middle."""
+        times = middle_s + 0.5 * length_s * (np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1))
+        trajectory = self._trajectory
+        now = np.array([middle_s])
+        tissue = TissueState(
+            shift_m=self.at(trajectory.wall_m, times) - self._bench_model.touch_m,
+            dent_m=float(self.at(trajectory.contact.indentation_m, now)[0]),
+            touch_m=self.at(trajectory.contact.touch_m, now)[0],
+        )
+        return self.lines_m(times), tissue
+
+
+Place = Callable[[FloatArray], tuple[IntArray, FloatArray]]
+"""Times (k,) -> the trajectory's instant before each, and how far it is from there to the next."""
+_STAGE_HZ = 100.0
+_KNOB_HZ = 50.0
+_SENSOR_BELOW_M = 0.02
+"""From the tissue's surface to the sensor's origin."""
+
+
+class _ReadingLog:
+    """A drive's readings: rows of ``values`` (k, n) by ``names``, rounded to ``digits``."""
+
+    def __init__(self, hertz: float, seconds: float, names: tuple[str, ...], digits: int, place: Place) -> None:
+        times = np.arange(round(seconds * hertz)) / hertz
+        self.stamp_ns: IntArray = np.round(times * 1e9).astype(np.int64)
+        self.names, self.digits = names, digits
+        self.values = np.zeros((times.size, len(names)))
+        self._low, self._share = place(times)
+        self.need = self._low + 2
+        """Instants of the trajectory that must have happened for each row to be read."""
+
+    def take(self, columns: tuple[tuple[FloatArray, float], ...], first: int, end: int) -> None:
+        """The readings from ``first`` to ``end``, exclusive, of the trajectory's ``columns``, each with its unit."""
+        low, part = self._low[first:end], self._share[first:end]
+        for k, (column, unit) in enumerate(columns[: len(self.names)]):
+            value = unit * (column[low] * (1 - part) + column[low + 1] * part)
+            self.values[first:end, k] = np.round(value, self.digits)
+
+
+class Readings:
+    """Force sensor, stage and joints of a session; the same however often `take` is called on the way.
+
+    ``log``: the sensor's; ``need_force``, ``stage.need``, ``joints.need``: how many instants of the trajectory must
+    have happened for each reading.
+    """
+
+    def __init__(self, bench_model: BenchModel, place: Place, rng: np.random.Generator) -> None:
+        world = bench_model.settings
+        angle = float(np.arctan2(bench_model.forward[1], bench_model.forward[0]))
+        self.bench_model = bench_model
+        self.sensor = ForceSensor(world.sensor, world.clock, angle, world.seconds + 0.2, rng)
+        self.log = self.sensor.log
+        self._low, _ = place(self.log.true_s)
+        self.need_force = self._low + 3  # one more, for the trajectory's stamps are not exact
+        names = (KNOB, ADVANCE) if world.clamp.logged else (KNOB,)
+        self.stage = _ReadingLog(_STAGE_HZ, world.seconds, (STAGE_FORWARD, STAGE_ACROSS), 4, place)
+        self.joints = _ReadingLog(_KNOB_HZ, world.seconds, names, 2, place)
+        self._taken = [0, 0, 0]
+
+    def take(self, trajectory: Trajectory, rows: int) -> None:
+        """Read what the first ``rows`` instants of ``trajectory`` allow for."""
+        rows = len(trajectory.time_s) + 1 if rows == len(trajectory.time_s) else rows
+        for k, need in enumerate((self.need_force, self.stage.need, self.joints.need)):
+            first, end = self._taken[k], int(np.searchsorted(need, rows, side="right"))
+            if end <= first:
+                continue
+            self._taken[k] = end
+            if k == 0:
+                window = slice(max(0, int(self._low[first]) - 1), int(self._low[end - 1]) + 3)
+                self.sensor.take(self._load(trajectory, window), first, end)
+            elif k == 1:
+                self.stage.take(((trajectory.command_m[:, 0], 1e3), (trajectory.command_m[:, 1], 1e3)), first, end)
+            else:
+                self.joints.take(((trajectory.knob_deg, 1.0), (trajectory.advance_m, 1e3)), first, end)
+
+    def _load(self, trajectory: Trajectory, rows: slice) -> Load:
+        origin = trajectory.wall_m[rows] + _SENSOR_BELOW_M * self.bench_model.forward
+        contact = trajectory.contact
+        side = None
+        if self.bench_model.wall.side_stiffness_n_per_m2 > 0.0:
+            side = -contact.side_force_n[rows], trajectory.side_touch_m(rows) - origin
+        return Load(
+            trajectory.time_s[rows],
+            -contact.force_n[rows],
+            contact.touch_m[rows] - origin,
+            trajectory.acceleration_m_per_s2[rows],
+            side,
+        )
+
+    def wrench(self, row: int) -> Wrench:
+        """A reading of the force sensor, stamped by its own clock."""
+        return Wrench(int(self.log.stamp_ns[row]), self.log.force_n[row], self.log.torque_nm[row], frame="sensor")
+
+    def actuation(self, log: _ReadingLog, row: int) -> Actuation:
+        """A reading of ``stage`` or ``joints``."""
+        values = dict(zip(log.names, log.values[row].tolist(), strict=True))
+        return Actuation(int(log.stamp_ns[row]), values, STAGE if log is self.stage else JOINTS)

@@ -1,0 +1,63 @@
+"""What happens during one exposure, and what its image shows: shared by camera and fluoroscope."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...types import BoolArray, FloatArray
+
+__all__ = ["ImageTruth", "TissueHome", "TissueState", "sample_exposure"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TissueState:
+    """``shift_m`` (m, 3): how far the tissue is from home at instants evenly spread over the exposure.
+
+    ``dent_m``: how deep the tip sinks in; ``touch_m`` (3,): where, if it does.
+    """
+
+    shift_m: FloatArray
+    dent_m: float = 0.0
+    touch_m: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TissueHome:
+    """``surface_m`` (3,): a point of the undented surface, at rest; ``into`` (3,): unit vector into the tissue."""
+
+    surface_m: FloatArray
+    into: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageTruth:
+    """What is to be seen of the catheter at mid-exposure.
+
+    ``mask`` (h, w): pixels of which the catheter covers more than half while nothing covers the catheter.
+    ``centreline_px`` (n, 2): the axis, projected through the lens, at the shape's own nodes, base to the tip's apex;
+    pixel centres at integers. The middle between the two outlines lies within 0.005 px of it (perspective shows a
+    little more of the tube's far side). ``visible`` (n,): whether a node is in the image with nothing in front;
+    ``visible_share``: the share of the length of which that is true.
+    """
+
+    mask: BoolArray
+    centreline_px: FloatArray
+    visible: BoolArray
+    visible_share: float
+
+
+def sample_exposure(shapes: FloatArray, count: int) -> FloatArray:
+    """(m, n, 3) shapes evenly spread over the exposure, first at its start, last at its end -> (count, n, 3).
+
+    Evenly spread about mid-exposure with the variance of the exposure itself, linear between the given ones. The
+    middles of equal parts would have less: their mean would be sharper than what the camera sees.
+    """
+    m = shapes.shape[0]
+    if m == 1:
+        return shapes if count == 1 else shapes.repeat(count, axis=0)
+    spread = 0.0 if count == 1 else 1.0 / math.sqrt(count**2 - 1)
+    at = (0.5 + (np.arange(count) - 0.5 * (count - 1)) * spread) * (m - 1)
+    low = np.minimum(at.astype(int), m - 2)
+    share = (at - low)[:, None, None]
+    return shapes[low] * (1.0 - share) + shapes[low + 1] * share

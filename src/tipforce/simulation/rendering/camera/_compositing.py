@@ -1,0 +1,386 @@
+"""One frame before noise: background, shadows, tissue, instruments, catheter and foreground, in this order.
+
+A layer holds, for each pixel, its own light times cover, and in its last plane the share of what lies behind it that
+is still seen (so a shadow is a layer without light of its own). ``clean`` (c, h, w) is changed in place.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ...._compile import STEADY
+from ....types import FloatArray, Image
+from .._exposure import TissueState, sample_exposure
+from ._canvas import Box
+from ._static_layers import StaticLayers
+from ._tube_kernels import add_shadow, add_tube
+from ._tube_model import Tube, TubeNodes, instrument_shape
+
+__all__ = [
+    "Buffers",
+    "cast",
+    "compose",
+    "draw_tube",
+    "lay_foreground",
+    "lay_moving",
+    "lay_phantom",
+    "lay_tubes",
+    "restore",
+]
+
+FloatImage = npt.NDArray[np.float32]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def restore(clean: FloatImage, ground: FloatImage, box: Box) -> None:
+    """Copy ``ground`` into ``clean`` within ``box``."""
+    for k in range(clean.shape[0]):
+        for v in range(box[0], box[1]):
+            clean[k, v, box[2] : box[3]] = ground[k, v, box[2] : box[3]]
+
+
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
+def cast(clean: FloatImage, shade: FloatImage, coarse: int, box: Box) -> None:
+    """Darken ``clean`` within ``box`` by ``shade`` (rows, columns), one number for ``coarse`` x ``coarse`` pixels.
+
+    Linear between them: a shadow softer than three of their steps shows nothing of it. ``shade`` is empty afterwards.
+    """
+    one = np.float32(1.0)
+    rows, columns = shade.shape
+    blend = np.empty(columns, np.float32)
+    left = np.empty(box[3] - box[2], np.float32)
+    for v in range(box[0], box[1]):
+        y = min(max((v + 0.5) / coarse - 0.5, 0.0), rows - 1.001)
+        y0 = int(y)
+        fy = np.float32(y - y0)
+        for x in range(columns):
+            blend[x] = shade[y0, x] + (shade[y0 + 1, x] - shade[y0, x]) * fy
+        for i in range(left.size):
+            x = min(max((box[2] + i + 0.5) / coarse - 0.5, 0.0), columns - 1.001)
+            x0 = int(x)
+            left[i] = one - (blend[x0] + (blend[x0 + 1] - blend[x0]) * np.float32(x - x0))
+        for k in range(clean.shape[0]):
+            row = clean[k, v, box[2] : box[3]]
+            for i in range(left.size):
+                row[i] *= left[i]
+    shade[:] = np.float32(0.0)
+
+
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
+def lay_tubes(clean: FloatImage, light: FloatImage, drawn: FloatImage, box: Box) -> None:
+    """Lay ``drawn`` (h, w, 1 + c), lit by ``light`` (h, w), over ``clean``; ``drawn`` is empty afterwards."""
+    for v in range(box[0], box[1]):
+        for u in range(box[2], box[3]):
+            cover = drawn[v, u, 0]
+            if cover != 0.0:
+                for k in range(clean.shape[0]):
+                    clean[k, v, u] += drawn[v, u, 1 + k] * light[v, u] - cover * clean[k, v, u]
+                    drawn[v, u, 1 + k] = 0.0
+                drawn[v, u, 0] = 0.0
+
+
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
+def lay_foreground(clean: FloatImage, front: FloatImage, box: Box) -> None:
+    """Lay ``front`` (c + 1, h, w), already lit, over ``clean``."""
+    c = clean.shape[0]
+    for v in range(box[0], box[1]):
+        left = front[c, v, box[2] : box[3]]
+        for k in range(c):
+            row, own = clean[k, v, box[2] : box[3]], front[k, v, box[2] : box[3]]
+            for u in range(row.size):
+                row[u] = row[u] * left[u] + own[u]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _half(shift: float) -> tuple[int, int, int, int, np.float32]:
+    """A shift in px -> phase and whole px of the two neighbours in a half-pixel grid, and the second's weight."""
+    doubled = 2.0 * shift
+    low = math.floor(doubled)
+    first, second = int(low), int(low) + 1
+    return first & 1, first >> 1, second & 1, second >> 1, np.float32(doubled - low)
+
+
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
+def _gather(
+    sprite: FloatImage,
+    planes: tuple[int, int],
+    v: int,
+    lows: int,
+    highs: int,
+    du: float,
+    dv: float,
+    weight: np.float32,
+    rows: FloatImage,
+) -> None:
+    """Add ``weight`` times ``planes`` of ``sprite`` for columns [``lows``, ``highs``) of row ``v`` to ``rows``."""
+    if highs <= lows:
+        return
+    py0, y0, py1, y1, fy = _half(dv)
+    px0, x0, px1, x1, fx = _half(du)
+    one = np.float32(1.0)
+    w00, w01 = weight * (one - fy) * (one - fx), weight * (one - fy) * fx
+    w10, w11 = weight * fy * (one - fx), weight * fy * fx
+    size = highs - lows
+    for k in range(planes[0], planes[1]):
+        a = sprite[py0, px0, k, v + y0, lows + x0 : lows + x0 + size]
+        b = sprite[py0, px1, k, v + y0, lows + x1 : lows + x1 + size]
+        e = sprite[py1, px0, k, v + y1, lows + x0 : lows + x0 + size]
+        f = sprite[py1, px1, k, v + y1, lows + x1 : lows + x1 + size]
+        row = rows[k, lows:highs]
+        for u in range(size):
+            row[u] += w00 * a[u] + w01 * b[u] + w10 * e[u] + w11 * f[u]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _gather_dented(
+    sprite: FloatImage,
+    v: int,
+    lows: int,
+    highs: int,
+    du: float,
+    dv: float,
+    weight: np.float32,
+    rows: FloatImage,
+    middle: FloatArray,
+    dent: FloatArray,
+) -> None:
+    """As `_gather`, with the sprite pushed along: ``middle`` (2,) px, ``dent`` (4,): direction, depth, width."""
+    for u in range(lows, highs):
+        ru, rv = u - middle[0], v - middle[1]
+        deep = ru * dent[0] + rv * dent[1]
+        side = ru * dent[1] - rv * dent[0]
+        push = dent[2] * math.exp(-(side**2 + max(0.0, deep) ** 2) / dent[3] ** 2)
+        at_v = min(max(v + dv - push * dent[1], 0.0), sprite.shape[3] - 2.0)
+        at_u = min(max(u + du - push * dent[0], 0.0), sprite.shape[4] - 2.0)
+        py0, y0, py1, y1, fy = _half(at_v)
+        px0, x0, px1, x1, fx = _half(at_u)
+        for k in range(sprite.shape[2]):
+            low = sprite[py0, px0, k, y0, x0] * (1 - fx) + sprite[py0, px1, k, y0, x1] * fx
+            high = sprite[py1, px0, k, y1, x0] * (1 - fx) + sprite[py1, px1, k, y1, x1] * fx
+            rows[k, u] += weight * (low * (1 - fy) + high * fy)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def lay_moving(
+    clean: FloatImage,
+    light: FloatImage,
+    sprite: FloatImage,
+    spans: npt.NDArray[np.int64],
+    shifts: FloatArray,
+    middle: FloatArray,
+    dent: FloatArray,
+    dirty: npt.NDArray[np.int64],
+) -> None:
+    """Lay ``sprite`` (2, 2, c + 1, rows, columns) over ``clean``: the mean over ``shifts`` (m, 2).
+
+    Its first two axes are half-pixel phases. A image's pixel (u, v) shows the sprite at (u, v) + shift. ``spans``
+    (rows, 4): where each row has something, from and to, and where it has light of its own. ``middle`` (m, 2): where
+    the dent is, px; ``dent`` as in `_gather_dented`. ``dirty`` (4,) is widened.
+    """
+    c, h, w = clean.shape
+    count = shifts.shape[0]
+    weight = np.float32(1.0 / count)
+    rows = np.zeros((c + 1, w), np.float32)
+    high_row, high_column = spans.shape[0] - 2, sprite.shape[4] - 2
+    reach = 2.5 * dent[3] + dent[2]
+    ends = np.empty((2, 2), np.int64)
+    for v in range(h):
+        ends[:, 0], ends[:, 1] = w, 0
+        for m in range(count):
+            at = min(max(math.floor(v + shifts[m, 1]), 0), high_row)
+            for y in range(at, at + 2):
+                for part in range(2):
+                    start, stop = spans[y, 2 * part], spans[y, 2 * part + 1]
+                    if stop > start:
+                        ends[part, 0] = min(ends[part, 0], math.floor(start - shifts[m, 0]) - 2)
+                        ends[part, 1] = max(ends[part, 1], math.floor(stop - shifts[m, 0]) + 3)
+        pushed = False
+        if dent[2] > 0.0:
+            for m in range(count):
+                pushed = pushed or abs(v - middle[m, 1]) < reach
+        lows, highs = max(ends[0, 0], 0), min(ends[0, 1], w)
+        for m in range(count):
+            # What would lie outside the sprite is nothing: the sprite's border is as empty or as full as its margin.
+            lows = max(lows, math.ceil(-shifts[m, 0]) + 1)
+            highs = min(highs, math.floor(high_column - shifts[m, 0]))
+            if v + shifts[m, 1] < 0.0 or v + shifts[m, 1] >= high_row:
+                highs = 0
+        if highs <= lows:
+            continue
+        rows[:, lows:highs] = 0.0
+        for m in range(count):
+            du, dv = shifts[m, 0], shifts[m, 1]
+            first, last = highs, highs
+            if pushed:
+                first = min(max(int(middle[m, 0] - reach), lows), highs)
+                last = min(max(int(middle[m, 0] + reach), first), highs)
+                _gather_dented(sprite, v, first, last, du, dv, weight, rows, middle[m], dent)
+            # Where there is shadow only, there is no light of the sprite's own to gather.
+            own, end = max(lows, ends[1, 0]), min(highs, ends[1, 1])
+            _gather(sprite, (c, c + 1), v, lows, first, du, dv, weight, rows)
+            _gather(sprite, (c, c + 1), v, last, highs, du, dv, weight, rows)
+            _gather(sprite, (0, c), v, own, min(first, end), du, dv, weight, rows)
+            _gather(sprite, (0, c), v, max(last, own), end, du, dv, weight, rows)
+        _lay_row(clean, light, rows, v, lows, highs)
+        dirty[0], dirty[1] = min(dirty[0], v), max(dirty[1], v + 1)
+        dirty[2], dirty[3] = min(dirty[2], lows), max(dirty[3], highs)
+
+
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
+def _lay_row(clean: FloatImage, light: FloatImage, rows: FloatImage, v: int, lows: int, highs: int) -> None:
+    c = clean.shape[0]
+    lit, left = light[v, lows:highs], rows[c, lows:highs]
+    for k in range(c):
+        row, own = clean[k, v, lows:highs], rows[k, lows:highs]
+        for u in range(row.size):
+            row[u] = row[u] * left[u] + own[u] * lit[u]
+
+
+_TUBE_STEP_PX, _TISSUE_STEP_PX = 1.0, 1.3
+"""Motion blur is a mean of images this far apart. At a blur of 0.8 px the steps are 1e-5 and 1e-3 of the contrast."""
+_MOST_INSTANTS = 24
+_NOTHING: Box = (0, 0, 0, 0)
+
+
+@dataclass(slots=True, eq=False)
+class Buffers:
+    """Buffers of one thread; outside ``dirty``, ``clean`` (c, h, w) is the ground, and the others are empty."""
+
+    clean: FloatImage
+    drawn: FloatImage
+    shade: FloatImage
+    planes: Image
+    dirty: Box = _NOTHING
+
+    @classmethod
+    def for_layers(cls, layers: StaticLayers) -> "Buffers":
+        """Allocates empty buffers."""
+        c, h, w = layers.ground.shape
+        drawn, shade = np.zeros((h, w, c + 1), np.float32), np.zeros((h, w), np.float32)
+        return cls(layers.ground.copy(), drawn, shade, np.empty((c, h, w), np.uint8))
+
+
+def compose(
+    layers: StaticLayers, buffers: Buffers, shapes_m: FloatArray, tissue: TissueState | None, time_s: float
+) -> None:
+    """Leave the light of one frame in ``buffers.clean``."""
+    restore(buffers.clean, layers.ground, buffers.dirty)
+    dirty = _NOTHING
+    scene, camera, focus = layers.scene, layers.camera, layers.focus
+    shapes = sample_exposure(shapes_m, _count(shapes_m, _TUBE_STEP_PX / layers.px_per_m))
+    nodes = layers.catheter.nodes(shapes, camera, focus)
+    dirty = _union(dirty, _cast_shadows(layers, buffers, nodes, scene.ground.depth_m))
+    second, instrument = layers.second, scene.instrument
+    other: TubeNodes | None = None
+    if second is not None and instrument is not None:
+        other = second.nodes(instrument_shape(scene, instrument, time_s)[None], camera, focus)
+        high = scene.ground.depth_m + instrument_shape(scene, instrument, 0.0)[0, 2]
+        dirty = _union(dirty, _cast_shadows(layers, buffers, other, high))
+        if not instrument.in_front:
+            dirty = _union(dirty, _lay_tube(layers, buffers, second, other))
+    over = scene.tissue.over_tip
+    if layers.phantom is not None and tissue is not None and not over:
+        dirty = _union(dirty, lay_phantom(buffers.clean, layers, layers.phantom.sprite, tissue))
+    dirty = _union(dirty, _lay_tube(layers, buffers, layers.catheter, nodes))
+    if layers.phantom is not None and tissue is not None and over:
+        dirty = _union(dirty, lay_phantom(buffers.clean, layers, layers.phantom.sprite, tissue))
+    if second is not None and other is not None and instrument is not None and instrument.in_front:
+        dirty = _union(dirty, _lay_tube(layers, buffers, second, other))
+    if layers.foreground is not None:
+        lay_foreground(buffers.clean, layers.foreground, layers.foreground_box)
+        dirty = _union(dirty, layers.foreground_box)
+    buffers.dirty = dirty
+
+
+def draw_tube(buffers: Buffers, tube: Tube, nodes: TubeNodes) -> Box:
+    """The mean of ``nodes`` over the exposure into ``buffers.drawn``; where."""
+    profile = tube.profile
+    for moment in nodes.nodes:
+        add_tube(
+            buffers.drawn,
+            moment,
+            1.0 / len(nodes.nodes),
+            profile.table,
+            profile.half_width_px,
+            profile.reach_px,
+            tube.blurs,
+            nodes.start_m,
+            nodes.step_m,
+            tube.along,
+        )
+    return _box_around(nodes.nodes, profile.reach_px * 1.1 + 2.0, np.zeros(2), buffers.shade.shape)
+
+
+def lay_phantom(clean: FloatImage, layers: StaticLayers, sprite: FloatImage, tissue: TissueState) -> Box:
+    """The tissue with its shadow over ``clean`` (c, h, w), from ``sprite``, which may be another than the painted."""
+    phantom = layers.phantom
+    assert phantom is not None
+    home = layers.camera.project(phantom.home_m[None])[0]
+    shift = sample_exposure(
+        tissue.shift_m[:, None], _count(tissue.shift_m[:, None], _TISSUE_STEP_PX / layers.px_per_m)
+    )[:, 0]
+    moved = layers.camera.project(phantom.home_m + shift) - home
+    dent = np.array([*phantom.into_px, 0.0, 1.0])
+    middle = np.zeros((len(moved), 2))
+    if tissue.dent_m > 0.0 and tissue.touch_m is not None and not layers.scene.tissue.over_tip:
+        dent[2] = tissue.dent_m * phantom.px_per_m
+        dent[3] = 1.2 * layers.scene.catheter.radius_m * phantom.px_per_m + 0.7 * dent[2]
+        middle[:] = layers.camera.project(tissue.touch_m[None])[0]
+    dirty = np.array([clean.shape[1], 0, clean.shape[2], 0])
+    shifts = phantom.margin_px - moved
+    lay_moving(clean, layers.light, sprite, phantom.spans, shifts, middle, dent, dirty)
+    return (int(dirty[0]), int(dirty[1]), int(dirty[2]), int(dirty[3])) if dirty[1] > dirty[0] else _NOTHING
+
+
+def _count(shapes_m: FloatArray, step_m: float) -> int:
+    """Instants that motion blur needs for ``shapes_m`` (m, n, 3) to be no farther apart than ``step_m``."""
+    way = float(np.abs(np.diff(shapes_m, axis=0)).max(axis=(1, 2), initial=0.0).sum())
+    return 1 if way < 0.25 * step_m else min(_MOST_INSTANTS, max(2, math.ceil(way / step_m)))
+
+
+def _lay_tube(layers: StaticLayers, buffers: Buffers, tube: Tube, nodes: TubeNodes) -> Box:
+    box = draw_tube(buffers, tube, nodes)
+    lay_tubes(buffers.clean, layers.light, buffers.drawn, box)
+    return box
+
+
+def _cast_shadows(layers: StaticLayers, buffers: Buffers, nodes: TubeNodes, depth_m: float) -> Box:
+    """The tube's shadows on the ground ``depth_m`` below it; they are soft, and take mid-exposure for all of it."""
+    middle = nodes.nodes[len(nodes.nodes) // 2]
+    dirty = _NOTHING
+    sigma = max(0.8, math.hypot(layers.scene.shadow_sigma_m(depth_m) * layers.px_per_m, middle[-1, 7]))
+    # The softer a shadow, the coarser it may be drawn.
+    coarse = min(16, max(1, int(sigma / 3.0)))
+    h, w = buffers.shade.shape
+    shade = buffers.shade[: -(-h // coarse) + 1, : -(-w // coarse) + 1]
+    small = middle.copy()
+    small[:, :2] = (middle[:, :2] + 0.5) / coarse - 0.5
+    small[:, 4:] /= coarse
+    for right_m, down_m, strength in layers.scene.shadow_falls_m(depth_m):
+        fall = np.array([right_m, down_m]) * layers.px_per_m
+        add_shadow(shade, small, fall / coarse, sigma / coarse, strength)
+        box = _box_around(middle[None], middle[-1, 6] + 3.0 * sigma + 2.0 * coarse + 2.0, fall, (h, w))
+        cast(buffers.clean, shade, coarse, box)
+        dirty = _union(dirty, box)
+    return dirty
+
+
+def _box_around(nodes: FloatArray, reach: float, moved: FloatArray, shape: tuple[int, ...]) -> Box:
+    """The box around ``nodes`` (m, n, 8), ``reach`` px wider and ``moved`` by (2,), within the image."""
+    low = nodes[..., :2].min(axis=(0, 1)) + moved - reach
+    high = nodes[..., :2].max(axis=(0, 1)) + moved + reach + 2.0
+    (u0, v0), (u1, v1) = np.maximum(low, 0.0), np.maximum(high, 0.0)
+    v0, v1, u0, u1 = min(int(v0), shape[0]), min(int(v1), shape[0]), min(int(u0), shape[1]), min(int(u1), shape[1])
+    return (v0, v1, u0, u1) if v1 > v0 and u1 > u0 else _NOTHING
+
+
+def _union(a: Box, b: Box) -> Box:
+    """The box around both."""
+    if a[1] <= a[0]:
+        return b
+    if b[1] <= b[0]:
+        return a
+    return min(a[0], b[0]), max(a[1], b[1]), min(a[2], b[2]), max(a[3], b[3])

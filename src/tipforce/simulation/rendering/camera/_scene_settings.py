@@ -1,0 +1,331 @@
+"""The settings of a simulated camera session, and the scene that is drawn from them.
+
+A range is (low, high): one uniform draw a session.
+"""
+
+import math
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from ..._fields import NotNegative, Positive, Range, Settings, Share
+from ._scene import (
+    BackgroundAppearance,
+    CameraScene,
+    CatheterAppearance,
+    Colour,
+    Instrument,
+    Lamp,
+    Lens,
+    Lighting,
+    Occluder,
+    SensorNoise,
+    TissueAppearance,
+    TubeFinish,
+)
+
+__all__ = ["BENCH_2021", "GENERALISE", "SceneRanges", "sample_scene"]
+
+Ground = Literal["board", "cloth", "paper", "breadboard"]
+
+
+class SceneRanges(Settings):
+    """What the camera's images vary over from session to session. The defaults are the preset ``bench-2021``.
+
+    Grey levels are those of a surface that faces the camera at light 1.
+    """
+
+    colour: bool = True
+    """RGB images, as the thesis's; else grey ones."""
+    exposure_s: NotNegative = 8e-3
+    jpeg_quality: tuple[int, int] = (85, 95)
+
+    scale_m_per_px: Range = (0.19e-3, 0.21e-3)
+    """In the base frame's plane, at 640 columns."""
+    camera_distance_m: Range = (0.35, 0.50)
+    base_side: Literal["left", "right", "top", "bottom"] = "left"
+    base_inset_m: float = -1.6e-3
+    """How far inside the image's border the base lies; negative: beyond it."""
+    base_shift_m: Range = (-1e-3, 1e-3)
+    base_turn_deg: Range = (-2.0, 2.0)
+    yaw_deg: Range = (-2.0, 2.0)
+    pitch_deg: Range = (-2.0, 2.0)
+    distortion_k1: Range = (-0.08, 0.08)
+    """Barrel or pincushion: at the border's middle, 0.08 is 0.7 px at 0.4 m."""
+    distortion_tangential: Range = (-5e-4, 5e-4)
+
+    blur_px: Range = (0.8, 1.5)
+    """Sigma of lens and pixel, in the base frame's plane, at 640 columns."""
+    defocus_px_per_m: Range = (10.0, 60.0)
+    sharpest_m: Range = (-8e-3, 8e-3)
+    """Height above the base frame's plane where the focus lies; the ground lies deeper and is more blurred."""
+    noise_grey: Range = (2.0, 5.0)
+    """Standard deviation of shot and read noise at mid grey (128)."""
+    read_noise_share: Range = (0.3, 0.7)
+    """Of that standard deviation."""
+
+    light: Range = (0.8, 1.2)
+    light_gradient: Range = (0.0, 0.25)
+    """Relative difference between two opposite borders."""
+    light_spot: Range = (0.0, 0.15)
+    """How much brighter the middle of a lamp's pool is than its rim."""
+    vignetting: Range = (0.02, 0.18)
+    lamps: tuple[int, int] = (1, 2)
+    lamp_elevation_deg: Range = (40.0, 78.0)
+    lamp_size_deg: Range = (2.0, 18.0)
+    """As seen from the table: what makes shadows soft."""
+    ambient: Range = (0.35, 0.70)
+    """Share of the light that comes from all round."""
+
+    grounds: tuple[Ground, ...] = ("board", "board", "cloth", "paper")
+    """One of these, each as likely; a name given twice is twice as likely."""
+    ground_grey: Range = (165.0, 210.0)
+    ground_tint: NotNegative = 0.05
+    """Relative spread of red, green and blue."""
+    ground_texture_grey: Range = (1.0, 5.0)
+    ground_lines_grey: Range = (6.0, 30.0)
+    ground_depth_m: Range = (8e-3, 40e-3)
+    """Below the catheter."""
+    objects: tuple[int, int] = (1, 5)
+    objects_clear_m: Range = (14e-3, 20e-3)
+    """They stay this far from the unbent catheter's axis; where it is not above 0, they may lie under the catheter."""
+
+    diameter_m: Positive = 2.33e-3
+    electrode_m: Positive = 8e-3
+    ring_m: Positive = 2e-3
+    ring_gap_m: Positive = 2.5e-3
+    rings: int = Field(default=3, ge=0, le=12, exclude_if=(3).__eq__)
+    """Metal rings behind the electrode."""
+    shaft_grey: Range = (28.0, 62.0)
+    shaft_tint: NotNegative = 0.25
+    metal_grey: Range = (105.0, 165.0)
+    gloss_grey: Range = (15.0, 110.0)
+    gloss_sharpness: Range = (15.0, 90.0)
+    rim_grey: Range = (5.0, 45.0)
+    """What the silhouette mirrors of its surroundings."""
+    wear: Range = (0.0, 0.08)
+
+    tissue_colours: tuple[tuple[float, float, float], ...] = (
+        (205, 150, 140), (188, 112, 104), (214, 196, 172), (196, 188, 178), (170, 96, 92),
+    )  # fmt: skip
+    tissue_over_tip: Share = 0.0
+    """Sessions in which the phantom is so tall that it hides what the tip sinks in."""
+
+    second_instrument: Share = 0.0
+    """Sessions with another instrument in view."""
+    hidden_share: Range = (0.0, 0.0)
+    """Of the shaft, behind strips of tape, brackets or cables that lie across it."""
+
+
+BENCH_2021 = SceneRanges()
+"""The thesis's bench."""
+GENERALISE = SceneRanges(
+    light=(0.6, 1.4),
+    light_gradient=(0.0, 0.50),
+    light_spot=(0.0, 0.30),
+    vignetting=(0.02, 0.34),
+    lamps=(1, 3),
+    lamp_elevation_deg=(25.0, 85.0),
+    lamp_size_deg=(1.0, 30.0),
+    ambient=(0.20, 0.85),
+    grounds=("board", "cloth", "paper", "breadboard"),
+    ground_grey=(120.0, 230.0),
+    ground_tint=0.10,
+    ground_texture_grey=(1.0, 10.0),
+    ground_lines_grey=(6.0, 55.0),
+    ground_depth_m=(4e-3, 60e-3),
+    objects=(2, 10),
+    objects_clear_m=(-12e-3, 12e-3),
+    blur_px=(0.6, 2.0),
+    noise_grey=(1.0, 8.0),
+    shaft_grey=(20.0, 85.0),
+    shaft_tint=0.5,
+    metal_grey=(85.0, 195.0),
+    gloss_grey=(0.0, 180.0),
+    gloss_sharpness=(8.0, 160.0),
+    rim_grey=(0.0, 80.0),
+    wear=(0.0, 0.16),
+    tissue_over_tip=0.25,
+    second_instrument=1 / 3,
+    hidden_share=(0.0, 0.20),
+)
+"""Light, ground, clutter, blur and noise twice as wide; parts of the shaft hidden; other instruments."""
+_TURNS = {"left": 0.0, "right": math.pi, "bottom": math.pi / 2, "top": -math.pi / 2}
+
+
+def sample_scene(ranges: SceneRanges, rng: np.random.Generator, *, length_m: float = 0.048) -> CameraScene:
+    """One session's scene. ``length_m``: of the catheter, base to apex, which covers and instruments are laid along.
+
+    >>> one, two = (sample_scene(SceneRanges(), np.random.default_rng(3)) for _ in range(2))
+    >>> one == two
+    True
+    """
+    light = _lighting(ranges, rng)
+    noise = SensorNoise.at_mid_grey(_of(rng, ranges.noise_grey), read_share=_of(rng, ranges.read_noise_share))
+    lens = _lens(ranges, rng)
+    ground = _ground(ranges, rng)
+    catheter = _catheter(ranges, rng, 0.5 * ranges.diameter_m)
+    tissue = _tissue(ranges, rng)
+    instrument = _instrument(ranges, rng, length_m) if rng.random() < ranges.second_instrument else None
+    return CameraScene(
+        seed=int(rng.integers(2**31)),
+        colour=ranges.colour,
+        exposure_s=ranges.exposure_s,
+        jpeg_quality=int(rng.integers(ranges.jpeg_quality[0], ranges.jpeg_quality[1] + 1)),
+        light=light,
+        lens=lens,
+        noise=noise,
+        catheter=catheter,
+        ground=ground,
+        tissue=tissue,
+        instrument=instrument,
+        occluders=_occluders(ranges, rng, length_m),
+    )
+
+
+def _of(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
+    return float(rng.uniform(*bounds))
+
+
+def _colour(rng: np.random.Generator, grey: float, tint: float) -> Colour:
+    """A colour that is seen as ``grey`` by a grey camera."""
+    rgb = 1.0 + tint * rng.uniform(-1.0, 1.0, 3)
+    rgb *= grey / float(rgb @ (0.299, 0.587, 0.114))
+    return float(rgb[0]), float(rgb[1]), float(rgb[2])
+
+
+def _lighting(ranges: SceneRanges, rng: np.random.Generator) -> Lighting:
+    ambient = _of(rng, ranges.ambient)
+    count = int(rng.integers(ranges.lamps[0], ranges.lamps[1] + 1))
+    shares = rng.uniform(0.3, 1.0, count)
+    shares *= (1.0 - ambient) / shares.sum()
+    lamps: list[Lamp] = []
+    for share in shares:
+        up, turn = math.radians(_of(rng, ranges.lamp_elevation_deg)), rng.uniform(0.0, 2 * math.pi)
+        direction = (math.cos(up) * math.cos(turn), math.cos(up) * math.sin(turn), math.sin(up))
+        lamps.append(Lamp(direction, float(share)))
+    return Lighting(
+        level=_of(rng, ranges.light),
+        gradient=_of(rng, ranges.light_gradient),
+        gradient_rad=rng.uniform(0.0, 2 * math.pi),
+        vignetting=_of(rng, ranges.vignetting),
+        spot=_of(rng, ranges.light_spot),
+        spot_at=(rng.uniform(-0.1, 1.1), rng.uniform(-0.1, 1.1)),
+        ambient=ambient,
+        lamps=tuple(lamps),
+        lamp_size_rad=math.radians(_of(rng, ranges.lamp_size_deg)),
+    )
+
+
+def _lens(ranges: SceneRanges, rng: np.random.Generator) -> Lens:
+    scale = _of(rng, ranges.scale_m_per_px)
+    half = {"left": 0.0, "right": 640.0, "top": 320.0, "bottom": 320.0}[ranges.base_side] * scale
+    down = {"left": 0.0, "right": 0.0, "top": -240.0, "bottom": 240.0}[ranges.base_side] * scale
+    turn = _TURNS[ranges.base_side]
+    shift = rng.uniform(*ranges.base_shift_m, 2)
+    k1 = _of(rng, ranges.distortion_k1)
+    p1, p2 = rng.uniform(*ranges.distortion_tangential, 2)
+    # A defocus that is large in the catheter's own plane must leave a lens that is sharp somewhere.
+    blur, defocus = _of(rng, ranges.blur_px), _of(rng, ranges.defocus_px_per_m)
+    sharpest = float(np.clip(_of(rng, ranges.sharpest_m), -0.7 * blur / defocus, 0.7 * blur / defocus))
+    return Lens(
+        scale_m_per_px=scale,
+        distance_m=_of(rng, ranges.camera_distance_m),
+        base_at_m=(
+            half + ranges.base_inset_m * math.cos(turn) + shift[0],
+            down - ranges.base_inset_m * math.sin(turn) + shift[1],
+        ),
+        base_turn_rad=turn + math.radians(_of(rng, ranges.base_turn_deg)),
+        yaw_rad=math.radians(_of(rng, ranges.yaw_deg)),
+        pitch_rad=math.radians(_of(rng, ranges.pitch_deg)),
+        distortion=(k1, 0.0, float(p1), float(p2), 0.0),
+        blur_px=blur,
+        sharpest_m=sharpest,
+        defocus_px_per_m=defocus,
+    )
+
+
+def _ground(ranges: SceneRanges, rng: np.random.Generator) -> BackgroundAppearance:
+    return BackgroundAppearance(
+        kind=ranges.grounds[int(rng.integers(len(ranges.grounds)))],
+        colour=_colour(rng, _of(rng, ranges.ground_grey), ranges.ground_tint),
+        texture_grey=_of(rng, ranges.ground_texture_grey),
+        lines_grey=_of(rng, ranges.ground_lines_grey),
+        depth_m=_of(rng, ranges.ground_depth_m),
+        objects=int(rng.integers(ranges.objects[0], ranges.objects[1] + 1)),
+        clear_m=_of(rng, ranges.objects_clear_m),
+    )
+
+
+def _catheter(ranges: SceneRanges, rng: np.random.Generator, radius_m: float) -> CatheterAppearance:
+    step = ranges.ring_m + ranges.ring_gap_m
+    first = ranges.electrode_m + ranges.ring_gap_m
+    finish = TubeFinish(
+        shaft=_colour(rng, _of(rng, ranges.shaft_grey), ranges.shaft_tint),
+        metal=_colour(rng, _of(rng, ranges.metal_grey), 0.04),
+        gloss_grey=_of(rng, ranges.gloss_grey),
+        sharpness=_of(rng, ranges.gloss_sharpness),
+        rim_grey=_of(rng, ranges.rim_grey),
+        metal_sharpness=rng.uniform(6.0, 30.0),
+    )
+    return CatheterAppearance(
+        radius_m=radius_m,
+        electrode_m=ranges.electrode_m,
+        rings_m=tuple((first + k * step, first + k * step + ranges.ring_m) for k in range(ranges.rings)),
+        finish=finish,
+        seam=rng.uniform(0.2, 0.9),
+        wear=_of(rng, ranges.wear),
+    )
+
+
+def _tissue(ranges: SceneRanges, rng: np.random.Generator) -> TissueAppearance:
+    colour = np.array(ranges.tissue_colours[int(rng.integers(len(ranges.tissue_colours)))])
+    colour = colour * rng.uniform(0.85, 1.1) * rng.uniform(0.95, 1.05, 3)
+    return TissueAppearance(
+        colour=(float(colour[0]), float(colour[1]), float(colour[2])),
+        mottle=rng.uniform(0.01, 0.05),
+        pad_m=(rng.uniform(6e-3, 12e-3), rng.uniform(10e-3, 16e-3)),
+        plate_m=(rng.uniform(2.5e-3, 5e-3), rng.uniform(14e-3, 20e-3)),
+        plate_grey=rng.uniform(60, 170),
+        body_m=(rng.uniform(9e-3, 16e-3), rng.uniform(10e-3, 20e-3)),
+        body_grey=rng.uniform(110, 185),
+        arm_half_m=rng.uniform(4e-3, 10e-3),
+        arm_grey=rng.uniform(45, 180),
+        corner_m=rng.uniform(0.5e-3, 2.5e-3),
+        over_tip=bool(rng.random() < ranges.tissue_over_tip),
+    )
+
+
+def _instrument(ranges: SceneRanges, rng: np.random.Generator, length_m: float) -> Instrument:
+    """From beyond the image's border to somewhere near the catheter, or across it."""
+    turn = rng.uniform(0.25 * math.pi, 0.75 * math.pi) * rng.choice([-1.0, 1.0])
+    way = np.array([math.cos(turn), math.sin(turn)])
+    near = np.array([rng.uniform(0.2, 1.6) * length_m, 0.0]) + way * rng.uniform(-12e-3, 25e-3)
+    start = near + way * 110e-3
+    return Instrument(
+        start_m=(float(start[0]), float(start[1])),
+        end_m=(float(near[0]), float(near[1])),
+        bow_m=rng.uniform(-12e-3, 12e-3),
+        sway_m=rng.uniform(0.0, 4e-3),
+        sway_hz=rng.uniform(0.2, 1.5),
+        phase_rad=rng.uniform(0.0, 2 * math.pi),
+        in_front=bool(rng.random() < 0.4),
+        appearance=_catheter(ranges, rng, rng.uniform(0.5e-3, 1.6e-3)),
+    )
+
+
+def _occluders(ranges: SceneRanges, rng: np.random.Generator, length_m: float) -> tuple[Occluder, ...]:
+    """One to three bands that hide, together, about the drawn share of the shaft."""
+    share = _of(rng, ranges.hidden_share)
+    if share <= 0.0:
+        return ()
+    count = int(rng.integers(1, 4))
+    wide = rng.dirichlet(np.full(count, 4.0)) * share * length_m
+    occluders: list[Occluder] = []
+    for width in wide:
+        kind = "cable" if width < 3e-3 else str(rng.choice(["tape", "bracket"]))
+        colour = _colour(rng, rng.uniform(30, 215), 0.25)
+        at = rng.uniform(0.08, 0.80) * length_m
+        occluders.append(Occluder(kind, at - 0.5 * width, at + 0.5 * width, rng.uniform(-0.35, 0.35), colour))
+    return tuple(occluders)

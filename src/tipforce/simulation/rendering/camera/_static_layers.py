@@ -1,0 +1,137 @@
+"""All that is painted once a session, and what stands in front of the shaft: tape, brackets and cables."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ....geometry import CameraModel
+from .._exposure import TissueHome
+from .._random import gauss_table
+from ._background import illumination, paint_background
+from ._canvas import FINER, Box, Canvas, FloatImage, Patch, band, multi_scale_noise, soften
+from ._phantom import Phantom, paint_phantom
+from ._scene import CameraScene, Occluder
+from ._tube_model import Focus, Tube, make_instrument, make_tube
+
+__all__ = ["StaticLayers", "paint", "paint_foreground"]
+
+_HEIGHT_M = 4e-3
+
+
+def paint_foreground(
+    scene: CameraScene, camera: CameraModel, width: int, height: int, px_per_m: float, sigma_px: float
+) -> FloatImage | None:
+    """(4, h, w): unlit levels times cover, and the share of the view behind that is left; None without covers."""
+    if not scene.occluders:
+        return None
+    rng = np.random.default_rng([scene.seed, 3])
+    canvas = Canvas.empty(width, height, px_per_m, scene)
+    for cover in scene.occluders:
+        _lay_occluder(canvas, camera, cover, rng)
+    levels, left = canvas.seen(sigma_px)
+    return np.concatenate([levels, left[None]])
+
+
+def _lay_occluder(canvas: Canvas, camera: CameraModel, cover: Occluder, rng: np.random.Generator) -> None:
+    middle = 0.5 * (cover.from_m + cover.to_m)
+    lean = np.array([math.sin(cover.slant_rad), math.cos(cover.slant_rad), 0.0])
+    reach = rng.uniform(8e-3, 30e-3, 2)
+    far = 0.2 if cover.kind == "cable" else 0.0
+    ends = np.array([-(reach[0] + far), reach[1] + far])[:, None] * lean + np.array([middle, 0.0, 0.0])
+    seen = camera.project(ends) * FINER + 0.5 * (FINER - 1)
+    half = 0.5 * (cover.to_m - cover.from_m) * math.cos(cover.slant_rad) * canvas.px_per_m
+    shape = canvas.outline(band(seen[0], seen[1], half))
+    if cover.kind == "cable":
+        bright = canvas.bevel(shape, 0.6 * half)
+    elif cover.kind == "tape":
+        worn = multi_scale_noise(rng, shape.shape, (4.0, 25.0), 0.8)[shape.part]
+        bright = canvas.bevel(shape, 1.2) * (1 + 0.04 * worn)
+    else:
+        worn = multi_scale_noise(rng, shape.shape, (3.0, 60.0), 0.9)[shape.part]
+        bright = canvas.bevel(shape, 2.5) * (1 + 0.02 * worn)
+    canvas.lay(shape, cover.colour, height_m=_HEIGHT_M, shading=bright.astype(np.float32))
+    if cover.kind == "bracket":
+        for end in seen + (0.2, -0.2) * np.diff(seen, axis=0).repeat(2, axis=0):
+            head = canvas.disc(end, min(0.6 * half, 2e-3 * canvas.px_per_m))
+            canvas.lay(head, (95, 95, 98), height_m=1e-3, shading=canvas.bevel(head, 1.5))
+            hole = canvas.disc(end, 0.3 * half)
+            part = hole.around(8.0)
+            canvas.lay(Patch.of(hole.shape, part, soften(hole.within(part), 1.0)), (25, 25, 25))
+
+
+FloatImage = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StaticLayers:
+    """A session's still parts; images are (c, h, w) float32, grey levels, lit but for the phantom's.
+
+    ``light`` (h, w); ``foreground`` (c + 1, h, w) or None: what stands in front, last the share of the view that is
+    left; ``foreground_box``: where that is anything. ``px_per_m``: at the base. ``gauss``: see `gauss_table`.
+    """
+
+    scene: CameraScene
+    camera: CameraModel
+    focus: Focus
+    px_per_m: float
+    ground: FloatImage
+    light: FloatImage
+    foreground: FloatImage | None
+    foreground_box: Box
+    phantom: Phantom | None
+    catheter: Tube
+    second: Tube | None
+    gauss: FloatImage
+
+
+def paint(
+    scene: CameraScene, camera: CameraModel, length_m: float, tissue: TissueHome | None, width: int, height: int
+) -> StaticLayers:
+    """Paint everything for images of ``width`` x ``height``."""
+    channels = 3 if scene.colour else 1
+    _, slopes = camera.project_with_slopes(np.zeros((1, 3)))
+    px_per_m = float(np.sqrt(abs(np.linalg.det(slopes[0, :, :2]))))
+    depth = float(camera.camera_from_world.translation_m[2])
+    lens, finer = scene.lens, width / 640.0
+    # The blur is given in the base frame's plane; the sharpest that the lens gets lies ``sharpest_m`` above it.
+    sharp = math.sqrt(max(lens.blur_px**2 - (lens.defocus_px_per_m * lens.sharpest_m) ** 2, 0.25))
+    focus = Focus(sharp * finer, depth - lens.sharpest_m, lens.defocus_px_per_m * finer)
+    here, below = focus.sigma_px(depth), focus.sigma_px(depth + scene.ground.depth_m)
+    light = illumination(scene, width, height)
+    axis = camera.project(np.array([[0.0, 0.0, 0.0], [length_m, 0.0, 0.0]]))
+    ground, _ = paint_background(scene, width, height, px_per_m, axis).seen(below)
+    foreground = paint_foreground(scene, camera, width, height, px_per_m, here)
+    if foreground is not None:
+        foreground = np.concatenate([_channels(foreground[:3], channels) * light, foreground[3:]])
+    phantom = None
+    if tissue is not None:
+        phantom = paint_phantom(scene, camera, tissue, width, height, channels, here)
+    return StaticLayers(
+        scene,
+        camera,
+        focus,
+        px_per_m,
+        np.ascontiguousarray(_channels(ground, channels) * light),
+        light,
+        foreground,
+        _box_of(foreground),
+        phantom,
+        make_tube(scene, scene.catheter, length_m, px_per_m, focus, depth, scene.seed),
+        make_instrument(scene, px_per_m, focus, depth),
+        gauss_table(),
+    )
+
+
+def _channels(levels: FloatImage, channels: int) -> FloatImage:
+    """RGB levels (3, h, w) as they are, or as the one plane of a grey camera."""
+    return levels if channels == 3 else np.tensordot(np.array([[0.299, 0.587, 0.114]], np.float32), levels, axes=1)
+
+
+def _box_of(foreground: FloatImage | None) -> Box:
+    there = np.zeros((1, 1), np.bool_) if foreground is None else foreground[-1] < 0.999
+    rows, columns = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
+    if not rows.size:
+        return 0, 0, 0, 0
+    return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1

@@ -1,0 +1,233 @@
+"""Drawing a tube: every pixel near it finds its place along and across the axis, and looks up what is seen there.
+
+Between two nodes the axis is a cubic (Hermite). The planes across the axis at the nodes part the pixels, so each is
+drawn once. The distance to the axis is exact to 1e-4 px for bends wider than three tube widths.
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ...._compile import STEADY
+from ....types import FloatArray
+from .._raster import columns
+
+__all__ = ["NODE_SIZE", "POINTS_PER_M", "STEPS_PER_PX", "add_shadow", "add_tube"]
+
+STEPS_PER_PX = 8
+"""Steps of the tables across: interpolated linearly between, which is within 0.001 of the contrast for any blur."""
+FloatImage = npt.NDArray[np.float32]
+NODE_SIZE = 8
+"""Columns of a node: u, v; unit tangent (2); derivative by the node's number (2); half width; blur; all px."""
+POINTS_PER_M = 200_000.0
+"""Steps of the table of materials along the tube: 1/40 px at 0.2 mm/px."""
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _look_up(table: FloatImage, blur: float, turn: float, column: float, out: FloatImage) -> None:
+    """Interpolate ``table`` (blur, direction, across, 4) at fractional places into ``out`` (4,)."""
+    k = min(int(blur), table.shape[0] - 2)
+    n = table.shape[1]
+    d = int(turn)
+    x = int(column)
+    fb, fd, fx = np.float32(blur - k), np.float32(turn - d), np.float32(column - x)
+    d0, d1 = d % n, (d + 1) % n
+    one = np.float32(1.0)
+    for q in range(4):
+        low = (table[k, d0, x, q] * (one - fd) + table[k, d1, x, q] * fd) * (one - fx) + (
+            table[k, d0, x + 1, q] * (one - fd) + table[k, d1, x + 1, q] * fd
+        ) * fx
+        high = (table[k + 1, d0, x, q] * (one - fd) + table[k + 1, d1, x, q] * fd) * (one - fx) + (
+            table[k + 1, d0, x + 1, q] * (one - fd) + table[k + 1, d1, x + 1, q] * fd
+        ) * fx
+        out[q] = low + (high - low) * fb
+
+
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
+def _blend_row(table: FloatImage, blur: float, turn: float, row: FloatImage) -> None:
+    """The whole row (across, 4) of ``table`` at a fractional blur and direction."""
+    k = min(int(blur), table.shape[0] - 2)
+    d = int(turn)
+    fb, fd = np.float32(blur - k), np.float32(turn - d)
+    one = np.float32(1.0)
+    w00, w01, w10, w11 = (one - fb) * (one - fd), (one - fb) * fd, fb * (one - fd), fb * fd
+    d0, d1 = d % table.shape[1], (d + 1) % table.shape[1]
+    a, b = table[k, d0].reshape(row.size), table[k, d1].reshape(row.size)
+    e, f = table[k + 1, d0].reshape(row.size), table[k + 1, d1].reshape(row.size)
+    out = row.reshape(row.size)
+    for x in range(out.size):
+        out[x] = w00 * a[x] + w01 * b[x] + w10 * e[x] + w11 * f[x]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def add_tube(
+    drawn: FloatImage,
+    nodes: FloatArray,
+    weight: float,
+    table: FloatImage,
+    half_width: float,
+    reach: float,
+    blurs: FloatArray,
+    start_m: float,
+    step_m: float,
+    along: FloatImage,
+) -> None:
+    """Add ``weight`` times the tube to ``drawn`` (h, w, 1 + c): cover, then light times cover.
+
+    ``nodes`` (n, 8), see `NODE_SIZE`; the last is the middle of the dome. ``table``, ``half_width``, ``reach``,
+    ``blurs`` (2,): a `TubeProfile`. ``start_m``, ``step_m``: arc length at the first node, between nodes; ``along``
+    (m, 2 c + 1): what matte light, metal light (c each) and gloss are worth from arc length 0 on, `POINTS_PER_M` apart.
+    """
+    h, w = drawn.shape[:2]
+    c = drawn.shape[2] - 1
+    count = nodes.shape[0]
+    row = np.empty((table.shape[2], 4), np.float32)
+    seen = np.empty(4, np.float32)
+    per_blur = (table.shape[0] - 1) / (blurs[1] - blurs[0])
+    per_turn = table.shape[1] / (2.0 * math.pi)
+    last = table.shape[2] - 2
+    end_m = start_m + step_m * (count - 1)
+    for i in range(count):
+        dome = i == count - 1
+        j = i if dome else i + 1
+        ax, ay, bx, by = nodes[i, 0], nodes[i, 1], nodes[j, 0], nodes[j, 1]
+        tx, ty, ox, oy = nodes[i, 2], nodes[i, 3], nodes[j, 2], nodes[j, 3]
+        length = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
+        bend = 0.0 if dome else math.asin(max(-1.0, min(1.0, tx * oy - ty * ox))) / length
+        sigma = 0.5 * (nodes[i, 7] + nodes[j, 7])
+        wide = 0.5 * (nodes[i, 6] + nodes[j, 6])
+        scale = half_width / wide
+        blur = min(max((sigma * scale - blurs[0]) * per_blur, 0.0), table.shape[0] - 1.0)
+        turn = math.atan2(ty + oy, tx + ox) * per_turn + 2 * table.shape[1]
+        if not dome:  # all pixels of this stretch share blur and direction
+            _blend_row(table, blur, turn, row)
+        far = min(wide + 4.0 * sigma, reach / scale - 0.01)
+        near_end = end_m - (start_m + step_m * i) < 12.0 * step_m
+        px_per_m = length / step_m if not dome else 0.0
+        for v in range(max(0, int(min(ay, by) - far)), min(h, int(max(ay, by) + far) + 2)):
+            low, high = max(0, int(min(ax, bx) - far)), min(w, int(max(ax, bx) + far) + 2)
+            low, high = columns(low, high, tx, (v - ay) * ty - ax * tx)
+            if not dome:
+                low, high = columns(low, high, -ox, (by - v) * oy + bx * ox)
+                middle = 0.5 * (ax + bx)
+                level = (v - 0.5 * (ay + by)) * tx + middle * ty
+                low, high = columns(low, high, -ty, far + 0.6 + level)
+                low, high = columns(low, high, ty, far + 0.6 - level)
+            for u in range(low, high):
+                rx, ry = u - ax, v - ay
+                ahead = rx * tx + ry * ty
+                if ahead < 0.0:
+                    continue
+                if dome:
+                    across = math.sqrt(rx * rx + ry * ry)
+                    if across > far:
+                        continue
+                    # The edge of a blurred disc lies further in than the disc's; see below for the sides.
+                    lean = 0.5 + 0.5 * math.erf(ahead / (1.414 * sigma))
+                    shifted = across + lean * sigma * sigma / (2.0 * max(across, 0.5 * wide))
+                    if shifted > far:
+                        continue
+                    around = math.atan2(ry, rx) - 0.5 * math.pi
+                    _look_up(
+                        table,
+                        blur,
+                        around * per_turn + 2 * table.shape[1],
+                        (shifted * scale + reach) * STEPS_PER_PX,
+                        seen,
+                    )
+                    s = end_m
+                else:
+                    left = (bx - u) * ox + (by - v) * oy
+                    if left <= 0.0:
+                        continue
+                    # Exact for a circle's arc: the share of the way at which the axis passes beside the pixel.
+                    t = ahead / (ahead + left)
+                    t2, t3 = t * t, t * t * t
+                    h1, h2, h3, h4 = 2 * t3 - 3 * t2 + 1, t3 - 2 * t2 + t, 3 * t2 - 2 * t3, t3 - t2
+                    qx = h1 * ax + h2 * nodes[i, 4] + h3 * bx + h4 * nodes[j, 4]
+                    qy = h1 * ay + h2 * nodes[i, 5] + h3 * by + h4 * nodes[j, 5]
+                    g1, g2, g4 = 6 * t2 - 6 * t, 3 * t2 - 4 * t + 1, 3 * t2 - 2 * t
+                    gx = g1 * (ax - bx) + g2 * nodes[i, 4] + g4 * nodes[j, 4]
+                    gy = g1 * (ay - by) + g2 * nodes[i, 5] + g4 * nodes[j, 5]
+                    across = ((v - qy) * gx - (u - qx) * gy) / math.sqrt(gx * gx + gy * gy)
+                    # A blurred edge that bends moves towards the centre of its bend by bend sigma^2 / 2.
+                    shifted = across - 0.5 * bend / max(0.2, 1.0 - bend * across) * sigma * sigma
+                    s = start_m + step_m * (i + t)
+                    if near_end:
+                        rest = (end_m - s) * px_per_m
+                        if rest < 3.0 * sigma:
+                            lean = 0.5 - 0.5 * math.erf(rest / (1.414 * sigma))
+                            size = abs(shifted)
+                            shifted *= 1.0 + lean * sigma * sigma / (2.0 * max(size, 0.5 * wide) * max(size, 0.05))
+                    column = (shifted * scale + reach) * STEPS_PER_PX
+                    if column < 0.0 or column >= last:
+                        continue
+                    x = int(column)
+                    fx = np.float32(column - x)
+                    for q in range(4):
+                        seen[q] = row[x, q] + (row[x + 1, q] - row[x, q]) * fx
+                m = min(along.shape[0] - 1, max(0, int(s * POINTS_PER_M)))
+                drawn[v, u, 0] += weight * seen[0]
+                gloss = along[m, 2 * c] * seen[2]
+                for k in range(c):
+                    drawn[v, u, 1 + k] += weight * (along[m, k] * seen[1] + along[m, c + k] * seen[3] + gloss)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def add_shadow(shade: FloatImage, nodes: FloatArray, fall: FloatArray, sigma: float, strength: float) -> None:
+    """Raise ``shade`` (h, w) to ``strength`` times the share of the lamp that the tube hides.
+
+    ``fall`` (2,): from the tube to its shadow, px; ``sigma``: softness, px.
+    """
+    h, w = shade.shape
+    count = nodes.shape[0]
+    half = nodes[count - 1, 6]
+    far = half + 3.0 * sigma
+    steps = int(far * 4.0) + 2
+    profile = np.empty(steps + 1, np.float32)
+    for x in range(steps + 1):
+        profile[x] = strength * (
+            0.5 * math.erf((0.25 * x + half) / (1.4142 * sigma)) - 0.5 * math.erf((0.25 * x - half) / (1.4142 * sigma))
+        )
+    total = 0.0
+    for i in range(count - 1):
+        total += math.sqrt((nodes[i + 1, 0] - nodes[i, 0]) ** 2 + (nodes[i + 1, 1] - nodes[i, 1]) ** 2)
+    total += 0.8 * half
+    done = 0.0
+    for i in range(count - 1):
+        ax, ay = nodes[i, 0] + fall[0], nodes[i, 1] + fall[1]
+        bx, by = nodes[i + 1, 0] + fall[0], nodes[i + 1, 1] + fall[1]
+        tx, ty, ox, oy = nodes[i, 2], nodes[i, 3], nodes[i + 1, 2], nodes[i + 1, 3]
+        length = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
+        last = i == count - 2
+        more = far if last else 0.0  # the last stretch draws what lies beyond it too
+        cx, cy = bx + more * ox, by + more * oy
+        ended = total - done < 4.0 * sigma + 2.0 * length + more
+        for v in range(max(0, int(min(ay, cy) - far)), min(h, int(max(ay, cy) + far) + 2)):
+            for u in range(max(0, int(min(ax, cx) - far)), min(w, int(max(ax, cx) + far) + 2)):
+                ahead = (u - ax) * tx + (v - ay) * ty
+                if ahead < 0.0:
+                    continue
+                left = (bx - u) * ox + (by - v) * oy
+                if left <= 0.0 and not last:
+                    continue
+                nx, ny = tx, ty
+                if left > 0.0:
+                    t = ahead / (ahead + left)
+                    nx, ny = tx + t * (ox - tx), ty + t * (oy - ty)
+                    qx, qy, at = ax + t * (bx - ax), ay + t * (by - ay), done + t * length
+                else:
+                    nx, ny = ox, oy
+                    qx, qy, at = bx - left * ox, by - left * oy, done + length - left
+                column = abs((v - qy) * nx - (u - qx) * ny) * 4.0
+                if column >= steps:
+                    continue
+                x = int(column)
+                value = profile[x] + (profile[x + 1] - profile[x]) * np.float32(column - x)
+                if ended:
+                    value *= 0.5 + 0.5 * math.erf((total - at) / (1.4142 * sigma))
+                if value > shade[v, u]:
+                    shade[v, u] = value
+        done += length

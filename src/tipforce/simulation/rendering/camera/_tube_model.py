@@ -1,0 +1,285 @@
+"""A tube as the camera sees it: shading tables across it, materials along it, its axis projected through the lens."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+from scipy.interpolate import CubicSpline
+from scipy.special import ndtr
+
+from ....geometry import CameraModel
+from ....types import FloatArray
+from ._scene import CameraScene, CatheterAppearance, Instrument, Lamp, TubeFinish
+from ._tube_kernels import NODE_SIZE, POINTS_PER_M, STEPS_PER_PX
+
+__all__ = [
+    "Focus",
+    "Tube",
+    "TubeNodes",
+    "TubeProfile",
+    "instrument_shape",
+    "make_instrument",
+    "make_tube",
+    "project_tube",
+    "tube_profile",
+]
+
+FloatImage = npt.NDArray[np.float32]
+_DIRECTIONS = 64
+_BLURS = 5
+_CELLS = 96
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TubeProfile:
+    """``table`` (blur, direction, across, 4) float32: cover; matte light, gloss and metal light times cover.
+
+    Across: from ``-reach_px`` to ``reach_px`` for a tube of ``half_width_px``; gloss in grey levels, the others as a
+    share. Direction: of the axis, whole turn. Blur: sigma from ``blur_px[0]`` to ``blur_px[1]``.
+    """
+
+    table: FloatImage
+    half_width_px: float
+    reach_px: float
+    blur_px: tuple[float, float]
+
+
+def _lobe(normal: FloatArray, lamp: Lamp, sharpness: float) -> FloatArray:
+    """Highlight of ``lamp`` where ``normal`` (..., 3) lies halfway between it and the camera."""
+    half = np.array(lamp.direction) + np.array([0.0, 0.0, 1.0])
+    half /= np.linalg.norm(half)
+    return np.maximum(0.0, normal @ half) ** sharpness
+
+
+def _shade(normal: FloatArray, lamps: tuple[Lamp, ...], ambient: float, finish: TubeFinish) -> FloatArray:
+    """(..., 3) matte, gloss, metal of surfaces with ``normal`` (..., 3)."""
+    facing = ambient + sum(lamp.strength * lamp.direction[2] for lamp in lamps)
+    matte = ambient * (0.6 + 0.4 * normal[..., 2])
+    gloss = finish.rim_grey * (1.0 - normal[..., 2]) ** 4
+    mirrored_z = 2.0 * normal[..., 2] ** 2 - 1.0
+    # Brushed metal mirrors a room that is bright above, dark at the level of the table, and grey where the table is.
+    metal = 0.55 + 0.25 * mirrored_z + 0.25 * (1.0 - normal[..., 2]) ** 3
+    for lamp in lamps:
+        # A lamp of some size still lights a face that is turned a little away from its middle.
+        lit = np.maximum(0.0, normal @ np.array(lamp.direction) + 0.15) / 1.15
+        matte = matte + lamp.strength * lit
+        gloss = gloss + finish.gloss_grey * lamp.strength * _lobe(normal, lamp, finish.sharpness)
+        metal = metal + 0.75 * lamp.strength * _lobe(normal, lamp, finish.metal_sharpness)
+    return np.stack([matte / facing, gloss, metal], axis=-1)
+
+
+def tube_profile(
+    lamps: tuple[Lamp, ...], ambient: float, finish: TubeFinish, half_width_px: float, blur_px: tuple[float, float]
+) -> TubeProfile:
+    """Tables for a tube of ``half_width_px`` under ``lamps`` and all-round light ``ambient``, for ``blur_px``."""
+    reach = math.ceil(half_width_px + 4.0 * blur_px[1]) + 1.0
+    at = np.linspace(-reach, reach, 2 * int(reach) * STEPS_PER_PX + 1)
+    borders = np.sin(np.linspace(-math.pi / 2, math.pi / 2, _CELLS + 1))
+    middles = np.sin(np.linspace(-math.pi / 2, math.pi / 2, 2 * _CELLS + 1)[1::2])
+    turn = 2 * math.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    normal = np.empty((_DIRECTIONS, _CELLS, 3))
+    normal[..., 0] = -np.sin(turn)[:, None] * middles
+    normal[..., 1] = np.cos(turn)[:, None] * middles
+    normal[..., 2] = np.sqrt(1.0 - middles**2)
+    values = np.concatenate([np.ones((_DIRECTIONS, _CELLS, 1)), _shade(normal, lamps, ambient, finish)], axis=-1)
+    table = np.empty((_BLURS, _DIRECTIONS, at.size, 4), np.float32)
+    for k, sigma in enumerate(np.linspace(*blur_px, _BLURS)):
+        below = ndtr((at[:, None] - half_width_px * borders) / sigma)
+        table[k] = np.einsum("xc,dcq->dxq", below[:, :-1] - below[:, 1:], values, optimize=True)
+    return TubeProfile(table, half_width_px, reach, blur_px)
+
+
+_STRETCH_M = 1.2e-3
+"""About this far apart lie the nodes: 6 px at 0.2 mm/px."""
+
+
+@dataclass(frozen=True, slots=True)
+class Focus:
+    """Blur of a point by its depth: sigma^2 = ``sharp_px``^2 + (``px_per_m`` (depth - ``depth_m``))^2.
+
+    ``depth_m``: distance from the camera, along its axis, of what is sharpest.
+    """
+
+    sharp_px: float
+    depth_m: float
+    px_per_m: float
+
+    def sigma_px(self, depth_m: float) -> float:
+        """Standard deviation of the blur at ``depth_m`` from the camera."""
+        return math.hypot(self.sharp_px, self.px_per_m * (depth_m - self.depth_m))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TubeNodes:
+    """``nodes`` (instants, n, 8), see `NODE_SIZE`; arc length at the first of them and between two of them, metres."""
+
+    nodes: FloatArray
+    start_m: float
+    step_m: float
+
+
+@lru_cache(maxsize=64)
+def _operators(count: int, at: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    """Matrices (m, count): values and slopes at the places ``at`` (in steps) of the spline through ``count`` nodes."""
+    spline = CubicSpline(np.arange(count), np.eye(count))
+    return spline(np.array(at)), spline(np.array(at), 1)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _sides(points: FloatArray, slopes_3d: FloatArray, position: FloatArray, radius: float, sides: FloatArray) -> None:
+    """Points of the tube where its outline is seen from ``position``: (m, 3) axis and its slopes -> (2, m, 3).
+
+    There the line of sight touches: normal . (point - position + radius normal) = 0, normal across the axis.
+    """
+    for i in range(points.shape[0]):
+        tx, ty, tz = slopes_3d[i, 0], slopes_3d[i, 1], slopes_3d[i, 2]
+        size = math.sqrt(tx * tx + ty * ty + tz * tz)
+        tx, ty, tz = tx / size, ty / size, tz / size
+        x, y, z = points[i, 0] - position[0], points[i, 1] - position[1], points[i, 2] - position[2]
+        along = x * tx + y * ty + z * tz
+        x, y, z = x - along * tx, y - along * ty, z - along * tz
+        far = math.sqrt(x * x + y * y + z * z)
+        x, y, z = x / far, y / far, z / far
+        nx, ny, nz = ty * z - tz * y, tz * x - tx * z, tx * y - ty * x
+        back = -radius * radius / far
+        side = radius * math.sqrt(1.0 - (radius / far) ** 2)
+        for k in range(2):
+            sign = side if k else -side
+            sides[k, i, 0] = points[i, 0] + back * x + sign * nx
+            sides[k, i, 1] = points[i, 1] + back * y + sign * ny
+            sides[k, i, 2] = points[i, 2] + back * z + sign * nz
+
+
+def project_tube(
+    shapes: FloatArray, length_m: float, radius_m: float, behind_m: float, camera: CameraModel, focus: Focus
+) -> TubeNodes:
+    """Nodes of a tube whose axis has ``shapes`` (instants, n, 3), base to the tip's apex, uniform in arc length.
+
+    The tube goes on straight for ``behind_m`` behind the base; it ends in a dome. What is called the axis in the
+    image is the middle between its two outlines; the projected axis lies within 0.005 px of it.
+    """
+    count, n = shapes.shape[:2]
+    stretches = max(4, math.ceil((length_m - radius_m) / _STRETCH_M))
+    step = (length_m - radius_m) / stretches
+    place = tuple(float(x) for x in np.arange(stretches + 1) * step / length_m * (n - 1))
+    values, rises = _operators(n, place)
+    points = np.empty((count, stretches + 2, 3))
+    rising = np.empty_like(points)
+    points[:, 1:] = values @ shapes
+    rising[:, 1:] = (rises * ((n - 1) * step / length_m)) @ shapes
+    rising[:, 0] = rising[:, 1]
+    points[:, 0] = points[:, 1] - rising[:, 1] * (behind_m / step)
+    points, rising = points.reshape(-1, 3), rising.reshape(-1, 3)
+    sides = np.empty((2, len(points), 3))
+    _sides(points, rising, camera.position_m, radius_m, sides)
+    outline = camera.project(sides.reshape(-1, 3)).reshape(2, -1, 2)
+    _, slopes = camera.project_with_slopes(points)
+    nodes = np.empty((len(points), NODE_SIZE))
+    nodes[:, :2] = 0.5 * (outline[0] + outline[1])
+    nodes[:, 4:6] = (slopes @ rising[:, :, None])[:, :, 0]
+    nodes[:, 2:4] = nodes[:, 4:6] / np.hypot(nodes[:, 4], nodes[:, 5])[:, None]
+    nodes[:, 6] = 0.5 * np.hypot(*(outline[1] - outline[0]).T)
+    pose = camera.camera_from_world
+    depth = points @ pose.rotation[2] + pose.translation_m[2]
+    nodes[:, 7] = np.hypot(focus.sharp_px, focus.px_per_m * (depth - focus.depth_m))
+    if not np.isfinite(nodes).all():
+        raise ValueError("a tube reaches behind the camera or beyond what its lens can show; is the shape in metres?")
+    # The stretch behind the base is longer than the others, but nothing changes along it.
+    return TubeNodes(nodes.reshape(count, -1, NODE_SIZE), -step, step)
+
+
+_BEHIND_M = 50e-3
+"""A tube goes on straight for this far behind its base: its shadow may be in the image where it is not."""
+_IN_FRONT_M, _BEHIND_SHARE = 5e-3, 0.4
+"""How far the second instrument lies before the catheter, or what share of the way down to the ground behind it."""
+_NODES = 33
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tube:
+    """What never changes about a tube that is drawn every frame; arrays as `add_tube` takes them."""
+
+    length_m: float
+    radius_m: float
+    profile: TubeProfile
+    blurs: FloatArray
+    along: FloatImage
+
+    def nodes(self, shapes_m: FloatArray, camera: CameraModel, focus: Focus) -> TubeNodes:
+        """Where to draw the tube with ``shapes_m`` (m, n, 3)."""
+        return project_tube(shapes_m, self.length_m, self.radius_m, _BEHIND_M, camera, focus)
+
+
+def make_tube(
+    scene: CameraScene,
+    appearance: CatheterAppearance,
+    length_m: float,
+    px_per_m: float,
+    focus: Focus,
+    depth_m: float,
+    seed: int,
+) -> Tube:
+    """A tube of ``length_m`` seen at about ``depth_m`` from the camera."""
+    # The tables reach from the sharpest to the most blurred that the tube can come to be by leaving its plane.
+    near = [focus.sigma_px(depth_m + off) for off in (-12e-3, 0.0, 12e-3)]
+    blurs = (0.97 * focus.sharp_px, 1.05 * max(near) + 0.05)
+    light = scene.light
+    profile = tube_profile(light.lamps, light.ambient, appearance.finish, appearance.radius_m * px_per_m, blurs)
+    along = _materials(appearance, length_m, 3 if scene.colour else 1, near[1] / px_per_m, seed)
+    return Tube(length_m, appearance.radius_m, profile, np.array(blurs), along)
+
+
+def _materials(appearance: CatheterAppearance, length_m: float, channels: int, sigma_m: float, seed: int) -> FloatImage:
+    """(m, 2 c + 1): what matte light, metal light and gloss are worth by arc length, blurred as the image is."""
+    rng = np.random.default_rng([seed, 4])
+    s = (np.arange(int((length_m + 1e-3) * POINTS_PER_M)) + 0.5) / POINTS_PER_M
+    back = length_m - s
+    bands = [(-1.0, appearance.electrode_m), *appearance.rings_m]
+    metal = np.zeros(s.size)
+    joint = np.zeros(s.size)
+    for low, high in bands:
+        metal = np.maximum(metal, ((back > low) & (back <= high)).astype(float))
+        for edge in (low, high):
+            joint = np.maximum(joint, appearance.seam * (np.abs(back - edge) < 6e-5))
+    rough = np.interp(np.arange(s.size), np.linspace(0, s.size, 64), rng.standard_normal(64))
+    fine = np.interp(np.arange(s.size), np.linspace(0, s.size, 400), rng.standard_normal(400))
+    worn = np.maximum(0.2, 1.0 + appearance.wear * (0.7 * rough + 0.4 * fine))
+    shaft, bright = (np.array(colour) for colour in (appearance.finish.shaft, appearance.finish.metal))
+    if channels == 1:
+        weights = np.array([0.299, 0.587, 0.114])
+        shaft, bright = np.array([shaft @ weights]), np.array([bright @ weights])
+    matte = ((1 - metal) * worn * (1 - joint))[:, None] * shaft
+    mirror = (metal * (1 + 0.3 * appearance.wear * fine) * (1 - joint))[:, None] * bright
+    table = np.concatenate([matte, mirror, ((1 - metal) * (1 - joint))[:, None]], axis=1).astype(np.float32)
+    steps = sigma_m * POINTS_PER_M
+    size = 2 * math.ceil(4 * steps) + 1
+    kernel = cv2.getGaussianKernel(size, steps, cv2.CV_32F)
+    soft = cv2.sepFilter2D(table, -1, np.ones(1, np.float32), kernel, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(soft, np.float32)
+
+
+def instrument_shape(scene: CameraScene, instrument: Instrument, time_s: float) -> FloatArray:
+    """(33, 3): the second instrument's axis in the base frame at ``time_s``, metres."""
+    height = _IN_FRONT_M if instrument.in_front else -_BEHIND_SHARE * scene.ground.depth_m
+    share = np.linspace(0.0, 1.0, _NODES)
+    start, end = np.array(instrument.start_m), np.array(instrument.end_m)
+    way = end - start
+    side = np.array([-way[1], way[0]]) / np.hypot(*way)
+    sway = instrument.sway_m * math.sin(2 * math.pi * instrument.sway_hz * time_s + instrument.phase_rad)
+    aside = instrument.bow_m * 4 * share * (1 - share) + sway * share**2
+    flat = start + share[:, None] * way + aside[:, None] * side
+    return np.concatenate([flat, np.full((_NODES, 1), height)], axis=1)
+
+
+def make_instrument(scene: CameraScene, px_per_m: float, focus: Focus, depth_m: float) -> Tube | None:
+    """The scene's second instrument, if there is one."""
+    instrument = scene.instrument
+    if instrument is None:
+        return None
+    shape = instrument_shape(scene, instrument, 0.0)
+    length = float(np.linalg.norm(np.diff(shape, axis=0), axis=1).sum())
+    return make_tube(scene, instrument.appearance, length, px_per_m, focus, depth_m - shape[0, 2], scene.seed + 1)

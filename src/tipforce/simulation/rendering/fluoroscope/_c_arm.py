@@ -1,0 +1,101 @@
+"""A C-arm as a pinhole camera: focal spot, detector, and how they stand around the patient."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ....geometry import CameraModel, Pose
+from ....types import FloatArray
+
+__all__ = ["CArm", "perturbed"]
+
+
+@dataclass(frozen=True, slots=True)
+class CArm:
+    """Where the focal spot and the detector of one plane stand, in DICOM's words.
+
+    ``primary_deg``: positioner primary angle, positive toward LAO (the patient's left), 0 = from behind to the front
+    (AP); ``secondary_deg``: positive toward cranial. ``source_detector_m``; ``source_object_m``: focal spot to
+    isocentre. ``scale_m_per_px``: at the isocentre, for 512 columns; ``roll_deg``: the detector's turn in its own
+    plane; ``centre_px`` (2,): where the central ray meets it, from the image's middle, for 512 columns.
+
+    The patient's frame is DICOM's: origin at the isocentre, x to the patient's left, y to the back, z to the head.
+    Images are shown as usual: the viewer looks from the detector to the tube, so that from the front the patient's
+    left is at the image's right.
+    """
+
+    primary_deg: float
+    secondary_deg: float
+    source_detector_m: float
+    source_object_m: float
+    scale_m_per_px: float
+    roll_deg: float = 0.0
+    centre_px: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def magnification(self) -> float:
+        """Of what lies at the isocentre, on the detector."""
+        return self.source_detector_m / self.source_object_m
+
+    def imager_spacing_m(self, width: int = 512) -> float:
+        """Pitch of the detector's pixels in a image of ``width`` columns."""
+        return self.scale_m_per_px * 512.0 / width * self.magnification
+
+    def display_axes(self) -> FloatArray:
+        """(3, 3) rows, in the patient's frame: the image's right, its up, and from tube to detector (to the viewer).
+
+        >>> CArm(0.0, 0.0, 1.1, 0.75, 0.25e-3).display_axes() + 0.0
+        array([[ 1.,  0.,  0.],
+               [ 0.,  0.,  1.],
+               [ 0., -1.,  0.]])
+        """
+        p, s, r = (math.radians(a) for a in (self.primary_deg, self.secondary_deg, self.roll_deg))
+        right = np.array([math.cos(p), math.sin(p), 0.0])
+        toward = np.array([math.sin(p) * math.cos(s), -math.cos(p) * math.cos(s), math.sin(s)])
+        up = np.cross(toward, right)
+        return np.array([math.cos(r) * right + math.sin(r) * up, math.cos(r) * up - math.sin(r) * right, toward])
+
+    def camera(self, width: int = 512, height: int = 512) -> CameraModel:
+        """The pinhole at the focal spot; its world is the patient's frame; fx is negative (see `CameraModel`)."""
+        axes = self.display_axes()
+        finer = width / 512.0
+        focal = self.source_object_m / self.scale_m_per_px * finer
+        centre = 0.5 * np.array([width - 1.0, height - 1.0]) + finer * np.array(self.centre_px)
+        rotation = np.array([-axes[0], -axes[1], axes[2]])
+        return CameraModel(
+            np.array([-focal, focal]),
+            centre,
+            camera_from_world=Pose(rotation, np.array([0.0, 0.0, self.source_object_m])),
+        )
+
+
+def perturbed(true: CArm, rms_px: float, rng: np.random.Generator, *, reach_m: float = 40e-3) -> CArm:
+    """``true`` with calibration errors in all its numbers that move points within ``reach_m`` by ``rms_px`` (RMS).
+
+    The points are the corners and the middle of a cube around the isocentre; the image has 512 columns.
+    """
+    grid = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]) * reach_m
+    seen = true.camera().project(grid)
+    primary, secondary, roll = (float(d) for d in rng.normal(size=3) * (0.1, 0.1, 0.05))
+    detector, source = (float(d) for d in rng.normal(size=2) * (2e-3, 1e-3))
+    right, down = (float(d) for d in rng.normal(size=2) * 0.4)
+
+    def moved(size: float) -> CArm:
+        far, near = true.source_detector_m + size * detector, true.source_object_m + size * source
+        return CArm(
+            true.primary_deg + size * primary,
+            true.secondary_deg + size * secondary,
+            far,
+            near,
+            # The detector's own pitch is known: wrong distances give a wrong scale at the isocentre.
+            true.imager_spacing_m() * near / far,
+            true.roll_deg + size * roll,
+            (true.centre_px[0] + size * right, true.centre_px[1] + size * down),
+        )
+
+    size = 1.0
+    for _ in range(4):  # what moves the points is all but linear in the size
+        off = moved(size).camera().project(grid) - seen
+        size *= rms_px / float(np.sqrt((off**2).sum(axis=1).mean()))
+    return moved(size)

@@ -1,0 +1,237 @@
+"""From expected photons to grey levels: photon noise, lag, blur, electronic noise, display curve.
+
+Photon counts are Poisson distributed numbers from a hash of (key, pixel), so any frame can be drawn alone, on any
+thread, and comes out the same. Below `FEW` photons: Walker's alias method on tables a small step of the mean apart; a
+mean between two of them takes one or the other with the odds that keep it. Above: a Cornish-Fisher expansion of a
+Gaussian, rounded.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ...._compile import STEADY
+from ....types import FloatArray
+from .._random import gauss_row, gauss_table, hash_row
+from ._scene import Detector
+
+__all__ = [
+    "FEW",
+    "Curve",
+    "PhotonTables",
+    "blurred",
+    "display_curve",
+    "frame_key",
+    "photon_tables",
+    "read_out",
+    "sample_photons",
+    "with_lag",
+]
+
+FloatImage = npt.NDArray[np.float32]
+Words = npt.NDArray[np.uint32]
+PhotonCounts = npt.NDArray[np.uint16]
+FEW = 36.0
+_COLUMNS = 128
+_STEP = 0.02
+"""Between tables, of the root of the mean: a mixture of two neighbours has at most 1 + 0.02^2 times the variance."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotonTables:
+    """``alias`` (means, 128) uint32: threshold in the upper 25 bits, alias in the lower 7; ``gauss``: `gauss_table`."""
+
+    alias: Words
+    gauss: FloatImage
+
+
+def frame_key(seed: int, view: int, frame: int, purpose: int) -> Words:
+    """(3,) words that no other session, view, frame and purpose share but by chance."""
+    return np.random.SeedSequence([seed, view, frame, purpose]).generate_state(3, np.uint32).astype(np.uint32)
+
+
+def _alias_row(chance: FloatArray) -> Words:
+    """Vose's construction for (128,) probabilities."""
+    scaled = chance / chance.sum() * _COLUMNS
+    threshold, alias = np.ones(_COLUMNS), np.arange(_COLUMNS)
+    small = [k for k in range(_COLUMNS) if scaled[k] < 1.0]
+    large = [k for k in range(_COLUMNS) if scaled[k] >= 1.0]
+    while small and large:
+        less, more = small.pop(), large[-1]
+        threshold[less], alias[less] = scaled[less], more
+        scaled[more] -= 1.0 - scaled[less]
+        if scaled[more] < 1.0:
+            small.append(large.pop())
+    top = (1 << 25) - 1
+    # A column that is sure of itself is its own alias, so that its threshold does not matter.
+    return (
+        (np.minimum(threshold * (1 << 25), top).astype(np.uint32) << np.uint32(7)) | alias.astype(np.uint32)
+    ).astype(np.uint32)
+
+
+def photon_tables() -> PhotonTables:
+    """The tables that `sample_photons` reads; made once."""
+    from scipy.special import gammaln
+
+    k = np.arange(_COLUMNS)
+    means = (np.arange(math.ceil(math.sqrt(FEW) / _STEP) + 2) * _STEP) ** 2
+    rows = [_alias_row(np.exp(k * math.log(m) - m - gammaln(k + 1.0)) if m > 0 else (k == 0) * 1.0) for m in means]
+    return PhotonTables(np.stack(rows), gauss_table())
+
+
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
+def _many(means: FloatImage, row: FloatImage) -> None:
+    """Gaussian numbers in ``row`` to photons of these ``means`` plus a half, not yet rounded down."""
+    one, two, three, five = np.float32(1.0), np.float32(2.0), np.float32(3.0), np.float32(5.0)
+    half, sixth, twelfth = np.float32(0.5), np.float32(1 / 6), np.float32(1 / 12)
+    over24, over36, few = np.float32(1 / 24), np.float32(1 / 36), np.float32(FEW)
+    for u in range(means.size):
+        mean = max(means[u], few)
+        z = row[u]
+        variance = mean - twelfth  # rounding adds a twelfth
+        sigma = np.sqrt(variance)
+        skew = mean / (variance * sigma)  # the excess kurtosis is its square, nearly
+        square = z * z
+        bent = z + skew * sixth * (square - one)
+        bent += skew * skew * z * (over24 * (square - three) - over36 * (two * square - five))
+        row[u] = mean + sigma * bent + half
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def sample_photons(means: FloatImage, key: Words, alias: Words, gauss: FloatImage, counts: PhotonCounts) -> None:
+    """Poisson numbers of ``means`` (h, w) into ``counts`` (h, w); more than 65,535 are cut off."""
+    h, w = means.shape
+    words, row = np.empty(w, np.uint32), np.empty(w, np.float32)
+    top, zero, few = np.float32(65535.0), np.float32(0.0), np.float32(FEW)
+    per_step = np.float32(1.0 / _STEP)
+    for v in range(h):
+        hash_row(v * w, key, words)
+        level, out = means[v], counts[v]
+        least, most = level[0], level[0]
+        for u in range(w):
+            least, most = min(least, level[u]), max(most, level[u])
+        if most >= few:
+            gauss_row(words, gauss, row)
+            _many(level, row)
+            for u in range(w):
+                out[u] = np.uint16(min(max(row[u], zero), top))
+        if least < few:
+            for u in range(w):
+                mean = level[u]
+                if mean < few:
+                    place = np.sqrt(max(mean, zero)) * per_step
+                    k = int(place)
+                    # The chance of the upper table that keeps the mean: tables lie evenly in the root of the mean.
+                    part = (place * place - k * k) / (2 * k + 1)
+                    word = words[u]
+                    other = np.uint32(np.uint32(word ^ (word >> np.uint32(7))) * np.uint32(0x9E3779B1))
+                    if np.float32(other >> np.uint32(8)) < part * np.float32(16777216.0):
+                        k += 1
+                    column = word & np.uint32(127)
+                    entry = alias[k, column]
+                    if (word >> np.uint32(7)) >= (entry >> np.uint32(7)):
+                        column = entry & np.uint32(127)
+                    out[u] = np.uint16(column)
+
+
+_POINTS = 8192
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """Grey levels by the root of the signal: ``levels`` (n,), ``per_root`` of them for a root of one quantum."""
+
+    levels: FloatImage
+    per_root: float
+
+
+def display_curve(detector: Detector, mean: float, bits: int) -> Curve:
+    """``mean``: the signal, in photons, that the exposure control holds."""
+    top = float((1 << bits) - 1)
+    most = math.sqrt(20.0 * mean)
+    signal = np.linspace(0.0, most, _POINTS) ** 2
+    if detector.curve == "log":
+        share = 0.5 + detector.contrast / 255.0 * np.log(np.maximum(signal, 1e-3 * mean) / mean)
+    else:
+        share = detector.contrast / 255.0 * signal / mean
+    return Curve(np.clip(top * share, 0.0, top).astype(np.float32), (_POINTS - 1) / most)
+
+
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
+def _add(total: FloatImage, counts: PhotonCounts, weight: float, fresh: bool) -> None:
+    share = np.float32(weight)
+    for v in range(total.shape[0]):
+        row, out = counts[v], total[v]
+        if fresh:
+            for u in range(out.size):
+                out[u] = share * np.float32(row[u])
+        else:
+            for u in range(out.size):
+                out[u] += share * np.float32(row[u])
+
+
+def with_lag(planes: Sequence[PhotonCounts], weights: FloatArray, total: FloatImage) -> None:
+    """``planes``: this frame's photons, then those of the frames before it, as far as there are any.
+
+    What frames that are not there would leave behind is taken from this one, so that the brightness is the same.
+    """
+    known = weights[: len(planes)].copy()
+    known[0] += 1.0 - known.sum()
+    for k, plane in enumerate(planes):
+        _add(total, plane, known[k], k == 0)
+
+
+def blurred(signal: FloatImage, detector: Detector, finer: float) -> FloatImage:
+    """The light's spread in the detector; ``finer``: pixels a pixel of a image of 512 columns."""
+    near, far = (finer * sigma for sigma in detector.blur_px)
+    share = detector.blur_tail
+    core = cv2.GaussianBlur(signal, _size(near), near, borderType=cv2.BORDER_REPLICATE)
+    half = cv2.resize(signal, (signal.shape[1] // 2, signal.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    # Means of 2 x 2 pixels and going back between them spread by 11/12 px^2 already.
+    rest = 0.5 * math.sqrt(max(far**2 - 11 / 12, 0.04))
+    half = cv2.GaussianBlur(half, _size(rest), rest, borderType=cv2.BORDER_REPLICATE)
+    tail = cv2.resize(half, signal.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(cv2.addWeighted(core, 1.0 - share, tail, share, 0.0), np.float32)
+
+
+def _size(sigma: float) -> tuple[int, int]:
+    side = 2 * math.ceil(3.0 * sigma) + 1
+    return side, side
+
+
+@njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
+def read_out(
+    signal: FloatImage,
+    key: Words,
+    gauss: FloatImage,
+    electronic: float,
+    line_noise: float,
+    levels: FloatImage,
+    per_root: float,
+    image: npt.NDArray[np.uint8] | npt.NDArray[np.uint16],
+) -> None:
+    """``signal`` (h, w) in photons with electronic noise, by the display's curve, rounded, into ``image``."""
+    h, w = signal.shape
+    words, row, of_rows = np.empty(w, np.uint32), np.empty(w, np.float32), np.empty(h, np.float32)
+    of_words = np.empty(h, np.uint32)
+    hash_row(h * w, key, of_words)
+    gauss_row(of_words, gauss, of_rows)
+    sigma, scale, none, half = np.float32(electronic), np.float32(per_root), np.float32(0.0), np.float32(0.5)
+    last = np.float32(levels.size - 2)
+    for v in range(h):
+        hash_row(v * w, key, words)
+        gauss_row(words, gauss, row)
+        line = np.float32(line_noise) * of_rows[v]
+        values, out = signal[v], image[v]
+        for u in range(w):
+            row[u] = min(np.sqrt(max(values[u] + sigma * row[u] + line, none)) * scale, last)
+        for u in range(w):
+            k = np.int32(row[u])
+            part, at = row[u] - np.float32(k), np.uint32(k)
+            below, above = levels[at], levels[at + np.uint32(1)]
+            out[u] = np.int32(below + (above - below) * part + half)

@@ -1,0 +1,135 @@
+"""What catheters, wires and leads are made of."""
+
+import math
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ....geometry import arc_length
+from ....types import FloatArray
+from ._scene import CatheterConstruction, Instrument, Rhythm
+from ._tube_kernels import POINTS_PER_M
+from ._tube_model import ATTENUATION_PER_M as PER_M
+from ._tube_model import AxialProfile, Layer, Tube, axial_profile, loaded_polymer_per_m, section_profiles
+
+__all__ = ["Sections", "catheter_tube", "instrument_path", "instrument_tube", "sheath_tube", "swayed"]
+
+Sections = list[tuple[float, float, int, float]]
+"""From, to (m along the tube), number of the material, strength."""
+_BLOOD = Layer(0.0, 1.0, -PER_M["soft_tissue"])
+"""A tube takes the place of what would be there without it."""
+
+
+def _sleeve(thickness_m: float, radius_m: float) -> Layer:
+    return Layer(max(0.0, 1.0 - thickness_m / radius_m), 1.0, PER_M["platinum"])
+
+
+def _dome(way: AxialProfile, length_m: float, radius_m: float) -> AxialProfile:
+    """The same with a hemisphere at its end."""
+    left = np.clip(length_m - np.arange(way.size.size) / POINTS_PER_M, 0.0, radius_m)
+    return AxialProfile(way.amount, np.sqrt(np.maximum(1.0 - (1.0 - left / radius_m) ** 2, 0.0)))
+
+
+def catheter_tube(
+    construction: CatheterConstruction, length_m: float, seed: int, px_per_m: float, blur_px: float
+) -> Tube:
+    """Shaft of loaded polymer with a steel braid and copper wires inside, platinum rings and tip with a dome."""
+    inner = 1.0 - construction.wall
+    polymer, braid = loaded_polymer_per_m(construction.barium_sulphate), 0.5 * (1.0 + inner)
+    shaft = (
+        _BLOOD,
+        Layer(inner, 1.0, polymer),
+        Layer(braid - 0.03, braid + 0.03, construction.braid * PER_M["steel"] - polymer),
+        Layer(0.0, inner, construction.core * PER_M["copper"]),
+    )
+    ring, tip = (*shaft, _sleeve(0.10e-3, construction.radius_m)), (*shaft, _sleeve(0.28e-3, construction.radius_m))
+    sections: Sections = []
+    at = 0.0
+    for start, end in sorted((length_m - b, length_m - a) for a, b in construction.rings_m):
+        sections += [(at, start, 0, 1.0), (start, end, 1, 1.0)]
+        at = end
+    sections += [
+        (at, length_m - construction.electrode_m, 0, 1.0),
+        (length_m - construction.electrode_m, length_m, 2, 1.0),
+    ]
+    made = axial_profile(length_m, sections, 3)
+    rng = np.random.default_rng([seed, 11])
+    knots = np.linspace(0.0, length_m, max(4, int(length_m / 4e-3)))
+    uneven = CubicSpline(knots, rng.normal(0, 0.5, knots.size))(np.arange(made.size.size) / POINTS_PER_M)
+    made.amount[0] = np.cumsum(
+        np.diff(made.amount[0], prepend=0.0) * np.maximum(1.0 + construction.uneven * uneven, 0.1)
+    )
+    table = section_profiles([shaft, ring, tip], construction.radius_m, px_per_m, blur_px)
+    return Tube(construction.radius_m, table, _dome(made, length_m, construction.radius_m))
+
+
+def sheath_tube(construction: CatheterConstruction, length_m: float, px_per_m: float, blur_px: float) -> Tube:
+    """The sheath around the shaft, from its mouth, where it has a marker band, backwards; the shaft inside goes on."""
+    radius = construction.radius_m + 0.85e-3
+    inner = (construction.radius_m + 0.2e-3) / radius
+    polymer = loaded_polymer_per_m(0.2)
+    shaft = (1.0 - construction.wall) * construction.radius_m / radius
+    wall = (
+        _BLOOD,
+        Layer(inner, 1.0, polymer),
+        Layer(0.5 + 0.5 * inner, 0.55 + 0.45 * inner, 0.5 * PER_M["steel"]),
+        Layer(shaft, construction.radius_m / radius, loaded_polymer_per_m(construction.barium_sulphate)),
+        Layer(0.0, shaft, construction.core * PER_M["copper"]),
+    )
+    band = (*wall, _sleeve(0.08e-3, radius))
+    sections: Sections = [(0.0, 1.5e-3, 0, 1.0), (1.5e-3, 3.0e-3, 1, 1.0), (3.0e-3, length_m, 0, 1.0)]
+    return Tube(radius, section_profiles([wall, band], radius, px_per_m, blur_px), axial_profile(length_m, sections, 2))
+
+
+def instrument_tube(instrument: Instrument, length_m: float, px_per_m: float, blur_px: float) -> Tube:
+    """A wire, a diagnostic catheter, a defibrillator's lead or an ultrasound probe."""
+    r = instrument.radius_m
+    materials: list[tuple[Layer, ...]]
+    sections: Sections
+    if instrument.kind == "wire":
+        materials = [(_BLOOD, Layer(0.0, 0.68, PER_M["nitinol"]), Layer(0.68, 1.0, 0.6 * PER_M["steel"]))]
+        sections = [(0.0, length_m, 0, 1.0)]
+    elif instrument.kind == "diagnostic":
+        shaft = (_BLOOD, Layer(0.6, 1.0, loaded_polymer_per_m(0.22)), Layer(0.0, 0.6, 0.05 * PER_M["copper"]))
+        materials = [shaft, (*shaft, _sleeve(0.1e-3, r))]
+        sections, end = [], length_m
+        for k in range(10 if r > 0.85e-3 else 4):
+            long = 2e-3 if k == 0 else 1e-3
+            sections += [(end - long, end, 1, 1.0), (end - long - (2e-3 + 3e-3 * (k % 2)), end - long, 0, 1.0)]
+            end = sections[-1][0]
+        sections.append((0.0, end, 0, 1.0))
+    elif instrument.kind == "lead":
+        body = (_BLOOD, Layer(0.0, 0.5, 0.35 * PER_M["steel"]), Layer(0.5, 1.0, PER_M["polymer"]))
+        materials = [body, (*body, Layer(0.85, 1.0, 0.5 * PER_M["platinum"]))]
+        coil = length_m - 62e-3
+        sections = [(0.0, coil, 0, 1.0), (coil, coil + 48e-3, 1, 1.0), (coil + 48e-3, length_m - 2e-3, 0, 1.0)]
+        sections.append((length_m - 2e-3, length_m, 1, 1.0))
+    else:
+        body = (_BLOOD, Layer(0.8, 1.0, PER_M["polymer"]), Layer(0.55, 0.75, 0.12 * PER_M["steel"]))
+        materials = [body, (*body, Layer(0.0, 0.8, 0.10 * PER_M["steel"]))]
+        sections = [(0.0, length_m, 0, 1.0), (length_m - 32e-3, length_m - 4e-3, 1, 1.0)]
+        sections += [(x, x + 2e-3, 1, 0.5) for x in np.arange(length_m - 80e-3, length_m - 36e-3, 6e-3)]
+    made = axial_profile(length_m, sections, len(materials))
+    return Tube(r, section_profiles(materials, r, px_per_m, blur_px), _dome(made, length_m, r))
+
+
+def instrument_path(instrument: Instrument) -> tuple[FloatArray, FloatArray, float]:
+    """(n, 3) points along it at rest, patient's frame, uniform in arc length; (n,) how much each sways; length."""
+    knots = np.array(instrument.knots)
+    at = arc_length(knots)
+    spline = CubicSpline(at, knots)
+    fine = spline(np.linspace(0.0, at[-1], 2000))
+    arc = arc_length(fine)
+    count = math.ceil(arc[-1] / 1.5e-3) + 1
+    even = np.linspace(0.0, arc[-1], count)
+    points = np.stack([np.interp(even, arc, fine[:, k]) for k in range(3)], axis=1)
+    return points, (even / arc[-1]) ** 2, float(arc[-1])
+
+
+def swayed(
+    instrument: Instrument, points_m: FloatArray, share: FloatArray, rhythm: Rhythm, time_s: float
+) -> FloatArray:
+    """(n, 3): where the heart and the breath have moved it."""
+    beat = rhythm.beating(time_s + instrument.phase / rhythm.heart_hz) - 0.5
+    breath = np.array([0.0, 0.0, -0.35 * rhythm.breath_m * rhythm.breath(time_s)])
+    return points_m + share[:, None] * (beat * np.array(instrument.sway_m) + breath)

@@ -1,0 +1,298 @@
+"""The settings of a simulated fluoroscopy session, and the scene that is drawn from them.
+
+A range is (low, high): one uniform draw a session.
+"""
+
+import math
+from typing import Literal
+
+import numpy as np
+
+from ....geometry import Pose
+from ....types import FloatArray
+from ..._fields import NotNegative, Positive, Range, Settings, Share
+from ._c_arm import CArm, perturbed
+from ._scene import Anatomy, Beam, CatheterConstruction, Detector, Instrument, Rhythm, XrayScene, XrayView
+
+__all__ = ["BIPLANE", "FLUORO", "XrayRanges", "sample_xray_scene"]
+
+
+class XrayRanges(Settings):
+    """What fluoroscopy varies over from session to session. The defaults are the preset ``fluoro``: one view."""
+
+    planes: Literal[1, 2] = 1
+    between_planes_deg: Range = (80.0, 100.0)
+    calibration_px: NotNegative = 0.5
+    """RMS over the working volume by which the stated calibration is off, at 512 columns."""
+
+    primary_deg: Range = (-45.0, 45.0)
+    """LAO positive."""
+    secondary_deg: Range = (-15.0, 25.0)
+    """Cranial positive."""
+    roll_deg: Range = (-1.0, 1.0)
+    source_detector_m: Range = (1.00, 1.18)
+    source_object_m: Range = (0.70, 0.78)
+    scale_m_per_px: Range = (0.24e-3, 0.26e-3)
+    """At the isocentre, at 512 columns."""
+    centre_px: Range = (-6.0, 6.0)
+
+    photons: Range = (20.0, 500.0)
+    """A pixel, detected. Drawn uniformly in its logarithm: every factor of dose is as likely."""
+    pulse_s: Range = (5e-3, 10e-3)
+    rate_hz: Positive = 15.0
+    focal_spot_m: Range = (0.15e-3, 0.30e-3)
+    """Sigma: about a third of the nominal focal spot."""
+    control_s: Range = (0.2, 0.6)
+
+    scatter: Range = (0.25, 0.8)
+    """Over direct photons, behind the grid."""
+    scatter_m: Range = (20e-3, 40e-3)
+    glare: Range = (0.01, 0.06)
+    glare_m: Range = (30e-3, 60e-3)
+    blur_px: Range = (0.45, 0.7)
+    blur_tail_px: Range = (1.2, 2.2)
+    blur_tail: Range = (0.1, 0.3)
+    lag_fast: Range = (0.01, 0.10)
+    lag_fast_keep: Range = (0.1, 0.4)
+    lag_slow: Range = (0.0, 0.02)
+    lag_slow_keep: Range = (0.6, 0.8)
+    electronic: Range = (0.8, 3.0)
+    line_noise: Range = (0.0, 0.4)
+    linear_display: Share = 0.25
+    """Sessions shown on a linear curve; the others on a logarithmic one."""
+    log_contrast: Range = (48.0, 80.0)
+    """Grey levels (of 256) for a factor e in the light."""
+    linear_level: Range = (85.0, 120.0)
+    """Grey level of the field's mean."""
+
+    base_side: Literal["left", "right", "top", "bottom"] = "bottom"
+    base_inset_m: Range = (-1.6e-3, -1.6e-3)
+    """How far inside the first view's border the base lies; negative: beyond it. Inside, the sheath is in view."""
+    base_shift_m: Range = (-10e-3, 10e-3)
+    """Along that border."""
+    base_turn_deg: Range = (-12.0, 12.0)
+    base_tilt_deg: Range = (-8.0, 8.0)
+    """Out of the first view's plane."""
+
+    diameter_m: Range = (1.67e-3, 2.67e-3)
+    electrode_m: Positive = 8e-3
+    ring_m: Positive = 2e-3
+    ring_gap_m: Positive = 2.5e-3
+    barium_sulphate: Range = (0.18, 0.38)
+    wall: Range = (0.22, 0.34)
+    braid: Range = (0.2, 0.5)
+    core: Range = (0.01, 0.06)
+    uneven: Range = (0.0, 0.08)
+
+    devices: tuple[int, int] = (1, 4)
+    """Wires, diagnostic catheters and leads that cross the image."""
+    probe: Share = 0.12
+    """Sessions with an ultrasound probe in the oesophagus."""
+    sway_m: Range = (1e-3, 5e-3)
+    heart_hz: Range = (1.0, 1.5)
+    breath_hz: Range = (0.2, 0.3)
+    breath_m: Range = (2e-3, 14e-3)
+    beat: Range = (0.01, 0.05)
+    spine_x_m: Range = (-45e-3, -15e-3)
+    spine_y_m: Range = (62e-3, 85e-3)
+    bone: Range = (0.7, 1.2)
+    lung: Range = (0.5, 1.0)
+    dome_m: Range = (-75e-3, -45e-3)
+    heart_size: Range = (0.85, 1.2)
+    sternal_wires: Share = 0.35
+    leads: tuple[int, int] = (0, 3)
+
+
+FLUORO = XrayRanges()
+"""One view."""
+BIPLANE = XrayRanges(planes=2, scatter=(0.4, 1.1))
+"""Two views, 90 +- 10 degrees apart; each scatters into the other."""
+_TURNS = {"left": 0.0, "right": math.pi, "top": -0.5 * math.pi, "bottom": 0.5 * math.pi}
+_HALF_PX = 256.0
+Rows = list[tuple[float, float, float]]
+
+
+def sample_xray_scene(ranges: XrayRanges, rng: np.random.Generator) -> XrayScene:
+    """One session's scene.
+
+    >>> one, two = (sample_xray_scene(XrayRanges(), np.random.default_rng(3)) for _ in range(2))
+    >>> one == two
+    True
+    """
+    views = _views(ranges, rng)
+    pose = _base(ranges, rng, views[0].true)
+    anatomy = _anatomy(ranges, rng)
+    turn, place = pose.axis_angle_rad, pose.translation_m
+    return XrayScene(
+        seed=int(rng.integers(2**31)),
+        views=views,
+        base_axis_angle=(float(turn[0]), float(turn[1]), float(turn[2])),
+        base_m=(float(place[0]), float(place[1]), float(place[2])),
+        catheter=_catheter(ranges, rng),
+        devices=_instruments(ranges, rng),
+        rhythm=Rhythm(
+            heart_hz=_of(rng, ranges.heart_hz),
+            breath_hz=_of(rng, ranges.breath_hz),
+            beat=_of(rng, ranges.beat),
+            breath_m=_of(rng, ranges.breath_m),
+            heart_phase=rng.random(),
+            breath_phase=rng.random(),
+        ),
+        anatomy=anatomy,
+    )
+
+
+def _of(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
+    return float(rng.uniform(*bounds))
+
+
+def _views(ranges: XrayRanges, rng: np.random.Generator) -> tuple[XrayView, ...]:
+    first = CArm(
+        primary_deg=_of(rng, ranges.primary_deg),
+        secondary_deg=_of(rng, ranges.secondary_deg),
+        source_detector_m=_of(rng, ranges.source_detector_m),
+        source_object_m=_of(rng, ranges.source_object_m),
+        scale_m_per_px=_of(rng, ranges.scale_m_per_px),
+        roll_deg=_of(rng, ranges.roll_deg),
+        centre_px=(_of(rng, ranges.centre_px), _of(rng, ranges.centre_px)),
+    )
+    arms = [first]
+    if ranges.planes == 2:
+        # The second arm stands across: its primary angle is found so that the central rays part by what is drawn.
+        apart, second = _of(rng, ranges.between_planes_deg), _of(rng, (-5.0, 5.0))
+        s1, s2 = math.radians(first.secondary_deg), math.radians(second)
+        cosine = (math.cos(math.radians(apart)) - math.sin(s1) * math.sin(s2)) / (math.cos(s1) * math.cos(s2))
+        primary = first.primary_deg + math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+        arms.append(
+            CArm(
+                primary_deg=primary,
+                secondary_deg=second,
+                source_detector_m=_of(rng, ranges.source_detector_m),
+                source_object_m=_of(rng, ranges.source_object_m),
+                scale_m_per_px=_of(rng, ranges.scale_m_per_px),
+                roll_deg=_of(rng, ranges.roll_deg),
+                centre_px=(_of(rng, ranges.centre_px), _of(rng, ranges.centre_px)),
+            )
+        )
+    pulse, detector = _of(rng, ranges.pulse_s), _detector(ranges, rng)
+    low, high = (math.log(x) for x in ranges.photons)
+    views: list[XrayView] = []
+    for arm in arms:
+        beam = Beam(
+            photons=math.exp(rng.uniform(low, high)),
+            pulse_s=pulse,
+            rate_hz=ranges.rate_hz,
+            focal_spot_m=_of(rng, ranges.focal_spot_m),
+            control_s=_of(rng, ranges.control_s),
+        )
+        views.append(XrayView(arm, perturbed(arm, ranges.calibration_px, rng), beam, detector))
+    return tuple(views)
+
+
+def _detector(ranges: XrayRanges, rng: np.random.Generator) -> Detector:
+    linear = rng.random() < ranges.linear_display
+    return Detector(
+        scatter=_of(rng, ranges.scatter),
+        scatter_m=_of(rng, ranges.scatter_m),
+        glare=_of(rng, ranges.glare),
+        glare_m=_of(rng, ranges.glare_m),
+        blur_px=(_of(rng, ranges.blur_px), _of(rng, ranges.blur_tail_px)),
+        blur_tail=_of(rng, ranges.blur_tail),
+        lag=(
+            (_of(rng, ranges.lag_fast), _of(rng, ranges.lag_fast_keep)),
+            (_of(rng, ranges.lag_slow), _of(rng, ranges.lag_slow_keep)),
+        ),
+        electronic=_of(rng, ranges.electronic),
+        line_noise=_of(rng, ranges.line_noise),
+        curve="linear" if linear else "log",
+        contrast=_of(rng, ranges.linear_level if linear else ranges.log_contrast),
+    )
+
+
+def _base(ranges: XrayRanges, rng: np.random.Generator, arm: CArm) -> Pose:
+    """The base frame in the patient's: x, y in the first view's image plane through the isocentre, then tilted."""
+    axes = arm.display_axes()  # rows: right, up, toward the viewer
+    half = _HALF_PX * arm.scale_m_per_px
+    inset, along = _of(rng, ranges.base_inset_m), _of(rng, ranges.base_shift_m)
+    turn = _TURNS[ranges.base_side]
+    inward, aside = np.array([math.cos(turn), math.sin(turn)]), np.array([-math.sin(turn), math.cos(turn)])
+    off = arm.scale_m_per_px * np.array([arm.centre_px[0], -arm.centre_px[1]])
+    place = (inset - half) * inward + along * aside - off
+    tilt = math.radians(_of(rng, ranges.base_tilt_deg))
+    spin = turn + math.radians(_of(rng, ranges.base_turn_deg))
+    turned = Pose.from_euler([rng.uniform(-0.1, 0.1), tilt, spin], np.zeros(3)).rotation
+    return Pose(axes.T @ turned, axes[:2].T @ place)
+
+
+def _catheter(ranges: XrayRanges, rng: np.random.Generator) -> CatheterConstruction:
+    step = ranges.ring_m + ranges.ring_gap_m
+    first = ranges.electrode_m + ranges.ring_gap_m
+    return CatheterConstruction(
+        radius_m=0.5 * _of(rng, ranges.diameter_m),
+        electrode_m=ranges.electrode_m,
+        rings_m=tuple((first + k * step, first + k * step + ranges.ring_m) for k in range(3)),
+        barium_sulphate=_of(rng, ranges.barium_sulphate),
+        wall=_of(rng, ranges.wall),
+        braid=_of(rng, ranges.braid),
+        core=_of(rng, ranges.core),
+        uneven=_of(rng, ranges.uneven),
+    )
+
+
+def _anatomy(ranges: XrayRanges, rng: np.random.Generator) -> Anatomy:
+    return Anatomy(
+        spine_m=(_of(rng, ranges.spine_x_m), _of(rng, ranges.spine_y_m)),
+        bone=_of(rng, ranges.bone),
+        lung=_of(rng, ranges.lung),
+        dome_m=_of(rng, ranges.dome_m),
+        heart_size=_of(rng, ranges.heart_size),
+        sternal_wires=int(rng.integers(4, 8)) if rng.random() < ranges.sternal_wires else 0,
+        leads=int(rng.integers(ranges.leads[0], ranges.leads[1] + 1)),
+    )
+
+
+def _instruments(ranges: XrayRanges, rng: np.random.Generator) -> tuple[Instrument, ...]:
+    """What else is in the heart, and with some odds a probe behind it."""
+    found: list[Instrument] = []
+    for _ in range(int(rng.integers(ranges.devices[0], ranges.devices[1] + 1))):
+        kind = str(rng.choice(["wire", "sinus", "ventricle", "lead"], p=[0.3, 0.3, 0.25, 0.15]))
+        knots, radius = _route(kind, rng)
+        name = {"wire": "wire", "lead": "lead"}.get(kind, "diagnostic")
+        stiff = 2.5 if kind == "wire" else 5.0
+        found.append(_instrument(name, radius, knots, rng, _of(rng, ranges.sway_m), stiff))
+    if rng.random() < ranges.probe:
+        knots = np.array([(-8, 48, 110), (-6, 46, 60), (-4, 44, 20), (0, 42, -8)], np.float64)
+        found.append(_instrument("probe", rng.uniform(4.5e-3, 6e-3), knots, rng, 0.5e-3, 3.0))
+    return tuple(found)
+
+
+def _route(kind: str, rng: np.random.Generator) -> tuple[FloatArray, float]:
+    """Knots in millimetres, and the radius; the venae cavae lie at the patient's right, the sinus at the back left."""
+    if kind == "wire":
+        side = rng.choice([-1.0, 1.0])
+        rows: Rows = [(-25, 25, -130), (-22, 20, -60), (-15, 10, -10), (5, 0, 25), (25, -5, 45), (32 * side, -8, 62)]
+        rows += [(26 * side, -10, 72), (18 * side, -8, 66)]  # the J of its end
+        return np.array(rows), 0.44e-3
+    if kind == "sinus":
+        rows = [(-26, 22, -130), (-22, 20, -60), (-18, 18, -28), (-2, 24, -16), (20, 28, -8), (36, 26, 6), (44, 18, 22)]
+        return np.array(rows), rng.uniform(0.85e-3, 1.05e-3)
+    if kind == "ventricle":
+        rows = [(-28, 18, -130), (-24, 14, -60), (-16, 4, -18), (2, -14, -16), (22, -24, -28), (34, -28, -36)]
+        return np.array(rows), rng.uniform(0.8e-3, 1.0e-3)
+    rows = [(-14, 10, 130), (-18, 8, 70), (-20, 6, 25), (-8, -8, -12), (14, -22, -30), (30, -30, -42)]
+    return np.array(rows), rng.uniform(0.9e-3, 1.4e-3)
+
+
+def _instrument(
+    kind: str, radius_m: float, knots_mm: FloatArray, rng: np.random.Generator, sway_m: float, spread_mm: float
+) -> Instrument:
+    moved = 1e-3 * (knots_mm + rng.normal(0, spread_mm, knots_mm.shape) + rng.normal(0, 2 * spread_mm, 3))
+    way = rng.normal(size=3)
+    way *= sway_m / float(np.linalg.norm(way))
+    return Instrument(
+        kind=kind,
+        radius_m=radius_m,
+        knots=tuple((float(x), float(y), float(z)) for x, y, z in moved),
+        sway_m=(float(way[0]), float(way[1]), float(way[2])),
+        phase=rng.random(),
+    )

@@ -1,0 +1,158 @@
+"""All that is painted once a session and view, as attenuation."""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ....geometry import CameraModel
+from ....types import FloatArray, IntArray
+from ._anatomy import Blob, Part, chest_parts, heart_blobs, liver_blobs, spine_parts
+from ._instruments import catheter_tube, instrument_path, instrument_tube, sheath_tube
+from ._scene import Instrument, XrayScene
+from ._tube_kernels import POINTS_PER_M, FloatImage, no_spans
+from ._tube_model import Tube, axial_profile, section_profiles
+
+__all__ = ["COARSE", "MovingInstrument", "StaticLayers", "paint"]
+
+COARSE = 4
+"""Pixels of the image a pixel of the soft layers."""
+_MARGIN = 0.25
+"""By how much of the image's size the moving layers reach over its border, on each side."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MovingInstrument:
+    """A `Instrument` ready to be drawn."""
+
+    instrument: Instrument
+    tube: Tube
+    points_m: FloatArray
+    share: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StaticLayers:
+    """One view's parts.
+
+    ``still`` (h, w); ``chest`` (h + 2 m, w + 2 m) with ``margin`` m; ``heart`` and ``liver`` coarser by `COARSE`, with
+    ``coarse_margin``. ``head_px`` (2,): one metre toward the patient's head at the isocentre.
+    ``heart_px`` (2,): the heart's middle. ``camera``: world = base frame; ``patient_camera``: world = patient's frame.
+    """
+
+    camera: CameraModel
+    patient_camera: CameraModel
+    px_per_m: float
+    catheter: Tube
+    devices: tuple[MovingInstrument, ...]
+    still: FloatImage
+    chest: FloatImage
+    margin: int
+    heart: FloatImage
+    liver: FloatImage
+    coarse_margin: int
+    head_px: FloatArray
+    heart_px: FloatArray
+
+
+def paint(scene: XrayScene, view: int, length_m: float, width: int, height: int) -> StaticLayers:
+    """Paint everything that ``view`` sees for images of ``width`` x ``height``."""
+    plane = scene.views[view]
+    camera, patient = scene.camera(view, width, height), plane.true.camera(width, height)
+    px_per_m = width / 512.0 / plane.true.scale_m_per_px
+    unsharp = plane.beam.focal_spot_m * (plane.true.magnification - 1.0) / plane.true.imager_spacing_m(width)
+    blur = math.hypot(math.sqrt(1.0 / 12.0), unsharp)
+    margin = math.ceil(_MARGIN * width)
+    rng = np.random.default_rng([scene.seed, 1])  # the same patient in both views
+    still, spans = np.zeros((height, width), np.float32), no_spans(height)
+    for part in spine_parts(scene.anatomy, rng):
+        _add_part(part, still, spans, patient, px_per_m, blur)
+    chest = np.zeros((height + 2 * margin, width + 2 * margin), np.float32)
+    wide = _shifted(patient, margin)
+    for part in chest_parts(scene.anatomy, rng):
+        _add_part(part, chest, no_spans(len(chest)), wide, px_per_m, blur)
+    still += _texture(np.random.default_rng([scene.seed, 2, view]), height, width)
+    _add_sheath(scene, still, spans, camera, px_per_m, blur)
+    coarse = CameraModel(
+        patient.focal_px / COARSE,
+        (patient.centre_px - 0.5 * (COARSE - 1)) / COARSE + margin // COARSE,
+        camera_from_world=patient.camera_from_world,
+    )
+    shape = (height // COARSE + 2 * (margin // COARSE), width // COARSE + 2 * (margin // COARSE))
+    middle, slopes = patient.project_with_slopes(np.zeros((1, 3)))
+    devices: list[MovingInstrument] = []
+    for instrument in scene.devices:
+        points, share, long = instrument_path(instrument)
+        devices.append(MovingInstrument(instrument, instrument_tube(instrument, long, px_per_m, blur), points, share))
+    return StaticLayers(
+        camera=camera,
+        patient_camera=patient,
+        px_per_m=px_per_m,
+        catheter=catheter_tube(scene.catheter, length_m, scene.seed, px_per_m, blur),
+        devices=tuple(devices),
+        still=still,
+        chest=chest,
+        margin=margin,
+        heart=_soft(heart_blobs(scene.anatomy), coarse, shape),
+        liver=_soft(liver_blobs(scene.anatomy), coarse, shape),
+        coarse_margin=margin // COARSE,
+        head_px=slopes[0, :, 2],
+        heart_px=middle[0],
+    )
+
+
+def _shifted(camera: CameraModel, margin: int) -> CameraModel:
+    return CameraModel(camera.focal_px, camera.centre_px + margin, camera_from_world=camera.camera_from_world)
+
+
+def _add_part(
+    part: Part, drawn: FloatImage, spans: IntArray, camera: CameraModel, px_per_m: float, blur_px: float
+) -> None:
+    table = section_profiles(part.materials, part.radius_m, px_per_m, blur_px)
+    way = axial_profile(part.length_m, part.sections, len(part.materials))
+    at = np.arange(way.size.size) / POINTS_PER_M
+    for start, end, waist in part.waists:
+        # Narrow in the middle, and the rims rounded off.
+        x = np.clip((2.0 * at - start - end) / (end - start), -1.0, 1.0)
+        inside = np.abs(x) < 1.0
+        way.size[inside] = (1.0 - waist * (1.0 - x**2) - 0.2 * np.maximum(np.abs(x) - 0.9, 0.0) / 0.1)[inside]
+    Tube(part.radius_m, table, way).add(drawn, spans, camera, part.points_m)
+
+
+def _add_sheath(
+    scene: XrayScene, drawn: FloatImage, spans: IntArray, camera: CameraModel, px_per_m: float, blur_px: float
+) -> None:
+    """From the base backwards, gently bent."""
+    rng = np.random.default_rng([scene.seed, 3])
+    s = np.linspace(0.0, 60e-3, 41)
+    bend_y, bend_z = rng.normal(0, 6.0), rng.normal(0, 6.0)
+    points = np.stack([-s, 0.5 * bend_y * s**2, 0.5 * bend_z * s**2], axis=1)
+    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    sheath_tube(scene.catheter, length, px_per_m, blur_px).add(drawn, spans, camera, points)
+
+
+def _texture(rng: np.random.Generator, height: int, width: int) -> FloatImage:
+    """Fat, muscle and the table: slow differences of attenuation."""
+    total = np.zeros((height, width), np.float32)
+    for cells, size in ((3, 0.12), (6, 0.05), (14, 0.02), (40, 0.010), (100, 0.006)):
+        noise = rng.normal(0, size, (cells, cells)).astype(np.float32)
+        total += cv2.resize(noise, (width, height), interpolation=cv2.INTER_CUBIC)
+    return total
+
+
+def _soft(blobs: list[Blob], camera: CameraModel, shape: tuple[int, int]) -> FloatImage:
+    """Attenuation of ellipsoids that run into each other: a soft maximum of their chords, edges softened."""
+    h, w = shape
+    v, u = np.mgrid[0:h, 0:w]
+    rays = camera.rays(np.column_stack([u.ravel(), v.ravel()]))
+    origin = camera.position_m
+    total: npt.NDArray[np.float64] = np.zeros(h * w)
+    for blob in blobs:
+        half = np.array(blob.half_m)
+        start, way = (origin - np.array(blob.middle_m)) / half, rays / half
+        a, b, c = (way**2).sum(axis=1), way @ start, float(start @ start) - 1.0
+        chord = 2.0 * np.sqrt(np.maximum(b * b - a * c, 0.0)) / a
+        total += (blob.per_m * chord) ** 3
+    return np.asarray(cv2.GaussianBlur(np.cbrt(total).astype(np.float32).reshape(h, w), (0, 0), 0.7), np.float32)

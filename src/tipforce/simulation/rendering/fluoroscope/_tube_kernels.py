@@ -1,0 +1,474 @@
+"""The attenuation of a bent tube in space, as the detector sees it.
+
+A tube seen from its side is drawn pixel by pixel: each finds its place along and across the axis; planes across the
+axis at the nodes part the pixels. One that leans toward the source is a row of thin discs across its axis, each of
+which lays its share of the path length on the ellipse that it covers; between the two, one fades into the other. So
+foreshortened and crossing tubes come out right, and all attenuations simply add.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ...._compile import STEADY
+from ....types import FloatArray, IntArray
+from .._raster import columns
+
+__all__ = [
+    "POINTS_PER_M",
+    "STEPS_PER_PX",
+    "add_side_view",
+    "add_tube",
+    "fold_instant",
+    "join_taken",
+    "no_spans",
+    "transmittance",
+]
+
+STEPS_PER_PX = 16
+POINTS_PER_M = 50_000.0
+"""Steps of what varies along a tube: 20 um; between them it is linear."""
+FloatImage = npt.NDArray[np.float32]
+_LEAN = 0.8
+"""Square of the cosine between axis and ray beyond which a tube is drawn as discs: 27 degrees from the ray."""
+_STEP_PX = 0.3
+"""Discs lie no farther apart than this in the image: their sum is even to 0.3 %."""
+_SOFT_PX = 1.0
+"""Half the width over which a disc is smeared along the axis: the pixel's own aperture and the focal spot."""
+
+
+def no_spans(height: int) -> IntArray:
+    """(h, 2): in every row, nothing drawn."""
+    spans = np.zeros((height, 2), np.int64)
+    spans[:, 0] = 1 << 30
+    return spans
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _bell(x: float) -> float:
+    """A smooth step from 0 at -1 to 1 at 1."""
+    if x <= -1.0:
+        return 0.0
+    if x >= 1.0:
+        return 1.0
+    t = 0.5 * (x + 1.0)
+    return t * t * t * (t * (6.0 * t - 15.0) + 10.0)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _seen(camera: FloatArray, points: FloatArray, nodes: FloatArray) -> None:
+    """World ``points`` (n > 2, 3) -> ``nodes`` (n, 7): x, y, z of the camera; u, v; their slope by node number."""
+    n = points.shape[0]
+    for i in range(n):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        for k in range(3):
+            nodes[i, k] = camera[9 + 3 * k] * x + camera[10 + 3 * k] * y + camera[11 + 3 * k] * z + camera[18 + k]
+        nodes[i, 3] = camera[0] * nodes[i, 0] / nodes[i, 2] + camera[2]
+        nodes[i, 4] = camera[1] * nodes[i, 1] / nodes[i, 2] + camera[3]
+    for i in range(n):
+        for k in (3, 4):
+            if i == 0:
+                slope = -1.5 * nodes[0, k] + 2.0 * nodes[1, k] - 0.5 * nodes[2, k]
+            elif i == n - 1:
+                slope = 1.5 * nodes[i, k] - 2.0 * nodes[i - 1, k] + 0.5 * nodes[i - 2, k]
+            else:
+                slope = 0.5 * (nodes[i + 1, k] - nodes[i - 1, k])
+            nodes[i, k + 2] = slope
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
+def _add_disc(
+    drawn: FloatImage,
+    spans: IntArray,
+    at: tuple[float, float, float, float],
+    lean_px: float,
+    bend: float,
+    scale: float,
+    half_px: float,
+    reach: float,
+    weights: FloatArray,
+    table: FloatImage,
+) -> None:
+    """One disc at u, v with the unit tangent (tu, tv) = ``at``; ``lean_px``: how far its rim leans along the tangent.
+
+    ``scale``: the disc's radius over the table's, ``half_px``; ``reach`` of the table, px; ``weights`` (materials,) of
+    its rows.
+    """
+    h, w = drawn.shape
+    qu, qv, tu, tv = at
+    far = reach * scale
+    half = half_px * scale
+    along = lean_px + _SOFT_PX
+    tall = abs(tv) * along + abs(tu) * far
+    per_step = STEPS_PER_PX / scale
+    last = table.shape[1] - 2
+    for v in range(max(0, math.ceil(qv - tall)), min(h, math.floor(qv + tall) + 1)):
+        y = v - qv
+        low, high = -1e9, 1e9
+        if abs(tu) > 1e-9:
+            a, b = (-along - y * tv) / tu, (along - y * tv) / tu
+            low, high = max(low, min(a, b)), min(high, max(a, b))
+        if abs(tv) > 1e-9:
+            a, b = (y * tu - far) / tv, (y * tu + far) / tv
+            low, high = max(low, min(a, b)), min(high, max(a, b))
+        first, end = max(0, math.ceil(qu + low)), min(w, math.floor(qu + high) + 1)
+        if first >= end:
+            continue
+        spans[v, 0] = min(spans[v, 0], first)
+        spans[v, 1] = max(spans[v, 1], end)
+        for u in range(first, end):
+            x = u - qu
+            across = y * tu - x * tv
+            column = abs(across) * per_step
+            k = int(column)
+            if k > last:
+                continue
+            part = column - k
+            value = 0.0
+            for m in range(weights.size):
+                if weights[m] != 0.0:
+                    value += weights[m] * (table[m, k] + (table[m, k + 1] - table[m, k]) * part)
+            e = x * tu + y * tv
+            if lean_px > 0.25:
+                share = across / half
+                q = max(lean_px * math.sqrt(max(1.0 - share * share, 0.0)), 0.25)
+                value *= (_bell((e + q) / _SOFT_PX) - _bell((e - q) / _SOFT_PX)) / (2.0 * q)
+            else:
+                t = 1.0 - (e / _SOFT_PX) ** 2
+                value *= 0.9375 / _SOFT_PX * t * t
+            drawn[v, u] += value * (1.0 - bend * across)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _add_discs(
+    drawn: FloatImage,
+    spans: IntArray,
+    focal: float,
+    nodes: FloatArray,
+    discs: FloatArray,
+    radius_m: float,
+    table: FloatImage,
+    half_px: float,
+    reach_px: float,
+    amount: FloatArray,
+    size: FloatArray,
+) -> None:
+    """`add_tube` for tubes that lean toward the source: a row of thin discs."""
+    h, w = drawn.shape
+    n = nodes.shape[0]
+    weights = np.empty(table.shape[0])
+    top = size.size - 2
+    s = 0.0
+    for i in range(n - 1):
+        j = i + 1
+        dx, dy, dz = nodes[j, 0] - nodes[i, 0], nodes[j, 1] - nodes[i, 1], nodes[j, 2] - nodes[i, 2]
+        length_m = math.sqrt(dx * dx + dy * dy + dz * dz)
+        px_per_m = focal * 2.0 / (nodes[i, 2] + nodes[j, 2])
+        wide = radius_m * px_per_m
+        far = wide + 6.0
+        start_s = s
+        s += length_m
+        if (
+            discs[i] + discs[j] == 0.0
+            or max(nodes[i, 3], nodes[j, 3]) < -far
+            or min(nodes[i, 3], nodes[j, 3]) > w + far
+            or max(nodes[i, 4], nodes[j, 4]) < -far
+            or min(nodes[i, 4], nodes[j, 4]) > h + far
+            or min(nodes[i, 2], nodes[j, 2]) <= 0.0
+        ):
+            continue
+        seen_px = math.sqrt((nodes[j, 3] - nodes[i, 3]) ** 2 + (nodes[j, 4] - nodes[i, 4]) ** 2)
+        mx, my, mz = (
+            0.5 * (nodes[i, 0] + nodes[j, 0]),
+            0.5 * (nodes[i, 1] + nodes[j, 1]),
+            0.5 * (nodes[i, 2] + nodes[j, 2]),
+        )
+        cosine = abs(dx * mx + dy * my + dz * mz) / (length_m * math.sqrt(mx * mx + my * my + mz * mz))
+        step_px = _STEP_PX * (1.0 + min(1.0, wide * cosine))  # leaning discs are smeared more
+        count = max(1, math.ceil(max(seen_px / step_px, length_m * px_per_m / 2.0)))
+        turn = nodes[i, 5] * nodes[j, 6] - nodes[i, 6] * nodes[j, 5]
+        norm = math.sqrt((nodes[i, 5] ** 2 + nodes[i, 6] ** 2) * (nodes[j, 5] ** 2 + nodes[j, 6] ** 2))
+        bend = 0.0
+        if norm > 0.0 and seen_px > 0.2:
+            bend = math.asin(max(-1.0, min(1.0, turn / norm))) / seen_px
+            bend = max(-0.5 / wide, min(0.5 / wide, bend))
+        step = length_m / count
+        for c in range(count):
+            t = (c + 0.5) / count
+            t2, t3 = t * t, t * t * t
+            h1, h2, h3, h4 = 2 * t3 - 3 * t2 + 1, t3 - 2 * t2 + t, 3 * t2 - 2 * t3, t3 - t2
+            g1, g2, g4 = 6 * t2 - 6 * t, 3 * t2 - 4 * t + 1, 3 * t2 - 2 * t
+            qu = h1 * nodes[i, 3] + h2 * nodes[i, 5] + h3 * nodes[j, 3] + h4 * nodes[j, 5]
+            qv = h1 * nodes[i, 4] + h2 * nodes[i, 6] + h3 * nodes[j, 4] + h4 * nodes[j, 6]
+            tu = g1 * (nodes[i, 3] - nodes[j, 3]) + g2 * nodes[i, 5] + g4 * nodes[j, 5]
+            tv = g1 * (nodes[i, 4] - nodes[j, 4]) + g2 * nodes[i, 6] + g4 * nodes[j, 6]
+            norm = math.sqrt(tu * tu + tv * tv)
+            if norm > 1e-9:
+                tu, tv = tu / norm, tv / norm
+            else:
+                tu, tv = 1.0, 0.0
+            from_s = (start_s + c * step) * POINTS_PER_M
+            to_s = from_s + step * POINTS_PER_M
+            a, b = min(int(from_s), top), min(int(to_s), top)
+            fa, fb = min(from_s - a, 1.0), min(to_s - b, 1.0)
+            thick = size[(a + b) // 2]
+            mine = discs[i] + t * (discs[j] - discs[i])
+            empty = True
+            for m in range(weights.size):
+                before = amount[m, a] + (amount[m, a + 1] - amount[m, a]) * fa
+                weights[m] = (amount[m, b] + (amount[m, b + 1] - amount[m, b]) * fb - before) * px_per_m * thick * mine
+                empty = empty and weights[m] == 0.0
+            if empty:
+                continue
+            scale = max(thick, 0.2) * wide / half_px
+            _add_disc(
+                drawn, spans, (qu, qv, tu, tv), thick * wide * cosine, bend, scale, half_px, reach_px, weights, table
+            )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _part(nodes: FloatArray, discs: FloatArray) -> tuple[bool, bool]:
+    """``discs`` (n,): 1 at nodes of stretches that are seen more from their end, else 0; whether some are 1, are 0."""
+    discs[:] = 0.0
+    for i in range(nodes.shape[0] - 1):
+        along, total, size = 0.0, 0.0, 0.0
+        for k in range(3):
+            d = nodes[i + 1, k] - nodes[i, k]
+            along += d * nodes[i, k]
+            total += d * d
+            size += nodes[i, k] * nodes[i, k]
+        if along * along > _LEAN * total * size:
+            discs[i] = discs[i + 1] = 1.0
+    return discs.max() > 0.0, discs.min() < 1.0
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def add_tube(
+    drawn: FloatImage,
+    spans: IntArray,
+    camera: FloatArray,
+    points: FloatArray,
+    radius_m: float,
+    table: FloatImage,
+    half_px: float,
+    reach_px: float,
+    amount: FloatArray,
+    size: FloatArray,
+) -> None:
+    """Add the attenuation of a tube along ``points`` (n, 3), world, m, uniform in arc length, to ``drawn`` (h, w).
+
+    ``spans`` (h, 2) grows to hold what is touched. ``camera``: `CameraModel.row` (no distortion is looked at);
+    ``table``, ``half_px``, ``reach_px``: `SectionProfile`; ``amount``, ``size``: `AxialProfile`.
+    """
+    nodes = np.empty((points.shape[0], 7))
+    _seen(camera, points, nodes)
+    discs = np.empty(points.shape[0])
+    some, others = _part(nodes, discs)
+    if some:
+        _add_discs(drawn, spans, camera[1], nodes, discs, radius_m, table, half_px, reach_px, amount, size)
+    if others:
+        add_side_view(drawn, spans, camera[1], nodes, discs, radius_m, table, half_px, reach_px, amount, size)
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
+def fold_instant(drawn: FloatImage, spans: IntArray, mean: FloatImage, weight: float) -> None:
+    """Add ``weight`` times what ``drawn`` takes from the light, 1 - exp(-drawn), to ``mean``; empty ``drawn``."""
+    share, over = np.float32(weight), np.float32(1.0 / 64.0)
+    for v in range(drawn.shape[0]):
+        first, end = spans[v, 0], spans[v, 1]
+        if first < end:
+            row, out = drawn[v, first:end], mean[v, first:end]
+            for u in range(row.size):
+                out[u] += share * (np.float32(1.0) - transmittance(row[u] * over))
+                row[u] = np.float32(0.0)
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
+def join_taken(tube: FloatImage, spans: IntArray, taken: FloatImage) -> None:
+    """What one behind the other takes: 1 - (1 - ``taken``) (1 - ``tube``), into ``taken``; empty ``tube``."""
+    for v in range(tube.shape[0]):
+        for u in range(spans[v, 0], spans[v, 1]):
+            taken[v, u] += tube[v, u] * (np.float32(1.0) - taken[v, u])
+            tube[v, u] = np.float32(0.0)
+
+
+_CAPACITY = 1032
+"""Most pixels of a slab that are drawn in one go."""
+
+
+class _Segment(NamedTuple):
+    """A tube between two nodes, in the image.
+
+    ``axis``: where it begins, and the coefficients of its cubic, as u, v pairs. ``sizes``: arc length where it begins,
+    its length, m; half its width, px; how far a disc's rim leans, px; m along it that a pixel shows. ``discs``: shares
+    at both ends that are drawn as discs; ``thicker``: path through it over that through a tube across the ray.
+    """
+
+    axis: tuple[float, float, float, float, float, float, float, float]
+    sizes: tuple[float, float, float, float, float]
+    discs: tuple[float, float]
+    thicker: float
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
+def _lay_slab(
+    drawn: FloatImage,
+    heap: FloatArray,
+    kept: int,
+    stretch: _Segment,
+    table: FloatImage,
+    half_px: float,
+    amount: FloatArray,
+    size: FloatArray,
+    active: IntArray,
+) -> None:
+    """Add to ``drawn`` what ``kept`` pixels of a slab take; ``heap``: their u, v, and how far from its two planes.
+
+    What needs no table goes through vector instructions, with roots and divisions: all numbers lie in one array, a
+    fixed way apart, so that the compiler sees that they do not overlap.
+    """
+    last, top = table.shape[1] - 2, size.size - 2
+    ax, ay, x1, y1, x2, y2, x3, y3 = stretch.axis
+    start_s, length_m, wide, lean, metres = stretch.sizes
+    for i in range(kept):
+        u, v, ahead, left = heap[i], heap[i + _CAPACITY], heap[i + 2 * _CAPACITY], heap[i + 3 * _CAPACITY]
+        # Exact for a circle's arc: the share of the way at which the axis passes beside the pixel.
+        t = ahead / (ahead + left)
+        c = min(max(t, 0.0), 1.0)
+        qx, qy = ((x3 * c + x2) * c + x1) * c + ax, ((y3 * c + y2) * c + y1) * c + ay
+        gx, gy = (3 * x3 * c + 2 * x2) * c + x1, (3 * y3 * c + 2 * y2) * c + y1
+        across = ((v - qy) * gx - (u - qx) * gy) / math.sqrt(gx * gx + gy * gy)
+        share = across / wide
+        smear = (0.6 + lean * math.sqrt(max(1.0 - share * share, 0.0))) * metres * POINTS_PER_M
+        heap[i + 2 * _CAPACITY], heap[i + 3 * _CAPACITY] = c, (start_s + t * length_m) * POINTS_PER_M
+        heap[i + 4 * _CAPACITY], heap[i + 5 * _CAPACITY] = abs(across) * half_px, smear
+    for i in range(kept):
+        c, middle, smear = heap[i + 2 * _CAPACITY], heap[i + 3 * _CAPACITY], heap[i + 5 * _CAPACITY]
+        thick = size[min(max(int(middle), 0), top)]
+        column = heap[i + 4 * _CAPACITY] / (wide * max(thick, 0.2)) * STEPS_PER_PX
+        k = int(column)
+        if k > last:
+            continue
+        part = column - k
+        low_s, high_s = max(middle - smear, 0.0), max(middle + smear, 0.0)
+        e, f = min(int(low_s), top), min(int(high_s), top)
+        fe, ff = min(low_s - e, 1.0), min(high_s - f, 1.0)
+        value = 0.0
+        for m in active:
+            much = amount[m, f] + (amount[m, f + 1] - amount[m, f]) * ff
+            much -= amount[m, e] + (amount[m, e + 1] - amount[m, e]) * fe
+            value += much * (table[m, k] + (table[m, k + 1] - table[m, k]) * part)
+        value *= 1.0 - stretch.discs[0] - c * (stretch.discs[1] - stretch.discs[0])
+        v, u = int(heap[i + _CAPACITY]), int(heap[i])
+        drawn[v, u] += value * thick * stretch.thicker * POINTS_PER_M / (2.0 * smear)
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
+def add_side_view(
+    drawn: FloatImage,
+    spans: IntArray,
+    focal: float,
+    nodes: FloatArray,
+    discs: FloatArray,
+    radius_m: float,
+    table: FloatImage,
+    half_px: float,
+    reach_px: float,
+    amount: FloatArray,
+    size: FloatArray,
+) -> None:
+    """`add_tube` for tubes that are seen from the side: planes across the axis at the nodes part the pixels.
+
+    What changes along the tube is smeared over the aperture and over how far its discs lean.
+    """
+    h, w = drawn.shape
+    n = nodes.shape[0]
+    materials = table.shape[0]
+    top = size.size - 2
+    active, heap = np.empty(materials, np.int64), np.empty(6 * _CAPACITY)
+    s = 0.0
+    for i in range(n - 1):
+        j = i + 1
+        dx, dy, dz = nodes[j, 0] - nodes[i, 0], nodes[j, 1] - nodes[i, 1], nodes[j, 2] - nodes[i, 2]
+        length_m = math.sqrt(dx * dx + dy * dy + dz * dz)
+        px_per_m = focal * 2.0 / (nodes[i, 2] + nodes[j, 2])
+        start_s = s
+        s += length_m
+        if discs[i] + discs[j] == 2.0:
+            continue
+        wide = radius_m * px_per_m
+        far = reach_px * wide / half_px
+        ax, ay, bx, by = nodes[i, 3], nodes[i, 4], nodes[j, 3], nodes[j, 4]
+        if max(ax, bx) < -far or min(ax, bx) > w + far or max(ay, by) < -far or min(ay, by) > h + far:
+            continue
+        chord = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
+        p, q = math.sqrt(nodes[i, 5] ** 2 + nodes[i, 6] ** 2), math.sqrt(nodes[j, 5] ** 2 + nodes[j, 6] ** 2)
+        tx, ty, ox, oy = nodes[i, 5] / p, nodes[i, 6] / p, nodes[j, 5] / q, nodes[j, 6] / q
+        metres = length_m / chord  # along the tube, a pixel of the image
+        thicker = metres * px_per_m
+        lean = wide * math.sqrt(max(1.0 - 1.0 / (thicker * thicker), 0.0))
+        before, after = (2.0 if i == 0 else 0.0), (2.0 if j == n - 1 else 0.0)  # the ends' blurred edges
+        # Only what there is of materials on this stretch is looked up; the smear reaches over its ends.
+        margin = (0.6 + lean + 2.0) * metres
+        first = min(max(int((start_s - margin) * POINTS_PER_M), 0), top)
+        final = min(max(int((s + margin) * POINTS_PER_M) + 1, 0), top + 1)
+        count = 0
+        for m in range(materials):
+            if amount[m, final] != amount[m, first]:
+                active[count] = m
+                count += 1
+        if count == 0:
+            continue
+        # The axis is a cubic of the share of the way: Horner's coefficients.
+        x1, y1 = nodes[i, 5], nodes[i, 6]
+        x2, y2 = 3 * (bx - ax) - 2 * x1 - nodes[j, 5], 3 * (by - ay) - 2 * y1 - nodes[j, 6]
+        x3, y3 = 2 * (ax - bx) + x1 + nodes[j, 5], 2 * (ay - by) + y1 + nodes[j, 6]
+        mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
+        cx, cy = (bx - ax) / chord, (by - ay) / chord
+        bow = 0.15 * chord * abs(tx * oy - ty * ox) + 0.5
+        axis, sizes = (ax, ay, x1, y1, x2, y2, x3, y3), (start_s, length_m, wide, lean, metres)
+        stretch = _Segment(axis, sizes, (discs[i], discs[j]), thicker)
+        kept = 0
+        for v in range(max(0, int(min(ay, by) - far - 2.0)), min(h, int(max(ay, by) + far + 2.0) + 2)):
+            low, high = max(0, int(min(ax, bx) - far - 2.0)), min(w, int(max(ax, bx) + far + 2.0) + 2)
+            low, high = columns(low, high, tx, (v - ay) * ty - ax * tx + before)
+            low, high = columns(low, high, -ox, (by - v) * oy + bx * ox + after)
+            level = (v - my) * cx + mx * cy
+            low, high = columns(low, high, -cy, level + far + bow)
+            low, high = columns(low, high, cy, far + bow - level)
+            if low >= high:
+                continue
+            spans[v, 0] = min(spans[v, 0], low)
+            spans[v, 1] = max(spans[v, 1], high)
+            for u in range(low, high):
+                ahead, left = (u - ax) * tx + (v - ay) * ty, (bx - u) * ox + (by - v) * oy
+                if ahead < -before or left <= -after:
+                    continue
+                heap[kept], heap[kept + _CAPACITY], heap[kept + 2 * _CAPACITY], heap[kept + 3 * _CAPACITY] = (
+                    u,
+                    v,
+                    ahead,
+                    left,
+                )
+                kept += 1
+                if kept == _CAPACITY:
+                    _lay_slab(drawn, heap, kept, stretch, table, half_px, amount, size, active[:count])
+                    kept = 0
+        _lay_slab(drawn, heap, kept, stretch, table, half_px, amount, size, active[:count])
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY, inline="always")
+def transmittance(x: np.float32) -> np.float32:
+    """exp(-64 ``x``): the series of exp(-``x``) up to its fourth power, squared six times."""
+    one, half, third, quarter = np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0), np.float32(0.25)
+    y = one - x * (one - half * x * (one - third * x * (one - quarter * x)))
+    y *= y
+    y *= y
+    y *= y
+    y *= y
+    y *= y
+    y *= y
+    return y

@@ -1,0 +1,161 @@
+"""The model of a session's bench: rod, wall, where they meet, and the smooth centreline through the rod's nodes."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ...mechanics import SpatialRod, SpatialWall, damping_of_loss_factor
+from ...types import FloatArray
+from ._parameters import SessionParameters
+from .settings import ShaftSettings, WorldSettings
+
+__all__ = ["BenchModel", "build_bench_model", "smooth_centrelines", "times"]
+
+_SEGMENT_M = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BenchModel:
+    """A session's rod and wall, and where they meet. Directions in the base frame.
+
+    ``forward``, ``across`` (3,): the stage's axes; ``forward`` points into the nominal wall, so the tissue comes
+    forward against it. ``touch_m`` (3,): a point of the wall's surface when it just meets the tip as it hangs under
+    ``touch_curvature_per_m``. ``support_m``: how far the unloaded dome reaches along the wall's normal, over
+    ``support_curvature_per_m``, both (k,).
+    """
+
+    parameters: SessionParameters
+    rod: SpatialRod
+    wall: SpatialWall
+    forward: FloatArray
+    across: FloatArray
+    touch_m: FloatArray
+    touch_reach_m: float
+    support_curvature_per_m: FloatArray
+    support_m: FloatArray
+    settings: WorldSettings
+
+    @property
+    def radius_m(self) -> float:
+        """Of the electrode and its dome."""
+        return 0.5 * self.parameters.device.diameter_m
+
+    def directed(self, stage: FloatArray) -> FloatArray:
+        """(m, 2) of the stage's axes -> (m, 3) in the base frame. Forward, the tissue comes against the tip."""
+        return times(stage, np.stack([-self.forward, self.across]))
+
+    def curvature_per_m(self, transmitted_deg: FloatArray, drift: FloatArray) -> FloatArray:
+        """(m,) of the unloaded shaft in its plane of bending, from the knob behind its play and the relative drift."""
+        return self.settings.actuation.gain_per_m_deg * self.parameters.knob_factor * transmitted_deg * (1.0 + drift)
+
+    def reach_m(self, curvature_per_m: FloatArray) -> FloatArray:
+        """(m,) curvature of the unloaded shaft -> (m,) how far its dome reaches beyond first touch, along the stage."""
+        reach = np.interp(curvature_per_m, self.support_curvature_per_m, self.support_m)
+        return (reach - self.touch_reach_m) / float(self.forward @ self.wall.normal)
+
+
+def _tip_of(rod: SpatialRod, curvature_per_m: float, radius_m: float) -> tuple[FloatArray, FloatArray]:
+    """Middle of the dome and the electrode's direction, of the rod without load."""
+    strain = np.asarray(rod.precurvature_per_m) + np.array([0.0, 0.0, curvature_per_m])
+    nodes = rod.nodes_m(replace(rod, precurvature_per_m=strain).unloaded_quaternions)
+    axis = nodes[-1] - nodes[-2]
+    axis /= np.linalg.norm(axis)
+    return nodes[-1] - radius_m * axis, axis
+
+
+def _profile(shaft: ShaftSettings, joints: FloatArray) -> FloatArray:
+    """Factors on EI at ``joints`` (k,), shares of the flexible length."""
+    profile = np.where(joints < 1 / 3, 1.0 + shaft.proximal_stiffer, 1.0)
+    if shaft.stiffness_knots:
+        places, factors = np.transpose(shaft.stiffness_knots)
+        profile = profile * np.interp(joints, places, factors)
+    return profile
+
+
+def build_bench_model(
+    settings: WorldSettings, parameters: SessionParameters, segment_m: float = _SEGMENT_M
+) -> BenchModel:
+    """Rod, in segments of about so much, and wall of a session.
+
+    Raises ValueError where a drawn value has no physical meaning.
+    """
+    shaft, device = settings.shaft, parameters.device
+    segments = max(20, round(device.flexible_length_m / segment_m))
+    joints = np.linspace(0.0, 1.0, segments + 1)
+    relaxed = device.stiffness_nm2 / (1.0 + shaft.creep_share)  # EI is what answers at once
+    rod = SpatialRod(
+        flexible_length_m=device.flexible_length_m,
+        bending_stiffness_nm2=relaxed,
+        rigid_length_m=shaft.rigid_length_m,
+        torsional_stiffness_nm2=shaft.torsion_over_bending * relaxed,
+        precurvature_per_m=np.array([0.0, parameters.out_of_plane_per_m, 0.0]),
+        stiffening_curvature_per_m=shaft.stiffening_curvature_per_m,
+        stiffness_profile=_profile(shaft, joints),
+        segments=segments,
+    )
+    gain = settings.actuation.gain_per_m_deg * parameters.knob_factor
+    start = gain * (parameters.knob_low_deg + parameters.play_start_deg)
+    radius = 0.5 * device.diameter_m
+    centre, axis = _tip_of(rod, start, radius)
+    angle = math.atan2(axis[1], axis[0]) + math.radians(parameters.contact_angle_deg)
+    forward = np.array([math.cos(angle), math.sin(angle), 0.0])
+    tilt = math.radians(parameters.tilt_deg)
+    normal = math.cos(tilt) * forward + np.array([0.0, 0.0, math.sin(tilt)])
+    spread = 0.2 * abs(gain) * max(parameters.knob_high_deg, 1.0) + 5.0
+    curvatures = np.linspace(gain * parameters.knob_low_deg - spread, gain * parameters.knob_high_deg + spread, 60)
+    support = np.array([_tip_of(rod, float(c), radius)[0] @ normal for c in curvatures])
+    stiffness = parameters.wall_stiffness_n_per_m
+    return BenchModel(
+        parameters=parameters,
+        rod=rod,
+        wall=SpatialWall(
+            normal=normal,
+            stiffness_n_per_m=stiffness,
+            damping_ns_per_m=damping_of_loss_factor(stiffness, settings.wall.loss_factor, settings.wall.loss_hz),
+            friction=parameters.friction,
+            side_stiffness_n_per_m2=settings.wall.side_stiffness_n_per_m2,
+        ),
+        forward=forward,
+        across=np.array([-forward[1], forward[0], 0.0]),
+        touch_m=centre + radius * normal,
+        touch_reach_m=float(centre @ normal),
+        support_curvature_per_m=curvatures,
+        support_m=support,
+        settings=settings,
+    )
+
+
+@lru_cache(maxsize=16)
+def _weights(segments: int, flexible_m: float, length_m: float, points: int) -> tuple[FloatArray, FloatArray]:
+    """(points, segments + 3): of the shaft's nodes and its end slopes; (points,): way beyond the shaft's end."""
+    arc = np.linspace(0.0, flexible_m, segments + 1)
+    unit = np.eye(segments + 3)
+    spline = CubicSpline(arc, unit[: segments + 1], bc_type=((1, unit[-2]), (1, unit[-1])))  # pyright: ignore[reportArgumentType]
+    wanted = np.linspace(0.0, length_m, points)
+    return spline(np.minimum(wanted, flexible_m)), np.maximum(wanted - flexible_m, 0.0)
+
+
+def smooth_centrelines(
+    rod: SpatialRod, quaternions: FloatArray, points: int, advance_m: float | FloatArray = 0.0
+) -> FloatArray:
+    """(k, segments + 1, 4) -> (k, points, 3): base to tip, uniform in arc length, base frame.
+
+    ``advance_m`` (k,): how far the clamp has moved along x.
+
+    A cubic spline through the ends of the shaft's segments, tangent to clamp and electrode, then the straight
+    electrode: the corners of a polyline with segments of a millimetre would lie 0.01 px beside it.
+    """
+    nodes = rod.nodes_m(quaternions, advance_m)
+    axis = (nodes[:, -1:] - nodes[:, -2:-1]) / rod.rigid_length_m
+    clamp = np.tile([1.0, 0.0, 0.0], (len(nodes), 1, 1))
+    weights, beyond = _weights(rod.segments, rod.flexible_length_m, rod.length_m, points)
+    return weights @ np.concatenate([nodes[:, :-1], clamp, axis], axis=1) + beyond[:, None] * axis
+
+
+def times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
+    """(n, k) times (k, m). The library that does it rounds one row alone in another way than two and more."""
+    many = rows if len(rows) != 1 else np.repeat(rows, 2, axis=0)
+    return (many @ matrix)[: len(rows)]

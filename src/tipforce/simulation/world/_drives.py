@@ -1,0 +1,160 @@
+"""A driven axis: commands go in, positions come out, within what the drive can do."""
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ...types import FloatArray
+
+__all__ = ["Axis", "AxisModel", "Drive"]
+
+
+@dataclass(frozen=True, slots=True)
+class AxisModel:
+    """A stepper or servo axis, in its own unit (m or degrees).
+
+    ``step``: what it can resolve. ``delay_s``: from a command to the beginning of its effect; ``lag_s``: time constant
+    with which what is driven follows the motor.
+    """
+
+    step: float
+    max_speed: float
+    max_acceleration: float
+    delay_s: float = 0.0
+    lag_s: float = 0.0
+    low: float = -math.inf
+    high: float = math.inf
+
+
+@njit(cache=True, error_model="numpy")
+def _safe_speed(room: float, acceleration: float, dt_s: float) -> float:
+    """The fastest from which an axis that is commanded so each ``dt_s`` still comes to rest within ``room``."""
+    step = acceleration * dt_s
+    return -0.5 * step + math.sqrt(0.25 * step * step + 2.0 * acceleration * max(room - 0.125 * step * dt_s, 0.0))
+
+
+@njit(cache=True, error_model="numpy")
+def _follow(
+    commands: FloatArray,
+    dt_s: float,
+    max_speed: float,
+    max_acceleration: float,
+    low: float,
+    high: float,
+    place: float,
+    speed: float,
+    out: FloatArray,
+) -> tuple[float, float]:
+    """Time after time toward the command: as fast as it can, but able to stop there; NaN: to rest where it can.
+
+    Returns place and speed.
+    """
+    for row in range(commands.size):
+        gap = min(max(commands[row], low), high) - place
+        if math.isnan(commands[row]):
+            wanted = 0.0
+        else:
+            # Fastest speed from which the axis still comes to rest within the gap, and that does not jump over it.
+            brake = math.sqrt(2.0 * max_acceleration * abs(gap))
+            wanted = math.copysign(min(brake, max_speed, abs(gap) / dt_s), gap)
+        wanted = min(wanted, max(_safe_speed(high - place, max_acceleration, dt_s), 0.0))
+        wanted = max(wanted, -max(_safe_speed(place - low, max_acceleration, dt_s), 0.0))
+        change = min(max(wanted - speed, -max_acceleration * dt_s), max_acceleration * dt_s)
+        speed += change
+        place += speed * dt_s
+        out[row] = place
+    return place, speed
+
+
+@njit(cache=True, error_model="numpy")
+def _lag(positions: FloatArray, share: float, place: float) -> float:
+    """Each of ``positions`` becomes where a first-order lag then is; returns the last."""
+    for row in range(positions.size):
+        place += share * (positions[row] - place)
+        positions[row] = place
+    return place
+
+
+class Axis:
+    """Follows commands given at a fixed rate; it goes on from where the last ones left it.
+
+    >>> axis = Axis(AxisModel(step=1e-5, max_speed=0.1, max_acceleration=1.0), dt_s=1e-3)
+    >>> bool(axis.follow(np.array([0.05]))[0] < 1e-4)  # it has mass
+    True
+    """
+
+    def __init__(self, model: AxisModel, dt_s: float, start: float = 0.0, speed: float = 0.0) -> None:
+        self.model, self.dt_s = model, dt_s
+        self._place, self._speed = start, speed
+        self._driven = start
+
+    def follow(self, commands: FloatArray) -> FloatArray:
+        """(m,) commands, one each ``dt_s``, NaN to brake -> (m,) positions at the same instants, not yet in steps."""
+        positions = np.empty(len(commands))
+        model = self.model
+        self._place, self._speed = _follow(
+            np.ascontiguousarray(commands), self.dt_s, model.max_speed, model.max_acceleration, model.low, model.high,
+            self._place, self._speed, positions,
+        )  # fmt: skip
+        if model.lag_s > 0.0:
+            self._driven = _lag(positions, -math.expm1(-self.dt_s / model.lag_s), self._driven)
+        return positions
+
+    def resolved(self, positions: FloatArray) -> FloatArray:
+        """``positions`` in whole steps: what the axis comes to and reads back."""
+        steps = np.round(positions / self.model.step) * self.model.step
+        return np.minimum(np.maximum(steps, self.model.low), self.model.high)
+
+
+class Drive:
+    """An axis over a session: it plays its ``programme`` (m,) until it is commanded.
+
+    ``by_hand``: the programme is where the axis really is, for a hand or nothing moves it, and the motor takes over
+    from there; otherwise the programme is what the motor is commanded.
+    """
+
+    def __init__(self, model: AxisModel, dt_s: float, programme: FloatArray, *, by_hand: bool) -> None:
+        self.model, self.dt_s, self.programme, self.by_hand = model, dt_s, programme, by_hand
+        self.late = round(model.delay_s / dt_s)
+        """Instants from a command to its effect."""
+        self._axis = None if by_hand else Axis(model, dt_s, start=float(programme[0]))
+        self._rows: list[int] = []
+        self._targets: list[float] = []
+
+    def command(self, row: int, target: float) -> None:
+        """From instant ``row`` on the axis is commanded to go to ``target``; NaN: to brake. Rows never fall."""
+        self._rows.append(row)
+        self._targets.append(target)
+
+    @property
+    def taken_over(self) -> int | None:
+        """The instant from which commands have an effect, if there are any."""
+        return self._rows[0] + self.late if self._rows else None
+
+    def commands(self, first: int, end: int) -> FloatArray:
+        """What the axis is commanded at the instants from ``first`` to ``end``; before the first one, as in that."""
+        commanded = self.programme[np.clip(np.arange(first, end), 0, None)]
+        for index in range(max(0, bisect_right(self._rows, first) - 1), len(self._rows)):
+            commanded[max(0, self._rows[index] - first) :] = self._targets[index]
+        return commanded
+
+    def run(self, first: int, end: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The next instants: what the axis is commanded, where it goes, and that in steps; (end - first,) each."""
+        commanded, smooth = self.commands(first, end), self.programme[first:end].copy()
+        places = smooth
+        hand_over = self.taken_over
+        start = first if self._axis is not None else end if hand_over is None else min(max(hand_over, first), end)
+        if start < end:
+            if self._axis is None:
+                here, before = (float(self.programme[max(0, start - back)]) for back in (1, 2))
+                self._axis = Axis(self.model, self.dt_s, here, (here - before) / self.dt_s)
+            moved = self._axis.follow(self.commands(start - self.late, end - self.late))
+            smooth[start - first :] = moved
+            places = smooth.copy()
+            places[start - first :] = self._axis.resolved(moved)
+        resting = np.isnan(commanded)
+        commanded[resting] = places[resting]
+        return commanded, smooth, places

@@ -1,0 +1,128 @@
+"""The force sensor under the tissue: it rides on the stage, with its pose, bias, drift, noise, steps and clock."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...geometry import Pose
+from ...types import FloatArray, IntArray
+from ._bench_model import times
+from .settings import ClockSettings, SensorSettings
+
+__all__ = ["ForceSensor", "Load", "SensorLog", "read_sensor"]
+
+GRAVITY_M_PER_S2 = np.array([0.0, 0.0, -9.80665])
+"""Base frame: the camera looks down on a level bench."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Load:
+    """What acts on the sensor, instant by instant on the bench's own time, in the base frame.
+
+    ``time_s`` (m,). ``force_n`` (m, 3): of the tip on the tissue. ``lever_m`` (m, 3): from the sensor's origin to
+    where the tip touches. ``acceleration_m_per_s2`` (m, 3): of the stage. ``side``: force and lever (m, 3) of the
+    shaft's side, where that touches.
+    """
+
+    time_s: FloatArray
+    force_n: FloatArray
+    lever_m: FloatArray
+    acceleration_m_per_s2: FloatArray
+    side: tuple[FloatArray, FloatArray] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorLog:
+    """What the sensor's logger wrote, and what is true of it.
+
+    ``stamp_ns`` (k,): the logger's clock, from its zero. ``force_n``, ``torque_nm`` (k, 3): the sensor's frame.
+    ``true_s`` (k,): when that really was, on the camera's clock. ``rotation`` (3, 3): base frame to the sensor's;
+    ``nominal_angle_deg``: what the person at the bench takes for it, a turn about z. ``offset_s``, ``drift``: camera
+    time = logger's time (1 + drift) + offset. ``bias_n`` (3,), ``drift_n_per_s`` (3,).
+    """
+
+    stamp_ns: IntArray
+    force_n: FloatArray
+    torque_nm: FloatArray
+    true_s: FloatArray
+    rotation: FloatArray
+    nominal_angle_deg: float
+    offset_s: float
+    drift: float
+    bias_n: FloatArray
+    drift_n_per_s: FloatArray
+
+
+class ForceSensor:
+    """Readings at the sensor's rate for ``seconds`` of its own clock, from its zero.
+
+    The sensor is screwed on with its x axis along the stage's normal, ``normal_angle_rad`` from the base frame's x,
+    a direction that is read off to whole degrees. The rows of ``log`` are filled by `take`.
+    """
+
+    def __init__(
+        self,
+        settings: SensorSettings,
+        clock: ClockSettings,
+        normal_angle_rad: float,
+        seconds: float,
+        rng: np.random.Generator,
+    ) -> None:
+        offset = float(rng.uniform(*clock.force_offset_ms)) * 1e-3
+        drift = float(rng.uniform(*clock.force_drift_ppm)) * 1e-6
+        nominal = float(round(math.degrees(normal_angle_rad)))
+        error = np.radians(rng.uniform(*settings.pose_error_deg, 3))
+        turn = Pose.from_euler(error + np.array([0.0, 0.0, math.radians(nominal)]), np.zeros(3))
+        own: FloatArray = np.arange(round(seconds * settings.rate_hz), dtype=np.float64) / settings.rate_hz
+        self.settings = settings
+        self.log = SensorLog(
+            stamp_ns=np.round(own * 1e9).astype(np.int64),
+            force_n=np.zeros((own.size, 3)),
+            torque_nm=np.zeros((own.size, 3)),
+            true_s=own * (1.0 + drift) + offset,
+            rotation=turn.rotation.T,
+            nominal_angle_deg=nominal,
+            offset_s=offset,
+            drift=drift,
+            bias_n=rng.uniform(*settings.bias_n, 3),
+            drift_n_per_s=rng.uniform(*settings.drift_n_per_min, 3) / 60.0,
+        )
+        self._noise_n = settings.noise_n * rng.standard_normal((own.size, 3))
+        self._torque_noise_nm = settings.torque_noise_nm * rng.standard_normal((own.size, 3))
+
+    def take(self, load: Load, first: int, end: int) -> None:
+        """The readings from ``first`` to ``end``, exclusive, all within the times of ``load``."""
+        settings, log, rows = self.settings, self.log, slice(first, end)
+        true = log.true_s[rows]
+
+        def at(values: FloatArray) -> FloatArray:
+            return np.stack([np.interp(true, load.time_s, values[:, k]) for k in range(3)], axis=1)
+
+        carried = settings.moving_mass_kg * (GRAVITY_M_PER_S2 - at(load.acceleration_m_per_s2))
+        tip = at(load.force_n)
+        moment = np.cross(at(load.lever_m), tip)
+        if load.side is not None:
+            side = at(load.side[0])
+            moment = moment + np.cross(at(load.side[1]), side)
+            tip = tip + side
+        force = times(tip + carried, log.rotation.T) + log.bias_n + log.drift_n_per_s * true[:, None]
+        force += self._noise_n[rows]
+        torque = times(moment, log.rotation.T) + self._torque_noise_nm[rows]
+        step = np.array(settings.step_n)
+        log.force_n[rows] = np.round(force / step) * step
+        log.torque_nm[rows] = np.round(torque / settings.torque_step_nm) * settings.torque_step_nm
+
+
+def read_sensor(
+    settings: SensorSettings,
+    clock: ClockSettings,
+    load: Load,
+    normal_angle_rad: float,
+    seconds: float,
+    rng: np.random.Generator,
+) -> SensorLog:
+    """All readings of a `ForceSensor` under ``load`` at once."""
+    sensor = ForceSensor(settings, clock, normal_angle_rad, seconds, rng)
+    sensor.take(load, 0, len(sensor.log.stamp_ns))
+    return sensor.log

@@ -1,0 +1,139 @@
+"""The motion profile of a session before its amplitude is solved: knob, drift and waves."""
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy.signal import lfilter
+
+from ...mechanics import HeartMotion, Play
+from ...types import FloatArray
+from ._bench_model import BenchModel
+from ._parameters import SessionParameters
+
+__all__ = [
+    "APPROACH_S",
+    "LEAD_S",
+    "STEP_S",
+    "TRAIL_S",
+    "Motion",
+    "MotionProfile",
+    "compose_motion",
+    "instants_until",
+    "knob_trajectory",
+    "slow_drift",
+]
+
+
+def knob_trajectory(parameters: SessionParameters, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """(m,) the knob's angle over a session: still, or going to and fro with pauses of up to two seconds."""
+    low, high, speed = parameters.knob_low_deg, parameters.knob_high_deg, parameters.knob_speed_deg_per_s
+    if speed == 0.0 or high == low:
+        return np.full(time_s.size, parameters.knob_low_deg)
+    times, angles = [float(time_s[0])], [float(rng.uniform(low, high))]
+    while times[-1] < time_s[-1]:
+        goal = float(rng.uniform(low, high))
+        times.append(times[-1] + abs(goal - angles[-1]) / speed + 1e-3)
+        angles.append(goal)
+        times.append(times[-1] + float(rng.uniform(0.0, 2.0)))
+        angles.append(goal)
+    return np.interp(time_s, times, angles)
+
+
+def slow_drift(rms: float, correlation_s: float, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """(m,) a stationary Gauss-Markov course (Ornstein-Uhlenbeck), exact 200 times in its correlation time."""
+    knots = np.arange(time_s[0], time_s[-1] + correlation_s / 100, correlation_s / 200)
+    keep = math.exp(-1 / 200)
+    kicks = rng.standard_normal(knots.size)
+    kicks[1:] *= math.sqrt(1 - keep * keep)
+    return rms * np.interp(time_s, knots, np.asarray(lfilter([1.0], [1.0, -keep], kicks)))
+
+
+STEP_S = 1e-3
+"""Between instants of a session."""
+LEAD_S, TRAIL_S = 0.5, 0.3
+"""Simulated before the first frame and after the last: the force log's clock lies off by less."""
+APPROACH_S = 1.5
+CLEARANCE_M = 3e-3
+"""Between tip and wall where they are closest while the sensor is tared."""
+
+
+def instants_until(time_s: float) -> int:
+    """How many instants of a session lie at or before ``time_s`` on the camera's clock."""
+    return math.floor((time_s + LEAD_S) / STEP_S + 1e-6) + 1
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What is solved for: amplitude along the normal, and how far the stage stands off."""
+
+    amplitude_m: float
+    standoff_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionProfile:
+    """The motion of a session before its amplitude is known: (m,) each.
+
+    ``transmitted_deg``: the knob behind its play; ``drift``: relative, of the curvature that follows from it.
+    """
+
+    time_s: FloatArray
+    knob_deg: FloatArray
+    transmitted_deg: FloatArray
+    drift: FloatArray
+    curvature_per_m: FloatArray
+    wave: FloatArray
+    lateral: FloatArray
+    breath_m: FloatArray
+
+    def thinned(self, step: int, start_s: float, end_s: float) -> "MotionProfile":
+        """Every ``step``-th instant from ``start_s`` to ``end_s``."""
+        rows = np.flatnonzero((self.time_s >= start_s) & (self.time_s <= end_s))[::step]
+        return MotionProfile(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    def push_m(self, bench_model: BenchModel, amplitude_m: float) -> FloatArray:
+        """How far the wall would stand beyond first touch without standing off."""
+        return amplitude_m * self.wave + self.breath_m + bench_model.reach_m(self.curvature_per_m)
+
+    def standoff_m(self, bench_model: BenchModel, amplitude_m: float) -> float:
+        """What frees the tip for the wanted share of the beats."""
+        beating = self.time_s > bench_model.settings.tare_s + APPROACH_S
+        return float(np.quantile(self.push_m(bench_model, amplitude_m)[beating], bench_model.parameters.free_share))
+
+    def programme_m(self, bench_model: BenchModel, motion: Motion) -> FloatArray:
+        """(m, 2): commands of the stage, forward and across; at first out of the tip's reach, for the tare."""
+        push = self.push_m(bench_model, motion.amplitude_m)
+        near = np.clip((self.time_s - bench_model.settings.tare_s) / APPROACH_S, 0.0, 1.0)
+        away = (1.0 - near * near * (3.0 - 2.0 * near)) * (push.max() - motion.standoff_m + CLEARANCE_M)
+        forward = motion.amplitude_m * self.wave + self.breath_m - motion.standoff_m - away
+        return np.stack([forward, motion.amplitude_m * self.lateral], axis=1)
+
+
+def compose_motion(bench_model: BenchModel, time_s: FloatArray, rng: np.random.Generator) -> MotionProfile:
+    """Knob, drift and waves over ``time_s``, evenly spaced."""
+    parameters, settings = bench_model.parameters, bench_model.settings
+    knob = knob_trajectory(parameters, time_s, rng)
+    actuation = settings.actuation
+    transmitted = Play(actuation.play_deg, output=float(knob[0]) + parameters.play_start_deg).run(knob)
+    drift = slow_drift(actuation.drift_rms, actuation.drift_s, time_s, rng)
+    heart = HeartMotion(
+        amplitude_m=1.0,  # to be solved for
+        beat_hz=parameters.beat_hz,
+        wave=parameters.wave,
+        lateral_share=parameters.lateral_share,
+        lateral_phase_rad=parameters.lateral_phase,
+        respiration_m=parameters.respiration_m,
+        respiration_hz=settings.motion.respiration_hz,
+        respiration_phase_rad=parameters.respiration_phase,
+    )
+    return MotionProfile(
+        time_s=time_s,
+        knob_deg=knob,
+        transmitted_deg=transmitted,
+        drift=drift,
+        curvature_per_m=bench_model.curvature_per_m(transmitted, drift),
+        wave=heart.forward(time_s),
+        lateral=heart.lateral(time_s),
+        breath_m=heart.respiration(time_s),
+    )

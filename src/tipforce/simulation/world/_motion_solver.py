@@ -1,0 +1,184 @@
+"""Solves how far a session's stage must move for the wanted largest force, by trial."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ...mechanics import SpatialContactSolver
+from ...types import FloatArray
+from ._bench_model import BenchModel
+from ._motion_profile import APPROACH_S, STEP_S, Motion, MotionProfile
+from ._trajectory import Trajectory, TrajectoryIntegrator, integrate_trajectory, thinned
+
+__all__ = ["FAST", "FINE", "Resolution", "rejection_reason", "solve"]
+
+_COARSE_S = 4e-3
+_TRIALS = 15
+_CHUNK = 1000
+"""Instants of a trial between two looks at its force."""
+_ENOUGH = 1.5
+"""A trial that comes to so many times the wanted force says no more by going on."""
+_LEAST_N = 1e-3
+_RAMP_M = 0.3e-3
+"""Steps in which the tip is first pressed on the wall at rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Resolution:
+    """How finely a session is run. The stage always moves at every instant.
+
+    ``every``: the rod follows at every so many. ``trial_every``: in the trials that solve the motion; 0: stage and rod
+    every 4 ms. ``trial_segment_m``: length of the rod's segments in them; 0: the session's own. ``peak_n``: how near
+    the largest force then comes to the drawn one; 0: the amplitude to 10 um.
+    """
+
+    every: int = 1
+    trial_every: int = 0
+    trial_segment_m: float = 0.0
+    peak_n: float = 0.0
+
+
+FINE = Resolution()
+"""What recordings are made with."""
+FAST = Resolution(every=5, trial_every=20, trial_segment_m=2e-3, peak_n=5e-3)
+"""For single images: on the same motion the force is mostly within 0.2 mN rms of that of `FINE`, in less time."""
+_TOO_LITTLE = "too little force at the largest amplitude"
+_TOO_MUCH = "too much force at the smallest amplitude"
+
+
+def solve(bench_model: BenchModel, motion_profile: MotionProfile, resolution: Resolution) -> Motion | str:
+    """Returns the motion that gives the peak force and frees the tip long enough, or the rejection reason."""
+    settings = bench_model.settings
+    # Two breaths show all that happens while the knob stands still.
+    span = APPROACH_S + 2.0 / settings.motion.respiration_hz
+    end = settings.tare_s + span if settings.actuation.knob_deg_per_s == 0.0 else settings.seconds
+    coarse = motion_profile.thinned(1 if resolution.trial_every else round(_COARSE_S / STEP_S), settings.tare_s, end)
+    return (
+        _solve_approximately(bench_model, motion_profile, coarse, resolution)
+        if resolution.trial_every
+        else _solve_exactly(bench_model, motion_profile, coarse)
+    )
+
+
+def _peak_n(trajectory: Trajectory) -> float:
+    return float(np.linalg.norm(trajectory.contact.force_n, axis=1).max())
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    """Where ``function`` crosses zero, to 10 um."""
+    return float(cast("float", brentq(function, low, high, xtol=1e-5)))
+
+
+def _solve_exactly(bench_model: BenchModel, motion_profile: MotionProfile, coarse: MotionProfile) -> Motion | str:
+    """The amplitude to 10 um."""
+
+    def motion(amplitude: float) -> Motion:
+        return Motion(amplitude, motion_profile.standoff_m(bench_model, amplitude))
+
+    wanted, peaks = bench_model.parameters.peak_force_n, dict[float, float]()
+
+    def excess(amplitude: float) -> float:
+        if amplitude not in peaks:
+            peaks[amplitude] = _peak_n(integrate_trajectory(bench_model, coarse, motion(amplitude)))
+        return peaks[amplitude] - wanted
+
+    low, high = bench_model.settings.motion.amplitude_m
+    if excess(high) < 0.0:
+        return _TOO_LITTLE
+    peaks[low] = _peak_n(_trial(bench_model, coarse, motion(low), 1, wanted)[0])
+    if excess(low) > 0.0:
+        return _TOO_MUCH
+    found = motion(_root(excess, low, high))
+    return _side_contact(bench_model, integrate_trajectory(bench_model, coarse, found)) or found
+
+
+def _solve_approximately(
+    bench_model: BenchModel, motion_profile: MotionProfile, coarse: MotionProfile, resolution: Resolution
+) -> Motion | str:
+    """Returns an amplitude whose largest force is within ``resolution.peak_n``, or why the session is rejected.
+
+    The wall at rest tells which depth gives which force; each trial then tells how far off that is.
+    """
+    wanted = bench_model.parameters.peak_force_n
+    low, high = bench_model.settings.motion.amplitude_m
+    amplitudes, forces = _static_forces(bench_model, coarse)
+    below, above, ratio = 0.0, math.inf, 1.0
+    for _ in range(_TRIALS):
+        at = min(max(float(np.interp(wanted / ratio, forces, amplitudes)), low), high)
+        if math.isfinite(above) and below > 0.0:
+            share = 0.1 * (above - below)
+            at = min(max(at, below + share), above - share)
+        motion = Motion(at, motion_profile.standoff_m(bench_model, at))
+        trajectory, whole = _trial(
+            bench_model, coarse, motion, resolution.trial_every, wanted if at <= low else _ENOUGH * wanted
+        )
+        peak = _peak_n(trajectory)
+        if whole and abs(peak - wanted) <= resolution.peak_n:
+            return rejection_reason(bench_model, trajectory) or motion
+        if peak > wanted:
+            if at <= low:
+                return _TOO_MUCH
+            above = at
+        else:
+            if at >= high:
+                return _TOO_LITTLE
+            below = at
+        ratio = max(peak, _LEAST_N) / max(float(np.interp(at, amplitudes, forces)), _LEAST_N)
+    return "no amplitude gives the force"
+
+
+def _static_forces(bench_model: BenchModel, coarse: MotionProfile) -> tuple[FloatArray, FloatArray]:
+    """(k,) amplitudes, and (k,) the force that the wall at rest gives where the stage then comes farthest."""
+    amplitudes = np.linspace(*bench_model.settings.motion.amplitude_m, 16)
+    deepest = np.array(
+        [float(coarse.push_m(bench_model, a).max()) - coarse.standoff_m(bench_model, a) for a in amplitudes]
+    )
+    depth = np.arange(-_RAMP_M, float(deepest.max()) + _RAMP_M, _RAMP_M)
+    press = SpatialContactSolver(bench_model.rod, bench_model.wall, 1.0, bench_model.radius_m)
+    turned = np.zeros((depth.size, 3))
+    turned[:, 2] = np.median(coarse.curvature_per_m)
+    beyond = bench_model.reach_m(turned[:1, 2]) - depth
+    wall = bench_model.touch_m + bench_model.directed(np.stack([-beyond, np.zeros(depth.size)], axis=1))
+    force = np.linalg.norm(press.run(wall, turned).force_n, axis=1)
+    return amplitudes, np.interp(deepest, depth, np.maximum.accumulate(force))
+
+
+def _trial(
+    bench_model: BenchModel, coarse: MotionProfile, motion: Motion, every: int, enough_n: float
+) -> tuple[Trajectory, bool]:
+    """The trajectory until more than ``enough_n`` is reached, and whether that is all of it."""
+    run, count = TrajectoryIntegrator(bench_model, coarse, motion, every), coarse.time_s.size
+    while run.done < count:
+        first = run.done
+        run.advance(first + _CHUNK)
+        now = np.linalg.norm(run.trajectory.contact.force_n[first : run.done], axis=1)
+        if float(now.max()) > enough_n:
+            break
+    return thinned(run.trajectory, every), run.done == count
+
+
+def rejection_reason(bench_model: BenchModel, trajectory: Trajectory) -> str:
+    """Returns why the session is rejected, or an empty string."""
+    contact, motion = trajectory.contact, bench_model.settings.motion
+    if not contact.converged.all():
+        return "no equilibrium found"
+    if not 0.95 * motion.peak_force_n[0] <= _peak_n(trajectory) <= 1.05 * motion.peak_force_n[1]:
+        return "peak force out of range"
+    beating = trajectory.time_s > bench_model.settings.tare_s + APPROACH_S
+    free = 1.0 - float(contact.touching[beating].mean())
+    if not motion.free_share[0] <= free <= motion.free_share[1]:
+        return "time without contact out of range"
+    return _side_contact(bench_model, trajectory)
+
+
+def _side_contact(bench_model: BenchModel, trajectory: Trajectory) -> str:
+    """Returns the rejection reason that the dome does not touch, or an empty string."""
+    if bench_model.wall.side_stiffness_n_per_m2 > 0.0:
+        return ""  # the side touches too
+    contact = trajectory.contact
+    steepest = float((contact.tip_axes(contact.touching) @ bench_model.wall.normal).min(initial=1.0))
+    return "the electrode's side, not its dome, would touch" if steepest < 0.05 else ""

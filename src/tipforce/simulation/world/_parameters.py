@@ -1,0 +1,105 @@
+"""The parameters of one session, drawn from the settings of a bench."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...mechanics import HEART_WAVES
+from .._fields import Range
+from .settings import WorldSettings
+
+__all__ = ["Device", "SessionParameters", "sample_device", "sample_parameters"]
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """One catheter: true values, and the nominal ones of its metadata."""
+
+    diameter_m: float
+    flexible_length_m: float
+    stiffness_nm2: float
+    nominal_flexible_length_m: float
+    nominal_stiffness_nm2: float
+
+
+@dataclass(frozen=True, slots=True)
+class SessionParameters:
+    """The parameters of one session, except the wall's motion, which is solved afterwards. Angles in the base frame.
+
+    ``peak_force_n`` and ``free_share`` are what the motion is solved for.
+    """
+
+    device: Device
+    out_of_plane_per_m: float
+    knob_factor: float
+    play_start_deg: float
+    """Where in its backlash the mechanism rests at the start, from the middle."""
+    knob_low_deg: float
+    knob_high_deg: float
+    knob_speed_deg_per_s: float
+    contact_angle_deg: float
+    tilt_deg: float
+    wall_stiffness_n_per_m: float
+    friction: float
+    wave: str
+    beat_hz: float
+    lateral_share: float
+    lateral_phase: float
+    respiration_m: float
+    respiration_phase: float
+    peak_force_n: float
+    free_share: float
+
+
+def sample_device(settings: WorldSettings, seed: int, session: int, redraw: int = 0) -> Device:
+    """The catheter of a session: the same for ``sessions_per_catheter`` of them in a row; ``redraw``: the next one."""
+    shaft = settings.shaft
+    key = [seed, session // shaft.sessions_per_catheter, 0]
+    rng = np.random.default_rng([*key, redraw] if redraw else key)
+    length, stiffness = rng.uniform(*shaft.flexible_length_m), rng.uniform(*shaft.stiffness_nm2)
+    diameter = rng.uniform(*shaft.diameter_m)
+    off = 1.0 + rng.uniform(-shaft.known_to, shaft.known_to, 2)
+    return Device(
+        diameter_m=float(diameter),
+        flexible_length_m=float(length),
+        stiffness_nm2=float(stiffness),
+        nominal_flexible_length_m=shaft.nominal_flexible_length_m or float(length * off[0]),
+        nominal_stiffness_nm2=shaft.nominal_stiffness_nm2 or float(stiffness * off[1]),
+    )
+
+
+def sample_parameters(settings: WorldSettings, device: Device, rng: np.random.Generator) -> SessionParameters:
+    """Samples the parameters of one session."""
+
+    def one(bounds: Range) -> float:
+        return float(rng.uniform(*bounds))
+
+    def turn() -> float:
+        return one((0.0, 2 * math.pi))
+
+    actuation, wall, motion = settings.actuation, settings.wall, settings.motion
+    knob = sorted(rng.uniform(*actuation.knob_deg, 2).tolist())
+    side = -1.0 if wall.either_side and rng.random() < 0.5 else 1.0
+    names = list(HEART_WAVES)
+    return SessionParameters(
+        device=device,
+        out_of_plane_per_m=one(settings.shaft.out_of_plane_per_m),
+        knob_factor=one(actuation.factor),
+        play_start_deg=one((-actuation.play_deg / 2, actuation.play_deg / 2)),
+        knob_low_deg=knob[0],
+        knob_high_deg=knob[1],
+        knob_speed_deg_per_s=actuation.knob_deg_per_s * one((0.1, 1.0)),
+        contact_angle_deg=side * one(wall.contact_angle_deg),
+        tilt_deg=one(wall.tilt_deg),
+        wall_stiffness_n_per_m=one(wall.stiffness_n_per_m),
+        friction=one(wall.friction),
+        wave=names[1] if rng.random() < motion.half_wave_share else names[0],
+        beat_hz=one(motion.beat_hz),
+        lateral_share=one(motion.lateral_share),
+        lateral_phase=turn(),
+        respiration_m=one(motion.respiration_m),
+        respiration_phase=turn(),
+        peak_force_n=one(motion.peak_force_n),
+        free_share=one(motion.free_share),
+    )

@@ -1,0 +1,218 @@
+"""The trajectory of one session, instant by instant: knob, clamp, stage and wall move, the rod follows."""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from ...mechanics import Play, SpatialContact, SpatialContactSolver
+from ...types import FloatArray
+from ._bench_model import BenchModel
+from ._drives import AxisModel, Drive
+from ._motion_profile import Motion, MotionProfile
+from .settings import WorldSettings
+
+__all__ = ["Trajectory", "TrajectoryIntegrator", "integrate_trajectory", "thinned"]
+
+_BLOCK = 4096
+"""Instants at once: enough for nothing but the rod to cost time."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """A session instant by instant.
+
+    ``time_s`` (m,) on the camera's clock; ``knob_deg``, ``advance_m`` (m,); ``curvature_per_m`` (m,) of the unloaded
+    shaft in its plane of bending; ``command_m``, ``stage_m`` (m, 2): the stage's axes, commanded and reached, forward
+    positive against the tip; ``acceleration_m_per_s2`` (m, 3) of the stage, base frame; ``wall_m`` (m, 3): where the
+    point of the undented surface that was touched first is. ``radius_m``: of dome and shaft.
+    """
+
+    time_s: FloatArray
+    knob_deg: FloatArray
+    advance_m: FloatArray
+    curvature_per_m: FloatArray
+    command_m: FloatArray
+    stage_m: FloatArray
+    acceleration_m_per_s2: FloatArray
+    wall_m: FloatArray
+    contact: SpatialContact
+    radius_m: float
+
+    def side_touch_m(self, rows: slice) -> FloatArray:
+        """(m, 3): where the force on the shaft's side acts; where it does not touch, a point of the wall."""
+        contact, wall = self.contact, self.contact.wall
+        nodes = contact.rod.nodes_m(contact.quaternions[rows], contact.advance_m[rows])[:, 1:-1]
+        normal = np.asarray(wall.normal)
+        depth = np.maximum((nodes - self.wall_m[rows, None]) @ normal + self.radius_m, 0.0)
+        total = depth.sum(axis=1, keepdims=True)
+        centre = (depth[..., None] * nodes).sum(axis=1) / np.maximum(total, 1e-30)
+        return np.where(total > 0.0, centre + self.radius_m * normal, self.wall_m[rows])
+
+
+def _drives(
+    settings: WorldSettings, motion_profile: MotionProfile, programme_m: FloatArray
+) -> tuple[Drive, Drive, Drive, Drive]:
+    """Clamp, knob, and the stage's two axes: what a session does by itself is their programme."""
+    dt = float(motion_profile.time_s[1] - motion_profile.time_s[0])
+    clamp, knob, motion = settings.clamp, settings.knob_drive, settings.motion
+    stage = AxisModel(
+        motion.step_m,
+        motion.max_speed_m_per_s,
+        motion.max_acceleration_m_per_s2,
+        motion.delay_s,
+        motion.lag_s,
+        *motion.travel_m,
+    )
+    return (
+        Drive(
+            AxisModel(
+                clamp.step_m,
+                clamp.max_speed_m_per_s,
+                clamp.max_acceleration_m_per_s2,
+                clamp.delay_s,
+                clamp.lag_s,
+                *clamp.travel_m,
+            ),
+            dt,
+            np.zeros(motion_profile.time_s.size),
+            by_hand=True,
+        ),
+        Drive(
+            AxisModel(
+                knob.step_deg,
+                knob.max_speed_deg_per_s,
+                knob.max_acceleration_deg_per_s2,
+                knob.delay_s,
+                knob.lag_s,
+                *knob.travel_deg,
+            ),
+            dt,
+            motion_profile.knob_deg,
+            by_hand=True,
+        ),
+        Drive(stage, dt, programme_m[:, 0], by_hand=False),
+        Drive(stage, dt, programme_m[:, 1], by_hand=False),
+    )
+
+
+class TrajectoryIntegrator:
+    """A session that is made to happen as far as it is asked for, while its drives may be commanded.
+
+    ``clamp``, ``knob``, ``forward``, ``across``: the drives, in m and degrees. ``trajectory``: its rows are true up to
+    ``done``, their accelerations up to ``settled``. However it is cut into pieces, the same comes out. ``every``: the
+    rod follows at every so many instants only, and other rows of the contact stay empty; the drives move at all.
+    """
+
+    def __init__(self, bench_model: BenchModel, motion_profile: MotionProfile, motion: Motion, every: int = 1) -> None:
+        settings = bench_model.settings
+        self.bench_model, self._motion_profile, self._every = bench_model, motion_profile, every
+        self.drives = self.clamp, self.knob, self.forward, self.across = _drives(
+            settings, motion_profile, motion_profile.programme_m(bench_model, motion)
+        )
+        self._dt = float(motion_profile.time_s[1] - motion_profile.time_s[0])
+        self._press = SpatialContactSolver(
+            bench_model.rod,
+            bench_model.wall,
+            every * self._dt,
+            bench_model.radius_m,
+            creep=settings.shaft.creep_share,
+            creep_time_s=settings.shaft.creep_s,
+        )
+        self._play: Play | None = None
+        count = motion_profile.time_s.size
+        self._smooth = np.zeros((count, 2))
+        self.done = self.settled = 0
+        self.trajectory = Trajectory(
+            time_s=motion_profile.time_s,
+            knob_deg=np.zeros(count),
+            advance_m=np.zeros(count),
+            curvature_per_m=np.zeros(count),
+            command_m=np.zeros((count, 2)),
+            stage_m=np.zeros((count, 2)),
+            acceleration_m_per_s2=np.zeros((count, 3)),
+            wall_m=np.zeros((count, 3)),
+            contact=_allocate(self._press.run(np.zeros((0, 3))), count),
+            radius_m=bench_model.radius_m,
+        )
+
+    def advance(self, end: int) -> None:
+        """Let it happen up to the instant ``end``, exclusive, where that has not been done."""
+        end = min(end, self.trajectory.time_s.size)
+        while self.done < end:
+            self._integrate(self.done, min(end, self.done + _BLOCK))
+            self._update_acceleration()
+
+    def _integrate(self, first: int, end: int) -> None:
+        rows, trajectory, bench_model = slice(first, end), self.trajectory, self.bench_model
+        _, _, trajectory.advance_m[rows] = self.clamp.run(first, end)
+        _, _, trajectory.knob_deg[rows] = self.knob.run(first, end)
+        for k, drive in enumerate((self.forward, self.across)):
+            trajectory.command_m[rows, k], self._smooth[rows, k], trajectory.stage_m[rows, k] = drive.run(first, end)
+        trajectory.curvature_per_m[rows] = bench_model.curvature_per_m(
+            self._transmitted(first, end), self._motion_profile.drift[rows]
+        )
+        trajectory.wall_m[rows] = bench_model.touch_m + bench_model.directed(trajectory.stage_m[rows])
+        pressed = slice(first + -first % self._every, end, self._every)
+        curvature = trajectory.curvature_per_m[pressed]
+        zero = np.zeros(curvature.size)
+        contact = self._press.run(
+            trajectory.wall_m[pressed],
+            np.stack([zero, zero, curvature], axis=1),
+            trajectory.advance_m[pressed],
+        )
+        for name in _ROWS:
+            getattr(trajectory.contact, name)[pressed] = getattr(contact, name)
+        self.done = end
+
+    def _transmitted(self, first: int, end: int) -> FloatArray:
+        """(m,) what the knob's play lets through: as planned until the knob's drive takes over."""
+        transmitted, taken = self._motion_profile.transmitted_deg[first:end], self.knob.taken_over
+        if taken is None or taken >= end:
+            return transmitted
+        if self._play is None:
+            first = max(first, taken)
+            before = float(self._motion_profile.transmitted_deg[max(0, first - 1)])
+            self._play = Play(self.bench_model.settings.actuation.play_deg, output=before)
+        own = self._play.run(self.trajectory.knob_deg[first:end])
+        return np.concatenate([transmitted[: transmitted.size - own.size], own])
+
+    def _update_acceleration(self) -> None:
+        """The stage's acceleration, by central differences: it is known two instants after the position."""
+        first, whole = self.settled, self.done == self.trajectory.time_s.size
+        end = self.done if whole else self.done - 2
+        start = max(0, first - 2)
+        if end <= first or self.done - start < 2:
+            return
+        smooth = self._smooth[start : self.done]
+        twice = np.gradient(np.gradient(smooth, self._dt, axis=0), self._dt, axis=0)
+        self.trajectory.acceleration_m_per_s2[first:end] = self.bench_model.directed(twice[first - start : end - start])
+        self.settled = end
+
+
+_ROWS = tuple(field.name for field in fields(SpatialContact) if field.name not in ("rod", "wall"))
+
+
+def _allocate(none: SpatialContact, count: int) -> SpatialContact:
+    """Room for ``count`` instants, shaped as in a contact of no instants."""
+    rows = {name: getattr(none, name) for name in _ROWS}
+    return replace(none, **{name: np.zeros((count, *row.shape[1:]), row.dtype) for name, row in rows.items()})
+
+
+def integrate_trajectory(
+    bench_model: BenchModel, motion_profile: MotionProfile, motion: Motion, every: int = 1
+) -> Trajectory:
+    """Integrates a session from beginning to end, with nobody commanding, at the instants of ``motion_profile``.
+
+    ``every``: the rod is solved, and reported, at every so many of them.
+    """
+    run = TrajectoryIntegrator(bench_model, motion_profile, motion, every)
+    run.advance(motion_profile.time_s.size)
+    return run.trajectory if every == 1 else thinned(run.trajectory, every)
+
+
+def thinned(trajectory: Trajectory, every: int) -> Trajectory:
+    """Every so many of its instants."""
+    rows = {name: getattr(trajectory.contact, name)[::every] for name in _ROWS}
+    others = [field.name for field in fields(Trajectory) if field.name not in ("contact", "radius_m")]
+    plain = {name: getattr(trajectory, name)[::every] for name in others}
+    return replace(trajectory, contact=replace(trajectory.contact, **rows), **plain)

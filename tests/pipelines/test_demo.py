@@ -1,0 +1,75 @@
+"""The demo types commands that exist, and trains nothing on the sessions that it judges on."""
+
+import json
+import subprocess
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from typer.main import get_command
+
+from tipforce.cli import app
+from tipforce.errors import TipforceError
+from tipforce.pipelines import _demo, demo
+
+COMMANDS = get_command(app).commands  # type: ignore[attr-defined]
+ERRORS = {"pretrained/compact": 0.02, "compact": 0.01, "svr": 0.03}
+
+
+@pytest.fixture
+def typed(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """The commands that the demo types; instead of running, they are parsed, and evaluate leaves figures."""
+    commands: list[list[str]] = []
+
+    def run(command: list[str], **_: object) -> SimpleNamespace:
+        verb, *words = command[3:]
+        assert COMMANDS[verb].make_context(verb, list(words)).command is COMMANDS[verb]
+        commands.append([verb, *words])
+        if verb == "evaluate":
+            report = Path(words[words.index("-o") + 1])
+            report.mkdir(exist_ok=True)
+            results = [
+                {"method": name, "against_sensor": {"quantities": {"magnitude": {"mae_n": error}}}}
+                for name, error in ERRORS.items()
+            ]
+            (report / "metrics.json").write_text(json.dumps({"results": results}))
+        return SimpleNamespace(returncode=0, stderr="clock offset +1 ms (from the deflection)\n")
+
+    monkeypatch.setattr(subprocess, "run", run)
+    return commands
+
+
+def of(typed: list[list[str]], verb: str) -> list[list[str]]:
+    return [words for words in typed if words[0] == verb]
+
+
+def test_every_command_can_be_typed_and_no_model_sees_the_last_two_sessions(
+    typed: list[list[str]], tmp_path: Path
+) -> None:
+    told: list[str] = []
+    done = demo(tmp_path / "demo", sessions=4, say=lambda text, _: told.append(text))
+    assert len(of(typed, "import")) == 4
+    for words in of(typed, "train"):
+        left_out = [words[i + 1] for i, word in enumerate(words) if word == "--without"]
+        assert left_out == ["session_02", "session_03"]
+    assert sum(text.startswith("$ tipforce ") for text in told) == len(typed)
+    assert done.best == str(tmp_path / "demo" / "models" / "compact")
+    assert of(typed, "estimate")[0][1:3] == [done.best, str(tmp_path / "demo" / "bench" / "session_03" / "video.mp4")]
+    assert {"simulate", "import", "train", "evaluate", "first report", "estimate", "splits", "total"} == {*done.seconds}
+
+
+def test_without_torch_fine_tuning_is_skipped_in_a_sentence(
+    typed: list[list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_demo.importlib.util, "find_spec", lambda _: None)
+    told: list[str] = []
+    done = demo(tmp_path / "demo", sessions=3, say=lambda text, _: told.append(text))
+    assert [words[words.index("--estimator") + 1] for words in of(typed, "train")] == ["svr"]
+    assert any("torch is not installed" in text for text in told)
+    assert done.best == "pretrained/compact"
+
+
+def test_a_command_that_fails_ends_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=2, stderr="a reason"))
+    with pytest.raises(TipforceError, match=r"simulate .* exit code 2"):
+        demo(tmp_path / "demo", say=lambda *_: None)
