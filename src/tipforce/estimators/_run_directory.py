@@ -29,7 +29,7 @@ def load_initial_model(recipe: Estimator, start: str | None, *, resume: bool = F
         start = f"pretrained/{recipe.name}"
     model = load_model(start)
     if not isinstance(model, FineTunable) or model.name != recipe.name:
-        raise InputError(f"init_from={start}: is a {model.name}, and {recipe.name} cannot begin with its weights")
+        raise InputError(f"init_from={start}: is a {model.name}, and {recipe.name} cannot start from its weights")
     return model
 
 
