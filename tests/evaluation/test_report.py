@@ -263,6 +263,8 @@ def test_of_several_views_the_gallery_shows_the_one_that_the_method_looks_at(mak
         vision: VisionSettings = VisionSettings(view="b")
 
     class LooksAtB(ridge_class):
+        views = ("b",)
+
         def __init__(self, settings=None):
             super().__init__(settings or SeeingSettings())
 
