@@ -17,7 +17,7 @@ class Status(StrEnum):
     """The shape bends past 90 degrees: no polynomial y(x) describes it."""
     MISSING_INPUT = "missing_input"
     """An actuation value that the method was trained with is absent."""
-    OUT_OF_DOMAIN = "out_of_domain"
+    OUT_OF_DISTRIBUTION = "out_of_distribution"
     UNOBSERVABLE = "unobservable"
     FOLD = "fold"
     STALE = "stale"
