@@ -40,7 +40,7 @@ AXES = ("x", "y", "z")
 
 def rmse_n(estimator: Estimator, test: Dataset) -> dict[str, Any]:
     """RMSE in newtons of the answers, by component and for the magnitude, and the share that was refused."""
-    answers = estimator.answers(test)
+    answers = estimator.predict(test)
     force: FloatArray = np.array([answer.force_n for answer in answers])
     size: FloatArray = np.array([answer.magnitude_n for answer in answers])
     found = {"magnitude": error_metrics(test.magnitude_n, size)["rmse_n"]}

@@ -107,7 +107,7 @@ def test_without_the_knob_nothing_is_begun_and_the_option_is_named(
         main()
     assert caught.value.code == 2
     needed = "does not carry knob_deg, which the model needs; record it, or where it is constant state "
-    needed += "--fact actuation.constant.knob_deg=VALUE"
+    needed += "it in bench.toml (--bench FILE): actuation.constant.knob_deg"
     assert capsys.readouterr().err.strip() == f"tipforce: {video}: {needed}"
     assert not list(tmp_path.iterdir())
 
@@ -152,14 +152,14 @@ def test_a_folder_that_does_not_exist_is_named(model: Path, video: Path, tmp_pat
 
 def test_facts_that_the_model_needs_are_asked_for_before_the_work(trained, video: Path, tmp_path: Path) -> None:
     class Told:
-        settings = trained.settings
-        required_actuation = trained.required_actuation
         required_metadata = ("catheter.flexible_length_m", "views.camera.metres_per_px", "views.camera.base_side")
-        start = staticmethod(trained.start)
+
+        def __getattr__(self, name):
+            return getattr(trained, name)
 
     wanted = (
         r"t\.mp4: catheter\.flexible_length_m, views\.camera\.metres_per_px, views\.camera\.base_side are not stated.*"
-        r"add them to bench\.toml \(--bench FILE\)"
+        r"add them to bench\.toml"
     )
     with (
         open_source(video, actuation=KNOB) as source,
@@ -196,11 +196,11 @@ def test_facts_that_are_none_are_refused(model, video, tmp_path, option, value, 
 
 def test_an_interval_without_an_end_is_written_as_nothing(trained, video: Path, tmp_path: Path) -> None:
     class Unsure:
-        settings = trained.settings
-        required_actuation, required_metadata = trained.required_actuation, ()
+        def __getattr__(self, name):
+            return getattr(trained, name)
 
-        def start(self, info):
-            stream = trained.start(info)
+        def start(self, *words):
+            stream = trained.start(*words)
             return SimpleNamespace(update=lambda observation: widened(stream.update(observation)))
 
     def widened(estimate: ForceEstimate) -> ForceEstimate:

@@ -128,7 +128,7 @@ def empty(shape: tuple[int, ...] = (HEIGHT, WIDTH)) -> np.ndarray:
 def test_there_is_no_estimate_for_an_image_without_a_catheter(learnt, image):
     stream = learnt.start(whips().session_info["s0"])
     answer = stream.update(Observation(0, {"camera": image}, {"knob_deg": 10.0}))
-    assert answer.status in (Status.NO_CATHETER, Status.OUT_OF_DOMAIN, Status.UNOBSERVABLE)
+    assert answer.status in (Status.NO_CATHETER, Status.OUT_OF_DISTRIBUTION, Status.UNOBSERVABLE)
     assert answer.detail
 
 

@@ -206,12 +206,13 @@ def cut(name: str, by: int = 40) -> Callable[[Path], None]:
         (edit(sha256={}), r"model\.json: was altered"),
         (edit(sha256=None), r"model\.json: was altered"),
         (edit(training=None), r"model\.json: was altered"),
-        (edit(format_version=2), r"format version 2, this program reads up to 1; update tipforce"),
+        (edit(format_version=99), r"format version 99, this program reads version 2; update tipforce"),
+        (edit(format_version=1), r"the older format version 1.*train the model anew"),
         (edit(method="oracle"), r"made by the method 'oracle', this program has svr"),
         (edit(signed=True, settings={"kernel": "cubic"}), r"does not fit the method svr"),
         (edit(signed=True, state={}), r"does not fit the method svr"),
         (lambda f: (f / "model.json").write_text("{}"), r"model\.json: is damaged"),
-        (lambda f: (f / "model.json").write_text('{"format_version": 1}'), r"lacks facts, method"),
+        (lambda f: (f / "model.json").write_text('{"format_version": 2}'), r"lacks facts, method"),
     ],
 )
 def test_a_damaged_model_is_one_clear_sentence(model: Path, damage: Callable[[Path], None], message: str) -> None:
@@ -236,6 +237,6 @@ def test_the_onnx_graph_answers_the_same(data: Dataset, tmp_path: Path, extra: d
 def test_a_missing_extra_names_the_install_line(data: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     svr = create("svr", QUICK).fit(data)
     monkeypatch.setitem(__import__("sys").modules, "onnx", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'tipforce\[onnx\]'"):
+    with pytest.raises(MissingExtraError, match=r"pip install -e '\.\[onnx\]'"):
         export_onnx(svr, tmp_path / "svr.onnx")
     assert list(tmp_path.glob("*.onnx")) == []

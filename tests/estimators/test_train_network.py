@@ -44,7 +44,7 @@ def run(*words: object) -> Any:
 def test_a_training_that_was_cut_off_is_gone_on_with(
     small: NetworkEstimator, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = [folder, *OPTIONS, "--set", "epochs=4", "--seed", "3", "-o"]
+    words = [folder, *OPTIONS, "--set", "epochs=4", "--set", "seed=3", "-o"]
     assert run(*words, tmp_path / "whole").exit_code == 0
 
     line = _loop.progress_text

@@ -119,7 +119,7 @@ class RidgeStream:
         self.seen += 1
         bend = observation.actuation["bend_deg"]
         if bend > self.model.settings.refuse_above_deg:
-            return ForceEstimate.invalid(observation.stamp_ns, Status.OUT_OF_DOMAIN, f"bend {bend:.1f} deg")
+            return ForceEstimate.invalid(observation.stamp_ns, Status.OUT_OF_DISTRIBUTION, f"bend {bend:.1f} deg")
         xy = np.array([bend, 1.0]) @ self.model.weights_
         half = 1.645 * self.model.sigma_ if not self.model.settings.unbounded else np.full(2, np.inf)
         force = np.array([*xy, np.nan])

@@ -115,16 +115,16 @@ def outcome_of(dataset, magnitudes, statuses=None, contact=None):
 
 def test_refusals_are_counted_by_reason(make_bench):
     data = make_bench(sessions=1, frames=4)
-    statuses = [Status.VALID, Status.NO_CATHETER, Status.OUT_OF_DOMAIN, Status.NO_CATHETER]
+    statuses = [Status.VALID, Status.NO_CATHETER, Status.OUT_OF_DISTRIBUTION, Status.NO_CATHETER]
     figures = score(outcome_of(data, data.magnitude_n, statuses))
     assert figures["abstained_share"] == 0.75
-    assert figures["abstained"] == {"no_catheter": 2, "out_of_domain": 1}
+    assert figures["abstained"] == {"no_catheter": 2, "out_of_distribution": 1}
     assert figures["valid"] == 1
 
 
 def test_refusing_hard_frames_cannot_lower_the_filled_error(make_bench):
     data = make_bench(sessions=1, frames=4)
-    statuses = [Status.VALID, Status.VALID, Status.VALID, Status.OUT_OF_DOMAIN]
+    statuses = [Status.VALID, Status.VALID, Status.VALID, Status.OUT_OF_DISTRIBUTION]
     fallback = np.full(4, data.magnitude_n[3] + 0.4)
     figures = score(outcome_of(data, data.magnitude_n, statuses), fallback)
     assert figures["quantities"]["magnitude"]["mae_n"] == pytest.approx(0.0)

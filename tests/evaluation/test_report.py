@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from tipforce.errors import InputError
-from tipforce.estimators import ShowsShape
 from tipforce.evaluation import (
     EvaluationSettings,
     Method,
@@ -230,14 +229,12 @@ def test_the_gallery_draws_the_curve_of_ready_made_coefficients(make_bench, make
 
 def test_the_gallery_shows_the_worst_frames_with_what_was_seen(make_bench, ridge_class, tmp_path):
     class Seeing(ridge_class):
-        def look(self, observation, info):
+        def predict(self, dataset, progress=None):
             points = np.column_stack([np.linspace(0, 60, 16), np.full(16, 24.0)])
-            sighting = DetectedShape(
-                Status.VALID, "", CentrelinePx(points), BasePose(np.array([0.0, 24.0]), 0.0), 6.0, 1.0
-            )
-            return sighting, points + 3.0
+            base = BasePose(np.array([0.0, 24.0]), 0.0)
+            shape = DetectedShape(Status.VALID, "", CentrelinePx(points), base, 6.0, 1.0)
+            return [replace(estimate, shape=shape) for estimate in super().predict(dataset, progress)]
 
-    assert isinstance(Seeing(), ShowsShape)
     views = [np.full((48, 64), 200, np.uint8) for _ in range(120)]
     result = evaluate(make_bench(sessions=3, views=views), [Method("seeing", Seeing())])
     cards = worst_frames(result, "seeing", worst=5)
@@ -266,6 +263,8 @@ def test_of_several_views_the_gallery_shows_the_one_that_the_method_looks_at(mak
         vision: VisionSettings = VisionSettings(view="b")
 
     class LooksAtB(ridge_class):
+        views = ("b",)
+
         def __init__(self, settings=None):
             super().__init__(settings or SeeingSettings())
 

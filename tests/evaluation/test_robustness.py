@@ -38,7 +38,7 @@ def mean_class(ridge_class):
             self.seen += 1
             value = float(observation.views["camera"].mean())
             if value > self.model.settings.refuse_above_deg:
-                return ForceEstimate.invalid(observation.stamp_ns, Status.OUT_OF_DOMAIN, "too bright")
+                return ForceEstimate.invalid(observation.stamp_ns, Status.OUT_OF_DISTRIBUTION, "too bright")
             xy = self.model.weights_ * value
             half = 3 * self.model.sigma_
             size = float(np.hypot(*xy))

@@ -63,4 +63,4 @@ def test_dcfe_learns_and_its_folder_answers_the_same(tmp_path: Path, precision: 
     assert (tmp_path / "dcfe" / "model.onnx").stat().st_size < 46e6  # half of that in half precision
     stripes = np.tile(np.array([0, 255], np.uint8).repeat(8), (120, 10))
     strange = loaded.start(SessionInfo()).update(Observation(0, {"camera": stripes}, {}))
-    assert strange.status is Status.OUT_OF_DOMAIN
+    assert strange.status is Status.OUT_OF_DISTRIBUTION

@@ -113,5 +113,5 @@ def test_the_graph_holds_its_facts_and_nothing_of_the_source(graph: bytes) -> No
 
 def test_a_missing_extra_names_the_install_line(network: Small, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "onnxscript.optimizer", None)
-    with pytest.raises(MissingExtraError, match=r"onnxscript is not installed.*pip install '\.\[train\]'"):
+    with pytest.raises(MissingExtraError, match=r"onnxscript is not installed.*pip install -e '\.\[train\]'"):
         export_graph(network, INPUTS, ["force_n", "seen"], {})

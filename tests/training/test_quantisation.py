@@ -105,7 +105,8 @@ def test_what_cannot_be_taken_in_groups_is_quantised_as_it_is(graph: bytes) -> N
     side = onnx.load_from_string(graph).graph.input[0].type.tensor_type.shape.dim[1].dim_value
     small = quantise(graph, [batch(8, side=side)])
     wanted = answers(graph, batch(5, side=side))
-    assert np.max(np.abs(answers(small, batch(5, side=side)) - wanted)) < 0.03 * np.ptp(wanted)
+    # processors without dot products of bytes add pairs of them in 16 bit, which may saturate
+    assert np.max(np.abs(answers(small, batch(5, side=side)) - wanted)) < 0.05 * np.ptp(wanted)
 
 
 def labelled(graph: bytes, error_n: float) -> Callable[[], list[tuple[dict[str, np.ndarray], np.ndarray]]]:

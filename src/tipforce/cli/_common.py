@@ -40,6 +40,8 @@ def check_outputs(inputs: Sequence[Path], *outputs: Path | str | None) -> None:
 
     To be asked before any work is done. None and "-" (standard output) are passed over.
     """
+    from ..io import check_folder
+
     taken = {path.resolve(): f"{path} is what is read" for path in inputs}
     for output in outputs:
         if output is None or str(output) == "-":
@@ -47,8 +49,7 @@ def check_outputs(inputs: Sequence[Path], *outputs: Path | str | None) -> None:
         path = Path(output)
         if path.is_dir():
             raise InputError(f"{path}: is a folder; name a file")
-        if not path.parent.is_dir():
-            raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
+        check_folder(path)
         if path.resolve() in taken:
             raise InputError(f"{path}: cannot be written, for {taken[path.resolve()]}; choose another name")
         taken[path.resolve()] = "it is to be written twice"
@@ -90,8 +91,10 @@ def write_json(figures: dict[str, Any], target: str | None) -> None:
     """``figures`` to the file ``target``, to standard output for ``-``, nowhere for None."""
     if target is None:
         return
+    from ..io import write_atomic
+
     text = json.dumps(figures, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     if target == "-":
         sys.stdout.write(text)
     else:
-        Path(target).write_text(text, encoding="utf-8")
+        write_atomic(Path(target), text)

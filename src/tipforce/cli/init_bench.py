@@ -51,13 +51,15 @@ def command(
 
         tipforce init-bench --fact catheter.diameter_m=2.33e-3 --fact views.camera.base_side=right -o bench.toml
     """
+    from ..io import write_atomic
+
     check_outputs([], output)
     if output.exists() and not overwrite:
         raise InputError(f"{output}: exists already; choose another name or state --overwrite")
     info = stated_info(bench, fact)
     if ask if ask is not None else sys.stdin.isatty():
         info = _asked(info, lambda text: typer.prompt(text, default="", show_default=False, err=True))
-    output.write_text(bench_text(replace(info, name="")), encoding="utf-8")
+    write_atomic(output, bench_text(replace(info, name="")))
     say(f"wrote {output}: {len(info.stated_keys())} values stated; the others stand in it as comments")
 
 

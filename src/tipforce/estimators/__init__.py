@@ -1,6 +1,6 @@
 """Methods that turn what is seen into a force: one file a method, all with the same face."""
 
-from ._base import Estimator, Progress, Stream
+from ._base import Estimator, FineTunable, Progress, Stream, calibration_images
 from ._card import training_lines
 from ._create import ESTIMATORS, create, method
 from ._fit import Training, train
@@ -9,7 +9,6 @@ from ._pretrained import located, pretrained_names
 from ._run_directory import load_initial_model, run_directory
 from ._session_metadata import missing_metadata
 from ._settings import AngleSettings, SvrSettings, WindowSettings
-from ._shows import ShowsShape, view_of
 from .networks import Compact, CompactSettings, Dcfe, DcfeSettings, NetworkEstimator
 from .store import FORMAT_VERSION, check_target, load_model, load_pretrained, read_manifest, save_model
 from .svr import Svr
@@ -25,14 +24,15 @@ __all__ = [
     "Dcfe",
     "DcfeSettings",
     "Estimator",
+    "FineTunable",
     "NetworkEstimator",
     "Progress",
-    "ShowsShape",
     "Stream",
     "Svr",
     "SvrSettings",
     "Training",
     "WindowSettings",
+    "calibration_images",
     "check_target",
     "create",
     "export_onnx",
@@ -48,5 +48,4 @@ __all__ = [
     "save_model",
     "train",
     "training_lines",
-    "view_of",
 ]

@@ -1,7 +1,8 @@
 """The face that all methods share."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -9,10 +10,11 @@ import numpy.typing as npt
 from pydantic import BaseModel
 
 from ..datasets import Dataset
-from ..types import ForceEstimate, Observation, SessionInfo
+from ..errors import InputError
+from ..types import ForceEstimate, Image, Observation, SessionInfo
 from ._summary import ModelSummary
 
-__all__ = ["Estimator", "Progress", "Stream"]
+__all__ = ["Estimator", "FineTunable", "Progress", "Stream", "calibration_images"]
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of it that is done (0..1)."""
@@ -27,9 +29,11 @@ class Stream(Protocol):
 
 
 class Estimator(ABC):
-    """A method: settings in, ``fit`` on a dataset, then one ``Stream`` a session. No logic in ``__init__``.
+    """A method: settings in, ``fit`` on a dataset where it needs one, then one ``Stream`` a session.
 
-    Fitted attributes end in ``_``. ``state``, ``files`` and ``from_state`` are all that the model store needs.
+    Settings are immutable and stay what the user said; what was learnt is in attributes that end in ``_``. A method
+    without anything to learn states ``needs_fit = False`` and implements `start` alone. ``state``, ``files`` and
+    ``from_state`` are all that the model store needs.
     """
 
     name: ClassVar[str]
@@ -38,38 +42,61 @@ class Estimator(ABC):
     settings_type: ClassVar[type[BaseModel]]
     """The model of this method's settings."""
 
-    settings: Any
-    """An instance of ``settings_type``."""
-
     thesis_samples: ClassVar[int] = 220
     """So many samples the thesis has for this method: what its protocol draws."""
 
-    @abstractmethod
+    needs_fit: ClassVar[bool] = True
+    """False for a method that estimates forces from its settings and the session's metadata alone."""
+
+    def __init__(self, settings: Any = None) -> None:
+        self.settings: Any = settings or self.settings_type()
+
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Learn from ``dataset``; raises InputError where it is too small or lacks what the method needs."""
+        """Learns from ``dataset``; a method that needs no fit has nothing to learn.
 
-    @abstractmethod
+        Raises:
+            InputError: the dataset is too small or lacks what the method needs.
+        """
+        del dataset, progress
+        return self
+
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Find the intervals anew on ``dataset``, of whose sessions ``fit`` saw none; the answers stay as they are."""
+        """Finds the intervals anew on ``dataset``, of whose sessions ``fit`` saw none; the forces stay as they are."""
+        del progress
+        raise InputError(f"{dataset.title}: {self.name} has no intervals to calibrate; leave the calibration out")
 
     @abstractmethod
-    def start(self, info: SessionInfo) -> Stream:
-        """A fresh stream for one session; raises NotFittedError before ``fit``."""
+    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
+        """A fresh stream for one session.
 
-    @abstractmethod
+        Args:
+            info: the session's metadata.
+            images: some images of the session that are at hand beforehand, as of a file: a method that
+                ``calibrates_on_images`` resolves its detection on them. Without them it does so as the frames come.
+
+        Raises:
+            NotFittedError: before ``fit``, for a method that needs it.
+        """
+
     def unfitted(self) -> Self:
-        """The same recipe without what was learnt: what a split trains anew."""
+        """The same settings without anything learnt: what a split trains anew."""
+        return type(self)(self.settings)
 
-    @abstractmethod
+    def with_settings(self, settings: BaseModel) -> Self:
+        """`unfitted` with other settings."""
+        made = self.unfitted()
+        made.settings = settings
+        return made
+
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         """What was learnt, as JSON values and arrays."""
+        return {}, {}
 
     def files(self) -> dict[str, bytes]:
         """What else was learnt, as whole files of the model folder: name -> content (a network's graph, a log)."""
         return {}
 
     @classmethod
-    @abstractmethod
     def from_state(
         cls,
         settings: Mapping[str, Any],
@@ -78,39 +105,55 @@ class Estimator(ABC):
         files: Mapping[str, bytes] | None = None,
     ) -> Self:
         """The inverse of `state` and `files`."""
+        del values, arrays, files
+        return cls(cls.settings_type.model_validate(settings))
 
     def estimates(self, dataset: Dataset) -> Iterator[ForceEstimate]:
         """One stream a session over all samples, in the dataset's order, as they are asked for."""
         stream, session = None, None
         for name, observation in zip(dataset.session.tolist(), dataset.observations(), strict=True):
             if stream is None or name != session:
-                stream, session = self.start(dataset.session_info[name]), name
+                info, session = dataset.session_info[name], name
+                if self.calibrates_on_images:
+                    stream = self.start(info, calibration_images(dataset, name, self.views[0]))
+                else:
+                    stream = self.start(info)
             yield stream.update(observation)
 
-    def predict(self, dataset: Dataset) -> list[ForceEstimate]:
-        """All `estimates`."""
-        return list(self.estimates(dataset))
+    def predict(self, dataset: Dataset, progress: Callable[[float], None] | None = None) -> list[ForceEstimate]:
+        """Estimates for the samples of ``dataset``, one stream a session.
 
-    def answers(self, part: Dataset, progress: Callable[[float], None] | None = None) -> list[ForceEstimate]:
-        """As `predict`, but a method that remembers is shown all frames of the sessions that ``part`` is of."""
-        run = part
-        if self.uses_history and part.whole is not None:
-            run = part.whole.subset(np.isin(part.whole.session, list(part.sessions)))
+        A method that ``uses_history`` is shown all frames of these sessions, as far as the dataset they are a part of
+        holds them, and the estimates of the samples themselves are returned.
+        """
+        run = dataset
+        if self.uses_history and dataset.whole is not None:
+            run = dataset.whole.subset(np.isin(dataset.whole.session, list(dataset.sessions)))
         found: dict[int, ForceEstimate] = {}
         for row, estimate in zip(run.rows.tolist(), self.estimates(run), strict=True):
             found[row] = estimate
             if progress is not None:
                 progress(len(found) / len(run))
-        return [found[row] for row in part.rows.tolist()]
+        return [found[row] for row in dataset.rows.tolist()]
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """Names of the views that it looks at; the first one sets the pace."""
+        return ("camera",)
+
+    @property
+    def calibrates_on_images(self) -> bool:
+        """True where detection is resolved session by session on the session's own images."""
+        return False
 
     @property
     def uses_history(self) -> bool:
-        """True where an estimate depends on earlier frames of the session, too: evaluation then runs all of them."""
+        """True where an estimate depends on earlier frames of the session, too."""
         return False
 
     @property
     def required_actuation(self) -> tuple[str, ...]:
-        """Names of the actuation without which this fitted method answers nothing."""
+        """Names of the actuation without which there is no estimate."""
         return ()
 
     @property
@@ -120,15 +163,51 @@ class Estimator(ABC):
 
     @property
     def training_sessions(self) -> frozenset[str]:
-        """Sessions that are not new to this fitted method, if it began with one that had learnt: those of both."""
+        """Fingerprints of sessions that are not new to this fitted method, those of what it is fine-tuned from, too."""
         return frozenset()
 
     def describe(self) -> dict[str, Any]:
         """Facts of the fitted model that a model card shows (chosen constants, number of samples, interval basis)."""
         return {}
 
+    def to_onnx(self) -> tuple[bytes, dict[str, Any]]:
+        """What answers as an ONNX graph, and facts about it; raises InputError for a method without one."""
+        raise InputError(f"the method {self.name} has no ONNX export")
+
     @classmethod
     def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
         """Returns the summary of a fitted model with these `describe`d facts, in words."""
         del facts
         return ModelSummary()
+
+
+class FineTunable(Estimator):
+    """A method that is trained in epochs: it may be fine-tuned from another model and be resumed from checkpoints."""
+
+    @abstractmethod
+    def fine_tuned_from(self, model: "FineTunable") -> Self:
+        """The same settings, whose fits begin with the weights of ``model``. Raises InputError for another method's."""
+
+    @abstractmethod
+    def fit_resumable(
+        self, dataset: Dataset, progress: Progress | None = None, *, folder: Path | None = None, resume: bool = False
+    ) -> Self:
+        """`fit` with its run directory ``folder``; ``resume``: go on from the checkpoint in it."""
+
+    @property
+    @abstractmethod
+    def run_files(self) -> frozenset[str]:
+        """Names of the files that a training leaves in its run directory."""
+
+
+_IMAGES = 16
+"""So many images of a session resolve its detection."""
+
+
+def calibration_images(dataset: Dataset, session: str, view: str) -> tuple[Image, ...]:
+    """Images from all over ``session`` of ``dataset``, or of what it is a part of; their labels play no part."""
+    whole = dataset.whole or dataset
+    rows = np.flatnonzero(whole.session == session)
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, _IMAGES).astype(np.int64))]
+    found = (each.views.get(view) for each in whole.subset(rows).observations())
+    return tuple(image for image in found if isinstance(image, np.ndarray))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..types import BoolArray, FloatArray, ForceEstimate, Status
+from ..types import BoolArray, DetectedShape, FloatArray, ForceEstimate, Status
 from .uncertainty import Interval
 
 __all__ = ["AXES", "EstimateBuilder"]
@@ -27,7 +27,7 @@ class EstimateBuilder:
         for array in (self._known, self._covariance, self._unknown, self._no_interval):
             array.setflags(write=False)
 
-    def valid(self, stamp_ns: int, newtons: FloatArray) -> ForceEstimate:
+    def valid(self, stamp_ns: int, newtons: FloatArray, shape: DetectedShape | None = None) -> ForceEstimate:
         """``newtons`` (t,): the known components in order, or the magnitude alone where none is known."""
         if self._axes:
             force, interval, square = self._unknown.copy(), self._no_interval.copy(), 0.0
@@ -57,4 +57,5 @@ class EstimateBuilder:
         _set(estimate, "status", Status.VALID)
         _set(estimate, "detail", "")
         _set(estimate, "contact", math.nan)
+        _set(estimate, "shape", shape)
         return estimate

@@ -9,8 +9,7 @@ import numpy as np
 from ..datasets import Dataset, random_split, random_subset
 from ..errors import InputError
 from ..types import FloatArray
-from ._base import Estimator, Progress
-from .networks import NetworkEstimator
+from ._base import Estimator, FineTunable, Progress
 
 __all__ = ["Training", "train"]
 
@@ -35,7 +34,7 @@ def train(
     samples: int | None = None,
     holdout: float = 0.0,
     seed: int = 0,
-    start: NetworkEstimator | None = None,
+    start: FineTunable | None = None,
     folder: Path | None = None,
     resume: bool = False,
     calibrate: Dataset | None = None,
@@ -44,23 +43,22 @@ def train(
     """Fit ``recipe`` on ``dataset``, or on ``samples`` drawn from it, less a random share ``holdout`` to measure on.
 
     ``seed`` is that of drawing, holding out and, where its settings do not state their own, of the method. ``start``,
-    ``folder`` and ``resume`` are for networks: see `NetworkEstimator.fit_resumable`. ``calibrate``: other sessions, on
+    ``folder`` and ``resume`` are for networks: see `FineTunable.fit_resumable`. ``calibrate``: other sessions, on
     which the intervals are found. Raises InputError as `draw`, `random_split`, `Estimator.fit` and
     `Estimator.calibrate` do, where ``start`` is another method's, and where ``calibrate`` has sessions of ``dataset``,
     or other forces.
     """
-    if start is not None and not isinstance(recipe, NetworkEstimator):
+    if start is not None and not isinstance(recipe, FineTunable):
         raise InputError(f"{recipe.name} is no network and always learns from nothing; leave out what it starts from")
     if calibrate is not None:
         _check_calibration(dataset, calibrate)
     settings = recipe.settings
     if "seed" in type(settings).model_fields and "seed" not in settings.model_fields_set:
-        recipe = recipe.unfitted()
-        recipe.settings = settings.model_copy(update={"seed": seed})
+        recipe = recipe.with_settings(settings.model_copy(update={"seed": seed}))
 
     def fit(part: Dataset) -> Estimator:
         fresh = recipe.unfitted()
-        if not isinstance(fresh, NetworkEstimator):
+        if not isinstance(fresh, FineTunable):
             fitted = fresh.fit(part, progress)
         else:
             fresh = fresh if start is None else fresh.fine_tuned_from(start)
@@ -102,7 +100,7 @@ def _check_calibration(dataset: Dataset, calibrate: Dataset) -> None:
 
 def _measured(fitted: Estimator, test: Dataset) -> dict[str, Any]:
     """Errors in newtons over the answered samples of ``test``."""
-    answers = fitted.answers(test)
+    answers = fitted.predict(test)
     valid = np.array([answer.valid for answer in answers], np.bool_)
     metrics: dict[str, Any] = {"held_out_samples": len(test), "answered": int(valid.sum())}
     if not valid.any():

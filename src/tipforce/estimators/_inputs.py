@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import angle_matrix, arc_length, turning_angles
-from ..types import FloatArray, Image, Observation, SessionInfo, ShapeFeatures, Status
+from ..types import DetectedShape, FloatArray, Image, Observation, SessionInfo, ShapeFeatures, Status
 from ..vision import (
     NoFeatures,
     ResolvedVision,
@@ -44,6 +44,8 @@ class Inputs:
         self._detection = settings.vision if vision is None else for_session(vision, info)
         self._actuation = tuple(actuation)
         self._vision: ShapeDetector | None = None
+        self.shape: DetectedShape | None = None
+        """Of the last image that was read."""
         self._angles = None
         if settings.angles is not None:
             self._angles = ShapeFeatureSettings(kind="legendre", degree=settings.angles.degree)
@@ -57,6 +59,7 @@ class Inputs:
 
     def read(self, observation: Observation) -> FloatArray | Abstention:
         """(k,) shape numbers and actuation, or why there are none."""
+        self.shape = None
         view = read_view(observation, self._view, "vision.view")
         if isinstance(view, Abstention):
             return view
@@ -69,14 +72,14 @@ class Inputs:
     def _picture(self, image: Image) -> FloatArray | Abstention:
         if self._vision is None:
             self._vision = ShapeDetector(self._detection)
-        sighting = self._vision.detect(image)
-        if not sighting.found:
-            return Abstention(sighting.status, sighting.detail)
-        values = shape_features(sighting, self._settings.features)
+        self.shape = detected = self._vision.detect(image)
+        if not detected.found:
+            return Abstention(detected.status, detected.detail)
+        values = shape_features(detected, self._settings.features)
         if isinstance(values, NoFeatures):
             return Abstention(values.status, values.detail)
         if self._angles is not None:
-            more = shape_features(sighting, self._angles)
+            more = shape_features(detected, self._angles)
             if isinstance(more, NoFeatures):
                 return Abstention(more.status, more.detail)
             values = np.concatenate([values, more])

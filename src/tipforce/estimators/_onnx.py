@@ -1,20 +1,22 @@
 """Export of what answers to ONNX, with a parity gate in newtons."""
 
 import importlib
-import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, MissingExtraError, ModelError
+from ..errors import MissingExtraError, ModelError
+from ..io import write_atomic
 from ..types import FloatArray
 from ._base import Estimator
 from ._machine import Machines
-from .networks import GRAPH_FILE, NetworkEstimator
-from .svr import PARITY_N, Svr
 
-__all__ = ["export_onnx"]
+__all__ = ["PARITY_N", "export_onnx", "regression_graph"]
+
+PARITY_N = 1e-6
+"""Answers may differ from scikit-learn's, and a graph's from this program's, by less than this."""
 
 OPSET = 17
 IR_VERSION = 8
@@ -22,51 +24,40 @@ PROBES = 256
 
 
 def export_onnx(estimator: Estimator, path: str | Path) -> dict[str, Any]:
-    """Write what answers as an ONNX graph: a network's own, or the regression of a fitted `Svr`.
+    """Writes what answers as an ONNX graph; returns facts about it, among them ``parity_n`` and ``bytes``.
 
-    The regression is of plain operators in double precision. Input ``features`` (n, k): raw shape numbers and
-    actuation, as ``metadata_props["features"]`` lists them (with a window: lag after lag). Output ``force_n`` (n, t) in
-    newtons. Seeing the catheter is not part of the graph. Returns the facts, among them ``parity_n``, the largest
-    deviation from this program on probes around the support vectors, or from the network that was trained.
-    Raises ModelError where that reaches `PARITY_N` (nothing is written then), MissingExtraError without onnx, and
-    InputError for a method that has no export.
+    Raises:
+        InputError: the method has no export.
+        ModelError: the graph would answer otherwise than this program; nothing is written.
+        MissingExtraError: without onnx.
     """
-    path = Path(path)
-    if isinstance(estimator, NetworkEstimator):
-        data = estimator.files()[GRAPH_FILE]
-        _write(path, data)
-        return {"parity_n": estimator.describe()["parity_with_network_n"], "bytes": len(data)}
-    if not isinstance(estimator, Svr):
-        raise InputError(f"the method {estimator.name} has no ONNX export")
+    data, facts = estimator.to_onnx()
+    write_atomic(Path(path), data)
+    return {**facts, "bytes": len(data)}
+
+
+def regression_graph(machines: Machines, names: Sequence[str], targets: Sequence[str]) -> tuple[bytes, dict[str, Any]]:
+    """A fitted regression in plain operators and double precision.
+
+    Input ``features`` (n, k): raw shape numbers and actuation, as ``metadata_props["features"]`` lists them (with a
+    window: lag after lag). Output ``force_n`` (n, t) in newtons. The detection is not part of the graph. ``parity_n``
+    among the facts: the largest deviation from this program on probes around the support vectors. Raises ModelError
+    where that reaches `PARITY_N`, MissingExtraError without onnx.
+    """
     try:
         onnx: Any = importlib.import_module("onnx")
     except ModuleNotFoundError:
         raise MissingExtraError("onnx", extra="onnx") from None
     runtime: Any = importlib.import_module("onnxruntime")  # here, for it takes its time
-    values, _ = estimator.state()
-    assert estimator.fitted_ is not None
-    machines = estimator.fitted_.machines
-    names = [*values["shape"], *values["actuation"]]
-    model = _graph(onnx, machines, {"features": ", ".join(names), "targets": ", ".join(values["targets"])})
+    model = _graph(onnx, machines, {"features": ", ".join(names), "targets": ", ".join(targets)})
     onnx.checker.check_model(model)
     data = model.SerializeToString()
     session = runtime.InferenceSession(data, providers=["CPUExecutionProvider"])
     probes = _probes(machines)
     parity = float(np.max(np.abs(session.run(None, {"features": probes})[0] - machines.many(probes))))
     if not parity < PARITY_N:
-        raise ModelError(f"{path}: not written, its answers would differ by up to {parity:.2g} N from this program's")
-    _write(path, data)
-    return {"parity_n": parity, "features": names, "targets": values["targets"], "opset": OPSET, "bytes": len(data)}
-
-
-def _write(path: Path, data: bytes) -> None:
-    """Beside it and renamed: never half there."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(data)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+        raise ModelError(f"the ONNX graph would differ by up to {parity:.2g} N from this program: it was not written")
+    return data, {"parity_n": parity, "features": list(names), "targets": list(targets), "opset": OPSET}
 
 
 def _probes(machines: Machines) -> FloatArray:

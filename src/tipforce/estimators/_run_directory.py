@@ -7,21 +7,20 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import InputError
-from ..training import CHECKPOINT_FILE, LOG_FILE
-from ._base import Estimator
-from .networks import PREPARED_FILE, NetworkEstimator
+from ..training import CHECKPOINT_FILE
+from ._base import Estimator, FineTunable
 from .store import MANIFEST, load_model
 
 __all__ = ["load_initial_model", "run_directory"]
 
 
-def load_initial_model(recipe: Estimator, start: str | None, *, resume: bool = False) -> NetworkEstimator | None:
+def load_initial_model(recipe: Estimator, start: str | None, *, resume: bool = False) -> FineTunable | None:
     """The model that training is to begin with: the folder ``start``, None where that is None.
 
     ``start`` may be "pretrained": the one of that method that comes with the program.
     Raises InputError where ``recipe`` is no network, or the model is of another method.
     """
-    if (start is not None or resume) and not isinstance(recipe, NetworkEstimator):
+    if (start is not None or resume) and not isinstance(recipe, FineTunable):
         option = "resume" if resume else "init_from"
         raise InputError(f"{option} is for networks; {recipe.name} always learns from nothing, so leave it out")
     if start is None:
@@ -29,8 +28,8 @@ def load_initial_model(recipe: Estimator, start: str | None, *, resume: bool = F
     if start == "pretrained" and not (Path(start) / MANIFEST).is_file():
         start = f"pretrained/{recipe.name}"
     model = load_model(start)
-    if not isinstance(model, NetworkEstimator) or model.name != recipe.name:
-        raise InputError(f"init_from={start}: is a {model.name}, and {recipe.name} cannot begin with its weights")
+    if not isinstance(model, FineTunable) or model.name != recipe.name:
+        raise InputError(f"init_from={start}: is a {model.name}, and {recipe.name} cannot start from its weights")
     return model
 
 
@@ -42,7 +41,7 @@ def run_directory(recipe: Estimator, model: Path, *, resume: bool) -> Generator[
     checkpoint. Raises InputError where it is there already and ``resume`` is False, or is not and it is True, and
     where it holds anything that no training left there.
     """
-    if not isinstance(recipe, NetworkEstimator):
+    if not isinstance(recipe, FineTunable):
         yield None
         return
     folder = model.with_name(f"{model.name}.training")
@@ -52,10 +51,10 @@ def run_directory(recipe: Estimator, model: Path, *, resume: bool) -> Generator[
         raise InputError(
             f"{folder}: holds a training that was not finished; go on with it by resume=True, or remove the folder"
         )
-    arrays = {f"{name}.npy" for name in (*recipe.input_specs(training=True), "actuation", "heatmap")}
-    ours = arrays | {CHECKPOINT_FILE, LOG_FILE, PREPARED_FILE}
     there = list(folder.iterdir()) if folder.is_dir() else []
-    strange = [path.name for path in there if not path.is_file() or path.name.removesuffix(".part") not in ours]
+    strange = [
+        path.name for path in there if not path.is_file() or path.name.removesuffix(".part") not in recipe.run_files
+    ]
     if strange:
         raise InputError(
             f"{folder}: is where the training would work, and holds other things ({min(strange)}); choose another name "

@@ -11,7 +11,8 @@ import numpy.typing as npt
 from ..datasets import Dataset
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, IntArray, Observation
-from ..vision import ResolvedVision
+from ..vision import ResolvedVision, session_vision
+from ._base import calibration_images
 from ._inputs import Inputs
 from ._reading import Abstention
 from ._settings import SvrSettings
@@ -53,7 +54,11 @@ def gather_rows(
     report: Callable[[float], None],
     vision: ResolvedVision | None = None,
 ) -> Rows:
-    """Features and labels of the samples of ``dataset`` whose shape is known."""
+    """Features and labels of the samples of ``dataset`` whose shape is known.
+
+    ``vision``: resolved over all sessions; the detection of each session is resolved on its own images, and this one is
+    taken where that fails.
+    """
     source = dataset.whole or dataset
     wanted = _needed(settings, dataset, source)
     frames = source if wanted.all() else source.subset(wanted)
@@ -68,13 +73,16 @@ def gather_rows(
         view = observation.views.get(settings.vision.view)
         return (() if view is None else inputs.names(view)), inputs.read(observation)
 
-    recipe = settings.model_dump_json(include={"vision", "features", "angles"}) + repr(tuple(actuation))
-    if vision is not None:
-        recipe += vision.model_dump_json()
+    chosen = settings.model_dump_json(include={"vision", "features", "angles"}) + repr(tuple(actuation))
+    by_session = vision is not None and settings.vision.method == "tracer"
     seen: list[tuple[tuple[str, ...], FloatArray | Abstention]] = []
     for name in frames.sessions:
-        inputs = Inputs(settings, actuation, frames.session_info[name], vision=vision)
-        seen += frames.subset(frames.session == name).derive(f"svr inputs {recipe}", partial(read, inputs=inputs))
+        info, own = frames.session_info[name], vision
+        if vision is not None and by_session:
+            own = session_vision(settings.vision, calibration_images(frames, name, settings.vision.view), info, vision)
+        inputs = Inputs(settings, actuation, info, vision=own)
+        key = f"svr inputs {chosen}{'' if own is None else own.model_dump_json()}"
+        seen += frames.subset(frames.session == name).derive(key, partial(read, inputs=inputs))
     found: dict[int, FloatArray] = {}
     why_not = ""
     window, session = Window(settings.window), None

@@ -5,7 +5,7 @@ kernel eq. (15), epsilon-insensitive loss eq. (8); C, epsilon and sigma by cross
 goes beyond the thesis is an option of `SvrSettings` and off by default.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -15,14 +15,14 @@ import numpy.typing as npt
 from ..datasets import Dataset
 from ..errors import InputError, ModelError, NotFittedError
 from ..types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
-from ..vision import DetectedShape, ResolvedVision, auto_calibrate
+from ..vision import ResolvedVision, SessionCalibration, auto_calibrate, session_vision
 from ._base import Estimator, Progress
 from ._builder import AXES, EstimateBuilder
 from ._inputs import Inputs
 from ._machine import Constants, Machines, fit_machines
+from ._onnx import PARITY_N, regression_graph
 from ._reading import Abstention, actuation_names
 from ._settings import SvrSettings
-from ._shows import look_with
 from ._summary import ModelSummary
 from ._svr_summary import svr_summary
 from ._training import Rows, gather_rows, warn_of_sizes
@@ -37,9 +37,6 @@ MIN_SAMPLES = 20
 
 SETTLING_SAMPLES = 10
 """So many pictures decide what the vision's settings leave open."""
-
-PARITY_N = 1e-6
-"""Answers may differ from scikit-learn's by less than this, or the model is not saved."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +70,18 @@ class Svr(Estimator):
     settings: SvrSettings
 
     def __init__(self, settings: SvrSettings | None = None) -> None:
-        self.settings = settings or SvrSettings()
+        super().__init__(settings)
         self.fitted_: _Fitted | None = None
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """The view of the vision settings."""
+        return (self.settings.vision.view,)
+
+    @property
+    def calibrates_on_images(self) -> bool:
+        """Length, look of the tip and threshold are each session's own."""
+        return self.settings.vision.method == "tracer"
 
     @property
     def uses_history(self) -> bool:
@@ -99,7 +106,7 @@ class Svr(Estimator):
         settings, vision = self.settings, self._calibrated_vision(dataset)
         actuation = actuation_names(settings.actuation, dataset)
         rows = gather_rows(
-            settings, actuation, dataset, lambda share: report("seeing the catheter", 0.4 * share), vision
+            settings, actuation, dataset, lambda share: report("detecting the catheter", 0.4 * share), vision
         )
         if len(rows.features) < MIN_SAMPLES:
             raise InputError(
@@ -179,14 +186,14 @@ class Svr(Estimator):
         except InputError as error:
             raise InputError(f"{dataset.title}: {error}") from None
 
-    def start(self, info: SessionInfo) -> "SvrStream":
-        """A stream for one session; ``info`` tells scale and catheter. Raises NotFittedError before ``fit``."""
-        return SvrStream(self.settings, self._known(), info)
+    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> "SvrStream":
+        """A stream for one session; see `Estimator.start`. Raises NotFittedError before ``fit``."""
+        return SvrStream(self.settings, self._known(), info, images)
 
-    def look(self, observation: Observation, info: SessionInfo) -> tuple[DetectedShape, FloatArray | None]:
-        """What is seen in the picture, and the fitted curve (n, 2) in image points: see `ShowsShape`."""
-        vision = (self.fitted_ and self.fitted_.vision) or self.settings.vision
-        return look_with(vision, self.settings.features, observation, info)
+    def to_onnx(self) -> tuple[bytes, dict[str, Any]]:
+        """The regression without the detection; see `regression_graph`."""
+        fitted = self._known()
+        return regression_graph(fitted.machines, (*fitted.shape, *fitted.actuation), fitted.targets)
 
     def normalised(self, dataset: Dataset) -> tuple[tuple[str, ...], FloatArray, tuple[str, ...], FloatArray]:
         """Thesis table 3: names (k,) and scaled values (m, k) of the features, then (t,) and (m, t) of the forces.
@@ -199,10 +206,6 @@ class Svr(Estimator):
         own = (*fitted.shape, *fitted.actuation)
         names = tuple(name if lag == 0 else f"{name} {lag:g} ms ago" for lag in lags for name in own)
         return names, (rows.features - machines.shift) * machines.scale, fitted.targets, rows.truth_n / machines.unit_n
-
-    def unfitted(self) -> "Svr":
-        """The same recipe without what was learnt."""
-        return Svr(self.settings)
 
     def _known(self) -> _Fitted:
         if self.fitted_ is None:
@@ -295,22 +298,47 @@ class Svr(Estimator):
 
 
 class SvrStream:
-    """One session, frame after frame."""
+    """One session, frame after frame.
 
-    def __init__(self, settings: SvrSettings, fitted: _Fitted, info: SessionInfo) -> None:
-        self._inputs = Inputs(settings, fitted.actuation, info, fitted.shape, fitted.vision)
+    ``images`` of the session resolve the detection beforehand. Without them it begins with the detection that training
+    resolved, scaled to this session, and is resolved again on the session's own frames as these come.
+    """
+
+    def __init__(self, settings: SvrSettings, fitted: _Fitted, info: SessionInfo, images: Sequence[Image] = ()) -> None:
+        vision = fitted.vision
+        self._calibration: SessionCalibration | None = None
+        if vision is not None and settings.vision.method == "tracer":
+            if images:
+                vision = session_vision(settings.vision, images, info, vision)
+            else:
+                self._calibration = SessionCalibration(settings.vision, info)
+        self._settings, self._fitted, self._info = settings, fitted, info
+        self._inputs = self._inputs_with(vision)
+        self._view = settings.vision.view
         self._window = Window(settings.window) if settings.window.used else None
         self._machines = fitted.machines
-        self._answers = EstimateBuilder(fitted.known, fitted.interval)
+        self._builder = EstimateBuilder(fitted.known, fitted.interval)
 
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
         row = self._inputs.read(observation)
+        shape = self._inputs.shape
+        if self._calibration is not None:
+            self._calibrate(observation)
         if isinstance(row, Abstention):
-            return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail)
+            return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail, shape)
         if self._window is not None:
             row = self._window.push(observation.stamp_ns, row)
-        return self._answers.valid(observation.stamp_ns, self._machines(row))
+        return self._builder.valid(observation.stamp_ns, self._machines(row), shape)
+
+    def _calibrate(self, observation: Observation) -> None:
+        image = observation.views.get(self._view)
+        assert self._calibration is not None
+        if isinstance(image, np.ndarray) and (found := self._calibration.add(image)) is not None:
+            self._inputs = self._inputs_with(found)
+
+    def _inputs_with(self, vision: ResolvedVision | None) -> Inputs:
+        return Inputs(self._settings, self._fitted.actuation, self._info, self._fitted.shape, vision)
 
 
 def _silent(what: str, share: float) -> None:

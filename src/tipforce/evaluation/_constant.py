@@ -1,7 +1,7 @@
 """The constant predictor, which looks at nothing: the baseline beside every method."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict
 from ..datasets import Dataset
 from ..errors import InputError, NotFittedError
 from ..estimators import Estimator, Progress, Stream
-from ..types import ForceEstimate, Observation, SessionInfo
+from ..types import ForceEstimate, Image, Observation, SessionInfo
 
 __all__ = ["Constant"]
 
@@ -85,13 +85,17 @@ class Constant(Estimator):
             progress("quantiles of the labels", 1.0)
         return self
 
-    def start(self, info: SessionInfo) -> Stream:  # noqa: ARG002 - the same estimate in every session
+    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:  # noqa: ARG002 - always the same
         """Starts a stream that gives the same estimate every time."""
         if self.estimate_ is None:
             raise NotFittedError("the constant predictor has no mean yet; call fit first")
         return _ConstantStream(self.estimate_)
 
-    def predict(self, dataset: Dataset) -> list[ForceEstimate]:
+    def predict(
+        self,
+        dataset: Dataset,
+        progress: Callable[[float], None] | None = None,  # noqa: ARG002 - done at once
+    ) -> list[ForceEstimate]:
         """Returns the same estimate for each sample, without reading an image."""
         if self.estimate_ is None:
             raise NotFittedError("the constant predictor has no mean yet; call fit first")

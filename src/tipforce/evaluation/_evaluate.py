@@ -167,7 +167,7 @@ def evaluate(
         if len(index := first.split.train):
             fitted[method.label] = collect(
                 method.label, first.protocol, first.split.name, dataset, index,
-                first.estimator.answers(dataset.subset(index)), data.contact,
+                first.estimator.predict(dataset.subset(index)), data.contact,
             )  # fmt: skip
         timing[method.label] = time_per_frame(first.estimator, everything)
     found = Evaluation(

@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..estimators import (
     ESTIMATORS,
     Estimator,
-    NetworkEstimator,
+    FineTunable,
     create,
     load_initial_model,
     load_model,
@@ -64,7 +64,7 @@ def methods_from(
         elif model in ESTIMATORS:
             estimator = create(model, (settings or {}).get(model))
             begin = load_initial_model(estimator, init_from)
-            if isinstance(estimator, NetworkEstimator) and begin is not None:
+            if isinstance(estimator, FineTunable) and begin is not None:
                 estimator = estimator.fine_tuned_from(begin)
             made.append(Method(model, estimator, trained_sessions=begin.training_sessions if begin else frozenset()))
         else:

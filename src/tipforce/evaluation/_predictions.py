@@ -37,6 +37,7 @@ class Predictions:
         magnitude_interval_n: (n, 2) 90 % interval of the magnitude.
         status: (n,) value of the estimate's `Status`.
         detail: (n,) line of detail of the estimate.
+        shape: (n,) `DetectedShape` of the image, None from a method that detects none.
     """
 
     method: str
@@ -55,6 +56,7 @@ class Predictions:
     magnitude_interval_n: FloatArray
     status: npt.NDArray[np.str_]
     detail: npt.NDArray[np.str_]
+    shape: npt.NDArray[np.object_]
 
     def __len__(self) -> int:
         return len(self.index)
@@ -113,6 +115,8 @@ def collect(
         contact: (len(dataset),) True where the tip is in contact.
     """
     chosen = dataset.subset(index)
+    shapes = np.empty(len(index), np.object_)
+    shapes[:] = [e.shape for e in estimates]
     return Predictions(
         method=method,
         protocol=protocol,
@@ -130,6 +134,7 @@ def collect(
         magnitude_interval_n=np.array([e.magnitude_interval_n for e in estimates], dtype=np.float64).reshape(-1, 2),
         status=np.array([e.status.value for e in estimates], dtype=np.str_),
         detail=np.array([e.detail for e in estimates], dtype=np.str_),
+        shape=shapes,
     )
 
 

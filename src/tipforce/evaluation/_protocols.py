@@ -253,7 +253,7 @@ def run_protocol(
 
 
 def _predict(fitted: Estimator, label: str, protocol: str, fold: str, data: ScoredData, index: IntArray) -> Predictions:
-    return collect(label, protocol, fold, data.dataset, index, fitted.answers(data.dataset.subset(index)), data.contact)
+    return collect(label, protocol, fold, data.dataset, index, fitted.predict(data.dataset.subset(index)), data.contact)
 
 
 def run_saved(method: Method, data: ScoredData, notes: list[str]) -> MethodResult | None:

@@ -7,7 +7,14 @@ from ._force_log import ForceLog, logs_by_kind, read_force_log, read_knob_log
 from ._images import StreamDepth, check_image_target, decode_image, encode_image, is_image, read_image, save_image
 from ._reader import RecordingInfo, RecordingReader, StreamInfo, open_recording
 from ._recover import check_target
-from ._sources import FileSource, frame_count, open_source, require_actuation
+from ._sources import (
+    FileSource,
+    can_be_read_again,
+    frame_count,
+    open_source,
+    require_actuation,
+    spread_images,
+)
 from ._tables import ACTUATION_UNITS, STILL_STEP_NS, Table, is_actuation, is_force, open_table
 from ._video import VideoWriter, write_video
 from ._writer import RecordingWriter, write_force_csv
@@ -31,6 +38,7 @@ __all__ = [
     "VideoWriter",
     "atomic_path",
     "atomic_text",
+    "can_be_read_again",
     "check_folder",
     "check_image_target",
     "check_target",
@@ -50,6 +58,7 @@ __all__ = [
     "replacing_folder",
     "require_actuation",
     "save_image",
+    "spread_images",
     "write_atomic",
     "write_force_csv",
     "write_video",

@@ -1,19 +1,22 @@
 """One door for everything that yields events from files."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
+import numpy as np
+
 from ..errors import FileFormatError, InputError
-from ..types import STAGE, Actuation, Event, SessionInfo, Source
+from ..types import STAGE, Actuation, Event, Frame, Image, SessionInfo, Source
 from ._dicom import dicom_size, is_dicom, read_dicom
 from ._folder import frames_of, read_folder
 from ._images import is_image
 from ._reader import RecordingReader
 from ._video import read_video, video_size
 
-__all__ = ["FileSource", "frame_count", "open_source", "require_actuation"]
+__all__ = ["FileSource", "can_be_read_again", "frame_count", "open_source", "require_actuation", "spread_images"]
 
 
 class FileSource:
@@ -119,6 +122,27 @@ class _Lacking(Protocol):
     def lacks(self, names: Iterable[str]) -> list[str]: ...
 
 
+def can_be_read_again(source: Source) -> bool:
+    """Whether ``source`` is a file, which may be iterated more than once, and not a live stream."""
+    return isinstance(getattr(source, "path", None), Path)
+
+
+def spread_images(source: Source, view: str = "camera", count: int = 16) -> list[Image]:
+    """Images from all over a file, or from its first seconds where it does not say how many there are.
+
+    What lies beneath the catheter's tip must change between them, or it is taken for a part of it.
+    """
+    reader = source.reader if isinstance(source, _Stated) else source
+    if isinstance(reader, RecordingReader):
+        total = frame_count(reader, view)
+        rows = np.unique(np.linspace(0, total - 1, min(count, total)).astype(np.int64)) if total else ()
+        return [reader.frame_at(int(row), view).image for row in rows]
+    total = frame_count(source, view)
+    step = max(1, total // count) if total else 5
+    frames = (event.image for event in source if isinstance(event, Frame) and event.view == view)
+    return list(islice(frames, 0, step * count, step))
+
+
 def require_actuation(source: Source, names: Iterable[str]) -> None:
     """Raises InputError where ``source`` can tell that one of ``names`` never comes: ask before the work.
 
@@ -154,15 +178,15 @@ class _Stated:
     """A recording with values or facts that a person adds."""
 
     def __init__(self, reader: RecordingReader, actuation: Mapping[str, float], stated: SessionInfo) -> None:
-        self._reader, self._actuation = reader, dict(actuation)
+        self.reader, self._actuation = reader, dict(actuation)
         self.path, self.session_info = reader.path, reader.session_info.updated(stated)
 
     def lacks(self, names: Iterable[str]) -> list[str]:
         """Those of the actuation's ``names`` that never come."""
-        return _never_read(self._reader, [name for name in names if name not in self._actuation])
+        return _never_read(self.reader, [name for name in names if name not in self._actuation])
 
     def __iter__(self) -> Iterator[Event]:
-        for place, event in enumerate(self._reader):
+        for place, event in enumerate(self.reader):
             if place == 0 and self._actuation:
                 yield Actuation(event.stamp_ns, self._actuation)
             yield event
@@ -173,4 +197,4 @@ class _Stated:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._reader.close()
+        self.reader.close()

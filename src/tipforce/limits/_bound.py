@@ -8,8 +8,7 @@ import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 
 from ..mechanics import posterior_covariance, posterior_covariance_along
-from ..simulation._bench import SimulatedBench
-from ..simulation._ground_truth import Truth
+from ..simulation import SimulatedBench, Truth
 from ..types import BoolArray, FloatArray, IntArray, frozen
 from ._jacobian import bound_inputs, centreline_jacobian
 from ._priors import (

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from .._cores import cores
-from ..simulation._ground_truth import read_truth
+from ..simulation import read_truth
 from ..types import FloatArray, IntArray
 from ._bound import CramerRaoBound
 from ._priors import BROAD_FORCE_STD_N, CONTACT_FORCE_PRIORS_N2, Parameter, noise_preset

@@ -10,10 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from ..geometry import arc_length
 from ..mechanics import contact_derivatives
-from ..simulation._bench import SimulatedBench
-from ..simulation._ground_truth import Truth
-from ..simulation._imaging import CameraImaging
-from ..simulation._settings import SimulationSettings
+from ..simulation import CameraImaging, SimulatedBench, SimulationSettings, Truth
 from ..simulation.rendering.camera import Lens
 from ..simulation.world import BenchModel, Device, SessionParameters, build_bench_model
 from ..types import BoolArray, FloatArray, IntArray

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..mechanics import LineNoise
-from ..simulation._fields import Range, Settings
-from ..simulation._settings import PRESETS, SimulationSettings
+from ..simulation import PRESETS, AnySimulationSettings, SimulationSettings
 from ..simulation.world import SessionParameters
 from ..types import FloatArray
 
@@ -47,7 +46,7 @@ class Parameter:
     why: str
 
 
-def _std(bounds: Range) -> float:
+def _std(bounds: tuple[float, float]) -> float:
     """Of a uniform draw."""
     return (bounds[1] - bounds[0]) / math.sqrt(12)
 
@@ -72,7 +71,7 @@ def unknown_parameters(settings: SimulationSettings, parameters: SessionParamete
     tilt = _std((math.radians(wall.tilt_deg[0]), math.radians(wall.tilt_deg[1])))
     degree, ever, anew = math.radians(1.0), math.inf, 0.0
 
-    def uniform(bounds: Range, unit: str = "") -> str:
+    def uniform(bounds: tuple[float, float], unit: str = "") -> str:
         return f"U({bounds[0]:g}, {bounds[1]:g}){unit and ' '}{unit}"
 
     off = f"metadata within {100 * shaft.known_to:g} %"
@@ -220,7 +219,7 @@ CONTACT_FORCE_PRIORS_N2: dict[str, FloatArray] = {
 of an estimator that has learnt the forces from other sessions. ``python -m bench.limits`` measures it."""
 
 
-def noise_preset(settings: Settings | Mapping[str, Any]) -> str | None:
+def noise_preset(settings: AnySimulationSettings | Mapping[str, Any]) -> str | None:
     """Returns the preset whose measured `CENTRELINE_NOISE` holds for ``settings``, or None.
 
     ``settings``: as they are, or as a ground truth states them. The length of a session does not matter.
@@ -228,7 +227,7 @@ def noise_preset(settings: Settings | Mapping[str, Any]) -> str | None:
     >>> noise_preset(PRESETS["generalise"])
     'generalise'
     """
-    stated = settings.model_dump(mode="json") if isinstance(settings, Settings) else settings
+    stated = settings.model_dump(mode="json") if not isinstance(settings, Mapping) else settings
     if stated.get("preset") in CENTRELINE_NOISE:
         return str(stated["preset"])
     return next(

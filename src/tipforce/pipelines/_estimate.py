@@ -16,8 +16,15 @@ import numpy as np
 from ..alignment import observations
 from ..datasets import open_source
 from ..errors import InputError
-from ..estimators import Estimator, Progress, ShowsShape, load_model, missing_metadata, view_of
-from ..io import VideoWriter, atomic_text, frame_count, require_actuation
+from ..estimators import Estimator, Progress, Stream, load_model, missing_metadata
+from ..io import (
+    VideoWriter,
+    atomic_text,
+    can_be_read_again,
+    frame_count,
+    require_actuation,
+    spread_images,
+)
 from ..types import (
     Actuation,
     Event,
@@ -133,8 +140,8 @@ def estimate(
     stated = session_info_from(bench)
     with source_of(frames, stated, actuation or {}, frame_rate_hz) as source:
         check_inputs(estimator, source)
-        stream = estimator.start(source.session_info)
-        for observation in observations(source, view_of(estimator)):
+        stream = start_stream(estimator, source)
+        for observation in observations(source, estimator.views):
             yield stream.update(observation)
 
 
@@ -160,6 +167,13 @@ def check_inputs(estimator: Estimator, source: Source) -> None:
     missing = missing_metadata(estimator.required_metadata, source.session_info)
     if missing:
         raise InputError(f"{getattr(source, 'path', source.session_info.name)}: {missing}")
+
+
+def start_stream(estimator: Estimator, source: Source) -> Stream:
+    """A stream for ``source``; a file shows images from all over it beforehand to a method that calibrates on them."""
+    if estimator.calibrates_on_images and can_be_read_again(source):
+        return estimator.start(source.session_info, spread_images(source, estimator.views[0]))
+    return estimator.start(source.session_info)
 
 
 class _Given:
@@ -216,20 +230,16 @@ def write_estimates(
         InputError: ``source`` holds no frame, or lacks readings or metadata that ``estimator`` needs.
     """
     check_inputs(estimator, source)
-    view = view_of(estimator)
+    view = estimator.views[0]
     total = frame_count(source, view)
-    stream = estimator.start(source.session_info)
+    stream = start_stream(estimator, source)
     report, first_ns = EstimateReport(), 0
     with ExitStack() as stack:
         table = stack.enter_context(atomic_text(forces)) if isinstance(forces, Path) else forces
-        video = (
-            stack.enter_context(_Overlay(overlay, estimator, source.session_info, view, full_scale_n))
-            if overlay
-            else None
-        )
+        video = stack.enter_context(_Overlay(overlay, view, full_scale_n)) if overlay else None
         rows = csv.writer(table, lineterminator="\n")
         rows.writerow(COLUMNS)
-        for observation in observations(source, view):
+        for observation in observations(source, estimator.views):
             start = time.perf_counter()
             found = stream.update(observation)
             report.add(found, time.perf_counter() - start)
@@ -265,9 +275,8 @@ def _ends(interval: FloatArray) -> list[str]:
 class _Overlay:
     """The video with the force in it; its rate is that of the first two frames."""
 
-    def __init__(self, path: Path, estimator: Estimator, info: SessionInfo, view: str, full_scale_n: float) -> None:
-        self.path, self.estimator, self.view, self.full_scale_n = path, estimator, view, full_scale_n
-        self.session_info = info
+    def __init__(self, path: Path, view: str, full_scale_n: float) -> None:
+        self.path, self.view, self.full_scale_n = path, view, full_scale_n
         self.first: Frame | None = None
         self.writer: VideoWriter | None = None
         self.stack = ExitStack()
@@ -292,10 +301,7 @@ class _Overlay:
         image = observation.views[self.view]
         if isinstance(image, ShapeFeatures):
             raise InputError("an overlay needs pictures, and these data are ready-made shape coefficients")
-        sighting = (
-            self.estimator.look(observation, self.session_info)[0] if isinstance(self.estimator, ShowsShape) else None
-        )
-        return draw_estimate(image, sighting, estimate, full_scale_n=self.full_scale_n)
+        return draw_estimate(image, estimate.shape, estimate, full_scale_n=self.full_scale_n)
 
     def __enter__(self) -> "_Overlay":
         return self

@@ -2,14 +2,11 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..errors import InputError
-from ..io import RecordingReader, frame_count, open_source, read_image
+from ..io import RecordingReader, frame_count, open_source, read_image, spread_images
 from ..types import Frame, Image, SessionInfo, Source
 from ..vision import (
     ClassicDetector,
@@ -78,7 +75,7 @@ def inspect_frames(
     tally, first = Tally(room), None
     with open_source(path, stated=stated) as source:
         total = frame_count(source, vision.view)
-        settled = _settled(vision, _spread(source, vision.view, total), source.session_info)
+        settled = _settled(vision, spread_images(source, vision.view), source.session_info)
         see = ShapeDetector(settled).detect
         for count, frame in enumerate(_frames(source, vision.view)):
             first = frame if first is None else first
@@ -130,18 +127,6 @@ def _views_in(path: Path) -> str:
     with RecordingReader(path) as reader:
         views = reader.views
     return f"; there is {', '.join(views)}: set vision.view={views[0]}" if views else ""
-
-
-def _spread(source: Source, view: str, total: int) -> list[Image]:
-    """Pictures from all over ``source``, or from its first seconds where nobody knows how many there are.
-
-    What lies beneath the catheter's end must change, or it is taken for a part of it.
-    """
-    if isinstance(source, RecordingReader) and view in source.views:
-        places = np.unique(np.linspace(0, total - 1, _SETTLING).astype(np.int64))
-        return [source.frame_at(int(k), view).image for k in places]
-    step = max(1, total // _SETTLING) if total else 5
-    return [frame.image for frame in islice(_frames(source, view), 0, step * _SETTLING, step)]
 
 
 def _settled(vision: VisionSettings, images: list[Image], info: SessionInfo) -> VisionSettings | ResolvedVision:

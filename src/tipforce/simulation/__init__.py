@@ -2,6 +2,7 @@
 
 from ._bench import SimulatedBench
 from ._ground_truth import Truth, ViewTruth, collect_truth, read_truth, truth_path, write_truth
+from ._imaging import CameraImaging
 from ._live import LiveSimulation
 from ._logs import write_logs
 from ._sample_set import SampleSet, sample_set
@@ -11,6 +12,7 @@ from ._settings import PRESETS, AnySimulationSettings, FluoroSettings, Simulatio
 __all__ = [
     "PRESETS",
     "AnySimulationSettings",
+    "CameraImaging",
     "FluoroSettings",
     "LiveSimulation",
     "SampleSet",

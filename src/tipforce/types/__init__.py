@@ -8,7 +8,7 @@ Force = what the tissue does to the tip, in the base frame.
 from ._arrays import BoolArray, FloatArray, Image, IntArray, frozen
 from ._axes import ADVANCE, KNOB, STAGE_ACROSS, STAGE_FORWARD, AxisLimits, Commanded, refuse_unknown
 from ._bench_file import bench_text, info_from_facts, read_bench
-from ._estimate import ForceEstimate, Status
+from ._estimate import ForceEstimate
 from ._seams import Actuators, Clock, SimulatedClock, Source, SystemClock
 from ._session import (
     BASE_SIDES,
@@ -23,7 +23,8 @@ from ._session import (
     ViewInfo,
     merged_values,
 )
-from ._shape import BasePose, CentrelineM, CentrelinePx
+from ._shape import BasePose, CentrelineM, CentrelinePx, DetectedShape
+from ._status import Status
 from ._streams import JOINTS, STAGE, Actuation, Event, Frame, Observation, ShapeFeatures, View, Wrench
 
 __all__ = [
@@ -47,6 +48,7 @@ __all__ = [
     "CentrelinePx",
     "Clock",
     "Commanded",
+    "DetectedShape",
     "Event",
     "FloatArray",
     "ForceEstimate",

@@ -2,31 +2,14 @@
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
 from ._arrays import BoolArray, FloatArray, frozen
+from ._shape import DetectedShape
+from ._status import Status
 
-__all__ = ["ForceEstimate", "Status"]
-
-
-class Status(StrEnum):
-    """Whether there is a value, and if not, why not."""
-
-    VALID = "valid"
-    NO_CATHETER = "no_catheter"
-    """Nothing in the picture looks like the catheter."""
-    CUT_OFF = "cut_off"
-    """The catheter was found, but leaves the picture or is lost before its tip."""
-    NOT_A_FUNCTION = "not_a_function"
-    """The shape bends past 90 degrees: no polynomial y(x) describes it."""
-    MISSING_INPUT = "missing_input"
-    """An actuation value that the method was trained with is absent."""
-    OUT_OF_DOMAIN = "out_of_domain"
-    UNOBSERVABLE = "unobservable"
-    FOLD = "fold"
-    STALE = "stale"
+__all__ = ["ForceEstimate"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +20,7 @@ class ForceEstimate:
     leaves all three unknown; unknown components are NaN. ``covariance_n2`` (3, 3), NaN where unknown.
     ``interval_n`` (3, 2) and ``magnitude_interval_n`` (2,): 90 % intervals. An invalid estimate carries NaN
     everywhere, never an old number. ``contact``: probability that the tip touches anything, NaN from methods that do
-    not tell.
+    not estimate it. ``shape``: the catheter as it was detected in the image, None from methods that detect none.
     """
 
     stamp_ns: int
@@ -50,6 +33,7 @@ class ForceEstimate:
     status: Status = Status.VALID
     detail: str = ""
     contact: float = math.nan
+    shape: DetectedShape | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "force_n", frozen("force_n", self.force_n, (3,)))
@@ -68,7 +52,7 @@ class ForceEstimate:
         return self.status is Status.VALID
 
     @classmethod
-    def invalid(cls, stamp_ns: int, status: Status, detail: str) -> "ForceEstimate":
+    def invalid(cls, stamp_ns: int, status: Status, detail: str, shape: DetectedShape | None = None) -> "ForceEstimate":
         """An estimate that says why there is none.
 
         >>> ForceEstimate.invalid(0, Status.NO_CATHETER, "nothing dark at the left border").valid
@@ -85,4 +69,5 @@ class ForceEstimate:
             magnitude_interval_n=np.full(2, nan),
             status=status,
             detail=detail,
+            shape=shape,
         )

@@ -1,12 +1,13 @@
 """Detection of the catheter: image -> ordered centreline -> base frame -> shape features."""
 
+from ..types import DetectedShape
 from ._auto_calibrate import auto_calibrate, is_resolved
 from ._classic import ClassicDetector, ClassicSteps
-from ._detected_shape import DetectedShape
 from ._detector import ShapeDetector
 from ._draw import contact_sheet, draw_estimate, draw_shape, shaft_mask
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._inspect import Inspection, InspectSettings, Reasons, Tally, inspect_image
+from ._session_calibration import SessionCalibration, session_vision
 from ._session_size import for_session
 from ._settings import BaseSide, Polarity, ResolvedVision, VisionSettings
 from ._thesis_figures import figure_17, figure_18
@@ -23,6 +24,7 @@ __all__ = [
     "Polarity",
     "Reasons",
     "ResolvedVision",
+    "SessionCalibration",
     "ShapeDetector",
     "ShapeFeatureSettings",
     "Tally",
@@ -39,6 +41,7 @@ __all__ = [
     "for_session",
     "inspect_image",
     "is_resolved",
+    "session_vision",
     "shaft_mask",
     "shape_features",
 ]

@@ -8,8 +8,7 @@ from itertools import islice, product
 import numpy as np
 
 from ..errors import InputError
-from ..types import FloatArray, Image, SessionInfo, Status
-from ._detected_shape import DetectedShape
+from ..types import DetectedShape, FloatArray, Image, SessionInfo, Status
 from ._session_size import for_session, learn_length, learn_tip_template, on_axis, with_nominal, with_view
 from ._settings import BaseSide, Polarity, ResolvedVision, VisionSettings
 from .tracer import Trace, Tracer

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..geometry import fit_polynomial
-from ..types import BasePose, BoolArray, CentrelinePx, FloatArray, Image, IntArray, Status
-from ._detected_shape import DetectedShape
+from ..types import BasePose, BoolArray, CentrelinePx, DetectedShape, FloatArray, Image, IntArray, Status
 from ._settings import ResolvedVision, VisionSettings
 
 __all__ = ["ClassicDetector", "ClassicSteps", "grey_of", "resampled"]

@@ -3,10 +3,9 @@
 from typing import Protocol
 
 from ..errors import InputError
-from ..types import Image, Status
+from ..types import DetectedShape, Image, Status
 from ._auto_calibrate import auto_calibrate, is_resolved
 from ._classic import ClassicDetector
-from ._detected_shape import DetectedShape
 from ._settings import ResolvedVision, VisionSettings
 from .tracer import Tracer
 

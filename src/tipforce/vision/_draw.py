@@ -6,10 +6,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from ..types import BoolArray, FloatArray, ForceEstimate, Image
+from ..types import BoolArray, DetectedShape, FloatArray, ForceEstimate, Image
 from ..units import newtons_to_grams
 from ._canvas import FONT, SHIFT, WHITE, Canvas, Colour, fixed, plain, rgb
-from ._detected_shape import DetectedShape
 
 __all__ = ["contact_sheet", "draw_estimate", "draw_shape", "shaft_mask"]
 

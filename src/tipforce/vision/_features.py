@@ -9,8 +9,7 @@ from numba import njit
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..geometry import angle_matrix, curve_from_angle, fit_polynomial, turning_angles
-from ..types import BasePose, CentrelinePx, FloatArray, Status
-from ._detected_shape import DetectedShape
+from ..types import BasePose, CentrelinePx, DetectedShape, FloatArray, Status
 
 __all__ = ["NoFeatures", "ShapeFeatureSettings", "feature_names", "fitted_curve", "shape_features"]
 

@@ -11,9 +11,8 @@ import cv2
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from ..types import FloatArray, Image
+from ..types import DetectedShape, FloatArray, Image
 from ._classic import ClassicDetector
-from ._detected_shape import DetectedShape
 from ._draw import contact_sheet, draw_shape
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._settings import ResolvedVision, VisionSettings

@@ -100,5 +100,5 @@ def test_without_pydicom_the_install_line_is_named(tmp_path, scene: XrayScene, m
         return real(name, package)
 
     monkeypatch.setattr(importlib, "import_module", gone)
-    with pytest.raises(MissingExtraError, match=r"tipforce\[dicom\]"):
+    with pytest.raises(MissingExtraError, match=r"in the checkout of tipforce, run: pip install -e '.\[dicom\]'"):
         write_dicom(tmp_path / "run.dcm", [np.zeros((8, 8), np.uint8)], [0], scene)

@@ -208,15 +208,15 @@ def test_platinum_is_all_but_opaque_and_the_shaft_is_not(scene: XrayScene) -> No
 
 
 @pytest.mark.parametrize("mean", [0.4, 3.3, 17.77, 35.9, 36.1, 90.0, 470.0])
-def test_quanta_are_poisson(mean: float) -> None:
+def test_photon_counts_are_poisson(mean: float) -> None:
     tables = photon_tables()
-    counts = np.empty((512, 512), np.uint16)
-    sample_photons(np.full((512, 512), mean, np.float32), frame_key(3, 0, 7, 0), tables.alias, tables.gauss, counts)
-    counts = np.bincount(counts.ravel(), minlength=2)
-    expected = stats.poisson.pmf(np.arange(counts.size), mean) * counts.size
+    photons = np.empty((512, 512), np.uint16)
+    sample_photons(np.full((512, 512), mean, np.float32), frame_key(3, 0, 7, 0), tables.alias, tables.gauss, photons)
+    counts = np.bincount(photons.ravel(), minlength=2)
+    expected = stats.poisson.pmf(np.arange(counts.size), mean) * photons.size
     common = expected > 8
     seen = np.append(counts[common], counts[~common].sum())
-    due = np.append(expected[common], counts.size - expected[common].sum())
+    due = np.append(expected[common], photons.size - expected[common].sum())
     assert stats.chisquare(seen, due * seen.sum() / due.sum()).pvalue > 1e-3
 
 

@@ -109,7 +109,7 @@ class CompactEstimateBuilder:
         if outputs["in_distribution_logit"][0] < self.limits.min_in_distribution_logit:
             return ForceEstimate.invalid(
                 stamp_ns,
-                Status.OUT_OF_DOMAIN,
+                Status.OUT_OF_DISTRIBUTION,
                 "the catheter lies as in no training image: shifted, rotated, or of another scale",
             )
         abstention = self.ood.abstention(stamp_ns, outputs["grid"])

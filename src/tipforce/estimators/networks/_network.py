@@ -17,6 +17,7 @@ import numpy.typing as npt
 from ...datasets import Dataset
 from ...errors import InputError, ModelError, NotFittedError
 from ...training import (
+    CHECKPOINT_FILE,
     LOG_FILE,
     Task,
     TrainConfig,
@@ -29,7 +30,7 @@ from ...training import (
     train_val_split,
 )
 from ...types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
-from .._base import Estimator, Progress
+from .._base import FineTunable, Progress
 from .._builder import AXES, EstimateBuilder
 from .._reading import Abstention, actuation_names
 from .._summary import ModelSummary
@@ -38,6 +39,7 @@ from ._calibration import CalibrationBatch, Outputs, quantise_checked, spread_ev
 from ._graph import Graph
 from ._network_summary import network_summary
 from ._preparation import (
+    PREPARED_FILE,
     Arrays,
     InputReader,
     PreparedData,
@@ -100,7 +102,7 @@ class FittedNetwork:
     sessions: tuple[str, ...]
 
 
-class NetworkEstimator(Estimator):
+class NetworkEstimator(FineTunable):
     """A network with the interface of all methods.
 
     A subclass states the inputs of its network (`input_specs`, `reader`), the `task` that trains it, and its settings,
@@ -113,7 +115,7 @@ class NetworkEstimator(Estimator):
     """Names of the network's outputs, in order."""
 
     def __init__(self, settings: Any = None) -> None:
-        self.settings = settings or self.settings_type()
+        super().__init__(settings)
         self.fitted_: FittedNetwork | None = None
         self._init_from: NetworkEstimator | None = None
 
@@ -323,7 +325,7 @@ class NetworkEstimator(Estimator):
     def _set_interval(self, dataset: Dataset, sampling: str, report: Callable[[float], None]) -> None:
         """Set the intervals on ``dataset``: whole held-out sessions, unless ``sampling`` says how it was drawn."""
         fitted = self._fitted()
-        estimates = self.answers(dataset, report)
+        estimates = self.predict(dataset, report)
         valid = [index for index, estimate in enumerate(estimates) if estimate.valid]
         if not valid:
             raise InputError(
@@ -343,8 +345,24 @@ class NetworkEstimator(Estimator):
         force = np.array([each.force_n[known] for each in estimates])
         return conformal_interval(known, force, force - truth, truth, session, not sampling, sampling)
 
-    def start(self, info: SessionInfo) -> "NetworkStream":
+    @property
+    def views(self) -> tuple[str, ...]:
+        """The view of the settings."""
+        return (self.settings.view,)
+
+    @property
+    def run_files(self) -> frozenset[str]:
+        """Prepared inputs, checkpoint and log."""
+        arrays = {f"{name}.npy" for name in (*self.input_specs(training=True), "actuation", "heatmap")}
+        return frozenset(arrays | {CHECKPOINT_FILE, LOG_FILE, PREPARED_FILE})
+
+    def to_onnx(self) -> tuple[bytes, dict[str, Any]]:
+        """The graph in 32 bits, and how far it is from the trained network."""
+        return self.files()[GRAPH_FILE], {"parity_n": self.describe()["parity_with_network_n"]}
+
+    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> "NetworkStream":
         """Returns a stream for one session. Raises NotFittedError before ``fit``."""
+        del images  # its window follows from the metadata
         fitted = self._fitted()
         reader = self.reader(info, training=False)
         return NetworkStream(fitted.graph, reader, fitted.actuation, self.estimate_builder())
@@ -361,13 +379,13 @@ class NetworkEstimator(Estimator):
         made._init_from = self._init_from
         return made
 
-    def fine_tuned_from(self, model: "NetworkEstimator") -> Self:
+    def fine_tuned_from(self, model: FineTunable) -> Self:
         """Returns an unfitted estimator whose fits start from the weights of ``model``, with settings for fine-tuning.
 
         Raises:
             InputError: ``model`` is of another method.
         """
-        if model.name != self.name:
+        if model.name != self.name or not isinstance(model, NetworkEstimator):
             raise InputError(f"a {self.name} cannot start from the weights of a {model.name}; name a {self.name}")
         made = self.unfitted()
         made.settings, made._init_from = self.settings.for_fine_tuning(), model

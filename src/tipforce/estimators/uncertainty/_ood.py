@@ -87,7 +87,7 @@ class OodDetector:
         if score <= 1.0:
             return None
         detail = f"the image is unlike the training images (out-of-distribution score {score:.1f}, the limit is 1)"
-        return ForceEstimate.invalid(stamp_ns, Status.OUT_OF_DOMAIN, detail)
+        return ForceEstimate.invalid(stamp_ns, Status.OUT_OF_DISTRIBUTION, detail)
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Returns arrays for the model store."""

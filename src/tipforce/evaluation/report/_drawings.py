@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...estimators import view_of
 from ...types import FloatArray
 from .._constant import Constant
 from .._evaluate import Evaluation
@@ -256,7 +255,7 @@ def _of_training(evaluation: Evaluation, result: MethodResult, name: str) -> lis
 def _of_components(evaluation: Evaluation, result: MethodResult, name: str) -> list[Drawing]:
     """The thesis's figures 30, 31 and 32."""
     split = f"Test samples of the split “{PROTOCOL_WORDS[result.protocol].name}”"
-    sheet = sample_sheet(evaluation.dataset, result.predictions, view_of(result.fits[0].estimator))
+    sheet = sample_sheet(evaluation.dataset, result.predictions, result.fits[0].estimator.views[0])
     made = [
         drawing_of(
             f"{name}-fig31",
@@ -294,7 +293,7 @@ def whole_session(evaluation: Evaluation, result: MethodResult, session: str) ->
         return replace(part, index=index_in(everything, evaluation.dataset)[part.index])
     fit = next(fit for fit in result.fits if fit.split.name == part.fold[0])
     frames = np.flatnonzero(everything.session == session)
-    found = fit.estimator.answers(everything.subset(frames))
+    found = fit.estimator.predict(everything.subset(frames))
     contact = everything.magnitude_n > CONTACT_N
     return collect(result.method, result.protocol, fit.split.name, everything, frames, found, contact)
 

@@ -177,7 +177,7 @@ def figure_bland_altman(predictions: Predictions, agreement: Mapping[str, Any]) 
         grams_axis(axes)
         legend_above(axes, 2)
 
-    return make_figure(draw, f"{predictions.method}: agreement with the force sensor (Bland-Altman)")
+    return make_figure(draw, f"{predictions.method}: Bland-Altman")
 
 
 _MIN_INTERVALS = 10

@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...datasets import Dataset
-from ...estimators import Estimator, ShowsShape, view_of
-from ...types import FloatArray, Image, IntArray, Observation, SessionInfo, ShapeFeatures
+from ...estimators import Estimator
+from ...types import FloatArray, Image, IntArray, Observation, ShapeFeatures
 from ...units import newtons_to_grams
 from ...vision import draw_shape
 from .._evaluate import Evaluation
@@ -83,7 +83,7 @@ def _card(
         answer_text = f"abstained: {predictions.status[index].replace('_', ' ')}"
         answer_text += f", {predictions.detail[index]}" if predictions.detail[index] else ""
     text = f"measured {_both(true)}, {answer_text}"
-    wanted = view_of(estimator)
+    wanted = estimator.views[0]
     shown = wanted if wanted in observation.views else next(iter(observation.views), wanted)
     name = str(dataset.names_of(shown)[predictions.index[index]])
     view, session = observation.views.get(shown), str(predictions.session[index])
@@ -91,7 +91,8 @@ def _card(
     if isinstance(view, ShapeFeatures):
         svg = _curve_svg(view, _session_curves(dataset.subset(np.flatnonzero(dataset.session == session))), name)
     elif view is not None:
-        uri = _photo(_overlay(estimator, observation, view, dataset.session_info[session]))
+        shape = predictions.shape[index]
+        uri = _photo(view if shape is None else draw_shape(view, shape))
     return Card(name, session, text, svg, uri)
 
 
@@ -134,14 +135,6 @@ def _curve_svg(view: ShapeFeatures, others: list[FloatArray], name: str) -> str:
         axes.set_ylabel("y")
 
     return page_svg(to_svg(make_figure(draw, "", 3.2, 2.5)), f"shape of {name}")
-
-
-def _overlay(estimator: Estimator, observation: Observation, image: Image, info: SessionInfo) -> Image:
-    """``image`` with the shape that ``estimator`` detected in it; bare for a method that detects none."""
-    if not isinstance(estimator, ShowsShape):
-        return image
-    shape, curve_px = estimator.look(observation, info)
-    return draw_shape(image, shape, curve_px=curve_px)
 
 
 def _curve_of_features(view: ShapeFeatures, points: int = 48) -> FloatArray | None:

@@ -121,6 +121,10 @@ class Drawing:
     wide: bool = False
 
 
+_TITLE_PER_IN = 8.6
+"""Letters of a title that fit an inch."""
+
+
 def make_figure(
     draw: Callable[[Figure], None], title: str, width_in: float = WIDTH_IN, height_in: float = HEIGHT_IN
 ) -> Figure:
@@ -135,6 +139,8 @@ def make_figure(
     with matplotlib.rc_context(_RC):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         if title:
+            most = int(width_in * _TITLE_PER_IN)
+            title = title if len(title) <= most else title[: most - 1] + "…"
             figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold")
         draw(figure)
     return figure

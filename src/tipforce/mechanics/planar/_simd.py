@@ -5,8 +5,8 @@ between two turns, and nothing is left to the compiler's guess of which arrays m
 many numbers as there are lanes, one or eight, tells which kind is meant; a single lane is a plain float. Octets can be
 added, subtracted and multiplied as floats can.
 
-This is the only file with hand-written vector code. It stays because plain loops are two to four times as slow
-(docs/log.md, "Planar rod: plain loops in place of vector intrinsics").
+This is the only file with hand-written vector code. It stays because plain loops took twice its time or more from
+a cold start (docs/log.md, "Planar rod: plain loops in place of vector intrinsics").
 """
 
 import math

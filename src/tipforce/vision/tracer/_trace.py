@@ -118,8 +118,8 @@ def find_entries(
     named one. Three pixels are averaged towards the inside of the image. ``sign``: +1 for a light shaft, -1 for a dark
     one. ``width_low``, ``width_high``: widths along the line in px. ``threshold``: grey level between catheter and
     ground; negative if unknown. ``least``: minimum contrast. ``line``, ``slope``, ``edges``: buffers, the first two at
-    least as long as the line. ``entries`` (k, 4) receives centre and width along the line in px, contrast and grey
-    level inside, the highest contrast first; their count is returned.
+    least as long as the line. ``entries`` (k, 4) receives centre and width along the line in px, contrast and
+    grey level inside, the highest contrast first; their count is returned.
     """
     image, base = Raster(*frame), BaseLine(*start)
     n = base.n

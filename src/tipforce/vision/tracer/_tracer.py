@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...types import BasePose, CentrelinePx, Image, Status
-from .._detected_shape import DetectedShape
+from ...types import BasePose, CentrelinePx, DetectedShape, Image, Status
 from .._settings import BaseSide, Box, ResolvedVision, VisionSettings
 from ._solve import STATIONS, WORK_SIZE, ShaftFit, solve_shaft
 from ._tip_template import TEMPLATE_COLUMNS, TEMPLATE_ROWS

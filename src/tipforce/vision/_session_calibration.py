@@ -1,0 +1,61 @@
+"""Detection that is resolved session by session, on the session's own images."""
+
+from collections.abc import Sequence
+
+from ..errors import InputError
+from ..types import Image, SessionInfo
+from ._auto_calibrate import auto_calibrate
+from ._session_size import for_session
+from ._settings import ResolvedVision, VisionSettings
+
+__all__ = ["SessionCalibration", "session_vision"]
+
+_FIRST, _EVERY = 50, 5
+"""The detection is resolved on the first 50 images, every fifth of them."""
+_KEPT = 16
+"""And again, whenever the session has doubled, on so many images from all over it."""
+
+
+def session_vision(
+    settings: VisionSettings, images: Sequence[Image], info: SessionInfo, otherwise: ResolvedVision
+) -> ResolvedVision:
+    """Auto-calibrates the detection on ``images`` of one session.
+
+    Args:
+        settings: what the user says.
+        images: of the session; from all over it, since the ground beneath the tip must change.
+        info: its metadata.
+        otherwise: what is taken, scaled to this session, where no image shows a catheter.
+    """
+    try:
+        return auto_calibrate(settings, images, info)
+    except InputError:
+        return for_session(otherwise, info)
+
+
+class SessionCalibration:
+    """Resolves the detection on the images of one session as these come.
+
+    While the catheter stands still, so does what lies beneath it: therefore it is resolved again as the session goes
+    on, whenever it has doubled.
+    """
+
+    def __init__(self, settings: VisionSettings, info: SessionInfo) -> None:
+        self._settings, self._info = settings, info
+        self._kept: list[Image] = []
+        self._count, self._every, self._next = 0, _EVERY, _FIRST
+
+    def add(self, image: Image) -> ResolvedVision | None:
+        """Takes the next image; returns the detection when it was resolved anew."""
+        if self._count % self._every == 0:
+            self._kept.append(image)
+        self._count += 1
+        if self._count < self._next:
+            return None
+        self._next = 2 * self._count
+        while len(self._kept) > _KEPT:
+            self._kept, self._every = self._kept[::2], 2 * self._every
+        try:
+            return auto_calibrate(self._settings, self._kept, self._info)
+        except InputError:
+            return None  # no catheter in these images: the detection stays as it was
