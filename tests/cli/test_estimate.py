@@ -143,11 +143,11 @@ def test_an_error_half_way_leaves_nothing_behind(trained, video: Path, tmp_path:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_does_not_exist_is_named(model: Path, video: Path, tmp_path: Path) -> None:
-    for words in (["-o", tmp_path / "no" / "f.csv"], ["-o", tmp_path / "f.csv", "--overlay", tmp_path / "no/o.mp4"]):
-        with pytest.raises(InputError, match=r"no does not exist"):
-            run(model, video, "--knob-deg", 10, *words)
-    assert not list(tmp_path.iterdir())
+def test_outputs_make_their_folders(trained, video: Path, tmp_path: Path) -> None:
+    with open_source(video, actuation=KNOB) as source:
+        write_estimates(trained, source, tmp_path / "new" / "f.csv", overlay=tmp_path / "other" / "o.mp4")
+    assert (tmp_path / "new" / "f.csv").is_file()
+    assert (tmp_path / "other" / "o.mp4").is_file()
 
 
 def test_facts_that_the_model_needs_are_asked_for_before_the_work(trained, video: Path, tmp_path: Path) -> None:

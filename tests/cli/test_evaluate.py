@@ -182,7 +182,7 @@ def test_the_truth_of_the_simulated_bench_is_scored_beside_the_sensor(rows, tmp_
         biases = (scores["by_session"][session]["quantities"]["y"]["bias_n"] for scores in (true, sensor))
         assert next(biases) - next(biases) == pytest.approx(0.03, abs=1e-9)
     assert figures["cramer_rao_bound"] is None
-    assert [note for note in figures["notes"] if note.startswith("No bound for 2 sessions: the error of seen")]
+    assert [note for note in figures["notes"] if note.startswith("No bound for 2 sessions: the error of")]
     assert "Against the truth" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
 
 

@@ -80,7 +80,7 @@ def test_intervals_are_not_found_on_what_was_learnt(rows: Path, tmp_path: Path) 
     (apart / "metadata.csv").write_text(
         "session,stamp_ns,shape_A1,shape_A2,knob_deg,fx_n,fy_n\nt,1,0.1,0.1,10,0.1,0.1\n"
     )
-    (apart / "dataset.json").write_text('{"frame": "sensor"}')
+    (apart / "dataset.json").write_text('{"force_frame": "sensor"}')
     with pytest.raises(InputError, match=r"its forces are in the frame sensor, those of rows in base"):
         run(rows, "-o", tmp_path / "svr", *QUICK, "--calibrate", apart)
 

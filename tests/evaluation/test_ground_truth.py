@@ -28,7 +28,7 @@ def outcome(force, estimate, index=None):
         method="m", protocol="session", index=np.arange(n) if index is None else index, fold=texts, session=texts,
         names=texts, stamp_ns=np.arange(n), reference_n=force, reference_magnitude_n=size, contact=size > 0.01,
         force_n=estimate, magnitude_n=np.linalg.norm(estimate, axis=1), interval_n=np.zeros((n, 3, 2)),
-        magnitude_interval_n=np.zeros((n, 2)), status=texts, detail=texts,
+        magnitude_interval_n=np.zeros((n, 2)), status=texts, detail=texts, shape=np.full(n, None),
     )  # fmt: skip
 
 

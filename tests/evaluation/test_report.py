@@ -191,7 +191,7 @@ def test_a_method_that_never_answers_still_gets_a_report(make_bench, make_ridge,
     result = evaluate(make_bench(), [Method("mute", make_ridge(refuse_above_deg=-1000))])
     figures = write_report(result, tmp_path / "report")
     assert "gave no estimate" in figures["verdict"][0]
-    assert "out of domain" in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    assert "out of distribution" in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert report_lines(figures)
 
 

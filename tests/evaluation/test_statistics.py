@@ -130,6 +130,7 @@ def predictions(reference, low, high, session=None, estimate=None):
         names=texts, stamp_ns=np.arange(n), reference_n=along, reference_magnitude_n=reference,
         contact=reference > 0.01, force_n=np.column_stack([estimate, np.zeros((n, 2))]), magnitude_n=estimate,
         interval_n=np.zeros((n, 3, 2)), magnitude_interval_n=np.column_stack([low, high]), status=texts, detail=texts,
+        shape=np.full(n, None),
     )  # fmt: skip
 
 

@@ -139,4 +139,4 @@ def test_import_is_light(module: str, heavy: tuple[str, ...]) -> None:
 
 def test_no_file_is_too_long_to_be_read() -> None:
     sizes = {str(p.relative_to(SOURCE)): len(p.read_text(encoding="utf-8").splitlines()) for p in SOURCE.rglob("*.py")}
-    assert not {path: lines for path, lines in sizes.items() if lines > 500}
+    assert not {path: lines for path, lines in sizes.items() if lines > 600}
