@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from ..errors import TipforceError
@@ -76,7 +77,7 @@ def demo(
     folders = [bench / f"session_{number:02d}" for number in range(sessions)]
     runs.mkdir(exist_ok=True)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        list(pool.map(lambda folder: _import(say, folder, runs / f"{folder.name}.mcap"), folders))
+        list(pool.map(partial(_import, say, runs), folders))
     first, last = folders[0], folders[-1]
     _type(say, "inspect", runs / f"{first.name}.mcap", "-o", output / "recording.png")
     _type(
@@ -136,8 +137,9 @@ def demo(
     return DemoReport(report / "report.html", best, marks)
 
 
-def _import(say: Say, folder: Path, target: Path) -> None:
-    """Imports one session; of what is printed, the line about the clocks is repeated."""
+def _import(say: Say, runs: Path, folder: Path) -> None:
+    """Imports the session in ``folder``; of what is printed, the line about the clocks is repeated."""
+    target = runs / f"{folder.name}.mcap"
     printed = _type(
         say, "import", folder / "video.mp4", folder / "force.csv", folder / "stage.csv",
         "--bench", folder / "bench.toml", "--overwrite", "-o", target, capture=True,
