@@ -1,0 +1,59 @@
+"""Every command of the README and of a model card runs, in a folder with files of those names."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tipforce.estimators import located, pretrained_names
+
+from .conftest import code_blocks, type_command  # type: ignore[import-not-found]
+
+README = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+QUICKER = {"--data runs/ -o": "--data runs/ --every 12 -o"}
+
+
+def commands(text: str) -> list[str]:
+    lines = [line for block in code_blocks(text, "console") for line in block.splitlines()]
+    return [line for line in lines if line.startswith("tipforce ")]
+
+
+def test_the_commands_for_a_bench_run(workplace: Path) -> None:
+    shutil.copy("video.mp4", "new.mp4")
+    shutil.copy("bench.toml", "known.toml")
+    lines = commands(README.partition("## On your bench")[2].partition("\n## ")[0])
+    assert len(lines) > 5
+    for line in lines:
+        if line.startswith("tipforce init-bench"):
+            Path("bench.toml").unlink()
+            type_command(line)
+            shutil.copy("known.toml", "bench.toml")  # as filled in by a person
+            for path in sorted(Path("runs").glob("session_0[2-7]*")):  # copies; two sessions suffice
+                path.unlink()
+        else:
+            type_command(line, QUICKER)
+    assert Path("forces.mp4").is_file()
+    assert Path("report/report.html").is_file()
+
+
+def test_the_commands_without_a_bench_and_the_python_example_run(
+    workplace: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (code,) = code_blocks(README, "python")
+    shutil.copy("run.mcap", "runs/monday.mcap")
+    exec(code, {})  # it is the README's own
+    assert capsys.readouterr().out.strip()
+    shutil.rmtree("runs")
+    for line in commands(README.partition("## Without a bench")[2].partition("\n## ")[0]):
+        type_command(line, {"--sessions 8": "--sessions 1"})
+    assert Path("set/metadata.csv").is_file()
+
+
+@pytest.mark.parametrize("name", pretrained_names())
+def test_the_command_of_a_model_card_runs(name: str, workplace: Path) -> None:
+    folder = located(f"pretrained/{name}")
+    card = (folder / "README.md").read_text(encoding="utf-8")
+    (line,) = [line for block in code_blocks(card) for line in block.splitlines()]
+    assert "--bench bench.toml" in line
+    printed = type_command(line.replace("THIS_FOLDER", str(folder)))
+    assert "missing_input" not in printed
