@@ -89,7 +89,7 @@ def session_errors(preset: str, seed: int, frames: int, number: int) -> dict[str
     """Errors (k, POINTS + 1) in px of the frames that were seen rightly, their numbers (k,), and how many were not."""
     bench = SimulatedBench(PRESETS[preset], seed, number)
     quality, camera = bench.imaging.scene.jpeg_quality, bench.imaging.renderer.camera
-    lines = bench.instants.lines_m(bench.frame_s)
+    lines = bench.interpolator.lines_m(bench.frame_s)
     spread = np.linspace(0, len(lines) - 1, SPREAD).astype(int).tolist()
     try:
         pictures = [through_jpeg(bench.frame(k).image, quality) for k in spread]

@@ -166,7 +166,7 @@ def test_a_set_that_does_not_fit_the_disk_is_refused_before_the_work(tmp_path):
         (["--set", "world.wall.angle=3"], "world.wall.angle: there is no such setting; there are contact_angle_deg"),
         (["--as", "dataset", "--seconds", 6], "a session needs 5 s of tare (world.tare_s), 1.5 s of approach and 1 s"),
         (["--seconds", 8, "--set", "world.tare_s=6"], "world.seconds=8: a session needs 6 s of tare"),
-        (["--as", "dataset", "--samples-per-session", 5000], "has images enough for 278; state --seconds"),
+        (["--as", "dataset", "--samples-per-session", 5000], "has images enough for 278; state seconds"),
     ],
 )
 def test_options_that_would_do_nothing_or_cannot_be_had_are_refused(tmp_path, options, message):

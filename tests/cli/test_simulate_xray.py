@@ -52,7 +52,7 @@ def test_two_views_as_dicom_stay_on_one_clock_where_the_first_picture_of_one_was
         import_session(path, [tmp_path / "session" / "force.csv", knob_log], target, offset_ms="none", tare="none")
         with RecordingReader(target) as reader:
             found_deg = reader.actuation_at(reader.stamps())["knob_deg"]
-        true_deg = late.instants.at(late.course.knob_deg, late.frame_s[late.arrived(view)])
+        true_deg = late.interpolator.at(late.trajectory.knob_deg, late.frame_s[late.arrived(view)])
         assert np.abs(found_deg - true_deg).max() < 0.02
 
 
