@@ -157,6 +157,10 @@ def source_of(frames: Frames, stated: SessionInfo, actuation: Mapping[str, float
     if isinstance(frames, str | Path):
         return open_source(frames, actuation=actuation, stated=stated)
     if isinstance(frames, Source):
+        if actuation or stated != SessionInfo():
+            raise InputError(
+                "an open source has its own metadata and readings; state bench and actuation when it is opened"
+            )
         return frames
     return _Given(frames, stated, {**stated.actuation.constant, **actuation}, frame_rate_hz)
 

@@ -1,7 +1,7 @@
-"""The few things that travel between the rooms. SI units; stamps are integer nanoseconds at mid-exposure.
+"""What travels between the packages. SI units; stamps are integer nanoseconds at mid-exposure.
 
 Image coordinates: u right, v down, pixel centres at integers. Base frame: origin at the base, x along the base tangent
-toward the tip, y 90 degrees counter-clockwise from x as seen in the displayed picture, z toward the camera.
+toward the tip, y 90 degrees counter-clockwise from x as seen in the displayed image, z toward the camera.
 Force = what the tissue does to the tip, in the base frame.
 """
 
