@@ -12,6 +12,7 @@ from typer.main import get_command
 
 import tipforce
 from tipforce.cli import VERBS, app
+from tipforce.errors import InputError
 
 SOURCE = Path(tipforce.__file__).parent
 COMMON = {"output", "overwrite", "json_file", "json", "settings", "data"}
@@ -80,3 +81,10 @@ def test_images_without_stamps_are_estimated_on() -> None:
     frames = [np.full((480, 640), 128, np.uint8)] * 3
     found = list(tipforce.estimate("pretrained/dcfe", frames, frame_rate_hz=50.0))
     assert [each.stamp_ns for each in found] == [0, 20_000_000, 40_000_000]
+
+
+def test_metadata_beside_an_open_source_are_refused_not_ignored(bench: Path) -> None:
+    with tipforce.open_recording(bench / "runs" / "session_00.mcap") as source:
+        found = tipforce.estimate("pretrained/dcfe", source, bench=bench / "session_00" / "bench.toml")
+        with pytest.raises(InputError, match="state bench and actuation when it is opened"):
+            next(found)
