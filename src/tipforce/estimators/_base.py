@@ -14,10 +14,15 @@ from ..errors import InputError
 from ..types import ForceEstimate, Image, Observation, SessionInfo
 from ._summary import ModelSummary
 
-__all__ = ["Estimator", "FineTunable", "Progress", "Stream", "calibration_images"]
+__all__ = ["Estimator", "FineTunable", "Progress", "Stream", "calibration_images", "no_progress"]
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of it that is done (0..1)."""
+
+
+def no_progress(what: str, share: float) -> None:
+    """A `Progress` that tells nobody."""
+    del what, share
 
 
 class Stream(Protocol):

@@ -16,7 +16,7 @@ from ..datasets import Dataset
 from ..errors import InputError, ModelError, NotFittedError
 from ..types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
 from ..vision import ResolvedVision, SessionCalibration, auto_calibrate, session_vision
-from ._base import Estimator, Progress
+from ._base import Estimator, Progress, no_progress
 from ._builder import AXES, EstimateBuilder
 from ._inputs import Inputs
 from ._machine import Constants, Machines, fit_machines
@@ -99,7 +99,7 @@ class Svr(Estimator):
         Raises InputError for fewer than `MIN_SAMPLES` samples, actuation that the data do not have, or pictures in
         which the catheter is not found.
         """
-        report = progress or _silent
+        report = progress or no_progress
         count = len(dataset)
         if count < MIN_SAMPLES:
             raise InputError(f"{dataset.title}: has {count} samples; training svr needs at least {MIN_SAMPLES}")
@@ -152,7 +152,7 @@ class Svr(Estimator):
 
         Raises InputError where the catheter is found in none of its pictures, NotFittedError before ``fit``.
         """
-        report, fitted = progress or _silent, self._known()
+        report, fitted = progress or no_progress, self._known()
         rows = gather_rows(
             self.settings, fitted.actuation, dataset, lambda share: report("calibrating", share), fitted.vision
         )
@@ -339,10 +339,6 @@ class SvrStream:
 
     def _inputs_with(self, vision: ResolvedVision | None) -> Inputs:
         return Inputs(self._settings, self._fitted.actuation, self._info, self._fitted.shape, vision)
-
-
-def _silent(what: str, share: float) -> None:
-    del what, share
 
 
 def _linear_weights(settings: SvrSettings, rows: Rows) -> FloatArray:

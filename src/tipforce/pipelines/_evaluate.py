@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 from ..errors import InputError
-from ..estimators import ESTIMATORS, Progress
+from ..estimators import ESTIMATORS, Progress, no_progress
 from ..evaluation import (
     Evaluation,
     EvaluationSettings,
@@ -101,7 +101,7 @@ def evaluate(
     chosen = {name: ESTIMATORS[name].settings_type.model_validate(settings or {}) for name in named}
     methods = methods_from(names, chosen, None if init_from is None else str(init_from))
     dataset = data_of(data, session_info_from(bench))
-    report = progress or _silent
+    report = progress or no_progress
     true_n = None if truth is None else truth_at(dataset, _truths(truth))
     result = evaluate_methods(
         dataset,
@@ -133,7 +133,3 @@ def _truths(folder: Path) -> dict[str, tuple[IntArray, FloatArray]]:
     if not found:
         raise InputError(f"{folder}: there is no truth in it; only what `tipforce simulate` wrote has one")
     return found
-
-
-def _silent(what: str, share: float) -> None:
-    del what, share

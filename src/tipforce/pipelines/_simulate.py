@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ..errors import InputError
+from ..estimators import Progress, no_progress
 from ..simulation import PRESETS, AnySimulationSettings, read_truth, sample_set
 from ..simulation import simulate as simulate_sessions
 from ._simulate_samples import write_samples
 from ._simulate_sessions import FORMS, refuse_form
 
 __all__ = ["SimulateReport", "preset_settings", "simulate", "simulate_dataset"]
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -136,7 +135,7 @@ def simulate_dataset(
     wanted = sample_set(chosen, seed=seed, samples=samples, per_session=samples_per_session, seconds=seconds)
     write_samples(
         Path(output), wanted, shards=shards, masks=masks, lossless=lossless,
-        say=say or _silent, progress=progress or _silent_progress,
+        say=say or _silent, progress=progress or no_progress,
     )  # fmt: skip
     return SimulateReport((Path(output),), samples, wanted.sessions, tuple(wanted.views), time.monotonic() - started)
 
@@ -151,7 +150,3 @@ def _merge(values: dict[str, Any], changes: Mapping[str, Any]) -> None:
 
 def _silent(line: str) -> None:
     del line
-
-
-def _silent_progress(what: str, share: float) -> None:
-    del what, share
