@@ -1,8 +1,8 @@
 """tipforce estimates the contact force at a catheter's tip from images of the catheter. Research use only.
 
 >>> import tipforce
->>> sorted(tipforce.__all__)[-3:]
-['open_recording', 'simulate', 'train']
+>>> tipforce.SessionInfo().view("camera").base_side is None
+True
 
 Names are loaded when they are first used, so that ``import tipforce`` takes a moment only.
 """
