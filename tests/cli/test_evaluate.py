@@ -222,3 +222,33 @@ def test_weights_to_begin_with_are_for_networks_that_are_named(rows, tmp_path):
     assert "init_from is for networks; svr always learns from nothing" in refusal("svr", *common)
     (tmp_path / "model").mkdir()
     assert "init_from is for a method that is named" in refusal(tmp_path / "model", *common)
+
+
+def test_an_evaluation_that_was_cut_off_goes_on_where_it_stopped(rows, tmp_path, monkeypatch):
+    from tipforce.estimators import Svr
+
+    words = ["svr", "--data", rows, *QUICK, "--protocol", "session"]
+    assert run(*words, "-o", tmp_path / "whole").exception is None
+    fit, fitted = Svr.fit, []
+
+    def cut_off(self, dataset, progress=None):
+        if len(fitted) == 2:
+            raise KeyboardInterrupt
+        fitted.append(dataset.sessions)
+        return fit(self, dataset, progress)
+
+    monkeypatch.setattr(Svr, "fit", cut_off)
+    with pytest.warns(UserWarning, match="keeps what was trained so far"):
+        assert run(*words, "-o", tmp_path / "report").exit_code != 0
+    assert len(list((tmp_path / "report.evaluating").iterdir())) == 2
+    fitted.clear()
+    monkeypatch.setattr(Svr, "fit", lambda self, data, progress=None: fitted.append(1) or fit(self, data, progress))
+    assert run(*words, "-o", tmp_path / "report").exception is None
+    assert len(fitted) == 1
+    assert not (tmp_path / "report.evaluating").exists()
+    whole, resumed = (
+        json.loads((tmp_path / name / "metrics.json").read_text(encoding="utf-8"))["results"]
+        for name in ("whole", "report")
+    )
+    assert [row["against_sensor"] for row in whole] == [row["against_sensor"] for row in resumed]
+    assert whole[0]["splits"][0].keys() == resumed[0]["splits"][0].keys()

@@ -68,6 +68,8 @@ def command(
     """Judge methods on held-out data and write a report.
 
     A method's recipe is trained anew for every split; a saved model is also scored as it is, on sessions it never saw.
+    Trained models are kept in OUTPUT.evaluating until the report is written: the same command goes on with an
+    evaluation that was cut off.
 
     Example:
         tipforce evaluate svr --data runs/ -o report/

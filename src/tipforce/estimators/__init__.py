@@ -6,7 +6,7 @@ from ._create import ESTIMATORS, create, method
 from ._fit import Training, train
 from ._onnx import export_onnx
 from ._pretrained import located, pretrained_names
-from ._run_directory import load_initial_model, run_directory
+from ._run_directory import initial_model_folder, load_initial_model, run_directory, training_started
 from ._session_metadata import missing_metadata
 from ._settings import AngleSettings, SvrSettings, WindowSettings
 from .networks import Compact, CompactSettings, Dcfe, DcfeSettings, NetworkEstimator
@@ -36,6 +36,7 @@ __all__ = [
     "check_target",
     "create",
     "export_onnx",
+    "initial_model_folder",
     "load_initial_model",
     "load_model",
     "load_pretrained",
@@ -49,4 +50,5 @@ __all__ = [
     "save_model",
     "train",
     "training_lines",
+    "training_started",
 ]

@@ -11,7 +11,7 @@ from ..training import CHECKPOINT_FILE
 from ._base import Estimator, FineTunable
 from .store import MANIFEST, load_model
 
-__all__ = ["load_initial_model", "run_directory"]
+__all__ = ["initial_model_folder", "load_initial_model", "run_directory", "training_started"]
 
 
 def load_initial_model(recipe: Estimator, start: str | None, *, resume: bool = False) -> FineTunable | None:
@@ -25,29 +25,36 @@ def load_initial_model(recipe: Estimator, start: str | None, *, resume: bool = F
         raise InputError(f"{option} is for networks; {recipe.name} always learns from nothing, so leave it out")
     if start is None:
         return None
-    if start == "pretrained" and not (Path(start) / MANIFEST).is_file():
-        start = f"pretrained/{recipe.name}"
-    model = load_model(start)
+    model = load_model(initial_model_folder(recipe, start))
     if not isinstance(model, FineTunable) or model.name != recipe.name:
         raise InputError(f"init_from={start}: is a {model.name}, and {recipe.name} cannot start from its weights")
     return model
 
 
+def initial_model_folder(recipe: Estimator, start: str) -> str:
+    """The folder that ``start`` stands for: "pretrained" is the model of that method that comes with the program."""
+    return f"pretrained/{recipe.name}" if start == "pretrained" and not (Path(start) / MANIFEST).is_file() else start
+
+
+_RESUME = "go on with it by resume=True"
+
+
 @contextmanager
-def run_directory(recipe: Estimator, model: Path, *, resume: bool) -> Generator[Path | None]:
+def run_directory(recipe: Estimator, model: Path, *, resume: bool, advice: str = _RESUME) -> Generator[Path | None]:
     """The folder MODEL.training beside ``model``, for prepared pictures, checkpoint and log; None for other methods.
 
     It goes when the block ends well. What ends it otherwise, a kill too, leaves it to be resumed once there is a
     checkpoint. Raises InputError where it is there already and ``resume`` is False, or is not and it is True, and
     where it holds anything that no training left there.
+    ``advice``: how to go on, for the warning that the folder is kept; empty: no warning.
     """
     if not isinstance(recipe, FineTunable):
         yield None
         return
-    folder = model.with_name(f"{model.name}.training")
+    folder = _folder(model)
     if resume and not folder.is_dir():
         raise InputError(f"there is nothing to resume: {folder} does not exist; leave out resume=True")
-    if not resume and (folder / CHECKPOINT_FILE).is_file():
+    if not resume and training_started(model):
         raise InputError(
             f"{folder}: holds a training that was not finished; go on with it by resume=True, or remove the folder"
         )
@@ -64,9 +71,19 @@ def run_directory(recipe: Estimator, model: Path, *, resume: bool) -> Generator[
     try:
         yield folder
     except BaseException:
-        if (folder / CHECKPOINT_FILE).is_file():
-            warnings.warn(f"{folder} keeps the training so far; go on with it by resume=True", stacklevel=3)
+        if training_started(model):
+            if advice:
+                warnings.warn(f"{folder} keeps the training so far; {advice}", stacklevel=3)
         else:
             shutil.rmtree(folder)
         raise
     shutil.rmtree(folder)
+
+
+def training_started(model: Path) -> bool:
+    """Whether a training of ``model`` was cut off and left a checkpoint to go on from."""
+    return (_folder(model) / CHECKPOINT_FILE).is_file()
+
+
+def _folder(model: Path) -> Path:
+    return model.with_name(f"{model.name}.training")

@@ -3,6 +3,7 @@
 from ._constant import Constant
 from ._evaluate import Evaluation, EvaluationSettings, ShowsFeatures, evaluate
 from ._ground_truth import BOUND_KINDS, FORCE_BOUND_BINS_N, CramerRaoBounds, bound_at, bound_ratios, truth_at
+from ._kept_fits import KeptFits, kept_fits
 from ._methods import Method, methods_from
 from ._metrics import FORCE_BINS_N, error_metrics, interval_metrics, percent_of_true, score
 from ._predictions import CONTACT_N, Predictions
@@ -34,6 +35,7 @@ __all__ = [
     "Evaluation",
     "EvaluationSettings",
     "FittedSplit",
+    "KeptFits",
     "Method",
     "MethodResult",
     "Predictions",
@@ -47,6 +49,7 @@ __all__ = [
     "error_metrics",
     "evaluate",
     "interval_metrics",
+    "kept_fits",
     "methods_from",
     "percent_of_true",
     "report_lines",

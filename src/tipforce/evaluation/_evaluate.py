@@ -15,6 +15,7 @@ from ..estimators import Estimator, Progress
 from ..types import FloatArray
 from ._constant import Constant
 from ._ground_truth import CramerRaoBounds
+from ._kept_fits import KeptFits
 from ._methods import Method
 from ._predictions import Predictions, collect, in_contact
 from ._protocols import (
@@ -124,6 +125,7 @@ def evaluate(
     truth_n: FloatArray | None = None,
     bounds: CramerRaoBounds | None = None,
     progress: Progress | None = None,
+    fits: KeptFits | None = None,
 ) -> Evaluation:
     """Trains and scores every method under every protocol, the constant predictor beside them.
 
@@ -135,6 +137,7 @@ def evaluate(
             `truth_at`). The same estimates are scored against it too.
         bounds: Cramer-Rao bounds of all samples of ``dataset``; errors against ``truth_n`` are compared with them.
         progress: Is told what is done and which share.
+        fits: Keeps the fits on disk until all is done, see `kept_fits`; None: nothing is kept.
 
     Returns:
         The predictions, their metrics and all that a report needs (see `write_report`).
@@ -158,7 +161,7 @@ def evaluate(
     if settings.as_saved:
         results = run_saved_alone(methods, data, notes)
     else:
-        results = _run_protocols(methods, settings, data, notes, progress)
+        results = _run_protocols(methods, settings, data, notes, progress, fits)
         results += filter(None, [run_saved(method, data, notes) for method in methods])
     fitted: dict[str, Predictions] = {}
     timing: dict[str, dict[str, Any]] = {}
@@ -218,6 +221,7 @@ def _run_protocols(
     data: ScoredData,
     notes: list[str],
     progress: Progress | None,
+    fits: KeptFits | None,
 ) -> list[MethodResult]:
     """The results of all protocols that the data and methods allow; ``notes`` gets those that were left out."""
     thesis_samples = settings.samples or max(method.estimator.thesis_samples for method in methods)
@@ -252,7 +256,7 @@ def _run_protocols(
             for method in methods:
                 part = _part_of(progress, done / total, len(plan) / total)
                 done += len(plan)
-                found.append(run_protocol(method, protocol, plan, data, constant.predictions, part))
+                found.append(run_protocol(method, protocol, plan, data, constant.predictions, part, fits))
         except InputError as error:
             left_out(protocol, error)
         else:

@@ -13,6 +13,7 @@ from ..estimators import (
     Estimator,
     FineTunable,
     create,
+    initial_model_folder,
     load_initial_model,
     load_model,
     located,
@@ -34,6 +35,7 @@ class Method:
         trained_sessions: Fingerprints of the sessions that the saved model was trained on (names, where a model was
             made before these were kept), or, where ``estimator`` is fine-tuned from a model's weights, that model's.
         trained_fingerprint: Fingerprint of the data that the saved model was trained on.
+        initial_sha256: Of the model whose weights ``estimator`` is fine-tuned from; empty where it is not.
     """
 
     label: str
@@ -41,6 +43,7 @@ class Method:
     saved: Estimator | None = None
     trained_sessions: frozenset[str] = frozenset()
     trained_fingerprint: str = ""
+    initial_sha256: str = ""
 
 
 def methods_from(
@@ -66,7 +69,14 @@ def methods_from(
             begin = load_initial_model(estimator, init_from)
             if isinstance(estimator, FineTunable) and begin is not None:
                 estimator = estimator.fine_tuned_from(begin)
-            made.append(Method(model, estimator, trained_sessions=begin.training_sessions if begin else frozenset()))
+            made.append(
+                Method(
+                    model,
+                    estimator,
+                    trained_sessions=begin.training_sessions if begin else frozenset(),
+                    initial_sha256="" if init_from is None else _sha256_of(initial_model_folder(estimator, init_from)),
+                )
+            )
         else:
             known = ", ".join(ESTIMATORS)
             raise InputError(
@@ -78,6 +88,10 @@ def methods_from(
         # Two folders of the same name: their whole paths tell them apart.
         made = [replace(method, label=str(Path(model))) for model, method in zip(models, made, strict=True)]
     return made
+
+
+def _sha256_of(folder: str) -> str:
+    return str(read_manifest(folder)["sha256"]["model.json"])
 
 
 def _saved(folder: str) -> Method:

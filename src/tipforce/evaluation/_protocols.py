@@ -1,6 +1,5 @@
 """Protocols: what a method is trained on and what it is scored on; a saved model is scored as it is."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +12,7 @@ from ..estimators import Estimator, Progress
 from ..types import BoolArray, FloatArray, IntArray
 from ._constant import Constant
 from ._ground_truth import CramerRaoBounds
+from ._kept_fits import KeptFits
 from ._methods import Method
 from ._metrics import score
 from ._predictions import Predictions, collect, concatenate, with_reference
@@ -217,6 +217,7 @@ def run_protocol(
     data: ScoredData,
     constant: Predictions | None = None,
     progress: Progress | None = None,
+    fits: KeptFits | None = None,
 ) -> MethodResult:
     """Trains a method anew on each split's training part and scores it on its test part.
 
@@ -227,12 +228,14 @@ def run_protocol(
         data: The samples.
         constant: The constant predictor under the same splits; None for the constant predictor itself.
         progress: Is told what is done and which share.
+        fits: Fits the method; None: nothing is kept on disk.
 
     Returns:
         The result over the test samples of all splits.
     """
+    fits = fits or KeptFits()
     parts: list[Predictions] = []
-    fits: list[FittedSplit] = []
+    done: list[FittedSplit] = []
     for number, split in enumerate(splits):
         what = f"{method.label}, {protocol} {number + 1}/{len(splits)}"
 
@@ -241,15 +244,12 @@ def run_protocol(
                 progress(what, (number + share) / len(splits))
 
         report("", 0.0)
-        start = time.perf_counter()
-        fitted = method.estimator.unfitted().fit(data.dataset.subset(split.train), report)
-        if len(split.calibrate):
-            fitted = fitted.calibrate(data.dataset.subset(split.calibrate), report)
-        fits.append(FittedSplit(protocol, split, time.perf_counter() - start, fitted.describe(), fitted))
+        fitted, seconds = fits.fit(method, split, data.dataset, report)
+        done.append(FittedSplit(protocol, split, seconds, fitted.describe(), fitted))
         parts.append(_predict(fitted, method.label, protocol, split.name, data, split.test))
         report("", 1.0)
     found = concatenate(parts)
-    return data.result(found, constant or found, fits)
+    return data.result(found, constant or found, done)
 
 
 def _predict(fitted: Estimator, label: str, protocol: str, fold: str, data: ScoredData, index: IntArray) -> Predictions:

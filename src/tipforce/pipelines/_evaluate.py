@@ -13,6 +13,7 @@ from ..evaluation import (
     Evaluation,
     EvaluationSettings,
     check_report_folder,
+    kept_fits,
     methods_from,
     report_lines,
     truth_at,
@@ -66,6 +67,8 @@ def evaluate(
     """Judges methods on held-out data and writes a report.
 
     A method is trained anew for every split; a saved model is also scored as it is, on sessions that it never saw.
+    What is trained is kept in OUTPUT.evaluating until the report is written: an evaluation that was cut off goes on
+    from there when it is asked for again in the same way.
 
     Args:
         models: folders of saved models, ``pretrained/NAME``, or names of methods.
@@ -103,24 +106,26 @@ def evaluate(
     dataset = data_of(data, session_info_from(bench))
     report = progress or no_progress
     true_n = None if truth is None else truth_at(dataset, _truths(truth))
-    result = evaluate_methods(
-        dataset,
-        methods,
-        EvaluationSettings(
-            protocols=None if protocol in ("all", "saved") else [protocol],
-            as_saved=protocol == "saved",
-            samples=samples,
-            folds=folds,
-            every=every,
-            seed=seed,
-            perturbed_frames=perturb or None,
-        ),
-        truth_n=true_n,
-        bounds=bounds_from(dataset, truth, report) if truth is not None and bound is not False else None,
-        progress=report,
-    )
-    report("report", 1.0)
-    metrics = write_report(result, output, command)
+    with kept_fits(output.with_name(f"{output.name}.evaluating")) as fits:
+        result = evaluate_methods(
+            dataset,
+            methods,
+            EvaluationSettings(
+                protocols=None if protocol in ("all", "saved") else [protocol],
+                as_saved=protocol == "saved",
+                samples=samples,
+                folds=folds,
+                every=every,
+                seed=seed,
+                perturbed_frames=perturb or None,
+            ),
+            truth_n=true_n,
+            bounds=bounds_from(dataset, truth, report) if truth is not None and bound is not False else None,
+            progress=report,
+            fits=fits,
+        )
+        report("report", 1.0)
+        metrics = write_report(result, output, command)
     return EvaluateReport(result, metrics, tuple(report_lines(metrics)), output / "report.html")
 
 

@@ -1,0 +1,111 @@
+"""Fits of an evaluation on disk, so that one that was cut off need not train them again."""
+
+import hashlib
+import json
+import shutil
+import time
+import warnings
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..datasets import Dataset, Split
+from ..estimators import (
+    Estimator,
+    FineTunable,
+    Progress,
+    load_model,
+    read_manifest,
+    run_directory,
+    save_model,
+    training_started,
+)
+from ._methods import Method
+
+__all__ = ["KeptFits", "kept_fits"]
+
+
+class KeptFits:
+    """Fits methods on splits; with a folder, each fit becomes a model in it, named by what it was learnt from.
+
+    Args:
+        folder: Where fits are kept; None: nowhere.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self.folder = folder
+        self.used: list[Path] = []
+
+    def fit(self, method: Method, split: Split, dataset: Dataset, progress: Progress) -> tuple[Estimator, float]:
+        """Fits ``method`` on the training part of ``split`` and calibrates it on its calibration part, if it has one.
+
+        Args:
+            method: The method; its ``estimator`` is copied.
+            split: Indices into ``dataset``.
+            dataset: The evaluated samples.
+            progress: Is told what is done and which share.
+
+        Returns:
+            The fitted method and the seconds that this took. A fit that an earlier run kept is loaded in its place.
+        """
+        training = dataset.subset(split.train)
+        apart = dataset.subset(split.calibrate) if len(split.calibrate) else None
+        fresh, began = method.estimator.unfitted(), time.perf_counter()
+        if self.folder is None:
+            fitted = _calibrated(fresh.fit(training, progress), apart, progress)
+            return fitted, time.perf_counter() - began
+        model = self.folder / _identity(method, training, apart)
+        self.used.append(model)
+        if model.is_dir():
+            return load_model(model), float(read_manifest(model)["metrics"]["seconds"])
+        resume = training_started(model)
+        with run_directory(fresh, model, resume=resume, advice="") as run:
+            if isinstance(fresh, FineTunable):
+                fitted = fresh.fit_resumable(training, progress, folder=run, resume=resume)
+            else:
+                fitted = fresh.fit(training, progress)
+            fitted = _calibrated(fitted, apart, progress)
+            seconds = time.perf_counter() - began
+            save_model(fitted, model, training, {"seconds": seconds}, calibration=apart)
+        return fitted, seconds
+
+
+@contextmanager
+def kept_fits(folder: Path) -> Generator[KeptFits]:
+    """Keeps fits in ``folder`` until the block ends well, and says so where it does not.
+
+    Fits that this run did not use, of another evaluation that was cut off at the same place, stay.
+    """
+    fits = KeptFits(folder)
+    try:
+        yield fits
+    except BaseException:
+        if folder.is_dir() and any(folder.iterdir()):
+            warnings.warn(f"{folder} keeps what was trained so far; the same command goes on with it", stacklevel=3)
+        raise
+    for model in fits.used:
+        shutil.rmtree(model, ignore_errors=True)
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _calibrated(fitted: Estimator, apart: Dataset | None, progress: Progress) -> Estimator:
+    return fitted if apart is None else fitted.calibrate(apart, progress)
+
+
+def _identity(method: Method, training: Dataset, apart: Dataset | None) -> str:
+    """16 hexadecimal digits of all that a fit depends on: method, settings, first weights, samples and metadata."""
+    digest = hashlib.sha256()
+    for part in (
+        method.estimator.name,
+        method.estimator.settings.model_dump_json(),
+        method.initial_sha256,
+        *(text for data in (training, apart) if data is not None for text in _content(data)),
+    ):
+        digest.update(part.encode() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+def _content(dataset: Dataset) -> list[str]:
+    metadata = {name: info.values() for name, info in dataset.session_info.items()}
+    return [dataset.fingerprint(), json.dumps(metadata, sort_keys=True)]
