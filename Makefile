@@ -19,7 +19,7 @@ demo: $(STAMP)   ## a simulated bench, from recording to report, in minutes
 	$(BIN)/tipforce demo -o $(DEMO)
 
 test: $(STAMP)   ## the tests
-	$(BIN)/python -m pytest -q -n auto -m "not slow"
+	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow"
 
 check: $(STAMP)  ## lint, format, types, import contracts, docs
 	$(BIN)/ruff check .
@@ -35,8 +35,8 @@ bench: $(STAMP)  ## speed and accuracy, in one run
 	$(BIN)/python -m bench
 
 prove: $(STAMP)  ## the slow tests, and the property tests on new examples
-	$(BIN)/python -m pytest -q -n auto -m slow
-	$(BIN)/python -m pytest -q -n auto -m "not slow" --hypothesis-profile=explore
+	$(BIN)/python -m pytest -q -n auto --dist loadfile -m slow
+	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow" --hypothesis-profile=explore
 
 clean:           ## remove .venv and what the demo wrote
 	rm -rf .venv $(DEMO) build dist

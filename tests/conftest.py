@@ -1,5 +1,6 @@
-"""Pictures of a tube along a curve whose numbers are known."""
+"""Settings of all tests, and images of a tube along a curve whose numbers are known."""
 
+import os
 from collections.abc import Callable
 
 import cv2
@@ -9,6 +10,10 @@ from hypothesis import settings
 
 from tipforce.geometry import curve_from_angle
 from tipforce.types import BasePose
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # Several processes share the cores: threads within each would wait for one another.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # The first example of a test may compile the hot loops. The same examples every time, so that a change is judged by
 # what it changes; `make prove` looks for new ones.
@@ -23,6 +28,19 @@ SHAPES = {"bent": [0.4, 0.5, 0.1], "hook": [1.2, 1.7, 0.3], "long": [0.1, 0.1], 
 def _axis(shape: str) -> np.ndarray:
     length = 820.0 if shape == "long" else 420.0
     return BasePose(np.array([-30.0, 340.0]), -0.05).to_image(curve_from_angle(np.array(SHAPES[shape]), length, 200))
+
+FIRST = ("tests/contracts/test_tutorial", "tests/mechanics", "tests/contracts", "tests/estimators", "tests/cli")
+"""Files that begin: long ones, and such as compile different parts, each process one of them."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Long files first, so that no process is left with one at the end."""
+    rank = {start: place for place, start in enumerate(FIRST)}
+
+    def place(item: pytest.Item) -> int:
+        return next((rank[start] for start in FIRST if item.nodeid.startswith(start)), len(FIRST))
+
+    items.sort(key=place)
 
 
 @pytest.fixture

@@ -9,10 +9,10 @@ from .conftest import type_command  # type: ignore[import-not-found]
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "tutorial" / "your-bench-in-an-hour.md"
 QUICKER = {
-    "--seconds 20": "--seconds 10",
-    "width=800": "width=400",
-    "height=600": "height=300",
-    "metres_per_px = 0.00016": "metres_per_px = 0.00032",
+    "--seconds 20": "--seconds 8",
+    "width=800": "width=320",
+    "height=600": "height=240",
+    "metres_per_px = 0.00016": "metres_per_px = 0.0004",
     "--samples 400 --set epochs=8": "--samples 60 --set epochs=1",
     "--protocol saved": "--protocol saved --every 2",
 }

@@ -28,7 +28,8 @@ class Graph:
     Args:
         data: the bytes of the graph.
         where: what error messages call it, such as the file's name.
-        threads: number of threads it runs on; 0: one for each core that this process may use.
+        threads: number of threads it runs on; 0: as many as OMP_NUM_THREADS says, else one for each core that this
+            process may use.
         on: the runtime; OpenVINO needs the extra ``[openvino]``.
 
     Attributes:
@@ -48,7 +49,7 @@ class Graph:
             raise MissingExtraError("openvino", extra="openvino")
         runtime = _OpenVino if on == "openvino" else _OnnxRuntime
         self._where = where
-        threads = threads or _available_cores()
+        threads = threads or _default_threads()
         with _as_model_error(where):
             loaded = runtime.load(data, threads)
         self._session = runtime(loaded)
@@ -168,7 +169,10 @@ def _openvino_metadata(model: Any) -> dict[str, str]:
     return {name: str(getattr(value, "value", value)) for name, value in stored.items()}
 
 
-def _available_cores() -> int:
+def _default_threads() -> int:
+    stated = os.environ.get("OMP_NUM_THREADS", "")
+    if stated.isdigit() and int(stated) > 0:
+        return int(stated)
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
