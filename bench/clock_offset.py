@@ -1,6 +1,6 @@
 """How well the offset between force log and camera is found in recordings of the twin, over +-80 ms.
 
-    python bench/clock_offset.py RUNS [--truth FOLDER] [--stored] [--json FILE]
+    python -m bench.clock_offset RUNS [--truth FOLDER] [--stored] [--json FILE]
 
 RUNS holds recordings: what `tipforce simulate` wrote, or what was imported from its files; then --truth names the
 folder that the files lie in. Each session's pictures are seen once. Then the whole of it, its first and its last 20

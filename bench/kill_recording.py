@@ -1,6 +1,6 @@
 """kill -9 while a recording is written and while an import runs, at random moments: what is readable afterwards?
 
-python bench/kill_recording.py [--times 20] [--seed 0]
+python -m bench.kill_recording [--times 20] [--seed 0]
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""The error of the centrelines that `fine` sees on the twin's pictures, fitted to the small model that the bound uses.
+"""The error of centrelines that `tracer` detects on simulated images, fitted to the small model that the bound uses.
 
     OMP_NUM_THREADS=1 .venv/bin/python -m bench.line_noise --preset bench-2021 --sessions 16 --out DIR
 

@@ -1,6 +1,6 @@
 """How fast the live twin is: simulated seconds a second, and the time from one event to the next.
 
-    OMP_NUM_THREADS=1 python bench/live_simulation.py [--seconds S] [--blocks N] [--json FILE]
+    OMP_NUM_THREADS=1 python -m bench.live_simulation [--seconds S] [--blocks N] [--json FILE]
 
 One session of bench-2021, with its pictures and without, and without them under a command every 10 ms. Each block is
 the session from its beginning; rates are of the best block, also by processor time, which tells what a busy machine

@@ -1,6 +1,6 @@
 """The four frames of a real tendon manipulator: found or not, and the shapes beside independently stored ones.
 
-    TIPFORCE_REAL_DATA=FOLDER python bench/real_frames.py [--out FOLDER] [--json FILE]
+    TIPFORCE_REAL_DATA=FOLDER python -m bench.real_frames [--out FOLDER] [--json FILE]
 
 The stored curves are quartics y(x) without constant term in an undocumented unit. This chain gives them back to within
 1e-5 in every coefficient, so that nothing about them is free any more: grey > 127; the largest component (the segments

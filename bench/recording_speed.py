@@ -1,6 +1,6 @@
 """How fast recordings are written and read: a minute of 24 frames/s (640x480) and 1 kHz force.
 
-python bench/recording_speed.py [--lossless] [--minutes 1]
+python -m bench.recording_speed [--lossless] [--minutes 1]
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """Whether the samples of ``tipforce simulate --as dataset`` are like the frames of whole sessions.
 
-    OMP_NUM_THREADS=1 .venv/bin/python bench/sample_distributions.py --sessions 40
+    OMP_NUM_THREADS=1 .venv/bin/python -m bench.sample_distributions --sessions 40
 
 Runs the world of as many sessions twice, short as for samples and at the preset's length, at the same pace, and prints
 quantiles of force, angle and knob over the frames that samples are drawn from. No picture is drawn. ``--fine 4`` also

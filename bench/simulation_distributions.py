@@ -1,6 +1,6 @@
 """What the sessions of a preset are like: forces, contact, angles, stick and slip, draws that could not be had.
 
-    OMP_NUM_THREADS=1 .venv/bin/python bench/simulation_distributions.py --sessions 80 --out DIR
+    OMP_NUM_THREADS=1 .venv/bin/python -m bench.simulation_distributions --sessions 80 --out DIR
 
 Only the world is run, no picture is drawn. Writes ``distributions.json`` and ``distributions.svg``.
 """

@@ -1,6 +1,6 @@
 """Share of the 641 soft-arm images in which the arm is found, and a sheet of 25 of them.
 
-    TIPFORCE_REAL_DATA=FOLDER python bench/soft_arm_sheet.py --out FOLDER [--json FILE]
+    TIPFORCE_REAL_DATA=FOLDER python -m bench.soft_arm_sheet --out FOLDER [--json FILE]
 
 The pictures are 64 x 64 px; the arm is 5 px wide, hangs from the top and starts at its clamp near (31, 12).
 """

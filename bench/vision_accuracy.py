@@ -1,8 +1,8 @@
-"""Accuracy of `fine` on synthetic tubes with exact truth: the standard set, then harder ones until it breaks.
+"""Accuracy of `tracer` on synthetic tubes with exact truth: the standard set, then harder ones until it breaks.
 
-    python bench/vision_accuracy.py [--frames 1000] [--hard 80] [--json FILE]
+    python -m bench.vision_accuracy [--frames 1000] [--hard 80] [--json FILE]
 
-Settings are settled on the first three frames of each group (side and polarity open, diameter open), as a user would.
+Settings are calibrated on the first three frames of each group (side, polarity and diameter open), as a user would.
 Centreline error: distance of each of the 64 points to the true curve. Tip error: along the shaft. A frame counts as
 wrong where its tip is off by more than 5 px along the shaft or its worst point by more than 2 px: a wrong answer given
 as right; a lost one is refused.
@@ -14,8 +14,8 @@ import pathlib
 from dataclasses import replace
 
 import numpy as np
+from bench import tubes
 
-import tubes
 from tipforce.errors import InputError
 from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 

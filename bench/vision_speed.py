@@ -1,6 +1,6 @@
-"""Time of frame -> centreline by `fine`, one thread, beside the time of reading the frame once from memory.
+"""Time of frame -> centreline by `tracer`, one thread, beside the time of reading the frame once from memory.
 
-    OMP_NUM_THREADS=1 python bench/vision_speed.py [--json FILE]
+    OMP_NUM_THREADS=1 python -m bench.vision_speed [--json FILE]
 
 Frames lie in memory, far more of them than the caches hold, and are visited in turn; the read is a sum over the
 frame's 64-bit words by the same compiler. Both are timed alternately in the same run, so that a busy machine slows
@@ -13,9 +13,9 @@ import pathlib
 import time
 
 import numpy as np
+from bench import tubes
 from numba import njit
 
-import tubes
 from tipforce.vision import Tracer, VisionSettings
 
 
