@@ -29,6 +29,7 @@ def _axis(shape: str) -> np.ndarray:
     length = 820.0 if shape == "long" else 420.0
     return BasePose(np.array([-30.0, 340.0]), -0.05).to_image(curve_from_angle(np.array(SHAPES[shape]), length, 200))
 
+
 FIRST = ("tests/contracts/test_tutorial", "tests/mechanics", "tests/contracts", "tests/estimators", "tests/cli")
 """Files that begin: long ones, and such as compile different parts, each process one of them."""
 

@@ -114,7 +114,7 @@ def test_actuation_and_samples_that_cannot_be_read(small: NetworkEstimator, show
     settings = small.settings.model_copy(update={"actuation": ("knob_deg",), "epochs": 1})
     data = shown(unseen=(3, 40))
     fitted = type(small)(settings).fit(data)
-    assert fitted.describe()["samples_skipped"] == 2
+    assert sum(lost for lost, _ in fitted.describe()["left_out"].values()) == 2
     unseen = fitted.predict(data.subset(np.array([3])))[0]
     assert (unseen.status, unseen.detail) == (Status.NO_CATHETER, "nothing was filmed")
     assert fitted.required_actuation == ("knob_deg",)

@@ -19,7 +19,7 @@ def model_card(manifest: Mapping[str, Any]) -> str:
         f"# {manifest['method']}: force at a catheter's tip from pictures",
         "",
         (
-            f"Learnt from {training['samples']} samples of **{training['title']}** "
+            f"Learnt from {_samples_text(training['samples'], facts)} of **{training['title']}** "
             f"({count_of(len(sessions), 'session')}: {_listed(sessions)}), "
             f"forces from {low * 1e3:.0f} to {high * 1e3:.0f} mN."
         ),
@@ -103,13 +103,18 @@ def _figure(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
+def _samples_text(samples: int, facts: Mapping[str, Any]) -> str:
+    left_out = sum(lost for lost, _ in facts.get("left_out", {}).values())
+    return f"{samples - left_out} of {samples} samples" if left_out else f"{samples} samples"
+
+
 def training_lines(manifest: Mapping[str, Any]) -> list[str]:
     """What a person who has just trained a model is told, from its manifest."""
     training, facts = manifest["training"], manifest["facts"]
     summary = method(manifest["method"]).summary(facts)
     lines = [
         (
-            f"Learnt from {training['samples']} samples of {training['title']} "
+            f"Learnt from {_samples_text(training['samples'], facts)} of {training['title']} "
             f"({count_of(len(training['sessions']), 'session')}), {summary.short_inputs}"
         ),
         *(f"  {line}" for line in summary.training),

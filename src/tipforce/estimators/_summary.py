@@ -1,8 +1,14 @@
 """Summary of a fitted model in words, for its card and for whoever trained it."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-__all__ = ["ModelSummary", "count_of", "half_width_text"]
+import numpy as np
+import numpy.typing as npt
+
+from ..types import BoolArray
+
+__all__ = ["ModelSummary", "count_of", "half_width_text", "left_out_by_session", "left_out_text"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +35,32 @@ def count_of(number: int, what: str) -> str:
     ('1 session', '2 sessions')
     """
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+def left_out_by_session(session: npt.NDArray[np.str_], kept: BoolArray) -> dict[str, list[int]]:
+    """Counts samples that could not be learnt from.
+
+    Args:
+        session: (n,) name of each sample's session.
+        kept: (n,) True where it was learnt from.
+
+    Returns:
+        Session -> samples left out, and all of its samples; sessions of which none was left out are not in it.
+    """
+    found = {name: session == name for name in dict.fromkeys(session.tolist())}
+    return {name: [int(np.sum(~kept[own])), int(own.sum())] for name, own in found.items() if not kept[own].all()}
+
+
+def left_out_text(left_out: Mapping[str, Sequence[int]], shown: int = 8) -> str:
+    """Returns the counts of `left_out_by_session` in words, sessions that are wholly missing first.
+
+    >>> left_out_text({"a": [3, 10], "b": [5, 5]})
+    '8 left out: all 5 of b, 3 of 10 of a'
+    """
+    worst = sorted(left_out.items(), key=lambda each: -each[1][0] / each[1][1])
+    parts = [f"all {n} of {name}" if lost == n else f"{lost} of {n} of {name}" for name, (lost, n) in worst[:shown]]
+    more = f" and some of {len(worst) - shown} more sessions" if len(worst) > shown else ""
+    return f"{sum(lost for lost, _ in left_out.values())} left out: {', '.join(parts)}{more}"
 
 
 def half_width_text(value: float | None) -> str:

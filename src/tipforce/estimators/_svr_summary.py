@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from ._summary import ModelSummary, count_of, half_width_text
+from ._summary import ModelSummary, count_of, half_width_text, left_out_text
 
 __all__ = ["svr_summary"]
 
@@ -11,15 +11,15 @@ __all__ = ["svr_summary"]
 def svr_summary(facts: Mapping[str, Any]) -> ModelSummary:
     """Returns the summary of the facts that `Svr.describe` gives."""
     numbers = f"{count_of(len(facts['features']), 'number')} a frame"
-    left_out = facts.get("samples_without_shape")
     inputs = f"{numbers}: {', '.join(facts['features'])}."
-    if left_out:
-        inputs += f" In {left_out} of the samples no shape was found; they were left out."
+    training: list[str] = []
+    if left_out := facts["left_out"]:
+        training.append(f"samples in which no shape was found: {left_out_text(left_out)}")
+        inputs += f" Samples in which no shape was found: {left_out_text(left_out)}."
     performance = [
         "| estimate | C | epsilon | sigma | support vectors | error over folds (RMSE) | 90 % interval |",
         "|---|---|---|---|---|---|---|",
     ]
-    training = [f"in {left_out} of them no shape was found: left out"] if left_out else []
     for name, each in facts["targets"].items():
         rmse, half = f"{each['cv_rmse_n'] * 1e3:.1f} mN", half_width_text(each["interval_half_width_n"])
         performance.append(

@@ -16,6 +16,7 @@ from ._base import calibration_images
 from ._inputs import Inputs
 from ._reading import Abstention
 from ._settings import SvrSettings
+from ._summary import left_out_by_session
 from ._window import Window
 
 __all__ = ["Rows", "gather_rows", "warn_of_sizes"]
@@ -25,7 +26,8 @@ __all__ = ["Rows", "gather_rows", "warn_of_sizes"]
 class Rows:
     """``features`` (n, k), in windows of ``width``; ``learn_n`` and ``truth_n`` (n, t), ``session`` (n,).
 
-    ``names``: the shape numbers in one width, actuation after them. ``why_not``: the first sample without a shape.
+    ``names``: the shape numbers in one width, actuation after them. ``why_not``: the first sample without a shape,
+    ``left_out``: see `left_out_by_session`.
     """
 
     features: FloatArray
@@ -35,6 +37,7 @@ class Rows:
     names: tuple[str, ...]
     width: int
     why_not: str
+    left_out: dict[str, list[int]]
 
     def at(self, index: IntArray) -> "Rows":
         """Only the rows at ``index``."""
@@ -115,6 +118,7 @@ def gather_rows(
         names=names or (),
         width=width,
         why_not=why_not,
+        left_out=left_out_by_session(dataset.session, kept),
     )
 
 

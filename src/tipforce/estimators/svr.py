@@ -51,7 +51,7 @@ class _Fitted:
     cv_rmse_n: tuple[float, ...]
     interval: Interval
     samples: int
-    unseen: int
+    left_out: dict[str, list[int]]
     sessions: int
     vision: ResolvedVision | None
     """Of the auto-calibration; None where the data hold no images."""
@@ -113,7 +113,7 @@ class Svr(Estimator):
                 f"{dataset.title}: the catheter's shape is known in {len(rows.features)} of {count} samples, svr needs "
                 f"{MIN_SAMPLES}; the first other one says: {rows.why_not}; look at a picture with `tipforce inspect`"
             )
-        unseen = count - len(rows.features)
+        left_out = rows.left_out
         if settings.training_samples is not None:
             rows = rows.at(_drawn(len(rows.features), settings.training_samples, settings.seed))
         known = dataset.known.copy() if settings.force == "components" else np.zeros(3, np.bool_)
@@ -140,7 +140,7 @@ class Svr(Estimator):
             cv_rmse_n=tuple(errors.tolist()),
             interval=conformal_interval(known, found, wrong, truth, rows.session[part], held_out),
             samples=len(rows.features),
-            unseen=unseen,
+            left_out=left_out,
             sessions=len(set(rows.session.tolist())),
             vision=vision,
         )
@@ -229,7 +229,7 @@ class Svr(Estimator):
             "cv_rmse_n": list(fitted.cv_rmse_n),
             "interval": fitted.interval.values(),
             "samples": fitted.samples,
-            "unseen": fitted.unseen,
+            "left_out": fitted.left_out,
             "sessions": fitted.sessions,
             "vision": None if fitted.vision is None else fitted.vision.model_dump(mode="json"),
             "parity_n": fitted.machines.parity_n,
@@ -255,7 +255,7 @@ class Svr(Estimator):
             cv_rmse_n=tuple(values["cv_rmse_n"]),
             interval=Interval.of(values["interval"]),
             samples=values["samples"],
-            unseen=values["unseen"],
+            left_out=values["left_out"],
             sessions=values["sessions"],
             vision=None if values["vision"] is None else ResolvedVision.model_validate(values["vision"]),
         )
@@ -286,7 +286,7 @@ class Svr(Estimator):
             "interval_basis": interval.basis,
             "features": [*fitted.shape, *fitted.actuation],
             "samples": fitted.samples,
-            "samples_without_shape": fitted.unseen,
+            "left_out": fitted.left_out,
             "sessions": fitted.sessions,
             "parity_with_scikit_learn_n": fitted.machines.parity_n,
         }

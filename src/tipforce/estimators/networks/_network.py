@@ -33,7 +33,7 @@ from ...types import BoolArray, FloatArray, ForceEstimate, Image, Observation, S
 from .._base import FineTunable, Progress
 from .._builder import AXES, EstimateBuilder
 from .._reading import Abstention, actuation_names
-from .._summary import ModelSummary
+from .._summary import ModelSummary, left_out_by_session
 from ..uncertainty import Interval, conformal_interval
 from ._calibration import CalibrationBatch, Outputs, quantise_checked, spread_evenly
 from ._graph import Graph
@@ -270,7 +270,7 @@ class NetworkEstimator(FineTunable):
                 "required_metadata": list(required),
                 "known_metadata": list(available),
                 "samples": len(index),
-                "samples_skipped": len(dataset) - len(index),
+                "left_out": left_out_by_session(dataset.session, np.isin(np.arange(len(dataset)), index)),
                 "parity_with_network_n": deviation_n,
                 "bits": 32 if quantised is None else 8,
                 "error_growth_in_8_bits": growth,

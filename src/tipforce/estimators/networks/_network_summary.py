@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...training import duration_text
-from .._summary import ModelSummary, half_width_text
+from .._summary import ModelSummary, half_width_text, left_out_text
 
 __all__ = ["network_summary"]
 
@@ -13,7 +13,7 @@ def network_summary(facts: Mapping[str, Any]) -> ModelSummary:
     """Returns the summary of the facts that `NetworkEstimator.describe` gives."""
     actuation = facts["actuation"]
     short = facts["input"] + (f" and {', '.join(actuation)}" if actuation else "")
-    skipped = facts["samples_skipped"]
+    left_out = facts["left_out"]
     inputs = f"{short[0].upper()}{short[1:]}: {facts['network']}."
     if facts["required_metadata"]:
         inputs += f" It needs {', '.join(facts['required_metadata'])} of every session, as in training."
@@ -22,8 +22,8 @@ def network_summary(facts: Mapping[str, Any]) -> ModelSummary:
     *earlier, _ = facts["trained_on"]
     if earlier:
         inputs += f" It was fine-tuned from weights trained on {'; then '.join(earlier)}."
-    if skipped:
-        inputs += f" {skipped} of the samples could not be read; they were left out."
+    if left_out:
+        inputs += f" Samples that could not be read: {left_out_text(left_out)}."
     budget = (
         f"{facts['epochs_run']} of {facts['max_epochs']} epochs in {duration_text(facts['seconds'])} "
         f"({facts['device']}, {facts['precision']}): {facts['stop_reason']}"
@@ -45,7 +45,7 @@ def network_summary(facts: Mapping[str, Any]) -> ModelSummary:
     if facts["fine_tuned_from"] is not None:
         new = f", but for {', '.join(facts['reinitialised_weights'])}" if facts["reinitialised_weights"] else ""
         training.append(f"fine-tuned from the weights of {facts['fine_tuned_from']}{new}, trained on {earlier[-1]}")
-    training += [f"{skipped} samples could not be read: left out"] if skipped else []
+    training += [f"samples that could not be read: {left_out_text(left_out)}"] if left_out else []
     training += [
         f"trained {budget}",
         f"kept epoch {facts['best_epoch']}: mean error {error} on {held_out}",
