@@ -43,8 +43,9 @@ def test_examples_of(verb: str, workplace: Path) -> None:
 
 @pytest.mark.slow
 def test_examples_of_train_evaluate_and_estimate(workplace: Path) -> None:
-    shutil.copytree(workplace / "runs", workplace / "bench")
-    shutil.copytree(workplace / "runs", workplace / "other")
+    shutil.rmtree(workplace / "runs")  # copies of two sessions; the examples name eight that differ
+    for folder, seed, sessions in (("runs", 0, 8), ("bench", 1, 2), ("other", 2, 2)):
+        run(f"tipforce simulate --preset bench-2021 --sessions {sessions} --seed {seed} -o {folder}/")
     for line in examples("train"):
         run(f"{line} --overwrite")
     shutil.rmtree(workplace / "models")
