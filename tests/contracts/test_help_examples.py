@@ -42,13 +42,27 @@ def test_examples_of(verb: str, workplace: Path) -> None:
 
 
 @pytest.mark.slow
-def test_examples_of_train_evaluate_and_estimate(workplace: Path) -> None:
+def test_examples_of_train_evaluate_and_estimate(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.rmtree(workplace / "runs")  # copies of two sessions; the examples name eight that differ
     for folder, seed, sessions in (("runs", 0, 8), ("bench", 1, 2), ("other", 2, 2)):
         run(f"tipforce simulate --preset bench-2021 --sessions {sessions} --seed {seed} -o {folder}/")
     for line in examples("train"):
+        if line.endswith(" --resume"):
+            cut_off(line.removesuffix(" --resume"), monkeypatch)
         run(f"{line} --overwrite")
     shutil.rmtree(workplace / "models")
     run("tipforce train runs/ --estimator svr -o models/svr --set force=components")
     for line in (*examples("evaluate"), *examples("estimate")):
         run(line if line.startswith("tipforce evaluate") else f"{line} --overwrite")
+
+
+def cut_off(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A training that ends after its last epoch, before the model is saved."""
+
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError("cut off")
+
+    with monkeypatch.context() as patch, pytest.warns(UserWarning, match="keeps the training so far"):
+        patch.setattr("tipforce.pipelines._train.save_model", fail)
+        with pytest.raises(RuntimeError, match="cut off"):
+            run(f"{line} --overwrite")

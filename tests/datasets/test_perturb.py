@@ -1,4 +1,4 @@
-"""Disturbed pictures: what is drawn, what the force is then, and that nothing else changes."""
+"""Perturbed images: what is drawn, what the force is then, and that nothing else changes."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ def dataset_of(views, force_n=(0.2, 0.1, np.nan)):
         names=np.array([f"{i}.png" for i in range(count)]),
         session_info={"s": SessionInfo("s")},
         rows=np.arange(count),
-        title="pictures",
+        title="images",
     )
 
 
@@ -60,7 +60,7 @@ def test_a_turn_is_counter_clockwise_as_shown_about_the_middle():
     assert middle(Warp(turn_deg=-90)(spot(50, 30), SEED)) == (40, 40)
 
 
-def test_a_force_turned_along_goes_the_way_of_the_picture():
+def test_a_force_turned_along_goes_the_way_of_the_image():
     shown = np.array([10.0, 0.0, 0.0])  # the spot lies to the right of the middle; y is up
     turned = Perturbation("turn", "", Warp(turn_deg=90), force_turn_deg=90).force(shown[None])[0]
     u, v = middle(Warp(turn_deg=90)(spot(50, 30), SEED))
@@ -96,7 +96,7 @@ def test_noise_has_its_sigma_and_is_the_same_for_the_same_seed():
 
 
 @pytest.mark.parametrize("shape", [(200, 300), (200, 300, 3)])
-def test_an_object_has_its_size_and_lies_elsewhere_in_each_picture(shape):
+def test_an_object_has_its_size_and_lies_elsewhere_in_each_image(shape):
     image = np.full(shape, 128, np.uint8)
     places = []
     for row in range(20):
@@ -108,7 +108,7 @@ def test_an_object_has_its_size_and_lies_elsewhere_in_each_picture(shape):
     assert (image == 128).all()
 
 
-def test_a_disturbed_dataset_leaves_the_one_it_came_from_alone():
+def test_a_perturbed_dataset_leaves_the_one_it_came_from_alone():
     views = [spot(20 + i, 30) for i in range(4)]
     data = dataset_of(views)
     before = data.derive("middle", lambda seen: middle(seen.views["camera"]))
@@ -131,9 +131,9 @@ def test_held_samples_are_read_once():
     assert data.store.reads == 2
 
 
-def test_shape_numbers_cannot_be_disturbed():
+def test_shape_numbers_cannot_be_perturbed():
     data = perturbed(dataset_of([ShapeFeatures(("A1",), np.ones(1))]), PERTURBATIONS[0])
-    with pytest.raises(InputError, match="only pictures can be disturbed"):
+    with pytest.raises(InputError, match="only images can be perturbed"):
         list(data.observations())
 
     kinds = {}

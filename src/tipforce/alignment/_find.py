@@ -101,7 +101,7 @@ def find_offset(
         offset = ClockOffset(facts.inertia.lag_ns, "stage", detail=offset.detail)
         remarks.append(
             f"the clock offset, {offset.offset_ms:+.1f} ms, is taken from the stage's movement, good to some "
-            f"milliseconds, for the pictures do not tell: {offset.detail}"
+            f"milliseconds, for the images do not tell: {offset.detail}"
         )
     elif offset.how == "refused":
         remarks.append(f"the clock offset is taken as 0, for it could not be told: {offset.detail}; see offset_ms")

@@ -1,4 +1,4 @@
-"""The force at each picture's mid-exposure."""
+"""The force at each image's mid-exposure."""
 
 import math
 from collections.abc import Iterable, Mapping

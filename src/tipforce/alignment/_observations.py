@@ -11,7 +11,7 @@ from ..types import STAGE, Actuation, Event, Frame, Image, IntArray, Observation
 __all__ = ["PAIR_S", "Pairing", "nearest_frames", "observations"]
 
 PAIR_S = 0.02
-"""Two pictures belong to one instant where their stamps differ by no more."""
+"""Two images belong to one instant where their stamps differ by no more."""
 
 
 def nearest_frames(stamps_ns: IntArray, others_ns: IntArray, within_s: float = PAIR_S) -> IntArray:
@@ -31,7 +31,7 @@ def nearest_frames(stamps_ns: IntArray, others_ns: IntArray, within_s: float = P
 
 
 class Pairing:
-    """Frames as they come -> for a frame of the first view, the pictures of all views at its instant."""
+    """Frames as they come -> for a frame of the first view, the images of all views at its instant."""
 
     def __init__(self, views: Sequence[str], within_s: float = PAIR_S) -> None:
         self._views, self._within_s = tuple(views), within_s
@@ -53,7 +53,7 @@ class Pairing:
         return all(frames and frames[-1].stamp_ns >= stamp_ns for frames in self._others.values())
 
     def views_of(self, frame: Frame) -> dict[str, Image]:
-        """``frame`` of the first view and what belongs to it; a view without such a picture is absent."""
+        """``frame`` of the first view and what belongs to it; a view without such an image is absent."""
         found = {self._views[0]: frame.image}
         for view, frames in self._others.items():
             stamps = np.array([other.stamp_ns for other in frames], np.int64)
@@ -72,7 +72,7 @@ def observations(
 ) -> Iterator[Observation]:
     """An observation for each frame of ``view``, or of the first of several views.
 
-    Of each further view the picture nearest in time, at most ``pair_s`` away, is in the same observation; where it was
+    Of each further view the image nearest in time, at most ``pair_s`` away, is in the same observation; where it was
     dropped, that view is absent. Actuation is interpolated linearly where a later reading comes within ``wait_s`` (in
     stamps) of the frame, else the last one holds; names without any reading so far are absent. Frames wait for that
     reading and for their partners, never longer than events ``wait_s`` and ``pair_s`` later; a live loop passes

@@ -1,7 +1,7 @@
 """The offset between the force log's clock and the camera's, from the catheter's own deflection.
 
 An elastic shaft takes its shape at once: shape and force belong to the same instant, friction and contact or not. The
-bending moment at s is the lever from s to the tip times the force, and both lever and bend are in the picture. So
+bending moment at s is the lever from s to the tip times the force, and both lever and bend are in the image. So
 
     B = c0(t) + c1 G + c2 G^2 + c3 G^3,    B = integral w(s) dtheta,    G(t) = integral w(s) [lever(s) x F(t)]_z ds,
 
@@ -13,7 +13,7 @@ that is fitted with a prior of two degrees.
 
 The bell keeps out what is seen badly: w and its slope vanish at both ends, so no single point of the centreline counts
 for much, and the dome, where one flank turns into the other, does not count at all but for the lever. The levers are
-turned by one angle for all pictures, for the seen base turns with the bend and the sensor does not. They end where a
+turned by one angle for all images, for the seen base turns with the bend and the sensor does not. They end where a
 ball of the shaft's diameter touches a wall that lies across the mean force.
 
 The motion of the wall would not do at all: it leads the force by the tissue's loss angle. A drift of 20 ppm between
@@ -62,7 +62,7 @@ def shape_coordinates(
 
     NaN where nothing was found. ``flexible_share``: of the visible length, from the base; a rigid tip does not bend.
     ``length_px``: of the whole catheter, where it is known; a part at the base may be hidden. All centrelines are
-    brought to one length: what a picture shows beyond it is something else, and where the rigid tip was not seen it is
+    brought to one length: what an image shows beyond it is something else, and where the rigid tip was not seen it is
     drawn on. The base frame's direction is the median one. The lever ends in the middle of the dome; the last column is
     the dome's radius times the integral of w.
     """
@@ -140,7 +140,7 @@ def estimate_offset(
     blocks = _blocks(time, usable)
     data = Data(time[usable], coordinates[usable], blocks, Force(force_ns, force_n[:, :2], origin)).touching()
     free = Fit(data, shifts, 0.0, bound=False)
-    for _ in range(3):  # pictures in which something else was seen
+    for _ in range(3):  # images in which something else was seen
         rest = np.abs(free.residuals(free.best()))
         # what is usual is told from frames in contact: without it nothing is left to explain, and all seems outlying
         usual = float(np.median(rest[data.loaded()]))

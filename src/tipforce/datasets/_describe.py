@@ -1,4 +1,4 @@
-"""A dataset in plain lines and figures, and its pictures session by session."""
+"""A dataset in plain lines and figures, and its images session by session."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -63,9 +63,9 @@ def _spread(values: FloatArray) -> tuple[float, float, float]:
 def session_images(
     dataset: Dataset, view: str, every: int = 1
 ) -> Iterator[tuple[SessionInfo, list[tuple[str, Image]]]]:
-    """Session by session: what is known of it; name and picture of every ``every``-th sample with one in ``view``.
+    """Session by session: what is known of it; name and image of every ``every``-th sample with one in ``view``.
 
-    Raises InputError where there are pictures of other views only.
+    Raises InputError where there are images of other views only.
     """
     others, found = set[str](), False
     for name in dataset.sessions:
@@ -80,6 +80,5 @@ def session_images(
     if others and not found:
         there = sorted(others)
         raise InputError(
-            f"{dataset.title}: has no picture of the view {view!r}; its views are {', '.join(there)}: set "
-            f"view={there[0]}"
+            f"{dataset.title}: has no image of the view {view!r}; its views are {', '.join(there)}: set view={there[0]}"
         )

@@ -21,10 +21,10 @@ __all__ = ["Growing", "GrowingImages", "GrowingShards", "SessionSamples"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionSamples:
-    """Labelled pictures of one session: n samples.
+    """Labelled images of one session: n samples.
 
     ``frame`` (n,): their numbers in it; ``stamp_ns`` (n,), ``actuation``: name -> (n,); ``force_n`` (n, 3), NaN where
-    ``known`` (3,) is False. ``pictures``: view -> n encoded pictures; ``suffix``: of their files. ``masks``: view ->
+    ``known`` (3,) is False. ``pictures``: view -> n encoded images; ``suffix``: of their files. ``masks``: view ->
     n PNGs, or nothing.
     """
 
@@ -39,7 +39,7 @@ class SessionSamples:
     masks: Mapping[str, Sequence[bytes]] = field(default_factory=dict[str, Sequence[bytes]])
 
     def columns(self) -> dict[str, list[Any]]:
-        """Name -> n values, of all columns but the pictures."""
+        """Name -> n values, of all columns but the images."""
         return {
             "session": [self.session_info.name] * len(self.frame),
             "stamp_ns": self.stamp_ns.tolist(),
@@ -48,11 +48,11 @@ class SessionSamples:
         }
 
     def names(self, view: str) -> list[str]:
-        """Path of each picture of ``view``, from the dataset's folder."""
+        """Path of each image of ``view``, from the dataset's folder."""
         return self._paths("images", view, self.suffix)
 
     def mask_names(self, view: str) -> list[str]:
-        """Path of the mask of each picture of ``view``."""
+        """Path of the mask of each image of ``view``."""
         return self._paths("masks", view, ".png")
 
     def _paths(self, kind: str, view: str, suffix: str) -> list[str]:
@@ -144,7 +144,7 @@ class GrowingImages(Growing):
         return self._part(number).exists()
 
     def add(self, number: int, samples: SessionSamples) -> None:
-        """Write its pictures, then its rows, which say that it is whole."""
+        """Write its images, then its rows, which say that it is whole."""
         files: dict[str, bytes] = {}
         for view, pictures in samples.pictures.items():
             files.update(zip(samples.names(view), pictures, strict=True))
@@ -194,7 +194,7 @@ class GrowingImages(Growing):
 
 _ABOUT = b"tipforce"
 _PER_SHARD = 2000
-"""Samples: some 150 MB of pictures of 640x480."""
+"""Samples: some 150 MB of images of 640x480."""
 
 
 class GrowingShards(Growing):

@@ -135,7 +135,7 @@ def _renamed(dataset: Dataset, names: Mapping[str, str]) -> Dataset:
 
 
 def _lacking(datasets: Sequence[Dataset]) -> Iterator[str]:
-    """A sentence for each dataset that has no reading of a drive, or no picture of a view, that another one has."""
+    """A sentence for each dataset that has no reading of a drive, or no image of a view, that another one has."""
     drives = [{name for name, values in each.actuation.items() if np.isfinite(values).any()} for each in datasets]
     views = [set(next(each.observations()).views) for each in datasets]
     for dataset, own, seen in zip(datasets, drives, views, strict=True):

@@ -26,10 +26,10 @@ __all__ = [
 
 
 class ImageOperation(Protocol):
-    """From a picture to what is seen of it; the same for the same numbers. Comparable and hashable."""
+    """From an image to what is seen of it; the same for the same numbers. Comparable and hashable."""
 
     def __call__(self, image: Image, seed: tuple[int, int]) -> Image:
-        """``image`` (h, w[, 3]) uint8 -> the same shape; ``seed``: of what is drawn, one for each picture."""
+        """``image`` (h, w[, 3]) uint8 -> the same shape; ``seed``: of what is drawn, one for each image."""
         ...
 
 
@@ -43,7 +43,7 @@ class Warp:
     zoom: float = 1.0
 
     def __call__(self, image: Image, seed: tuple[int, int]) -> Image:  # noqa: ARG002 - nothing is drawn
-        """The picture bilinearly sampled."""
+        """The image bilinearly sampled."""
         height, width = image.shape[:2]
         matrix = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), self.turn_deg, self.zoom)
         matrix[:, 2] += self.right_px, self.down_px
@@ -58,7 +58,7 @@ class Light:
     slope: float = 0.0
 
     def __call__(self, image: Image, seed: tuple[int, int]) -> Image:  # noqa: ARG002 - nothing is drawn
-        """The picture, saturated at 255."""
+        """The image, saturated at 255."""
         ramp = self.factor * np.linspace(1 - self.slope, 1 + self.slope, image.shape[1], dtype=np.float32)
         return _bytes(image * (ramp if image.ndim == 2 else ramp[:, None]))
 
@@ -70,7 +70,7 @@ class Blur:
     sigma_px: float
 
     def __call__(self, image: Image, seed: tuple[int, int]) -> Image:  # noqa: ARG002 - nothing is drawn
-        """The picture out of focus."""
+        """The image out of focus."""
         return cv2.GaussianBlur(image, (0, 0), self.sigma_px, borderType=cv2.BORDER_REPLICATE)  # type: ignore[return-value]
 
 
@@ -81,19 +81,19 @@ class Noise:
     sigma: float
 
     def __call__(self, image: Image, seed: tuple[int, int]) -> Image:
-        """The picture with the noise that ``seed`` draws."""
+        """The image with the noise that ``seed`` draws."""
         grain = np.random.default_rng(seed).standard_normal(image.shape, dtype=np.float32)
         return _bytes(image + self.sigma * grain)
 
 
 @dataclass(frozen=True, slots=True)
 class Disc:
-    """An even disc in front of everything, its diameter a ``share`` of the picture's height, anywhere, of any grey."""
+    """An even disc in front of everything, its diameter a ``share`` of the image's height, anywhere, of any grey."""
 
     share: float
 
     def __call__(self, image: Image, seed: tuple[int, int]) -> Image:
-        """The picture with the disc where ``seed`` draws it."""
+        """The image with the disc where ``seed`` draws it."""
         draw = np.random.default_rng(seed)
         height, width = image.shape[:2]
         middle = int(draw.integers(width)), int(draw.integers(height))
@@ -107,19 +107,19 @@ def _bytes(image: np.ndarray) -> Image:
 
 @dataclass(frozen=True, slots=True)
 class Perturbation:
-    """What happens to a picture, and what the force is then: turned by ``force_turn_deg`` about the base frame's z.
+    """What happens to an image, and what the force is then: turned by ``force_turn_deg`` about the base frame's z.
 
     ``kind``, ``size``, ``way``: how it is called; those that differ in their ways only are one line of a table.
     """
 
     kind: str
     size: str
-    picture: ImageOperation
+    operation: ImageOperation
     way: str = ""
     force_turn_deg: float = 0.0
 
     def force(self, force_n: FloatArray) -> FloatArray:
-        """``force_n`` (n, 3) as it is under this disturbance.
+        """``force_n`` (n, 3) as it is under this perturbation.
 
         >>> quarter = Perturbation("turn", "90 deg", Warp(turn_deg=90), force_turn_deg=90)
         >>> quarter.force(np.array([[0.2, 0.0, 0.1]])).round(3).tolist()
@@ -156,19 +156,19 @@ PERTURBATIONS = tuple(_all())
 """Shifts, turns, zooms, light, blur, noise and an object in view, its diameter told in heights; three sizes each.
 
 Turned: the whole bench under the camera, so the force in the base frame stays; turned along: as for labels in the
-picture's axes.
+image's axes.
 """
 
 
-def perturbed(dataset: Dataset, disturbance: Perturbation, seed: int = 0) -> Dataset:
-    """``dataset`` under ``disturbance``, the same each time; ``seed``: of its noise, or where the object lies.
+def perturbed(dataset: Dataset, perturbation: Perturbation, seed: int = 0) -> Dataset:
+    """``dataset`` under ``perturbation``, the same each time; ``seed``: of its noise, or where the object lies.
 
-    Reading it raises InputError where a view is no picture.
+    Reading it raises InputError where a view is no image.
     """
     return replace(
         dataset,
-        store=_Perturbed(dataset.store, disturbance.picture, seed, dataset.title),
-        force_n=disturbance.force(dataset.force_n),
+        store=_Perturbed(dataset.store, perturbation.operation, seed, dataset.title),
+        force_n=perturbation.force(dataset.force_n),
         whole=None,
         _memo={},
         _fingerprints=dataset.session_fingerprints,
@@ -192,7 +192,7 @@ class _InMemory:
 @dataclass(frozen=True, slots=True)
 class _Perturbed:
     store: RowStore
-    picture: ImageOperation
+    operation: ImageOperation
     seed: int
     title: str
 
@@ -203,5 +203,5 @@ class _Perturbed:
 
     def _seen(self, view: View, row: int) -> View:
         if isinstance(view, ShapeFeatures):
-            raise InputError(f"{self.title}: holds ready-made shape numbers, and only pictures can be disturbed")
-        return self.picture(view, (self.seed, row))
+            raise InputError(f"{self.title}: holds ready-made shape numbers, and only images can be perturbed")
+        return self.operation(view, (self.seed, row))

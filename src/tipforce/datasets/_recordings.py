@@ -19,9 +19,9 @@ __all__ = ["open_recordings"]
 def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = None, force: str = "force") -> Dataset:
     """The frames of ``paths`` that have a force; frames outside the force log's time are left out.
 
-    ``camera``: the view whose frames are the samples; None: the first of the first recording, and the pictures that
+    ``camera``: the view whose frames are the samples; None: the first of the first recording, and the images that
     its other views took at the same instants come with them.
-    Raises InputError for a recording without pictures or forces, or when no frame has a force.
+    Raises InputError for a recording without images or forces, or when no frame has a force.
     """
     stamps: list[IntArray] = []
     forces: list[FloatArray] = []

@@ -39,7 +39,7 @@ class _RowByRow(Table, ABC):
 
     @abstractmethod
     def _views(self, row: int) -> Mapping[str, View]:
-        """The pictures of one row by view, or the coefficients in their place."""
+        """The images of one row by view, or the coefficients in their place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +92,9 @@ class ShapeTable(_RowByRow):
 
 @dataclass(frozen=True, eq=False)
 class Recordings(Table):
-    """Frames in recordings: ``recording`` (n,) index into ``paths``, ``frame`` (n,) index of the picture in it.
+    """Frames in recordings: ``recording`` (n,) index into ``paths``, ``frame`` (n,) index of the image in it.
 
-    ``others``: views whose picture of the same instant comes with each; absent where it was dropped.
+    ``others``: views whose image of the same instant comes with each; absent where it was dropped.
     """
 
     paths: tuple[Path, ...]

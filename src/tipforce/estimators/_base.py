@@ -29,7 +29,7 @@ class Stream(Protocol):
     """One session being estimated, frame after frame; may remember."""
 
     def update(self, observation: Observation) -> ForceEstimate:
-        """The force at this observation, from it and those before it; never raises for what a picture shows."""
+        """The force at this observation, from it and those before it; never raises for what an image shows."""
         ...
 
 

@@ -16,7 +16,7 @@ def model_card(manifest: Mapping[str, Any]) -> str:
     low, high = training["force_range_n"]
     sessions = training["sessions"]
     lines = [
-        f"# {manifest['method']}: force at a catheter's tip from pictures",
+        f"# {manifest['method']}: force at a catheter's tip from images",
         "",
         (
             f"Learnt from {_samples_text(training['samples'], facts)} of **{training['title']}** "
@@ -95,7 +95,7 @@ def _listed(names: list[str], most: int = 10) -> str:
 
 def _axes(frame: str | list[str]) -> str:
     if frame == "base":
-        return "x along the catheter's base, y to its left in the picture"
+        return "x along the catheter's base, y to its left in the image"
     return f"{frame} (not this program's base frame)" if isinstance(frame, str) else ", ".join(frame)
 
 

@@ -21,7 +21,7 @@ class Abstention:
 
 
 def read_view(observation: Observation, view: str, setting: str) -> View | Abstention:
-    """The picture of ``view``, which ``setting`` names."""
+    """The image of ``view``, which ``setting`` names."""
     found = observation.views.get(view)
     if found is None:
         there = ", ".join(observation.views) or "none"

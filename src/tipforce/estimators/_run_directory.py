@@ -41,7 +41,7 @@ _RESUME = "go on with it by resume=True"
 
 @contextmanager
 def run_directory(recipe: Estimator, model: Path, *, resume: bool, advice: str = _RESUME) -> Generator[Path | None]:
-    """The folder MODEL.training beside ``model``, for prepared pictures, checkpoint and log; None for other methods.
+    """The folder MODEL.training beside ``model``, for prepared images, checkpoint and log; None for other methods.
 
     It goes when the block ends well. What ends it otherwise, a kill too, leaves it to be resumed once there is a
     checkpoint. Raises InputError where it is there already and ``resume`` is False, or is not and it is True, and

@@ -19,7 +19,7 @@ class AngleSettings(BaseModel):
     degree: Annotated[int, Field(ge=0, le=8)] = 3
     """Degree of the Legendre series."""
     length: Annotated[float, Field(gt=0)] | None = None
-    """Arc length of the curve in the unit of ready-made polynomials; not needed where there are pictures."""
+    """Arc length of the curve in the unit of ready-made polynomials; not needed where there are images."""
 
 
 class WindowSettings(BaseModel):

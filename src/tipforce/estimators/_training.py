@@ -162,7 +162,7 @@ def _averaged(values: FloatArray, dataset: Dataset, width_ms: float) -> FloatArr
 
 
 def warn_of_sizes(dataset: Dataset, view: str) -> None:
-    """Says where sessions differ in the size of their pictures: shape numbers are in pixels."""
+    """Says where sessions differ in the size of their images: shape numbers are in pixels."""
     _, first = np.unique(dataset.session, return_index=True)
     found: dict[tuple[int, ...], str] = {}
     part = dataset.subset(np.sort(first))
@@ -173,7 +173,7 @@ def warn_of_sizes(dataset: Dataset, view: str) -> None:
     if len(found) > 1:
         sizes = ", ".join(f"{width}x{height} in {name}" for (height, width), name in found.items())
         warnings.warn(
-            f"{dataset.title}: the pictures differ in size ({sizes}), and shape numbers are in pixels: train on "
+            f"{dataset.title}: the images differ in size ({sizes}), and shape numbers are in pixels: train on "
             "sessions of one camera at one distance",
             stacklevel=4,
         )

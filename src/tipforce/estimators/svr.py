@@ -36,7 +36,7 @@ MIN_SAMPLES = 20
 """Fewer samples cannot be trained and cross-validated on."""
 
 SETTLING_SAMPLES = 10
-"""So many pictures decide what the vision's settings leave open."""
+"""So many images decide what the vision's settings leave open."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Svr(Estimator):
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
         """Settle the vision, choose the constants by cross-validation, train, and find the interval.
 
-        Raises InputError for fewer than `MIN_SAMPLES` samples, actuation that the data do not have, or pictures in
+        Raises InputError for fewer than `MIN_SAMPLES` samples, actuation that the data do not have, or images in
         which the catheter is not found.
         """
         report = progress or no_progress
@@ -111,7 +111,7 @@ class Svr(Estimator):
         if len(rows.features) < MIN_SAMPLES:
             raise InputError(
                 f"{dataset.title}: the catheter's shape is known in {len(rows.features)} of {count} samples, svr needs "
-                f"{MIN_SAMPLES}; the first other one says: {rows.why_not}; look at a picture with `tipforce inspect`"
+                f"{MIN_SAMPLES}; the first other one says: {rows.why_not}; look at an image with `tipforce inspect`"
             )
         left_out = rows.left_out
         if settings.training_samples is not None:
@@ -150,7 +150,7 @@ class Svr(Estimator):
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
         """Find the intervals anew on ``dataset``, of whose sessions ``fit`` saw none; the answers stay as they are.
 
-        Raises InputError where the catheter is found in none of its pictures, NotFittedError before ``fit``.
+        Raises InputError where the catheter is found in none of its images, NotFittedError before ``fit``.
         """
         report, fitted = progress or no_progress, self._known()
         rows = gather_rows(

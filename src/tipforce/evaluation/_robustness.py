@@ -65,8 +65,8 @@ def perturbed_metrics(
     """
     estimators, means = _fitted(method, result, constant, data.dataset)
     parts = list(_parts(result.predictions, data, frames, estimators))
-    ordered = sorted(perturbations, key=lambda each: repr(each.picture))  # an image is predicted once for all labels
-    images = [list(group) for _, group in groupby(ordered, key=lambda each: each.picture)]
+    ordered = sorted(perturbations, key=lambda each: repr(each.operation))  # an image is predicted once for all labels
+    images = [list(group) for _, group in groupby(ordered, key=lambda each: each.operation)]
     plain = Perturbation(UNPERTURBED, "", _unchanged)
     found: dict[tuple[str, str, str], tuple[list[Predictions], list[Predictions]]] = {
         (each.kind, each.size, each.way): ([], []) for each in (plain, *perturbations)

@@ -17,7 +17,7 @@ __all__ = ["CameraModel"]
 class CameraModel:
     """Pinhole with Brown-Conrady distortion, as OpenCV has it.
 
-    ``focal_px`` (2,): fx, fy; a negative fx mirrors the picture, as X-ray pictures are: shown as if seen from the
+    ``focal_px`` (2,): fx, fy; a negative fx mirrors the image, as X-ray images are: shown as if seen from the
     detector, made from the focal spot. ``centre_px`` (2,): u, v of the optical axis; u right, v down, pixel centres at
     integers. ``distortion`` (5,): k1, k2, p1, p2, k3. ``camera_from_world`` takes world points into the camera's
     frame: x right, y down, z ahead. Points are (n, 3) in metres, pixels (n, 2).

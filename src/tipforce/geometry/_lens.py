@@ -147,7 +147,7 @@ def _linear(cameras: FloatArray, pixels: FloatArray, work: FloatArray, point: Fl
 def _refine(
     cameras: FloatArray, pixels: FloatArray, sigma: FloatArray, work: FloatArray, point: FloatArray, miss: FloatArray
 ) -> bool:
-    """Gauss-Newton in the pictures; leaves the covariance in work[3:6] and seen - projected in ``miss``."""
+    """Gauss-Newton in the images; leaves the covariance in work[3:6] and seen - projected in ``miss``."""
     normal, inverse, right, slopes = work[0:3], work[3:6], work[6], work[7:9]
     for _ in range(_MAX_ITERATIONS):
         normal[:] = 0.0

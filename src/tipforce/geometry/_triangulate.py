@@ -26,7 +26,7 @@ class Triangulated:
 
 
 def triangulate(cameras: Sequence[CameraModel], pixels: ArrayLike, noise_px: ArrayLike = 1.0) -> Triangulated:
-    """Each point where the sum of its squared distances in the pictures, over the noise, is least.
+    """Each point where the sum of its squared distances in the images, over the noise, is least.
 
     ``pixels`` (n, views, 2): the same n points in each view, NaN where a view does not see one. ``noise_px``: standard
     deviation of u and v, one for all or one a view. The linear solution (Hartley and Zisserman, 12.2) is refined

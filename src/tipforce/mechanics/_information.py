@@ -41,7 +41,7 @@ class CentrelineNoise:
 
     @classmethod
     def from_px(cls, std_px: float, scale_m_per_px: float, correlation_length_px: float = 0.0) -> "CentrelineNoise":
-        """The same noise as it is seen in a picture."""
+        """The same noise as it is seen in an image."""
         return cls(std_px * scale_m_per_px, correlation_length_px * scale_m_per_px)
 
     def covariance_m2(self, arc_m: FloatArray) -> FloatArray:

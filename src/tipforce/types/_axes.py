@@ -10,7 +10,7 @@ ADVANCE = "advance_mm"
 """The catheter's clamp, along the base tangent; the free length stays."""
 KNOB = "knob_deg"
 STAGE_FORWARD, STAGE_ACROSS = "stage_forward_mm", "stage_across_mm"
-"""What moves the tissue: forward, against the tip, and to the left of that as the picture shows it."""
+"""What moves the tissue: forward, against the tip, and to the left of that as the image shows it."""
 
 
 @dataclass(frozen=True, slots=True)

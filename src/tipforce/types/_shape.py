@@ -13,10 +13,10 @@ __all__ = ["BasePose", "CentrelineM", "CentrelinePx", "DetectedShape"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BasePose:
-    """Where the base frame lies in the picture: thesis fig. 18, O and L.
+    """Where the base frame lies in the image: thesis fig. 18, O and L.
 
     ``origin_px`` (2,): u (right), v (down). ``angle_rad``: direction of the base tangent as seen in the displayed
-    picture, counter-clockwise from "right".
+    image, counter-clockwise from "right".
 
     >>> up = BasePose(np.array([100.0, 400.0]), math.pi / 2)
     >>> np.round(up.to_base(np.array([[100.0, 300.0], [90.0, 400.0]])), 6) + 0.0

@@ -10,9 +10,9 @@ class Status(StrEnum):
 
     VALID = "valid"
     NO_CATHETER = "no_catheter"
-    """Nothing in the picture looks like the catheter."""
+    """Nothing in the image looks like the catheter."""
     CUT_OFF = "cut_off"
-    """The catheter was found, but leaves the picture or is lost before its tip."""
+    """The catheter was found, but leaves the image or is lost before its tip."""
     NOT_A_FUNCTION = "not_a_function"
     """The shape bends past 90 degrees: no polynomial y(x) describes it."""
     MISSING_INPUT = "missing_input"

@@ -19,7 +19,7 @@ STAGE = "stage"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One picture of one camera.
+    """One image of one camera.
 
     ``image``: (h, w) grey or (h, w, 3) RGB, uint8. ``stamp_ns``: mid-exposure, on the recording's clock.
     """

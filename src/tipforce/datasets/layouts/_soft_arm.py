@@ -1,4 +1,4 @@
-"""github.com/chendaxia777/Vision-force-estimation: pictures of a soft arm and three force components (ICRA 2024).
+"""github.com/chendaxia777/Vision-force-estimation: images of a soft arm and three force components (ICRA 2024).
 
 ``images.mat``: ``input_test`` (n, 1, 64, 64), 0..1, stored with rows and columns exchanged; ``forces.mat``:
 ``target_test`` (n, 3, 1, 1) in newtons. MATLAB 7.3 files. The rows are no frames of one video: their stamps only count.
@@ -30,7 +30,7 @@ def recognises(folder: Path) -> bool:
 
 
 def open_layout(folder: Path) -> Dataset:
-    """All pictures as one session; raises MissingExtraError without h5py, FileFormatError for other contents."""
+    """All images as one session; raises MissingExtraError without h5py, FileFormatError for other contents."""
     pictures = _read(folder / "images.mat", "input_test", (None, 1, 64, 64))
     forces = _read(folder / "forces.mat", "target_test", (len(pictures), 3, 1, 1))
     count = len(pictures)
@@ -43,12 +43,12 @@ def open_layout(folder: Path) -> Dataset:
         actuation={},
         force_n=np.ascontiguousarray(forces[:, :, 0, 0]),
         known=np.ones(3, np.bool_),
-        names=np.array([f"picture {k}" for k in range(count)]),
+        names=np.array([f"image {k}" for k in range(count)]),
         session_info={
             SESSION: SessionInfo(SESSION, Catheter("soft continuum arm"), force_frame="sensor", remarks=REMARKS)
         },
         rows=np.arange(count),
-        title="soft-arm (pictures of 64x64, three force components)",
+        title="soft-arm (images of 64x64, three force components)",
     )
 
 

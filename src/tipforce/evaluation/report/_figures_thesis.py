@@ -177,7 +177,7 @@ def figure_32(predictions: Predictions) -> Figure:
 
 
 def sample_sheet(dataset: Dataset, predictions: Predictions, view: str) -> Image | None:
-    """Twelve pictures spread over the test samples (thesis fig. 30), as they come; None where ``view`` has none.
+    """Twelve images spread over the test samples (thesis fig. 30), as they come; None where ``view`` has none.
 
     A view of another name is taken where a sample has only that one.
     """
