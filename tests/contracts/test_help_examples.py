@@ -62,7 +62,10 @@ def cut_off(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError("cut off")
 
-    with monkeypatch.context() as patch, pytest.warns(UserWarning, match="keeps the training so far"):
+    with monkeypatch.context() as patch:
         patch.setattr("tipforce.pipelines._train.save_model", fail)
-        with pytest.raises(RuntimeError, match="cut off"):
+        with (
+            pytest.warns(UserWarning, match="keeps the training so far"),
+            pytest.raises(RuntimeError, match="cut off"),
+        ):
             run(f"{line} --overwrite")
