@@ -12,7 +12,8 @@ from tipforce.errors import FileFormatError, InputError
 from tipforce.io import RecordingReader
 from tipforce.simulation import read_truth, truth_path
 
-ARGUMENTS = ["--sessions", "2", "--seconds", "12", "--set", "world.tare_s=2", "--seed", "4"]
+SMALL = ["--set", "width=320", "--set", "height=240"]
+ARGUMENTS = ["--sessions", "2", "--seconds", "12", "--set", "world.tare_s=2", "--seed", "4", *SMALL]
 
 
 def run(*arguments):
