@@ -76,7 +76,7 @@ class SvrSettings(BaseModel):
     """Values of epsilon (eq. 8) to choose from, in shares of the largest force."""
     sigma: Grid = (0.1, 0.3, 1.0, 3.0, 10.0)
     """Values of sigma (eq. 15) to choose from, in scaled features."""
-    folds: Annotated[int, Field(ge=2)] = 5
+    folds: Annotated[int, Field(ge=2, le=1000)] = 5
     """Folds of the cross-validation that chooses, where samples are shuffled."""
     hold_out: Literal["auto", "session", "sample"] = "auto"
     """What it holds out: whole `session`s (each alone up to ten, else in ten groups) for a model that is to work on new

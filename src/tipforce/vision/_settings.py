@@ -35,17 +35,17 @@ class VisionSettings(BaseModel):
     """Only this part of the image is searched."""
     threshold: Annotated[int, Field(ge=0, le=255)] | None = None
     """Grey level between catheter and ground: thesis algorithm 1, ``Thr = c``."""
-    base_columns: Annotated[int, Field(ge=2)] = 20
+    base_columns: Annotated[int, Field(ge=2, le=10_000)] = 20
     """Columns (rows for a base at the top or bottom) scanned for base points: thesis algorithm 1, ``BS = N``."""
-    diameter_px: Annotated[float, Field(gt=1)] | None = None
+    diameter_px: Annotated[float, Field(gt=1, le=10_000)] | None = None
     """Diameter of the shaft in the image: a check on what is found."""
-    length_px: Annotated[float, Field(gt=1)] | None = None
+    length_px: Annotated[float, Field(gt=1, le=100_000)] | None = None
     """Length of the catheter from the base line to its tip in the image. None: unknown."""
     length_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.08
     """A stated ``length_px`` is right within this share of it."""
-    max_gap_px: Annotated[float, Field(ge=0)] = 12.0
+    max_gap_px: Annotated[float, Field(ge=0, le=10_000)] = 12.0
     """Longest stretch of shaft without visible flanks (rings, highlights, gaps) that is bridged."""
-    points: Annotated[int, Field(ge=8)] = 64
+    points: Annotated[int, Field(ge=8, le=4096)] = 64
     """Points of the centreline."""
 
 
