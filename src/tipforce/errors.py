@@ -7,7 +7,8 @@
     │   ├── FileFormatError      a file is missing, empty, truncated or not what its name says
     │   ├── TableError           a table lacks a column, or a cell is no number
     │   ├── TimeError            stamps are unsorted, repeated, or do not overlap
-    │   └── ModelError           a model folder is incomplete, altered, or newer than this program
+    │   ├── ModelError           a model folder is incomplete, altered, or newer than this program
+    │   └── OutputError          a file or folder cannot be written
     ├── NotFittedError           an estimator was used before ``fit`` or ``load``
     └── MissingExtraError        an optional package is needed; the message holds the install line
 
@@ -20,6 +21,7 @@ __all__ = [
     "MissingExtraError",
     "ModelError",
     "NotFittedError",
+    "OutputError",
     "TableError",
     "TimeError",
     "TipforceError",
@@ -48,6 +50,10 @@ class TimeError(InputError):
 
 class ModelError(InputError):
     """A model folder is incomplete, altered, or newer than this program."""
+
+
+class OutputError(InputError):
+    """A file or folder cannot be written: no space, no permission, in use, or no regular file."""
 
 
 class NotFittedError(TipforceError):

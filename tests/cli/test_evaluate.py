@@ -194,7 +194,7 @@ def test_errors_on_the_simulated_bench_are_held_against_the_smallest_possible(tm
     lines = ["session,stamp_ns,shape_A1,shape_A2,shape_A3,shape_A4,knob_deg,fx_n,fy_n"]
     (tmp_path / "runs").mkdir()
     bench = SimulatedBench(preset.model_copy(update={"preset": "bench-2021 changed", "world": world}), 5, 0)
-    truth = collect_truth(bench, np.arange(0, len(bench.frame_s), 4))
+    truth = collect_truth(bench, np.arange(0, len(bench.frame_s), 3))
     write_truth(truth, truth_path(tmp_path / "runs" / f"{bench.name}.mcap"))
     for stamp, (fx, fy, _) in zip(truth.stamp_ns, truth.force_n, strict=True):
         lines.append(f"{bench.name},{stamp},{0.1 * fx:.6f},{0.2 * fy:.6f},{fx:.6f},0.02,10,{fx:.6f},{fy:.6f}")

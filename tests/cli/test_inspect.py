@@ -120,7 +120,7 @@ def test_what_is_no_picture_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("target", ["file/drawing.png", "drawing.gif"])
 def test_a_drawing_that_cannot_be_written_is_refused(tmp_path: Path, target: str) -> None:
     (tmp_path / "file").write_text("no folder")
-    with pytest.raises(FileFormatError):
+    with pytest.raises(InputError):
         save_image(tmp_path / target, np.zeros((4, 4, 3), np.uint8))
 
 

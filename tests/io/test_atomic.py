@@ -1,10 +1,15 @@
-"""A folder is replaced whole, and the old one stays where the new one fails."""
+"""Files and folders appear whole or not at all; what is there stays where the new one fails; one writer at a time."""
 
+import errno
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from tipforce.io import replacing_folder
+from tipforce.errors import OutputError
+from tipforce.io import atomic_path, replacing_folder, write_atomic
 
 
 @pytest.fixture
@@ -56,3 +61,47 @@ def test_the_old_one_comes_back_where_the_new_one_cannot_take_its_place(
         (part / "new.txt").write_text("new")
     assert names(folder) == ["old.txt"]
     assert names(folder.parent) == ["made"]
+
+
+def test_a_device_a_pipe_and_a_folder_are_never_replaced(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    for path, said in ((tmp_path / "pipe", "no regular file"), (tmp_path / "folder", "is a folder")):
+        with pytest.raises(OutputError, match=said):
+            write_atomic(path, "text")
+    with pytest.raises(OutputError, match="no regular file"):
+        write_atomic(Path(os.devnull), "text")
+    assert Path(os.devnull).is_char_device()
+
+
+def test_of_a_link_what_it_points_to_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "real.txt").write_text("old")
+    (tmp_path / "link.txt").symlink_to("real.txt")
+    write_atomic(tmp_path / "link.txt", "new")
+    assert (tmp_path / "link.txt").is_symlink()
+    assert (tmp_path / "real.txt").read_text() == "new"
+    assert names(tmp_path) == ["link.txt", "real.txt"]
+
+
+@pytest.mark.parametrize(("number", "said"), [(errno.ENOSPC, "no space left"), (errno.EACCES, "no permission")])
+def test_what_the_system_refuses_is_one_sentence_and_leaves_nothing(tmp_path: Path, number: int, said: str) -> None:
+    with pytest.raises(OutputError, match=f"x.csv: cannot be written, .*{said}"), atomic_path(tmp_path / "x.csv"):
+        raise OSError(number, "refused")
+    assert not names(tmp_path)
+
+
+def test_a_second_process_is_refused_and_told_who_writes(tmp_path: Path) -> None:
+    code = (
+        "import sys, pathlib; from tipforce.io import write_atomic; from tipforce.errors import OutputError\n"
+        "try: write_atomic(pathlib.Path(sys.argv[1]), 'other')\n"
+        "except OutputError as error: print(error)"
+    )
+    words = [sys.executable, "-c", code, str(tmp_path / "x.csv")]
+    with atomic_path(tmp_path / "x.csv") as part:
+        part.write_text("mine")
+        said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+        write_atomic(tmp_path / "y.csv", "another file is free")
+    assert f"is being written by process {os.getpid()}" in said
+    assert (tmp_path / "x.csv").read_text() == "mine"
+    subprocess.run(words, capture_output=True, text=True, check=True)
+    assert (tmp_path / "x.csv").read_text() == "other"

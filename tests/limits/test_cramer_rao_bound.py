@@ -177,17 +177,13 @@ def test_the_truths_beside_recordings_give_the_bounds_or_say_why_not(session, tr
 class Crew(ThreadPoolExecutor):
     """Threads in place of processes, which take seconds to start; what goes to and fro is sent as between processes."""
 
-    def __init__(self, workers, mp_context):
-        assert mp_context.get_start_method() == "spawn"
-        super().__init__(workers)
-
     def map(self, work, todo):
         work = pickle.loads(pickle.dumps(work))
         return map(pickle.loads, super().map(lambda path: pickle.dumps(work(path)), todo))
 
 
 def test_several_processes_find_the_same_bounds_in_the_same_order(truths, monkeypatch):
-    monkeypatch.setattr("tipforce.limits._companion.ProcessPoolExecutor", Crew)
+    monkeypatch.setattr("tipforce.limits._companion.worker_pool", Crew)
     steps = []
     one = read_companion_bounds(truths, ["good", "xray"], workers=1)
     several = read_companion_bounds(

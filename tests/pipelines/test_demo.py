@@ -1,7 +1,6 @@
 """The demo types commands that exist, and trains nothing on the sessions that it judges on."""
 
 import json
-import subprocess
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -35,7 +34,7 @@ def typed(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
             (report / "metrics.json").write_text(json.dumps({"results": results}))
         return SimpleNamespace(returncode=0, stderr="clock offset +1 ms (from the deflection)\n")
 
-    monkeypatch.setattr(subprocess, "run", run)
+    monkeypatch.setattr(_demo, "run_child", run)
     return commands
 
 
@@ -70,6 +69,6 @@ def test_without_torch_fine_tuning_is_skipped_in_a_sentence(
 
 
 def test_a_command_that_fails_ends_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=2, stderr="a reason"))
+    monkeypatch.setattr(_demo, "run_child", lambda *_, **__: SimpleNamespace(returncode=2, stderr="a reason"))
     with pytest.raises(TipforceError, match=r"simulate .* exit code 2"):
         demo(tmp_path / "demo", say=lambda *_: None)

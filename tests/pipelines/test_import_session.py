@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tipforce.alignment import labels, observations
-from tipforce.errors import FileFormatError, InputError, TableError, TimeError, TipforceError
+from tipforce.errors import FileFormatError, InputError, OutputError, TableError, TimeError, TipforceError
 from tipforce.io import RecordingReader, RecordingWriter
 from tipforce.pipelines import import_session, plot_summary, summarise_recording
 from tipforce.types import Actuation, ActuationInfo, ForceLogInfo, SensorInfo, SessionInfo
@@ -127,7 +127,7 @@ BAD: list[tuple[dict[str, Any], type[TipforceError], str]] = [
     ({"force_log": "text.csv"}, TableError, "line 3, column fy_n"),
     ({"frames": "text.csv"}, FileFormatError, "no video|no such|holds no video"),
     ({"target": "run.avi"}, InputError, "ends in .mcap"),
-    ({"target": "text.csv/run.mcap"}, FileFormatError, "is a file, not a folder"),
+    ({"target": "text.csv/run.mcap"}, OutputError, "is a file, not a folder"),
     ({"frames": "stills"}, FileFormatError, "neither a table nor the names of the images say when"),
     ({"tare": (100.0, 110.0)}, InputError, "the force log runs from 0 to"),
     ({"bench": SessionInfo(sensor=SensorInfo(log=ForceLogInfo(fx="Fq")))}, TableError, "no column 'Fq'"),

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from .. import __version__
+from .._processes import Interrupted, signals_end_the_program
 from ..errors import TipforceError
 from ._common import console
 
@@ -87,13 +88,28 @@ def _say_warning(message: Warning | str, *_: object, **__: object) -> None:
     console.print(f"tipforce: {as_options(str(message))}", style="yellow", soft_wrap=True)
 
 
+_KEPT = {
+    "simulate": "; finished sessions are kept, and the same command goes on",
+    "demo": "; its folder keeps what was finished",
+    "import": "; no recording was written, run the import again",
+    "estimate": "; no table was written, run the command again",
+    "inspect": "; nothing was written",
+}
+"""What an interrupted verb leaves; train and evaluate say it themselves."""
+
+
 def main() -> None:
     """Run the command line; a mistake in the input is one sentence and exit code 2."""
     warnings.showwarning = _say_warning
     # read when OpenCV is first imported: what it finds wrong with a picture is said by our own sentence
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     try:
-        app()
+        with signals_end_the_program():
+            app()
+    except Interrupted as stop:
+        verb = next((word for word in sys.argv[1:] if word in VERBS), "")
+        console.print(f"tipforce: stopped by {stop.signal.name}{_KEPT.get(verb, '')}", style="red", soft_wrap=True)
+        sys.exit(128 + stop.signal)
     except TipforceError as error:
         console.print(f"tipforce: {as_options(str(error))}", style="red", soft_wrap=True)
         sys.exit(2)

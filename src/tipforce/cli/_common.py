@@ -40,16 +40,14 @@ def check_outputs(inputs: Sequence[Path], *outputs: Path | str | None) -> None:
 
     To be asked before any work is done. None and "-" (standard output) are passed over.
     """
-    from ..io import check_folder
+    from ..io import check_output_file
 
     taken = {path.resolve(): f"{path} is what is read" for path in inputs}
     for output in outputs:
         if output is None or str(output) == "-":
             continue
         path = Path(output)
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder; name a file")
-        check_folder(path)
+        check_output_file(path)
         if path.resolve() in taken:
             raise InputError(f"{path}: cannot be written, for {taken[path.resolve()]}; choose another name")
         taken[path.resolve()] = "it is to be written twice"

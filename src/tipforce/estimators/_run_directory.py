@@ -6,6 +6,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
+from .._locks import output_lock
 from ..errors import InputError
 from ..training import CHECKPOINT_FILE
 from ._base import Estimator, FineTunable
@@ -51,6 +52,11 @@ def run_directory(recipe: Estimator, model: Path, *, resume: bool, advice: str =
     if not isinstance(recipe, FineTunable):
         yield None
         return
+    with output_lock(model):
+        yield from _locked(recipe, model, resume, advice)
+
+
+def _locked(recipe: FineTunable, model: Path, resume: bool, advice: str) -> Generator[Path | None]:
     folder = _folder(model)
     if resume and not folder.is_dir():
         raise InputError(f"there is nothing to resume: {folder} does not exist; leave out resume=True")
@@ -71,11 +77,10 @@ def run_directory(recipe: Estimator, model: Path, *, resume: bool, advice: str =
     try:
         yield folder
     except BaseException:
-        if training_started(model):
-            if advice:
-                warnings.warn(f"{folder} keeps the training so far; {advice}", stacklevel=3)
-        else:
+        if not training_started(model):
             shutil.rmtree(folder)
+        elif advice:
+            warnings.warn(f"{folder} keeps the training so far; {advice}", stacklevel=4)
         raise
     shutil.rmtree(folder)
 

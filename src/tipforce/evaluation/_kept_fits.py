@@ -9,6 +9,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
+from .._locks import output_lock
 from ..datasets import Dataset, Split
 from ..estimators import (
     Estimator,
@@ -77,16 +78,17 @@ def kept_fits(folder: Path) -> Generator[KeptFits]:
     Fits that this run did not use, of another evaluation that was cut off at the same place, stay.
     """
     fits = KeptFits(folder)
-    try:
-        yield fits
-    except BaseException:
-        if folder.is_dir() and any(folder.iterdir()):
-            warnings.warn(f"{folder} keeps what was trained so far; the same command goes on with it", stacklevel=3)
-        raise
-    for model in fits.used:
-        shutil.rmtree(model, ignore_errors=True)
-    if folder.is_dir() and not any(folder.iterdir()):
-        folder.rmdir()
+    with output_lock(folder):
+        try:
+            yield fits
+        except BaseException:
+            if folder.is_dir() and any(folder.iterdir()):
+                warnings.warn(f"{folder} keeps what was trained so far; the same command goes on with it", stacklevel=3)
+            raise
+        for model in fits.used:
+            shutil.rmtree(model, ignore_errors=True)
+        if folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
 
 
 def _calibrated(fitted: Estimator, apart: Dataset | None, progress: Progress) -> Estimator:

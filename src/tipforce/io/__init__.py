@@ -1,7 +1,7 @@
 """Readers and writers: recordings (.mcap), images, videos, DICOM, tables, logs."""
 
+from .._atomic import atomic_path, atomic_text, check_folder, check_output_file, replacing_folder, write_atomic
 from ._actuation import WAIT_S, ActuationSeries
-from ._atomic import atomic_path, atomic_text, check_folder, replacing_folder, write_atomic
 from ._facts import ClockOffset, Inertia, Tare
 from ._force_log import ForceLog, logs_by_kind, read_force_log, read_knob_log
 from ._images import StreamDepth, check_image_target, decode_image, encode_image, is_image, read_image, save_image
@@ -41,6 +41,7 @@ __all__ = [
     "can_be_read_again",
     "check_folder",
     "check_image_target",
+    "check_output_file",
     "check_target",
     "decode_image",
     "encode_image",

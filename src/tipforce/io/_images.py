@@ -20,9 +20,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from .._atomic import check_folder, write_atomic
 from ..errors import FileFormatError
 from ..types import Image
-from ._atomic import check_folder, write_atomic
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

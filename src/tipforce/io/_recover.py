@@ -16,8 +16,8 @@ from mcap.records import Channel, Chunk, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
+from .._atomic import check_folder, part_of
 from ..errors import FileFormatError
-from ._atomic import check_folder, part_of
 
 __all__ = ["check_target", "lock", "recover", "resolve"]
 

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -12,9 +13,9 @@ import av.error
 import numpy as np
 from av.container import InputContainer, OutputContainer
 
+from .._atomic import atomic_path, check_output_file
 from ..errors import FileFormatError, InputError, TimeError
 from ..types import Frame, Image
-from ._atomic import check_folder, part_of
 
 __all__ = ["VideoWriter", "read_video", "video_size", "write_video"]
 
@@ -169,8 +170,8 @@ class VideoWriter:
         overwrite: bool = True,
     ) -> None:
         self.path = Path(path)
-        self._part = part_of(self.path)
-        check_folder(self.path)
+        check_output_file(self.path)
+        self._file = ExitStack()
         if self.path.exists() and not overwrite:
             raise FileFormatError(f"{self.path}: exists already; choose another name or state overwrite=True")
         if not 0.01 <= fps <= 10_000:
@@ -207,9 +208,9 @@ class VideoWriter:
     def _opened(self, image: Image) -> tuple[av.VideoStream, OutputContainer]:
         if self._container is None or self._stream is None:
             # a first frame later than zero is told in the file's own timescale, which would be milliseconds
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            part = self._file.enter_context(atomic_path(self.path))
             flags = {"movflags": "faststart", "movie_timescale": str(_TICKS)}
-            container = av.open(str(self._part), "w", format="mp4", options=flags)
+            container = av.open(str(part), "w", format="mp4", options=flags)
             codec = "libx264rgb" if self._lossless else "libx264"
             stream = container.add_stream(codec, rate=self._rate, options=self._options)
             stream.height, stream.width = image.shape[:2]
@@ -231,12 +232,11 @@ class VideoWriter:
         try:
             if error is None:
                 self._container.mux(self._stream.encode(None))
-        finally:
             self._container.close()
-        if error is None:
-            self._part.replace(self.path)
-        else:
-            self._part.unlink(missing_ok=True)
+        except BaseException as failure:
+            self._file.__exit__(type(failure), failure, failure.__traceback__)
+            raise
+        self._file.__exit__(kind, error, trace)
 
 
 def _even(image: Image) -> Image:

@@ -11,9 +11,9 @@ from typing import IO, Self
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
+from .._atomic import atomic_text, part_of
 from ..errors import FileFormatError, TimeError
 from ..types import Clock, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, SystemClock, Wrench
-from ._atomic import atomic_text, part_of
 from ._cdr import (
     COMPRESSED_IMAGE,
     JOINT_STATE,

@@ -1,9 +1,7 @@
 """The bounds of many recorded sessions, from the ground truth in their companion files, and a summary of the priors."""
 
 import math
-import multiprocessing
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .._cores import cores
+from .._processes import worker_pool
 from ..simulation import read_truth
 from ..types import FloatArray, IntArray
 from ._bound import CramerRaoBound
@@ -73,7 +72,7 @@ def read_companion_bounds(
 
     if worker_count <= 1:
         return collected(map(work, todo))
-    with ProcessPoolExecutor(worker_count, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with worker_pool(worker_count) as pool:
         return collected(pool.map(work, todo))
 
 

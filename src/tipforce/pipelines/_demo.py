@@ -7,7 +7,6 @@ import importlib.util
 import json
 import os
 import shlex
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -16,6 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from .._processes import run_child
 from ..errors import TipforceError
 
 __all__ = ["DemoReport", "demo"]
@@ -164,12 +164,7 @@ def _type(say: Say, *words: object, capture: bool = False) -> str:
     """Types one command of the program and waits for it; returns what it printed for people, if ``capture``."""
     command = [str(word) for word in words]
     say(f"$ tipforce {shlex.join(command)}", "cyan")
-    done = subprocess.run(
-        [sys.executable, "-m", "tipforce", *command],
-        stderr=subprocess.PIPE if capture else None,
-        text=True,
-        check=False,
-    )
+    done = run_child([sys.executable, "-m", "tipforce", *command], capture=capture)
     if done.returncode:
         reason = f": {done.stderr.strip()}" if capture else ""
         raise TipforceError(f"`tipforce {shlex.join(command)}` ended with exit code {done.returncode}{reason}")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .._atomic import atomic_path
 from ..errors import FileFormatError
 from ..geometry import Pose
 from ..types import BasePose, BoolArray, FloatArray, IntArray
@@ -180,10 +181,8 @@ def write_truth(truth: Truth, path: Path) -> None:
     arrays = {"about": np.array(json.dumps(about)), **_arrays(truth)}
     for view, seen in truth.others.items():
         arrays |= {f"{view}.{name}": value for name, value in _arrays(seen).items()}
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as file:
+    with atomic_path(path) as part, part.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
-    part.replace(path)
 
 
 def _read_arrays(kind: type[Truth | ViewTruth], arrays: Mapping[str, npt.NDArray[Any]], before: str) -> dict[str, Any]:

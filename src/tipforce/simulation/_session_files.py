@@ -3,13 +3,15 @@
 import json
 import multiprocessing
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from functools import partial
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from typing import Any
 
 from .._cores import cores
+from .._locks import output_lock
+from .._processes import worker_pool
 from ..errors import InputError
 from ._bench import SimulatedBench
 from ._ground_truth import collect_truth, read_truth, settings_record, truth_path, write_truth
@@ -78,19 +80,14 @@ def write_sessions(
         for number in numbers:
             work(number, one_more)
         return
-    context = multiprocessing.get_context("spawn")
-    counter = context.Value("q", 0)
-    with ProcessPoolExecutor(worker_count, mp_context=context, initializer=_share_counter, initargs=(counter,)) as pool:
+    counter = multiprocessing.get_context("spawn").Value("q", 0)
+    with worker_pool(worker_count, _share_counter, (counter,)) as pool:
         pending: set[Future[None]] = {pool.submit(_call, work, number) for number in numbers}
-        try:
-            while pending:
-                done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
-                for future in done:
-                    future.result()
-                report(counter.value)
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+        while pending:
+            done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
+            for future in done:
+                future.result()
+            report(counter.value)
 
 
 WriteSession = Callable[[SimulatedBench, Path, Callable[[], None]], None]
@@ -147,8 +144,9 @@ def simulate(
     root = Path(folder)
     places = [_place(root, suffix, number) for number in range(sessions)]
     wanted = [number for number, place in enumerate(places) if not _is_done(place, settings, seed, number)]
-    root.mkdir(parents=True, exist_ok=True)
     frames = round(settings.world.seconds * settings.world.clock.fps) * len(view_names(settings))
     work = partial(_work, settings, seed, root, suffix, write)
-    write_sessions(work, wanted, frames, workers=workers, progress=progress)
+    root.mkdir(parents=True, exist_ok=True)
+    with output_lock(root):
+        write_sessions(work, wanted, frames, workers=workers, progress=progress)
     return places
