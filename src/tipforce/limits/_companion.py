@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from .._cores import cores
 from .._processes import worker_pool
@@ -87,12 +88,13 @@ def _read_bound(path: Path, sessions: Collection[str]) -> CompanionBound | None:
     except ValueError as error:
         return CompanionBound(truth.session, preset, truth.stamp_ns, {}, np.zeros(0), rejection_reason=str(error))
     learnt = CONTACT_FORCE_PRIORS_N2[preset]
-    found = {
-        "one_frame": bound.single_frame((), learnt),
-        "all_frames": bound.sequential((), learnt),
-        "one_frame_broad": bound.single_frame(),
-        "all_frames_broad": bound.sequential(),
-    }
+    with threadpool_limits(1):  # matrices this small take ten times as long on two threads
+        found = {
+            "one_frame": bound.single_frame((), learnt),
+            "all_frames": bound.sequential((), learnt),
+            "one_frame_broad": bound.single_frame(),
+            "all_frames_broad": bound.sequential(),
+        }
     std = {way: force.fx_fy_magnitude_n for way, force in found.items()}
     return CompanionBound(truth.session, preset, truth.stamp_ns, std, bound.contact_angle_deg, bound.parameters)
 
