@@ -6,7 +6,7 @@ from ._facts import ClockOffset, Inertia, Tare
 from ._force_log import ForceLog, logs_by_kind, read_force_log, read_knob_log
 from ._images import StreamDepth, check_image_target, decode_image, encode_image, is_image, read_image, save_image
 from ._reader import RecordingInfo, RecordingReader, StreamInfo, open_recording
-from ._recover import check_target
+from ._recover import check_target, recover_recording
 from ._sources import (
     FileSource,
     can_be_read_again,
@@ -56,6 +56,7 @@ __all__ = [
     "read_force_log",
     "read_image",
     "read_knob_log",
+    "recover_recording",
     "replacing_folder",
     "require_actuation",
     "save_image",
