@@ -62,7 +62,7 @@ def open_dataset(path: str | Path) -> Dataset:
         return open_folder(path)
     shards = sorted(path.glob(f"*{SUFFIX}"))
     if shards:
-        return open_shards(shards, path.resolve().name)
+        return open_shards(shards, path.resolve().name, whole=True)
     recordings, parts = sorted(path.glob("*.mcap")), sorted(path.glob(f"*{_PART}"))
     if recordings:
         dataset = open_recordings(recordings, path.resolve().name)
