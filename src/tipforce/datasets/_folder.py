@@ -16,8 +16,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..errors import FileFormatError, InputError, TableError
-from ..io import Table, open_table, replacing_folder
+from ..errors import InputError, TableError
+from ..io import InFolder, Table, open_table, replacing_folder
 from ..types import FloatArray, Image, IntArray, Observation, ShapeFeatures
 from ._checks import crc_column, crc_text
 from ._dataset import Dataset, RowStore
@@ -55,12 +55,11 @@ def open_folder(folder: Path, table_name: str = METADATA) -> Dataset:
 
 
 def _found(folder: Path, table: Table, files: Mapping[str, list[str]]) -> dict[str, tuple[Path, ...]]:
-    paths = {view: tuple(folder / name for name in names) for view, names in files.items()}
-    for images in paths.values():
-        for row, path in enumerate(images):
-            if not path.is_file():
-                raise FileFormatError(f"{table.path}, {table.place(row)}: there is no image {path}")
-    return paths
+    """View -> path of each row's image. Raises FileFormatError for one that is not there, or outside of ``folder``."""
+    place = InFolder(folder)
+    return {
+        view: tuple(place.file(table, row, name) for row, name in enumerate(names)) for view, names in files.items()
+    }
 
 
 def _masks(folder: Path, files: Mapping[str, list[str]]) -> dict[str, tuple[Path, ...]]:
