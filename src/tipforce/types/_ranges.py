@@ -23,7 +23,7 @@ class Range:
     factor: float = 1.0
 
     def __str__(self) -> str:
-        return f"{self.low:g} to {self.high:g} {self.unit}"
+        return f"{self.low:g} to {self.high:g} {self.unit}".strip()
 
     def hint(self, value: float) -> str:
         """What to write instead, if ``value`` was meant in the other unit.
@@ -75,7 +75,7 @@ _OF_UNIT = {
     "mn": Range(-1e8, 1e8, "mN"),
     "nmm": Range(-1e7, 1e7, "N mm"),
 }
-_ANY = Range(-1e12, 1e12, "at most")
+_ANY = Range(-1e12, 1e12, "")
 
 
 def actuation_range(name: str) -> Range:

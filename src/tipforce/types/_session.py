@@ -214,7 +214,8 @@ class SessionInfo:
             expected = actuation_range(name)
             if expected.outside(np.array([value])) is not None:
                 raise InputError(
-                    f"{where}: actuation.constant.{name} = {value:g} is refused: expected {expected}{expected.hint(value)}"
+                    f"{where}: actuation.constant.{name} = {value:g} is refused: expected {expected}"
+                    f"{expected.hint(value)}"
                 )
         return found
 
