@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from .._json import read_json
 from ..errors import FileFormatError
 from ..types import SessionInfo, merged_values
 
@@ -36,10 +37,7 @@ def read_facts(path: Path) -> FolderFacts:
     """``path``, or nothing known where it is not there. Raises FileFormatError."""
     if not path.exists():
         return FolderFacts(path=str(path))
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{path}: is no JSON ({error})") from None
+    values = read_json(path)
     if not isinstance(values, dict):
         raise FileFormatError(f"{path}: expected an object with keys like title, view, catheter, views, sessions")
     shared = dict[str, Any](values)
