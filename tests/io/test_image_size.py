@@ -54,7 +54,7 @@ def test_an_image_that_claims_gigabytes_is_refused_by_its_header(tmp_path: Path,
 def test_the_size_in_the_header_is_that_of_the_image(kind: str, size: tuple[int, int]) -> None:
     data = cv2.imencode(kind, np.full(size, 7, np.uint8))[1].tobytes()
     assert encoded_size(data) == size[::-1]
-    for end in range(0, min(len(data), 64)):
+    for end in range(min(len(data), 64)):
         encoded_size(data[:end])  # whatever is cut off, there is no exception
 
 
