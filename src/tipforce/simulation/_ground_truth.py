@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._atomic import atomic_path
+from .._npz import read_npz
 from ..errors import FileFormatError
 from ..geometry import Pose
 from ..types import BasePose, BoolArray, FloatArray, IntArray
@@ -27,8 +28,17 @@ Bytes = npt.NDArray[np.uint8]
 def _unpacked(packed: Bytes, ends: IntArray, index: int, size: tuple[int, int]) -> BoolArray:
     """(h, w): the ``index``-th of the masks; ``size``: (width, height)."""
     width, height = size
-    start = int(ends[index - 1]) if index else 0
-    row = np.frombuffer(zlib.decompress(packed[start : int(ends[index])].tobytes()), np.uint8)
+    start, length = int(ends[index - 1]) if index else 0, -(-width * height // 8)
+    try:
+        row = zlib.decompressobj().decompress(packed[start : int(ends[index])].tobytes(), length + 1)
+    except zlib.error as error:
+        raise FileFormatError(f"the mask of frame {index} of a truth is damaged ({error}); simulate it again") from None
+    if len(row) != length:
+        raise FileFormatError(
+            f"the mask of frame {index} of a truth has not the {width} x {height} pixels that the truth claims; "
+            "simulate it again"
+        )
+    row = np.frombuffer(row, np.uint8)
     return np.unpackbits(row, count=width * height).reshape(height, width).astype(np.bool_)
 
 
@@ -207,14 +217,14 @@ def read_truth(path: Path | str) -> Truth:
     if not path.is_file():
         raise FileFormatError(f"{path}: there is no such file; only what `tipforce simulate` wrote has a truth")
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            values: dict[str, Any] = json.loads(str(arrays["about"]))
-            size = tuple(values.pop("image_size"))
-            others = {
-                view: ViewTruth(image_size=size, **_read_arrays(ViewTruth, arrays, f"{view}."))
-                for view in values.pop("others", ())
-            }
-            return Truth(image_size=size, others=others, **values, **_read_arrays(Truth, arrays, ""))
+        arrays = read_npz(path, str(path))
+        values: dict[str, Any] = json.loads(str(arrays["about"]))
+        size = tuple(values.pop("image_size"))
+        others = {
+            view: ViewTruth(image_size=size, **_read_arrays(ViewTruth, arrays, f"{view}."))
+            for view in values.pop("others", ())
+        }
+        return Truth(image_size=size, others=others, **values, **_read_arrays(Truth, arrays, ""))
     except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise FileFormatError(
             f"{path}: no readable truth ({error}); delete it with its recording and run `tipforce simulate` again"
