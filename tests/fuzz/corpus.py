@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -33,8 +34,8 @@ FRAMES = 24
 STEP_NS = 40_000_000
 INFO = SessionInfo(
     name="run",
-    catheter=Catheter("7F", 2.3e-3, 40e-3, 8e-3, 4e-4, ((0.0, 1.0), (1.0, 0.5))),
-    views={"camera": ViewInfo(5e-4, "left", None, (0, 0, 160, 120), "dark", "camera")},
+    catheter=Catheter("9F", 3.2e-3, 40e-3, 8e-3, 4e-4, ((0.0, 1.0), (1.0, 0.5))),
+    views={"camera": ViewInfo(4.6e-4, "left", None, (0, 0, 160, 120), "dark", "camera")},
     sensor=SensorInfo(90.0, "tip-on-tissue", (0.0, 0.2), 0.01),
     actuation=ActuationInfo(0.5, None, {"knob_deg": 10.0}),
     remarks="made for the fuzz suite",
@@ -75,7 +76,8 @@ def _frames(folder: Path) -> None:
 
 
 def _recording(path: Path) -> None:
-    with RecordingWriter(path, INFO, lossless=True) as writer:
+    unscaled = replace(INFO, views={"camera": ViewInfo(None, "left", None, (0, 0, 160, 120), "dark", "camera")})
+    with RecordingWriter(path, unscaled, lossless=True) as writer:
         writer.state(INFO.sensor)
         for k in range(FRAMES):
             stamp = k * STEP_NS

@@ -21,10 +21,11 @@ __all__ = ["TARGETS", "Case", "Make"]
 
 @dataclass(frozen=True)
 class Case:
-    """``words``: of the command line. ``names``: a refusal must hold one of them."""
+    """``words``: of the command line. ``names``: a refusal must hold one of them. ``refused``: always."""
 
     words: tuple[str, ...]
     names: tuple[str, ...]
+    refused: bool = False
 
 
 Make = Callable[[Spoiler, Path, Path], Case]
@@ -46,7 +47,7 @@ _FAST = ("--set", "c=[10]", "--set", "epsilon=[0.01]", "--set", "sigma=[1]", "--
 
 
 def _trained(path: Path) -> Case:
-    return Case(("train", str(path), "-o", "model", *_FAST), (path.name,))
+    return Case(("train", str(path), "-o", "model", *_FAST), (path.stem,))  # which is the name of its session
 
 
 # recordings
@@ -92,7 +93,7 @@ def _spoiled_mcap(spoiler: Spoiler, data: bytes) -> bytes:
 
 
 def _mcap(spoiler: Spoiler, corpus: Path, folder: Path) -> Path:
-    path = folder / f"bad.mcap{spoiler.one_of('', '', '', '.part')}"
+    path = folder / f"spoiled.mcap{spoiler.one_of('', '', '', '.part')}"
     path.write_bytes(_spoiled_mcap(spoiler, (corpus / "run.mcap").read_bytes()))
     return path
 
@@ -131,7 +132,7 @@ def _sums(folder: Path, manifest: Any) -> Any:
 
 
 def _model(spoiler: Spoiler, corpus: Path, folder: Path, name: str, way: str) -> Path:
-    model = folder / "bad_model"
+    model = folder / "spoiled_model"
     shutil.copytree(corpus / name, model)
     path = model / "model.json"
     manifest = json.loads(path.read_text())
@@ -182,7 +183,7 @@ def _image(spoiler: Spoiler, corpus: Path, folder: Path, names: tuple[str, ...])
         data = spoiler.number_at(data, at + 4 + spoiler.dice.randrange(8), spoiler.one_of(1, 2), "big")
     else:
         data = spoiler.data(data)
-    path = folder / f"bad{Path(name).suffix}"
+    path = folder / f"spoiled{Path(name).suffix}"
     path.write_bytes(data)
     return path
 
@@ -256,7 +257,7 @@ def _video(spoiler: Spoiler, corpus: Path, folder: Path) -> Path:
             data = spoiler.number_at(data, place, spoiler.dice.choice((2, 4)), "big")
     else:
         data = spoiler.data(data)
-    path = folder / "bad.mp4"
+    path = folder / "spoiled.mp4"
     path.write_bytes(data)
     return path
 
@@ -276,7 +277,7 @@ def import_video(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
 
 def _log(name: str) -> Make:
     def make(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
-        path = folder / f"bad_{name}"
+        path = folder / f"spoiled_{name}"
         path.write_bytes(spoiler.encoded(spoiler.text((corpus / name).read_text())))
         logs = [str(path)] if name == "force.csv" else [str(corpus / "force.csv"), str(path)]
         options = ("--offset-ms", spoiler.one_of("none", "auto", "start"), "--tare", spoiler.one_of("none", "auto", "0:0.2"))
@@ -321,7 +322,7 @@ def estimate_dataset(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
 
 
 def _parquet(spoiler: Spoiler, corpus: Path, folder: Path) -> Path:
-    path = folder / "bad.parquet"
+    path = folder / "spoiled.parquet"
     if spoiler.calm or spoiler.chance(0.5):
         path.write_bytes(spoiler.data((corpus / "shards.parquet").read_bytes()))
         return path
@@ -361,7 +362,7 @@ def train_on_parquet(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
 
 
 def _bench(spoiler: Spoiler, corpus: Path, folder: Path) -> Path:
-    path = folder / "bad.toml"
+    path = folder / "spoiled.toml"
     if spoiler.chance(0.5):
         path.write_text(_toml(spoiler.value(json.loads((corpus / "bench.json").read_text()))), errors="surrogatepass")
     else:
@@ -415,7 +416,7 @@ _DETECTION = {
 def _set(spoiler: Spoiler, prefix: str, good: dict[str, Any]) -> list[str]:
     """One to four settings; values that are possible and such as are not."""
     words: list[str] = []
-    for key in spoiler.dice.sample(sorted(good), spoiler.dice.choice((1, 1, 2, 4))):
+    for key in spoiler.dice.sample(sorted(good), 1 if len(good) == 1 else spoiler.dice.choice((1, 1, 2, 3))):
         value = good[key]
         if spoiler.chance(0.7):
             value = spoiler.strange_like(value) if spoiler.chance(0.8) else spoiler.value([value])
@@ -445,11 +446,10 @@ def train_with_settings(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
 
 
 def simulate_with_settings(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
-    settings = {"width": 64, "height": 48, "fps": 25.0, "world.seconds": 1.0, "world.tare_s": 0.2, "world.catheter": {}}
-    small = ("--set", "width=64", "--set", "height=48", "--set", "world.seconds=0.4", "--set", "world.tare_s=0.1")
-    bad = () if spoiler.calm else _set(spoiler, "", settings)[:2]
-    refused = ("--set", "nosuch=1")  # the settings are judged before anything is made: no case simulates for seconds
-    return Case(("simulate", "--sessions", "1", "-o", "runs", *small, *bad, *(() if spoiler.calm else refused)), ("--set",))
+    """Settings are judged all together and before anything is made: with a wrong one no case simulates for seconds."""
+    settings = {"width": 64, "height": 48, "fps": 25.0, "world.seconds": 9.0, "world.tare_s": 2.0, "world.catheter": {}}
+    words = ("--set", "nosuch=1", *_set(spoiler, "", settings))
+    return Case(("simulate", "--sessions", "1", "-o", "runs", *words), ("--set",), refused=True)
 
 
 def options(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
@@ -478,7 +478,7 @@ def options(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
 def _dicom(spoiler: Spoiler, corpus: Path, folder: Path) -> Path:
     import pydicom
 
-    path = folder / "bad.dcm"
+    path = folder / "spoiled.dcm"
     if spoiler.calm or spoiler.chance(0.5):
         path.write_bytes(spoiler.data((corpus / "run.dcm").read_bytes()))
         return path
