@@ -1,8 +1,8 @@
 """``python -m tests.fuzz``: thousands of spoiled inputs through the command line; prints how they ended.
 
-    python -m tests.fuzz --cases 20000                   # all kinds of input, with two processes
-    python -m tests.fuzz recording log --cases 500       # some
-    python -m tests.fuzz recording --seed 3 --case 17    # one again, with what it said; --keep FOLDER keeps its files
+python -m tests.fuzz --cases 20000                   # all kinds of input, with two processes
+python -m tests.fuzz recording log --cases 500       # some
+python -m tests.fuzz recording --seed 3 --case 17    # one again, with what it said; --keep FOLDER keeps its files
 """
 
 import argparse

@@ -9,7 +9,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -65,26 +65,26 @@ class Worker:
     """One process that runs cases; it is started when it is needed, and again after it died."""
 
     def __init__(self, corpus: Path) -> None:
-        self.corpus = corpus
+        self.command = [sys.executable, "-m", "tests.fuzz.worker", str(corpus)]
         self._child: subprocess.Popen[str] | None = None
         self._log: IO[bytes] | None = None
         self._warm: set[str] = set()
 
     def run(self, target: str, seed: int, case: int) -> dict[str, Any]:
         """The answer to one case; "signal" or "hang" where there was none."""
-        self._begin()
         if target not in self._warm:
-            answer = self._ask(f"{target} {seed} calm", CALM_S)
+            answer = self.ask(f"{target} {seed} calm", CALM_S)
             if answer["outcome"] != "ok":
                 raise AssertionError(f"good input of the target {target} is refused: {answer}")
             self._warm.add(target)
-        answer = self._ask(f"{target} {seed} {case}", LIMIT_S)
+        answer = self.ask(f"{target} {seed} {case}", LIMIT_S)
         if answer["outcome"] in ("ok", "refused", "unclear", "traceback") and answer["mib"] > LIMIT_MIB:
             answer |= {"outcome": "memory", "said": f"took {answer['mib']} MiB more; {answer['said']}"}
         return answer
 
     def close(self) -> None:
         """Ends the process."""
+        self._warm.clear()
         if self._child is not None:
             self._child.kill()
             self._child.wait()
@@ -101,12 +101,13 @@ class Worker:
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)), "OMP_NUM_THREADS": "1",
                        "COLUMNS": "100000"}  # fmt: skip
         self._child = subprocess.Popen(
-            [sys.executable, "-m", "tests.fuzz.worker", str(self.corpus)],
+            self.command,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, cwd=ROOT, env=environment, text=True,
         )  # fmt: skip
-        self._warm.clear()
 
-    def _ask(self, question: str, limit_s: float) -> dict[str, Any]:
+    def ask(self, question: str, limit_s: float) -> dict[str, Any]:
+        """The answer to one line, of a process that is started where there is none."""
+        self._begin()
         child = self._child
         assert child is not None
         assert child.stdin is not None
@@ -141,10 +142,10 @@ def _death(code: int) -> str:
 
 
 def fuzz(
-    corpus: Path, targets: Iterable[str], seed: int, cases: Callable[[str], Iterable[int]],
+    corpus: Path, targets: Sequence[str], seed: int, cases: Callable[[str], Iterable[int]],
     heard: Callable[[Failure], None] = lambda _: None, until: float = float("inf"),
 ) -> list[Run]:  # fmt: skip
-    """Runs cases of each target, and of none begun later than ``until`` on the monotonic clock.
+    """Runs cases of each target, and begins none later than ``until`` on the monotonic clock; targets share the time.
 
     Args:
         corpus: of good files.
@@ -157,10 +158,11 @@ def fuzz(
     runs = []
     worker = Worker(corpus)
     try:
-        for target in targets:
+        for left, target in zip(range(len(targets), 0, -1), targets, strict=True):
             run, began = Run(target), time.monotonic()
+            end = began + (until - began) / left
             for case in cases(target):
-                if time.monotonic() > until:
+                if time.monotonic() > end:
                     break
                 answer = worker.run(target, seed, case)
                 outcome = answer["outcome"]
@@ -188,7 +190,10 @@ def table(runs: list[Run]) -> str:
     total = Counter[str]()
     for run in runs:
         total += run.outcomes
-    rows.append(["all", str(total.total()), *(str(total[name]) for name in OUTCOMES), f"{sum(r.seconds for r in runs):.0f}",
-                 f"{max((r.slowest for r in runs), default=0):.1f}", str(max((r.largest for r in runs), default=0))])  # fmt: skip
+    seconds, slowest = sum(run.seconds for run in runs), max((run.slowest for run in runs), default=0.0)
+    largest = max((run.largest for run in runs), default=0)
+    counts = (str(total[name]) for name in OUTCOMES)
+    rows.append(["all", str(total.total()), *counts, f"{seconds:.0f}", f"{slowest:.1f}", str(largest)])
     widths = [max(len(row[k]) for row in (names, *rows)) for k in range(len(names))]
-    return "\n".join("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in (names, *rows))
+    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in (names, *rows)]
+    return "\n".join(lines)

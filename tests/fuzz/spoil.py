@@ -101,7 +101,7 @@ class Spoiler:
             elif what < 0.85 and isinstance(holder, dict):
                 holder[self.dice.choice(("", "a", "x" * 300, "__proto__", str(key).upper(), "\x1b[1m"))] = holder[key]
             elif what < 0.9:
-                holder[key] = _deep(self.dice.choice((3, 50, 900)), holder[key])
+                holder[key] = _deep(self.dice.choice((3, 50, 200)), holder[key])
             elif isinstance(holder, list):
                 holder.insert(key, holder[key])
             else:
@@ -112,7 +112,7 @@ class Spoiler:
     def strange_like(self, value: Any) -> Any:
         """Another value: a number mostly becomes another number."""
         if isinstance(value, (int, float)) and not isinstance(value, bool) and self.dice.random() < 0.6:
-            factor = self.dice.choice((0, -1, 0.5, 2, 1e3, 1e-3, 1e12, 1e300))
+            factor = self.dice.choice((0, -1, 0.5, 2, 1e3, 1e-3, 1e12, 1e300)) if abs(value) < 1e300 else 1
             return self.dice.choice((value * factor, value + 1, value - 1, float("nan"), float("inf")))
         return copy.deepcopy(self.dice.choice((*VALUES, float("nan"), float("inf"))))
 
@@ -167,7 +167,9 @@ class Spoiler:
 
     def _header(self, data: bytes) -> bytes:
         """One member of an archive says a shape or type that its bytes do not have."""
-        shape = self.dice.choice(("(1000000000000,)", "(-1,)", "(0,)", "(99999999999999999999,)", "(1, 2, 3)", "()", "x"))
+        shape = self.dice.choice(
+            ("(1000000000000,)", "(-1,)", "(0,)", "(99999999999999999999,)", "(1, 2, 3)", "()", "x")
+        )
 
         def change(name: str, content: bytes) -> bytes:
             del name
@@ -304,7 +306,9 @@ def _lines(dice: random.Random, text: str) -> str:
 
 
 def _separators(dice: random.Random, text: str) -> str:
-    old, new = dice.choice(((",", ";"), (",", "\t"), (",", ",,"), (".", ","), ("\n", "\r"), ("\n", "\n\n"), ("\n", "\0")))
+    old, new = dice.choice(
+        ((",", ";"), (",", "\t"), (",", ",,"), (".", ","), ("\n", "\r"), ("\n", "\n\n"), ("\n", "\0"))
+    )
     return text.replace(old, new, dice.choice((1, -1)))
 
 

@@ -72,7 +72,7 @@ def _spoiled_mcap(spoiler: Spoiler, data: bytes) -> bytes:
     dice, way = spoiler.dice, spoiler.dice.randrange(4)
     if way == 0:
         return spoiler.data(data)
-    opcode, start, length = dice.choice(_records(data))
+    _, start, length = dice.choice(_records(data))
     if way == 1:
         return spoiler.number_at(data, start - 8, 8, "little")
     chunks = [record for record in _records(data) if record[0] == 6]
@@ -84,7 +84,7 @@ def _spoiled_mcap(spoiler: Spoiler, data: bytes) -> bytes:
     body = start + 32 + name + 8
     content = bytearray(data[body : start + length])
     for _ in range(dice.choice((1, 1, 3))):
-        opcode, inner, size = dice.choice(_records(bytes(content), 0))
+        _, inner, size = dice.choice(_records(bytes(content), 0))
         here = bytes(content[inner : inner + size])
         changed = spoiler.data(here)[:size].ljust(size, b"\0")
         content[inner : inner + size] = changed
@@ -205,7 +205,11 @@ def _spoiled_png(spoiler: Spoiler, data: bytes) -> bytes:
         content = spoiler.data(content)
     chunk = data[at + 4 : at + 8] + content
     return (
-        data[:at] + struct.pack(">I", len(content)) + chunk + struct.pack(">I", zlib.crc32(chunk)) + data[at + 12 + length :]
+        data[:at]
+        + struct.pack(">I", len(content))
+        + chunk
+        + struct.pack(">I", zlib.crc32(chunk))
+        + data[at + 12 + length :]
     )
 
 
@@ -215,11 +219,15 @@ def _spoiled_tiff(spoiler: Spoiler, data: bytes) -> bytes:
     at = int.from_bytes(data[4:8], order)  # type: ignore[arg-type]
     count = int.from_bytes(data[at : at + 2], order)  # type: ignore[arg-type]
     entry = at + 2 + 12 * spoiler.dice.randrange(max(1, count))
-    return spoiler.number_at(data, *spoiler.dice.choice(((entry + 8, 4), (entry + 4, 4), (entry + 2, 2), (entry, 2))), order)
+    return spoiler.number_at(
+        data, *spoiler.dice.choice(((entry + 8, 4), (entry + 4, 4), (entry + 2, 2), (entry, 2))), order
+    )
 
 
 def inspect_image(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
-    return _looked_at(_image(spoiler, corpus, folder, ("still.png", "still.tif", "still.jpg", "still.bmp", "deep.png", "deep.tif")))
+    return _looked_at(
+        _image(spoiler, corpus, folder, ("still.png", "still.tif", "still.jpg", "still.bmp", "deep.png", "deep.tif"))
+    )
 
 
 def estimate_image(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
@@ -251,7 +259,11 @@ def inspect_folder(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
 def _video(spoiler: Spoiler, corpus: Path, folder: Path) -> Path:
     data = (corpus / "video.mp4").read_bytes()
     if spoiler.chance(0.5):
-        for kind in (spoiler.dice.choice((b"stts", b"stsz", b"stco", b"stsc", b"tkhd", b"mdhd", b"avcC", b"stsd", b"mvhd", b"elst")),):
+        for kind in (
+            spoiler.dice.choice(
+                (b"stts", b"stsz", b"stco", b"stsc", b"tkhd", b"mdhd", b"avcC", b"stsd", b"mvhd", b"elst")
+            ),
+        ):
             at = data.find(kind)
             place = at - 4 + 4 * spoiler.dice.randrange(16) if at > 0 else 0
             data = spoiler.number_at(data, place, spoiler.dice.choice((2, 4)), "big")
@@ -268,8 +280,8 @@ def inspect_video(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
 
 def import_video(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
     path = _video(spoiler, corpus, folder)
-    return Case(("import", str(path), str(corpus / "force.csv"), "--bench", str(corpus / "bench.toml"), "-o", "run.mcap",
-                 "--offset-ms", "none"), (path.name, "run.mcap"))  # fmt: skip
+    stated = ("--bench", str(corpus / "bench.toml"), "--offset-ms", "none")
+    return Case(("import", str(path), str(corpus / "force.csv"), "-o", "run.mcap", *stated), (path.name, "run.mcap"))
 
 
 # logs
@@ -280,7 +292,12 @@ def _log(name: str) -> Make:
         path = folder / f"spoiled_{name}"
         path.write_bytes(spoiler.encoded(spoiler.text((corpus / name).read_text())))
         logs = [str(path)] if name == "force.csv" else [str(corpus / "force.csv"), str(path)]
-        options = ("--offset-ms", spoiler.one_of("none", "auto", "start"), "--tare", spoiler.one_of("none", "auto", "0:0.2"))
+        options = (
+            "--offset-ms",
+            spoiler.one_of("none", "auto", "start"),
+            "--tare",
+            spoiler.one_of("none", "auto", "0:0.2"),
+        )
         knob = () if name == "knob.csv" else ("--knob-deg", "10")
         words = ("import", str(corpus / "frames"), *logs, *options, *knob, "--fact", "sensor.angle_deg=0",
                  "--fact", "sensor.reads=tip-on-tissue", "-o", "run.mcap")  # fmt: skip
@@ -407,9 +424,9 @@ def network_with_bench(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
 
 
 _DETECTION = {
-    "method": "tracer", "polarity": "dark", "base_side": "left", "base_region": [0, 60, 20, 100], "roi": [0, 0, 160, 120],
-    "threshold": 128, "base_columns": 20, "diameter_px": 7.0, "length_px": 110.0, "length_tolerance": 0.1,
-    "max_gap_px": 12.0, "points": 64, "view": "camera",
+    "method": "tracer", "polarity": "dark", "base_side": "left", "base_region": [0, 60, 20, 100],
+    "roi": [0, 0, 160, 120], "threshold": 128, "base_columns": 20, "diameter_px": 7.0, "length_px": 110.0,
+    "length_tolerance": 0.1, "max_gap_px": 12.0, "points": 64, "view": "camera",
 }  # fmt: skip
 
 
@@ -429,7 +446,9 @@ def _set(spoiler: Spoiler, prefix: str, good: dict[str, Any]) -> list[str]:
 
 
 def inspect_with_settings(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
-    words = _set(spoiler, "vision.", _DETECTION) + _set(spoiler, "features.", {"kind": "legendre", "degree": 4, "constant": True})
+    words = _set(spoiler, "vision.", _DETECTION) + _set(
+        spoiler, "features.", {"kind": "legendre", "degree": 4, "constant": True}
+    )
     seen = spoiler.one_of("still.png", "frames")
     return Case(_looked_at(corpus / seen, *words).words, ("--set", seen))
 
@@ -484,8 +503,8 @@ def _dicom(spoiler: Spoiler, corpus: Path, folder: Path) -> Path:
         return path
     data = pydicom.dcmread(corpus / "run.dcm")
     tags = ("Rows", "Columns", "NumberOfFrames", "BitsAllocated", "BitsStored", "HighBit", "SamplesPerPixel",
-            "PixelRepresentation", "PhotometricInterpretation", "FrameTimeVector", "FrameDelay", "FrameTime", "CineRate",
-            "PixelData", "PlanarConfiguration")  # fmt: skip
+            "PixelRepresentation", "PhotometricInterpretation", "FrameTimeVector", "FrameDelay", "FrameTime",
+            "CineRate", "PixelData", "PlanarConfiguration")  # fmt: skip
     strange: tuple[Any, ...] = (0, 1, 3, 7, 12, 16, 255, 65535, -1, "", "nan", "1e400", "-5", "MONOCHROME1", "RGB", b"",
                                 b"\0" * 7, [1, -1], None)  # fmt: skip
     for name in spoiler.dice.sample(tags, spoiler.dice.choice((1, 2))):
@@ -510,7 +529,13 @@ def inspect_dicom(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
 
 
 TARGETS: dict[str, tuple[Make, ...]] = {
-    "recording": (inspect_recording, inspect_recorded_images, estimate_recording, inspect_recording, train_on_recording),
+    "recording": (
+        inspect_recording,
+        inspect_recorded_images,
+        estimate_recording,
+        inspect_recording,
+        train_on_recording,
+    ),
     "model": tuple(_with_model("svr", way) for way in ("manifest", "settings", "state", "arrays", "bytes")),
     "network": tuple(_with_model("compact", way) for way in ("settings", "state", "arrays", "graph")),
     "log": tuple(_log(name) for name in ("force.csv", "stage.csv", "knob.csv")),

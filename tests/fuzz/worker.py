@@ -1,7 +1,7 @@
 """The process that runs cases, one after the other: the parent watches it, and starts another where it dies.
 
-``python -m tests.fuzz.worker CORPUS`` reads lines ``TARGET SEED CASE`` and answers each with a line of JSON. ``calm`` in
-place of a case's number runs the target's commands on good input: what is compiled or loaded once is so before a
+``python -m tests.fuzz.worker CORPUS`` reads lines ``TARGET SEED CASE`` and answers each with a line of JSON. ``calm``
+in place of a case's number runs the target's commands on good input: what is compiled or loaded once is so before a
 case's time counts.
 """
 
