@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from ..errors import InputError
 
-__all__ = ["JsonOption", "check_outputs", "console", "progress_bar", "say", "write_json"]
+__all__ = ["JsonOption", "check_new", "check_outputs", "console", "progress_bar", "say", "write_json"]
 
 console = Console(stderr=True, highlight=False, markup=False, emoji=False)
 """Everything meant for people goes to standard error, so that standard output can carry figures.
@@ -51,6 +51,13 @@ def check_outputs(inputs: Sequence[Path], *outputs: Path | str | None) -> None:
         if path.resolve() in taken:
             raise InputError(f"{path}: cannot be written, for {taken[path.resolve()]}; choose another name")
         taken[path.resolve()] = "it is to be written twice"
+
+
+def check_new(*outputs: Path | str | None, overwrite: bool) -> None:
+    """Raises InputError where a file is there already, unless ``overwrite``. None and "-" are passed over."""
+    for output in outputs:
+        if output is not None and str(output) != "-" and Path(output).exists() and not overwrite:
+            raise InputError(f"{output}: exists already; choose another name or state --overwrite")
 
 
 @contextmanager

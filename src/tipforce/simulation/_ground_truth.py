@@ -1,6 +1,7 @@
 """The ground truth of a simulated session, and its companion file."""
 
 import json
+import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -12,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._atomic import atomic_path
+from .._json import parse_json
 from ..errors import FileFormatError
 from ..geometry import Pose
 from ..types import BasePose, BoolArray, FloatArray, IntArray
@@ -21,6 +23,18 @@ from ._fields import Settings
 __all__ = ["Truth", "ViewTruth", "collect_truth", "read_truth", "settings_record", "truth_path", "write_truth"]
 
 _SUFFIX = ".truth.npz"
+_FAULTS = (
+    KeyError,
+    TypeError,
+    ValueError,
+    OSError,
+    EOFError,
+    RuntimeError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What zip and NumPy raise on files that are damaged or something else."""
 Bytes = npt.NDArray[np.uint8]
 
 
@@ -207,15 +221,18 @@ def read_truth(path: Path | str) -> Truth:
     if not path.is_file():
         raise FileFormatError(f"{path}: there is no such file; only what `tipforce simulate` wrote has a truth")
     try:
+        with zipfile.ZipFile(path) as archive:
+            if damaged := archive.testzip():
+                raise ValueError(f"{damaged} differs from its checksum")
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            values: dict[str, Any] = json.loads(str(arrays["about"]))
+            values: dict[str, Any] = parse_json(str(arrays["about"]), str(path))
             size = tuple(values.pop("image_size"))
             others = {
                 view: ViewTruth(image_size=size, **_read_arrays(ViewTruth, arrays, f"{view}."))
                 for view in values.pop("others", ())
             }
             return Truth(image_size=size, others=others, **values, **_read_arrays(Truth, arrays, ""))
-    except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except _FAULTS as error:
         raise FileFormatError(
             f"{path}: no readable truth ({error}); delete it with its recording and run `tipforce simulate` again"
         ) from None

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from .._json import check_depth, read_small_text, too_deep
 from ..errors import FileFormatError, InputError
 from ._session import SessionInfo, merged_values
 
@@ -85,6 +86,7 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
 }
 """Section -> what it is; its keys, each with an example and its meaning."""
 
+_MAX_BYTES = 1 << 20
 _OTHERS = ("force_frame", "simulated", "preset", "remarks")
 
 
@@ -127,14 +129,17 @@ def read_bench(path: Path | str) -> SessionInfo:
         InputError: a key is unknown or a value refused; the message names file, key and what is expected.
     """
     path = Path(path)
+    if path.is_dir():
+        raise FileFormatError(f"{path}: is a folder; state the bench.toml in it")
+    if not path.exists():
+        raise FileFormatError(f"{path}: does not exist; write one with `tipforce init-bench -o {path}`")
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise FileFormatError(f"{path}: does not exist; write one with `tipforce init-bench -o {path}`") from None
-    except IsADirectoryError:
-        raise FileFormatError(f"{path}: is a folder; state the bench.toml in it") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        values = tomllib.loads(read_small_text(path, max_bytes=_MAX_BYTES))
+    except RecursionError:
+        raise too_deep(str(path)) from None
+    except ValueError as error:  # no TOML, or a number of thousands of digits
         raise FileFormatError(f"{path}: is no TOML: {error}") from None
+    check_depth(values, str(path))
     return SessionInfo.from_values(values, str(path))
 
 
@@ -157,7 +162,9 @@ def info_from_facts(facts: list[str]) -> SessionInfo:
             raise InputError(f"fact {fact}: expected KEY=VALUE, for example views.camera.base_side=left")
         try:
             value = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
+        except RecursionError:
+            raise too_deep(f"fact {key.strip()}") from None
+        except ValueError:  # no TOML: a text without quotes
             value = text.strip()
         nested: Any = value
         for part in reversed(key.strip().split(".")):
