@@ -32,14 +32,19 @@ Make = Callable[[Spoiler, Path, Path], Case]
 """The spoiler, the folder of good files, an empty folder to work in -> what to run there."""
 
 
+def _whole(path: Path) -> str:
+    """The name of what is recovered from a ``.part``, else of the file."""
+    return path.name.removesuffix(".part")
+
+
 def _looked_at(path: Path, *more: str) -> Case:
-    return Case(("inspect", str(path), "-o", "drawn.png", "--json", "figures.json", *more), (path.name,))
+    return Case(("inspect", str(path), "-o", "drawn.png", "--json", "figures.json", *more), (_whole(path),))
 
 
 def _estimated(corpus: Path, path: Path, *names: str, model: Path | None = None) -> Case:
     chosen = model or corpus / "svr"
     words = ("estimate", str(chosen), str(path), "-o", "forces.csv", "--json", "figures.json")
-    return Case(words, (path.name, *names))
+    return Case(words, (_whole(path), *names))
 
 
 _FAST = ("--set", "c=[10]", "--set", "epsilon=[0.01]", "--set", "sigma=[1]", "--set", "folds=2",
@@ -47,7 +52,7 @@ _FAST = ("--set", "c=[10]", "--set", "epsilon=[0.01]", "--set", "sigma=[1]", "--
 
 
 def _trained(path: Path) -> Case:
-    return Case(("train", str(path), "-o", "model", *_FAST), (path.stem,))  # which is the name of its session
+    return Case(("train", str(path), "-o", "model", *_FAST), (path.name.split(".")[0],))  # the name of its session
 
 
 # recordings
@@ -65,6 +70,14 @@ def _records(data: bytes, start: int = 8) -> list[tuple[int, int, int]]:
     return found
 
 
+def _unstated(data: bytes) -> bytes:
+    """The same file without the checksums of its data and of its index, which the format allows."""
+    for opcode, start, length in _records(data):
+        if opcode in (2, 15):  # footer, end of the data
+            data = data[: start + length - 4] + bytes(4) + data[start + length :]
+    return data
+
+
 def _spoiled_mcap(spoiler: Spoiler, data: bytes) -> bytes:
     """Bytes anywhere; or a record's length or content; or a message in a chunk whose checksum is right again."""
     if spoiler.calm:
@@ -72,6 +85,7 @@ def _spoiled_mcap(spoiler: Spoiler, data: bytes) -> bytes:
     dice, way = spoiler.dice, spoiler.dice.randrange(4)
     if way == 0:
         return spoiler.data(data)
+    data = _unstated(data)
     _, start, length = dice.choice(_records(data))
     if way == 1:
         return spoiler.number_at(data, start - 8, 8, "little")
@@ -162,8 +176,8 @@ def _with_model(name: str, way: str) -> Make:
         if name == "compact":
             words = ("estimate", str(model), str(corpus / "still.png"), "-o", "forces.csv",
                      "--bench", str(corpus / "bench.toml"))  # fmt: skip
-            return Case(words, (model.name,))
-        return Case(_estimated(corpus, corpus / "frames", model=model).words, (model.name,))
+            return Case(words, (model.name, "still.png"))  # a model may ask for what the image does not have
+        return Case(_estimated(corpus, corpus / "frames", model=model).words, (model.name, "frames"))
 
     return make
 
@@ -488,7 +502,7 @@ def options(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
     logged = ("import", str(corpus / "frames"), str(corpus / "force.csv"), "-o", "run.mcap")
     rest = [] if "--offset-ms" in chosen else ["--offset-ms", "none"]
     facts = ["--fact", "sensor.angle_deg=0", "--fact", "sensor.reads=tip-on-tissue"]
-    return Case((*logged, *given, *rest, *facts), ("--", "force.csv", "frames"))
+    return Case((*logged, *given, *rest, *facts), ("--", "fact ", "force.csv", "frames"))
 
 
 # DICOM

@@ -29,8 +29,6 @@ class Machines:
     ``shift``, ``scale`` (k,): scaled feature = (raw - shift) * scale. ``vectors`` (m, k): the support vectors of all
     targets, target after target, ``ends`` (t,) where each target's stop. ``dual`` (m,), ``intercept``, ``gamma``,
     ``unit_n`` (t,): newtons of one. ``weights`` (t, k): the linear part of the kernel, already summed up.
-
-    Raises ValueError where the arrays do not fit together: the hot loop checks no index.
     """
 
     shift: FloatArray
@@ -45,23 +43,8 @@ class Machines:
     parity_n: float = 0.0
     """Largest deviation from scikit-learn on the training samples, in newtons."""
 
-    def __post_init__(self) -> None:
-        targets, width, count = np.size(self.ends), np.size(self.shift), np.size(self.dual)
-        shapes = {"shift": (width,), "scale": (width,), "vectors": (count, width), "weights": (targets, width)}
-        shapes |= {"dual": (count,)} | dict.fromkeys(("intercept", "gamma", "unit_n"), (targets,))
-        for name, shape in shapes.items():
-            array = getattr(self, name)
-            if array.shape != shape or array.dtype != np.float64 or not np.isfinite(array).all():
-                raise ValueError(f"{name}: expected finite numbers {shape}, got {array.dtype} {array.shape}")
-            object.__setattr__(self, name, np.ascontiguousarray(array))
-        steps = np.diff(self.ends, prepend=0) if self.ends.shape == (targets,) and self.ends.dtype == np.int64 else [-1]
-        if targets == 0 or np.min(steps) < 0 or self.ends[-1] != count:
-            raise ValueError(f"ends: expected whole numbers that rise to {count}, got {self.ends.dtype} {self.ends}")
-
     def __call__(self, raw: FloatArray) -> FloatArray:
-        """(k,) raw features -> (t,) newtons. Raises ValueError for another number of features."""
-        if raw.shape != self.shift.shape:
-            raise ValueError(f"expected {self.shift.shape} features, got {raw.shape}")
+        """(k,) raw features -> (t,) newtons."""
         out = np.empty(len(self.ends))
         evaluate(
             raw, self.shift, self.scale, self.vectors, self.dual, self.ends, self.intercept, self.gamma, self.unit_n,

@@ -246,15 +246,11 @@ class Svr(Estimator):
     ) -> "Svr":
         """The inverse of `state`."""
         svr = cls(SvrSettings.model_validate(settings))
-        machines = Machines(**arrays, parity_n=values["parity_n"])
-        width = (len(values["shape"]) + len(values["actuation"])) * len(svr.settings.window.lags_ms)
-        if len(machines.shift) != width:
-            raise ValueError(f"{len(machines.shift)} features in arrays.npz, {width} in the state")
         svr.fitted_ = _Fitted(
             actuation=tuple(values["actuation"]),
             shape=tuple(values["shape"]),
             known=np.array(values["known"], np.bool_),
-            machines=machines,
+            machines=Machines(**arrays, parity_n=values["parity_n"]),
             constants=tuple(Constants(**each) for each in values["constants"]),
             cv_rmse_n=tuple(values["cv_rmse_n"]),
             interval=Interval.of(values["interval"]),
