@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import sys
 import time
 from collections.abc import Callable, Generator, Sequence
@@ -68,15 +69,16 @@ def check_outputs(inputs: Sequence[Path], *outputs: Path | str | None) -> None:
     """
     from ..io import check_output_file
 
-    taken = {path.resolve(): f"{path} is what is read" for path in inputs}
+    taken = {os.path.realpath(path): f"{path} is what is read" for path in inputs}
     for output in outputs:
         if output is None or str(output) == "-":
             continue
         path = Path(output)
         check_output_file(path)
-        if path.resolve() in taken:
-            raise InputError(f"{path}: cannot be written, for {taken[path.resolve()]}; choose another name")
-        taken[path.resolve()] = "it is to be written twice"
+        place = os.path.realpath(path)  # of a link that leads round it says something, too
+        if place in taken:
+            raise InputError(f"{path}: cannot be written, for {taken[place]}; choose another name")
+        taken[place] = "it is to be written twice"
 
 
 def check_new(*outputs: Path | str | None, overwrite: bool) -> None:

@@ -16,7 +16,7 @@ from ._sources import (
     require_actuation,
     spread_images,
 )
-from ._tables import ACTUATION_UNITS, STILL_STEP_NS, Table, is_actuation, is_force, open_table
+from ._tables import ACTUATION_UNITS, STILL_STEP_NS, Table, check_actuation, is_actuation, is_force, open_table
 from ._video import VideoWriter, write_video
 from ._writer import RecordingWriter, write_force_csv
 
@@ -41,6 +41,7 @@ __all__ = [
     "atomic_path",
     "atomic_text",
     "can_be_read_again",
+    "check_actuation",
     "check_folder",
     "check_image_target",
     "check_output_file",

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import FileFormatError, InputError, TimeError
 from ..types import FloatArray, Frame, IntArray
 from ._images import IMAGE_SUFFIXES, StreamDepth, read_image
-from ._tables import STILL_STEP_NS, TIME_UNITS, Table, is_actuation, open_table
+from ._tables import STILL_STEP_NS, TIME_UNITS, Table, check_actuation, is_actuation, open_table
 
 __all__ = ["ImageFolder", "InFolder", "frames_of", "read_folder"]
 
@@ -114,10 +114,13 @@ def _from_table(folder: Path, table: Table) -> ImageFolder:
     stamps = table.stamps_ns()
     taken = table.time_columns()
     names = [name for name in table.columns if is_actuation(name) and name not in taken]
+    actuation = {name: table.numbers(name, may_be_empty=True) for name in names}
+    for name, values in actuation.items():
+        check_actuation(table, name, values)
     return ImageFolder(
         files,
         _numbered(len(files)) if stamps is None else stamps,
-        {name: table.numbers(name, may_be_empty=True) for name in names},
+        actuation,
         numbered=stamps is None,
     )
 

@@ -14,12 +14,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import IO, Literal
+from typing import IO, Literal, Protocol
 
 import numpy as np
 
 from ..errors import FileFormatError, TableError, TimeError
-from ..types import FloatArray, IntArray
+from ..types import FloatArray, IntArray, actuation_range
 
 __all__ = [
     "ACTUATION_UNITS",
@@ -28,6 +28,7 @@ __all__ = [
     "TIME_UNITS",
     "Table",
     "TimeUnit",
+    "check_actuation",
     "is_actuation",
     "is_force",
     "listed",
@@ -488,6 +489,26 @@ def _dates_ns(table: Table, column: str) -> IntArray:
         ahead = 0 if not found[4] else int(found[4] + "1") * (int(found[5]) * 60 + int(found[6]))
         stamps[row] = day - ahead * 60_000_000_000
     return _held(table, stamps, 1)
+
+
+class _Placed(Protocol):
+    path: Path
+
+    def place(self, row: int) -> str: ...
+
+
+def check_actuation(table: _Placed, column: str, values: FloatArray, *, as_name: str = "") -> None:
+    """Raises TableError that names the row where a reading (n,) is none that its drive can have; NaN is no reading.
+
+    ``as_name``: NAME_UNIT of the drive, where the column is not called so.
+    """
+    expected = actuation_range(as_name or column)
+    row = expected.outside(values)
+    if row is not None:
+        raise TableError(
+            f"{table.path}, {table.place(row)}, column {column}: {values[row]:g} lies outside of {expected}; correct "
+            "the row or remove it, or check the column's unit"
+        )
 
 
 def rising(table: Table, stamps_ns: IntArray) -> None:
