@@ -96,7 +96,7 @@ class _Findings:
     def said(self, name: str) -> str:
         """One line on what was lost."""
         if self.finished and not (self.lost_s or self.doubtful_metadata):
-            return f"{name} is whole: {self.messages} messages copied"
+            return f"{name} was whole: {self.messages} messages recovered"
         said = f"{name} was {'damaged' if self.finished else 'cut off'}: {self.messages} messages recovered"
         said += f", {self.lost_bytes} bytes of an unfinished record lost" if self.lost_bytes else ""
         if self.lost_s:
