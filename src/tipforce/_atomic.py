@@ -79,7 +79,11 @@ def check_output_file(path: Path) -> None:
     check_folder(path)
     try:
         mode = path.stat().st_mode
-    except OSError:  # not there, or a link to nothing
+    except OSError as error:  # not there, or a link to nothing
+        if error.errno == errno.ELOOP:
+            raise OutputError(
+                f"{path}: is a link that leads back to itself; remove it or choose another name"
+            ) from None
         return
     if stat.S_ISDIR(mode):
         raise OutputError(f"{path}: is a folder; name a file")

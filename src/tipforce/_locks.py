@@ -29,7 +29,7 @@ def output_lock(path: Path) -> Generator[None]:
     Raises:
         OutputError: another process holds it.
     """
-    fcntl, key = _fcntl(), hashlib.sha256(str(path.absolute().resolve()).encode()).hexdigest()[:32]
+    fcntl, key = _fcntl(), hashlib.sha256(os.path.realpath(path).encode()).hexdigest()[:32]
     if fcntl is None or key in _held:
         yield
         return

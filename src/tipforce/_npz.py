@@ -42,12 +42,15 @@ _FAULTS = (
 """What zip and NumPy raise on files that are damaged or something else."""
 
 
-def read_npz(source: Path | bytes, where: str) -> dict[str, npt.NDArray[Any]]:
+def read_npz(
+    source: Path | bytes, where: str, remedy: str = "make it again or copy it again"
+) -> dict[str, npt.NDArray[Any]]:
     """All arrays of an archive, held to their checksums (CRC-32).
 
     Args:
         source: the file, or its content.
         where: what messages call it.
+        remedy: what they say at their end.
 
     Raises:
         FileFormatError: it is no such archive or damaged, an array holds objects or claims another size than it has, or
@@ -58,20 +61,19 @@ def read_npz(source: Path | bytes, where: str) -> dict[str, npt.NDArray[Any]]:
         with zipfile.ZipFile(io.BytesIO(source) if isinstance(source, bytes) else source) as archive:
             members = archive.infolist()
             if len(members) > MAX_ARRAYS:
-                raise FileFormatError(f"{where}: holds {len(members)} arrays, more than {MAX_ARRAYS}")
+                raise FileFormatError(f"{where}: holds {len(members)} arrays, more than {MAX_ARRAYS}; {remedy}")
             unpacked, limit = sum(each.file_size for each in members), min(MAX_BYTES, max(_SMALL, MAX_RATIO * length))
             if unpacked > limit:
                 raise FileFormatError(
-                    f"{where}: would unpack to {unpacked} bytes, but a file of {length} bytes may to {limit}; make it "
-                    "again or copy it again from where it was made"
+                    f"{where}: would unpack to {unpacked} bytes, but a file of {length} bytes may to {limit}; {remedy}"
                 )
-            return {each.filename.removesuffix(".npy"): _member(archive, each, where) for each in members}
+            return {each.filename.removesuffix(".npy"): _member(archive, each, where, remedy) for each in members}
     except _FAULTS as error:
         said = str(error).strip().split("\n")[0][:200] or type(error).__name__
-        raise FileFormatError(f"{where}: no readable arrays ({said}); make it again or copy it again") from None
+        raise FileFormatError(f"{where}: no readable arrays ({said}); {remedy}") from None
 
 
-def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, where: str) -> npt.NDArray[Any]:
+def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, where: str, remedy: str) -> npt.NDArray[Any]:
     with archive.open(member) as stream:
         data = stream.read()
     head = io.BytesIO(data[:_HEAD_BYTES])
@@ -84,6 +86,6 @@ def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, where: str) -> np
     if kind.hasobject or any(n < 0 for n in shape) or math.prod(shape) * kind.itemsize != held:
         raise FileFormatError(
             f"{where}: the array {member.filename[:100]!r} claims the shape {shape} of {kind}, but has {held} bytes; "
-            "make it again or copy it again"
+            f"{remedy}"
         )
     return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)

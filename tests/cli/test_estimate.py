@@ -180,7 +180,7 @@ def test_facts_that_the_model_needs_are_asked_for_before_the_work(trained, video
         ("--fact", "left", "expected KEY=VALUE"),
         ("--fact", "views.camera.base_side=up", "input should be 'left', 'right', 'top' or 'bottom'"),
         ("--fact", "actuation.knob_gain_per_m_deg=much", "input should be a valid number"),
-        ("--fact", "views.camera.metres_per_px=-1", "input should be greater than 0"),
+        ("--fact", "views.camera.metres_per_px=-1", "expected 1e-08 to 0.01 metres"),
         ("--fact", "catheter.length=1", "catheter.length is not known; catheter may hold name, diameter_m"),
         ("--bench", "nowhere.toml", "nowhere.toml: does not exist; write one with `tipforce init-bench"),
         ("--knob-deg", "nan", "--knob-deg: expected degrees, got 'nan'"),

@@ -59,6 +59,7 @@ def lay_out(bench: Path, place: Path) -> None:
     for path in bench.glob("*.truth.npz"):
         shutil.copy(path, place / "runs" / path.name)
     shutil.copy(bench / "runs" / "session_00.mcap", place / "run.mcap")
+    (place / "damaged.mcap").write_bytes((place / "run.mcap").read_bytes()[:-1000])
     (place / "frames").mkdir()
     with open_source(place / "video.mp4") as source:
         frames = [event for event in source if isinstance(event, Frame)][:72]

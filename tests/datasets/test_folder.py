@@ -259,3 +259,28 @@ def test_what_is_no_dataset_says_what_is_expected(tmp_path: Path) -> None:
     (tmp_path / "video.mp4").write_bytes(b"x")
     with pytest.raises(FileFormatError, match="tipforce import"):
         open_dataset(tmp_path / "video.mp4")
+
+
+@pytest.mark.parametrize(
+    "name", ["../outside.png", "images/../../outside.png", "ABSOLUTE", "images/link.png", "out/a.png"]
+)
+def test_images_outside_of_the_folder_are_refused(make_folder: Callable[..., Path], name: str) -> None:
+    folder = make_folder(sessions=1)
+    (folder.parent / "others").mkdir()
+    for outside in (folder.parent / "outside.png", folder.parent / "others/a.png"):
+        outside.write_bytes((folder / "images/0_0.png").read_bytes())
+    (folder / "images/link.png").symlink_to(folder.parent / "others/a.png")
+    (folder / "out").symlink_to(folder.parent / "others")
+    table = folder / "metadata.csv"
+    stated = str(folder.parent / "others/a.png") if name == "ABSOLUTE" else name
+    table.write_text(table.read_text().replace("images/0_1.png", stated))
+    with pytest.raises(FileFormatError, match=r"line 3: .* lies outside of "):
+        open_dataset(folder)
+
+
+def test_links_that_lead_nowhere_or_round_are_missing_images(make_folder: Callable[..., Path]) -> None:
+    folder = make_folder(sessions=1)
+    (folder / "images/0_1.png").unlink()
+    (folder / "images/0_1.png").symlink_to("0_1.png")
+    with pytest.raises(FileFormatError, match="line 3: there is no image"):
+        open_dataset(folder)

@@ -1,6 +1,9 @@
 """Sets that grow session by session: whole or not at all, the same bytes in any order, as images or shards."""
 
+import contextlib
 import json
+import random
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +20,7 @@ from tipforce.datasets import (
     open_dataset,
     write_dataset,
 )
+from tipforce.errors import FileFormatError, InputError
 from tipforce.types import ActuationInfo, Catheter, SensorInfo, SessionInfo, ViewInfo
 
 SESSIONS, EACH = 5, 4
@@ -193,3 +197,43 @@ def test_facts_that_all_sessions_share_are_stated_once(tmp_path: Path) -> None:
         "views": {"camera": {"metres_per_px": 2.02e-4}},
         "sensor": {"angle_deg": 2.0},
     }
+
+
+@both
+def test_no_flipped_bit_of_an_image_or_a_label_in_shards_is_overlooked(
+    make: Callable[[Path], Growing], tmp_path: Path
+) -> None:
+    data = grow(make(tmp_path), list(range(SESSIONS)))
+    whole = data.fingerprint(), [each.views["camera"].tobytes() for each in data.observations()]  # type: ignore[union-attr]
+    chance = random.Random(0)
+    path = sorted([*tmp_path.glob("*.parquet"), *tmp_path.glob("images/s0/*")])[0]
+    raw = path.read_bytes()
+    for place in chance.sample(range(len(raw)), 40):
+        hurt = bytearray(raw)
+        hurt[place] ^= 1 << chance.randrange(8)
+        path.write_bytes(hurt)
+        read = None
+        with contextlib.suppress(InputError):
+            again = open_dataset(tmp_path)
+            read = again.fingerprint(), [each.views["camera"].tobytes() for each in again.observations()]  # type: ignore[union-attr]
+        assert read in (None, whole)
+        assert read is None or path.suffix == ".parquet"  # of a page's head some bytes say nothing that is used
+
+
+def test_missing_foreign_and_cut_off_shards_are_named(tmp_path: Path) -> None:
+    grow(make_shards(tmp_path), list(range(SESSIONS)))
+    last, first = tmp_path / "samples-00002-of-00003.parquet", tmp_path / "samples-00000-of-00003.parquet"
+    raw = last.read_bytes()
+    shutil.copy(first, tmp_path / "more.parquet")
+    with pytest.raises(FileFormatError, match=r"more\.parquet: is none of the shards"):
+        open_dataset(tmp_path)
+    (tmp_path / "more.parquet").unlink()
+    last.unlink()
+    with pytest.raises(FileFormatError, match=r"samples-00002-of-00003\.parquet: the shard is missing"):
+        open_dataset(tmp_path)
+    (tmp_path / "dataset.json").unlink()  # also by the names of the others
+    with pytest.raises(FileFormatError, match=r"samples-00002-of-00003\.parquet: the shard is missing"):
+        open_dataset(tmp_path)
+    last.write_bytes(raw[:-100])
+    with pytest.raises(FileFormatError, match=r"samples-00002-of-00003\.parquet"):
+        open_dataset(tmp_path)

@@ -60,3 +60,19 @@ def test_a_recording_without_forces_names_what_it_has(tmp_path: Path) -> None:
     write_run(tmp_path / "a.mcap", "first", 50, forces=False)
     with pytest.raises(InputError, match=r"a\.mcap: to learn from it, a recording needs a stream 'force'; it has"):
         open_dataset(tmp_path)
+
+
+def test_a_recording_that_was_cut_off_is_recovered_by_either_name_and_said_in_a_folder(tmp_path: Path) -> None:
+    write_run(tmp_path / "a.mcap", "first", 50)
+    raw = (tmp_path / "a.mcap").read_bytes()
+    part = tmp_path / "b.mcap.part"
+    part.write_bytes(raw[: len(raw) // 2])
+    data = open_dataset(tmp_path)
+    assert data.sessions == ("first",)
+    assert data.remarks[-1] == "b.mcap.part: is still being written, or was cut off, and is left out"
+    for name in ("b.mcap", "b.mcap.part"):
+        part.write_bytes(raw[: len(raw) // 2])
+        (tmp_path / "b.mcap").unlink(missing_ok=True)
+        with pytest.warns(UserWarning, match="recovered"):
+            data = open_dataset(tmp_path / name)
+        assert len(list(data.observations())) == len(data) > 5

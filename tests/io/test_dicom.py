@@ -108,3 +108,13 @@ def test_claims_of_the_header_that_the_file_cannot_keep_are_refused(tmp_path, ta
     changed(tmp_path / "run.dcm", **tags)
     with pytest.raises(FileFormatError, match=said):
         frames_of(tmp_path / "run.dcm")
+
+
+@pytest.mark.parametrize(
+    "tags", [{"FrameDelay": [1, 2]}, {"FrameTimeVector": "7"}, {"SamplesPerPixel": [1, 2]}, {"BitsStored": [8, 8]}]
+)
+def test_a_damaged_header_is_one_sentence(tmp_path, tags):
+    written(tmp_path / "run.dcm")
+    changed(tmp_path / "run.dcm", **tags)
+    with pytest.raises(FileFormatError, match=r"run\.dcm: its header is damaged"):
+        frames_of(tmp_path / "run.dcm")

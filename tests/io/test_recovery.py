@@ -1,3 +1,5 @@
+import random
+import struct
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -7,9 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 
 from tipforce.errors import FileFormatError
-from tipforce.io import RecordingReader, RecordingWriter
+from tipforce.io import RecordingReader, RecordingWriter, recover_recording
 from tipforce.types import Actuation, SessionInfo, Wrench
 
 
@@ -31,7 +34,7 @@ def test_a_file_cut_anywhere_gives_back_every_message_before_the_cut(recording: 
     with reader:
         found, _, _ = reader.wrenches()
         assert reader.path == target
-        assert "was cut off" in reader.info.recovered
+        assert ("was whole" if share == 1.0 else "was cut off") in reader.info.recovered
     assert not cut.exists()
     # every reading takes the same room, so what lies before the cut can be told from its length
     whole = np.arange(len(found)) * 1_000_000
@@ -104,7 +107,7 @@ def test_what_is_still_being_written_is_left_alone(tmp_path: Path) -> None:
 def test_a_recording_that_waits_for_recovery_is_not_written_over(recording: Path) -> None:
     part = recording.with_name("other.mcap.part")
     part.write_bytes(recording.read_bytes()[:20_000])
-    with pytest.raises(FileFormatError, match="tipforce inspect"):
+    with pytest.raises(FileFormatError, match="tipforce import"):
         RecordingWriter(recording.with_name("other.mcap"), SessionInfo())
     assert part.stat().st_size == 20_000
 
@@ -129,11 +132,12 @@ def test_a_part_without_a_message_says_that_nothing_is_in_it(tmp_path: Path) -> 
 def test_a_truncated_recording_says_how_to_recover_it(recording: Path) -> None:
     raw = recording.read_bytes()
     recording.write_bytes(raw[: len(raw) // 2])
-    with pytest.raises(FileFormatError, match=r"rename it to run\.mcap\.part"):
+    with pytest.raises(FileFormatError, match=r"tipforce import \S+run\.mcap -o \S+run-recovered\.mcap"):
         RecordingReader(recording)
-    recording.rename(recording.with_name("run.mcap.part"))
-    with pytest.warns(UserWarning, match="recovered"):
-        assert len(events_of(recording)) > 300
+    target = recording.with_name("run-recovered.mcap")
+    assert recover_recording(recording, target).startswith("run.mcap was cut off")
+    assert len(events_of(target)) > 300
+    assert recording.exists()
 
 
 def test_a_part_cut_within_its_first_records_is_one_sentence(recording: Path) -> None:
@@ -146,3 +150,79 @@ def test_a_part_cut_within_its_first_records_is_one_sentence(recording: Path) ->
             RecordingReader(recording)
         assert str(recording) in str(caught.value)
     assert [path.name for path in part.parent.iterdir()] == [part.name]
+
+
+def test_a_flipped_bit_anywhere_in_a_recording_is_reported(recording: Path) -> None:
+    raw = recording.read_bytes()
+    chance = random.Random(0)
+    # everywhere, and densely where there are no chunks: the metadata at the beginning, the index at the end
+    places = [
+        *range(0, 600, 7),
+        *range(len(raw) - 3000, len(raw), 11),
+        *(chance.randrange(len(raw)) for _ in range(60)),
+    ]
+    for place in places:
+        hurt = bytearray(raw)
+        hurt[place] ^= 1 << chance.randrange(8)
+        recording.write_bytes(hurt)
+        with pytest.raises(FileFormatError, match=r"run\.mcap: ") as caught, RecordingReader(recording) as reader:
+            list(reader.events())
+        assert "\n" not in str(caught.value)
+
+
+def test_a_damaged_stretch_is_named_by_its_time_and_left_out_on_request(recording: Path) -> None:
+    raw = bytearray(recording.read_bytes())
+    place = raw.find(b"sensor\0", len(raw) // 4)
+    raw[place + 20] ^= 0x01
+    recording.write_bytes(raw)
+    with (
+        RecordingReader(recording) as reader,
+        pytest.raises(FileFormatError, match=r"from \d\.\d{3} to \d\.\d{3} s is"),
+    ):
+        reader.wrenches()
+    target = recording.with_name("whole.mcap")
+    said = recover_recording(recording, target)
+    assert "1 damaged chunks lost (0." in said
+    assert "metadata" not in said
+    with RecordingReader(target) as reader:
+        assert 400 <= len(reader.wrenches()[0]) < 1000
+        assert reader.info.recovered == said
+
+
+def test_a_chunk_whose_head_is_hurt_costs_only_itself(recording: Path) -> None:
+    raw = bytearray(recording.read_bytes())
+    with recording.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    for start in (summary.chunk_indexes[1].chunk_start_offset, summary.chunk_indexes[1].chunk_start_offset + 7):
+        hurt = bytearray(raw)
+        hurt[start] ^= 0x40
+        recording.write_bytes(hurt)
+        with pytest.raises(FileFormatError, match="differ from their checksum"):
+            RecordingReader(recording)
+        said = recover_recording(recording, recording.with_name("whole.mcap"), overwrite=True)
+        assert "1 damaged chunks lost" in said
+        assert "metadata" in said  # they have no checksum of their own
+
+
+def test_metadata_that_may_be_damaged_are_said_to_be_so(recording: Path) -> None:
+    raw = recording.read_bytes()
+    recording.write_bytes(raw.replace(b"tipforce.session", b"tipforce.sessiom", 1))
+    assert "metadata (session, tare, clock offset) may be damaged" in recover_recording(
+        recording, recording.with_name("whole.mcap")
+    )
+
+
+def test_recordings_without_checksums_are_read_as_before(recording: Path) -> None:
+    raw = bytearray(recording.read_bytes())
+    with recording.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    (start,) = struct.unpack_from("<Q", raw, len(raw) - 28)
+    raw[start - 4 : start] = bytes(4)
+    raw[-12:-8] = bytes(4)
+    for chunk in summary.chunk_indexes:
+        raw[chunk.chunk_start_offset + 33 : chunk.chunk_start_offset + 37] = bytes(4)
+    before = events_of(recording)
+    recording.write_bytes(raw)
+    assert events_of(recording) == before

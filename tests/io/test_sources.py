@@ -154,7 +154,7 @@ def test_a_folder_without_images_or_stamps_says_what_is_missing(tmp_path: Path) 
         open_source(images(tmp_path / "twice", ["1_5_ns.png", "2_5_ns.png"]))
     folder = images(tmp_path / "gone", ["a.png"])
     (folder / "stamps.csv").write_text("file_name,stamp_ns\na.png,1\nb.png,2\n")
-    with pytest.raises(FileFormatError, match=r"names b\.png"):
+    with pytest.raises(FileFormatError, match=r"line 3: there is no image \S+b\.png"):
         open_source(folder)
     (folder / "a.png").write_bytes(b"")
     (folder / "stamps.csv").write_text("file_name,stamp_ns\na.png,1\n")

@@ -1,3 +1,4 @@
+import gzip
 from pathlib import Path
 
 import numpy as np
@@ -163,3 +164,29 @@ def test_a_long_log_is_read_fast_enough(tmp_path: Path) -> None:
     found = read_force_log(path)
     assert len(found.stamp_ns) == 60_000
     assert time.perf_counter() - start < 2.0
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (",".join(f"c{k}" for k in range(100_000)).encode() + b"\n", "has 100000 columns, at most 10000 are read"),
+        (b"time_s,fx_n\n0,1\n" + b"1" * (3 << 20), "has a line of more than 1 MiB"),
+        (b'"' * 300_000, "is no table that can be read"),
+        (b'time_s,fx_n\n"' + b"\n0,1" * 100_000, "is no table that can be read"),
+        (b"time_s,fx_n\n" + b"0,1\n" * 300_000 + b"1,\0\n", r"byte 1200014 is 0"),
+        (gzip.compress(b"time_s,fx_n\n"), "is compressed"),
+    ],
+)
+def test_what_only_looks_like_a_table_is_refused_at_once(tmp_path: Path, content: bytes, said: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=rf"log\.csv.*: .*{said}"):
+        read_force_log(path)
+
+
+@pytest.mark.parametrize("year", ["1969", "2038", "9999"])
+def test_a_date_that_no_clock_showed_is_refused(tmp_path: Path, year: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(f"time,fx_n\n2026-01-01 00:00:00,0.1\n{year}-01-01 00:00:01,0.2\n")
+    with pytest.raises(TimeError, match=rf"line 3, column time: '{year}.*no date from 1970 to 2037"):
+        read_force_log(path)

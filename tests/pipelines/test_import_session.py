@@ -173,3 +173,21 @@ def test_a_summary_is_drawn(run: Run, tmp_path: Path, ending: str) -> None:
     assert figures["labelled_frames"] == 192
     assert figures["clock_offset"]["stderr_ms"] is None
     assert figures["streams"]["camera"]["rate_hz"] == pytest.approx(24, abs=0.1)
+
+
+def test_an_offset_that_leaves_no_image_a_force_is_refused_with_both_spans(run: Run, tmp_path: Path) -> None:
+    with pytest.raises(TimeError, match=r"gives a force to 0 of the 192 images .*\+1000000\.0 ms.* s of the images"):
+        import_session(run.video, run.force, tmp_path / "run.mcap", offset_ms=1e6)
+    assert not list(tmp_path.glob("run*"))
+
+
+def test_a_log_that_covers_a_part_of_the_video_is_remarked_on(run: Run, tmp_path: Path) -> None:
+    lines = run.force.read_text().splitlines()
+    (tmp_path / "short.csv").write_text("\n".join(lines[:1201]))
+    report = import_session(run.video, tmp_path / "short.csv", tmp_path / "run.mcap", offset_ms="none")
+    count = report.summary.labelled
+    assert 5 < count < 40
+    assert any(remark.startswith(f"only {count} of 192 images have a force: ") for remark in report.remarks)
+    (tmp_path / "rare.csv").write_text("\n".join([lines[0], *lines[1::100]]))
+    with pytest.raises(TimeError, match=r"its readings lie 0\.1 s apart, at most 0\.05 s are allowed"):
+        import_session(run.video, tmp_path / "rare.csv", tmp_path / "rare.mcap", offset_ms="none", tare="none")

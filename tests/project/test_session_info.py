@@ -52,7 +52,7 @@ FULL = SessionInfo(
 )
 """Every field stated."""
 
-positive = st.floats(1e-9, 2e-3)
+positive = st.floats(1e-4, 2e-3)
 finite = st.floats(allow_nan=False, allow_infinity=False)
 text = st.text(st.characters(codec="utf-8"), max_size=12)
 box = st.tuples(*[st.integers(0, 9999)] * 4)
@@ -107,9 +107,9 @@ infos = st.builds(
     ),
     actuation=st.builds(
         ActuationInfo,
-        knob_gain_per_m_deg=maybe(finite),
+        knob_gain_per_m_deg=maybe(st.floats(-100, 100)),
         knob_column=maybe(text),
-        constant=st.dictionaries(text, finite, max_size=2),
+        constant=st.dictionaries(text, st.floats(-100, 100), max_size=2),
     ),
     force_frame=text,
     simulated=st.booleans(),
@@ -202,8 +202,13 @@ def test_a_dataset_folder_carries_every_field(tmp_path: Path) -> None:
         ("[catheter]\ndiameter_m = 2.33", "it is in metres: for 2.33 mm write 0.00233"),
         ("[catheter]\nflexible_length_m = 40", "it is in metres: for 40 mm write 0.04"),
         ("[views.camera]\nmetres_per_px = 0.21", "it is in metres: for 0.21 mm write 0.00021"),
-        ("[catheter]\ndiameter_m = -1", "catheter.diameter_m = -1 is refused: input should be greater than 0"),
+        ("[catheter]\ndiameter_m = -1", "catheter.diameter_m = -1 is refused: expected 5e-05 to 0.05 metres"),
         ("[sensor]\nangle_deg = nan", "sensor.angle_deg = nan is refused: input should be a finite number"),
+        ("[catheter]\nbending_stiffness_nm2 = 430", "it is in N m^2: for 430 N mm^2 write 0.00043"),
+        ("[views.camera]\nmetres_per_px = 1", "is refused: expected 1e-08 to 0.01 metres"),
+        ("[actuation]\nknob_gain_per_m_deg = 1e9", "is refused: expected -100 to 100"),
+        ("[sensor]\nangle_deg = 1000", "is refused: expected -360 to 360 degrees"),
+        ("[actuation.constant]\nknob_deg = 1000.0", "knob_deg = 1000 is refused: expected -720 to 720 degrees"),
         ("[actuation.constant]\nknob_deg = 'ten'", "actuation.constant.knob_deg = 'ten' is refused"),
         ("[sensor]\nno_contact_s = [0]", "sensor.no_contact_s"),
         ("catheter = 3", "catheter = 3 is refused"),
@@ -223,7 +228,7 @@ def test_what_is_wrong_in_a_bench_file_is_named_with_file_and_key(tmp_path: Path
     ("content", "said"),
     [
         (b"[catheter\n", "is no TOML"),
-        (b"name = \xff", "is no TOML"),
+        (b"name = \xff", "is no text in UTF-8"),
         (None, "does not exist; write one with `tipforce init-bench -o "),
     ],
 )

@@ -2,17 +2,19 @@
 
 from ._find import ForceCorrections, OffsetChoice, TareChoice, find_offset, find_tare_and_inertia
 from ._inertia import StageMotion, fit_inertia
-from ._labels import Labels, label_log, labels
+from ._labels import MAX_GAP_S, Labels, covered_frames, label_log, labels
 from ._observations import nearest_frames, observations
 from ._tare import find_tare, stated_tare
 from ._timing import estimate_offset, shape_coordinates
 
 __all__ = [
+    "MAX_GAP_S",
     "ForceCorrections",
     "Labels",
     "OffsetChoice",
     "StageMotion",
     "TareChoice",
+    "covered_frames",
     "estimate_offset",
     "find_offset",
     "find_tare",

@@ -12,7 +12,10 @@ from ..types import BoolArray, FloatArray, IntArray, SensorInfo
 from ._find import ForceCorrections, TareChoice, find_tare_and_inertia
 from ._inertia import StageMotion
 
-__all__ = ["Labels", "label_log", "labels"]
+__all__ = ["MAX_GAP_S", "Labels", "covered_frames", "label_log", "labels"]
+
+MAX_GAP_S = 0.05
+"""Readings farther apart give no force to the images between them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +32,7 @@ class Labels:
 
 
 def labels(
-    reader: RecordingReader, *, camera: str | None = None, force: str = "force", max_gap_s: float = 0.05
+    reader: RecordingReader, *, camera: str | None = None, force: str = "force", max_gap_s: float = MAX_GAP_S
 ) -> Labels:
     """Force at every frame, linear in time: offset applied, tare and inertia subtracted, turned into the base frame.
 
@@ -53,7 +56,7 @@ def label_log(
     sensor: SensorInfo,
     tare: TareChoice,
     offset_ms: float,
-    max_gap_s: float = 0.05,
+    max_gap_s: float = MAX_GAP_S,
 ) -> Labels:
     """Labels at ``frame_ns`` (n,) of a run that is at hand as arrays: those that `record` and `labels` would give.
 
@@ -65,6 +68,19 @@ def label_log(
     facts = ForceCorrections(sensor, *find_tare_and_inertia(stamps, force, course, tare, []), course)
     offset = ClockOffset(round(offset_ms * 1e6), "stated")
     return _label(frame_ns, [(stamps, force, "sensor")], facts, offset, max_gap_s, "the readings")
+
+
+def covered_frames(frame_ns: IntArray, force_ns: IntArray) -> BoolArray:
+    """(n,) whether a frame lies on a reading, or between two that are not too far apart; both sorted, on one clock.
+
+    >>> covered_frames(np.array([0, 10, 2000]), np.array([5, 20])).tolist()
+    [False, True, False]
+    """
+    right = np.searchsorted(force_ns, frame_ns, side="left")
+    inside = (right > 0) & (right < len(force_ns))
+    after = force_ns[np.minimum(right, len(force_ns) - 1)]
+    gap = after - force_ns[np.maximum(right - 1, 0)]
+    return (after == frame_ns) | (inside & (gap <= round(MAX_GAP_S * 1e9)))
 
 
 def _label(

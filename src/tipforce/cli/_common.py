@@ -1,6 +1,8 @@
 """What all verbs share: progress, figures as JSON, and errors as one sentence."""
 
 import json
+import math
+import os
 import sys
 import time
 from collections.abc import Callable, Generator, Sequence
@@ -14,7 +16,10 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from ..errors import InputError
 
-__all__ = ["JsonOption", "check_new", "check_outputs", "console", "progress_bar", "say", "write_json"]
+__all__ = [
+    "JsonOption", "check_new", "check_outputs", "console", "in_one_line", "progress_bar", "say", "shown",
+    "write_json",
+]  # fmt: skip
 
 console = Console(stderr=True, highlight=False, markup=False, emoji=False)
 """Everything meant for people goes to standard error, so that standard output can carry figures.
@@ -30,9 +35,31 @@ JsonOption = Annotated[
 _LINE_EVERY_S = 60.0
 
 
+_LONGEST, _TAIL = 580, 150
+"""Characters of a message; of a longer one the beginning is shown, and so much of its end, where the remedy stands."""
+
+
+def shown(text: str) -> str:
+    r"""``text`` as it can be shown to a person: what steers a terminal, or turns a line round, stands as its code.
+
+    >>> shown("no column \x1b[2J")
+    'no column \\x1b[2J'
+    """
+    return "".join(
+        letter if letter.isprintable() or letter == "\n" else letter.encode("unicode_escape").decode()
+        for letter in text
+    )
+
+
+def in_one_line(message: str) -> str:
+    """A message of the library, in which stands what is in files, as one line of at most `_LONGEST` characters."""
+    text = shown(" ".join(message.split()) if "\n" in message or "\r" in message else message)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - _TAIL - 5]} ... {text[-_TAIL:]}"
+
+
 def say(text: str, style: str | None = None) -> None:
     """One line for the person at the terminal."""
-    console.print(text, style=style, soft_wrap=True)
+    console.print(shown(text), style=style, soft_wrap=True)
 
 
 def check_outputs(inputs: Sequence[Path], *outputs: Path | str | None) -> None:
@@ -42,15 +69,16 @@ def check_outputs(inputs: Sequence[Path], *outputs: Path | str | None) -> None:
     """
     from ..io import check_output_file
 
-    taken = {path.resolve(): f"{path} is what is read" for path in inputs}
+    taken = {os.path.realpath(path): f"{path} is what is read" for path in inputs}
     for output in outputs:
         if output is None or str(output) == "-":
             continue
         path = Path(output)
         check_output_file(path)
-        if path.resolve() in taken:
-            raise InputError(f"{path}: cannot be written, for {taken[path.resolve()]}; choose another name")
-        taken[path.resolve()] = "it is to be written twice"
+        place = os.path.realpath(path)  # of a link that leads round it says something, too
+        if place in taken:
+            raise InputError(f"{path}: cannot be written, for {taken[place]}; choose another name")
+        taken[place] = "it is to be written twice"
 
 
 def check_new(*outputs: Path | str | None, overwrite: bool) -> None:
@@ -93,13 +121,24 @@ def _line_a_minute() -> Callable[[str, float], None]:
 
 
 def write_json(figures: dict[str, Any], target: str | None) -> None:
-    """``figures`` to the file ``target``, to standard output for ``-``, nowhere for None."""
+    """``figures`` to the file ``target``, to standard output for ``-``, nowhere for None.
+
+    A number that is not finite is written as null: JSON has no such numbers.
+    """
     if target is None:
         return
     from ..io import write_atomic
 
-    text = json.dumps(figures, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    text = json.dumps(_finite(figures), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     if target == "-":
         sys.stdout.write(text)
     else:
         write_atomic(Path(target), text)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

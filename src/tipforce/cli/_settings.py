@@ -39,7 +39,7 @@ def settings_from(model: type[M], pairs: list[str] | None, base: M | None = None
                 raise InputError(f"--set {pair}: {parent} is a value ({place}) and holds no settings")
         try:
             place[leaf] = json.loads(text)
-        except json.JSONDecodeError:
+        except (ValueError, RecursionError):  # no JSON: a text without quotes
             place[leaf] = text
     try:
         return model.model_validate(values)

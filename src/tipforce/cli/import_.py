@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from ..errors import InputError
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._facts import BenchOption, FactOption, KnobOption, offset_from, stated_info, tare_from
 
@@ -16,11 +17,11 @@ def command(
         list[Path],
         typer.Argument(
             help="A video, DICOM file or folder of images, then its logs: force, and where there are any stage and "
-            "knob, told apart by their columns; or recordings (.mcap), for a dataset."
+            "knob, told apart by their columns; or recordings (.mcap), for a dataset; or a damaged one, to recover it."
         ),
     ],
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="The recording (.mcap); a dataset folder for .mcap inputs.")
+        Path, typer.Option("-o", "--output", help="The recording (.mcap); a dataset folder for recordings.")
     ],
     bench: BenchOption = None,
     fact: FactOption = None,
@@ -56,11 +57,16 @@ def command(
     Example: tipforce import video.mp4 force.csv stage.csv --knob-deg 10 -o run.mcap
 
     Example: tipforce import runs/*.mcap -o dataset/
+
+    Example: tipforce import damaged.mcap -o recovered.mcap
     """
     from ..pipelines import describe_recording, import_session
 
-    check_outputs(inputs, json)
-    if all(path.suffix == ".mcap" for path in inputs):
+    check_outputs(inputs, *([output] if output.suffix == ".mcap" else []), json)
+    if all(path.suffix in (".mcap", ".part") for path in inputs):
+        if output.suffix == ".mcap":
+            _recover(inputs, output, overwrite=overwrite, json=json)
+            return
         _dataset(inputs, output, overwrite=overwrite, json=json)
         return
     frames, *logs = inputs
@@ -79,6 +85,17 @@ def command(
     for line in (*done.remarks, *describe_recording(done.summary)):
         say(line)
     write_json(done.summary.figures() | {"remarks": list(done.remarks)}, json)
+
+
+def _recover(inputs: list[Path], target: Path, *, overwrite: bool, json: str | None) -> None:
+    from ..io import recover_recording
+
+    if len(inputs) > 1:
+        raise InputError(f"{target}: one recording at a time is recovered; for a dataset of several, name a folder")
+    said = recover_recording(inputs[0], target, overwrite=overwrite)
+    say(said)
+    say(f"wrote {target}")
+    write_json({"recording": str(target), "recovered": said}, json)
 
 
 def _dataset(inputs: list[Path], folder: Path, *, overwrite: bool, json: str | None) -> None:

@@ -23,7 +23,7 @@ class FolderFacts:
     """Content of ``dataset.json``.
 
     ``view``: of the column ``file_name`` (in shards: ``image``), or of shape columns. ``shared``: metadata of all
-    sessions; ``sessions``: name -> what stands in its place for one session.
+    sessions; ``sessions``: name -> what stands in its place for one session; ``files``: what is stated of its shards.
     """
 
     title: str = ""
@@ -31,6 +31,7 @@ class FolderFacts:
     shared: Mapping[str, Any] = field(default_factory=dict[str, Any])
     sessions: Mapping[str, Mapping[str, Any]] = field(default_factory=dict[str, Mapping[str, Any]])
     path: str = FACTS
+    files: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 def read_facts(path: Path) -> FolderFacts:
@@ -42,17 +43,20 @@ def read_facts(path: Path) -> FolderFacts:
         raise FileFormatError(f"{path}: expected an object with keys like title, view, catheter, views, sessions")
     shared = dict[str, Any](values)
     title, view, sessions = shared.pop("title", ""), shared.pop("view", "camera"), shared.pop("sessions", {})
+    files = shared.pop("files", {})
     if not (isinstance(title, str) and isinstance(view, str)):
         raise FileFormatError(f"{path}: title and view must be text")
+    if not isinstance(files, dict):
+        raise FileFormatError(f"{path}: files must be an object: name of a shard -> its size and checksum")
     if not isinstance(sessions, dict) or not all(isinstance(own, dict) for own in sessions.values()):
         raise FileFormatError(f"{path}: sessions must be an object: name -> its metadata")
     known = {each.name for each in fields(SessionInfo)} - {"name"}
     for key in shared:
         if key not in known:
             raise FileFormatError(
-                f"{path}: {key} is not known; it may hold title, view, sessions, {', '.join(sorted(known))}"
+                f"{path}: {key} is not known; it may hold title, view, sessions, files, {', '.join(sorted(known))}"
             )
-    facts = FolderFacts(title, view, shared, sessions, str(path))
+    facts = FolderFacts(title, view, shared, sessions, str(path), files)
     session_info_of(facts, sessions or [""])  # what is wrong with it is told here
     return facts
 

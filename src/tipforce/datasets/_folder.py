@@ -16,9 +16,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..errors import FileFormatError, InputError, TableError
-from ..io import Table, open_table, replacing_folder
+from ..errors import InputError, TableError
+from ..io import InFolder, Table, open_table, replacing_folder
 from ..types import FloatArray, Image, IntArray, Observation, ShapeFeatures
+from ._checks import crc_column, crc_text
 from ._dataset import Dataset, RowStore
 from ._facts import FACTS, facts_text, read_facts
 from ._label_table import FORCES, dataset_of
@@ -46,18 +47,19 @@ def open_folder(folder: Path, table_name: str = METADATA) -> Dataset:
             store = ShapeTable(stamps, actuation, names, values, view=facts.view)
             return store, {facts.view: [table.place(row) for row in range(len(table))]}
         paths = {facts.view if name == FILE else name.removesuffix(f"_{FILE}"): table.text(name) for name in files}
-        return ImageFiles(stamps, actuation, _found(folder, table, paths), _masks(folder, paths)), paths
+        crcs = {view: crc_column(view if len(paths) > 1 else "") for view in paths}
+        stated = {view: table.text(column) for view, column in crcs.items() if column in table.columns}
+        return ImageFiles(stamps, actuation, _found(folder, table, paths), _masks(folder, paths), stated), paths
 
     return dataset_of(table, facts, folder.resolve().name, [*files, *shapes], stored)
 
 
 def _found(folder: Path, table: Table, files: Mapping[str, list[str]]) -> dict[str, tuple[Path, ...]]:
-    paths = {view: tuple(folder / name for name in names) for view, names in files.items()}
-    for images in paths.values():
-        for row, path in enumerate(images):
-            if not path.is_file():
-                raise FileFormatError(f"{table.path}, {table.place(row)}: there is no image {path}")
-    return paths
+    """View -> path of each row's image. Raises FileFormatError for one that is not there, or outside of ``folder``."""
+    place = InFolder(folder)
+    return {
+        view: tuple(place.file(table, row, name) for row, name in enumerate(names)) for view, names in files.items()
+    }
 
 
 def _masks(folder: Path, files: Mapping[str, list[str]]) -> dict[str, tuple[Path, ...]]:
@@ -141,7 +143,8 @@ def _seen(dataset: Dataset, observation: Observation, part: Path, row: int) -> d
     several = len(observation.views) > 1
     for name, view in observation.views.items():
         if not isinstance(view, ShapeFeatures):
-            found[f"{name}_{FILE}" if several else FILE] = _write_image(view, part, row, name if several else "")
+            own = name if several else ""
+            found[f"{name}_{FILE}" if several else FILE], found[crc_column(own)] = _write_image(view, part, row, own)
         elif several:
             raise InputError(f"{dataset.title}: a dataset folder holds shape numbers of one view only")
         else:
@@ -149,9 +152,11 @@ def _seen(dataset: Dataset, observation: Observation, part: Path, row: int) -> d
     return found
 
 
-def _write_image(image: Image, part: Path, row: int, view: str) -> str:
+def _write_image(image: Image, part: Path, row: int, view: str) -> tuple[str, str]:
+    """Its name and checksum."""
     name = f"images/{row:06d}{view and f'-{view}'}.png"
     (part / "images").mkdir(exist_ok=True)
     shown = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    (part / name).write_bytes(cv2.imencode(".png", shown)[1].tobytes())
-    return name
+    data = cv2.imencode(".png", shown)[1].tobytes()
+    (part / name).write_bytes(data)
+    return name, crc_text(data)

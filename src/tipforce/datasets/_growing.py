@@ -10,7 +10,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from .._json import read_json
 from ..types import BoolArray, FloatArray, IntArray, SessionInfo
+from ._checks import crc_column, crc_text, shard_facts
 from ._facts import FACTS, facts_text
 from ._folder import FILE, METADATA, cell
 from ._label_table import FORCES
@@ -93,6 +95,8 @@ class Growing(ABC):
             infos = [self.session_info(number) for number in range(self.sessions)]
             put(facts, facts_text(title, infos, self.view()).encode())
         self.gather()
+        if files := self.files():
+            put(facts, (json.dumps({**read_json(facts), "files": files}, indent=1, ensure_ascii=False) + "\n").encode())
         facts.replace(self.folder / FACTS)
         shutil.rmtree(self.parts)
 
@@ -107,6 +111,10 @@ class Growing(ABC):
     @abstractmethod
     def gather(self) -> None:
         """Make the final files from those of the sessions."""
+
+    def files(self) -> dict[str, dict[str, Any]]:
+        """What ``dataset.json`` states of the final files."""
+        return {}
 
 
 def put(path: Path, data: bytes) -> None:
@@ -154,6 +162,8 @@ class GrowingImages(Growing):
             self._fill(place, {Path(name).name: data for name, data in files.items() if Path(name).parent == place})
         heads = [FILE] if len(samples.pictures) == 1 else [f"{view}_{FILE}" for view in samples.pictures]
         columns = dict(zip(heads, map(samples.names, samples.pictures), strict=True)) | samples.columns()
+        for view, pictures in samples.pictures.items():
+            columns[crc_column(view if len(heads) > 1 else "")] = [crc_text(data) for data in pictures]
         rows = [[cell(value) for value in row] for row in zip(*columns.values(), strict=True)]
         put(self._part(number), as_json({**about(samples), "columns": list(columns), "rows": rows}))
 
@@ -193,6 +203,12 @@ class GrowingImages(Growing):
 
 
 _ABOUT = b"tipforce"
+_LAYOUT: dict[str, Any] = {
+    "compression": "NONE",
+    "use_dictionary": ["session"],
+    "write_statistics": False,
+    "write_page_checksum": True,
+}
 _PER_SHARD = 2000
 """Samples: some 150 MB of images of 640x480."""
 
@@ -237,7 +253,7 @@ class GrowingShards(Growing):
         )
         self.parts.mkdir(parents=True, exist_ok=True)
         part = self._part(number).with_suffix(".part")
-        parquet.write_table(table, part, compression="NONE", use_dictionary=["session"], write_statistics=False)
+        parquet.write_table(table, part, **_LAYOUT)
         part.replace(self._part(number))
 
     def _about(self, number: int) -> dict[str, Any]:
@@ -261,10 +277,14 @@ class GrowingShards(Growing):
                 part = self.parts / f"{target.name}.part"
                 schema = parquet.read_schema(parts[0])
                 schema = schema.with_metadata({b"huggingface": schema.metadata[b"huggingface"]})
-                options = {"compression": "NONE", "use_dictionary": ["session"], "write_statistics": False}
-                with parquet.ParquetWriter(part, schema, **options) as writer:
+                with parquet.ParquetWriter(part, schema, **_LAYOUT) as writer:
                     for path in parts:
-                        writer.write_table(parquet.read_table(path).replace_schema_metadata(schema.metadata))
+                        table = parquet.read_table(path, page_checksum_verification=True)
+                        writer.write_table(table.replace_schema_metadata(schema.metadata))
                 part.replace(target)
             for path in parts:
                 path.unlink(missing_ok=True)
+
+    def files(self) -> dict[str, dict[str, Any]]:
+        """Size and checksum of each shard."""
+        return shard_facts(self._shard(shard) for shard in range(self._shards))

@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import TableError, TimeError
-from ..io import ACTUATION_UNITS, STILL_STEP_NS, is_actuation, is_force
-from ..types import FloatArray, IntArray
+from ..io import ACTUATION_UNITS, STILL_STEP_NS, check_actuation, is_actuation, is_force
+from ..types import FORCE_RANGE, FloatArray, IntArray
 from ._dataset import Dataset, RowStore
 from ._facts import FolderFacts, session_info_of
 
@@ -79,7 +79,15 @@ def dataset_of(table: LabelTable, facts: FolderFacts, name: str, views: Sequence
     force = np.full((len(table), 3), np.nan)
     for axis in np.flatnonzero(measured).tolist():
         force[:, axis] = table.numbers(FORCES[axis])
+        row = FORCE_RANGE.outside(force[:, axis])
+        if row is not None:
+            raise TableError(
+                f"{table.path}, {table.place(row)}, column {FORCES[axis]}: {force[row, axis]:g} lies outside of "
+                f"{FORCE_RANGE}; correct the row or remove it"
+            )
     actuation = {column: table.numbers(column, may_be_empty=True) for column in _actuation(table, views)}
+    for column, values in actuation.items():
+        check_actuation(table, column, values)
     store, named = stored(stamps, actuation)
     names = {view: np.array(own)[order] for view, own in named.items()}
     return Dataset(

@@ -1,5 +1,6 @@
 """One door for everything that holds labelled samples."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from ..errors import FileFormatError
@@ -10,6 +11,9 @@ from ._label_table import FORCES
 from ._parquet import SUFFIX, open_shards
 from ._recordings import open_recordings
 from .layouts import LAYOUTS
+
+_PART = ".mcap.part"
+_UNFINISHED = "is still being written, or was cut off, and is left out"
 
 __all__ = ["holds_samples", "open_dataset"]
 
@@ -38,6 +42,9 @@ def open_dataset(path: str | Path) -> Dataset:
         TimeError: where two samples of a session have one stamp.
     """
     path = Path(path)
+    cut_off = path.suffix == ".mcap" and not path.exists() and path.with_name(f"{path.name}.part").exists()
+    if cut_off or path.name.endswith(_PART):
+        return open_recordings([path], path.name.removesuffix(".part").removesuffix(".mcap"))
     if not path.exists():
         raise FileFormatError(f"{path}: there is no such file or folder")
     if path.is_file():
@@ -55,10 +62,13 @@ def open_dataset(path: str | Path) -> Dataset:
         return open_folder(path)
     shards = sorted(path.glob(f"*{SUFFIX}"))
     if shards:
-        return open_shards(shards, path.resolve().name)
-    recordings = sorted(path.glob("*.mcap"))
+        return open_shards(shards, path.resolve().name, whole=True)
+    recordings, parts = sorted(path.glob("*.mcap")), sorted(path.glob(f"*{_PART}"))
     if recordings:
-        return open_recordings(recordings, path.resolve().name)
+        dataset = open_recordings(recordings, path.resolve().name)
+        return replace(dataset, remarks=(*dataset.remarks, *(f"{part.name}: {_UNFINISHED}" for part in parts)))
+    if parts:
+        raise FileFormatError(f"{parts[0]}: {_UNFINISHED}; open it by its own name to recover it")
     for recognises, open_layout in LAYOUTS.values():
         if recognises(path):
             return open_layout(path)

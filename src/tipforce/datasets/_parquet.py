@@ -17,6 +17,7 @@ import numpy as np
 from ..errors import FileFormatError, MissingExtraError, TableError
 from ..io import StreamDepth, decode_image
 from ..types import FloatArray, IntArray, Observation
+from ._checks import check_shards
 from ._dataset import Dataset, RowStore
 from ._facts import FACTS, read_facts
 from ._label_table import dataset_of
@@ -36,12 +37,15 @@ def arrow() -> tuple[Any, Any]:
         raise MissingExtraError("pyarrow", extra="parquet") from None
 
 
-def open_shards(paths: Sequence[Path], name: str) -> Dataset:
+def open_shards(paths: Sequence[Path], name: str, *, whole: bool = False) -> Dataset:
     """The samples of ``paths``, sorted; labels are read now, pictures one row group at a time when they are used.
 
+    ``whole``: these are all shards of their folder, so missing ones are looked for.
     Raises FileFormatError, TableError, TimeError, and MissingExtraError without pyarrow.
     """
-    table, facts = ShardTable(paths), read_facts(paths[0].parent / FACTS)
+    facts = read_facts(paths[0].parent / FACTS)
+    check_shards(paths, facts.files, facts.path, whole=whole)
+    table = ShardTable(paths)
     if not table.images:
         raise TableError(f"{paths[0]}: has no column of pictures (structs of bytes and path, such as {IMAGE!r})")
 
@@ -185,7 +189,7 @@ def _pictures(file: Any, group: int, columns: Mapping[str, str], path: Path) -> 
 def _opened(path: Path) -> Any:
     pa, parquet = arrow()
     try:
-        return parquet.ParquetFile(path)
+        return parquet.ParquetFile(path, page_checksum_verification=True)
     except (OSError, pa.ArrowException) as error:
         raise FileFormatError(f"{path}: is no readable Parquet file ({error})") from None
 

@@ -30,9 +30,14 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
     infos: dict[str, SessionInfo] = {}
     remarks: list[str] = []
     known, some = np.ones(3, np.bool_), np.zeros(3, np.bool_)
-    views = (camera,) if camera else _views_of(paths[0])
-    for path in paths:
-        with RecordingReader(path) as reader:
+    with RecordingReader(paths[0]) as reader:
+        views = (camera,) if camera else reader.views or ("camera",)
+        paths = [reader.path, *paths[1:]]  # not the one that was given, where that was cut off and is now recovered
+    opened: list[Path] = []
+    for given in paths:
+        with RecordingReader(given) as reader:
+            path = reader.path
+            opened.append(path)
             for stream in (*views, force):
                 if stream not in reader.info.streams:
                     there = ", ".join(reader.info.streams) or "none"
@@ -66,14 +71,14 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
         )
         for name in names
     }
-    for path, values in zip(paths, actuation, strict=True):
+    for path, values in zip(opened, actuation, strict=True):
         if lacking := [name for name in names if np.isnan(values.get(name, np.array([np.nan]))).all()]:
             remarks.append(f"{path.name}: lacks the actuation {', '.join(lacking)}, which other recordings have")
-    recording, frame = np.repeat(np.arange(len(paths)), counts), np.concatenate(frames)
+    recording, frame = np.repeat(np.arange(len(opened)), counts), np.concatenate(frames)
     stamp_ns = np.concatenate(stamps)
-    called = [f"{paths[k].name} frame {i}" for k, i in zip(recording.tolist(), frame.tolist(), strict=True)]
+    called = [f"{opened[k].name} frame {i}" for k, i in zip(recording.tolist(), frame.tolist(), strict=True)]
     return Dataset(
-        store=Recordings(stamp_ns, gathered, tuple(paths), recording, frame, views[0], views[1:]),
+        store=Recordings(stamp_ns, gathered, tuple(opened), recording, frame, views[0], views[1:]),
         session=np.repeat(list(infos), counts),
         stamp_ns=stamp_ns,
         actuation=gathered,
@@ -86,8 +91,3 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
         remarks=tuple(remarks),
         view_names={view: np.array([f"{name}, view {view} beside it" for name in called]) for view in views[1:]},
     )
-
-
-def _views_of(path: Path) -> tuple[str, ...]:
-    with RecordingReader(path) as reader:
-        return reader.views or ("camera",)

@@ -1,7 +1,7 @@
 """Where a dataset's observations come from. Nothing is read before it is asked for."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..alignment import nearest_frames
 from ..io import RecordingReader, StreamDepth, read_image
 from ..types import FloatArray, Image, IntArray, Observation, ShapeFeatures, View
+from ._checks import check_image
 
 __all__ = ["ImageArray", "ImageFiles", "Recordings", "ShapeTable", "Table"]
 
@@ -44,10 +45,14 @@ class _RowByRow(Table, ABC):
 
 @dataclass(frozen=True, eq=False)
 class ImageFiles(_RowByRow):
-    """Images in files: ``paths``: view -> (n,); ``mask_paths``, where somebody drew them: view -> (n,)."""
+    """Images in files: ``paths``: view -> (n,); ``mask_paths``, where somebody drew them: view -> (n,).
+
+    ``checksums``: view -> (n,) as `crc_text` writes them; "" where none is stated.
+    """
 
     paths: Mapping[str, tuple[Path, ...]]
     mask_paths: Mapping[str, tuple[Path, ...]] = field(default_factory=dict[str, tuple[Path, ...]])
+    checksums: Mapping[str, Sequence[str]] = field(default_factory=dict[str, Sequence[str]])
 
     def has_masks(self, rows: IntArray, view: str) -> bool:
         """Whether there is a file of every one of ``rows``."""
@@ -61,6 +66,8 @@ class ImageFiles(_RowByRow):
             yield None if paths is None or not paths[row].is_file() else read_image(paths[row])
 
     def _views(self, row: int) -> Mapping[str, View]:
+        for view, stated in self.checksums.items():
+            check_image(self.paths[view][row], stated[row])
         return {view: read_image(paths[row], self._depths[view]) for view, paths in self.paths.items()}
 
     @cached_property

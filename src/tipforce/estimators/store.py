@@ -141,7 +141,7 @@ def load_model(folder: str | Path) -> Estimator:
     contents = {name: _checked(folder, name, sums[name]) for name in sums if name not in (MANIFEST, CARD)}
     files = {name: data for name, data in contents.items() if _is_own(name)}
     try:
-        arrays = read_npz(contents[ARRAYS], ARRAYS)
+        arrays = read_npz(contents[ARRAYS], ARRAYS, "train the model again or copy the whole folder")
         if unfit := [name for name, array in arrays.items() if array.dtype.kind not in "biufU"]:
             raise ValueError(f"the array {unfit[0]} holds no numbers")
         for name in files:

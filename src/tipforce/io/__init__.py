@@ -3,10 +3,11 @@
 from .._atomic import atomic_path, atomic_text, check_folder, check_output_file, replacing_folder, write_atomic
 from ._actuation import WAIT_S, ActuationSeries
 from ._facts import ClockOffset, Inertia, Tare
+from ._folder import InFolder
 from ._force_log import ForceLog, logs_by_kind, read_force_log, read_knob_log
 from ._images import StreamDepth, check_image_target, decode_image, encode_image, is_image, read_image, save_image
 from ._reader import RecordingInfo, RecordingReader, StreamInfo, open_recording
-from ._recover import check_target
+from ._recover import check_target, recover_recording
 from ._sources import (
     FileSource,
     can_be_read_again,
@@ -15,7 +16,7 @@ from ._sources import (
     require_actuation,
     spread_images,
 )
-from ._tables import ACTUATION_UNITS, STILL_STEP_NS, Table, is_actuation, is_force, open_table
+from ._tables import ACTUATION_UNITS, STILL_STEP_NS, Table, check_actuation, is_actuation, is_force, open_table
 from ._video import VideoWriter, write_video
 from ._writer import RecordingWriter, write_force_csv
 
@@ -27,6 +28,7 @@ __all__ = [
     "ClockOffset",
     "FileSource",
     "ForceLog",
+    "InFolder",
     "Inertia",
     "RecordingInfo",
     "RecordingReader",
@@ -39,6 +41,7 @@ __all__ = [
     "atomic_path",
     "atomic_text",
     "can_be_read_again",
+    "check_actuation",
     "check_folder",
     "check_image_target",
     "check_output_file",
@@ -56,6 +59,7 @@ __all__ = [
     "read_force_log",
     "read_image",
     "read_knob_log",
+    "recover_recording",
     "replacing_folder",
     "require_actuation",
     "save_image",

@@ -147,4 +147,5 @@ def wrench_layout(raw: bytes | memoryview) -> tuple[str, int]:
     cursor = _Cursor(raw)
     cursor.stamp()
     frame = cursor.text()
-    return frame, cursor.at + -(cursor.at - _START) % 8
+    cursor.take("6d", 8)
+    return frame, cursor.at - 48

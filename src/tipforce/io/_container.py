@@ -1,25 +1,57 @@
-"""The MCAP file below the messages: what lies where, read by chunk and never as a whole."""
+"""The MCAP file below the messages: what lies where, read by chunk and never as a whole.
 
+Everything that is read is held to its checksum, as far as the file states one. The index at the end has its own. That
+of the data section covers all before it, chunks too; since every uncompressed chunk states its own, the former is
+checked when a file is opened without reading the chunks, and each chunk when it is read.
+"""
+
+import io
 import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import IO
 
 import numpy as np
+import numpy.typing as npt
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, ChunkIndex
-from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from mcap.stream_reader import get_chunk_data_stream
+from mcap.summary import Summary
+from mcap.writer import MCAP0_MAGIC
 
+from .._checksums import combined_crc
 from ..errors import FileFormatError
 from ..types import IntArray
 
-__all__ = ["MESSAGE_HEAD", "Container", "Entries"]
+__all__ = [
+    "MESSAGE_HEAD",
+    "Container",
+    "Entries",
+    "frame_is_whole",
+    "recovered_name",
+    "recovery_advice",
+    "whole_summary",
+]
 
 MESSAGE_HEAD = 31
 """Bytes of a message record before its payload: opcode, length, channel, sequence, log time, publish time."""
+MAX_CHUNK_BYTES = 1 << 30
+"""Largest chunk that is read: a few kB can claim to unpack to anything."""
 _INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
+_RECORD = struct.Struct("<BQ")
+_CHUNK_HEAD = struct.Struct(
+    "<BQQQQII"
+)  # opcode, length, first and last time, size, crc, length of the compression's name
+_FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, of its offsets, crc
+_DATA_END = struct.Struct("<BQI")
+_FAULTS = (McapError, struct.error, ValueError, OverflowError, OSError, MemoryError)
+"""What the parser raises on nonsense."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,8 +63,82 @@ class Entries:
     offset: IntArray
 
 
+def recovery_advice(path: Path) -> str:
+    """What to do with a recording that is cut off or damaged; ends a message."""
+    return (
+        f"copy it again from where it was made, or write what is whole in it to a new recording with "
+        f"`tipforce import {path} -o {recovered_name(path)}`"
+    )
+
+
+def recovered_name(path: Path) -> Path:
+    """A name for what is whole in the recording ``path``."""
+    return path.with_name(path.name.removesuffix(".part").removesuffix(".mcap") + "-recovered.mcap")
+
+
+def whole_summary(stream: IO[bytes]) -> tuple[Summary, int] | None:
+    """The index at the end of a file and where it starts; None where it is cut off or differs from its checksum."""
+    size = stream.seek(0, 2)
+    end = size - len(MCAP0_MAGIC) - _FOOTER.size
+    if end < len(MCAP0_MAGIC):
+        return None
+    stream.seek(end)
+    footer = stream.read(_FOOTER.size)
+    opcode, length, start, _, crc = _FOOTER.unpack(footer)
+    if stream.read() != MCAP0_MAGIC or opcode != Opcode.FOOTER or length != _FOOTER.size - _RECORD.size:
+        return None
+    if not len(MCAP0_MAGIC) <= start <= end:
+        return None
+    stream.seek(start)
+    if crc and zlib.crc32(footer[:-4], zlib.crc32(stream.read(end - start))) != crc:
+        return None
+    stream.seek(0)
+    try:
+        summary = SeekingReader(stream, record_size_limit=size).get_summary()
+    except _FAULTS:
+        return None
+    return None if summary is None else (summary, start)
+
+
+def frame_is_whole(stream: IO[bytes], summary: Summary, start: int) -> bool:
+    """Whether all before the index at ``start`` but the content of the chunks is as it was written.
+
+    True where it cannot be told: without the data section's checksum, and where chunks are compressed.
+    """
+    stream.seek(start - _DATA_END.size)
+    opcode, length, stated = _DATA_END.unpack(stream.read(_DATA_END.size))
+    if opcode != Opcode.DATA_END or length != 4:
+        return False
+    if not stated or any(chunk.compression for chunk in summary.chunk_indexes):
+        return True
+    crcs: list[int] = []
+    lengths: list[int] = []
+    at = 0
+    stream.seek(0)
+    for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
+        head_at = chunk.chunk_start_offset
+        body_at = head_at + _CHUNK_HEAD.size + 8
+        if head_at < at or body_at + chunk.uncompressed_size > start:
+            return False
+        before = stream.read(body_at - at)
+        opcode, length, _, _, size, crc, name = _CHUNK_HEAD.unpack_from(before, head_at - at)
+        whole = opcode == Opcode.CHUNK and length == chunk.chunk_length - _RECORD.size and not name
+        if not (whole and size == chunk.uncompressed_size and length == _CHUNK_HEAD.size - 1 + size):
+            return False
+        if not crc:
+            return True
+        crcs += [zlib.crc32(before), crc]
+        lengths += [len(before), size]
+        at = stream.seek(body_at + size)
+    rest = stream.read(start - _DATA_END.size - at)
+    return combined_crc([*crcs, zlib.crc32(rest)], [*lengths, len(rest)]) == stated
+
+
 class Container:
-    """One open ``.mcap`` with an index. Raises FileFormatError where it is cut off, foreign or without chunks."""
+    """One open ``.mcap`` with an index.
+
+    Raises FileFormatError where it is cut off, foreign, without chunks, or other than its checksums say.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -46,27 +152,31 @@ class Container:
 
     def _open(self) -> None:
         path = self.path
-        if not self._stream.read(1):
+        start = self._stream.read(len(MCAP0_MAGIC))
+        if not start:
             raise FileFormatError(f"{path}: the file is empty, not a recording (.mcap)")
-        self._stream.seek(0)
-        try:
-            reader = SeekingReader(self._stream)
-        except (McapError, struct.error):
+        if start != MCAP0_MAGIC:
             raise FileFormatError(
                 f"{path}: is not a recording (.mcap); a video or a folder of images becomes one with `tipforce import`"
-            ) from None
-        try:
-            summary = reader.get_summary()
-            self.metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata()} if summary else {}
-        except (McapError, struct.error, ValueError, OSError):
-            raise FileFormatError(
-                f"{path}: is cut off or damaged (no index at its end); rename it to {path.name}.part and open "
-                f"{path.name} again to recover what is whole in it"
-            ) from None
-        if summary is None or (not summary.chunk_indexes and summary.statistics and summary.statistics.message_count):
-            raise FileFormatError(
-                f"{path}: has no index; rename it to {path.name}.part and open {path.name} again to make one"
             )
+        found = whole_summary(self._stream)
+        if found is None:
+            raise FileFormatError(f"{path}: is cut off or damaged (no whole index at its end); {recovery_advice(path)}")
+        summary, end = found
+        if not summary.chunk_indexes and summary.statistics and summary.statistics.message_count:
+            raise FileFormatError(f"{path}: has no index of its chunks; {recovery_advice(path)}")
+        try:
+            whole = frame_is_whole(self._stream, summary, end)
+            self._stream.seek(0)
+            metadata = list(SeekingReader(self._stream, record_size_limit=end).iter_metadata()) if whole else []
+        except _FAULTS:
+            whole, metadata = False, []
+        if not whole:
+            raise FileFormatError(
+                f"{path}: is damaged: its metadata, or the index of its messages, differ from their checksum; "
+                f"{recovery_advice(path)}"
+            )
+        self.metadata = {record.name: dict(record.metadata) for record in metadata}
         self.channels: dict[int, Channel] = dict(summary.channels)
         self.schema_names = {schema.id: schema.name for schema in summary.schemas.values()}
         self.chunks: list[ChunkIndex] = sorted(
@@ -77,30 +187,60 @@ class Container:
         """Close the file."""
         self._stream.close()
 
+    def _damaged(self, number: int, why: str) -> FileFormatError:
+        chunk = self.chunks[number]
+        return FileFormatError(
+            f"{self.path}: the stretch from {chunk.message_start_time * 1e-9:.3f} to "
+            f"{chunk.message_end_time * 1e-9:.3f} s is damaged ({why}); {recovery_advice(self.path)}"
+        )
+
     def _read_chunk(self, number: int) -> bytes:
         """The uncompressed records of a chunk."""
         index = self.chunks[number]
+        if max(index.uncompressed_size, index.chunk_length) > MAX_CHUNK_BYTES:
+            raise self._damaged(number, f"a chunk larger than {MAX_CHUNK_BYTES >> 20} MiB")
         self._stream.seek(index.chunk_start_offset)
+        raw = self._stream.read(index.chunk_length)
         try:
-            record = next(StreamReader(self._stream, skip_magic=True, emit_chunks=True).records)
-            assert isinstance(record, Chunk)
-            if record.compression == "" and len(record.data) == index.uncompressed_size:
-                return record.data
-            stream, length = get_chunk_data_stream(record)
-            return stream.read(length)
-        except (McapError, struct.error, AssertionError, RuntimeError, ValueError) as error:
-            raise FileFormatError(
-                f"{self.path}: the chunk at byte {index.chunk_start_offset} is damaged ({type(error).__name__})"
-            ) from None
+            opcode, length = _RECORD.unpack_from(raw)
+            chunk = Chunk.read(ReadDataStream(io.BytesIO(memoryview(raw)[_RECORD.size :])))
+            if opcode != Opcode.CHUNK or length != len(raw) - _RECORD.size:
+                raise ValueError("no chunk is where the index says")
+            if chunk.uncompressed_size != index.uncompressed_size:
+                raise ValueError("its size is not that of the index")
+            if chunk.compression == "":
+                data = chunk.data
+            else:
+                stream, size = get_chunk_data_stream(chunk)
+                data = stream.read(size)
+            if len(data) != index.uncompressed_size:
+                raise ValueError("its size is not what it states")
+            if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+                raise ValueError("its checksum differs")
+        except (*_FAULTS, RuntimeError) as error:
+            raise self._damaged(number, str(error) or type(error).__name__) from None
+        return data
 
     def chunk_entries(self, number: int, channel: int) -> tuple[IntArray, IntArray]:
         """Times and offsets of a channel's messages in one chunk, in the order in which they were written."""
         place = self.chunks[number].message_index_offsets.get(channel)
         if place is None:
             return np.empty(0, np.int64), np.empty(0, np.int64)
-        self._stream.seek(place + 9 + 2)  # opcode, length, channel
-        (length,) = struct.unpack("<I", self._stream.read(4))
-        entries = np.frombuffer(self._stream.read(length), dtype=_INDEX_ENTRY)
+        self._stream.seek(place)
+        head = self._stream.read(15)
+        if len(head) < 15:
+            raise self._damaged(number, "the index of its messages is cut off")
+        opcode, length, owner, room = struct.unpack("<BQHI", head)
+        raw = self._stream.read(room) if room == length - 6 and length <= MAX_CHUNK_BYTES else b""
+        if opcode != Opcode.MESSAGE_INDEX or owner != channel or len(raw) != length - 6 or room % _INDEX_ENTRY.itemsize:
+            raise self._damaged(number, "no index of its messages is where it should be")
+        entries = np.frombuffer(raw, dtype=_INDEX_ENTRY)
+        # what lies beyond 2^63 ns or the chunk would wrap round or crash where it is used
+        if len(entries) and (
+            int(entries["time"].max()) >= 1 << 63
+            or int(entries["offset"].max()) + MESSAGE_HEAD > self.chunks[number].uncompressed_size
+        ):
+            raise self._damaged(number, "the index of its messages points outside of it")
         return entries["time"].astype(np.int64), entries["offset"].astype(np.int64)
 
     def entries(self, channel: int) -> Entries:
@@ -114,11 +254,24 @@ class Container:
         order = np.argsort(times, kind="stable")
         return Entries(times[order], chunks[order], offsets[order])
 
-    def payload(self, number: int, offset: int) -> memoryview:
-        """The message whose record starts at ``offset`` of a chunk."""
+    def message_lengths(self, number: int, channel: int, times: IntArray, offsets: IntArray) -> IntArray:
+        """(n,) bytes of the payloads of a channel's messages in a chunk; each has to be what the index says it is."""
+        data = np.frombuffer(self.chunk_data(number), np.uint8)
+        heads = data[offsets[:, None] + np.arange(MESSAGE_HEAD)]
+        lengths = _number(heads, 1, "<u8").astype(np.int64) - (MESSAGE_HEAD - _RECORD.size)
+        right = (heads[:, 0] == Opcode.MESSAGE) & (_number(heads, 9, "<u2") == channel)
+        right &= _number(heads, 15, "<u8").astype(np.int64) == times
+        # not offset + length: a length of nonsense would overflow
+        right &= (lengths >= 0) & (lengths <= len(data) - MESSAGE_HEAD - offsets)
+        if not right.all():
+            raise self._damaged(number, "the index of its messages does not fit them")
+        return lengths
+
+    def payload(self, number: int, channel: int, time_ns: int, offset: int) -> memoryview:
+        """The message of ``channel`` and ``time_ns`` whose record starts at ``offset`` of a chunk."""
         data = self.chunk_data(number)
-        (length,) = struct.unpack_from("<Q", data, offset + 1)
-        return memoryview(data)[offset + MESSAGE_HEAD : offset + 9 + length]
+        (length,) = self.message_lengths(number, channel, np.array([time_ns]), np.array([offset])).tolist()
+        return memoryview(data)[offset + MESSAGE_HEAD : offset + MESSAGE_HEAD + length]
 
     def in_time_order(self, channels: set[int]) -> Iterator[tuple[int, int, memoryview]]:
         """Time, channel and payload of every message; holds only the chunks that overlap in time."""
@@ -126,13 +279,12 @@ class Container:
         for number, chunk in enumerate(self.chunks):
             wanted = channels & set(chunk.message_index_offsets)
             if wanted:
-                data = self.chunk_data(number)
-                whole = memoryview(data)
+                whole = memoryview(self.chunk_data(number))
                 for channel in wanted:
                     times, offsets = self.chunk_entries(number, channel)
-                    for time_ns, offset in zip(times.tolist(), offsets.tolist(), strict=True):
-                        (length,) = struct.unpack_from("<Q", data, offset + 1)
-                        payload = whole[offset + MESSAGE_HEAD : offset + 9 + length]
+                    lengths = self.message_lengths(number, channel, times, offsets)
+                    for time_ns, offset, length in zip(times.tolist(), offsets.tolist(), lengths.tolist(), strict=True):
+                        payload = whole[offset + MESSAGE_HEAD : offset + MESSAGE_HEAD + length]
                         pending.append((time_ns, number, offset, channel, payload))
             last = number + 1 == len(self.chunks)
             limit = None if last else self.chunks[number + 1].message_start_time
@@ -143,3 +295,8 @@ class Container:
             for time_ns, _, _, channel, payload in pending[:ready]:
                 yield time_ns, channel, payload
             del pending[:ready]
+
+
+def _number(heads: npt.NDArray[np.uint8], at: int, kind: str) -> IntArray:
+    """(n,) numbers of ``kind`` that start at byte ``at`` of each of ``heads`` (n, bytes)."""
+    return np.ascontiguousarray(heads[:, at : at + np.dtype(kind).itemsize]).view(kind)[:, 0]

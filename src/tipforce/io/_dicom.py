@@ -69,20 +69,22 @@ def read_dicom(path: Path, view: str = "camera") -> Iterator[Frame]:
     TimeError where the file does not say when its frames were taken.
     """
     data = _read(path, pixels=True)
-    count, coloured = _checked_count(path, data), int(data.get("SamplesPerPixel", 1)) == 3
-    stamps = _stamps_ns(path, data, count)
+    count = _checked_count(path, data)
+    try:
+        coloured, stored = int(data.get("SamplesPerPixel", 1)) == 3, int(data.get("BitsStored", 8))
+        stamps = _stamps_ns(path, data, count)
+    except (TypeError, ValueError, OverflowError, AttributeError) as error:
+        raise FileFormatError(f"{path}: its header is damaged ({error}); copy it again from its archive") from None
     found = 0
     try:
         for picture in _decoded(data):  # one by one: all of them may be a thousand times as large as the file
             if found == count or picture.ndim != (3 if coloured else 2):
                 raise ValueError(f"more than {count} frames" if found == count else f"{picture.ndim} dimensions")
-            yield Frame(
-                stamps[found], _eight_bit(picture, int(data.BitsStored), str(data.PhotometricInterpretation)), view
-            )
+            yield Frame(stamps[found], _eight_bit(picture, stored, str(data.PhotometricInterpretation)), view)
             found += 1
         if found < count:
             raise ValueError(f"{found} of {count} frames")
-    except (AttributeError, ValueError, NotImplementedError, RuntimeError, MemoryError) as error:
+    except (AttributeError, ValueError, NotImplementedError, RuntimeError, TypeError, MemoryError) as error:
         raise FileFormatError(f"{path}: its pictures cannot be decoded ({error}); save it uncompressed") from None
 
 

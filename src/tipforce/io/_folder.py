@@ -1,5 +1,6 @@
 """A folder of images with stamps in a table or in the files' names."""
 
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,9 +11,9 @@ import numpy as np
 from ..errors import FileFormatError, InputError, TimeError
 from ..types import FloatArray, Frame, IntArray
 from ._images import IMAGE_SUFFIXES, StreamDepth, read_image
-from ._tables import STILL_STEP_NS, TIME_UNITS, Table, is_actuation, open_table
+from ._tables import STILL_STEP_NS, TIME_UNITS, Table, check_actuation, is_actuation, open_table
 
-__all__ = ["ImageFolder", "frames_of", "read_folder"]
+__all__ = ["ImageFolder", "InFolder", "frames_of", "read_folder"]
 
 _TABLES = ("stamps.csv", "metadata.csv")
 _SEC_NANOSEC = re.compile(r"(?<!\d)(\d{9,10})[-_.](\d{9})(?!\d)")
@@ -31,6 +32,43 @@ class ImageFolder:
     stamp_ns: IntArray
     actuation: dict[str, FloatArray]
     numbered: bool = False
+
+
+class InFolder:
+    """Finds the files that a table names in its folder, and nowhere else on the machine."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._root = os.path.realpath(folder)
+        self._places: dict[Path, bool] = {}
+
+    def file(self, table: Table, row: int, name: str) -> Path:
+        """The path of ``name``, which ``row`` of ``table`` states.
+
+        Raises:
+            FileFormatError: there is no such file, or it lies outside of the folder, also by a link.
+        """
+        path = self._folder / name
+        try:
+            there, link = path.is_file(), path.is_symlink()
+        except (OSError, ValueError):  # a name that no file has
+            there, link = False, False
+        if path.parent not in self._places:  # of thousands of images that lie in few folders
+            self._places[path.parent] = self._within(path.parent)
+        if not self._places[path.parent] or (link and not self._within(path)):
+            raise FileFormatError(
+                f"{table.path}, {table.place(row)}: {name[:200]!r} lies outside of {self._folder}; copy it there and "
+                "name it from there"
+            )
+        if not there:
+            raise FileFormatError(f"{table.path}, {table.place(row)}: there is no image {str(path)[:300]}")
+        return path
+
+    def _within(self, path: Path) -> bool:
+        try:
+            return os.path.commonpath([self._root, os.path.realpath(path)]) == self._root
+        except (OSError, ValueError):
+            return True  # a name that no file has: it is not there
 
 
 def read_folder(folder: Path) -> ImageFolder:
@@ -69,19 +107,20 @@ def frames_of(folder: ImageFolder, view: str) -> Iterator[Frame]:
 
 
 def _from_table(folder: Path, table: Table) -> ImageFolder:
-    files = tuple(folder / name for name in table.text("file_name"))
-    missing = next((path for path in files if not path.is_file()), None)
-    if missing is not None:
-        raise FileFormatError(f"{table.path}: names {missing.name}, which is not in {missing.parent}")
+    place = InFolder(folder)
+    files = tuple(place.file(table, row, name) for row, name in enumerate(table.text("file_name")))
     if "session" in table.columns and len(set(table.text("session"))) > 1:
         raise InputError(f"{table.path}: holds several sessions; a source of events is one; use it as a dataset folder")
     stamps = table.stamps_ns()
     taken = table.time_columns()
     names = [name for name in table.columns if is_actuation(name) and name not in taken]
+    actuation = {name: table.numbers(name, may_be_empty=True) for name in names}
+    for name, values in actuation.items():
+        check_actuation(table, name, values)
     return ImageFolder(
         files,
         _numbered(len(files)) if stamps is None else stamps,
-        {name: table.numbers(name, may_be_empty=True) for name in names},
+        actuation,
         numbered=stamps is None,
     )
 

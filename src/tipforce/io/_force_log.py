@@ -9,15 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, TableError
-from ..types import FloatArray, ForceLogInfo, IntArray
+from ..types import FORCE_RANGE, FloatArray, ForceLogInfo, IntArray
 from ..units import FORCE_UNITS
-from ._tables import Table, TimeUnit, listed, open_table, rising, time_column, times_ns
+from ._tables import Table, TimeUnit, check_actuation, listed, open_table, rising, time_column, times_ns
 
 __all__ = ["ForceLog", "logs_by_kind", "read_force_log", "read_knob_log"]
 
 _AXIS = re.compile(r"^(?:wrench[._])?f(?:orce)?[ ._]*([xyz])(?:[ _]*[\[(]?(n|mn|g|gf|counts)[\])]?)?$", re.IGNORECASE)
 _UNIT_AT_END = re.compile(r"[ _\[(](n|mn|g|gf|counts)[\])]?$", re.IGNORECASE)
-_MOST_N = 1e4
 _UNITS = {"n": "N", "mn": "mN", "g": "g", "gf": "g", "counts": "counts"}
 
 
@@ -53,14 +52,15 @@ def read_force_log(path: Path, columns: ForceLogInfo | None = None, knob_column:
     said = ", ".join(
         f"f{'xyz'[axis]} = {'-' if factor < 0 else ''}{name} ({abs(factor):g} N)" for axis, name, factor in axes
     )
+    if knob_column:
+        check_actuation(table, knob_column, numbers[:, -1], as_name=knob_column if "_" in knob_column else "knob_deg")
     return ForceLog(stamps, force, numbers[:, -1] if knob_column else None, f"time = {time} ({unit}), {said}")
 
 
 def _plausible(table: Table, force_n: FloatArray, numbers: FloatArray, name: str) -> None:
     """Raises TableError for a reading that no sensor gives."""
-    wrong = np.flatnonzero(np.abs(force_n) > _MOST_N)
-    if len(wrong):
-        row = int(wrong[0])
+    row = FORCE_RANGE.outside(force_n)
+    if row is not None:
         where = f"{table.path}, {table.place(row)}, column {name}"
         raise TableError(
             f"{where}: {numbers[row]:g} is {force_n[row]:.3g} N, which no sensor at a catheter reads; "
@@ -82,6 +82,8 @@ def read_knob_log(path: Path, time_unit: TimeUnit | None = None) -> tuple[IntArr
     stamps = times_ns(table, time, unit)
     rising(table, stamps)
     values = table.matrix(names)
+    for place, name in enumerate(names):
+        check_actuation(table, name, values[:, place])
     return stamps, {name: values[:, place] for place, name in enumerate(names)}
 
 

@@ -1,20 +1,28 @@
 """Reading a recording: streams, single frames and whole force series, without holding the file in memory."""
 
+import struct
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
 import numpy as np
 
 from ..errors import FileFormatError, InputError
-from ..types import STAGE, Actuation, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, Wrench
+from ..types import FORCE_RANGE, STAGE, Actuation, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, Wrench
 from ._actuation import WAIT_S, ActuationSeries
-from ._cdr import COMPRESSED_IMAGE, JOINT_STATE, WRENCH_STAMPED, unpack_image, unpack_joints, unpack_wrench
-from ._cdr import wrench_layout as _wrench_layout
+from ._cdr import (
+    COMPRESSED_IMAGE,
+    JOINT_STATE,
+    WRENCH_STAMPED,
+    unpack_image,
+    unpack_joints,
+    unpack_wrench,
+    wrench_layout,
+)
 from ._container import MESSAGE_HEAD, Container, Entries
 from ._facts import ClockOffset, Inertia, Tare, session_from
 from ._images import StreamDepth, decode_image
@@ -22,6 +30,7 @@ from ._recover import resolve
 
 __all__ = ["RecordingInfo", "RecordingReader", "StreamInfo", "open_recording"]
 
+_T = TypeVar("_T")
 _KINDS = {COMPRESSED_IMAGE: "frame", WRENCH_STAMPED: "wrench", JOINT_STATE: "actuation"}
 
 
@@ -141,30 +150,44 @@ class RecordingReader:
             name, kind = names[channel]
             if kind == "frame":
                 where = f"{self.path}, frame at {time_ns} ns"
-                yield Frame(time_ns, decode_image(unpack_image(raw)[2], where, self._depth(name)), name)
+                data = self._unpacked(unpack_image, raw, time_ns)[2]
+                yield Frame(time_ns, decode_image(data, where, self._depth(name)), name)
             elif kind == "wrench":
-                _, frame, force, torque = unpack_wrench(raw)
+                _, frame, force, torque = self._unpacked(unpack_wrench, raw, time_ns)
                 yield Wrench(time_ns, force, torque, frame)
             else:
-                yield Actuation(time_ns, unpack_joints(raw)[1], name)
+                yield Actuation(time_ns, self._unpacked(unpack_joints, raw, time_ns)[1], name)
+
+    def _unpacked(self, unpack: Callable[[bytes | memoryview], _T], raw: bytes | memoryview, time_ns: int) -> _T:
+        try:
+            return unpack(raw)
+        except (struct.error, ValueError, OverflowError, MemoryError, FileFormatError) as error:
+            raise FileFormatError(
+                f"{self.path}: the message at {time_ns * 1e-9:.3f} s is not what its channel says ({error})"
+            ) from None
 
     def frame_at(self, index: int, stream: str = "camera") -> Frame:
         """The ``index``-th picture of ``stream``, decoded from its place in the file."""
         entries = self._of(stream)
-        raw = self._file.payload(int(entries.chunk[index]), int(entries.offset[index]))
-        image = decode_image(unpack_image(raw)[2], f"{self.path}, frame {index}", self._depth(stream))
+        data = self._image_at(stream, *(int(each[index]) for each in (entries.chunk, entries.time_ns, entries.offset)))
+        image = decode_image(data, f"{self.path}, frame {index}", self._depth(stream))
         return Frame(int(entries.time_ns[index]), image, stream)
+
+    def _image_at(self, stream: str, chunk: int, time_ns: int, offset: int) -> memoryview:
+        raw = self._file.payload(chunk, self._topics[stream][0], time_ns, offset)
+        return self._unpacked(unpack_image, raw, time_ns)[2]
 
     def _depth(self, stream: str) -> StreamDepth:
         """For recordings of others, which may hold images with more than 8 bits."""
         if stream not in self._depths:
-            self._depths[stream] = StreamDepth(partial(self._compressed, stream))
+            self._depths[stream] = StreamDepth(partial(self.compressed, stream))
         return self._depths[stream]
 
-    def _compressed(self, stream: str) -> Iterator[memoryview]:
+    def compressed(self, stream: str = "camera") -> Iterator[memoryview]:
+        """The images of ``stream`` as they are compressed, in the order of their stamps."""
         entries = self._of(stream)
-        for chunk, offset in zip(entries.chunk.tolist(), entries.offset.tolist(), strict=True):
-            yield unpack_image(self._file.payload(chunk, offset))[2]
+        for place in zip(entries.chunk.tolist(), entries.time_ns.tolist(), entries.offset.tolist(), strict=True):
+            yield self._image_at(stream, *place)
 
     def stamps(self, stream: str = "camera") -> IntArray:
         """(n,) stamps of a stream, sorted."""
@@ -179,21 +202,32 @@ class RecordingReader:
                 continue
             data = np.frombuffer(self._file.chunk_data(number), np.uint8)
             # one writer gives all its messages the same frame and so the same length; others are taken apart by length
-            lengths = data[offsets[:, None] + np.arange(1, 9)].view("<u8")[:, 0]
-            for length in np.unique(lengths):
+            lengths = self._file.message_lengths(number, channel, times, offsets)
+            for length in np.unique(lengths).tolist():
                 same = lengths == length
                 start = int(offsets[same][0]) + MESSAGE_HEAD
-                frame, place = _wrench_layout(data[start : start + int(length)].tobytes())
+                first = data[start : start + length].tobytes()
+                frame, place = self._unpacked(wrench_layout, first, int(times[same][0]))
                 places = offsets[same][:, None] + (MESSAGE_HEAD + place + np.arange(48))
                 yield times[same], data[places].view("<f8").astype(np.float64), frame
 
     def wrenches(self, stream: str = "force") -> tuple[IntArray, FloatArray, FloatArray]:
-        """Raw stamps (n,), force (n, 3), torque (n, 3): as the sensor gave them, on its own clock."""
+        """Raw stamps (n,), force (n, 3), torque (n, 3): as the sensor gave them, on its own clock.
+
+        Raises FileFormatError for a force that no sensor reads.
+        """
         blocks = list(self.wrench_blocks(stream))
         if not blocks:
             return np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3))
         times = np.concatenate([times for times, _, _ in blocks])
         values = np.concatenate([values for _, values, _ in blocks])
+        strange = FORCE_RANGE.outside(values[:, :3].ravel())
+        if strange is not None:
+            row, axis = divmod(strange, 3)
+            raise FileFormatError(
+                f"{self.path}: the force at {times[row] * 1e-9:.3f} s is {values[row, axis]:g} N, expected "
+                f"{FORCE_RANGE}; record it again in newtons"
+            )
         if np.any(np.diff(times) < 0):
             order = np.argsort(times, kind="stable")
             times, values = times[order], values[order]

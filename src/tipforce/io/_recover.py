@@ -3,6 +3,7 @@
 import importlib
 import os
 import struct
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -14,12 +15,14 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from .._atomic import check_folder, part_of
 from ..errors import FileFormatError
+from ._container import frame_is_whole, recovered_name, whole_summary
 
-__all__ = ["check_target", "lock", "recover", "resolve"]
+__all__ = ["check_target", "lock", "recover", "recover_recording", "resolve"]
 
 _HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of the compression's name
@@ -71,7 +74,8 @@ def check_target(path: Path, *, overwrite: bool, origin: str) -> None:
     part = part_of(path)
     if part.exists() and not overwrite and not (origin == "import" == origin_of(part)) and part.stat().st_size:
         raise FileFormatError(
-            f"{part}: holds a recording that was cut off; recover it with `tipforce inspect {path}` or remove it"
+            f"{part}: holds a recording that was cut off; write what is in it to a new recording with "
+            f"`tipforce import {part} -o {recovered_name(part)}`, or remove it"
         )
 
 
@@ -80,10 +84,28 @@ class _Findings:
     """What a walk through a damaged file came across."""
 
     lost_bytes: int = 0
-    damaged_chunks: int = 0
+    lost_s: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
     messages: int = 0
-    end_ns: int = 0
-    notes: list[str] = field(default_factory=list[str])
+    finished: bool = False
+    doubtful_metadata: bool = False
+
+    def lose(self, first_ns: int, last_ns: int) -> None:
+        """Note a chunk that cannot be read."""
+        self.lost_s.append((first_ns * 1e-9, last_ns * 1e-9))
+
+    def said(self, name: str) -> str:
+        """One line on what was lost."""
+        if self.finished and not (self.lost_s or self.doubtful_metadata):
+            return f"{name} was whole: {self.messages} messages recovered"
+        said = f"{name} was {'damaged' if self.finished else 'cut off'}: {self.messages} messages recovered"
+        said += f", {self.lost_bytes} bytes of an unfinished record lost" if self.lost_bytes else ""
+        if self.lost_s:
+            shown = ", ".join(f"{first:.3f} to {last:.3f} s" for first, last in self.lost_s[:4])
+            more = f" and {len(self.lost_s) - 4} more" if len(self.lost_s) > 4 else ""
+            said += f", {len(self.lost_s)} damaged chunks lost ({shown}{more})"
+        if self.doubtful_metadata:
+            said += "; its metadata (session, tare, clock offset) may be damaged, too: compare what `inspect` shows"
+        return said
 
 
 def resolve(path: Path) -> tuple[Path, str]:
@@ -95,20 +117,45 @@ def resolve(path: Path) -> tuple[Path, str]:
     if path.name.endswith(".part"):
         target = finished_of(path)
         if target.exists():
-            raise FileFormatError(f"{path}: cannot be recovered, because {target.name} exists too; move one of the two")
+            raise FileFormatError(
+                f"{path}: cannot take the name {target.name}, which exists too; remove "
+                f"it, or write what is in it to another one with `tipforce import {path} -o {recovered_name(path)}`"
+            )
         return target, recover(path, target)
     part = part_of(path)
     if path.exists() or not part.exists():
         return path, ""
     if origin_of(part) == "import":
         raise FileFormatError(
-            f"{path}: its import was cut off; run the import again (or open {part.name} to get what is in it)"
+            f"{path}: its import was cut off; run the import again, or write what is in it to a new "
+            f"recording with `tipforce import {part} -o {recovered_name(part)}`"
         )
     return path, recover(part, path)
 
 
-def recover(part: Path, target: Path) -> str:
-    """Write what is whole in ``part`` to ``target``, then remove ``part``; says what was lost.
+def recover_recording(damaged: Path, target: Path, *, overwrite: bool = False) -> str:
+    """Write what is whole in a recording that is cut off or damaged to ``target``; ``damaged`` stays as it is.
+
+    Args:
+        damaged: a recording (.mcap), or what a crash left of one (.mcap.part).
+        target: the new recording.
+        overwrite: replace one that is there already.
+
+    Returns:
+        One line on what was lost, which the new recording carries, too.
+
+    Raises:
+        FileFormatError: it is no recording, nothing in it is whole, or somebody still writes it.
+    """
+    if not damaged.is_file():
+        raise FileFormatError(f"{damaged}: there is no such file")
+    check_target(target, overwrite=overwrite, origin="recover")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    return recover(damaged, target, keep=True)
+
+
+def recover(part: Path, target: Path, *, keep: bool = False) -> str:
+    """Write what is whole in ``part`` to ``target``, then remove ``part`` unless it is to be kept; says what was lost.
 
     Records are read one after the other up to the cut; of a chunk that is cut itself the messages before the cut are
     kept (our chunks are not compressed). Raises FileFormatError where nothing is left or somebody still writes.
@@ -117,7 +164,7 @@ def recover(part: Path, target: Path) -> str:
     found = _Findings()
     with part.open("rb") as source, made.open("wb") as sink:
         lock(source, part)
-        writer = Writer(sink, compression=CompressionType.NONE, chunk_size=4 << 20)
+        writer = Writer(sink, compression=CompressionType.NONE, chunk_size=4 << 20, enable_data_crcs=True)
         writer.start(profile="ros2", library="tipforce")
         schemas: dict[int, int] = {}
         channels: dict[int, int] = {}
@@ -130,14 +177,11 @@ def recover(part: Path, target: Path) -> str:
                 )
             elif isinstance(record, Message) and record.channel_id in channels:
                 found.messages += 1
-                found.end_ns = max(found.end_ns, record.log_time)
                 channel = channels[record.channel_id]
                 writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
             elif isinstance(record, Metadata):
                 writer.add_metadata(record.name, record.metadata)
-        said = f"{target.name} was cut off: {found.messages} messages recovered"
-        said += f", {found.lost_bytes} bytes of an unfinished record lost" if found.lost_bytes else ""
-        said += f", {found.damaged_chunks} damaged chunks lost" if found.damaged_chunks else ""
+        said = found.said(part.name if keep else target.name)
         if found.messages:
             writer.add_metadata("tipforce.recovered", {"detail": said})
             writer.finish()
@@ -145,29 +189,47 @@ def recover(part: Path, target: Path) -> str:
             os.fsync(sink.fileno())
     if not found.messages:
         made.unlink()
-        raise FileFormatError(f"{part}: was cut off before its first message was written; nothing is in it, remove it")
+        why = "no message in it is whole" if found.finished else "was cut off before its first message was written"
+        raise FileFormatError(f"{part}: {why}; nothing is in it, remove it")
     made.replace(target)
-    part.unlink()
+    if not keep:
+        part.unlink()
     return said
 
 
 def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:
     """Whole records, those inside of chunks too, up to the end of the file or of what is whole in it."""
     size = stream.seek(0, 2)
+    summary = _index_of(stream, found)
+    chunks = {} if summary is None else {chunk.chunk_start_offset: chunk for chunk in summary.chunk_indexes}
+    starts = sorted(chunks)
+    if summary is not None:  # held to its checksum, which the same records between the chunks are not
+        yield from (*summary.schemas.values(), *summary.channels.values())
     stream.seek(0)
     if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
         raise FileFormatError(f"{stream.name}: is not the beginning of a recording (.mcap)")
     while True:
+        start = stream.tell()
         head = stream.read(_HEAD.size)
         if len(head) < _HEAD.size:
             found.lost_bytes += len(head) if head != MCAP0_MAGIC else 0
             return
         opcode, length = _HEAD.unpack(head)
+        chunk, following = chunks.get(start), bisect_right(starts, start)
+        if chunk and (opcode != Opcode.CHUNK or length != chunk.chunk_length - _HEAD.size):
+            found.lose(chunk.message_start_time, chunk.message_end_time)
+            stream.seek(start + chunk.chunk_length)
+            continue
+        if following < len(starts) and stream.tell() + length > starts[following]:
+            stream.seek(
+                starts[following]
+            )  # the head of this record is hurt; the index tells where the next chunk begins
+            continue
         if opcode in (Opcode.DATA_END, Opcode.FOOTER):  # what follows is the index, which is made anew
             return
         whole = stream.tell() + length <= size
         if opcode == Opcode.CHUNK:
-            yield from _chunk(stream.read(length), found, whole)
+            yield from _chunk(stream.read(min(length, size)), found, whole)
         elif whole and opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.METADATA):
             yield _parse(opcode, stream.read(length))
         elif whole:
@@ -177,13 +239,27 @@ def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:
             return
 
 
+def _index_of(stream: IO[bytes], found: _Findings) -> Summary | None:
+    """The index at the end of the file; None where it is not whole, as in a file that was cut off."""
+    index = whole_summary(stream)
+    if index is None:
+        return None
+    found.finished = True
+    try:
+        found.doubtful_metadata = not frame_is_whole(stream, *index)
+    except (struct.error, ValueError, OSError):
+        found.doubtful_metadata = True
+    return index[0]
+
+
 def _chunk(raw: bytes, found: _Findings, whole: bool) -> Iterator[object]:
     """The records of one chunk; of a chunk that is cut, those before the cut; of a damaged one no message."""
     if whole:
         try:
             records = breakup_chunk(Chunk.read(ReadDataStream(BytesIO(raw))), validate_crc=True)
         except Exception:  # a decompressor or parser that met damage; each raises its own kind
-            found.damaged_chunks += 1
+            first, last = struct.unpack_from("<QQ", raw) if len(raw) >= _CHUNK_HEAD.size else (0, 0)
+            found.lose(first, last)
             # which message is hurt cannot be told, but what the later ones need may stand here alone
             yield from (record for record in _inside(raw) if isinstance(record, Schema | Channel))
             return

@@ -9,16 +9,17 @@ import codecs
 import csv
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import IO, Literal
+from typing import IO, Literal, Protocol
 
 import numpy as np
 
 from ..errors import FileFormatError, TableError, TimeError
-from ..types import FloatArray, IntArray
+from ..types import FloatArray, IntArray, actuation_range
 
 __all__ = [
     "ACTUATION_UNITS",
@@ -27,6 +28,7 @@ __all__ = [
     "TIME_UNITS",
     "Table",
     "TimeUnit",
+    "check_actuation",
     "is_actuation",
     "is_force",
     "listed",
@@ -57,7 +59,10 @@ SEC_NANOSEC = "sec+nanosec"
 
 _SEPARATORS = {"\t": "tab", ";": "semicolon", ",": "comma", " ": "blank"}
 _SAMPLE = 1 << 20
-"""Bytes that tell how a file is written."""
+"""Bytes that tell how a file is written; a line is shorter."""
+_GZIP = b"\x1f\x8b"
+_MOST_COLUMNS = 10_000
+_FIRST_YEAR, _LAST_YEAR = 1970, 2037
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _FORCE = re.compile(r"^[ft][xyz]_[a-z]+$", re.IGNORECASE)
 _TIME = re.compile(r"^(?:t|time|stamp|timestamp|zeit|elapsed)(?:[ _]*[\[(]?(s|sec|seconds|ms|us|µs|ns)[\])]?)?$")
@@ -279,14 +284,26 @@ def _text(path: Path, encoding: str) -> IO[str]:
 def _encoding(path: Path) -> str:
     """How the text of ``path`` is written: UTF-8, what Excel calls Unicode (UTF-16), else the Windows code page.
 
-    Raises FileFormatError for what is no text.
+    Raises FileFormatError for what is no text, or has a line that no table has.
     """
     with path.open("rb") as stream:
         sample = stream.read(_SAMPLE)
-    if sample.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        wide = sample.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        if sample.startswith(_GZIP):
+            raise FileFormatError(f"{path}: is compressed (gzip); unpack it first")
+        block, at = sample, 0
+        while block:
+            if not wide and (place := block.find(b"\0")) >= 0:
+                raise FileFormatError(f"{path}: is no text table (byte {at + place} is 0); export it as CSV")
+            if len(block) == _SAMPLE and b"\n" not in block and b"\r" not in block:
+                raise FileFormatError(
+                    f"{path}: has a line of more than {_SAMPLE >> 20} MiB (at byte {at}), which no table has; export "
+                    "it as CSV"
+                )
+            at += len(block)
+            block = stream.read(_SAMPLE)
+    if wide:
         return "utf-16"
-    if b"\0" in sample:
-        raise FileFormatError(f"{path}: is no text table; export it as CSV")
     try:
         codecs.getincrementaldecoder("utf-8")().decode(sample)
     except UnicodeDecodeError:
@@ -342,13 +359,21 @@ def open_table(path: Path, *, comments: bool = True) -> Table:
     if not first:
         raise FileFormatError(f"{path}: the file is empty, not a table")
     separator = next((sign for sign in _SEPARATORS if sign in first.strip()), ",")
-    header = next(cells for _, cells in _parsed([(first_line, first)], separator, 0, comments))
+    if first.count(separator) >= _MOST_COLUMNS:
+        raise TableError(
+            f"{path}, line {first_line}: has {first.count(separator) + 1} columns, at most {_MOST_COLUMNS} are read; "
+            "export the columns that are needed"
+        )
+    try:
+        header = next((cells for _, cells in _parsed([(first_line, first)], separator, 0, comments)), [])
+    except csv.Error as error:
+        raise TableError(f"{path}: is no table that can be read ({error}); export it as CSV") from None
     if any(_NUMBER.match(cell) for cell in header):
         raise TableError(
             f"{path}, line {first_line}: expected the names of the columns, got {first.strip()[:60]!r}; write a "
             "header row, for example time_s,fx_n,fy_n"
         )
-    doubled = {name for name in header if name and header.count(name) > 1}
+    doubled = {name for name, count in Counter(header).items() if name and count > 1}
     if doubled:
         raise TableError(f"{path}, line {first_line}: the column {min(doubled)!r} appears twice; rename one")
     try:
@@ -450,6 +475,11 @@ def _dates_ns(table: Table, column: str) -> IntArray:
         try:
             if found is None:
                 raise ValueError(word)
+            if not _FIRST_YEAR <= int(found[1][:4]) <= _LAST_YEAR:  # later ones wrap round in 64 bits of nanoseconds
+                raise TimeError(
+                    f"{table.path}, {table.place(row)}, column {column}: {word[:40]!r} is no date from {_FIRST_YEAR} "
+                    f"to {_LAST_YEAR}; was the clock set? correct it, or give the rows a time since their start"
+                )
             day = np.datetime64(f"{found[1]}T{found[2]}", "ns").astype(np.int64)
         except ValueError:
             where = f"{table.path}, {table.place(row)}, column {column}"
@@ -459,6 +489,26 @@ def _dates_ns(table: Table, column: str) -> IntArray:
         ahead = 0 if not found[4] else int(found[4] + "1") * (int(found[5]) * 60 + int(found[6]))
         stamps[row] = day - ahead * 60_000_000_000
     return _held(table, stamps, 1)
+
+
+class _Placed(Protocol):
+    path: Path
+
+    def place(self, row: int) -> str: ...
+
+
+def check_actuation(table: _Placed, column: str, values: FloatArray, *, as_name: str = "") -> None:
+    """Raises TableError that names the row where a reading (n,) is none that its drive can have; NaN is no reading.
+
+    ``as_name``: NAME_UNIT of the drive, where the column is not called so.
+    """
+    expected = actuation_range(as_name or column)
+    row = expected.outside(values)
+    if row is not None:
+        raise TableError(
+            f"{table.path}, {table.place(row)}, column {column}: {values[row]:g} lies outside of {expected}; correct "
+            "the row or remove it, or check the column's unit"
+        )
 
 
 def rising(table: Table, stamps_ns: IntArray) -> None:

@@ -34,7 +34,7 @@ def _open(path: Path) -> InputContainer:
     if path.stat().st_size == 0:
         raise FileFormatError(f"{path}: the file is empty, not a video")
     try:
-        container = av.open(str(path))
+        container = av.open(str(path), metadata_errors="replace")
     except av.error.FFmpegError as error:
         if path.suffix.lower() in (".mp4", ".mov", ".m4v"):
             raise FileFormatError(
@@ -47,6 +47,8 @@ def _open(path: Path) -> InputContainer:
         raise FileFormatError(f"{path}: holds no video stream")
     stream = container.streams.video[0]
     try:
+        if not getattr(stream, "codec_context", None):
+            raise FileFormatError(f"{path}: no decoder here knows its kind of video; convert it, for example to H.264")
         check_pixels(stream.width, stream.height, str(path))
     except FileFormatError:
         container.close()

@@ -73,7 +73,9 @@ class RecordingWriter:
             raise
         self._stream.truncate(0)  # only now that nobody else is known to write it
         self._stream.seek(0)
-        self._mcap = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.NONE)
+        self._mcap = Writer(
+            self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.NONE, enable_data_crcs=True
+        )
         self._mcap.start(profile="ros2", library=LIBRARY)
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}

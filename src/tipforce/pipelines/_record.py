@@ -9,7 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ..alignment import ForceCorrections, OffsetChoice, StageMotion, TareChoice, find_offset, find_tare_and_inertia
+from ..alignment import (
+    MAX_GAP_S,
+    ForceCorrections,
+    OffsetChoice,
+    StageMotion,
+    TareChoice,
+    covered_frames,
+    find_offset,
+    find_tare_and_inertia,
+)
 from ..errors import InputError, TimeError
 from ..io import RecordingWriter, check_target
 from ..types import STAGE, Clock, Event, FloatArray, Frame, Image, IntArray, SensorInfo, SessionInfo, Source, Wrench
@@ -18,6 +27,10 @@ from ._summary import RecordingSummary, summarise_recording
 
 __all__ = ["RecordingReport", "record", "refuse_target", "write_run"]
 
+_COVERED = 0.9
+"""Share of the images that usually have a force; with less a person is told."""
+_FEWEST = 5
+"""Images with a force, without which an import is a mistake."""
 _LARGE_N = 10.0
 """A catheter buckles long before; what is more is another unit or a slip of the pen."""
 _FIRST, _EVERY = 50, 5
@@ -117,10 +130,11 @@ def write_run(
     if most_n > _LARGE_N:
         remarks.append(f"the force log holds up to {most_n:.3g} N: check sensor.log.force_unit and its rows")
     found = ForceCorrections(pose, level, inertia, stage)
-    writer.state(
-        find_offset(run.stamp_ns, run.sightings, info, run.view, stamps, force, found, offset_ms, remarks, run.blind)
+    offset = find_offset(
+        run.stamp_ns, run.sightings, info, run.view, stamps, force, found, offset_ms, remarks, run.blind
     )
-    return remarks
+    writer.state(offset)
+    return [*remarks, *_check_cover(names, run.stamp_ns, stamps, offset.offset_ns)]
 
 
 class _Run:
@@ -235,3 +249,23 @@ def _check_overlap(names: tuple[str, str], frames: IntArray, force: IntArray) ->
             f"{frames[0] * 1e-9:.3f} to {frames[-1] * 1e-9:.3f} s; check sensor.log.time_unit, or state "
             'offset_ms="start" where both began together'
         )
+
+
+def _check_cover(names: tuple[str, str], frames: IntArray, force: IntArray, offset_ns: int) -> list[str]:
+    """A remark where many images get no force. Raises TimeError where almost none gets one."""
+    count = int(covered_frames(frames, force + offset_ns).sum())
+    if count >= _COVERED * len(frames):
+        return []
+    moved = f", moved by the clock offset of {offset_ns * 1e-6:+.1f} ms," if offset_ns else ""
+    spans = (
+        f"{force[0] * 1e-9:.3f} to {force[-1] * 1e-9:.3f} s of the force{moved} against {frames[0] * 1e-9:.3f} to "
+        f"{frames[-1] * 1e-9:.3f} s of the images"
+    )
+    step_s = float(np.median(np.diff(force))) * 1e-9 if len(force) > 1 else 0.0
+    rare = f"; its readings lie {step_s:.3g} s apart, at most {MAX_GAP_S:g} s are allowed" if step_s > MAX_GAP_S else ""
+    if count < min(_FEWEST, len(frames)):
+        raise TimeError(
+            f"{names[1]}: gives a force to {count} of the {len(frames)} images of {names[0]}: {spans}{rare}; check "
+            'sensor.log.time_unit and offset_ms, or state offset_ms="start" where both began together'
+        )
+    return [f"only {count} of {len(frames)} images have a force: {spans}{rare}; the others are no samples"]

@@ -1,7 +1,6 @@
 """The ground truth of a simulated session, and its companion file."""
 
 import json
-import zipfile
 import zlib
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
@@ -12,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._atomic import atomic_path
+from .._json import parse_json
 from .._npz import read_npz
 from ..errors import FileFormatError
 from ..geometry import Pose
@@ -22,6 +22,7 @@ from ._fields import Settings
 __all__ = ["Truth", "ViewTruth", "collect_truth", "read_truth", "settings_record", "truth_path", "write_truth"]
 
 _SUFFIX = ".truth.npz"
+_REMEDY = "delete it with its recording and run `tipforce simulate` again"
 Bytes = npt.NDArray[np.uint8]
 
 
@@ -217,18 +218,16 @@ def read_truth(path: Path | str) -> Truth:
     if not path.is_file():
         raise FileFormatError(f"{path}: there is no such file; only what `tipforce simulate` wrote has a truth")
     try:
-        arrays = read_npz(path, str(path))
-        values: dict[str, Any] = json.loads(str(arrays["about"]))
+        arrays = read_npz(path, str(path), _REMEDY)
+        values: dict[str, Any] = parse_json(str(arrays["about"]), str(path))
         size = tuple(values.pop("image_size"))
         others = {
             view: ViewTruth(image_size=size, **_read_arrays(ViewTruth, arrays, f"{view}."))
             for view in values.pop("others", ())
         }
         return Truth(image_size=size, others=others, **values, **_read_arrays(Truth, arrays, ""))
-    except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise FileFormatError(
-            f"{path}: no readable truth ({error}); delete it with its recording and run `tipforce simulate` again"
-        ) from None
+    except (AttributeError, LookupError, OSError, TypeError, ValueError) as error:
+        raise FileFormatError(f"{path}: no readable truth ({error}); {_REMEDY}") from None
 
 
 def settings_record(settings: Settings, seed: int, number: int) -> dict[str, Any]:

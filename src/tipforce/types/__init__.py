@@ -9,6 +9,7 @@ from ._arrays import BoolArray, FloatArray, Image, IntArray, frozen
 from ._axes import ADVANCE, KNOB, STAGE_ACROSS, STAGE_FORWARD, AxisLimits, Commanded, refuse_unknown
 from ._bench_file import bench_text, info_from_facts, read_bench
 from ._estimate import ForceEstimate
+from ._ranges import FORCE_RANGE, RANGES, Range, actuation_range
 from ._seams import Actuators, Clock, SimulatedClock, Source, SystemClock
 from ._session import (
     BASE_SIDES,
@@ -30,8 +31,10 @@ from ._streams import JOINTS, STAGE, Actuation, Event, Frame, Observation, Shape
 __all__ = [
     "ADVANCE",
     "BASE_SIDES",
+    "FORCE_RANGE",
     "JOINTS",
     "KNOB",
+    "RANGES",
     "STAGE",
     "STAGE_ACROSS",
     "STAGE_FORWARD",
@@ -57,6 +60,7 @@ __all__ = [
     "Image",
     "IntArray",
     "Observation",
+    "Range",
     "Reads",
     "SensorInfo",
     "SessionInfo",
@@ -68,6 +72,7 @@ __all__ = [
     "View",
     "ViewInfo",
     "Wrench",
+    "actuation_range",
     "bench_text",
     "frozen",
     "info_from_facts",

@@ -9,10 +9,11 @@ from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Interval
 
 from ..errors import InputError
 from ._arrays import FloatArray
+from ._ranges import RANGES, actuation_range
 
 __all__ = [
     "BASE_SIDES",
@@ -39,6 +40,10 @@ Reads = Literal["tip-on-tissue", "tissue-on-tip"]
 _STRICT: dict[str, Any] = {"extra": "forbid", "allow_inf_nan": False}
 
 
+def _within(key: str) -> Interval:
+    return Interval(ge=RANGES[key].low, le=RANGES[key].high)
+
+
 @dataclass(frozen=True, slots=True)
 class Catheter:
     """Nominal values of one catheter; None where nobody measured it. ``rigid_length_m`` is 0 without a rigid tip.
@@ -50,10 +55,10 @@ class Catheter:
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
 
     name: str = "unnamed"
-    diameter_m: Annotated[float, Gt(0), Le(0.05)] | None = None
-    flexible_length_m: Annotated[float, Gt(0), Le(2.0)] | None = None
-    rigid_length_m: Annotated[float, Ge(0), Le(0.2)] | None = None
-    bending_stiffness_nm2: Annotated[float, Gt(0), Le(10.0)] | None = None
+    diameter_m: Annotated[float, _within("diameter_m")] | None = None
+    flexible_length_m: Annotated[float, _within("flexible_length_m")] | None = None
+    rigid_length_m: Annotated[float, _within("rigid_length_m")] | None = None
+    bending_stiffness_nm2: Annotated[float, _within("bending_stiffness_nm2")] | None = None
     stiffness_profile: tuple[tuple[float, float], ...] = ()
 
 
@@ -69,7 +74,7 @@ class ViewInfo:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
 
-    metres_per_px: Annotated[float, Gt(0), Le(0.01)] | None = None
+    metres_per_px: Annotated[float, _within("metres_per_px")] | None = None
     base_side: BaseSide | None = None
     base_region: Box | None = None
     roi: Box | None = None
@@ -94,7 +99,7 @@ class ForceLogInfo:
     fz: str | None = None
     time_unit: Literal["s", "ms", "us", "ns"] | None = None
     force_unit: Literal["N", "mN", "g", "counts"] | None = None
-    counts_per_n: Annotated[float, Gt(0)] | None = None
+    counts_per_n: Annotated[float, _within("counts_per_n")] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +114,10 @@ class SensorInfo:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
 
-    angle_deg: Annotated[float, Ge(-360), Le(360)] | None = None
+    angle_deg: Annotated[float, _within("angle_deg")] | None = None
     reads: Reads | None = None
     no_contact_s: tuple[float, float] | None = None
-    moving_mass_kg: Annotated[float, Ge(0)] | None = None
+    moving_mass_kg: Annotated[float, _within("moving_mass_kg")] | None = None
     log: ForceLogInfo = ForceLogInfo()
 
     @property
@@ -141,7 +146,7 @@ class ActuationInfo:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
 
-    knob_gain_per_m_deg: float | None = None
+    knob_gain_per_m_deg: Annotated[float, _within("knob_gain_per_m_deg")] | None = None
     knob_column: str | None = None
     constant: Mapping[str, float] = field(default_factory=dict[str, float])
 
@@ -201,10 +206,18 @@ class SessionInfo:
         from pydantic import ValidationError
 
         try:
-            return _adapter().validate_python(dict(values))
+            found = _adapter().validate_python(dict(values))
         except ValidationError as error:
             first = error.errors()[0]
             raise InputError(f"{where}: {_complaint(first['loc'], first)}") from None
+        for name, value in found.actuation.constant.items():
+            expected = actuation_range(name)
+            if expected.outside(np.array([value])) is not None:
+                raise InputError(
+                    f"{where}: actuation.constant.{name} = {value:g} is refused: expected {expected}"
+                    f"{expected.hint(value)}"
+                )
+        return found
 
     def stated_keys(self) -> tuple[str, ...]:
         """Keys of what is stated of catheter, views, sensor and actuation, as ``catheter.diameter_m``.
@@ -280,9 +293,8 @@ def _complaint(place: tuple[int | str, ...], error: Any) -> str:
         kind = _PARTS.get(before) or _PARTS.get(names[0] if before else "", SessionInfo)
         known = ", ".join(each.name for each in fields(kind))
         return f"{key} is not known; {before or 'it'} may hold {known}"
-    hint = ""
-    if error["type"] == "less_than_equal" and (key.endswith(("_m", "metres_per_px"))):
-        value = error["input"]
-        hint = f"; it is in metres: for {value:g} mm write {value * 1e-3:g}"
+    value, expected = error["input"], RANGES.get(names[-1]) if names else None
+    if expected and error["type"] in ("greater_than_equal", "less_than_equal"):
+        return f"{key} = {value!r} is refused: expected {expected}{expected.hint(float(value))}"
     message = str(error["msg"])
-    return f"{key} = {error['input']!r} is refused: {message[0].lower()}{message[1:]}{hint}"
+    return f"{key} = {repr(value)[:200]} is refused: {message[0].lower()}{message[1:]}"

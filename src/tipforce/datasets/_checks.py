@@ -1,0 +1,92 @@
+"""What a dataset on disk states of its own files, so that missing and damaged ones are found when they are read.
+
+Images beside a table: the CRC-32 of each in the column ``note_crc32`` (``note_VIEW_crc32``). Parquet shards: their
+pages carry their own checksums; ``dataset.json`` states size and CRC-32 of each shard's footer, under ``files``.
+"""
+
+import re
+import struct
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..errors import FileFormatError
+
+__all__ = ["check_image", "check_shards", "crc_column", "crc_text", "shard_facts"]
+
+_NUMBERED = re.compile(r"(.*)-(\d{5})-of-(\d{5})(\.parquet)$")
+_FOOTER_END = struct.Struct("<I4s")
+_REMEDY = "copy the dataset again from where it was made, or make it anew"
+
+
+def crc_column(view: str) -> str:
+    """Name of the column with the checksums of the images of ``view``; "" for the only one."""
+    return f"note_{view}_crc32" if view else "note_crc32"
+
+
+def crc_text(data: bytes) -> str:
+    """CRC-32 as it is stated."""
+    return f"{zlib.crc32(data):08x}"
+
+
+def check_image(path: Path, stated: str) -> None:
+    """Raises FileFormatError where the bytes of ``path`` are not those of the stated checksum; "" states none."""
+    if stated and path.is_file() and crc_text(path.read_bytes()) != stated:
+        raise FileFormatError(
+            f"{path}: is damaged or was changed (its CRC-32 is not the {stated} that the table states); {_REMEDY}"
+        )
+
+
+def shard_facts(paths: Iterable[Path]) -> dict[str, dict[str, Any]]:
+    """Name -> what ``dataset.json`` states of each shard."""
+    return {path.name: {"bytes": path.stat().st_size, "footer_crc32": crc_text(_footer(path))} for path in paths}
+
+
+def check_shards(paths: Sequence[Path], files: Mapping[str, Any], facts: str, *, whole: bool) -> None:
+    """Holds shards to what is stated of them.
+
+    Args:
+        paths: of the shards.
+        files: name -> what ``dataset.json`` states; empty where it states nothing.
+        facts: path of ``dataset.json``, for messages.
+        whole: these are all shards of their folder; missing ones are told by the names of those that are there, too.
+
+    Raises:
+        FileFormatError: a shard is missing, of another size or with another footer, or not one of the dataset's.
+    """
+    there = {path.name: path for path in paths}
+    wanted = set(files)
+    for name in there:
+        if found := _NUMBERED.match(name):
+            stem, _, count, suffix = found.groups()
+            # a folder with fewer shards than the count cannot be whole, so no more names than that are made
+            wanted |= {f"{stem}-{k:05d}-of-{count}{suffix}" for k in range(min(int(count), len(there) + 1))}
+    folder = paths[0].parent
+    if whole and (missing := sorted(wanted - set(there))):
+        more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+        raise FileFormatError(f"{folder / missing[0]}{more}: the shard is missing; {_REMEDY}")
+    for name, path in there.items():
+        if name not in files:
+            if files:
+                raise FileFormatError(f"{path}: is none of the shards that {facts} states; remove it from the folder")
+            continue
+        if files[name] != shard_facts([path])[name]:
+            raise FileFormatError(
+                f"{path}: is damaged, cut off or was changed (size or checksum are not those in {facts}); {_REMEDY}"
+            )
+
+
+def _footer(path: Path) -> bytes:
+    """The end of a Parquet file that says what lies where; empty where there is none."""
+    with path.open("rb") as stream:
+        size = stream.seek(0, 2)
+        if size < _FOOTER_END.size:
+            return b""
+        stream.seek(size - _FOOTER_END.size)
+        end = stream.read()
+        length, _ = _FOOTER_END.unpack(end)
+        if length > size - _FOOTER_END.size:
+            return b""
+        stream.seek(size - _FOOTER_END.size - length)
+        return stream.read()

@@ -1,0 +1,89 @@
+"""What is plausible at a bench: one place for the limits of all physical values that a person or a file states.
+
+They are wide: they find wrong units and nonsense, not unusual laboratories.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ._arrays import FloatArray
+
+__all__ = ["FORCE_RANGE", "RANGES", "Range", "actuation_range"]
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """From ``low`` to ``high`` in ``unit``; ``other``: a unit that it is often mistaken for, times ``factor``."""
+
+    low: float
+    high: float
+    unit: str
+    other: str = ""
+    factor: float = 1.0
+
+    def __str__(self) -> str:
+        return f"{self.low:g} to {self.high:g} {self.unit}".strip()
+
+    def hint(self, value: float) -> str:
+        """What to write instead, if ``value`` was meant in the other unit.
+
+        >>> RANGES["diameter_m"].hint(2.33)
+        '; it is in metres: for 2.33 mm write 0.00233'
+        """
+        meant = value * self.factor
+        if not (self.other and self.low <= meant <= self.high):
+            return ""
+        return f"; it is in {self.unit}: for {value:g} {self.other} write {meant:g}"
+
+    def outside(self, values: FloatArray) -> int | None:
+        """The first of ``values`` (n,) that lies outside; NaN is no value."""
+        found = np.flatnonzero((values < self.low) | (values > self.high))
+        return int(found[0]) if len(found) else None
+
+
+RANGES = {
+    "diameter_m": Range(5e-5, 0.05, "metres", "mm", 1e-3),
+    "flexible_length_m": Range(1e-4, 2.0, "metres", "mm", 1e-3),
+    "rigid_length_m": Range(0.0, 0.2, "metres", "mm", 1e-3),
+    "bending_stiffness_nm2": Range(1e-10, 10.0, "N m^2", "N mm^2", 1e-6),
+    "metres_per_px": Range(1e-8, 0.01, "metres", "mm", 1e-3),
+    "moving_mass_kg": Range(0.0, 50.0, "kg", "g", 1e-3),
+    "knob_gain_per_m_deg": Range(-100.0, 100.0, "1/m for a degree"),
+    "counts_per_n": Range(1e-6, 1e12, "counts for a newton"),
+    "angle_deg": Range(-360.0, 360.0, "degrees"),
+}
+"""Key of the session's metadata -> what it may be."""
+
+FORCE_RANGE = Range(-1e4, 1e4, "N")
+"""What a force sensor at a catheter may read."""
+
+_KNOB = Range(-720.0, 720.0, "degrees")
+_OF_UNIT = {
+    "deg": Range(-36e3, 36e3, "degrees"),
+    "rad": Range(-628.0, 628.0, "radians"),
+    "m": Range(-100.0, 100.0, "metres", "mm", 1e-3),
+    "mm": Range(-1e5, 1e5, "mm"),
+    "um": Range(-1e8, 1e8, "um"),
+    "kpa": Range(-1e6, 1e6, "kPa"),
+    "pa": Range(-1e9, 1e9, "Pa"),
+    "bar": Range(-1e4, 1e4, "bar"),
+    "v": Range(-1e5, 1e5, "V"),
+    "a": Range(-1e4, 1e4, "A"),
+    "ma": Range(-1e7, 1e7, "mA"),
+    "n": Range(-1e5, 1e5, "N"),
+    "mn": Range(-1e8, 1e8, "mN"),
+    "nmm": Range(-1e7, 1e7, "N mm"),
+}
+_ANY = Range(-1e12, 1e12, "")
+
+
+def actuation_range(name: str) -> Range:
+    """What a reading of a drive called NAME_UNIT may be.
+
+    >>> str(actuation_range("knob_deg")), str(actuation_range("stage_forward_mm"))
+    ('-720 to 720 degrees', '-100000 to 100000 mm')
+    """
+    if name == "knob_deg":
+        return _KNOB
+    return _OF_UNIT.get(name.rpartition("_")[2].lower(), _ANY)
