@@ -3,6 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.ready
 DEMO ?= demo
+KERNELS := tests/vision tests/geometry tests/mechanics tests/limits tests/simulation tests/estimators/test_svr.py
 export NO_MKDOCS_2_WARNING := 1
 
 .PHONY: help setup demo test check docs bench prove clean
@@ -34,9 +35,12 @@ docs: $(STAMP)   ## this documentation as a site, in build/site
 bench: $(STAMP)  ## speed and accuracy, in one run
 	$(BIN)/python -m bench
 
-prove: $(STAMP)  ## the slow tests, and the property tests on new examples
+prove: $(STAMP)  ## the slow tests, the property tests on new examples, kernels with bounds checked, spoiled inputs
 	$(BIN)/python -m pytest -q -n auto --dist loadfile -m slow
 	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow" --hypothesis-profile=explore
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/numba-bounds $(BIN)/python -m pytest -q -n auto --dist loadfile \
+		-m "not slow" $(KERNELS)
+	$(BIN)/python -m tests.fuzz --cases 2000
 
 clean:           ## remove .venv and what the demo wrote
 	rm -rf .venv $(DEMO) build dist

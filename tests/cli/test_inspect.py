@@ -51,6 +51,17 @@ def test_the_drawing_lands_beside_the_person_by_default(frame: Path, tmp_path: P
     assert (tmp_path / "frame-inspect.png").stat().st_size > 1000
 
 
+def test_what_is_there_is_replaced_on_wish_only(frame: Path, tmp_path: Path) -> None:
+    for there in ("drawing.png", "drawing-figure18.png"):
+        (tmp_path / there).write_text("mine")
+        with pytest.raises(InputError, match=f"{there}: exists already; choose another name or state --overwrite"):
+            run(frame, "-o", tmp_path / "drawing.png", "--figures")
+        assert (tmp_path / there).read_text() == "mine"
+        (tmp_path / there).unlink()
+    for _ in range(2):
+        run(frame, "-o", tmp_path / "drawing.png", "--overwrite")
+
+
 def test_the_thesis_figures_are_drawn_on_wish(frame: Path, tmp_path: Path) -> None:
     run(frame, "-o", tmp_path / "frame-inspect.png", "--figures")
     for number in (17, 18):
@@ -130,11 +141,11 @@ def test_a_setting_that_does_not_exist_is_named(frame: Path) -> None:
 
 
 def test_settings_that_were_found_are_said_to_be_so(frame: Path, tmp_path: Path) -> None:
-    found = run(frame, "-o", tmp_path / "d.png")
+    found = run(frame, "-o", tmp_path / "d.png", "--overwrite")
     assert "found automatically" in found.stderr
     stated = [
         word
         for key in ("polarity=dark", "base_side=left", "threshold=130", "diameter_px=13")
         for word in ("--set", f"vision.{key}")
     ]
-    assert "found automatically" not in run(frame, "-o", tmp_path / "d.png", *stated).stderr
+    assert "found automatically" not in run(frame, "-o", tmp_path / "d.png", "--overwrite", *stated).stderr

@@ -1,12 +1,13 @@
 """What is written: never over what is read, never after minutes of work that were in vain."""
 
+import json
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from tipforce import __version__, cli
-from tipforce.cli._common import progress_bar
+from tipforce.cli._common import progress_bar, write_json
 from tipforce.errors import InputError, TipforceError
 
 
@@ -100,3 +101,24 @@ def test_in_a_log_progress_is_a_line_now_and_then(capsys, monkeypatch) -> None:
     with progress_bar() as report:
         report("epoch 3 of 20", 0.153)
     assert not capsys.readouterr().err
+
+
+def test_what_stands_in_files_is_shown_in_one_line_that_steers_no_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text(f"\x1b[2J,\u202eabc,{'x' * 5000}\n1,2,3\n")
+    (tmp_path / "frames").mkdir()
+    monkeypatch.setattr("sys.argv", ["tipforce", "import", str(log), str(log), "-o", str(tmp_path / "run.mcap")])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    said = capsys.readouterr().err
+    assert end.value.code == 2
+    assert said.isprintable() or said.count("\n") == 1
+    assert len(said) < 600
+    assert "log.csv" in said
+
+
+def test_figures_that_are_not_finite_are_null(tmp_path: Path) -> None:
+    write_json({"a": [float("nan"), 1.5], "b": {"c": float("inf")}}, str(tmp_path / "figures.json"))
+    assert json.loads((tmp_path / "figures.json").read_text()) == {"a": [None, 1.5], "b": {"c": None}}

@@ -93,3 +93,28 @@ def test_without_pydicom_the_install_line_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(importlib, "import_module", gone)
     with pytest.raises(MissingExtraError, match=r"pip install -e '\.\[dicom\]'"):
         open_source(tmp_path / "run.dcm")
+
+
+@pytest.mark.parametrize(
+    ("tags", "said"),
+    [
+        ({"Rows": 60_000, "Columns": 60_000}, "claims 60000 x 60000 pixels, more than the limit of 100 megapixels"),
+        ({"NumberOfFrames": 1_000_000_000}, "claims 1000000000 frames, which a file of .* bytes cannot hold"),
+        ({"NumberOfFrames": 9, "FrameTimeVector": None, "FrameTime": "66"}, "cannot be decoded"),
+    ],
+)
+def test_claims_of_the_header_that_the_file_cannot_keep_are_refused(tmp_path, tags, said):
+    written(tmp_path / "run.dcm")
+    changed(tmp_path / "run.dcm", **tags)
+    with pytest.raises(FileFormatError, match=said):
+        frames_of(tmp_path / "run.dcm")
+
+
+@pytest.mark.parametrize(
+    "tags", [{"FrameDelay": [1, 2]}, {"FrameTimeVector": "7"}, {"SamplesPerPixel": [1, 2]}, {"BitsStored": [8, 8]}]
+)
+def test_a_damaged_header_is_one_sentence(tmp_path, tags):
+    written(tmp_path / "run.dcm")
+    changed(tmp_path / "run.dcm", **tags)
+    with pytest.raises(FileFormatError, match=r"run\.dcm: its header is damaged"):
+        frames_of(tmp_path / "run.dcm")

@@ -182,3 +182,13 @@ def test_what_is_no_recording_is_called_so(tmp_path: Path, content: bytes | None
         path.write_bytes(content)
     with pytest.raises(FileFormatError, match=said):
         RecordingReader(path)
+
+
+@pytest.mark.parametrize("force_n", [math.inf, -1e300, 2e4])
+def test_a_force_that_no_sensor_reads_is_refused(tmp_path: Path, force_n: float) -> None:
+    path = tmp_path / "run.mcap"
+    with RecordingWriter(path, SessionInfo("run")) as writer:
+        for k, value in enumerate((0.1, force_n, math.nan)):
+            writer.write(Wrench(k * 10**9, np.array([0.0, value, math.nan]), np.full(3, math.nan), "sensor"))
+    with RecordingReader(path) as reader, pytest.raises(FileFormatError, match=r"run\.mcap: the force at 1\.000 s is"):
+        reader.wrenches()

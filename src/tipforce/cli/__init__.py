@@ -12,7 +12,7 @@ import typer
 from .. import __version__
 from .._processes import Interrupted, signals_end_the_program
 from ..errors import TipforceError
-from ._common import console
+from ._common import in_one_line, say
 
 __all__ = ["VERBS", "app", "main"]
 
@@ -85,7 +85,7 @@ def as_options(message: str) -> str:
 
 
 def _say_warning(message: Warning | str, *_: object, **__: object) -> None:
-    console.print(f"tipforce: {as_options(str(message))}", style="yellow", soft_wrap=True)
+    say(f"tipforce: {in_one_line(as_options(str(message)))}", "yellow")
 
 
 _KEPT = {
@@ -108,12 +108,12 @@ def main() -> None:
             app()
     except Interrupted as stop:
         verb = next((word for word in sys.argv[1:] if word in VERBS), "")
-        console.print(f"tipforce: stopped by {stop.signal.name}{_KEPT.get(verb, '')}", style="red", soft_wrap=True)
+        say(f"tipforce: stopped by {stop.signal.name}{_KEPT.get(verb, '')}", "red")
         sys.exit(128 + stop.signal)
     except TipforceError as error:
-        console.print(f"tipforce: {as_options(str(error))}", style="red", soft_wrap=True)
+        say(f"tipforce: {in_one_line(as_options(str(error)))}", "red")
         sys.exit(2)
     except OSError as error:
-        where = f" {error.filename}:" if error.filename else ""
-        console.print(f"tipforce:{where} {error.strerror or error}", style="red", soft_wrap=True)
+        where = f"{error.filename}: " if error.filename else ""
+        say(f"tipforce: {in_one_line(f'{where}{error.strerror or error}')}", "red")
         sys.exit(2)

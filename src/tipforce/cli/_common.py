@@ -1,6 +1,7 @@
 """What all verbs share: progress, figures as JSON, and errors as one sentence."""
 
 import json
+import math
 import os
 import sys
 import time
@@ -15,7 +16,10 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from ..errors import InputError
 
-__all__ = ["JsonOption", "check_outputs", "console", "progress_bar", "say", "write_json"]
+__all__ = [
+    "JsonOption", "check_new", "check_outputs", "console", "in_one_line", "progress_bar", "say", "shown",
+    "write_json",
+]  # fmt: skip
 
 console = Console(stderr=True, highlight=False, markup=False, emoji=False)
 """Everything meant for people goes to standard error, so that standard output can carry figures.
@@ -31,9 +35,31 @@ JsonOption = Annotated[
 _LINE_EVERY_S = 60.0
 
 
+_LONGEST, _TAIL = 580, 150
+"""Characters of a message; of a longer one the beginning is shown, and so much of its end, where the remedy stands."""
+
+
+def shown(text: str) -> str:
+    r"""``text`` as it can be shown to a person: what steers a terminal, or turns a line round, stands as its code.
+
+    >>> shown("no column \x1b[2J")
+    'no column \\x1b[2J'
+    """
+    return "".join(
+        letter if letter.isprintable() or letter == "\n" else letter.encode("unicode_escape").decode()
+        for letter in text
+    )
+
+
+def in_one_line(message: str) -> str:
+    """A message of the library, in which stands what is in files, as one line of at most `_LONGEST` characters."""
+    text = shown(" ".join(message.split()) if "\n" in message or "\r" in message else message)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - _TAIL - 5]} ... {text[-_TAIL:]}"
+
+
 def say(text: str, style: str | None = None) -> None:
     """One line for the person at the terminal."""
-    console.print(text, style=style, soft_wrap=True)
+    console.print(shown(text), style=style, soft_wrap=True)
 
 
 def check_outputs(inputs: Sequence[Path], *outputs: Path | str | None) -> None:
@@ -53,6 +79,13 @@ def check_outputs(inputs: Sequence[Path], *outputs: Path | str | None) -> None:
         if place in taken:
             raise InputError(f"{path}: cannot be written, for {taken[place]}; choose another name")
         taken[place] = "it is to be written twice"
+
+
+def check_new(*outputs: Path | str | None, overwrite: bool) -> None:
+    """Raises InputError where a file is there already, unless ``overwrite``. None and "-" are passed over."""
+    for output in outputs:
+        if output is not None and str(output) != "-" and Path(output).exists() and not overwrite:
+            raise InputError(f"{output}: exists already; choose another name or state --overwrite")
 
 
 @contextmanager
@@ -88,13 +121,24 @@ def _line_a_minute() -> Callable[[str, float], None]:
 
 
 def write_json(figures: dict[str, Any], target: str | None) -> None:
-    """``figures`` to the file ``target``, to standard output for ``-``, nowhere for None."""
+    """``figures`` to the file ``target``, to standard output for ``-``, nowhere for None.
+
+    A number that is not finite is written as null: JSON has no such numbers.
+    """
     if target is None:
         return
     from ..io import write_atomic
 
-    text = json.dumps(figures, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    text = json.dumps(_finite(figures), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     if target == "-":
         sys.stdout.write(text)
     else:
         write_atomic(Path(target), text)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import typer
 
 from ..errors import InputError
-from ..types import ActuationInfo, SessionInfo, info_from_facts, read_bench
+from ..types import SessionInfo, info_from_facts, read_bench
 
 __all__ = ["BenchOption", "FactOption", "KnobOption", "number_from", "offset_from", "stated_info", "tare_from"]
 
@@ -34,7 +34,8 @@ def stated_info(bench: Path | None, facts: list[str] | None, knob_deg: float | N
         info = info.updated(info_from_facts(facts))
     if knob_deg is not None:
         knob = number_from(str(knob_deg), "--knob-deg", "degrees")
-        info = info.updated(SessionInfo(actuation=ActuationInfo(constant={"knob_deg": knob})))
+        stated = SessionInfo.from_values({"actuation": {"constant": {"knob_deg": knob}}}, f"--knob-deg {knob:g}")
+        info = info.updated(stated)
     return info
 
 

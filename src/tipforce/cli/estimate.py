@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ._common import JsonOption, check_outputs, progress_bar, say, write_json
+from ._common import JsonOption, check_new, check_outputs, progress_bar, say, write_json
 from ._facts import BenchOption, FactOption, KnobOption, number_from, stated_info
 
 __all__ = ["command"]
@@ -45,15 +45,12 @@ def command(
     What bench.toml states stands in place of what a recording holds itself.
     """
     from ..datasets import open_source
-    from ..errors import InputError
     from ..estimators import load_model
     from ..pipelines import write_estimates
 
     target = sys.stdout if output == "-" else Path(output)
     check_outputs([frames], output, overlay, json_file)
-    for path in (target, overlay):
-        if isinstance(path, Path) and path.exists() and not overwrite:
-            raise InputError(f"{path}: exists already; choose another name or state --overwrite")
+    check_new(output, overlay, overwrite=overwrite)
     estimator = load_model(model)
     knob = {} if knob_deg is None else {"knob_deg": number_from(str(knob_deg), "--knob-deg", "degrees")}
     with (

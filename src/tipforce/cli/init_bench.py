@@ -10,7 +10,7 @@ import typer
 
 from ..errors import InputError
 from ..types import SessionInfo, bench_text, merged_values
-from ._common import check_outputs, say
+from ._common import check_new, check_outputs, say
 from ._facts import BenchOption, FactOption, stated_info
 
 __all__ = ["command"]
@@ -54,8 +54,7 @@ def command(
     from ..io import write_atomic
 
     check_outputs([], output)
-    if output.exists() and not overwrite:
-        raise InputError(f"{output}: exists already; choose another name or state --overwrite")
+    check_new(output, overwrite=overwrite)
     info = stated_info(bench, fact)
     if ask if ask is not None else sys.stdin.isatty():
         info = _asked(info, lambda text: typer.prompt(text, default="", show_default=False, err=True))

@@ -5,11 +5,13 @@ from typing import Annotated
 
 import typer
 
-from ._common import JsonOption, check_outputs, progress_bar, say, write_json
+from ._common import JsonOption, check_new, check_outputs, progress_bar, say, write_json
 from ._facts import BenchOption, FactOption, stated_info
 from ._settings import SetOption, settings_from
 
 __all__ = ["command"]
+
+_THESIS_FIGURES = ("figure17", "figure18")
 
 
 def command(
@@ -27,6 +29,7 @@ def command(
     figures: Annotated[
         bool, typer.Option("--figures", help="Also draw thesis figures 17 and 18 (of a video's first frame).")
     ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace drawings that are there already.")] = False,
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -48,7 +51,10 @@ def command(
     from ..vision import InspectSettings
 
     target = output or Path(f"{file.stem}-inspect.png")
-    check_outputs([file], target, json_file)
+    stem = target.stem.removesuffix("-inspect")
+    more = {name: target.with_name(f"{stem}-{name}.png") for name in _THESIS_FIGURES if figures}
+    check_outputs([file], target, *more.values(), json_file)
+    check_new(target, *more.values(), overwrite=overwrite)
     if file.suffix in (".mcap", ".part") and not (frames or figures):
         check_image_target(target, plot=True)
         summary = summarise_recording(file)
@@ -69,7 +75,6 @@ def command(
     say(f"wrote {target}")
     if figures:
         for name, figure in sheet.thesis_figures().items():
-            path = target.with_name(f"{target.stem.removesuffix('-inspect')}-{name}.png")
-            save_image(path, figure)
-            say(f"wrote {path}")
+            save_image(more[name], figure)
+            say(f"wrote {more[name]}")
     write_json(sheet.figures, json_file)

@@ -8,7 +8,9 @@ from ..vision import ShapeFeatureSettings, VisionSettings
 
 __all__ = ["AngleSettings", "SvrSettings", "WindowSettings"]
 
-Grid = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=1)]
+Grid = Annotated[tuple[Annotated[float, Field(ge=1e-9, le=1e9)], ...], Field(min_length=1, max_length=100)]
+_Milliseconds = Annotated[float, Field(ge=0, le=3_600_000)]
+"""At most an hour."""
 
 
 class AngleSettings(BaseModel):
@@ -18,7 +20,7 @@ class AngleSettings(BaseModel):
 
     degree: Annotated[int, Field(ge=0, le=8)] = 3
     """Degree of the Legendre series."""
-    length: Annotated[float, Field(gt=0)] | None = None
+    length: Annotated[float, Field(gt=0, le=1e9)] | None = None
     """Arc length of the curve in the unit of ready-made polynomials; not needed where there are images."""
 
 
@@ -27,11 +29,11 @@ class WindowSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    lags_ms: Annotated[tuple[Annotated[float, Field(ge=0)], ...], Field(min_length=1)] = (0.0,)
+    lags_ms: Annotated[tuple[_Milliseconds, ...], Field(min_length=1, max_length=100)] = (0.0,)
     """The newest frame at least so old, for each; the oldest one since the start or a gap where there is none."""
-    average_ms: Annotated[float, Field(ge=0)] = 0.0
+    average_ms: _Milliseconds = 0.0
     """Each is the mean over the frames of so long before it: against the curve's noise, at the price of a delay."""
-    gap_ms: Annotated[float, Field(gt=0)] = 500.0
+    gap_ms: Annotated[float, Field(gt=0, le=3_600_000)] = 500.0
     """After so long without a frame the past is forgotten."""
 
     @property
@@ -62,12 +64,12 @@ class SvrSettings(BaseModel):
     """`max`: divided by the largest absolute value (thesis). `standard`: mean removed, divided by the deviation."""
     angles: AngleSettings | None = None
     """Beyond the thesis: a series of the tangent angle as further features."""
-    linear: Annotated[float, Field(ge=0)] = 0.0
+    linear: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     """Beyond the thesis: kernel = eq. (15) + ``linear`` times the mean product of the angle series and the actuation
     (of all features without ``angles``), so that the answer goes on in a straight line beyond what was trained."""
     window: WindowSettings = WindowSettings()
     """Beyond the thesis: earlier frames."""
-    label_average_ms: Annotated[float, Field(ge=0)] = 0.0
+    label_average_ms: _Milliseconds = 0.0
     """Beyond the thesis: labels to learn from are means over so long around each sample, against the sensor's noise.
     Never those that errors are measured on."""
     c: Grid = (1.0, 10.0, 100.0, 1000.0)
@@ -86,4 +88,4 @@ class SvrSettings(BaseModel):
     tuning_samples: Annotated[int, Field(ge=20)] = 1000
     """At most so many samples, drawn with ``seed``, serve to choose and to find the interval. Where more serve to
     train, C becomes smaller in proportion, so that the data weigh as much against flatness as they did when chosen."""
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0

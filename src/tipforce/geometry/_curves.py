@@ -19,13 +19,15 @@ def fit_polynomial(x: FloatArray, y: FloatArray, degree: int, constant: bool = T
 
     ``x``, ``y`` (n,). Without ``constant`` the curve is held at y(0) = 0 and the last coefficient is exactly zero.
     Built from polynomials that are orthogonal on the given points (Forsythe 1957), so that no system of equations is
-    solved. Raises ValueError where there are fewer than ``degree + 1`` different x.
+    solved. Raises ValueError where there are fewer than ``degree + 1`` different x, or not as many y.
 
     >>> x = np.array([0.0, 1.0, 2.0, 3.0])
     >>> np.round(fit_polynomial(x, 2 * x**2 - x + 5, 2), 12)
     array([ 2., -1.,  5.])
     """
     n = x.shape[0]
+    if y.shape[0] != n or degree < (0 if constant else 1):
+        raise ValueError("a polynomial needs as many y as x, and a degree of 0 or more, without a constant 1 or more")
     low, high = np.inf, -np.inf
     for i in range(n):
         low, high = min(low, x[i]), max(high, x[i])
@@ -94,9 +96,11 @@ def arc_length(points: npt.NDArray[np.floating[Any]]) -> FloatArray:
 def turning_angles(points: FloatArray, cos: float, sin: float) -> FloatArray:
     """Angle of each of the n - 1 chords of ``points`` (n, 2) against the axis (``cos``, ``sin``), in rad.
 
-    Summed up from chord to chord, so that it runs on past 180 degrees.
+    Summed up from chord to chord, so that it runs on past 180 degrees. Raises ValueError for points of another shape.
     """
     n = points.shape[0]
+    if n < 1 or points.shape[1] != 2:
+        raise ValueError("chords need points (n, 2)")
     angles = np.empty(n - 1)
     angle, u, v = 0.0, cos, sin
     for i in range(n - 1):

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ..errors import FileFormatError, MissingExtraError, TimeError
 from ..types import Frame, Image
+from ._image_size import check_pixels
 
 __all__ = ["dicom_size", "is_dicom", "read_dicom"]
 
@@ -22,6 +23,25 @@ def is_dicom(path: Path) -> bool:
         return False
     with path.open("rb") as stream:
         return stream.read(_MAGIC_AT + 4)[_MAGIC_AT:] == b"DICM"
+
+
+def _checked_count(path: Path, data: Any) -> int:
+    """Frames that the header claims.
+
+    Raises:
+        FileFormatError: they have more pixels than the limit, or are more than the file can hold.
+    """
+    try:
+        width, height, count = (int(data.get(name) or 1) for name in ("Columns", "Rows", "NumberOfFrames"))
+    except (TypeError, ValueError):
+        raise FileFormatError(f"{path}: its header states no size in numbers; copy it again from its archive") from None
+    check_pixels(width, height, str(path))
+    if not 1 <= count <= path.stat().st_size:
+        raise FileFormatError(
+            f"{path}: its header claims {count} frames, which a file of {path.stat().st_size} bytes cannot hold; copy "
+            "it again from its archive"
+        )
+    return count
 
 
 def _read(path: Path, *, pixels: bool) -> Any:
@@ -37,7 +57,7 @@ def _read(path: Path, *, pixels: bool) -> Any:
 
 def dicom_size(path: Path) -> int:
     """Frames that the file says it holds. Raises MissingExtraError without pydicom, FileFormatError."""
-    return int(_read(path, pixels=False).get("NumberOfFrames", 1))
+    return _checked_count(path, _read(path, pixels=False))
 
 
 def read_dicom(path: Path, view: str = "camera") -> Iterator[Frame]:
@@ -49,14 +69,28 @@ def read_dicom(path: Path, view: str = "camera") -> Iterator[Frame]:
     TimeError where the file does not say when its frames were taken.
     """
     data = _read(path, pixels=True)
+    count = _checked_count(path, data)
     try:
-        pixels: npt.NDArray[Any] = data.pixel_array
-    except (AttributeError, ValueError, NotImplementedError, RuntimeError) as error:
+        coloured, stored = int(data.get("SamplesPerPixel", 1)) == 3, int(data.get("BitsStored", 8))
+        stamps = _stamps_ns(path, data, count)
+    except (TypeError, ValueError, OverflowError, AttributeError) as error:
+        raise FileFormatError(f"{path}: its header is damaged ({error}); copy it again from its archive") from None
+    found = 0
+    try:
+        for picture in _decoded(data):  # one by one: all of them may be a thousand times as large as the file
+            if found == count or picture.ndim != (3 if coloured else 2):
+                raise ValueError(f"more than {count} frames" if found == count else f"{picture.ndim} dimensions")
+            yield Frame(stamps[found], _eight_bit(picture, stored, str(data.PhotometricInterpretation)), view)
+            found += 1
+        if found < count:
+            raise ValueError(f"{found} of {count} frames")
+    except (AttributeError, ValueError, NotImplementedError, RuntimeError, TypeError, MemoryError) as error:
         raise FileFormatError(f"{path}: its pictures cannot be decoded ({error}); save it uncompressed") from None
-    coloured = int(data.get("SamplesPerPixel", 1)) == 3
-    frames = pixels[None] if pixels.ndim == (3 if coloured else 2) else pixels
-    for stamp, picture in zip(_stamps_ns(path, data, len(frames)), frames, strict=True):
-        yield Frame(stamp, _eight_bit(picture, int(data.BitsStored), str(data.PhotometricInterpretation)), view)
+
+
+def _decoded(data: Any) -> Iterator[npt.NDArray[Any]]:
+    pixels: Any = importlib.import_module("pydicom.pixels")
+    yield from pixels.iter_pixels(data)
 
 
 def _eight_bit(picture: npt.NDArray[Any], stored: int, shown: str) -> Image:

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from .._atomic import check_folder, write_atomic
 from ..errors import FileFormatError
 from ..types import Image
+from ._image_size import check_encoded, encoded_size, max_file_bytes, max_pixels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -78,7 +79,7 @@ class _FileContents:
         self._paths = paths
 
     def __call__(self) -> Iterable[bytes]:
-        return (path.read_bytes() for path in self._paths if path.is_file())
+        return (_file_bytes(path) for path in self._paths if path.is_file())
 
 
 def is_image(path: Path) -> bool:
@@ -97,13 +98,24 @@ def read_image(path: Path, depth: StreamDepth | None = None) -> Image:
         (h, w) grey or (h, w, 3) RGB, uint8; see the module's text for images with more than 8 bits.
 
     Raises:
-        FileFormatError: where the file is missing, empty, damaged or has pixels of another type.
+        FileFormatError: where the file is missing, empty, damaged, too large or has pixels of another type.
     """
-    return decode_image(path.read_bytes() if path.is_file() else b"", str(path), depth)
+    return decode_image(_file_bytes(path) if path.is_file() else b"", str(path), depth)
+
+
+def _file_bytes(path: Path) -> bytes:
+    limit = max_file_bytes()
+    if path.stat().st_size > limit:
+        raise FileFormatError(
+            f"{path}: has {path.stat().st_size} bytes, more than the largest image that is read ({limit} bytes, "
+            f"{max_pixels() / 1e6:g} megapixels); convert it to PNG or JPEG"
+        )
+    return path.read_bytes()
 
 
 def decode_image(data: bytes | memoryview, where: str, depth: StreamDepth | None = None) -> Image:
     """Decodes an image as `read_image` does; ``where`` it comes from is named in errors."""
+    check_encoded(data, where)
     image = _decoded(data)
     if image is None:
         raise FileFormatError(f"{where}: the image is missing, empty or damaged; expected PNG, JPEG, TIFF, BMP or WebP")
@@ -116,8 +128,9 @@ def decode_image(data: bytes | memoryview, where: str, depth: StreamDepth | None
 
 
 def _decoded(data: bytes | memoryview) -> npt.NDArray[Any] | None:
-    """(h, w) or (h, w, 3) BGR with the file's own type; None for what is no image."""
-    if not len(data):
+    """(h, w) or (h, w, 3) BGR with the file's own type; None for what is no image, or one beyond the limit of size."""
+    size = encoded_size(data)
+    if size is None or size[0] * size[1] > max_pixels():
         return None
     try:
         return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)

@@ -12,7 +12,7 @@ from typing import Self, TypeVar
 import numpy as np
 
 from ..errors import FileFormatError, InputError
-from ..types import STAGE, Actuation, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, Wrench
+from ..types import FORCE_RANGE, STAGE, Actuation, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, Wrench
 from ._actuation import WAIT_S, ActuationSeries
 from ._cdr import (
     COMPRESSED_IMAGE,
@@ -212,12 +212,22 @@ class RecordingReader:
                 yield times[same], data[places].view("<f8").astype(np.float64), frame
 
     def wrenches(self, stream: str = "force") -> tuple[IntArray, FloatArray, FloatArray]:
-        """Raw stamps (n,), force (n, 3), torque (n, 3): as the sensor gave them, on its own clock."""
+        """Raw stamps (n,), force (n, 3), torque (n, 3): as the sensor gave them, on its own clock.
+
+        Raises FileFormatError for a force that no sensor reads.
+        """
         blocks = list(self.wrench_blocks(stream))
         if not blocks:
             return np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3))
         times = np.concatenate([times for times, _, _ in blocks])
         values = np.concatenate([values for _, values, _ in blocks])
+        strange = FORCE_RANGE.outside(values[:, :3].ravel())
+        if strange is not None:
+            row, axis = divmod(strange, 3)
+            raise FileFormatError(
+                f"{self.path}: the force at {times[row] * 1e-9:.3f} s is {values[row, axis]:g} N, expected "
+                f"{FORCE_RANGE}; record it again in newtons"
+            )
         if np.any(np.diff(times) < 0):
             order = np.argsort(times, kind="stable")
             times, values = times[order], values[order]

@@ -16,6 +16,7 @@ from av.container import InputContainer, OutputContainer
 from .._atomic import atomic_path, check_output_file
 from ..errors import FileFormatError, InputError, TimeError
 from ..types import Frame, Image
+from ._image_size import check_pixels, max_pixels
 
 __all__ = ["VideoWriter", "read_video", "video_size", "write_video"]
 
@@ -33,7 +34,7 @@ def _open(path: Path) -> InputContainer:
     if path.stat().st_size == 0:
         raise FileFormatError(f"{path}: the file is empty, not a video")
     try:
-        container = av.open(str(path))
+        container = av.open(str(path), metadata_errors="replace")
     except av.error.FFmpegError as error:
         if path.suffix.lower() in (".mp4", ".mov", ".m4v"):
             raise FileFormatError(
@@ -44,6 +45,14 @@ def _open(path: Path) -> InputContainer:
     if not container.streams.video:
         container.close()
         raise FileFormatError(f"{path}: holds no video stream")
+    stream = container.streams.video[0]
+    try:
+        if not getattr(stream, "codec_context", None):
+            raise FileFormatError(f"{path}: no decoder here knows its kind of video; convert it, for example to H.264")
+        check_pixels(stream.width, stream.height, str(path))
+    except FileFormatError:
+        container.close()
+        raise
     missing = _missing_bytes(path) if container.format.name.startswith("mov") else 0
     if missing:
         container.close()
@@ -88,6 +97,8 @@ def read_video(path: Path, view: str = "camera") -> Iterator[Frame]:
     with _open(path) as container:
         stream = container.streams.video[0]
         stream.thread_type = "AUTO"
+        # a frame within may claim another size than the file's header, which was checked
+        stream.codec_context.options = {"max_pixels": str(max_pixels())}
         count, last, hurt, hurt_at_s, doubtful = 0, None, 0, 0.0, False
         try:
             for picture in _pictures(container, stream):

@@ -254,7 +254,10 @@ def write_estimates(
             if progress:
                 progress(f"frame {report.frames}", min(1.0, report.frames / total) if total else 0.0)
         if not report.frames:
-            raise InputError(f"no frame of the view {view!r} to estimate a force from; look with `tipforce inspect`")
+            raise InputError(
+                f"{getattr(source, 'path', source.session_info.name)}: holds no frame of the view {view!r} to estimate "
+                "a force from; look with `tipforce inspect`"
+            )
     return report
 
 

@@ -20,6 +20,8 @@ BLACK: Colour = (0, 0, 0)
 ALARM: Colour = (190, 25, 25)
 SMALLEST = 448
 """Images that are narrower are enlarged by a whole factor, so that lines and letters stay legible."""
+HIGHEST = 8192
+"""But to no more rows than these: an image one pixel wide would become gigabytes."""
 SHIFT = 4
 """Bits of sub-pixel position that OpenCV is given."""
 FONT = cv2.FONT_HERSHEY_SIMPLEX
@@ -38,7 +40,7 @@ class Canvas:
         if mask is not None and mask.any():
             image = image.copy()
             image[mask] = (0.55 * image[mask] + 0.45 * np.array(TINT)).astype(np.uint8)
-        zoom = max(1, math.ceil(SMALLEST / image.shape[1]))
+        zoom = max(1, min(math.ceil(SMALLEST / image.shape[1]), HIGHEST // image.shape[0]))
         big = np.repeat(np.repeat(image, zoom, axis=0), zoom, axis=1) if zoom > 1 else image.copy()
         return cls(np.ascontiguousarray(big), zoom)
 

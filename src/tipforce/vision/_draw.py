@@ -10,13 +10,15 @@ from ..types import BoolArray, DetectedShape, FloatArray, ForceEstimate, Image
 from ..units import newtons_to_grams
 from ._canvas import FONT, SHIFT, WHITE, Canvas, Colour, fixed, plain, rgb
 
-__all__ = ["contact_sheet", "draw_estimate", "draw_shape", "shaft_mask"]
+__all__ = ["TALLEST", "contact_sheet", "draw_estimate", "draw_shape", "shaft_mask"]
 
 CENTRELINE: Colour = (255, 214, 0)
 FITTED: Colour = (255, 70, 220)
 X_AXIS: Colour = (255, 60, 50)
 Y_AXIS: Colour = (60, 220, 80)
 FORCE: Colour = (0, 225, 255)
+TALLEST = 4
+"""An image on a contact sheet is at most so many times as high as wide; what is more is made smaller."""
 
 
 def shaft_mask(shape: DetectedShape, size: tuple[int, int]) -> BoolArray:
@@ -87,8 +89,11 @@ def draw_estimate(
 
 
 def contact_sheet(images: Sequence[Image], columns: int, titles: Sequence[str] = (), width: int = 320) -> Image:
-    """Returns images of any sizes as one, ``columns`` in a row, each ``width`` px wide and under its title."""
-    height = max(round(width * p.shape[0] / p.shape[1]) for p in images)
+    """Returns images of any sizes as one, ``columns`` in a row, each ``width`` px wide and under its title.
+
+    An image more than `TALLEST` times as high as wide is narrower.
+    """
+    height = min(TALLEST * width, max(round(width * p.shape[0] / p.shape[1]) for p in images))
     bar = 22 if titles else 0
     rows = math.ceil(len(images) / columns)
     sheet = np.full((rows * (height + bar + 4) + 4, columns * (width + 4) + 4, 3), 245, dtype=np.uint8)

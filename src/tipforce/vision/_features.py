@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from pydantic import BaseModel, ConfigDict, Field
 
+from ..errors import InputError
 from ..geometry import angle_matrix, curve_from_angle, fit_polynomial, turning_angles
 from ..types import BasePose, CentrelinePx, DetectedShape, FloatArray, Status
 
@@ -54,6 +55,7 @@ def shape_features(shape: DetectedShape, settings: ShapeFeatureSettings) -> Floa
     """Returns the features of a detected shape, (k,) as named by `feature_names`; `NoFeatures` where there are none.
 
     A polynomial is refused with ``not_a_function`` where the shape bends past 90 degrees: several y belong to one x.
+    Raises InputError where the centreline has too few points for the degree of a series.
     """
     centreline, base = shape.centreline, shape.base
     if centreline is None or base is None:
@@ -109,6 +111,11 @@ def _polynomial(
 
 def _legendre(centreline: CentrelinePx, base: BasePose, settings: ShapeFeatureSettings) -> FloatArray:
     points = centreline.points
+    if len(points) < settings.degree + 2:
+        raise InputError(
+            f"an angle series of degree {settings.degree} needs at least {settings.degree + 2} points of the "
+            f"centreline, got {len(points)}: set vision.points={settings.degree + 2}"
+        )
     # In the image v points down: the angle against the base tangent (cos, -sin), with the opposite sign.
     angles = turning_angles(points, math.cos(base.angle_rad), -math.sin(base.angle_rad))
     values = -(angle_matrix(len(points), settings.degree) @ angles)

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict
 
 from ..types import DetectedShape, FloatArray, Image
 from ._classic import ClassicDetector
-from ._draw import contact_sheet, draw_shape
+from ._draw import TALLEST, contact_sheet, draw_shape
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._settings import ResolvedVision, VisionSettings
 
@@ -209,5 +209,6 @@ class _Sample:
 
 
 def _small(drawing: Image, width: int = 320) -> Image:
-    height = max(1, round(width * drawing.shape[0] / drawing.shape[1]))
+    fit = min(width / drawing.shape[1], TALLEST * width / drawing.shape[0])
+    width, height = max(1, round(fit * drawing.shape[1])), max(1, round(fit * drawing.shape[0]))
     return np.asarray(cv2.resize(drawing, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)

@@ -77,6 +77,8 @@ def solve_static_spatial(
     this one is reached by raising all loads together from nothing, so it lies on the unloaded shape's branch wherever
     that branch lasts (``branch`` tells); with ``start`` it is the one next to that shape.
 
+    Raises ValueError for loads of another shape or not finite, or a ``start`` of another number of segments.
+
     >>> shape = solve_static_spatial(SpatialRod(0.048, 4.3e-4), np.array([0.0, 0.06, 0.08]))
     >>> shape.stable, (shape.tip_m * 1e3).round(2)
     (True, array([47.13,  4.99,  6.65]))
@@ -87,6 +89,8 @@ def solve_static_spatial(
     load = Load(np.array(force), np.array(moment), line_of(rod, distributed_n_per_m))
     if not (np.isfinite(force).all() and np.isfinite(moment).all()):
         raise ValueError(f"expected finite loads, got force_n {force}, moment_nm {moment}")
+    if start is not None and start.rod.segments != rod.segments:
+        raise ValueError(f"start: expected a shape of {rod.segments} segments, got {start.rod.segments}")
     elastic = elastic_of(rod, rod.rigid_length_m)
     work = make_work(rod.segments + 1, 0)
     outcome, branch = None, Branch.GIVEN

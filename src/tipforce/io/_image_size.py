@@ -1,0 +1,165 @@
+"""The size that the header of an image states, read before anything is decoded, and the limit that it is held to."""
+
+import os
+import struct
+from collections.abc import Callable
+
+from ..errors import FileFormatError, InputError
+
+__all__ = ["MAX_MEGAPIXELS", "check_encoded", "check_pixels", "encoded_size", "max_file_bytes", "max_pixels"]
+
+MAX_MEGAPIXELS = "TIPFORCE_MAX_MEGAPIXELS"
+"""The environment variable that replaces the limit of `_MEGAPIXELS`."""
+_MEGAPIXELS = 100.0
+_BYTES_A_PIXEL = 8
+"""Of an image of four channels with 16 bits, uncompressed."""
+
+_JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""Markers of the segments that state a JPEG's size."""
+_JPEG_ALONE = frozenset((0x00, 0x01, *range(0xD0, 0xD9)))
+"""Markers without a segment."""
+_JPEG_SEGMENTS, _JPEG_GAP = 4096, 65536
+"""So far the size is looked for: segments, and bytes between two of them."""
+_TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
+_TIFF_FORMATS = {3: "H", 4: "I", 16: "Q"}
+
+
+def max_pixels() -> int:
+    """Pixels that one image may have at most: 100 million, or what ``TIPFORCE_MAX_MEGAPIXELS`` says.
+
+    Raises:
+        InputError: the variable is no number from 1 to 10,000.
+    """
+    stated = os.environ.get(MAX_MEGAPIXELS)
+    try:
+        megapixels = _MEGAPIXELS if stated is None else float(stated)
+    except ValueError:
+        megapixels = 0.0
+    if not 1 <= megapixels <= 10_000:
+        raise InputError(f"{MAX_MEGAPIXELS}={stated}: expected a number from 1 to 10000")
+    return round(megapixels * 1e6)
+
+
+def max_file_bytes() -> int:
+    """Bytes that the file of one image may have at most: those of the largest image, uncompressed."""
+    return _BYTES_A_PIXEL * max_pixels()
+
+
+def check_pixels(width: int, height: int, where: str) -> None:
+    """Raises FileFormatError where an image of this size, which ``where`` holds, has too many pixels."""
+    limit = max_pixels()
+    if width * height > limit:
+        raise FileFormatError(
+            f"{where}: its header claims {width} x {height} pixels, more than the limit of {limit / 1e6:g} megapixels; "
+            f"reduce it, or state a higher limit by the environment variable {MAX_MEGAPIXELS}"
+        )
+
+
+def check_encoded(data: bytes | memoryview, where: str) -> None:
+    """Raises FileFormatError where ``data`` is none of the formats of `encoded_size`, or has too many pixels."""
+    size = encoded_size(data)
+    if size is None:
+        raise FileFormatError(f"{where}: the image is missing, empty or damaged; expected PNG, JPEG, TIFF, BMP or WebP")
+    check_pixels(*size, where)
+
+
+def encoded_size(data: bytes | memoryview) -> tuple[int, int] | None:
+    """Width and height that the header of a PNG, JPEG, TIFF, BMP, WebP or GIF file states; None for anything else.
+
+    >>> import cv2, numpy as np
+    >>> [encoded_size(cv2.imencode(kind, np.zeros((3, 5), np.uint8))[1].tobytes()) for kind in (".png", ".tif")]
+    [(5, 3), (5, 3)]
+    """
+    data = memoryview(data)
+    begin = bytes(data[:16])
+    for magic, read in _READERS.items():
+        if begin.startswith(magic):
+            try:
+                width, height = read(data)
+            except (struct.error, IndexError, KeyError, ValueError):  # the header is cut off or damaged
+                return None
+            return (width, height) if width > 0 and height > 0 else None
+    return None
+
+
+def _png(data: memoryview) -> tuple[int, int]:
+    return struct.unpack_from(">II", data, 16)
+
+
+def _gif(data: memoryview) -> tuple[int, int]:
+    return struct.unpack_from("<HH", data, 6)
+
+
+def _bmp(data: memoryview) -> tuple[int, int]:
+    if struct.unpack_from("<I", data, 14)[0] == 12:
+        return struct.unpack_from("<HH", data, 18)
+    width, height = struct.unpack_from("<ii", data, 18)
+    return abs(width), abs(height)  # negative: the rows run downwards
+
+
+def _webp(data: memoryview) -> tuple[int, int]:
+    kind = bytes(data[8:16])
+    if kind == b"WEBPVP8X":
+        return _little(data[24:27]) + 1, _little(data[27:30]) + 1
+    if kind == b"WEBPVP8L":
+        bits = _little(data[21:25])
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if kind == b"WEBPVP8 ":
+        return _little(data[26:28]) & 0x3FFF, _little(data[28:30]) & 0x3FFF
+    raise ValueError("no WebP")
+
+
+def _little(data: memoryview) -> int:
+    return int.from_bytes(data, "little")
+
+
+def _jpeg(data: memoryview) -> tuple[int, int]:
+    at = 2
+    for _ in range(_JPEG_SEGMENTS):
+        gap = bytes(data[at : at + _JPEG_GAP]).find(0xFF)  # bytes between segments, which decoders pass over
+        if gap < 0:
+            break
+        at += gap + 1
+        marker = data[at]
+        if marker in _JPEG_SIZES:
+            height, width = struct.unpack_from(">HH", data, at + 4)
+            return width, height
+        if marker == 0xFF:
+            continue
+        at += 1 if marker in _JPEG_ALONE else 1 + struct.unpack_from(">H", data, at + 1)[0]
+    raise ValueError("no size in it")
+
+
+def _tiff(data: memoryview) -> tuple[int, int]:
+    """Of the first image: the only one that is read."""
+    order = "<" if data[0] == ord("I") else ">"
+    if struct.unpack_from(order + "H", data, 2)[0] == 43:  # BigTIFF
+        start, width_of_count, entry_bytes, value_at = "Q", "Q", 20, 12
+        first_at = 8
+    else:
+        start, width_of_count, entry_bytes, value_at = "I", "H", 12, 8
+        first_at = 4
+    (at,) = struct.unpack_from(order + start, data, first_at)
+    (count,) = struct.unpack_from(order + width_of_count, data, at)
+    at += struct.calcsize(width_of_count)
+    found: dict[int, int] = {}
+    for entry in range(at, at + min(count, 4096) * entry_bytes, entry_bytes):
+        tag, kind = struct.unpack_from(order + "HH", data, entry)
+        if tag in (_TIFF_WIDTH, _TIFF_HEIGHT):
+            (found[tag],) = struct.unpack_from(order + _TIFF_FORMATS[kind], data, entry + value_at)
+        if len(found) == 2:
+            break
+    return found[_TIFF_WIDTH], found[_TIFF_HEIGHT]
+
+
+_READERS: dict[bytes, Callable[[memoryview], tuple[int, int]]] = {
+    b"\x89PNG\r\n\x1a\n": _png,
+    b"\xff\xd8": _jpeg,
+    b"II*\0": _tiff,
+    b"MM\0*": _tiff,
+    b"II+\0": _tiff,
+    b"MM\0+": _tiff,
+    b"BM": _bmp,
+    b"RIFF": _webp,
+    b"GIF8": _gif,
+}
