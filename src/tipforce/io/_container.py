@@ -187,6 +187,13 @@ class Container:
         """Close the file."""
         self._stream.close()
 
+    def _read_at(self, place: int, size: int) -> bytes:
+        """Up to ``size`` bytes of the file; none where an offset is so large that it cannot be sought."""
+        if place >= 1 << 63:
+            return b""
+        self._stream.seek(place)
+        return self._stream.read(size)
+
     def _damaged(self, number: int, why: str) -> FileFormatError:
         chunk = self.chunks[number]
         return FileFormatError(
@@ -199,8 +206,7 @@ class Container:
         index = self.chunks[number]
         if max(index.uncompressed_size, index.chunk_length) > MAX_CHUNK_BYTES:
             raise self._damaged(number, f"a chunk larger than {MAX_CHUNK_BYTES >> 20} MiB")
-        self._stream.seek(index.chunk_start_offset)
-        raw = self._stream.read(index.chunk_length)
+        raw = self._read_at(index.chunk_start_offset, index.chunk_length)
         try:
             opcode, length = _RECORD.unpack_from(raw)
             chunk = Chunk.read(ReadDataStream(io.BytesIO(memoryview(raw)[_RECORD.size :])))
@@ -226,8 +232,7 @@ class Container:
         place = self.chunks[number].message_index_offsets.get(channel)
         if place is None:
             return np.empty(0, np.int64), np.empty(0, np.int64)
-        self._stream.seek(place)
-        head = self._stream.read(15)
+        head = self._read_at(place, 15)
         if len(head) < 15:
             raise self._damaged(number, "the index of its messages is cut off")
         opcode, length, owner, room = struct.unpack("<BQHI", head)

@@ -218,7 +218,8 @@ def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:
         chunk, following = chunks.get(start), bisect_right(starts, start)
         if chunk and (opcode != Opcode.CHUNK or length != chunk.chunk_length - _HEAD.size):
             found.lose(chunk.message_start_time, chunk.message_end_time)
-            stream.seek(start + chunk.chunk_length)
+            # forward, whatever length the index states
+            stream.seek(min(start + max(chunk.chunk_length, _HEAD.size), size))
             continue
         if following < len(starts) and stream.tell() + length > starts[following]:
             stream.seek(
