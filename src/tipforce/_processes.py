@@ -116,19 +116,25 @@ def _held_back(number: int) -> Generator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def run_child(command: Sequence[str], *, capture: bool = False) -> subprocess.CompletedProcess[str]:
+def run_child(
+    command: Sequence[str], *, capture: bool = False, timeout_s: float | None = None
+) -> subprocess.CompletedProcess[str]:
     """Runs a command and waits for it; where the wait ends otherwise, the command ends, too.
 
     Args:
         command: the program and its arguments.
         capture: keep what it writes to standard error.
+        timeout_s: after which it is ended.
+
+    Raises:
+        TimeoutExpired: of subprocess, after ``timeout_s``.
     """
     environment = {**os.environ, _PARENT: str(os.getpid())}
     error_to = subprocess.PIPE if capture else None
     with subprocess.Popen(command, stderr=error_to, text=True, env=environment) as child:
         _running.add(child)
         try:
-            _, said = child.communicate()
+            _, said = child.communicate(timeout=timeout_s)
         except BaseException:
             child.terminate()
             try:

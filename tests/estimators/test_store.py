@@ -1,8 +1,10 @@
 """The model store: whole or not at all, and never trusted blindly."""
 
+import hashlib
 import json
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -77,8 +79,8 @@ class Filed(Svr):
         made = super().from_state(settings, values, arrays, files)
         made.__class__ = cls
         made.own = dict(files)
-        if b"wrong" in made.own["model.onnx"]:
-            raise ModelError("model.onnx: is damaged; copy the whole model folder again")
+        if b"wrong" in made.own["own.bin"]:
+            raise ModelError("own.bin: is damaged; copy the whole model folder again")
         return made
 
 
@@ -86,15 +88,15 @@ class Filed(Svr):
 def filed(data: Dataset, monkeypatch: pytest.MonkeyPatch) -> Filed:
     monkeypatch.setitem(_create.ESTIMATORS, "svr", Filed)
     made = Filed(Svr.settings_type.model_validate(QUICK)).fit(data)
-    made.own = {"model.onnx": b"graph \x00\xff", "training.jsonl": b"{}\n"}
+    made.own = {"own.bin": b"graph \x00\xff", "training.jsonl": b"{}\n"}
     return made
 
 
 def test_a_methods_own_files_travel_with_the_model(filed: Filed, data: Dataset, tmp_path: Path) -> None:
     folder = save_model(filed, tmp_path / "m", data)
-    assert (folder / "model.onnx").read_bytes() == b"graph \x00\xff"
+    assert (folder / "own.bin").read_bytes() == b"graph \x00\xff"
     assert set(read_manifest(folder)["sha256"]) == {
-        "arrays.npz", "README.md", "model.json", "model.onnx", "training.jsonl"
+        "arrays.npz", "README.md", "model.json", "own.bin", "training.jsonl"
     }  # fmt: skip
     assert load_model(folder).files() == filed.own
 
@@ -102,8 +104,8 @@ def test_a_methods_own_files_travel_with_the_model(filed: Filed, data: Dataset, 
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda f: os.remove(f / "model.onnx"), r"the file model\.onnx is missing; train the model again or copy"),
-        (lambda f: cut("model.onnx", 2)(f), r"model\.onnx: was altered or cut off after it was saved"),
+        (lambda f: os.remove(f / "own.bin"), r"the file own\.bin is missing; train the model again or copy"),
+        (lambda f: cut("own.bin", 2)(f), r"own\.bin: was altered or cut off after it was saved"),
         (lambda f: (f / "training.jsonl").write_text("{}"), r"training\.jsonl: was altered or cut off"),
     ],
 )
@@ -118,9 +120,9 @@ def test_a_damaged_own_file_is_one_clear_sentence(
 
 
 def test_what_a_method_says_of_its_files_names_the_folder(filed: Filed, data: Dataset, tmp_path: Path) -> None:
-    filed.own["model.onnx"] = b"wrong"
+    filed.own["own.bin"] = b"wrong"
     folder = save_model(filed, tmp_path / "m", data)
-    with pytest.raises(ModelError, match=r"m: model\.onnx: is damaged; copy the whole model folder again"):
+    with pytest.raises(ModelError, match=r"m: own\.bin: is damaged; copy the whole model folder again"):
         load_model(folder)
 
 
@@ -201,11 +203,11 @@ def cut(name: str, by: int = 40) -> Callable[[Path], None]:
         (lambda f: os.remove(f / "model.json"), r"is no model folder, there is no model\.json; make one with"),
         (lambda f: os.remove(f / "arrays.npz"), r"the file arrays\.npz is missing"),
         (cut("arrays.npz"), r"arrays\.npz: was altered or cut off after it was saved"),
-        (cut("model.json"), r"model\.json: is damaged"),
+        (cut("model.json"), r"model\.json: is no JSON"),
         (edit(seed=5), r"model\.json: was altered"),
         (edit(sha256={}), r"model\.json: was altered"),
-        (edit(sha256=None), r"model\.json: was altered"),
-        (edit(training=None), r"model\.json: was altered"),
+        (edit(sha256=None), r"model\.json: sha256 is no list of named values"),
+        (edit(training=None), r"model\.json: training is no list of named values"),
         (edit(format_version=99), r"format version 99, this program reads version 2; update tipforce"),
         (edit(format_version=1), r"the older format version 1.*train the model anew"),
         (edit(method="oracle"), r"made by the method 'oracle', this program has svr"),
@@ -220,6 +222,129 @@ def test_a_damaged_model_is_one_clear_sentence(model: Path, damage: Callable[[Pa
     with pytest.raises(ModelError, match=message) as caught:
         load_model(model)
     assert "\n" not in str(caught.value)
+
+
+def long(name: str) -> Callable[[Path], None]:
+    """A file with a hole of two gigabytes."""
+
+    def change(folder: Path) -> None:
+        with (folder / name).open("r+b") as stream:
+            stream.truncate(2 << 30)
+
+    return change
+
+
+def link(name: str, to: str) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        (folder / name).unlink()
+        (folder / name).symlink_to(to)
+
+    return change
+
+
+def pipe(folder: Path) -> None:
+    (folder / "arrays.npz").unlink()
+    os.mkfifo(folder / "arrays.npz")
+
+
+def rewritten(**new: Any) -> Callable[[Path], None]:
+    """Other arrays, with checksums that fit: what somebody would do on purpose."""
+
+    def change(folder: Path) -> None:
+        with np.load(folder / "arrays.npz") as stored:
+            arrays = {**stored, **{name: make(stored[name]) for name, make in new.items()}}
+        np.savez(folder / "arrays.npz", **arrays)
+        signed_again(folder)
+
+    return change
+
+
+def state(**new: Any) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        signed_again(folder, lambda manifest: manifest["state"].update(new))
+
+    return change
+
+
+def interval(**new: Any) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        signed_again(folder, lambda manifest: manifest["state"]["interval"].update(new))
+
+    return change
+
+
+def signed_again(folder: Path, change: Callable[[dict[str, Any]], None] = lambda _: None) -> None:
+    manifest = json.loads((folder / "model.json").read_text())
+    manifest["sha256"]["arrays.npz"] = hashlib.sha256((folder / "arrays.npz").read_bytes()).hexdigest()
+    change(manifest)
+    manifest["sha256"]["model.json"] = _own_sha256(manifest)
+    (folder / "model.json").write_text(json.dumps(manifest))
+
+
+@pytest.mark.parametrize(
+    ("harm", "message"),
+    [
+        (lambda f: (f / "model.json").write_text("[" * 200_000), r"model\.json: .*nested more than"),
+        (lambda f: (f / "model.json").write_text("[1]"), r"model\.json: is damaged"),
+        (long("model.json"), r"model\.json: is longer than 64 MiB"),
+        (long("arrays.npz"), r"arrays\.npz: has 2147483648 bytes, more than the 1024 MiB"),
+        (link("model.json", "/dev/zero"), r"there is no model\.json"),
+        (link("arrays.npz", "/dev/zero"), r"the file arrays\.npz is missing"),
+        (pipe, r"the file arrays\.npz is missing"),
+        (edit(signed=True, sha256={"../a": "", "arrays.npz": "", "model.json": ""}), r"names the file '\.\./a'"),
+        (edit(signed=True, sha256={"/dev/zero": "", "arrays.npz": ""}), r"names the file '/dev/zero'"),
+        (edit(signed=True, method=["svr"]), r"made by the method"),
+        (rewritten(dual=lambda a: a * np.nan), "dual holds values that are not finite numbers"),
+        (rewritten(unit_n=lambda a: a * 1e30), "unit_n holds values that are not finite numbers from 0 to 1e"),
+        (rewritten(vectors=lambda a: a[:, :2]), r"vectors has the shape \(\d+, 2\), expected \(n, 6\)"),
+        (rewritten(ends=lambda a: a + 1000), "ends holds values that are not finite numbers from 0"),
+        (rewritten(ends=lambda a: a[::-1]), "do not part"),
+        (rewritten(shift=lambda a: a.astype("U")), "shift holds no numbers"),
+        (interval(magnitude_half_width_n=-0.1), "half-widths of intervals must not be negative"),
+        (interval(half_width_n=[None, 0.1, None]), "half-widths of intervals must not be negative"),
+        (interval(half_width_n=[0.1]), "half-widths of intervals"),
+        (interval(covariance_n2=[[-1.0] * 3] * 3), "no covariance"),
+        (state(known=[True]), "does not fit the method svr"),
+        (state(actuation_limits=[[0.0, 1.0], [0.0, 1.0]]), "has not a pair for each actuation"),
+        (state(vision={"settings": {"roi": [1e9, 0, 2e9, 1]}}), "does not fit the method svr"),
+    ],
+)
+def test_a_model_that_was_changed_on_purpose_is_one_clear_sentence(
+    model: Path, harm: Callable[[Path], None], message: str
+) -> None:
+    harm(model)
+    with pytest.raises(ModelError, match=message) as caught:
+        load_model(model)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_card_of_any_length_is_not_read(model: Path) -> None:
+    long("README.md")(model)
+    load_model(model)
+
+
+def test_a_force_that_tissue_cannot_exert_is_never_valid(model: Path, data: Dataset) -> None:
+    rewritten(unit_n=lambda a: a * 1e6)(model)
+    answers = load_model(model).predict(data)
+    assert not any(answer.valid for answer in answers)
+    assert "more than 10 N: the image or the actuation is unlike the training data, or the" in answers[0].detail
+
+
+def test_an_actuation_unlike_the_training_data_is_not_answered(model: Path, data: Dataset) -> None:
+    stream = load_model(model).start(data.session_info["s0"])
+    first = next(iter(data.observations()))
+    for knob, status in (
+        (10.0, "valid"),
+        (9.0, "valid"),
+        (13.1, "valid"),
+        (13.3, "out_of_distribution"),
+        (1e3, "out_of_distribution"),
+    ):
+        answer = stream.update(replace(first, actuation={"knob_deg": knob}))
+        assert answer.status == status, (knob, answer.detail)
+    assert answer.detail == "the actuation is unlike the training data (knob_deg 1000, the limits are 8.8 and 13.2)"
+    signed_again(model, lambda manifest: manifest["state"].pop("actuation_limits"))  # as it was saved before
+    assert load_model(model).start(data.session_info["s0"]).update(replace(first, actuation={"knob_deg": 14.0})).valid
 
 
 @pytest.mark.parametrize("extra", [{}, {"linear": 1.0, "scaling": "standard"}], ids=["thesis", "linear"])

@@ -17,5 +17,5 @@ def test_a_truth_with_a_flipped_bit_is_refused(tmp_path: Path) -> None:
     raw = bytearray(path.read_bytes())
     raw[len(raw) // 2] ^= 1
     path.write_bytes(raw)
-    with pytest.raises(FileFormatError, match=r"a\.truth\.npz: no readable truth .*run `tipforce simulate` again"):
+    with pytest.raises(FileFormatError, match=r"a\.truth\.npz: no readable arrays .*run `tipforce simulate` again"):
         read_truth(path)

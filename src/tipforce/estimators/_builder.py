@@ -7,12 +7,22 @@ import numpy as np
 from ..types import BoolArray, DetectedShape, FloatArray, ForceEstimate, Status
 from .uncertainty import Interval
 
-__all__ = ["AXES", "EstimateBuilder"]
+__all__ = ["AXES", "MAX_FORCE_N", "EstimateBuilder", "implausible"]
 
 AXES = ("fx", "fy", "fz")
 """Names of the force components."""
 
+MAX_FORCE_N = 10.0
+"""No estimate beyond this is valid: tissue tears, and shafts buckle, at a fraction of it."""
+
 _set = object.__setattr__
+
+
+def implausible(stamp_ns: int, magnitude_n: float, shape: DetectedShape | None = None) -> ForceEstimate:
+    """The invalid estimate in place of one that is not finite, or larger than `MAX_FORCE_N`."""
+    found = f"{magnitude_n:.3g} N, more than {MAX_FORCE_N:g} N" if math.isfinite(magnitude_n) else "no finite number"
+    detail = f"the model answers with {found}: the image or the actuation is unlike the training data, or the model is"
+    return ForceEstimate.invalid(stamp_ns, Status.OUT_OF_DISTRIBUTION, f"{detail} damaged", shape)
 
 
 class EstimateBuilder:
@@ -28,7 +38,10 @@ class EstimateBuilder:
             array.setflags(write=False)
 
     def valid(self, stamp_ns: int, newtons: FloatArray, shape: DetectedShape | None = None) -> ForceEstimate:
-        """``newtons`` (t,): the known components in order, or the magnitude alone where none is known."""
+        """``newtons`` (t,): the known components in order, or the magnitude alone where none is known.
+
+        Not valid where the force is not finite, or larger than `MAX_FORCE_N`.
+        """
         if self._axes:
             force, interval, square = self._unknown.copy(), self._no_interval.copy(), 0.0
             for place, (axis, half) in enumerate(zip(self._axes, self._half, strict=True)):
@@ -42,7 +55,10 @@ class EstimateBuilder:
             interval.setflags(write=False)
         else:
             # a magnitude cannot be negative; the regression does not know that
-            magnitude, force, interval = max(0.0, float(newtons[0])), self._unknown, self._no_interval
+            only = float(newtons[0])
+            magnitude, force, interval = (only if only != only else max(0.0, only)), self._unknown, self._no_interval
+        if not magnitude <= MAX_FORCE_N:
+            return implausible(stamp_ns, magnitude, shape)
         both = np.array((max(0.0, magnitude - self._magnitude_half), magnitude + self._magnitude_half))
         both.setflags(write=False)
         # ForceEstimate's own __init__ copies and checks five arrays: 8 us of the 100 us that a frame may take

@@ -1,25 +1,32 @@
 """The fitted machines: training with scikit-learn (libsvm), answering without it."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
+from pydantic import Field
 from sklearn.svm import SVR
 
 from ..types import FloatArray, IntArray
+from ._values import stored_array
 
 __all__ = ["Constants", "Machines", "evaluate", "fit_machines", "gram", "largest", "squared_distances"]
+
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 @dataclass(frozen=True, slots=True)
 class Constants:
     """What is chosen by cross-validation: C and epsilon (thesis eq. 8, 10), sigma (eq. 15)."""
 
-    c: float
-    epsilon: float
-    sigma: float
+    c: Positive
+    epsilon: Positive
+    sigma: Positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +70,30 @@ class Machines:
         """All arrays by name, for the model store."""
         names = ("shift", "scale", "vectors", "dual", "ends", "intercept", "gamma", "unit_n", "weights")
         return {name: getattr(self, name) for name in names}
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, npt.NDArray[Any]], features: int, targets: int, parity_n: float) -> "Machines":
+        """The inverse of `arrays`, for so many features and targets.
+
+        `evaluate` trusts these arrays: what does not fit would be read beyond their ends. Raises KeyError and
+        ValueError.
+        """
+        vectors = stored_array(arrays, "vectors", (None, features))
+        ends = stored_array(arrays, "ends", (targets,), low=0, high=len(vectors)).astype(np.int64)
+        if (np.diff(ends) < 0).any() or ends[-1] != len(vectors):
+            raise ValueError(f"ends {ends.tolist()} do not part {len(vectors)} support vectors")
+        return cls(
+            shift=stored_array(arrays, "shift", (features,)),
+            scale=stored_array(arrays, "scale", (features,), low=0),
+            vectors=vectors,
+            dual=stored_array(arrays, "dual", (len(vectors),)),
+            ends=ends,
+            intercept=stored_array(arrays, "intercept", (targets,)),
+            gamma=stored_array(arrays, "gamma", (targets,), low=0),
+            unit_n=stored_array(arrays, "unit_n", (targets,), low=0),
+            weights=stored_array(arrays, "weights", (targets, features)),
+            parity_n=parity_n,
+        )
 
 
 @njit(cache=True, nogil=True, fastmath=True)

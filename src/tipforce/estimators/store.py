@@ -4,33 +4,38 @@ It is written whole or not at all. Every file but the card, which people may add
 """
 
 import hashlib
-import io
 import json
 import platform
-import zipfile
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from pydantic import ValidationError
 
+from .._json import read_json
+from .._npz import read_npz
 from ..datasets import Dataset
-from ..errors import InputError, ModelError
+from ..errors import FileFormatError, InputError, ModelError
 from ..io import replacing_folder
 from ._base import Estimator
 from ._card import model_card
 from ._create import ESTIMATORS
-from ._pretrained import located, pretrained_folder
+from ._pretrained import PRETRAINED, located, pretrained_folder
+from .networks import check_graph_file, try_graph
 
 __all__ = ["FORMAT_VERSION", "check_target", "load_model", "load_pretrained", "read_manifest", "save_model"]
 
 FORMAT_VERSION = 2
 """Version of the model folder's format; other versions are not read."""
 
+MAX_MANIFEST_BYTES, MAX_FILE_BYTES = 64 << 20, 1 << 30
+"""Longest ``model.json``, and longest of the other files; those that come with the program have 0.3 and 22 MB."""
+
 MANIFEST, ARRAYS, CARD = "model.json", "arrays.npz", "README.md"
+_OBJECTS = ("settings", "state", "sha256", "training", "facts")
+_UNFIT = (ArithmeticError, AttributeError, AssertionError, LookupError, TypeError, ValueError)
+"""What a method raises where state and arrays do not fit each other."""
 
 
 def save_model(
@@ -132,19 +137,27 @@ def load_model(folder: str | Path) -> Estimator:
     """
     folder = located(folder)
     manifest = read_manifest(folder)
-    contents = {name: _checked(folder, name, expected) for name, expected in manifest["sha256"].items()}
+    sums = manifest["sha256"]
+    contents = {name: _checked(folder, name, sums[name]) for name in sums if name not in (MANIFEST, CARD)}
     files = {name: data for name, data in contents.items() if _is_own(name)}
     try:
-        arrays = _read_arrays(contents[ARRAYS])
+        arrays = read_npz(contents[ARRAYS], ARRAYS, "train the model again or copy the whole folder")
+        if unfit := [name for name, array in arrays.items() if array.dtype.kind not in "biufU"]:
+            raise ValueError(f"the array {unfit[0]} holds no numbers")
+        for name in files:
+            if name.endswith(".onnx"):
+                check_graph_file(files[name], name)
+                if folder.parent != PRETRAINED:
+                    try_graph(folder / name)
         return ESTIMATORS[manifest["method"]].from_state(manifest["settings"], manifest["state"], arrays, files)
-    except (KeyError, TypeError, ValueError, ValidationError, zipfile.BadZipFile) as error:
+    except _UNFIT as error:
         first = str(error).splitlines()[0] if str(error) else type(error).__name__
         held = ", ".join([MANIFEST, ARRAYS, *files])
         raise ModelError(
             f"{folder}: what its files hold ({held}) does not fit the method {manifest['method']} ({first}); "
             "train the model again"
         ) from None
-    except ModelError as error:
+    except InputError as error:
         raise ModelError(f"{folder}: {error}") from None
 
 
@@ -154,13 +167,19 @@ def load_pretrained(name: str) -> Estimator:
 
 
 def _checked(folder: Path, name: str, expected: str) -> bytes:
-    """Content of a file of a model folder, that must be what was saved; the card may have been added to."""
-    if not (folder / name).is_file():
+    """Content of a file of a model folder, that must be what was saved."""
+    path = folder / name
+    if not path.is_file():
         raise ModelError(f"{folder}: the file {name} is missing; train the model again or copy the whole folder")
-    data = (folder / name).read_bytes()
-    if name not in (MANIFEST, CARD) and _sha256(data) != expected:
+    if path.stat().st_size > MAX_FILE_BYTES:
         raise ModelError(
-            f"{folder / name}: was altered or cut off after it was saved (its SHA-256 is not the one in {MANIFEST}); "
+            f"{path}: has {path.stat().st_size} bytes, more than the {MAX_FILE_BYTES >> 20} MiB that a file of a model "
+            "may have; train the model again or copy the whole folder"
+        )
+    data = path.read_bytes()
+    if _sha256(data) != expected:
+        raise ModelError(
+            f"{path}: was altered or cut off after it was saved (its SHA-256 is not the one in {MANIFEST}); "
             "train the model again or copy the whole folder"
         )
     return data
@@ -181,10 +200,13 @@ def read_manifest(folder: str | Path) -> dict[str, Any]:
     if not path.is_file():
         raise ModelError(f"{folder}: is no model folder, there is no {MANIFEST}; make one with `tipforce train`")
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        manifest = read_json(path, max_bytes=MAX_MANIFEST_BYTES)
         found = manifest["format_version"]
-        needed = {"method", "settings", "state", "sha256", "training", "facts"} - set(manifest)
-    except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError):
+        needed = {"method", *_OBJECTS} - set(manifest)
+        wrong = [name for name in _OBJECTS if not isinstance(manifest.get(name, {}), dict)]
+    except FileFormatError as error:
+        raise ModelError(f"{error}; train the model again or copy the whole folder") from None
+    except (KeyError, TypeError):
         raise ModelError(f"{path}: is damaged; train the model again or copy the whole folder") from None
     if not isinstance(found, int) or found > FORMAT_VERSION:
         raise ModelError(
@@ -198,12 +220,19 @@ def read_manifest(folder: str | Path) -> dict[str, Any]:
         )
     if needed:
         raise ModelError(f"{path}: lacks {', '.join(sorted(needed))}; train the model again or copy the whole folder")
-    if manifest["method"] not in ESTIMATORS:
+    if wrong:
+        raise ModelError(
+            f"{path}: {wrong[0]} is no list of named values; train the model again or copy the whole folder"
+        )
+    if not isinstance(manifest["method"], str) or manifest["method"] not in ESTIMATORS:
         raise ModelError(
             f"{path}: was made by the method {manifest['method']!r}, this program has {', '.join(ESTIMATORS)}; update "
             "tipforce, or train the model with a method that is there"
         )
-    if not {ARRAYS, MANIFEST} <= set(sums := manifest["sha256"] or {}) or sums[MANIFEST] != _own_sha256(manifest):
+    sums: dict[str, Any] = manifest["sha256"]
+    if unfit := [name for name in sums if name not in (MANIFEST, ARRAYS, CARD) and not _is_own(name)]:
+        raise ModelError(f"{path}: names the file {unfit[0]!r}, which is not in a model folder; train the model again")
+    if not {ARRAYS, MANIFEST} <= set(sums) or sums[MANIFEST] != _own_sha256(manifest):
         raise ModelError(
             f"{path}: was altered after it was saved (its SHA-256 is not the one it states); train the model again or "
             "copy the whole folder"
@@ -216,11 +245,6 @@ def _own_sha256(manifest: Mapping[str, Any]) -> str:
     others = {name: value for name, value in manifest["sha256"].items() if name != MANIFEST}
     text = json.dumps({**manifest, "sha256": others}, sort_keys=True, ensure_ascii=False)
     return _sha256(text.encode())
-
-
-def _read_arrays(data: bytes) -> dict[str, npt.NDArray[Any]]:
-    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files}
 
 
 def _sha256(data: bytes) -> str:

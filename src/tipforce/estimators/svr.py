@@ -21,9 +21,10 @@ from ._builder import AXES, EstimateBuilder
 from ._inputs import Inputs
 from ._machine import Constants, Machines, fit_machines
 from ._onnx import PARITY_N, regression_graph
-from ._reading import Abstention, actuation_names
+from ._reading import Abstention, actuation_names, limits_of, unlike_training
 from ._settings import SvrSettings
 from ._summary import ModelSummary
+from ._svr_state import SvrState
 from ._svr_summary import svr_summary
 from ._training import Rows, gather_rows, warn_of_sizes
 from ._tuning import choose, make_folds, residuals, scaling_of
@@ -44,6 +45,8 @@ class _Fitted:
     """Everything that was learnt."""
 
     actuation: tuple[str, ...]
+    actuation_limits: FloatArray | None
+    """(k, 2), see `limits_of`; None in models that were saved without."""
     shape: tuple[str, ...]
     known: BoolArray
     machines: Machines
@@ -133,6 +136,7 @@ class Svr(Estimator):
         machines = fit_machines(rows.features, rows.learn_n, constants, shift, scale, linear)
         self.fitted_ = _Fitted(
             actuation=actuation,
+            actuation_limits=limits_of(actuation, dataset),
             shape=rows.names,
             known=known,
             machines=machines,
@@ -220,8 +224,10 @@ class Svr(Estimator):
                 f"svr answers differ from scikit-learn's by up to {fitted.machines.parity_n:.2g} N, more than "
                 f"{PARITY_N:g} N: the model was not saved; train it with a smaller C"
             )
+        limits = fitted.actuation_limits
         values: dict[str, Any] = {
             "actuation": list(fitted.actuation),
+            **({} if limits is None else {"actuation_limits": limits.tolist()}),
             "shape": list(fitted.shape),
             "known": fitted.known.tolist(),
             "targets": list(fitted.targets),
@@ -246,18 +252,30 @@ class Svr(Estimator):
     ) -> "Svr":
         """The inverse of `state`."""
         svr = cls(SvrSettings.model_validate(settings))
+        state = SvrState.model_validate(values)
+        known = np.array(state.known, np.bool_)
+        targets = int(known.sum()) or 1
+        features = len(state.shape) + len(state.actuation)
+        if svr.settings.force == "magnitude" and known.any():
+            raise ValueError("force=magnitude goes with no known component")
+        if not len(state.constants) == len(state.cv_rmse_n) == targets:
+            raise ValueError(f"{targets} targets need as many constants and errors")
+        limits = None if state.actuation_limits is None else np.array(state.actuation_limits).reshape(-1, 2)
+        if limits is not None and len(limits) != len(state.actuation):
+            raise ValueError("actuation_limits has not a pair for each actuation")
         svr.fitted_ = _Fitted(
-            actuation=tuple(values["actuation"]),
-            shape=tuple(values["shape"]),
-            known=np.array(values["known"], np.bool_),
-            machines=Machines(**arrays, parity_n=values["parity_n"]),
-            constants=tuple(Constants(**each) for each in values["constants"]),
-            cv_rmse_n=tuple(values["cv_rmse_n"]),
-            interval=Interval.of(values["interval"]),
-            samples=values["samples"],
-            left_out=values["left_out"],
-            sessions=values["sessions"],
-            vision=None if values["vision"] is None else ResolvedVision.model_validate(values["vision"]),
+            actuation=state.actuation,
+            actuation_limits=limits,
+            shape=state.shape,
+            known=known,
+            machines=Machines.of(arrays, features * len(svr.settings.window.lags_ms), targets, state.parity_n),
+            constants=state.constants,
+            cv_rmse_n=state.cv_rmse_n,
+            interval=Interval.of(values["interval"], known),
+            samples=state.samples,
+            left_out=state.left_out,
+            sessions=state.sessions,
+            vision=state.vision,
         )
         return svr
 
@@ -325,6 +343,9 @@ class SvrStream:
         shape = self._inputs.shape
         if self._calibration is not None:
             self._calibrate(observation)
+        if not isinstance(row, Abstention):
+            fitted = self._fitted
+            row = unlike_training(observation, fitted.actuation, fitted.actuation_limits) or row
         if isinstance(row, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail, shape)
         if self._window is not None:

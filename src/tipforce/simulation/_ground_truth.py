@@ -1,8 +1,6 @@
 """The ground truth of a simulated session, and its companion file."""
 
 import json
-import struct
-import zipfile
 import zlib
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
@@ -14,6 +12,7 @@ import numpy.typing as npt
 
 from .._atomic import atomic_path
 from .._json import parse_json
+from .._npz import read_npz
 from ..errors import FileFormatError
 from ..geometry import Pose
 from ..types import BasePose, BoolArray, FloatArray, IntArray
@@ -23,26 +22,24 @@ from ._fields import Settings
 __all__ = ["Truth", "ViewTruth", "collect_truth", "read_truth", "settings_record", "truth_path", "write_truth"]
 
 _SUFFIX = ".truth.npz"
-_FAULTS = (
-    KeyError,
-    TypeError,
-    ValueError,
-    OSError,
-    EOFError,
-    RuntimeError,
-    struct.error,
-    zipfile.BadZipFile,
-    zlib.error,
-)
-"""What zip and NumPy raise on files that are damaged or something else."""
+_REMEDY = "delete it with its recording and run `tipforce simulate` again"
 Bytes = npt.NDArray[np.uint8]
 
 
 def _unpacked(packed: Bytes, ends: IntArray, index: int, size: tuple[int, int]) -> BoolArray:
     """(h, w): the ``index``-th of the masks; ``size``: (width, height)."""
     width, height = size
-    start = int(ends[index - 1]) if index else 0
-    row = np.frombuffer(zlib.decompress(packed[start : int(ends[index])].tobytes()), np.uint8)
+    start, length = int(ends[index - 1]) if index else 0, -(-width * height // 8)
+    try:
+        row = zlib.decompressobj().decompress(packed[start : int(ends[index])].tobytes(), length + 1)
+    except zlib.error as error:
+        raise FileFormatError(f"the mask of frame {index} of a truth is damaged ({error}); simulate it again") from None
+    if len(row) != length:
+        raise FileFormatError(
+            f"the mask of frame {index} of a truth has not the {width} x {height} pixels that the truth claims; "
+            "simulate it again"
+        )
+    row = np.frombuffer(row, np.uint8)
     return np.unpackbits(row, count=width * height).reshape(height, width).astype(np.bool_)
 
 
@@ -221,21 +218,16 @@ def read_truth(path: Path | str) -> Truth:
     if not path.is_file():
         raise FileFormatError(f"{path}: there is no such file; only what `tipforce simulate` wrote has a truth")
     try:
-        with zipfile.ZipFile(path) as archive:
-            if damaged := archive.testzip():
-                raise ValueError(f"{damaged} differs from its checksum")
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            values: dict[str, Any] = parse_json(str(arrays["about"]), str(path))
-            size = tuple(values.pop("image_size"))
-            others = {
-                view: ViewTruth(image_size=size, **_read_arrays(ViewTruth, arrays, f"{view}."))
-                for view in values.pop("others", ())
-            }
-            return Truth(image_size=size, others=others, **values, **_read_arrays(Truth, arrays, ""))
-    except _FAULTS as error:
-        raise FileFormatError(
-            f"{path}: no readable truth ({error}); delete it with its recording and run `tipforce simulate` again"
-        ) from None
+        arrays = read_npz(path, str(path), _REMEDY)
+        values: dict[str, Any] = parse_json(str(arrays["about"]), str(path))
+        size = tuple(values.pop("image_size"))
+        others = {
+            view: ViewTruth(image_size=size, **_read_arrays(ViewTruth, arrays, f"{view}."))
+            for view in values.pop("others", ())
+        }
+        return Truth(image_size=size, others=others, **values, **_read_arrays(Truth, arrays, ""))
+    except (AttributeError, LookupError, OSError, TypeError, ValueError) as error:
+        raise FileFormatError(f"{path}: no readable truth ({error}); {_REMEDY}") from None
 
 
 def settings_record(settings: Settings, seed: int, number: int) -> dict[str, Any]:

@@ -1,9 +1,11 @@
 """Methods that are networks: trained by the package `training`, run on their ONNX graph without torch."""
 
 from ._graph import Graph
+from ._graph_file import check_graph_file
 from ._network import GRAPH_FILE, NetworkEstimator
 from ._preparation import PREPARED_FILE
 from ._settings import CompactSettings, DcfeSettings
+from ._trial import try_graph
 from .compact import Compact
 from .dcfe import Dcfe
 
@@ -16,4 +18,6 @@ __all__ = [
     "DcfeSettings",
     "Graph",
     "NetworkEstimator",
+    "check_graph_file",
+    "try_graph",
 ]

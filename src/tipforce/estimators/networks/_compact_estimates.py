@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...types import BoolArray, FloatArray, ForceEstimate, Status
+from .._builder import MAX_FORCE_N, implausible
 from ..uncertainty import Interval, LastLayerLaplace, OodDetector, interval_from_errors
 from ._calibration import Outputs
 from ._rate_compensation import History, RateCompensation
@@ -116,6 +117,8 @@ class CompactEstimateBuilder:
         if abstention is not None:
             return abstention
         force = outputs["force_n"][0].astype(np.float64)
+        if not (size := math.hypot(*force.tolist())) <= MAX_FORCE_N:
+            return implausible(stamp_ns, size)
         sigma = component_sigma(outputs, self.laplace, self.unit_n)[0]
         sigma_n = magnitude_sigma(force, sigma)
         if not sigma_n <= self.limits.max_sigma_n:
@@ -130,6 +133,8 @@ class CompactEstimateBuilder:
         else:
             force = force + rate @ self.compensation.seconds
         magnitude, sigma_n = float(np.linalg.norm(force)), magnitude_sigma(force, sigma)
+        if not magnitude <= MAX_FORCE_N or not math.isfinite(sigma_n):
+            return implausible(stamp_ns, magnitude if magnitude > MAX_FORCE_N else math.nan)
         full, interval = np.full(3, math.nan), np.full((3, 2), math.nan)
         covariance = np.full((3, 3), math.nan)
         axes = np.flatnonzero(self.known)

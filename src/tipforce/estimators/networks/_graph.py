@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError, MissingExtraError, ModelError
+from ._graph_file import check_graph_file
 from ._stored_names import current_graph_name
 
 __all__ = ["Graph"]
@@ -36,9 +37,10 @@ class Graph:
         runtime: name and version of the runtime.
         metadata: what was stored in the graph when it was exported.
         inputs: name -> (shape, None where any length is allowed; dtype).
+        outputs: their names.
 
     Raises:
-        ModelError: ``data`` is no graph.
+        ModelError: ``data`` is no graph, or one that `check_graph_file` refuses.
         MissingExtraError: OpenVINO is not installed.
     """
 
@@ -49,6 +51,7 @@ class Graph:
             raise MissingExtraError("openvino", extra="openvino")
         runtime = _OpenVino if on == "openvino" else _OnnxRuntime
         self._where = where
+        check_graph_file(data, where)
         threads = threads or _default_threads()
         with _as_model_error(where):
             loaded = runtime.load(data, threads)
@@ -59,6 +62,8 @@ class Graph:
         self.inputs: dict[str, tuple[_Shape, str]] = {
             name: self._session.inputs[stored] for name, stored in self._stored.items()
         }
+
+        self.outputs = tuple(current_graph_name(name) for name in self._session.outputs)
 
     def __call__(self, **inputs: npt.NDArray[Any]) -> _Arrays:
         """Returns the outputs by name.
@@ -123,10 +128,10 @@ class _OnnxRuntime:
             )
             for each in session.get_inputs()
         }
-        self._outputs = [each.name for each in session.get_outputs()]
+        self.outputs = [each.name for each in session.get_outputs()]
 
     def __call__(self, inputs: Mapping[str, npt.NDArray[Any]]) -> _Arrays:
-        return dict(zip(self._outputs, self._session.run(None, inputs), strict=True))
+        return dict(zip(self.outputs, self._session.run(None, inputs), strict=True))
 
 
 class _OpenVino:
@@ -152,14 +157,14 @@ class _OpenVino:
             )
             for each in model.inputs
         }
-        self._outputs: list[str] = [each.any_name for each in model.outputs]
+        self.outputs: list[str] = [each.any_name for each in model.outputs]
 
     def __call__(self, inputs: Mapping[str, npt.NDArray[Any]]) -> _Arrays:
         # contiguous and kept alive: it reads them in place
         taken = {name: np.ascontiguousarray(array) for name, array in inputs.items()}
         with self._lock:
             found = self._request.infer(taken)
-            return {name: np.array(found[name]) for name in self._outputs}
+            return {name: np.array(found[name]) for name in self.outputs}
 
 
 def _openvino_metadata(model: Any) -> dict[str, str]:

@@ -18,6 +18,7 @@ from ..._compile import STEADY
 from ...types import Image, SessionInfo
 
 __all__ = [
+    "BASE_SIDES",
     "RESNET_SIZE_PX",
     "WINDOW_LENGTHS",
     "Window",

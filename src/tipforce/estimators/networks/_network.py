@@ -37,6 +37,7 @@ from .._summary import ModelSummary, left_out_by_session
 from ..uncertainty import Interval, conformal_interval
 from ._calibration import CalibrationBatch, Outputs, quantise_checked, spread_evenly
 from ._graph import Graph
+from ._network_state import NetworkState
 from ._network_summary import network_summary
 from ._preparation import (
     PREPARED_FILE,
@@ -420,21 +421,46 @@ class NetworkEstimator(FineTunable):
         """The inverse of `state` and `files`. Raises KeyError without the graph, ModelError where it is damaged."""
         files = files or {}
         made = cls(cls.settings_type.model_validate(settings))
-        quantised = QUANTISED_FILE in files
+        state, quantised = NetworkState.model_validate(values), QUANTISED_FILE in files
+        known = np.array(state.known, np.bool_)
+        graph = Graph(files[QUANTISED_FILE], QUANTISED_FILE) if quantised else Graph(files[GRAPH_FILE], GRAPH_FILE)
         made.fitted_ = FittedNetwork(
-            actuation=tuple(values["actuation"]),
-            known=np.array(values["known"], np.bool_),
-            graph=Graph(files[QUANTISED_FILE], QUANTISED_FILE) if quantised else Graph(files[GRAPH_FILE], GRAPH_FILE),
+            actuation=state.actuation,
+            known=known,
+            graph=graph,
             data=files[GRAPH_FILE],
             quantised=files.get(QUANTISED_FILE),
             log=files[LOG_FILE],
             arrays=current_array_names(arrays),
-            interval=Interval.of(values["interval"]),
+            interval=Interval.of(values["interval"], known),
             facts=dict(values["facts"]),
-            sessions=tuple(values["sessions"]),
+            sessions=state.sessions,
         )
         made.start(SessionInfo())  # what the state lacks is missed here, not at the first frame
+        made.check_fit()
         return made
+
+    def check_fit(self) -> None:
+        """Runs the graph once on zeros, and builds on its outputs all that an estimate needs.
+
+        Raises:
+            KeyError: an output or an array is missing.
+            ValueError: the graph takes or gives other arrays than this method's.
+        """
+        fitted = self._fitted()
+        specs = {**self.input_specs(training=False), **actuation_spec(fitted.actuation)}
+        wanted = {name: ((None, *shape), kind) for name, (shape, kind) in specs.items()}
+        if fitted.graph.inputs != wanted:
+            raise ValueError(f"the graph takes {fitted.graph.inputs}, expected {wanted}")
+        outputs = fitted.graph(**{name: np.zeros((1, *shape), kind) for name, (shape, kind) in specs.items()})
+        expected = (1, int(fitted.known.sum()))
+        if outputs["force_n"].shape != expected:
+            raise ValueError(f"the graph gives force_n of the shape {outputs['force_n'].shape}, expected {expected}")
+        self.check_outputs(outputs)
+
+    def check_outputs(self, outputs: Outputs) -> None:
+        """Computes from ``outputs`` for one image all that an estimate needs. Raises KeyError or ValueError."""
+        self.estimate_builder()(0, outputs)
 
     def describe(self) -> dict[str, Any]:
         """Returns the network, its training, errors, intervals and their basis."""

@@ -31,17 +31,19 @@ from ...types import (
 from ...vision import VisionSettings, auto_calibrate
 from .._reading import Abstention, read_actuation, read_view
 from .._session_metadata import missing_metadata
+from .._values import stored_array, stored_number
 from ..uncertainty import Interval, LastLayerLaplace, OodDetector, fit_laplace, fit_ood_detector, wider_interval
-from ._calibration import CalibrationBatch, spread_evenly
+from ._calibration import CalibrationBatch, Outputs, spread_evenly
 from ._compact_estimates import (
     AbstentionLimits,
     CompactEstimateBuilder,
     component_sigma,
     fit_abstention_limits,
+    heatmap_pixels,
     magnitude_sigma,
     normalised_interval,
 )
-from ._image_input import Window, catheter_window, crop_window, enlarged
+from ._image_input import BASE_SIDES, Window, catheter_window, crop_window, enlarged
 from ._network import BuildEstimate, NetworkEstimator
 from ._preparation import Arrays, InputReader, Spec, Specs
 from ._rate_compensation import History, RateCompensation, rate_compensation_from
@@ -59,6 +61,8 @@ STIFFNESS_NM2, LENGTH_M, DIAMETER_M = 4.3e-4, 0.04, 2.33e-3
 _KNOB_GAIN = "actuation.knob_gain_per_m_deg"
 _TRAINING_SIZE = 1.3
 """Side of the training images over that of the network's: there is room for augmentation."""
+_LONGEST_S = 10.0
+"""Largest value of a rate compensation; those found are tens of milliseconds."""
 _CALIBRATION_IMAGES = 10
 """Images in which the base's border is detected, where the metadata do not state it."""
 
@@ -272,6 +276,23 @@ class Compact(NetworkEstimator):
             history=History(),
         )
 
+    def check_outputs(self, outputs: Outputs) -> None:
+        """See `NetworkEstimator`."""
+        fitted = self._fitted()
+        count = int(fitted.known.sum())
+        component_sigma(outputs, LastLayerLaplace.of(fitted.arrays), COMPACT_UNIT_N)
+        OodDetector.of(fitted.arrays).score(outputs["grid"])
+        heatmap_pixels(outputs)
+        stored_array(fitted.arrays, "typical_sigma_n", (count + 1,), low=0.0)
+        if _rate_compensation(fitted.arrays).seconds.shape != (count, count):
+            raise ValueError(f"rate_compensation_s is no matrix for {count} components")
+        if (side := str(fitted.arrays["detected_base_side"])) not in (*BASE_SIDES, "none"):
+            raise ValueError(f"detected_base_side is {side[:20]!r}, no border of an image")
+        for name in ("in_distribution_logit", "contact_logit"):
+            if outputs[name].shape != (1,):
+                raise ValueError(f"the graph gives {name} of the shape {outputs[name].shape}, expected (1,)")
+        self.estimate_builder()(0, outputs)
+
     @property
     def uses_history(self) -> bool:
         """True where it was trained on frames that follow each other closely."""
@@ -300,10 +321,15 @@ class Compact(NetworkEstimator):
 
 
 def _rate_compensation(arrays: Arrays) -> RateCompensation:
-    seconds = np.asarray(arrays["rate_compensation_s"], np.float64)
-    return RateCompensation(seconds, float(arrays["sigma_factor_without_history"]))
+    return RateCompensation(
+        stored_array(arrays, "rate_compensation_s", (None, None), low=-_LONGEST_S, high=_LONGEST_S),
+        stored_number(arrays, "sigma_factor_without_history", low=0.0),
+    )
 
 
 def _limits(arrays: Arrays) -> AbstentionLimits:
-    names = ("min_heatmap_px", "max_sigma_n", "min_in_distribution_logit")
-    return AbstentionLimits(*(float(arrays[name]) for name in names))
+    return AbstentionLimits(
+        min_heatmap_px=stored_number(arrays, "min_heatmap_px", low=0.0),
+        max_sigma_n=stored_number(arrays, "max_sigma_n", low=0.0),
+        min_in_distribution_logit=stored_number(arrays, "min_in_distribution_logit", low=-math.inf),
+    )

@@ -70,6 +70,12 @@ class Dcfe(NetworkEstimator):
 
         return build
 
+    def check_outputs(self, outputs: Outputs) -> None:
+        """See `NetworkEstimator`."""
+        fitted = self._fitted()
+        OodDetector.of(fitted.arrays).score(outputs["pooled"])
+        EstimateBuilder(fitted.known, fitted.interval).valid(0, outputs["force_n"][0])
+
     def _read(self, observation: Observation, mask: Image | None = None) -> Arrays | Abstention:
         del mask
         view = read_view(observation, self.settings.view, "view")

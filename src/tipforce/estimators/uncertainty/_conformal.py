@@ -68,16 +68,29 @@ class Interval:
         }
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> "Interval":
-        """The inverse of `values`."""
+    def of(cls, values: Mapping[str, Any], known: BoolArray) -> "Interval":
+        """The inverse of `values`, for a method that estimates the ``known`` (3,) components.
+
+        Raises KeyError, TypeError or ValueError where they are no such intervals.
+        """
+        half = np.array([_from_json(value) for value in values["half_width_n"]], np.float64)
+        covariance = np.array([[_from_json(value) for value in row] for row in values["covariance_n2"]], np.float64)
+        magnitude = _from_json(values["magnitude_half_width_n"])
+        if values["coverage"] != COVERAGE:
+            raise ValueError(f"the intervals hold {values['coverage']} of the errors, expected {COVERAGE}")
+        if half.shape != (3,) or not (np.append(half[known], magnitude) >= 0).all():
+            raise ValueError(f"half-widths of intervals must not be negative, got {[*half.tolist(), magnitude]}")
+        used = covariance[np.ix_(known, known)] if covariance.shape == (3, 3) else np.array([[-1.0]])
+        if not (np.isfinite(used).all() and (np.diag(used) >= 0).all()):
+            raise ValueError(f"the errors have no covariance, got {covariance.tolist()}")
         return cls(
-            half_n=np.array([_from_json(value) for value in values["half_width_n"]]),
-            magnitude_half_n=_from_json(values["magnitude_half_width_n"]),
-            covariance_n2=np.array([[_from_json(value) for value in row] for row in values["covariance_n2"]]),
-            by_session=values["by_session"],
-            basis=values["basis"],
-            sessions=values["sessions"],
-            samples=values["samples"],
+            half_n=half,
+            magnitude_half_n=magnitude,
+            covariance_n2=covariance,
+            by_session=bool(values["by_session"]),
+            basis=str(values["basis"]),
+            sessions=int(values["sessions"]),
+            samples=int(values["samples"]),
         )
 
 

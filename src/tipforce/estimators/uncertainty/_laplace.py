@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...types import FloatArray
+from .._values import stored_array
 
 __all__ = ["LastLayerLaplace", "fit_laplace"]
 
@@ -36,8 +37,11 @@ class LastLayerLaplace:
 
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> "LastLayerLaplace":
-        """The inverse of `arrays`. Raises KeyError where they hold none."""
-        return cls(np.asarray(arrays["laplace_root_covariance"], np.float64))
+        """The inverse of `arrays`. Raises KeyError where they hold none, ValueError where it is no square matrix."""
+        root = stored_array(arrays, "laplace_root_covariance", (None, None))
+        if root.shape[0] != root.shape[1]:
+            raise ValueError(f"laplace_root_covariance has the shape {root.shape}, expected a square")
+        return cls(root)
 
 
 def fit_laplace(features: npt.NDArray[Any], initial: LastLayerLaplace | None = None) -> LastLayerLaplace:

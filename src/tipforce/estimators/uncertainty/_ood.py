@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...types import FloatArray, ForceEstimate, Status
+from .._values import stored_array
 
 __all__ = ["FeatureDistribution", "OodDetector", "fit_feature_distribution", "fit_ood_detector"]
 
@@ -21,6 +22,8 @@ _MAX_DIRECTIONS, _EXPLAINED_VARIANCE = 100, 0.95
 _THRESHOLD_QUANTILE = 0.995
 """Share of the held-out features whose distance is below the threshold, before `_MARGIN`."""
 _MARGIN = 1.1
+_LEAST = 1e-9
+"""Smallest standard deviation along a direction."""
 _CONTAINED = 0.9
 """Share of the held-out images that must lie in the initial network's distribution for it to be kept."""
 
@@ -64,11 +67,15 @@ class FeatureDistribution:
 
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> "FeatureDistribution":
-        """The inverse of `arrays`."""
-        centre, directions, deviation = (
-            np.asarray(arrays[name], np.float64) for name in ("centre", "directions", "deviation")
-        )
-        return cls(centre, directions, deviation, *(float(value) for value in arrays["scales"]))
+        """The inverse of `arrays`. Raises KeyError where one is missing, ValueError where they do not fit."""
+        centre = stored_array(arrays, "centre", (None,))
+        directions = stored_array(arrays, "directions", (len(centre), None))
+        deviation = stored_array(arrays, "deviation", (directions.shape[1],), low=_LEAST)
+        scales = stored_array(arrays, "scales", (None,), low=0.0)
+        found = cls(centre, directions, deviation, *scales.tolist())  # older models leave the weight out
+        if not (found.residual > 0 and found.threshold > 0 and found.weight <= 1):
+            raise ValueError("the scales of a distribution of features must be positive")
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,59 @@
+"""Numbers of a stored model, which somebody may have changed: finite, of the right shape, within plausible limits."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..types import FloatArray
+
+__all__ = ["LARGEST", "stored_array", "stored_number"]
+
+LARGEST = 1e12
+"""No fitted number is larger, in whatever unit."""
+
+
+def stored_array(
+    arrays: Mapping[str, npt.NDArray[Any]],
+    name: str,
+    shape: tuple[int | None, ...],
+    *,
+    low: float = -LARGEST,
+    high: float = LARGEST,
+) -> FloatArray:
+    """An array of a stored model.
+
+    Args:
+        arrays: all of them by name.
+        name: which one.
+        shape: what it must have; None: any length.
+        low: smallest value.
+        high: largest value.
+
+    Raises:
+        KeyError: there is no such array.
+        ValueError: it has another shape, holds no numbers, or one that is not finite or beyond the limits.
+    """
+    found = arrays[name]
+    if len(found.shape) != len(shape) or any(
+        want not in (None, got) for want, got in zip(shape, found.shape, strict=True)
+    ):
+        raise ValueError(f"{name} has the shape {found.shape}, expected {_text(shape)}")
+    if found.dtype.kind not in "biuf":
+        raise ValueError(f"{name} holds no numbers")
+    values = np.array(found, np.float64, order="C")
+    if not ((values >= low) & (values <= high)).all():  # also False for NaN
+        raise ValueError(f"{name} holds values that are not finite numbers from {low:g} to {high:g}")
+    return values
+
+
+def stored_number(
+    arrays: Mapping[str, npt.NDArray[Any]], name: str, *, low: float = -LARGEST, high: float = LARGEST
+) -> float:
+    """A single number of a stored model. Raises KeyError and ValueError as `stored_array` does."""
+    return float(stored_array(arrays, name, (), low=low, high=high))
+
+
+def _text(shape: tuple[int | None, ...]) -> str:
+    return f"({', '.join('n' if length is None else str(length) for length in shape)}{',' * (len(shape) == 1)})"

@@ -1,0 +1,178 @@
+"""What is in the file of a graph, looked at before any runtime loads it: operators, initialisers, external data.
+
+An ONNX file is a protocol buffer (``onnx.proto``: ModelProto, GraphProto, NodeProto, AttributeProto, TensorProto). The
+few fields that matter here are read from its bytes, for the package onnx is needed for export only.
+"""
+
+from collections.abc import Iterator
+
+from ...errors import ModelError
+
+__all__ = ["MAX_GRAPH_BYTES", "OPERATORS", "check_graph_file"]
+
+MAX_GRAPH_BYTES = 1 << 29
+"""Longest file of a graph; that of `dcfe` has 22 MB."""
+MAX_FIELDS = 1_000_000
+"""Most fields of the protocol buffer; that of `dcfe` has 2000."""
+
+# fmt: off
+OPERATORS = frozenset((
+    "Abs", "Add", "AveragePool", "BatchNormalization", "Cast", "CastLike", "Ceil", "Clip", "Concat", "Constant",
+    "Conv", "DequantizeLinear", "Div", "Dropout", "Elu", "Equal", "Erf", "Exp", "Expand", "Flatten", "Floor",
+    "Gather", "Gelu", "Gemm", "GlobalAveragePool", "GlobalMaxPool", "GreaterOrEqual", "Greater",
+    "GroupNormalization", "HardSigmoid", "HardSwish", "Identity", "InstanceNormalization", "LayerNormalization",
+    "LeakyRelu", "Less", "LessOrEqual", "Log", "LogSoftmax", "MatMul", "Max", "MaxPool", "Mean", "Min", "Mish",
+    "Mul", "Neg", "Not", "PRelu", "Pad", "Pow", "QLinearConv", "QLinearMatMul", "QuantizeLinear", "Reciprocal",
+    "ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Relu", "Reshape", "Resize", "Round", "Selu", "Shape",
+    "Sigmoid", "Sign", "Slice", "Softmax", "Softplus", "Split", "Sqrt", "Squeeze", "Sub", "Sum", "Tanh",
+    "Transpose", "Unsqueeze", "Where",
+))
+# fmt: on
+"""What a graph may consist of: neither loops nor branches, nothing random, and no operators of other domains."""
+
+_MAX_DIMENSIONS = 16
+
+
+def check_graph_file(data: bytes, where: str) -> None:
+    """Looks through the bytes of a graph.
+
+    Args:
+        data: the bytes.
+        where: what error messages call it.
+
+    Raises:
+        ModelError: it is too long, no graph, has operators that are not among `OPERATORS`, functions of its own, more
+            than one graph, data in other files, or tensors that claim more values than are in the file.
+    """
+    if len(data) > MAX_GRAPH_BYTES:
+        raise ModelError(f"{where}: has {len(data)} bytes, more than {MAX_GRAPH_BYTES}, which no model here needs")
+    try:
+        _Check(where).model(memoryview(data))
+    except (IndexError, ValueError) as error:
+        raise ModelError(
+            f"{where}: is damaged or no network's graph ({error}); copy the whole model folder again, or train the "
+            "model again"
+        ) from None
+
+
+class _Check:
+    """Walks through the messages of one file, each a memoryview. Raises IndexError or ValueError for damage."""
+
+    def __init__(self, where: str) -> None:
+        self._where = where
+        self._fields_left = MAX_FIELDS
+
+    def model(self, model: memoryview) -> None:
+        graphs = 0
+        for number, value in self._fields(model):
+            if number in (20, 25):
+                raise self._refused("has functions or training steps of its own")
+            if number == 7:
+                graphs += 1
+                self._graph(_message(value))
+        if graphs != 1:
+            raise ValueError("no graph, or several that would be merged")
+
+    def _graph(self, graph: memoryview) -> None:
+        for number, value in self._fields(graph):
+            if number == 1:
+                self._node(_message(value))
+            elif number == 5:
+                self._tensor(_message(value))
+            elif number == 15:
+                raise self._refused("has sparse tensors")
+
+    def _node(self, node: memoryview) -> None:
+        kind = domain = b""
+        for number, value in self._fields(node):
+            if number == 4:
+                kind = bytes(_message(value))
+            elif number == 7:
+                domain = bytes(_message(value))
+            elif number == 5:
+                self._attribute(_message(value))
+        name = kind.decode("ascii", "backslashreplace")
+        if domain not in (b"", b"ai.onnx") or name not in OPERATORS:
+            full = f"{domain.decode('ascii', 'backslashreplace')}.{name}" if domain else name
+            raise self._refused(f"has the operator {full[:100]!r}")
+
+    def _attribute(self, attribute: memoryview) -> None:
+        for number, value in self._fields(attribute):
+            if number in (5, 10):
+                self._tensor(_message(value))
+            elif number in (6, 11, 22, 23):
+                raise self._refused("has graphs or sparse tensors within its operators")
+
+    def _tensor(self, tensor: memoryview) -> None:
+        """Each value takes a byte at least, so a tensor cannot have more values than its message has bytes."""
+        lengths: list[int] = []
+        for number, value in self._fields(tensor):
+            if number == 1:
+                lengths += [value] if isinstance(value, int) else _first_numbers(value)
+            elif number == 13 or (number == 14 and value != 0):
+                raise self._refused("keeps data in other files")
+        values = 1
+        for length in lengths:
+            values = min(values * length, 1 << 63)
+        if values > len(tensor) or len(lengths) > _MAX_DIMENSIONS:
+            claimed = " x ".join(str(length) for length in lengths[:_MAX_DIMENSIONS])
+            raise ModelError(
+                f"{self._where}: a tensor claims {claimed} values, but has {len(tensor)} bytes; copy the whole model "
+                "folder again"
+            )
+
+    def _fields(self, message: memoryview) -> Iterator[tuple[int, memoryview | int]]:
+        """Number and value of each field: an integer, or bytes."""
+        at = 0
+        while at < len(message):
+            self._fields_left -= 1
+            if self._fields_left < 0:
+                raise ModelError(f"{self._where}: has more than {MAX_FIELDS} fields, which no model here needs")
+            key, at = _varint(message, at)
+            kind = key & 7
+            if kind == 0:
+                value, at = _varint(message, at)
+                yield key >> 3, value
+                continue
+            if kind == 2:
+                length, at = _varint(message, at)
+            elif kind in (1, 5):
+                length = 8 if kind == 1 else 4
+            else:
+                raise ValueError(f"wire type {kind}")
+            if at + length > len(message):
+                raise ValueError("cut off")
+            yield key >> 3, message[at : at + length]
+            at += length
+
+    def _refused(self, what: str) -> ModelError:
+        return ModelError(
+            f"{self._where}: {what}; graphs that `tipforce train` writes have none: train the model again"
+        )
+
+
+def _message(value: memoryview | int) -> memoryview:
+    if isinstance(value, int):
+        raise ValueError("a number where a message belongs")
+    return value
+
+
+def _first_numbers(packed: memoryview) -> list[int]:
+    """Of numbers one after the other, a few more than a tensor has dimensions."""
+    found: list[int] = []
+    at = 0
+    while at < len(packed) and len(found) <= _MAX_DIMENSIONS:
+        value, at = _varint(packed, at)
+        found.append(value)
+    return found
+
+
+def _varint(message: memoryview, at: int) -> tuple[int, int]:
+    value = 0
+    for shift in range(0, 70, 7):
+        byte = message[at]
+        at += 1
+        value |= (byte & 0x7F) << shift
+        if byte < 0x80:
+            return value, at
+    raise ValueError("a number of more than ten bytes")
