@@ -6,6 +6,7 @@ checked when a file is opened without reading the chunks, and each chunk when it
 """
 
 import io
+import os
 import struct
 import zlib
 from collections.abc import Iterator
@@ -188,8 +189,8 @@ class Container:
         self._stream.close()
 
     def _read_at(self, place: int, size: int) -> bytes:
-        """Up to ``size`` bytes of the file; none where an offset is so large that it cannot be sought."""
-        if place >= 1 << 63:
+        """Up to ``size`` bytes of the file; none beyond its end, where an offset may not even be sought."""
+        if place >= os.fstat(self._stream.fileno()).st_size:
             return b""
         self._stream.seek(place)
         return self._stream.read(size)
