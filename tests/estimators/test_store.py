@@ -305,7 +305,7 @@ def signed_again(folder: Path, change: Callable[[dict[str, Any]], None] = lambda
         (interval(half_width_n=[0.1]), "half-widths of intervals"),
         (interval(covariance_n2=[[-1.0] * 3] * 3), "no covariance"),
         (state(known=[True]), "does not fit the method svr"),
-        (state(actuation_limits=[[0.0, 1.0], [0.0, 1.0]]), "has not a pair for each actuation"),
+        (state(actuation_limits={"knob_deg": [0.0, 1e30]}), "does not fit the method svr"),
         (state(vision={"settings": {"roi": [1e9, 0, 2e9, 1]}}), "does not fit the method svr"),
     ],
 )

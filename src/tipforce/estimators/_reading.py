@@ -1,6 +1,6 @@
 """What every method reads from an observation, and the reason where it cannot."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,28 +53,29 @@ def actuation_names(wanted: Sequence[str] | None, dataset: Dataset) -> tuple[str
 _MARGIN = 0.1
 
 
-def limits_of(names: Sequence[str], dataset: Dataset) -> FloatArray:
-    """(len(names), 2): smallest and largest value of each actuation that a model trained on ``dataset`` answers to.
+def limits_of(names: Iterable[str], dataset: Dataset) -> dict[str, tuple[float, float]]:
+    """Smallest and largest value of each actuation that a model trained on ``dataset`` answers to.
 
     They are those of the data and a margin: a tenth of the range, of the largest absolute value or of one unit,
-    whichever is largest, so that a drive that stood still in training may be read with some error.
+    whichever is largest, so that a drive that stood still in training may be read with some error. What is not in the
+    data has no limits.
     """
-    limits = np.empty((len(names), 2))
-    for row, name in enumerate(names):
-        values = dataset.actuation[name]
-        low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        margin = _MARGIN * max(high - low, abs(low), abs(high), 1.0)
-        limits[row] = low - margin, high + margin
+    limits: dict[str, tuple[float, float]] = {}
+    for name in names:
+        values = dataset.actuation.get(name, np.empty(0))
+        values = values[np.isfinite(values)]
+        if len(values):
+            low, high = float(values.min()), float(values.max())
+            margin = _MARGIN * max(high - low, abs(low), abs(high), 1.0)
+            limits[name] = low - margin, high + margin
     return limits
 
 
-def unlike_training(observation: Observation, names: Sequence[str], limits: FloatArray | None) -> Abstention | None:
-    """Why there is no estimate for an actuation beyond its ``limits`` (len(names), 2); None where all lie within."""
-    if limits is None:
-        return None
-    for name, (low, high) in zip(names, limits.tolist(), strict=True):
-        value = observation.actuation[name]
-        if not low <= value <= high:
+def unlike_training(observation: Observation, limits: Mapping[str, tuple[float, float]]) -> Abstention | None:
+    """Why there is no estimate for an actuation beyond its ``limits``; None where all lie within."""
+    for name, (low, high) in limits.items():
+        value = observation.actuation.get(name)
+        if value is not None and not low <= value <= high:
             return Abstention(
                 Status.OUT_OF_DISTRIBUTION,
                 f"the actuation is unlike the training data ({name} {value:g}, the limits are {low:g} and {high:g})",

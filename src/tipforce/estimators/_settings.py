@@ -83,9 +83,9 @@ class SvrSettings(BaseModel):
     hold_out: Literal["auto", "session", "sample"] = "auto"
     """What it holds out: whole `session`s (each alone up to ten, else in ten groups) for a model that is to work on new
     ones; shuffled `sample`s for one that is to work within those it has seen. `auto`: sessions from three on."""
-    training_samples: Annotated[int, Field(ge=20)] | None = None
+    training_samples: Annotated[int, Field(ge=20, le=1_000_000)] | None = None
     """Beyond the thesis: learn from at most so many samples, drawn with ``seed``; neighbouring frames say the same."""
-    tuning_samples: Annotated[int, Field(ge=20)] = 1000
+    tuning_samples: Annotated[int, Field(ge=20, le=1_000_000)] = 1000
     """At most so many samples, drawn with ``seed``, serve to choose and to find the interval. Where more serve to
     train, C becomes smaller in proportion, so that the data weigh as much against flatness as they did when chosen."""
     seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0

@@ -6,13 +6,14 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..vision import ResolvedVision
 from ._machine import Constants
+from ._values import LARGEST
 
 __all__ = ["SvrState"]
 
 _Names = tuple[str, ...]
-_Count = Annotated[int, Field(ge=0)]
-_Newtons = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-_Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Count = Annotated[int, Field(ge=0, lt=1 << 53)]
+_Newtons = Annotated[float, Field(ge=0, le=LARGEST)]
+_Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 
 
 class SvrState(BaseModel):
@@ -21,7 +22,7 @@ class SvrState(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore")
 
     actuation: _Names
-    actuation_limits: tuple[tuple[_Finite, _Finite], ...] | None = None
+    actuation_limits: dict[str, tuple[_Number, _Number]] = {}
     shape: _Names
     known: tuple[bool, bool, bool]
     constants: tuple[Constants, ...]

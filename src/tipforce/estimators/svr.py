@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ..datasets import Dataset
 from ..errors import InputError, ModelError, NotFittedError
 from ..types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
-from ..vision import ResolvedVision, SessionCalibration, auto_calibrate, session_vision
+from ..vision import ResolvedVision, SessionCalibration, ShapeDetector, auto_calibrate, session_vision
 from ._base import Estimator, Progress, no_progress
 from ._builder import AXES, EstimateBuilder
 from ._inputs import Inputs
@@ -45,8 +45,8 @@ class _Fitted:
     """Everything that was learnt."""
 
     actuation: tuple[str, ...]
-    actuation_limits: FloatArray | None
-    """(k, 2), see `limits_of`; None in models that were saved without."""
+    actuation_limits: Mapping[str, tuple[float, float]]
+    """See `limits_of`; empty in models that were saved before these were known."""
     shape: tuple[str, ...]
     known: BoolArray
     machines: Machines
@@ -224,10 +224,9 @@ class Svr(Estimator):
                 f"svr answers differ from scikit-learn's by up to {fitted.machines.parity_n:.2g} N, more than "
                 f"{PARITY_N:g} N: the model was not saved; train it with a smaller C"
             )
-        limits = fitted.actuation_limits
         values: dict[str, Any] = {
             "actuation": list(fitted.actuation),
-            **({} if limits is None else {"actuation_limits": limits.tolist()}),
+            "actuation_limits": {name: list(pair) for name, pair in fitted.actuation_limits.items()},
             "shape": list(fitted.shape),
             "known": fitted.known.tolist(),
             "targets": list(fitted.targets),
@@ -260,12 +259,11 @@ class Svr(Estimator):
             raise ValueError("force=magnitude goes with no known component")
         if not len(state.constants) == len(state.cv_rmse_n) == targets:
             raise ValueError(f"{targets} targets need as many constants and errors")
-        limits = None if state.actuation_limits is None else np.array(state.actuation_limits).reshape(-1, 2)
-        if limits is not None and len(limits) != len(state.actuation):
-            raise ValueError("actuation_limits has not a pair for each actuation")
+        if state.vision is not None:
+            ShapeDetector(state.vision)  # what does not fit is missed here, not at the first image
         svr.fitted_ = _Fitted(
             actuation=state.actuation,
-            actuation_limits=limits,
+            actuation_limits=state.actuation_limits,
             shape=state.shape,
             known=known,
             machines=Machines.of(arrays, features * len(svr.settings.window.lags_ms), targets, state.parity_n),
@@ -344,8 +342,7 @@ class SvrStream:
         if self._calibration is not None:
             self._calibrate(observation)
         if not isinstance(row, Abstention):
-            fitted = self._fitted
-            row = unlike_training(observation, fitted.actuation, fitted.actuation_limits) or row
+            row = unlike_training(observation, self._fitted.actuation_limits) or row
         if isinstance(row, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail, shape)
         if self._window is not None:

@@ -4,7 +4,10 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-__all__ = ["NotNegative", "Positive", "Range", "Settings", "Share"]
+__all__ = ["NotNegative", "Number", "Positive", "Range", "Settings", "Share", "Some"]
+
+_LARGEST = 1e9
+"""No value of a bench is larger, in whatever unit."""
 
 
 def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
@@ -13,10 +16,14 @@ def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
     return bounds
 
 
-Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+Number = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
+Range = Annotated[tuple[Number, Number], AfterValidator(_ordered)]
+Positive = Annotated[float, Field(gt=0, le=_LARGEST)]
+NotNegative = Annotated[float, Field(ge=0, le=_LARGEST)]
 Share = Annotated[float, Field(ge=0, le=1)]
+_Few = Annotated[int, Field(ge=0, le=100)]
+Some = tuple[_Few, _Few]
+"""(least, most) of what is drawn one by one."""
 
 
 class Settings(BaseModel):

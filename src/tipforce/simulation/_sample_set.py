@@ -25,9 +25,9 @@ class SampleSet(Settings):
     """``samples`` images of sessions with ``settings``, ``per_session`` of each."""
 
     settings: AnySimulationSettings
-    seed: Annotated[int, Field(ge=0)]
-    samples: Annotated[int, Field(ge=1)]
-    per_session: Annotated[int, Field(ge=1)]
+    seed: Annotated[int, Field(ge=0, lt=1 << 63)]
+    samples: Annotated[int, Field(ge=1, le=100_000_000)]
+    per_session: Annotated[int, Field(ge=1, le=1_000_000)]
     before_share: Share
     """Of the images: before the tip is brought to the wall."""
 

@@ -6,7 +6,7 @@ This is the only package that uses torch, which it imports when it is needed.
 from ._augmentation import Augmentation
 from ._checkpoint import CHECKPOINT_FILE, LOG_FILE, duration_text
 from ._compact import COMPACT_OUTPUTS, COMPACT_UNIT_N, CompactTask
-from ._config import TrainConfig
+from ._config import Batch, ClipNorm, Epochs, Rate, TrainConfig, WarmupEpochs, WeightDecay
 from ._data import HEATMAP_UNKNOWN, TrainingSamples, TrainValSplit, train_val_split
 from ._device import require_torch
 from ._export import export_graph, graph_weights, parity_n
@@ -24,14 +24,20 @@ __all__ = [
     "MAX_ERROR_GROWTH",
     "RESNET_OUTPUTS",
     "Augmentation",
+    "Batch",
+    "ClipNorm",
     "CompactTask",
+    "Epochs",
     "Progress",
+    "Rate",
     "ResnetTask",
     "Task",
     "TrainConfig",
     "TrainResult",
     "TrainValSplit",
     "TrainingSamples",
+    "WarmupEpochs",
+    "WeightDecay",
     "duration_text",
     "error_growth",
     "export_graph",

@@ -25,7 +25,7 @@ CURVATURE = 3
 """Index of the metadata feature that changes its sign in a mirrored image: the curvature that the knob sets."""
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Amount = Annotated[float, Field(ge=0.0)]
+Amount = Annotated[float, Field(ge=0.0, le=1000.0)]
 
 
 class Augmentation(BaseModel):

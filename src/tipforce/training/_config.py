@@ -4,7 +4,14 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["TrainConfig"]
+__all__ = ["Batch", "ClipNorm", "Epochs", "Rate", "TrainConfig", "WarmupEpochs", "WeightDecay"]
+
+Epochs = Annotated[int, Field(ge=1, le=1_000_000)]
+Batch = Annotated[int, Field(ge=2, le=65_536)]
+Rate = Annotated[float, Field(gt=0, le=1e3)]
+WeightDecay = Annotated[float, Field(ge=0, le=1e3)]
+WarmupEpochs = Annotated[float, Field(ge=0, le=1e6)]
+ClipNorm = Annotated[float, Field(gt=0, le=1e9)]
 
 
 class TrainConfig(BaseModel):
@@ -12,31 +19,31 @@ class TrainConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    epochs: Annotated[int, Field(ge=1)] = 100
+    epochs: Epochs = 100
     """Largest number of epochs."""
-    patience: Annotated[int, Field(ge=1)] | None = 30
+    patience: Epochs | None = 30
     """Early stopping: training ends after so many epochs without a smaller validation error; None: no early stopping.
     The weights of the best epoch are kept in any case."""
-    minutes: Annotated[float, Field(gt=0)] | None = None
+    minutes: Annotated[float, Field(gt=0, le=1e6)] | None = None
     """Training ends with the epoch in which this time is up. All runs of a resumed training count together."""
-    batch: Annotated[int, Field(ge=2)] = 32
+    batch: Batch = 32
     """Batch size."""
     optimiser: Literal["sgd", "adamw"] = "sgd"
     """Stochastic gradient descent with ``momentum``, or AdamW with its usual constants."""
-    rate: Annotated[float, Field(gt=0)] = 0.01
+    rate: Rate = 0.01
     """Learning rate."""
     momentum: Annotated[float, Field(ge=0, lt=1)] = 0.9
     """Momentum of `sgd`."""
-    weight_decay: Annotated[float, Field(ge=0)] = 0.0
+    weight_decay: WeightDecay = 0.0
     """Weight decay of the optimiser."""
     schedule: Literal["constant", "cosine", "plateau"] = "constant"
     """Learning-rate schedule: `cosine` falls to 0 at the end of ``epochs``; `plateau` halves the rate after
     ``plateau_epochs`` without a smaller validation error."""
-    plateau_epochs: Annotated[int, Field(ge=1)] = 10
+    plateau_epochs: Epochs = 10
     """Patience of `plateau`."""
-    warmup_epochs: Annotated[float, Field(ge=0)] = 0.0
+    warmup_epochs: WarmupEpochs = 0.0
     """The learning rate rises linearly over so many epochs first."""
-    clip_norm: Annotated[float, Field(gt=0)] | None = None
+    clip_norm: ClipNorm | None = None
     """Largest norm of the gradient; longer gradients are scaled down."""
     average: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Decay of the exponential moving average of the weights (0.999, for example). Above 0 the averaged weights are
@@ -48,7 +55,7 @@ class TrainConfig(BaseModel):
     where the share comes to at least one."""
     precision: Literal["auto", "fp32", "bf16"] = "auto"
     """Arithmetic of training. `auto`: bf16 where the hardware supports it, else fp32. Validation is always in fp32."""
-    workers: Annotated[int, Field(ge=1)] | None = None
+    workers: Annotated[int, Field(ge=1, le=1024)] | None = None
     """Threads that prepare batches; None: one on a CPU, up to eight beside a GPU. The result does not depend on it."""
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
     """Seed of the validation split, the initial weights, the order of the samples and the augmentation."""

@@ -10,7 +10,11 @@ __all__ = ["BaseSide", "Box", "Polarity", "ResolvedVision", "VisionSettings"]
 
 Polarity = Literal["auto", "dark", "light"]
 BaseSide = Literal["auto", "left", "right", "top", "bottom"]
-Box = tuple[int, int, int, int]
+_Pixel = Annotated[int, Field(ge=-(1 << 62), le=1 << 62)]
+Box = tuple[_Pixel, _Pixel, _Pixel, _Pixel]
+"""Clipped to the image."""
+_GreyLevel = Annotated[int, Field(ge=0, le=255)]
+_FoundPx = Annotated[float, Field(gt=0, le=1e9)]
 
 
 class VisionSettings(BaseModel):
@@ -33,7 +37,7 @@ class VisionSettings(BaseModel):
     """A marked box across the shaft where the base lies, for catheters that do not reach the border."""
     roi: Box | None = None
     """Only this part of the image is searched."""
-    threshold: Annotated[int, Field(ge=0, le=255)] | None = None
+    threshold: _GreyLevel | None = None
     """Grey level between catheter and ground: thesis algorithm 1, ``Thr = c``."""
     base_columns: Annotated[int, Field(ge=2, le=10_000)] = 20
     """Columns (rows for a base at the top or bottom) scanned for base points: thesis algorithm 1, ``BS = N``."""
@@ -63,16 +67,16 @@ class ResolvedVision(BaseModel):
     base_side: Literal["left", "right", "top", "bottom"]
     base_region: Box | None = None
     roi: Box | None = None
-    threshold: int | None = None
-    diameter_px: float | None = None
-    length_px: float | None = None
+    threshold: _GreyLevel | None = None
+    diameter_px: _FoundPx | None = None
+    length_px: _FoundPx | None = None
     """Length of the catheter from the base line to its tip. None: unknown."""
-    length_tolerance: float
+    length_tolerance: Annotated[float, Field(ge=0, le=1)]
     """``length_px`` is right within this share of it."""
-    nominal_px: tuple[float, float] | None = None
+    nominal_px: tuple[_FoundPx, _FoundPx] | None = None
     """Nominal length and diameter of the catheter. In a session of another scale or catheter ``length_px`` and
     ``diameter_px`` change in proportion."""
-    tip_template: tuple[int, ...] | None = None
+    tip_template: Annotated[tuple[_GreyLevel, ...], Field(max_length=1000)] | None = None
     """Grey levels of the last stretch of the catheter in the session of the auto-calibration: by rows from the tip
     back, points across and channels. None: unknown."""
 

@@ -32,7 +32,7 @@ from ...training import (
 from ...types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
 from .._base import FineTunable, Progress
 from .._builder import AXES, EstimateBuilder
-from .._reading import Abstention, actuation_names
+from .._reading import Abstention, actuation_names, limits_of, unlike_training
 from .._summary import ModelSummary, left_out_by_session
 from ..uncertainty import Interval, conformal_interval
 from ._calibration import CalibrationBatch, Outputs, quantise_checked, spread_evenly
@@ -80,6 +80,7 @@ class FittedNetwork:
 
     Attributes:
         actuation: names of the actuation values among its inputs.
+        actuation_limits: name -> smallest and largest value that it answers to, see `limits_of`.
         known: (3,) which force components it estimates.
         graph: the graph that is used.
         data: bytes of the graph in 32 bits.
@@ -92,6 +93,7 @@ class FittedNetwork:
     """
 
     actuation: tuple[str, ...]
+    actuation_limits: Mapping[str, tuple[float, float]]
     known: BoolArray
     graph: Graph
     data: bytes
@@ -149,6 +151,11 @@ class NetworkEstimator(FineTunable):
         """Returns the names of the metadata that all sessions have, which are then required, and that any has."""
         del dataset
         return (), ()
+
+    def further_actuation(self, required_metadata: Sequence[str]) -> tuple[str, ...]:
+        """Returns actuation that is needed beside the one that joins the network's inputs as it is."""
+        del required_metadata
+        return ()
 
     def fit_arrays(self, calibration: CalibrationBatch) -> Arrays:
         """Fit what a method keeps beside its graph, such as its uncertainty."""
@@ -259,6 +266,7 @@ class NetworkEstimator(FineTunable):
         trained_on = f"{len(index)} samples of {dataset.title}"
         self.fitted_ = FittedNetwork(
             actuation=names,
+            actuation_limits=self._actuation_limits(dataset, (*names, *self.further_actuation(required))),
             known=known,
             graph=graph,
             data=data,
@@ -284,6 +292,18 @@ class NetworkEstimator(FineTunable):
         sampling = f"{'held-out' if split.by_session else 'random'} samples that also chose the epoch,"
         self._set_interval(held_out, sampling, lambda share: report("measuring", 0.96 + 0.04 * share))
         return self
+
+    def _actuation_limits(self, dataset: Dataset, names: Sequence[str]) -> dict[str, tuple[float, float]]:
+        """Returns the limits of ``dataset``, not narrower than those of the initial model, where that used the same."""
+        limits, initial = limits_of(dict.fromkeys(names), dataset), self._init_from
+        if initial is None:
+            return limits
+        before = initial._fitted().actuation_limits
+        return {
+            name: (min(low, before[name][0]), max(high, before[name][1])) if name in before else (low, high)
+            for name, (low, high) in limits.items()
+            if name in before or name not in initial.required_actuation  # else it answers to more, how much is unknown
+        }
 
     def _prepared(
         self, dataset: Dataset, actuation: tuple[str, ...], folder: Path, report: Callable[[float], None]
@@ -366,7 +386,7 @@ class NetworkEstimator(FineTunable):
         del images  # its window follows from the metadata
         fitted = self._fitted()
         reader = self.reader(info, training=False)
-        return NetworkStream(fitted.graph, reader, fitted.actuation, self.estimate_builder())
+        return NetworkStream(fitted, reader, self.estimate_builder())
 
     def estimate_builder(self) -> BuildEstimate:
         """Returns what makes estimates from the graph's outputs, for one session."""
@@ -397,6 +417,7 @@ class NetworkEstimator(FineTunable):
         fitted = self._fitted()
         values = {
             "actuation": list(fitted.actuation),
+            "actuation_limits": {name: list(pair) for name, pair in fitted.actuation_limits.items()},
             "known": fitted.known.tolist(),
             "interval": fitted.interval.values(),
             "facts": fitted.facts,
@@ -426,6 +447,7 @@ class NetworkEstimator(FineTunable):
         graph = Graph(files[QUANTISED_FILE], QUANTISED_FILE) if quantised else Graph(files[GRAPH_FILE], GRAPH_FILE)
         made.fitted_ = FittedNetwork(
             actuation=state.actuation,
+            actuation_limits=state.actuation_limits,
             known=known,
             graph=graph,
             data=files[GRAPH_FILE],
@@ -495,15 +517,18 @@ class NetworkEstimator(FineTunable):
 class NetworkStream:
     """One session, frame after frame; ``build`` keeps what is needed of earlier frames."""
 
-    def __init__(self, graph: Graph, reader: InputReader, actuation: tuple[str, ...], build: BuildEstimate) -> None:
-        self._graph, self._reader, self._actuation, self._build = graph, reader, actuation, build
+    def __init__(self, fitted: FittedNetwork, reader: InputReader, build: BuildEstimate) -> None:
+        self._fitted, self._reader, self._build = fitted, reader, build
 
     def update(self, observation: Observation) -> ForceEstimate:
         """Returns the estimate for this observation; its status says why where there is no force."""
-        row = read_inputs(self._reader, self._actuation, observation)
+        fitted = self._fitted
+        row = read_inputs(self._reader, fitted.actuation, observation)
+        if not isinstance(row, Abstention):
+            row = unlike_training(observation, fitted.actuation_limits) or row
         if isinstance(row, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail)
-        return self._build(observation.stamp_ns, self._graph(**{name: value[None] for name, value in row.items()}))
+        return self._build(observation.stamp_ns, fitted.graph(**{name: value[None] for name, value in row.items()}))
 
 
 def _no_progress(what: str, share: float) -> None:

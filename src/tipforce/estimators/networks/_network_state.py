@@ -1,8 +1,15 @@
 """What a stored network says beside its graph, checked when it is loaded."""
 
-from pydantic import BaseModel, ConfigDict
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from .._values import LARGEST
 
 __all__ = ["NetworkState"]
+
+
+_Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 
 
 class NetworkState(BaseModel):
@@ -11,5 +18,7 @@ class NetworkState(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore")
 
     actuation: tuple[str, ...]
+    actuation_limits: dict[str, tuple[_Number, _Number]] = {}
+    """In models that were saved before it was known: nothing."""
     known: tuple[bool, bool, bool]
     sessions: tuple[str, ...]

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field
 
-from ...training import Augmentation, TrainConfig
+from ...training import Augmentation, Batch, ClipNorm, Epochs, Rate, TrainConfig, WarmupEpochs, WeightDecay
 from ._image_input import WINDOW_LENGTHS
 
 __all__ = ["CompactSettings", "DcfeSettings"]
@@ -54,18 +54,18 @@ class DcfeSettings(NetworkSettings):
     """Force components: `xy` as in the thesis, or `all` that the training data have."""
     actuation: tuple[str, ...] | None = ()
     """Beyond the thesis: names of actuation values that join the image's features; None: all of the dataset."""
-    epochs: Annotated[int, Field(ge=1)] = 10_000
+    epochs: Epochs = 10_000
     """Largest number of epochs, as in the thesis."""
-    patience: Annotated[int, Field(ge=1)] | None = 60
+    patience: Epochs | None = 60
     """Early stopping after so many epochs without a smaller validation error; None: all ``epochs``."""
-    batch: Annotated[int, Field(ge=2)] = 16
+    batch: Batch = 16
     """Batch size."""
-    rate: Annotated[float, Field(gt=0)] = 0.0003
+    rate: Rate = 0.0003
     """Learning rate. The gradient of eq. (19) is about 1 however small the error is, and the forces are not
     normalised, so larger rates overshoot forces of 0.1 N and diverge."""
     schedule: Literal["constant", "cosine", "plateau"] = "plateau"
     """Learning-rate schedule. For the same reason a constant rate does not converge."""
-    plateau_epochs: Annotated[int, Field(ge=1)] = 15
+    plateau_epochs: Epochs = 15
     """Patience of `plateau`."""
 
 
@@ -79,9 +79,9 @@ class CompactSettings(NetworkSettings):
     actuation: tuple[str, ...] | None = ()
     """Names of actuation values that join the metadata as they are; None: all of the dataset. The knob needs no
     mention: where the metadata has its gain, the network is given the curvature that it sets anyway."""
-    size: Annotated[int, Field(ge=64, multiple_of=32)] = 160
+    size: Annotated[int, Field(ge=64, le=4096, multiple_of=32)] = 160
     """Side of the network's image in pixels."""
-    lengths: Annotated[float, Field(gt=1)] = WINDOW_LENGTHS
+    lengths: Annotated[float, Field(gt=1, le=1000)] = WINDOW_LENGTHS
     """Side of the window in nominal lengths of the catheter: it is to show what the tip touches, too."""
     base_side: Literal["auto", "left", "right", "top", "bottom", "none"] = "auto"
     """Border at which the base lies. `auto`: from the metadata, else detected; `none`: the whole image is used."""
@@ -91,24 +91,24 @@ class CompactSettings(NetworkSettings):
     """Share of in-distribution images without an estimate: those with the largest predicted uncertainty."""
     augmentation: Augmentation = Augmentation()
     """Data augmentation."""
-    epochs: Annotated[int, Field(ge=1)] = 30
+    epochs: Epochs = 30
     """Largest number of epochs."""
-    patience: Annotated[int, Field(ge=1)] | None = None
+    patience: Epochs | None = None
     """Early stopping after so many epochs without a smaller validation error; None: never, for the learning rate
     falls with the number of epochs."""
-    batch: Annotated[int, Field(ge=2)] = 64
+    batch: Batch = 64
     """Batch size."""
     optimiser: Literal["sgd", "adamw"] = "adamw"
     """Stochastic gradient descent with ``momentum``, or AdamW with its usual constants."""
-    rate: Annotated[float, Field(gt=0)] = 0.002
+    rate: Rate = 0.002
     """Learning rate."""
-    weight_decay: Annotated[float, Field(ge=0)] = 0.02
+    weight_decay: WeightDecay = 0.02
     """Weight decay of the optimiser."""
     schedule: Literal["constant", "cosine", "plateau"] = "cosine"
     """See `TrainConfig`."""
-    warmup_epochs: Annotated[float, Field(ge=0)] = 0.5
+    warmup_epochs: WarmupEpochs = 0.5
     """The learning rate rises linearly over so many epochs first."""
-    clip_norm: Annotated[float, Field(gt=0)] | None = 1.0
+    clip_norm: ClipNorm | None = 1.0
     """Largest norm of the gradient; longer gradients are scaled down."""
     average: Annotated[float, Field(ge=0, lt=1)] = 0.998
     """See `TrainConfig`."""

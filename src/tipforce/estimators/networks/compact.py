@@ -141,8 +141,11 @@ class Compact(NetworkEstimator):
     def required_actuation(self) -> tuple[str, ...]:
         """What it was trained with; the knob, too, where its gain is required. Raises NotFittedError."""
         fitted = self._fitted()
-        with_knob = _KNOB_GAIN in self.required_metadata and KNOB not in fitted.actuation
-        return (*fitted.actuation, KNOB) if with_knob else fitted.actuation
+        return tuple(dict.fromkeys((*fitted.actuation, *self.further_actuation(self.required_metadata))))
+
+    def further_actuation(self, required_metadata: Sequence[str]) -> tuple[str, ...]:
+        """See `NetworkEstimator`: the knob, whose gain makes a curvature of it."""
+        return (KNOB,) if _KNOB_GAIN in required_metadata else ()
 
     def heatmap_spec(self) -> Spec:
         """See `NetworkEstimator`: a quarter of the image's size."""

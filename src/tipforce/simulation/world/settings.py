@@ -47,7 +47,7 @@ class ShaftSettings(Settings):
     creep_share: Share = 0.03
     creep_s: Positive = 2.0
     """Under a steady moment the bend grows by this share of itself, with this time constant."""
-    sessions_per_catheter: Annotated[int, Field(ge=1)] = 1
+    sessions_per_catheter: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     """Consecutive sessions that share one draw of the catheter."""
 
 

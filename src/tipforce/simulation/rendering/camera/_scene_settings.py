@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from ..._fields import NotNegative, Positive, Range, Settings, Share
+from ..._fields import NotNegative, Number, Positive, Range, Settings, Share, Some
 from ._scene import (
     BackgroundAppearance,
     CameraScene,
@@ -39,13 +39,13 @@ class SceneRanges(Settings):
     colour: bool = True
     """RGB images, as the thesis's; else grey ones."""
     exposure_s: NotNegative = 8e-3
-    jpeg_quality: tuple[int, int] = (85, 95)
+    jpeg_quality: Some = (85, 95)
 
     scale_m_per_px: Range = (0.19e-3, 0.21e-3)
     """In the base frame's plane, at 640 columns."""
     camera_distance_m: Range = (0.35, 0.50)
     base_side: Literal["left", "right", "top", "bottom"] = "left"
-    base_inset_m: float = -1.6e-3
+    base_inset_m: Number = -1.6e-3
     """How far inside the image's border the base lies; negative: beyond it."""
     base_shift_m: Range = (-1e-3, 1e-3)
     base_turn_deg: Range = (-2.0, 2.0)
@@ -71,7 +71,7 @@ class SceneRanges(Settings):
     light_spot: Range = (0.0, 0.15)
     """How much brighter the middle of a lamp's pool is than its rim."""
     vignetting: Range = (0.02, 0.18)
-    lamps: tuple[int, int] = (1, 2)
+    lamps: Some = (1, 2)
     lamp_elevation_deg: Range = (40.0, 78.0)
     lamp_size_deg: Range = (2.0, 18.0)
     """As seen from the table: what makes shadows soft."""
@@ -87,7 +87,7 @@ class SceneRanges(Settings):
     ground_lines_grey: Range = (6.0, 30.0)
     ground_depth_m: Range = (8e-3, 40e-3)
     """Below the catheter."""
-    objects: tuple[int, int] = (1, 5)
+    objects: Some = (1, 5)
     objects_clear_m: Range = (14e-3, 20e-3)
     """They stay this far from the unbent catheter's axis; where it is not above 0, they may lie under the catheter."""
 
@@ -106,7 +106,7 @@ class SceneRanges(Settings):
     """What the silhouette mirrors of its surroundings."""
     wear: Range = (0.0, 0.08)
 
-    tissue_colours: tuple[tuple[float, float, float], ...] = (
+    tissue_colours: tuple[tuple[NotNegative, NotNegative, NotNegative], ...] = (
         (205, 150, 140), (188, 112, 104), (214, 196, 172), (196, 188, 178), (170, 96, 92),
     )  # fmt: skip
     tissue_over_tip: Share = 0.0

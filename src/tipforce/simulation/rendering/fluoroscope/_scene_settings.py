@@ -10,7 +10,7 @@ import numpy as np
 
 from ....geometry import Pose
 from ....types import FloatArray
-from ..._fields import NotNegative, Positive, Range, Settings, Share
+from ..._fields import NotNegative, Positive, Range, Settings, Share, Some
 from ._c_arm import CArm, perturbed
 from ._scene import Anatomy, Beam, CatheterConstruction, Detector, Instrument, Rhythm, XrayScene, XrayView
 
@@ -84,7 +84,7 @@ class XrayRanges(Settings):
     core: Range = (0.01, 0.06)
     uneven: Range = (0.0, 0.08)
 
-    devices: tuple[int, int] = (1, 4)
+    devices: Some = (1, 4)
     """Wires, diagnostic catheters and leads that cross the image."""
     probe: Share = 0.12
     """Sessions with an ultrasound probe in the oesophagus."""
@@ -100,7 +100,7 @@ class XrayRanges(Settings):
     dome_m: Range = (-75e-3, -45e-3)
     heart_size: Range = (0.85, 1.2)
     sternal_wires: Share = 0.35
-    leads: tuple[int, int] = (0, 3)
+    leads: Some = (0, 3)
 
 
 FLUORO = XrayRanges()
