@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tipforce.errors import InputError
 from tipforce.estimators.networks._image_input import catheter_window, crop_window, enlarged
 from tipforce.types import Catheter, SessionInfo, ViewInfo
 
@@ -66,3 +67,10 @@ def test_without_a_sheet_it_is_the_whole_picture():
     window = catheter_window(SessionInfo(), "camera", (64, 64), None)
     assert window.size_px == 64
     assert np.array_equal(crop_window(random_image()[:64, :64], window, 64), random_image()[:64, :64])
+
+
+def test_a_scale_that_is_not_in_metres_is_refused() -> None:
+    with pytest.raises(
+        InputError, match=r"0\.048 m at views\.camera\.metres_per_px = 1e-08 would be 4\.8e\+06 px long"
+    ):
+        catheter_window(bench(1e-8), "camera", (480, 640), "left")

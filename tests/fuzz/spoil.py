@@ -101,7 +101,7 @@ class Spoiler:
             elif what < 0.85 and isinstance(holder, dict):
                 holder[self.dice.choice(("", "a", "x" * 300, "__proto__", str(key).upper(), "\x1b[1m"))] = holder[key]
             elif what < 0.9:
-                holder[key] = _deep(self.dice.choice((3, 50, 200)), holder[key])
+                holder[key] = _deep(self.dice.choice((3, 30, 100)), holder[key])
             elif isinstance(holder, list):
                 holder.insert(key, holder[key])
             else:
@@ -130,7 +130,10 @@ class Spoiler:
             if not arrays:
                 break
             name = self.dice.choice(sorted(arrays))
-            arrays[name] = self._array(np.asarray(arrays[name]))
+            try:
+                arrays[name] = self._array(np.asarray(arrays[name]))
+            except (TypeError, ValueError, OverflowError):
+                continue  # text does not become a number
             if self.dice.random() < 0.1:
                 arrays[self.dice.choice(("x", "../x", "shift", ""))] = arrays.pop(name)
         buffer = io.BytesIO()

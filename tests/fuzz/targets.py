@@ -527,7 +527,7 @@ def _dicom(spoiler: Spoiler, corpus: Path, folder: Path) -> Path:
                 delattr(data, name)
             else:
                 setattr(data, name, spoiler.dice.choice(strange))
-        except (AttributeError, TypeError, ValueError):
+        except (AttributeError, OverflowError, TypeError, ValueError):
             continue
     buffer = io.BytesIO()
     try:

@@ -82,3 +82,11 @@ def test_a_file_longer_than_any_image_is_not_read(tmp_path: Path) -> None:
         stream.truncate(1 << 40)  # a hole, not a terabyte
     with pytest.raises(FileFormatError, match="more than the largest image that is read"):
         read_image(tmp_path / "long.png")
+
+
+@pytest.mark.parametrize("length", [0x7FFFFFFF, 0xFFFFFFFF, 100_000])
+def test_a_chunk_of_a_png_that_claims_more_than_the_file_is_refused(tmp_path: Path, length: int) -> None:
+    data = cv2.imencode(".png", np.zeros((9, 9), np.uint8))[1].tobytes()
+    (tmp_path / "a.png").write_bytes(data[:33] + length.to_bytes(4, "big") + data[37:])
+    with pytest.raises(FileFormatError, match=r"a\.png: the image is missing, empty or damaged"):
+        read_image(tmp_path / "a.png")

@@ -190,5 +190,14 @@ def test_a_force_that_no_sensor_reads_is_refused(tmp_path: Path, force_n: float)
     with RecordingWriter(path, SessionInfo("run")) as writer:
         for k, value in enumerate((0.1, force_n, math.nan)):
             writer.write(Wrench(k * 10**9, np.array([0.0, value, math.nan]), np.full(3, math.nan), "sensor"))
-    with RecordingReader(path) as reader, pytest.raises(FileFormatError, match=r"run\.mcap: the force at 1\.000 s is"):
+    with RecordingReader(path) as reader, pytest.raises(FileFormatError, match=r"run\.mcap: force at 1\.000 s is"):
         reader.wrenches()
+
+
+def test_a_knob_that_turns_for_years_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with RecordingWriter(path, SessionInfo("run")) as writer:
+        writer.write(Actuation(0, {"knob_deg": 10.0}))
+        writer.write(Actuation(10**9, {"knob_deg": 1e59}))
+    with RecordingReader(path) as reader, pytest.raises(FileFormatError, match=r"knob_deg at 1\.000 s is 1e\+59, exp"):
+        list(reader.events())

@@ -226,3 +226,17 @@ def test_recordings_without_checksums_are_read_as_before(recording: Path) -> Non
     before = events_of(recording)
     recording.write_bytes(raw)
     assert events_of(recording) == before
+
+
+@pytest.mark.parametrize("length", [0, 1, 2**63, 2**64 - 1])
+def test_an_index_that_states_no_length_of_a_chunk_ends_the_recovery_all_the_same(recording: Path, length: int) -> None:
+    with recording.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    raw, chunk = recording.read_bytes(), summary.chunk_indexes[0]
+    place = raw.rindex(struct.pack("<QQ", chunk.chunk_start_offset, chunk.chunk_length)) + 8
+    raw = raw[:place] + struct.pack("<Q", length) + raw[place + 8 :]
+    damaged = recording.with_name("odd.mcap.part")
+    damaged.write_bytes(raw[:-12] + bytes(4) + raw[-8:])  # the checksum of the index is not stated
+    with pytest.warns(UserWarning, match="messages recovered"), RecordingReader(damaged) as reader:
+        assert len(reader.stamps("force")) < 1000

@@ -123,7 +123,7 @@ def test_a_summary_counts_pairs_and_labels_of_all_views(run, tmp_path):
     assert summary.labelled == 22
     assert summary.image_size == (32, 24)
     assert summary.figures()["paired_frames"] == {"b": 10}
-    plot_summary(summary, tmp_path / "plot.png")
+    plot_summary(summary, tmp_path / "drawn.png")
     result = CliRunner().invoke(app, ["inspect", str(run), "-o", str(tmp_path / "plot.png")])
     assert result.exit_code == 0
     assert "10 frames of the first view have one of b" in result.output

@@ -6,6 +6,7 @@ checked when a file is opened without reading the chunks, and each chunk when it
 """
 
 import io
+import os
 import struct
 import zlib
 from collections.abc import Iterator
@@ -187,6 +188,13 @@ class Container:
         """Close the file."""
         self._stream.close()
 
+    def _read_at(self, place: int, size: int) -> bytes:
+        """Up to ``size`` bytes of the file; none beyond its end, where an offset may not even be sought."""
+        if place >= os.fstat(self._stream.fileno()).st_size:
+            return b""
+        self._stream.seek(place)
+        return self._stream.read(size)
+
     def _damaged(self, number: int, why: str) -> FileFormatError:
         chunk = self.chunks[number]
         return FileFormatError(
@@ -199,8 +207,7 @@ class Container:
         index = self.chunks[number]
         if max(index.uncompressed_size, index.chunk_length) > MAX_CHUNK_BYTES:
             raise self._damaged(number, f"a chunk larger than {MAX_CHUNK_BYTES >> 20} MiB")
-        self._stream.seek(index.chunk_start_offset)
-        raw = self._stream.read(index.chunk_length)
+        raw = self._read_at(index.chunk_start_offset, index.chunk_length)
         try:
             opcode, length = _RECORD.unpack_from(raw)
             chunk = Chunk.read(ReadDataStream(io.BytesIO(memoryview(raw)[_RECORD.size :])))
@@ -226,8 +233,7 @@ class Container:
         place = self.chunks[number].message_index_offsets.get(channel)
         if place is None:
             return np.empty(0, np.int64), np.empty(0, np.int64)
-        self._stream.seek(place)
-        head = self._stream.read(15)
+        head = self._read_at(place, 15)
         if len(head) < 15:
             raise self._damaged(number, "the index of its messages is cut off")
         opcode, length, owner, room = struct.unpack("<BQHI", head)

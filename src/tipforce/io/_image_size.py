@@ -83,6 +83,12 @@ def encoded_size(data: bytes | memoryview) -> tuple[int, int] | None:
 
 
 def _png(data: memoryview) -> tuple[int, int]:
+    at = 8
+    while at + 4 <= len(data):
+        (length,) = struct.unpack_from(">I", data, at)
+        if length > len(data):  # the decoder would take that much memory before it looks
+            raise ValueError("a chunk is longer than the file")
+        at += 12 + length
     return struct.unpack_from(">II", data, 16)
 
 

@@ -12,7 +12,20 @@ from typing import Self, TypeVar
 import numpy as np
 
 from ..errors import FileFormatError, InputError
-from ..types import FORCE_RANGE, STAGE, Actuation, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, Wrench
+from ..types import (
+    FORCE_RANGE,
+    STAGE,
+    Actuation,
+    Event,
+    FloatArray,
+    Frame,
+    IntArray,
+    Range,
+    SensorInfo,
+    SessionInfo,
+    Wrench,
+    actuation_range,
+)
 from ._actuation import WAIT_S, ActuationSeries
 from ._cdr import (
     COMPRESSED_IMAGE,
@@ -156,7 +169,17 @@ class RecordingReader:
                 _, frame, force, torque = self._unpacked(unpack_wrench, raw, time_ns)
                 yield Wrench(time_ns, force, torque, frame)
             else:
-                yield Actuation(time_ns, self._unpacked(unpack_joints, raw, time_ns)[1], name)
+                values = self._unpacked(unpack_joints, raw, time_ns)[1]
+                for key, value in values.items():
+                    limits = actuation_range(key)
+                    if value < limits.low or value > limits.high:
+                        raise self._implausible(key, time_ns, value, limits)
+                yield Actuation(time_ns, values, name)
+
+    def _implausible(self, what: str, time_ns: int, value: float, limits: Range) -> FileFormatError:
+        return FileFormatError(
+            f"{self.path}: {what} at {time_ns * 1e-9:.3f} s is {value:g}, expected {limits}; record it again"
+        )
 
     def _unpacked(self, unpack: Callable[[bytes | memoryview], _T], raw: bytes | memoryview, time_ns: int) -> _T:
         try:
@@ -194,7 +217,10 @@ class RecordingReader:
         return self._of(stream).time_ns
 
     def wrench_blocks(self, stream: str = "force") -> Iterator[tuple[IntArray, FloatArray, str]]:
-        """Stamps (m,), force and torque (m, 6) and frame of reference, chunk by chunk."""
+        """Stamps (m,), force and torque (m, 6) and frame of reference, chunk by chunk.
+
+        Raises FileFormatError for a force that no sensor reads.
+        """
         channel, _ = self._topics[self._known(stream)]
         for number in range(len(self._file.chunks)):
             times, offsets = self._file.chunk_entries(number, channel)
@@ -209,25 +235,20 @@ class RecordingReader:
                 first = data[start : start + length].tobytes()
                 frame, place = self._unpacked(wrench_layout, first, int(times[same][0]))
                 places = offsets[same][:, None] + (MESSAGE_HEAD + place + np.arange(48))
-                yield times[same], data[places].view("<f8").astype(np.float64), frame
+                values = data[places].view("<f8").astype(np.float64)
+                strange = FORCE_RANGE.outside(values[:, :3].ravel())
+                if strange is not None:
+                    row, axis = divmod(strange, 3)
+                    raise self._implausible("force", int(times[same][row]), values[row, axis], FORCE_RANGE)
+                yield times[same], values, frame
 
     def wrenches(self, stream: str = "force") -> tuple[IntArray, FloatArray, FloatArray]:
-        """Raw stamps (n,), force (n, 3), torque (n, 3): as the sensor gave them, on its own clock.
-
-        Raises FileFormatError for a force that no sensor reads.
-        """
+        """Raw stamps (n,), force (n, 3), torque (n, 3): as the sensor gave them, on its own clock."""
         blocks = list(self.wrench_blocks(stream))
         if not blocks:
             return np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3))
         times = np.concatenate([times for times, _, _ in blocks])
         values = np.concatenate([values for _, values, _ in blocks])
-        strange = FORCE_RANGE.outside(values[:, :3].ravel())
-        if strange is not None:
-            row, axis = divmod(strange, 3)
-            raise FileFormatError(
-                f"{self.path}: the force at {times[row] * 1e-9:.3f} s is {values[row, axis]:g} N, expected "
-                f"{FORCE_RANGE}; record it again in newtons"
-            )
         if np.any(np.diff(times) < 0):
             order = np.argsort(times, kind="stable")
             times, values = times[order], values[order]

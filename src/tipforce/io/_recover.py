@@ -218,7 +218,9 @@ def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:
         chunk, following = chunks.get(start), bisect_right(starts, start)
         if chunk and (opcode != Opcode.CHUNK or length != chunk.chunk_length - _HEAD.size):
             found.lose(chunk.message_start_time, chunk.message_end_time)
-            stream.seek(start + chunk.chunk_length)
+            # forward, and not beyond the next chunk, whatever length the index states
+            end = starts[following] if following < len(starts) else size
+            stream.seek(min(start + max(chunk.chunk_length, _HEAD.size), end))
             continue
         if following < len(starts) and stream.tell() + length > starts[following]:
             stream.seek(

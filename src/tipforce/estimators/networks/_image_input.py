@@ -15,6 +15,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ..._compile import STEADY
+from ...errors import InputError
 from ...types import Image, SessionInfo
 
 __all__ = [
@@ -33,6 +34,9 @@ RESNET_SIZE_PX = 224
 
 BASE_SIDES = ("left", "bottom", "right", "top")
 """Borders that the base may lie at; the index is the number of clockwise quarter turns of the image."""
+
+_LARGEST = 100.0
+"""A window is at most so many times as large as the image: what takes more was not measured in metres."""
 
 WINDOW_LENGTHS = 1.35
 """Side of the window in nominal lengths of the catheter: it shows what the tip touches, too."""
@@ -77,13 +81,22 @@ def catheter_window(
         side: border at which the base lies; None: not known.
         lengths: side of the window in nominal lengths of the catheter.
         across: position of the base along the border, as a share from its left or upper end.
+
+    Raises:
+        InputError: the catheter would be far larger than the image.
     """
     height, width = shape[:2]
     along, beside = (width, height) if side in ("left", "right", None) else (height, width)
     catheter, scale = info.catheter, info.view(view).metres_per_px
     size = float(max(along, beside) if side is None else min(along, beside))
     if side is not None and scale is not None and catheter.flexible_length_m is not None:
-        size = lengths * (catheter.flexible_length_m + (catheter.rigid_length_m or 0.0)) / scale
+        length_m = catheter.flexible_length_m + (catheter.rigid_length_m or 0.0)
+        size = lengths * length_m / scale
+        if size > _LARGEST * max(width, height):
+            raise InputError(
+                f"a catheter of {length_m:g} m at views.{view}.metres_per_px = {scale:g} would be "
+                f"{length_m / scale:.3g} px long in images of {width} x {height}: state both in metres in bench.toml"
+            )
     if side is None:
         return Window((0.5 * (width - size) - 0.5, 0.5 * height - 0.5), size, 0)
     turns = BASE_SIDES.index(side)
