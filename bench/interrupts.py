@@ -78,8 +78,8 @@ def one_round(verb: str, number: signal.Signals, after_s: float, place: Path) ->
         "seconds": round(seconds, 2),
         "orphans": len(left),
         "temporary_files": sum(1 for path in place.rglob("*.part")),
-        "traceback": "Traceback" in said,
-        "said": said.strip().splitlines()[-1:] if number is not signal.SIGKILL else [],
+        "traceback": "Traceback" in said and number is not signal.SIGKILL,
+        "said": said.strip().splitlines()[-1:] if "Traceback" not in said else said,
     }
 
 
