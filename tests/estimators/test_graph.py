@@ -3,6 +3,7 @@
 import importlib.util
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from tipforce.errors import InputError, MissingExtraError, ModelError
-from tipforce.estimators.networks import Graph
+from tipforce.estimators.networks import Graph, _trial, check_graph_file, try_graph
 
 Runtime = Literal["onnxruntime", "openvino"]
 RUNTIMES = ["onnxruntime", *(["openvino"] if importlib.util.find_spec("openvino") else [])]
@@ -106,3 +107,79 @@ def test_a_wrong_input_is_one_clear_sentence(data: bytes, inputs: dict[str, np.n
 def test_damaged_bytes_are_one_clear_sentence(data: bytes, damage: Callable[[bytes], bytes], on: Runtime) -> None:
     with pytest.raises(ModelError, match=r"^model\.onnx: is damaged or no network's graph .*train the model again"):
         Graph(damage(data), "model.onnx", threads=1, on=on)
+
+
+def with_operator(data: bytes, *nodes: onnx.NodeProto, **tensors: np.ndarray) -> bytes:
+    """The graph with operators behind its output, the last of which gives ``force_n``."""
+    model = onnx.load_from_string(data)
+    model.graph.node[-1].output[0] = "before"
+    model.graph.node.extend(nodes)
+    model.graph.initializer.extend(onnx.numpy_helper.from_array(array, name) for name, array in tensors.items())
+    return model.SerializeToString()
+
+
+def looped(data: bytes) -> bytes:
+    body = helper.make_graph(
+        [helper.make_node("Identity", ["go"], ["still"]), helper.make_node("Identity", ["x"], ["y"])],
+        "body",
+        [helper.make_tensor_value_info(name, kind, []) for name, kind in (("i", 7), ("go", 9), ("x", 1))],
+        [helper.make_tensor_value_info(name, kind, []) for name, kind in (("still", 9), ("y", 1))],
+    )
+    loop = helper.make_node("Loop", ["times", "yes", "before"], ["force_n"], body=body)
+    return with_operator(data, loop, times=np.array(2**62), yes=np.array(True))
+
+
+def changed(data: bytes, change: Callable[[onnx.ModelProto], object]) -> bytes:
+    model = onnx.load_from_string(data)
+    change(model)
+    return model.SerializeToString()
+
+
+def external(model: onnx.ModelProto) -> None:
+    tensor = model.graph.initializer[0]
+    tensor.ClearField("raw_data")
+    tensor.data_location = onnx.TensorProto.EXTERNAL
+    tensor.external_data.add(key="location", value="/etc/passwd")
+
+
+@pytest.mark.parametrize(
+    ("harm", "message"),
+    [
+        (looped, "has graphs or sparse tensors within its operators"),
+        (
+            lambda d: with_operator(d, helper.make_node("RandomNormalLike", ["before"], ["force_n"])),
+            "'RandomNormalLike'",
+        ),
+        (lambda d: changed(d, lambda m: setattr(m.graph.node[0], "domain", "com.else")), "operator 'com.else.Cast'"),
+        (lambda d: changed(d, lambda m: m.functions.add(name="f")), "has functions or training steps of its own"),
+        (lambda d: changed(d, external), "keeps data in other files"),
+        (lambda d: changed(d, lambda m: m.graph.sparse_initializer.add()), "has sparse tensors"),
+        (lambda d: changed(d, lambda m: m.graph.initializer[0].dims.append(10**9)), "claims 2 x 1000000000 values"),
+        (
+            lambda d: changed(d, lambda m: m.graph.initializer[0].dims.append(-1)),
+            "claims 2 x 18446744073709551615 values",
+        ),
+        (lambda d: d + d, "is damaged or no network's graph"),
+        (lambda d: b"\x3a\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff", "is damaged or no network's graph"),
+        (lambda d: b"\x08\x01" * 1_100_000, "has more than 1000000 fields"),
+    ],
+)
+def test_a_graph_with_anything_but_plain_operators_is_not_loaded(
+    data: bytes, harm: Callable[[bytes], bytes], message: str
+) -> None:
+    with pytest.raises(ModelError, match=message):
+        check_graph_file(harm(data), "model.onnx")
+
+
+def test_a_trial_ends_what_takes_too_much(data: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "model.onnx"
+    path.write_bytes(data)
+    try_graph(path)
+    expand = helper.make_node("Expand", ["before", "shape"], ["large"])
+    mean = helper.make_node("ReduceMean", ["large"], ["force_n"], axes=[0, 1])
+    path.write_bytes(with_operator(data, expand, mean, shape=np.array([65_536, 65_536, 1, 2])))
+    with pytest.raises(ModelError, match=r"model\.onnx: takes more than 4 GiB of memory; copy the whole"):
+        try_graph(path)
+    monkeypatch.setattr(_trial, "TRIAL_S", 0.01)
+    with pytest.raises(ModelError, match=r"model\.onnx: one run took more than 0\.01 s"):
+        try_graph(path)

@@ -18,6 +18,9 @@ from tipforce.estimators import Svr, _create, create, export_onnx, load_model, r
 from tipforce.estimators.store import _own_sha256
 
 World = Callable[..., Dataset]
+RESOLVED = {
+    "settings": {"roi": [10**9, 0, 2 * 10**9, 1]}, "polarity": "dark", "base_side": "left", "length_tolerance": 0.1
+}  # fmt: skip
 QUICK = {"c": (10.0,), "epsilon": (0.01,), "sigma": (1.0,), "force": "components"}
 
 
@@ -306,7 +309,9 @@ def signed_again(folder: Path, change: Callable[[dict[str, Any]], None] = lambda
         (interval(covariance_n2=[[-1.0] * 3] * 3), "no covariance"),
         (state(known=[True]), "does not fit the method svr"),
         (state(actuation_limits={"knob_deg": [0.0, 1e30]}), "does not fit the method svr"),
-        (state(vision={"settings": {"roi": [1e9, 0, 2e9, 1]}}), "does not fit the method svr"),
+        (state(vision={"settings": {"points": 10**9}}), r"vision\.settings\.points=1000000000: Input should be less"),
+        (state(vision=RESOLVED), "vision was resolved with other settings than those of the model"),
+        (state(vision={**RESOLVED, "settings": {}, "tip_template": [7] * 14}), "does not fit the method svr"),
     ],
 )
 def test_a_model_that_was_changed_on_purpose_is_one_clear_sentence(

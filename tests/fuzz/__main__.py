@@ -19,7 +19,7 @@ from .spoil import Spoiler  # type: ignore[import-not-found]
 from .targets import TARGETS  # type: ignore[import-not-found]
 from .worker import make_of, run_case  # type: ignore[import-not-found]
 
-WEIGHTS = {"network": 0.3, "options": 0.6, "parquet": 0.6, "dicom": 0.6}
+WEIGHTS = {"network": 0.15, "recording": 0.7, "parquet": 0.6, "dicom": 0.6}
 """Cases of a target where the others have one: some take longer, some have less to try."""
 
 

@@ -328,3 +328,9 @@ def test_a_sensor_without_a_stated_pose_counts_as_under_the_tissue_along_the_bas
     assert np.array_equal(SensorInfo(reads="tissue-on-tip").matrix, np.eye(3))
     turned = SensorInfo(30.0, "tissue-on-tip").matrix @ [1.0, 0.0, 0.0]
     np.testing.assert_allclose(turned, [math.cos(math.pi / 6), 0.5, 0.0])
+
+
+@pytest.mark.parametrize("name", ["roi", "base_region"])
+def test_a_box_beyond_all_images_is_refused_by_its_name(name: str) -> None:
+    with pytest.raises(InputError, match=rf"views\.camera\.{name}"):
+        SessionInfo.from_values({"views": {"camera": {name: [0, 0, 2**63, 5]}}})

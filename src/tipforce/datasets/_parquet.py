@@ -183,6 +183,11 @@ def _pictures(file: Any, group: int, columns: Mapping[str, str], path: Path) -> 
         table = file.read_row_group(group, columns=[f"{column}.bytes" for column in columns.values()])
     except (OSError, arrow()[0].ArrowException) as error:
         raise FileFormatError(f"{path}: row group {group} cannot be read ({error})") from None
+    stated = file.metadata.row_group(group).num_rows
+    if table.num_rows != stated:
+        raise FileFormatError(
+            f"{path}: is damaged: row group {group} holds {table.num_rows} images, its index says {stated}"
+        )
     return {view: table.column(column).combine_chunks().field("bytes") for view, column in columns.items()}
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from .._json import read_json
 from .._npz import read_npz
@@ -151,14 +152,20 @@ def load_model(folder: str | Path) -> Estimator:
                     try_graph(folder / name)
         return ESTIMATORS[manifest["method"]].from_state(manifest["settings"], manifest["state"], arrays, files)
     except _UNFIT as error:
-        first = str(error).splitlines()[0] if str(error) else type(error).__name__
         held = ", ".join([MANIFEST, ARRAYS, *files])
         raise ModelError(
-            f"{folder}: what its files hold ({held}) does not fit the method {manifest['method']} ({first}); "
-            "train the model again"
+            f"{folder}: what its files hold ({held}) does not fit the method {manifest['method']} "
+            f"({_first_of(error)}); train the model again"
         ) from None
     except InputError as error:
         raise ModelError(f"{folder}: {error}") from None
+
+
+def _first_of(error: Exception) -> str:
+    if isinstance(error, ValidationError):
+        first = error.errors()[0]
+        return f"{'.'.join(str(part) for part in first['loc'])}={str(first['input'])[:80]}: {first['msg']}"
+    return str(error).splitlines()[0][:200] if str(error) else type(error).__name__
 
 
 def load_pretrained(name: str) -> Estimator:

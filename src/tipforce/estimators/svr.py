@@ -260,6 +260,8 @@ class Svr(Estimator):
         if not len(state.constants) == len(state.cv_rmse_n) == targets:
             raise ValueError(f"{targets} targets need as many constants and errors")
         if state.vision is not None:
+            if state.vision.settings != svr.settings.vision:
+                raise ValueError("vision was resolved with other settings than those of the model")
             ShapeDetector(state.vision)  # what does not fit is missed here, not at the first image
         svr.fitted_ = _Fitted(
             actuation=state.actuation,

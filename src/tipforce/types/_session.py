@@ -31,8 +31,9 @@ __all__ = [
 
 BaseSide = Literal["left", "right", "top", "bottom"]
 BASE_SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
-Box = tuple[int, int, int, int]
-"""(u0, v0, u1, v1) in pixels: left, top, right, bottom, the last two exclusive."""
+_Pixel = Annotated[int, Interval(ge=-(1 << 62), le=1 << 62)]
+Box = tuple[_Pixel, _Pixel, _Pixel, _Pixel]
+"""(u0, v0, u1, v1) in pixels: left, top, right, bottom, the last two exclusive; it is clipped to the image."""
 
 Reads = Literal["tip-on-tissue", "tissue-on-tip"]
 """Which of the two opposite forces at the contact a sensor shows."""

@@ -5,14 +5,12 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InputError
+from ..types import Box
 
 __all__ = ["BaseSide", "Box", "Polarity", "ResolvedVision", "VisionSettings"]
 
 Polarity = Literal["auto", "dark", "light"]
 BaseSide = Literal["auto", "left", "right", "top", "bottom"]
-_Pixel = Annotated[int, Field(ge=-(1 << 62), le=1 << 62)]
-Box = tuple[_Pixel, _Pixel, _Pixel, _Pixel]
-"""Clipped to the image."""
 _GreyLevel = Annotated[int, Field(ge=0, le=255)]
 _FoundPx = Annotated[float, Field(gt=0, le=1e9)]
 

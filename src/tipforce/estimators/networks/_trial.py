@@ -34,11 +34,12 @@ def try_graph(path: Path) -> None:
     except subprocess.TimeoutExpired:
         raise ModelError(f"{path.name}: one run took more than {TRIAL_S:g} s; train the model again") from None
     if done.returncode:
-        said = (done.stderr or "").strip().splitlines()[-1:] or [f"it ended by itself, code {done.returncode}"]
-        raise ModelError(
-            f"{path.name}: cannot be run within {TRIAL_BYTES >> 30} GiB of memory ({said[0][:200]}); copy the whole "
-            "model folder again, or train the model again"
-        )
+        said = " ".join((done.stderr or "").split())
+        if "MemoryError" in said or "allocate" in said:
+            why = f"takes more than {TRIAL_BYTES >> 30} GiB of memory"
+        else:
+            why = f"cannot be run ({said[:200] or f'it ends with the code {done.returncode}'})"
+        raise ModelError(f"{path.name}: {why}; copy the whole model folder again, or train the model again")
 
 
 def _run(path: Path, limit_bytes: int) -> None:
@@ -69,4 +70,4 @@ if __name__ == "__main__":
     try:
         _run(Path(sys.argv[1]), int(sys.argv[2]))
     except Exception as error:  # each kind that a runtime raises, as one line
-        sys.exit(" ".join(str(error).split()) or type(error).__name__)
+        sys.exit(f"{type(error).__name__}: {error}")
