@@ -12,8 +12,9 @@ from tipforce.geometry import curve_from_angle
 from tipforce.types import BasePose
 
 if "PYTEST_XDIST_WORKER" in os.environ:
-    # Several processes share the cores: threads within each would wait for one another.
+    # Several processes share the cores: threads and processes of each would wait for one another.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+    os.environ.setdefault("TIPFORCE_CORES", "1")
 
 # The first example of a test may compile the hot loops. The same examples every time, so that a change is judged by
 # what it changes; `make prove` looks for new ones.

@@ -42,7 +42,8 @@ def test_no_process_and_no_half_file_is_left_of_a_simulation(tmp_path: Path, num
     ]
     child = subprocess.Popen(
         [sys.executable, "-m", "tipforce", *words],
-        cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        cwd=tmp_path, env={**os.environ, "TIPFORCE_CORES": "2"},
+        stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
     deadline = time.monotonic() + 60
     while len(of_session(child.pid)) < 4 and time.monotonic() < deadline:  # itself, two workers, multiprocessing's own

@@ -127,7 +127,8 @@ def test_inspect_train_and_evaluate_take_shards_like_any_dataset(sharded, tmp_pa
     assert "truth" in (report / "metrics.json").read_text()
 
 
-def test_two_processes_write_the_same_bytes_and_a_whole_set_is_kept(made, tmp_path):
+def test_two_processes_write_the_same_bytes_and_a_whole_set_is_kept(made, tmp_path, monkeypatch):
+    monkeypatch.setenv("TIPFORCE_CORES", "2")
     options = ["--as", "dataset", "--samples", 30, "--samples-per-session", 11, "--seconds", 8, "--seed", 3, "--masks"]
     options += ["--set", "width=320", "--set", "height=240", "--set", "world.tare_s=2"]
     for _ in range(2):

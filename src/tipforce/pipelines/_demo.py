@@ -5,7 +5,6 @@ Each command runs as a program of its own, so the demo shows and tests what user
 
 import importlib.util
 import json
-import os
 import shlex
 import sys
 import time
@@ -15,6 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from .._cores import cores
 from .._processes import run_child
 from ..errors import TipforceError
 
@@ -76,7 +76,7 @@ def demo(
     step("Video and logs -> recording: clocks aligned, sensor tared, inertia of its load removed", "import")
     folders = [bench / f"session_{number:02d}" for number in range(sessions)]
     runs.mkdir(exist_ok=True)
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         list(pool.map(partial(_import, say, runs), folders))
     first, last = folders[0], folders[-1]
     _type(say, "inspect", runs / f"{first.name}.mcap", "-o", output / "recording.png")

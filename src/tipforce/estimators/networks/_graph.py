@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from ..._cores import cores
 from ...errors import InputError, MissingExtraError, ModelError
 from ._graph_file import check_graph_file
 from ._stored_names import current_graph_name
@@ -178,9 +179,7 @@ def _default_threads() -> int:
     stated = os.environ.get("OMP_NUM_THREADS", "")
     if stated.isdigit() and int(stated) > 0:
         return int(stated)
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return cores()
 
 
 def _shape_text(shape: _Shape) -> str:
