@@ -53,7 +53,7 @@ def read_once(words: Any) -> int:
 
 @dataclass(frozen=True)
 class Case:
-    """One kind of frame: a pool in memory, and what follows a frame from picture to force in each way."""
+    """One kind of frame: a pool in memory, and what follows a frame from image to force in each way."""
 
     name: str
     size: tuple[int, int]

@@ -148,7 +148,7 @@ class RecordingReader:
 
     @property
     def views(self) -> tuple[str, ...]:
-        """Names of the streams of pictures: "camera" first, which stands for all where there is one, then by name."""
+        """Names of the streams of images: "camera" first, which stands for all where there is one, then by name."""
         names = [stream.name for stream in self.info.streams.values() if stream.kind == "frame" and stream.count]
         return tuple(sorted(names, key=lambda name: (name != "camera", name)))
 
@@ -190,7 +190,7 @@ class RecordingReader:
             ) from None
 
     def frame_at(self, index: int, stream: str = "camera") -> Frame:
-        """The ``index``-th picture of ``stream``, decoded from its place in the file."""
+        """The ``index``-th image of ``stream``, decoded from its place in the file."""
         entries = self._of(stream)
         data = self._image_at(stream, *(int(each[index]) for each in (entries.chunk, entries.time_ns, entries.offset)))
         image = decode_image(data, f"{self.path}, frame {index}", self._depth(stream))

@@ -338,8 +338,8 @@ def trace_shaft(image: Raster, candidate: Candidate, profile: np.ndarray, statio
             place_gain, turn_gain = 1.0, 0.0
         if hits > 6:
             # another width or a jump sideways is doubtful: the edge of a ring, the corner of a cable
-            doubt = (strange / 0.06) ** 2
-            trust = 1.0 / (1.0 + doubt)
+            penalty = (strange / 0.06) ** 2
+            trust = 1.0 / (1.0 + penalty)
             place_gain *= max(trust, 0.15)
             turn_gain *= trust
             bend_gain *= trust
