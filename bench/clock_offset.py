@@ -40,7 +40,7 @@ class Session:
 
 
 def load(path: Path, truth: Truth) -> Session:
-    """See all images of a recording, and read its force as an import does."""
+    """Detect the catheter in all images of a recording, and read its force as an import does."""
     with RecordingReader(path) as reader:
         first = [reader.frame_at(k).image for k in range(0, FIRST, 5)]
         vision = ShapeDetector(auto_calibrate(VisionSettings(), first, reader.session_info))

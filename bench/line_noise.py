@@ -4,8 +4,8 @@
 
 Images are drawn, go through JPEG as in a recording, and are detected; the true line is projected through the true
 camera. What frames of a session that are more than a second apart share is lasting, the rest fresh. Frames on which
-the wrong thing was seen (tip off by more than 5 px, a point by more than 2 px) are left out; of the others, errors beyond three
-robust standard deviations count as three.
+the wrong thing was seen (tip off by more than 5 px, a point by more than 2 px) are left out; of the
+others, errors beyond three robust standard deviations count as three.
 By default the sessions are of seed 1000, which no split has. Writes ``line-noise-PRESET.json`` and ``.svg``.
 """
 

@@ -4,7 +4,7 @@
         [--sheet worst.jpg] [--json FILE]
 
 Each RUNS holds what `tipforce simulate` wrote; every view of a session is looked at. The settings are calibrated on 16
-frames spread over the session and on its public sheet (nominal size, scale, the base's side); with --live on frames
+frames spread over the session and on its session metadata (nominal size, scale, the base's side); with --live on frames
 of its first two seconds, in which the catheter stands still; with --blind on the spread images alone; with
 --together N once on images of the folder's first N sessions, as an estimator that trains on these does. Wrong: given
 as valid, but with a tip more than 5 px off along the shaft, or a point more than 2 px beside the true centreline.

@@ -83,11 +83,11 @@ def catheter(axes: Axes, line: np.ndarray) -> None:
     tube(axes, line[166:], "#b9c2ca", INK)
 
 
-def tissue(axes: Axes, touch: np.ndarray, d: np.ndarray, back: float, front: float, dent: float) -> None:
+def tissue(axes: Axes, touch: np.ndarray, d: np.ndarray, back: float, front: float, indentation: float) -> None:
     """The pad: its surface through ``touch``, dented there, from ``back`` to ``front`` along t."""
     t = np.array([-d[1], d[0]])
     across = np.linspace(back, front, 160)
-    depth = -dent * (1 - np.exp(-((across / 4.0) ** 2)))
+    depth = -indentation * (1 - np.exp(-((across / 4.0) ** 2)))
     surface = touch + across[:, None] * t + depth[:, None] * d
     block = np.concatenate([surface, [touch + front * t + 7 * d, touch + back * t + 7 * d]])
     axes.add_patch(Polygon(block, closed=True, fc=SILICONE, ec=SILICONE_EDGE, lw=1.2, zorder=2))

@@ -88,7 +88,7 @@ def test_an_image_without_a_catheter_says_why(tmp_path: Path) -> None:
     assert figures["features"] is None
 
 
-def test_a_video_is_counted_and_put_on_a_sheet(video: Path, tmp_path: Path) -> None:
+def test_a_video_is_counted_and_put_on_a_contact_sheet(video: Path, tmp_path: Path) -> None:
     table = tmp_path / "t.json"
     result = run(video, "-o", tmp_path / "sheet.png", "--json", table, "--drawn", 6)
     figures = json.loads(table.read_text())

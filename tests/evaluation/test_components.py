@@ -77,7 +77,7 @@ def test_figure_32_draws_every_test_sample(report):
         assert estimated.get_ydata().tolist() == outcome.force_n[:, axis].tolist()
 
 
-def test_without_images_there_is_no_sheet_of_them(make_bench, make_ridge):
+def test_without_images_there_is_no_contact_sheet_of_them(make_bench, make_ridge):
     data = make_bench(sessions=2)
     row = evaluate(data, [Method("ridge", make_ridge())], EvaluationSettings(protocols=["random"])).results[0]
     assert sample_sheet(data, row.predictions, "camera") is None

@@ -174,7 +174,7 @@ def test_the_truths_beside_recordings_give_the_bounds_or_say_why_not(session, tr
     assert not found["xray"].std_n
 
 
-class Crew(ThreadPoolExecutor):
+class Workers(ThreadPoolExecutor):
     """Threads in place of processes, which take seconds to start; what goes to and fro is sent as between processes."""
 
     def map(self, work, todo):
@@ -183,7 +183,7 @@ class Crew(ThreadPoolExecutor):
 
 
 def test_several_processes_find_the_same_bounds_in_the_same_order(truths, monkeypatch):
-    monkeypatch.setattr("tipforce.limits._companion.worker_pool", Crew)
+    monkeypatch.setattr("tipforce.limits._companion.worker_pool", Workers)
     steps = []
     one = read_companion_bounds(truths, ["good", "xray"], workers=1)
     several = read_companion_bounds(

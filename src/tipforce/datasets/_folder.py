@@ -108,10 +108,10 @@ def _refuse(folder: Path, *, overwrite: bool) -> None:
     if not overwrite:
         raise InputError(f"{folder}: exists already; choose another name or state overwrite=True")
     names = {item.name for item in folder.iterdir()} if folder.is_dir() else {folder.name}
-    strange = sorted(names - {"images", METADATA, FACTS})
-    if strange:
+    unexpected = sorted(names - {"images", METADATA, FACTS})
+    if unexpected:
         raise InputError(
-            f"{folder}: holds {strange[0]!r}, which is no part of a dataset folder, so overwrite=True "
+            f"{folder}: holds {unexpected[0]!r}, which is no part of a dataset folder, so overwrite=True "
             "does not replace it; choose another name"
         )
 

@@ -65,12 +65,12 @@ def _locked(method: FineTunable, model: Path, resume: bool, advice: str) -> Gene
             f"{folder}: holds a training that was not finished; go on with it by resume=True, or remove the folder"
         )
     there = list(folder.iterdir()) if folder.is_dir() else []
-    strange = [
+    unexpected = [
         path.name for path in there if not path.is_file() or path.name.removesuffix(".part") not in method.run_files
     ]
-    if strange:
+    if unexpected:
         raise InputError(
-            f"{folder}: is where the training would work, and holds other things ({min(strange)}); choose another name "
+            f"{folder}: is where the training would work, and holds other things ({min(unexpected)}); choose another name "
             "for the model, or move the folder"
         )
     folder.mkdir(parents=True, exist_ok=True)

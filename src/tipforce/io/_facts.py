@@ -28,8 +28,9 @@ class ClockOffset:
     ``how``: "estimated" from deflection against force, "stated" by a person, "none" where the clocks are taken as one,
     "refused" where it could not be determined (``offset_ns`` is then 0, ``detail`` the reason), "stage" where the
     images do not tell (``detail``: why) and it was taken from when the stage's movement shows in the force, early by
-    as much as the stage lags behind its commands: some milliseconds. ``stderr_ms``: one standard error, NaN unless estimated.
-    ``explained``: share of the deflection's variance that the force explains at this offset, NaN unless tried.
+    as much as the stage lags behind its commands: some milliseconds. ``stderr_ms``: one standard error, NaN unless
+    estimated. ``explained``: share of the deflection's variance that the force explains at this offset, NaN unless
+    tried.
     """
 
     offset_ns: int = 0

@@ -236,9 +236,9 @@ class RecordingReader:
                 frame, place = self._unpacked(wrench_layout, first, int(times[same][0]))
                 places = offsets[same][:, None] + (MESSAGE_HEAD + place + np.arange(48))
                 values = data[places].view("<f8").astype(np.float64)
-                strange = FORCE_RANGE.outside(values[:, :3].ravel())
-                if strange is not None:
-                    row, axis = divmod(strange, 3)
+                first_outside = FORCE_RANGE.outside(values[:, :3].ravel())
+                if first_outside is not None:
+                    row, axis = divmod(first_outside, 3)
                     raise self._implausible("force", int(times[same][row]), values[row, axis], FORCE_RANGE)
                 yield times[same], values, frame
 
