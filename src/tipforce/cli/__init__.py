@@ -1,4 +1,4 @@
-"""The command line: one verb a file. Verbs call the pipelines and hold no logic; these are imported when a verb runs."""
+"""The command line: one verb a file. Verbs call the pipelines and hold no logic; they are imported when one runs."""
 
 import importlib
 import os

@@ -70,8 +70,8 @@ def _locked(method: FineTunable, model: Path, resume: bool, advice: str) -> Gene
     ]
     if unexpected:
         raise InputError(
-            f"{folder}: is where the training would work, and holds other things ({min(unexpected)}); choose another name "
-            "for the model, or move the folder"
+            f"{folder}: is where the training would work, and holds other things ({min(unexpected)}); choose another "
+            "name for the model, or move the folder"
         )
     folder.mkdir(parents=True, exist_ok=True)
     try:

@@ -2,7 +2,7 @@
 
 What a loop makes of such numbers stays in vector registers, where an array of eight would be written and read back
 between two turns, and nothing is left to the compiler's guess of which arrays may overlap. ``lanes``, a tuple of as
-many numbers as there are lanes, one or eight, tells which kind is meant; a single lane is a plain float. Batches can be
+many numbers as there are lanes, one or eight, tells which kind is meant; a single lane is a plain float. Octets can be
 added, subtracted and multiplied as floats can.
 
 This is the only file with hand-written vector code. It stays because plain loops took twice its time or more from
@@ -38,18 +38,18 @@ _INT = ir.IntType(32)
 _VECTOR, _ZEROS = ir.VectorType(ir.DoubleType(), _LANES), ir.VectorType(_INT, _LANES)
 
 
-class _Batch(types.Type):
+class _Octet(types.Type):
     """Eight float64."""
 
     def __init__(self) -> None:
-        super().__init__(name="simd_batch")
+        super().__init__(name="octet")
 
 
-_BATCH = _Batch()
+_OCTET = _Octet()
 
 
-@extending.register_model(_Batch)
-class _BatchModel(extending.models.PrimitiveModel):
+@extending.register_model(_Octet)
+class _OctetModel(extending.models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, _VECTOR)
 
@@ -57,11 +57,11 @@ class _BatchModel(extending.models.PrimitiveModel):
 def _kind(lanes: Any) -> Any:
     if lanes.count not in (1, _LANES):
         raise ValueError(f"lanes: expected 1 or {_LANES}, got {lanes.count}")
-    return types.float64 if lanes.count == 1 else _BATCH
+    return types.float64 if lanes.count == 1 else _OCTET
 
 
 def _low(kind: Any) -> Any:
-    return _VECTOR if kind is _BATCH else ir.DoubleType()
+    return _VECTOR if kind is _OCTET else ir.DoubleType()
 
 
 def _place(context: Any, builder: Any, array: Any, values: Any, kind: Any) -> Any:
@@ -72,13 +72,13 @@ def _place(context: Any, builder: Any, array: Any, values: Any, kind: Any) -> An
 
 def _add_operator(symbol: Any, name: str) -> None:
     class _Typed(templates.ConcreteTemplate):
-        cases = (templates.signature(_BATCH, _BATCH, _BATCH),)
+        cases = (templates.signature(_OCTET, _OCTET, _OCTET),)
 
     def build(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
         return getattr(builder, name)(*values)
 
     _infer_global(symbol)(_Typed)
-    extending.lower_builtin(symbol, _BATCH, _BATCH)(build)
+    extending.lower_builtin(symbol, _OCTET, _OCTET)(build)
 
 
 for _symbol, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
@@ -130,7 +130,7 @@ def _call(builder: Any, name: str, kind: Any, values: Any) -> Any:
 
 def _same(count: int, make: _Build, given: tuple[Any, ...]) -> Any:
     """What an intrinsic of ``count`` numbers of one kind returns: its signature, and how ``make`` builds it of them."""
-    kind = _BATCH if _BATCH in given else types.float64
+    kind = _OCTET if _OCTET in given else types.float64
 
     def build(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
         return make(builder, kind, values)
@@ -150,7 +150,7 @@ def inverse(_: Any, a: Any) -> Any:
 
     def build(builder: Any, kind: Any, values: Any) -> Any:
         one = ir.Constant(ir.DoubleType(), 1.0)
-        return builder.fdiv(ir.Constant(_VECTOR, [one] * _LANES) if kind is _BATCH else one, *values)
+        return builder.fdiv(ir.Constant(_VECTOR, [one] * _LANES) if kind is _OCTET else one, *values)
 
     return _same(1, build, (a,))
 
@@ -188,7 +188,7 @@ def alike(_: Any, value: Any, like: Any) -> Any:
     """A float, in every lane of what is of the kind of ``like``."""
 
     def build(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        if like is not _BATCH:
+        if like is not _OCTET:
             return values[0]
         empty = ir.Constant(_VECTOR, ir.Undefined)
         first = builder.insert_element(empty, values[0], ir.Constant(_INT, 0))
@@ -198,12 +198,12 @@ def alike(_: Any, value: Any, like: Any) -> Any:
 
 
 @_intrinsic
-def largest_of(_: Any, batch: Any, lanes: Any) -> Any:
+def largest_of(_: Any, octet: Any, lanes: Any) -> Any:
     """The largest in each lane of eight places of a row: of a single lane, the largest of all eight."""
     kind = _kind(lanes)
 
     def build(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        if kind is _BATCH:
+        if kind is _OCTET:
             return values[0]
         largest = builder.extract_element(values[0], ir.Constant(_INT, 0))
         for k in range(1, _LANES):
@@ -211,7 +211,7 @@ def largest_of(_: Any, batch: Any, lanes: Any) -> Any:
             largest = builder.select(builder.fcmp_ordered(">", largest, other), largest, other)
         return largest
 
-    return kind(batch, lanes), build
+    return kind(octet, lanes), build
 
 
 _HALF_PI_HIGH, _HALF_PI_LOW = 1.57079632673412561417, 6.07710050650619224932e-11
@@ -220,7 +220,7 @@ _HALF_PI_HIGH, _HALF_PI_LOW = 1.57079632673412561417, 6.07710050650619224932e-11
 
 @compiled
 def circle(angle: Any) -> tuple[Any, Any]:
-    """Cosine and sine of a float or a batch, to the last bit or two within 1e5 rad.
+    """Cosine and sine of a float or an octet, to the last bit or two within 1e5 rad.
 
     Minimax coefficients on a quarter turn are those of fdlibm (Sun Microsystems 1993).
     """
