@@ -3,10 +3,10 @@
 One session of the preset bench-2021, with all that is random in its force sensor switched off and a stage without
 steps. At every instant the same force is found five ways: from the wall's law and its indentation, from the force
 sensor with inertia and weight taken out, from the moments in the shaft's strain (the clamp's reaction, which the wall's
-law has no part in), and their moment about the clamp. Over each beat the work that the wall's and the knob's motion
-put in is compared with what is stored and what is lost, the integrator's own dissipation by itself
-(`bench.balance_energy`); the step of time is halved to see with which order the rest
-falls, and the steps in which the tip touches, lets go, begins to slip or comes to rest are cut into sixteen to see what is theirs.
+law has no part in), and their moment about the clamp. Over each beat the work that the wall's and the knob's motion put
+in is compared with what is stored and what is lost, the integrator's own dissipation by itself
+(`bench.balance_energy`); the step of time is halved to see with which order the rest falls, and the steps in which the
+tip touches, lets go, begins to slip or comes to rest are cut into sixteen to see what is theirs.
 """
 
 import argparse
