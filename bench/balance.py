@@ -1,12 +1,12 @@
 """``python -m bench.balance``: do the forces of one beating contact balance, and where does the energy go?
 
 One session of the preset bench-2021, with all that is random in its force sensor switched off and a stage without
-steps. At every instant the same force is found five ways: from the wall's law and its dent, from the force sensor with
-inertia and weight taken out, from the moments in the shaft's strain (the clamp's reaction, which the wall's law has no
-part in), and their moment about the clamp. Over each beat the work that the wall's and the knob's motion put in is
-compared with what is stored and what is lost, the integrator's own dissipation by itself (`bench.balance_energy`); the
-step of time is halved to see with which order the rest falls, and the steps in which the tip touches, lets go, begins
-to slip or comes to rest are cut into sixteen to see what is theirs.
+steps. At every instant the same force is found five ways: from the wall's law and its indentation, from the force
+sensor with inertia and weight taken out, from the moments in the shaft's strain (the clamp's reaction, which the wall's
+law has no part in), and their moment about the clamp. Over each beat the work that the wall's and the knob's motion put
+in is compared with what is stored and what is lost, the integrator's own dissipation by itself
+(`bench.balance_energy`); the step of time is halved to see with which order the rest falls, and the steps in which the
+tip touches, lets go, begins to slip or comes to rest are cut into sixteen to see what is theirs.
 """
 
 import argparse
@@ -26,7 +26,7 @@ PARTS = 16
 
 
 def measure(number: int = 0, seconds: float = 12.0, halvings: int = 2, seed: int = 0) -> dict[str, Any]:
-    """Both balances of one session: forces at the twin's own step, energy at ``halvings`` halves of it too."""
+    """Both balances of one session: forces at the simulation's own step, energy at ``halvings`` halves of it too."""
     settings = settings_of(seconds)
     session = run_session(settings, seed, number)
     period = 1.0 / session.bench_model.parameters.beat_hz

@@ -14,7 +14,7 @@ from bench.balance_runs import Run, crept, tangential, touched_way
 from bench.strains import density, linear_density
 
 PUT_IN = ("wall's motion", "knob")
-STORED = ("bend", "dent", "tie")
+STORED = ("bend", "indentation", "tie")
 LOST = ("tissue's damping", "friction", "shaft's creep")
 NUMERICAL = tuple(f"implicit Euler, {name}" for name in LOST)
 
@@ -39,9 +39,9 @@ def energies(r: Run) -> dict[str, np.ndarray]:
         elastic(u[:-1], rest[1:], memory[:-1]) - elastic(u[:-1], rest[:-1], memory[:-1])
         + elastic(u[1:], rest[1:], memory[1:]) - elastic(u[1:], rest[:-1], memory[1:])
     )  # fmt: skip
-    dent, drag = contact.indentation_m, tangential(r, contact.force_n)
-    # With and without contact the dashpot takes what the dent's spring and the tip leave.
-    dashpot = -contact.force_n @ d - wall.stiffness_n_per_m * dent
+    indentation, drag = contact.indentation_m, tangential(r, contact.force_n)
+    # With and without contact the dashpot takes what the indentation's spring and the tip leave.
+    dashpot = -contact.force_n @ d - wall.stiffness_n_per_m * indentation
     springs = np.array([rod.gj_nm2, rod.bending_stiffness_nm2, rod.bending_stiffness_nm2])
     stress = shaft.creep_share * (u - rest - memory) * springs * np.asarray(rod.stiffness_profile)[:, None]
     stress = stress * spans[:, None]
@@ -49,12 +49,12 @@ def energies(r: Run) -> dict[str, np.ndarray]:
     slip = touched_way(r)[1:] + np.diff(drag, axis=0) / wall.tangential_n_per_m
     slip = np.where(tied[:, None], slip, 0.0)
     law = {
-        "tissue's damping": wall.damping_ns_per_m * np.diff(dent) ** 2 / r.step_s,
+        "tissue's damping": wall.damping_ns_per_m * np.diff(indentation) ** 2 / r.step_s,
         "friction": -np.sum(drag[1:] * slip, axis=1),
         "shaft's creep": np.sum(stress[1:] * np.diff(memory, axis=0), axis=(1, 2)),
     }
     excess = {
-        "tissue's damping": -0.5 * np.diff(dashpot) * np.diff(dent),
+        "tissue's damping": -0.5 * np.diff(dashpot) * np.diff(indentation),
         "friction": 0.5 * np.sum(np.diff(drag, axis=0) * slip, axis=1),
         "shaft's creep": -0.5 * np.sum(np.diff(stress, axis=0) * np.diff(memory, axis=0), axis=(1, 2)),
     }
@@ -62,7 +62,7 @@ def energies(r: Run) -> dict[str, np.ndarray]:
         "wall's motion": np.sum(mean(contact.force_n) * np.diff(r.wall_m, axis=0), axis=1),
         "knob": knob,
         "bend": np.diff(elastic(u, rest, memory)),
-        "dent": np.diff(0.5 * wall.stiffness_n_per_m * dent**2),
+        "indentation": np.diff(0.5 * wall.stiffness_n_per_m * indentation**2),
         "tie": np.diff(np.sum(drag**2, axis=1) / (2 * wall.tangential_n_per_m)),
         **law,
         **{f"implicit Euler, {name}": values for name, values in excess.items()},

@@ -49,9 +49,10 @@ def force_balance(r: Run, rows: np.ndarray) -> dict[str, float]:
     d = np.asarray(wall.normal)
     force = contact.force_n[rows]
     size = float(np.linalg.norm(force, axis=1).max())
-    dent = contact.indentation_m
+    indentation = contact.indentation_m
     law = (
-        wall.stiffness_n_per_m * dent[rows] + wall.damping_ns_per_m * (dent[rows] - dent[rows - 1]) / r.step_s[rows - 1]
+        wall.stiffness_n_per_m * indentation[rows]
+        + wall.damping_ns_per_m * (indentation[rows] - indentation[rows - 1]) / r.step_s[rows - 1]
     )
     law = np.where(contact.touching[rows], law, 0.0)
     drag = tangential(r, contact.force_n)

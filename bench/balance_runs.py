@@ -1,4 +1,4 @@
-"""One beating contact of the twin again, with other steps of time: even ones, or finer where something happens."""
+"""One beating contact of the simulation again, with other time steps: even ones, or finer where something happens."""
 
 from dataclasses import dataclass
 
@@ -54,7 +54,7 @@ class Run:
 
 
 def run(session: Session, settings: WorldSettings, finer: int) -> Run:
-    """With the twin's step divided by ``finer``."""
+    """With the simulation's step divided by ``finer``."""
     trajectory = session.trajectory
     steps = (trajectory.time_s.size - 1) * finer
     return _run(session, settings, trajectory.time_s[0], np.full(steps, STEP_S / finer))
@@ -74,7 +74,7 @@ def _run(session: Session, settings: WorldSettings, begin_s: float, step: np.nda
     wall = CubicSpline(trajectory.time_s, trajectory.wall_m)(time)
     change = np.zeros((time.size, 3))
     change[:, 2] = np.interp(time, trajectory.time_s, trajectory.curvature_per_m)
-    press = SpatialContactSolver(
+    solver = SpatialContactSolver(
         bench_model.rod,
         bench_model.wall,
         step[0],
@@ -87,8 +87,8 @@ def _run(session: Session, settings: WorldSettings, begin_s: float, step: np.nda
     ends = np.append(np.flatnonzero(np.diff(before)) + 1, time.size)
     found, start = [], 0
     for end in ends:
-        press.change_step(before[start])
-        found.append(press.run(wall[start:end], change[start:end]))
+        solver.change_step(before[start])
+        found.append(solver.run(wall[start:end], change[start:end]))
         start = end
     joined = {
         name: np.concatenate([getattr(part, name) for part in found])

@@ -1,9 +1,9 @@
-"""How well the offset between force log and camera is found in recordings of the twin, over +-80 ms.
+"""How well the offset between force log and camera is found in recordings of the simulated bench, over +-80 ms.
 
     python -m bench.clock_offset RUNS [--truth FOLDER] [--stored] [--json FILE]
 
 RUNS holds recordings: what `tipforce simulate` wrote, or what was imported from its files; then --truth names the
-folder that the files lie in. Each session's pictures are seen once. Then the whole of it, its first and its last 20
+folder that the files lie in. Each session's images are detected once. Then the whole of it, its first and its last 20
 seconds are each aligned with the force log, shifted so that the true offset takes three values. With --stored only
 what the recordings say is held against the truth.
 """
@@ -40,7 +40,7 @@ class Session:
 
 
 def load(path: Path, truth: Truth) -> Session:
-    """See all pictures of a recording, and read its force as an import does."""
+    """Detect the catheter in all images of a recording, and read its force as an import does."""
     with RecordingReader(path) as reader:
         first = [reader.frame_at(k).image for k in range(0, FIRST, 5)]
         vision = ShapeDetector(auto_calibrate(VisionSettings(), first, reader.session_info))
@@ -89,10 +89,10 @@ def stored(paths: list[Path], truths: Path) -> None:
         errors.setdefault(found.how, []).append(error)
         print(f"{path.stem} {found.how} {error:+.2f} ms (stated {found.stderr_ms:.1f})")
     for how, values in errors.items():
-        print(f"{how}: {told(np.array(values))}")
+        print(f"{how}: {summary(np.array(values))}")
 
 
-def told(errors: np.ndarray) -> str:
+def summary(errors: np.ndarray) -> str:
     """Number, mean, scatter, worst of errors (n,) in ms."""
     return (
         f"{len(errors)}: mean {errors.mean():+.2f}, rms {np.sqrt((errors**2).mean()):.2f}, "
@@ -123,12 +123,12 @@ def main() -> None:
         for part, cells in errors_of(session).items():
             every.setdefault(part, []).extend(error for error, _, _ in cells)
             rows.append({"session": path.stem, "part": part, "errors_ms": [None if e != e else e for e, _, _ in cells]})
-            cell = "  ".join(f"{error:+6.2f} ({doubt:3.1f})" for error, doubt, _ in cells)
+            cell = "  ".join(f"{error:+6.2f} ({stderr:3.1f})" for error, stderr, _ in cells)
             print(f"{path.stem} {part:<10}  {cell}  seen {seen:.0f} %  {cells[1][2]}", flush=True)
     for part, values in every.items():
         found = np.array(values)
         known = found[~np.isnan(found)]
-        print(f"{part}: {np.isnan(found).sum()} of {len(found)} refused; of the rest {told(known)}")
+        print(f"{part}: {np.isnan(found).sum()} of {len(found)} refused; of the rest {summary(known)}")
     if options.json:
         options.json.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
 

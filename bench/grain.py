@@ -1,8 +1,8 @@
-"""How the noise of pictures hangs together: between neighbouring pixels and between colours, in their flattest parts.
+"""How the noise of images hangs together: between neighbouring pixels and between colours, in their flattest parts.
 
-    python -m bench.grain PICTURE_OR_RECORDING [...]
+    python -m bench.grain IMAGE_OR_RECORDING [...]
 
-A camera demosaics, sharpens and cleans, which draws pixels together; pictures of a bench in software should do so too.
+A camera demosaics, sharpens and cleans, which draws pixels together; images of a bench in software should do so too.
 """
 
 import argparse
@@ -36,8 +36,8 @@ def grain(image: np.ndarray) -> dict[str, float]:
     return dict(zip(names, np.median(rows, axis=0).tolist(), strict=True))
 
 
-def picture(path: Path) -> np.ndarray:
-    """RGB, of a picture's file or of a recording."""
+def load_image(path: Path) -> np.ndarray:
+    """RGB, of an image's file or of a recording."""
     if path.suffix == ".mcap":
         with RecordingReader(path) as reader:
             return reader.frame_at(FRAME).image
@@ -45,11 +45,11 @@ def picture(path: Path) -> np.ndarray:
 
 
 def main() -> None:
-    """Read the command line, print a line a picture."""
+    """Read the command line, print a line per image."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("paths", type=Path, nargs="+")
     for path in parser.parse_args().paths:
-        print(path.name, ", ".join(f"{name} {value:.2f}" for name, value in grain(picture(path)).items()))
+        print(path.name, ", ".join(f"{name} {value:.2f}" for name, value in grain(load_image(path)).items()))
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ def _kill_after(command: list[str], seconds: float) -> bool:
 
 
 def _open(path: Path) -> tuple[int, int, int]:
-    """Frames, readings and newest stamp of what is readable; every picture is decoded."""
+    """Frames, readings and newest stamp of what is readable; every image is decoded."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         reader = RecordingReader(path)

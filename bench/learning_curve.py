@@ -51,7 +51,7 @@ def rmse_n(estimator: Estimator, test: Dataset) -> dict[str, Any]:
 
 
 def study(
-    recipe: Callable[[int], Estimator],
+    make: Callable[[int], Estimator],
     dataset: Dataset,
     sizes: Iterable[int],
     seeds: int,
@@ -61,8 +61,8 @@ def study(
 ) -> dict[str, Any]:
     """All fits that ``path`` does not hold yet; returns what it holds then.
 
-    ``recipe``: of a seed. ``named``: what makes this study this study; a file of another one is refused. Sizes that the
-    training part does not have are left out; the whole of it is always there.
+    ``make``: the estimator of a seed. ``named``: what makes this study this study; a file of another one is
+    refused. Sizes that the training part does not have are left out; the whole of it is always there.
     """
     about = {**named, "fingerprint": dataset.fingerprint(), "test_share": TEST_SHARE}
     held = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {"about": about, "fits": {}}
@@ -81,7 +81,7 @@ def study(
             if key in held["fits"]:
                 continue
             started = time.perf_counter()
-            fitted = (Constant() if name == "constant" else recipe(seed)).fit(dataset.subset(np.sort(order[:size])))
+            fitted = (Constant() if name == "constant" else make(seed)).fit(dataset.subset(np.sort(order[:size])))
             cell = {"samples": size, "seed": seed, **rmse_n(fitted, test)}
             held["fits"][key] = {**cell, "seconds": round(time.perf_counter() - started, 2)}
             part = path.with_name(path.name + ".part")
@@ -110,8 +110,10 @@ def table(held: dict[str, Any]) -> list[str]:
     ]
     for size in sorted({size for by in found.values() for size in by}):
         cells = [by.get(size, np.array([np.nan])) for by in found.values()]
-        told = "".join(f"{1e3 * c.mean():10.1f} +- {1e3 * (c.std(ddof=1) if len(c) > 1 else 0):4.1f}" for c in cells)
-        lines.append(f"{size or 'constant':>16}  {told}   {len(cells[0])} seeds")
+        cells_text = "".join(
+            f"{1e3 * c.mean():10.1f} +- {1e3 * (c.std(ddof=1) if len(c) > 1 else 0):4.1f}" for c in cells
+        )
+        lines.append(f"{size or 'constant':>16}  {cells_text}   {len(cells[0])} seeds")
     return lines
 
 
@@ -169,12 +171,12 @@ def main() -> None:
         named = {"estimator": options.estimator, "settings": settings.model_dump(mode="json"), "data": dataset.title}
         named |= {} if options.start is None else {"start": options.start}
 
-        def recipe(seed: int) -> Estimator:
+        def make(seed: int) -> Estimator:
             own = "seed" in type(settings).model_fields and "seed" not in settings.model_fields_set
             made = create(options.estimator, settings.model_copy(update={"seed": seed}) if own else settings)
             return made.fine_tuned_from(start) if isinstance(made, NetworkEstimator) and start else made
 
-        held = study(recipe, dataset, options.sizes, options.seeds, options.json, named)
+        held = study(make, dataset, options.sizes, options.seeds, options.json, named)
     except TipforceError as error:
         parser.error(str(error))
     print(*table(held), sep="\n")

@@ -2,7 +2,7 @@
 
     OMP_NUM_THREADS=1 .venv/bin/python -m bench.limits --preset bench-2021 --sessions 40 --out DIR
 
-No picture is drawn: the world is run, and the seen line's error is what `python -m bench.line_noise` has measured.
+No image is drawn: the world is run, and the detected line's error is what `python -m bench.line_noise` has measured.
 Frames in contact only. Writes ``bound-PRESET.json`` and ``bound-PRESET.svg``; prints the tables of docs/limits.md.
 """
 
@@ -230,9 +230,9 @@ def main() -> None:
             for row in rows
         ],
     }
-    told = [row for row in rows if "known_mn" in row]
-    if told:
-        figures["breakdown_of_magnitude_mn"] = breakdown(told)
+    known = [row for row in rows if "known_mn" in row]
+    if known:
+        figures["breakdown_of_magnitude_mn"] = breakdown(known)
     place = options.out / f"bound-{options.preset}"
     place.with_suffix(".json").write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
     parameters(figures, place.with_suffix(".svg"))
@@ -243,7 +243,7 @@ def main() -> None:
         print("\n".join(table([figures[f"all{suffix}"]], "", 1e3, "mN").splitlines()[2:]), end="\n\n")
         print(table(figures[f"by_force{suffix}"], "force", 1e3, "mN"), end="\n\n")
     print("tare only:", {name: cell(value) for name, value in figures["only_the_tare_known_free_mn"].items()})
-    if told:
+    if known:
         print("\n" + breakdown_table(figures["breakdown_of_magnitude_mn"]))
 
 

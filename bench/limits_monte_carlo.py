@@ -29,9 +29,9 @@ from tipforce.mechanics import contact_derivatives, posterior_covariance
 from tipforce.simulation import PRESETS, SimulatedBench
 
 STEPS = 30
-SETTLED = 0.1
-"""A fit has settled where the next step is shorter than this share of what the posterior leaves open."""
-DOUBT = 0.7
+CONVERGED = 0.1
+"""A fit has converged where the next step is shorter than this share of what the posterior leaves open."""
+NEARLY_CONVERGED = 0.7
 """And where no smaller error is found along the step, at this share."""
 SMALLEST = 1e-3
 """Share of a step below which no smaller one is tried."""
@@ -92,7 +92,7 @@ def moved(inputs: BoundInputs, change: dict[str, float]) -> BoundInputs:
 
 
 def line_px(inputs: BoundInputs) -> np.ndarray:
-    """(97, 2): the line of a frame in the picture."""
+    """(97, 2): the line of a frame in the image."""
     rod, curvature, shaft = inputs.bench_model.rod, inputs.curvature_per_m, inputs.settings.world.shaft
     found = contact_derivatives(
         rod, inputs.lines_m, inputs.force_n, inputs.touch_m, 97, tip_radius_m=inputs.bench_model.radius_m,
@@ -128,7 +128,7 @@ def errors_of(inputs: BoundInputs, seen: np.ndarray, found: np.ndarray, names: l
 def fit(
     inputs: BoundInputs, seen: np.ndarray, means: np.ndarray, stds: np.ndarray, names: list[str], whiten: np.ndarray
 ) -> tuple[np.ndarray, bool]:
-    """The most probable change of the unknowns, and whether the fit has settled."""
+    """The most probable change of the unknowns, and whether the fit has converged."""
     found = means.copy()
     errors = errors_of(inputs, seen, found, names)
     if errors is None:
@@ -141,7 +141,7 @@ def fit(
         left = np.concatenate([whiten @ errors, (means - found) / stds])
         whole = np.vstack([slopes * stds, np.eye(len(names))])
         step = np.linalg.lstsq(whole, left)[0]
-        if np.linalg.norm(whole @ step) < SETTLED:
+        if np.linalg.norm(whole @ step) < CONVERGED:
             return found + stds * step, True
         share = 1.0
         while share > SMALLEST:
@@ -155,7 +155,7 @@ def fit(
             share *= 0.5
         else:
             # Nothing better near: the slopes, at points a little apart from those compared, aim a little beside.
-            return found, bool(np.linalg.norm(whole @ step) < DOUBT)
+            return found, bool(np.linalg.norm(whole @ step) < NEARLY_CONVERGED)
         found, errors = tried, there
     return found, False
 
@@ -194,19 +194,19 @@ def main() -> None:
         line, errors, lost = line_px(here), [], 0
         for _ in range(options.draws):
             seen = seen_px(line, root @ rng.standard_normal(POINTS + 1) / scale, width, height)
-            found, settled = fit(here, seen, stds * rng.standard_normal(len(stds)), stds, names, whiten)
-            lost += not settled
-            if settled:
+            found, converged = fit(here, seen, stds * rng.standard_normal(len(stds)), stds, names, whiten)
+            lost += not converged
+            if converged:
                 errors.append(found[:2])
         if not errors:
-            print(f"frame {frame}: no fit has settled", flush=True)
+            print(f"frame {frame}: no fit has converged", flush=True)
             continue
         covariance = np.array(errors).T @ np.array(errors) / len(errors)
         results.append({
             "frame": frame,
             "force_mn": (1e3 * here.force_n[0]).round(1).tolist(),
-            "settled": len(errors),
-            "not_settled": lost,
+            "converged": len(errors),
+            "not_converged": lost,
             "bound_fx_fy_mn": (1e3 * np.sqrt(np.diag(bound))).round(3).tolist(),
             "errors_fx_fy_mn": (1e3 * np.sqrt(np.diag(covariance))).round(3).tolist(),
             "variance_over_bound": float(np.trace(np.linalg.solve(bound, covariance)) / 2),

@@ -2,10 +2,10 @@
 
     OMP_NUM_THREADS=1 .venv/bin/python -m bench.line_noise --preset bench-2021 --sessions 16 --out DIR
 
-Pictures are drawn, go through JPEG as in a recording, and are seen; the true line is projected through the true camera.
-What frames of a session that are more than a second apart share is lasting, the rest fresh. Frames on which the wrong
-thing was seen (tip off by more than 5 px, a point by more than 2 px) are left out; of the others, errors beyond three
-robust standard deviations count as three.
+Images are drawn, go through JPEG as in a recording, and are detected; the true line is projected through the true
+camera. What frames of a session that are more than a second apart share is lasting, the rest fresh. Frames on which
+the wrong thing was seen (tip off by more than 5 px, a point by more than 2 px) are left out; of the
+others, errors beyond three robust standard deviations count as three.
 By default the sessions are of seed 1000, which no split has. Writes ``line-noise-PRESET.json`` and ``.svg``.
 """
 
@@ -34,7 +34,7 @@ from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 POINTS = 33
 FIRST_FRAME = 24
 SPREAD = 16
-"""Frames over the session that vision is settled on, with the sheet of the session."""
+"""Frames over the session that vision is calibrated on, with the session's metadata."""
 APART = 24
 """Frames from which on what two share is taken for lasting."""
 WRONG_PX, WRONG_TIP_PX = 2.0, 5.0
@@ -42,13 +42,13 @@ ROBUST = 3.0
 
 
 def through_jpeg(image: np.ndarray, quality: int) -> np.ndarray:
-    """The picture as a recording gives it back."""
+    """The image as a recording gives it back."""
     _, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
     return cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
 
 
 def line_grid(true: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Places on a line ``true`` (p, 2) px, evenly from the picture's border to its end, and directions there.
+    """Places on a line ``true`` (p, 2) px, evenly from the image's border to its end, and directions there.
 
     Returns places, directions along the line and to its left, (POINTS, 2) each, and its length from the border on.
     """
@@ -56,7 +56,7 @@ def line_grid(true: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np
     spline = CubicSpline(arc, true)
     fine = np.linspace(0.0, arc[-1], 2000)
     places = spline(fine)
-    # how far inside the picture; where it turns positive the line comes in
+    # how far inside the image; where it turns positive the line comes in
     inward = np.minimum(places, np.array([width - 1, height - 1]) - places).min(axis=1)
     first = int(np.argmax(inward >= 0))
     begin = fine[first]
@@ -71,7 +71,7 @@ def line_grid(true: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np
 def line_errors(seen: np.ndarray, true: np.ndarray, width: int, height: int) -> tuple[np.ndarray, float]:
     """How far ``seen`` (n, 2) lies to the left of ``true`` (p, 2) at its `line_grid`, then its tip along it: px.
 
-    Returns (POINTS + 1,), and the true line's length in the picture. Lines run from base to tip.
+    Returns (POINTS + 1,), and the true line's length in the image. Lines run from base to tip.
     """
     points, along, left, length = line_grid(true, width, height)
     way = arc_length(seen)
@@ -92,8 +92,8 @@ def session_errors(preset: str, seed: int, frames: int, number: int) -> dict[str
     lines = bench.interpolator.lines_m(bench.frame_s)
     spread = np.linspace(0, len(lines) - 1, SPREAD).astype(int).tolist()
     try:
-        pictures = [through_jpeg(bench.frame(k).image, quality) for k in spread]
-        vision = ShapeDetector(auto_calibrate(VisionSettings(), pictures, bench.session_info))
+        images = [through_jpeg(bench.frame(k).image, quality) for k in spread]
+        vision = ShapeDetector(auto_calibrate(VisionSettings(), images, bench.session_info))
     except InputError:  # nothing is seen in this session
         return {"number": number, "frames": [], "errors": [], "lengths": [], "lost": frames, "wrong": 0}
     right, rows, lengths, lost, wrong = [], [], [], 0, 0
@@ -147,8 +147,8 @@ def draw(parts: dict[str, np.ndarray], noise: dict[str, LineNoise], arc: np.ndar
         middle = POINTS // 2
         axes[1].plot(arc, covariance[middle, :-1] / (std[middle] * std[:-1]), "o", color=colour, markersize=4)
         axes[1].plot(arc, model[middle, :-1] / (shown[middle] * shown[:-1]), color=colour)
-    axes[0].set(xlabel="way from the picture's border, px", ylabel="standard deviation across the line, px", ylim=0)
-    axes[1].set(xlabel="way from the picture's border, px", ylabel="correlation with the middle", ylim=(-0.2, 1.05))
+    axes[0].set(xlabel="way from the image's border, px", ylabel="standard deviation across the line, px", ylim=0)
+    axes[1].set(xlabel="way from the image's border, px", ylabel="correlation with the middle", ylim=(-0.2, 1.05))
     axes[0].legend(frameon=False)
     figure.suptitle(title)
     figure.savefig(path)

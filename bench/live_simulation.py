@@ -1,8 +1,8 @@
-"""How fast the live twin is: simulated seconds a second, and the time from one event to the next.
+"""How fast the live simulation is: simulated seconds a second, and the time from one event to the next.
 
     OMP_NUM_THREADS=1 python -m bench.live_simulation [--seconds S] [--blocks N] [--json FILE]
 
-One session of bench-2021, with its pictures and without, and without them under a command every 10 ms. Each block is
+One session of bench-2021, with its images and without, and without them under a command every 10 ms. Each block is
 the session from its beginning; rates are of the best block, also by processor time, which tells what a busy machine
 hides; steps are of all blocks.
 """
@@ -21,9 +21,9 @@ from tipforce.types import STAGE
 HEART = HeartMotion(4e-3, 1.2, lateral_share=0.5)
 
 
-def run(twin: LiveSimulation, commanded: bool) -> tuple[float, float, np.ndarray]:
+def run(simulation: LiveSimulation, commanded: bool) -> tuple[float, float, np.ndarray]:
     """Wall and processor time of a session, and of each step the wall time."""
-    with twin as bench:
+    with simulation as bench:
         steps = []
         begun, processor = time.perf_counter(), time.process_time()
         last = begun
@@ -45,10 +45,10 @@ def main() -> None:
     preset = PRESETS["bench-2021"]
     settings = preset.model_copy(update={"world": preset.world.model_copy(update={"seconds": chosen.seconds})})
     figures = {}
-    for name, images, commanded in (("pictures", True, False), ("none", False, False), ("commanded", False, True)):
-        twin = LiveSimulation(settings, seed=0, session=1, images=images)
-        run(twin, commanded)  # compiled, drawn and tried out
-        walls, processors, steps = zip(*(run(twin, commanded) for _ in range(chosen.blocks)), strict=True)
+    for name, images, commanded in (("images", True, False), ("none", False, False), ("commanded", False, True)):
+        simulation = LiveSimulation(settings, seed=0, session=1, images=images)
+        run(simulation, commanded)  # compiled, drawn and tried out
+        walls, processors, steps = zip(*(run(simulation, commanded) for _ in range(chosen.blocks)), strict=True)
         waits = 1e3 * np.concatenate(steps)
         figures[name] = {
             "simulated_s_per_s": chosen.seconds / min(walls),

@@ -1,7 +1,7 @@
 """``python -m bench.networks``: a frame to the network's answer, in every way there is to run it, beside the processor.
 
 Each network has the weights it begins with, after a few batches, since the time hangs on the shapes alone. A frame is a
-640 x 480 grey picture in memory; preprocessing, the batch axis and what a way needs to take it in are part of its time.
+640 x 480 grey image in memory; preprocessing, the batch axis and what a way needs to take it in are part of its time.
 The ways take turns, block by block; a row tells the middle of the quickest block beside p50 and p99 over all blocks,
 so that what else the machine does can be told from what the way costs. OpenVINO is measured where it is installed.
 """
@@ -90,9 +90,9 @@ def of(name: str) -> dict[str, Any]:
     graph = export_graph(network, specs, method.outputs, {})
     small = quantise(graph, [_batch(specs, 1, seed) for seed in range(4)])
     draw = np.random.default_rng(0)
-    picture = np.clip(draw.normal(150, 40, FRAME), 0, 255).astype(np.uint8)
+    image = np.clip(draw.normal(150, 40, FRAME), 0, 255).astype(np.uint8)
     info = SessionInfo(views={"camera": ViewInfo(base_side="left")})
-    read, observation = method.reader(info, training=False), Observation(0, {"camera": picture}, {})
+    read, observation = method.reader(info, training=False), Observation(0, {"camera": image}, {})
 
     def ready() -> dict[str, Any]:
         row = read(observation)
@@ -203,7 +203,7 @@ def operations(network: torch.nn.Module, specs: dict[str, Any]) -> int:
 
 
 def training(name: str, method: NetworkEstimator, task: Any) -> dict[str, float]:
-    """Images a second through forward, backward and a step, on two threads, by precision; pictures ready in memory."""
+    """Images a second through forward, backward and a step, on two threads, by precision; images ready in memory."""
     torch.set_num_threads(2)
     specs = dict(method.input_specs(training=False))
     batch = {key: torch.from_numpy(value) for key, value in _batch(specs, BATCH[name], 0).items()}

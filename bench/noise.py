@@ -1,4 +1,4 @@
-"""``python -m bench.noise``: the twin's cheap noise against the true distributions, and against NumPy's generators.
+"""``python -m bench.noise``: the simulation's cheap noise against the true distributions and NumPy's generators.
 
 Chi-square of histograms: of the camera against Poisson plus Gauss, rounded and clipped; of the fluoroscope against
 Poisson. Classes with fewer than 20 expected pixels are one.
@@ -25,7 +25,7 @@ SHAPE = (480, 640)
 
 
 def draw(noise: SensorNoise, level: float, frame: int, channels: int = 1) -> np.ndarray:
-    """(channels, h, w): an even picture with noise."""
+    """(channels, h, w): an even image with noise."""
     planes = np.empty((channels, *SHAPE), np.uint8)
     clean = np.full((channels, *SHAPE), level, np.float32)
     add_noise(clean, frame_key(7, frame), gauss_table(), noise.grey_per_electron, noise.read_grey, planes)
@@ -68,13 +68,13 @@ def measure() -> dict[str, Any]:
         for level in LEVELS:
             counts = sum(np.bincount(draw(noise, level, frame).ravel(), minlength=256) for frame in range(3))
             figures["camera"][f"sigma {sigma:g}, level {level:g}"] = _row(np.asarray(counts), chances(noise, level))
-    tables, quanta = photon_tables(), np.empty(SHAPE, np.uint16)
+    tables, photons = photon_tables(), np.empty(SHAPE, np.uint16)
     for mean in MEANS:
         counts = np.zeros(2048, np.int64)
         for frame in range(3):
             means = np.full(SHAPE, mean, np.float32)
-            sample_photons(means, quantum_key(7, 0, frame, 0), tables.alias, tables.gauss, quanta)
-            counts += np.bincount(quanta.ravel(), minlength=2048)
+            sample_photons(means, quantum_key(7, 0, frame, 0), tables.alias, tables.gauss, photons)
+            counts += np.bincount(photons.ravel(), minlength=2048)
         figures["fluoroscope"][f"mean {mean:g}"] = _row(counts, poisson.pmf(np.arange(2048), float(np.float32(mean))))
     noise, rng = NOISES[5.0], np.random.default_rng(0)
     clean, planes = np.full((1, *SHAPE), 128.0, np.float32), np.empty((1, *SHAPE), np.uint8)

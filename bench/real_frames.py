@@ -99,7 +99,7 @@ def distances(points: np.ndarray, line: np.ndarray) -> np.ndarray:
     return cKDTree(line).query(points)[0]
 
 
-def in_the_picture(source: Source, line: np.ndarray) -> np.ndarray:
+def in_the_image(source: Source, line: np.ndarray) -> np.ndarray:
     """Nothing is free: the stored curve where the chain puts it."""
     return distances(drawn(source.quartic, source.origin, source.unit, 0, source.height), line)
 
@@ -130,7 +130,7 @@ def one_unit(sources: list[Source], lines: list[np.ndarray], shifted: bool) -> t
     return best.x, off(best.x)
 
 
-def picture(image: np.ndarray, line: np.ndarray, source: Source) -> np.ndarray:
+def drawing(image: np.ndarray, line: np.ndarray, source: Source) -> np.ndarray:
     """The manipulator four times as large: our centreline red, the stored curve blue, the source's skeleton olive."""
     left, top, right, bottom, zoom = 140, 60, 420, 350, 4
     part = image[top:bottom, left:right] // 2
@@ -172,14 +172,14 @@ def measure(folder: pathlib.Path, out: pathlib.Path | None = None) -> dict:
         sources[path.name], lines[path.name] = source, line
         if out:
             out.mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(out / path.name), picture(image, line, source))
+            cv2.imwrite(str(out / path.name), drawing(image, line, source))
     both = [(sources[name], lines[name]) for name in sources]
     variants = {
         "source's own skeleton to its curve": (
             0,
             [distances(s.path, drawn(s.quartic, s.origin, s.unit, 0, s.height)) for s, _ in both],
         ),
-        "stored curve in the picture": (0, [in_the_picture(*pair) for pair in both]),
+        "stored curve in the image": (0, [in_the_image(*pair) for pair in both]),
         "ours fitted the same way": (0, [fitted_alike(*pair) for pair in both]),
     }
     alike = [name for name in sources if name in known]
@@ -199,7 +199,7 @@ def measure(folder: pathlib.Path, out: pathlib.Path | None = None) -> dict:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=pathlib.Path, help="folder for the pictures")
+    parser.add_argument("--out", type=pathlib.Path, help="folder for the images")
     parser.add_argument("--json", type=pathlib.Path, help="file for the figures")
     given = parser.parse_args()
     figures = measure(pathlib.Path(os.environ["TIPFORCE_REAL_DATA"]) / "tendon-manipulator", given.out)

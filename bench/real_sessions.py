@@ -3,7 +3,7 @@
     TIPFORCE_REAL_DATA=... .venv/bin/python -m bench.real_sessions [random] [session]
 
 The data: github.com/Bigyuun/LSTM-force-estimation, commit 621b92c9. Every constant that a fit chooses, it chooses by
-cross-validation within its training part; which recipes are listed here was decided by looking at these tables.
+cross-validation within its training part; which methods are listed here was decided by looking at these tables.
 """
 
 import os
@@ -48,7 +48,7 @@ WITHIN = {
     "sigma": [2.0, 3.0],
     "tuning_samples": 2500,
 }
-RECIPES: dict[str, dict[str, Any]] = {
+METHODS: dict[str, dict[str, Any]] = {
     "svr, the thesis's": {"force": "components"},
     "svr, across sessions": ACROSS,
     "svr, across sessions, window": {**ACROSS, "window": {"lags_ms": [0, 300], "average_ms": 150}},
@@ -59,7 +59,7 @@ RECIPES: dict[str, dict[str, Any]] = {
 Answer = Callable[[Dataset, np.ndarray, np.ndarray], FloatArray]
 
 
-def by_recipe(settings: dict[str, Any]) -> Answer:
+def by_settings(settings: dict[str, Any]) -> Answer:
     def answer(data: Dataset, train: np.ndarray, test: np.ndarray) -> FloatArray:
         svr = create("svr", settings).fit(data.subset(train))
         if svr.uses_history:
@@ -108,7 +108,7 @@ def main() -> None:
     protocols = [word for word in sys.argv[1:] if word in ("random", "session")] or ["random", "session"]
     print(f"{data.title}\n{len(data)} rows, {len(data.sessions)} sessions; RMSE fx / fy in mN, all test rows pooled\n")
     methods: dict[str, Answer] = {"constant": constant, "extra trees (reference)": extra_trees}
-    methods |= {name: by_recipe(settings) for name, settings in RECIPES.items()}
+    methods |= {name: by_settings(settings) for name, settings in METHODS.items()}
     for protocol in protocols:
         plan = splits(protocol, data, folds=4 if protocol == "random" else None)  # type: ignore[arg-type]
         print(f"{protocol}, {len(plan)} folds")

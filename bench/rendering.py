@@ -1,8 +1,8 @@
-"""``python -m bench.rendering``: frames a second of the twin's camera, beside the plain NumPy and OpenCV way.
+"""``python -m bench.rendering``: frames a second of the simulated camera, beside the plain NumPy and OpenCV way.
 
 Both draw one session of a preset in the same run: a beating wall, a moving catheter, motion blur, noise. The plain way
 has its still ground for nothing too; it draws the catheter as thick lines at four times the size, moves the phantom by
-warping, blurs the picture, and takes its noise from NumPy's generators. "written": with JPEG and truth, on disk.
+warping, blurs the image, and takes its noise from NumPy's generators. "written": with JPEG and truth, on disk.
 """
 
 import math
@@ -66,7 +66,7 @@ class Session:
         return pack(self.ours(job), truth, self.renderer.scene.jpeg_quality)
 
     def plain_parts(self) -> None:
-        """What the plain way may prepare: a still ground, and the phantom cut out of a picture with it."""
+        """What the plain way may prepare: a still ground, and the phantom cut out of an image with it."""
         away = self.rest[None] + np.array([0.0, 0.25, 0.0])
         self.ground = self.renderer.clean(away)
         with_it = self.renderer.clean(away, TissueState(np.zeros((1, 3))))
@@ -81,11 +81,11 @@ class Session:
         total = np.zeros_like(self.ground)
         home = camera.project(self.rest[-1:])
         for shape, shift in zip(shapes, tissue.shift_m, strict=True):
-            picture = self.ground.copy()
+            image = self.ground.copy()
             du, dv = (camera.project(self.rest[-1:] + shift) - home)[0]
             way = np.array([[1, 0, du], [0, 1, dv]], np.float32)
             alpha = cv2.warpAffine(self.alpha, way, (self.width, self.height))[..., None]
-            picture += alpha * (cv2.warpAffine(self.phantom, way, (self.width, self.height)) - picture)
+            image += alpha * (cv2.warpAffine(self.phantom, way, (self.width, self.height)) - image)
             mask = np.zeros((4 * self.height, 4 * self.width), np.uint8)
             line = np.round((4 * camera.project(shape) + 1.5) * 16).astype(np.int32)
             cv2.polylines(mask, [line], False, 255, width, cv2.LINE_AA, 4)
@@ -93,9 +93,9 @@ class Session:
                 255
             )
             shadow = cv2.GaussianBlur(np.roll(cover[..., 0], (10, 10), (0, 1)), (0, 0), 4.0)[..., None]
-            picture *= 1 - 0.3 * shadow
-            picture += cover * (np.array(scene.catheter.finish.shaft, np.float32) - picture)
-            total += picture
+            image *= 1 - 0.3 * shadow
+            image += cover * (np.array(scene.catheter.finish.shaft, np.float32) - image)
+            total += image
         total = cv2.GaussianBlur(total / len(shapes), (0, 0), scene.lens.blur_px)
         noise = scene.noise
         shot = self.rng.poisson(np.maximum(total, 0) / noise.grey_per_electron) * noise.grey_per_electron

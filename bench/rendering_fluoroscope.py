@@ -41,7 +41,7 @@ def pulses(count: int, first: int = 0) -> list[Pulse]:
 
 
 class Plain:
-    """The same picture by NumPy and SciPy alone; tubes as distances from every pixel near them to their chords."""
+    """The same image by NumPy and SciPy alone; tubes as distances from every pixel near them to their chords."""
 
     def __init__(self, renderer: XrayRenderer) -> None:
         self.renderer, self.layers = renderer, renderer._layers

@@ -3,7 +3,7 @@
     OMP_NUM_THREADS=1 .venv/bin/python -m bench.sample_distributions --sessions 40
 
 Runs the world of as many sessions twice, short as for samples and at the preset's length, at the same pace, and prints
-quantiles of force, angle and knob over the frames that samples are drawn from. No picture is drawn. ``--fine 4`` also
+quantiles of force, angle and knob over the frames that samples are drawn from. No image is drawn. ``--fine 4`` also
 runs so many of the short ones at the recordings' pace and prints how far their forces lie apart, the motion being the
 same.
 """
@@ -51,7 +51,7 @@ def apart(session: Session, every: int) -> float:
     return float(np.sqrt(np.mean(np.sum((coarse.contact.force_n - fine.contact.force_n[::every]) ** 2, axis=1))))
 
 
-def told(name: str, values: np.ndarray, at: Sequence[float] = AT) -> str:
+def quantiles_text(name: str, values: np.ndarray, at: Sequence[float] = AT) -> str:
     """Quantiles in a line."""
     return f"{name:<34}" + "  ".join(f"{x:8.3f}" for x in np.quantile(values, at))
 
@@ -71,9 +71,9 @@ def main() -> None:
         started = time.process_time()
         force, angle, knob = collect(made, options.sessions)
         took = time.process_time() - started
-        print(told(f"{label}: force, N", force))
-        print(told(f"{label}: angle in contact, deg", angle))
-        print(told(f"{label}: knob, deg", knob))
+        print(quantiles_text(f"{label}: force, N", force))
+        print(quantiles_text(f"{label}: angle in contact, deg", angle))
+        print(quantiles_text(f"{label}: knob, deg", knob))
         free = float((force < 1e-4).mean())
         print(f"{label}: without contact {free:.3f}, {took / options.sessions:.2f} s of CPU a session")
     short = sample_set(preset, seed=options.seed, samples=10**9, per_session=24)

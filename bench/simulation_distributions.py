@@ -2,7 +2,7 @@
 
     OMP_NUM_THREADS=1 .venv/bin/python -m bench.simulation_distributions --sessions 80 --out DIR
 
-Only the world is run, no picture is drawn. Writes ``distributions.json`` and ``distributions.svg``.
+Only the world is run, no image is drawn. Writes ``distributions.json`` and ``distributions.svg``.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from tipforce.simulation.world import run_session
 
 
 def force_edges_n(preset: str) -> np.ndarray:
-    """Twenty bins up to a little more than the preset's largest peak; 20 mN wide for the presets of the yardstick."""
+    """Twenty bins up to just above the preset's largest peak; 20 mN wide for the standard protocol's presets."""
     most = 0.4 * PRESETS[preset].world.motion.peak_force_n[1] / 0.35
     return np.linspace(0.0, round(most, 3), 21)
 

@@ -2,7 +2,7 @@
 
     TIPFORCE_REAL_DATA=FOLDER python -m bench.soft_arm_sheet --out FOLDER [--json FILE]
 
-The pictures are 64 x 64 px; the arm is 5 px wide, hangs from the top and starts at its clamp near (31, 12).
+The images are 64 x 64 px; the arm is 5 px wide, hangs from the top and starts at its clamp near (31, 12).
 """
 
 import argparse
@@ -22,7 +22,7 @@ SETTINGS = VisionSettings(
 )
 
 
-def pictures(folder: pathlib.Path) -> np.ndarray:
+def images(folder: pathlib.Path) -> np.ndarray:
     with h5py.File(folder / "soft-arm" / "images.mat") as file:
         stored = np.array(file["input_test"])
     frames = np.rint(stored.reshape(-1, 64, 64).transpose(0, 2, 1) * 255).astype(np.uint8)
@@ -47,7 +47,7 @@ def main() -> None:
     parser.add_argument("--missed", action="store_true", help="draw those that were not found instead")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    frames = pictures(pathlib.Path(os.environ["TIPFORCE_REAL_DATA"]))
+    frames = images(pathlib.Path(os.environ["TIPFORCE_REAL_DATA"]))
     tracer = Tracer(SETTINGS)
     seen = [tracer.detect(frame) for frame in frames]
     found = [k for k, sight in enumerate(seen) if sight.found]

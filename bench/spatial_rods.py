@@ -161,7 +161,7 @@ def press_time(segments: int, seconds: float = 20.0) -> dict[str, float]:
 
     contact = run()
     return {
-        "us": interleaved({"press": run}, 3)["press"] / t.size * 1e6,
+        "us": interleaved({"contact": run}, 3)["contact"] / t.size * 1e6,
         "touching": float(contact.touching.mean()),
         "slipping": float(contact.slipping.mean()),
         "unconverged": float((~contact.converged).sum()),
@@ -198,11 +198,11 @@ def show(figures: dict[str, Any]) -> None:
             f"  PyElastica, 20 elements, to 1 % of its settled tip: {least:.2f} to {most:.2f} s: "
             f"{1e6 * least / cold:.0f} x at least"
         )
-    for segments, press in figures["contact"].items():
+    for segments, solved in figures["contact"].items():
         print(
-            f"contact, {segments} segments, 20,000 instants of 1 ms: {press['us']:.1f} us an instant; touching "
-            f"{press['touching']:.0%}, slipping {press['slipping']:.0%}, peak {press['peak_n']:.2f} N, "
-            f"{press['unconverged']:.0f} unconverged"
+            f"contact, {segments} segments, 20,000 instants of 1 ms: {solved['us']:.1f} us an instant; touching "
+            f"{solved['touching']:.0%}, slipping {solved['slipping']:.0%}, peak {solved['peak_n']:.2f} N, "
+            f"{solved['unconverged']:.0f} unconverged"
         )
 
 

@@ -53,7 +53,7 @@ def read_once(words: Any) -> int:
 
 @dataclass(frozen=True)
 class Case:
-    """One kind of frame: a pool in memory, and what follows a frame from picture to force in each way."""
+    """One kind of frame: a pool in memory, and what follows a frame from image to force in each way."""
 
     name: str
     size: tuple[int, int]
@@ -182,7 +182,7 @@ def timed(work: Callable[[int], Any], count: int, start: int) -> np.ndarray:
 
 
 def measure_case(case: Case, blocks: int) -> dict[str, Any]:
-    """Microseconds, p50 and p99, of reading, of seeing, of the whole way to the force, and of the textbook chain."""
+    """Microseconds, p50 and p99, of reading, of detection, of the whole way to the force, and of the textbook chain."""
     pool, words, n = case.pool, case.words, len(case.pool)
     estimator = trained(case)
     stream = estimator.start(SessionInfo())

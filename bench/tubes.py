@@ -1,6 +1,6 @@
-"""Synthetic pictures of a tube with exact truth: what vision is measured against.
+"""Synthetic images of a tube with exact truth: what vision is measured against.
 
-Every picture is drawn at four times its size from the distance to an exactly known curve, shrunk by areas, blurred,
+Every image is drawn at four times its size from the distance to an exactly known curve, shrunk by areas, blurred,
 lit and made noisy. The truth is the curve itself, far finer than the pixels, cut at the base's border.
 """
 
@@ -48,7 +48,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Tube:
-    """One picture and its truth: ``curve`` (n, 2) u, v from the base's border to the tip, about 0.2 px apart."""
+    """One image and its truth: ``curve`` (n, 2) u, v from the base's border to the tip, about 0.2 px apart."""
 
     image: np.ndarray
     curve: np.ndarray
@@ -57,7 +57,7 @@ class Tube:
 
 
 def light_on_dark(look: Look) -> Look:
-    """The same picture with the greys turned round."""
+    """The same image with the greys turned round."""
     from dataclasses import replace
 
     return replace(
@@ -115,7 +115,7 @@ def _fits(points: np.ndarray, look: Look, size: tuple[int, int]) -> bool:
 
 
 def draw(rng: np.random.Generator, look: Look, side: str = "left") -> Tube:
-    """One random picture whose tube enters from ``side``."""
+    """One random image whose tube enters from ``side``."""
     w, h = look.size if side in ("left", "right") else look.size[::-1]
     for _ in range(2000):
         lead = 40.0
@@ -128,7 +128,7 @@ def draw(rng: np.random.Generator, look: Look, side: str = "left") -> Tube:
         if _fits(points + start, look, (w, h)):
             break
     else:
-        raise ValueError("no shape of this length fits this picture")
+        raise ValueError("no shape of this length fits this image")
     image = _render(rng, look, whole, (w, h), lead)
     curve = whole[whole[:, 0] >= -0.5]
     if side == "right":
@@ -206,7 +206,7 @@ def _render(rng: np.random.Generator, look: Look, curve: np.ndarray, size: tuple
         shift = np.array([[1, 0, 0.5 * look.diameter], [0, 1, 0.9 * look.diameter]], np.float32)
         dark = cv2.GaussianBlur(cv2.warpAffine(cover, shift, small), (0, 0), look.diameter * 0.35)
         ground *= 1 - look.shadow * dark
-    picture = ground * (1 - cover) + tint
+    image = ground * (1 - cover) + tint
     if look.cable:
         k = int(len(curve) * rng.uniform(0.5, 0.75))
         slant = math.atan2(tangents[k][1], tangents[k][0]) + rng.uniform(0.7, 2.4)
@@ -214,25 +214,25 @@ def _render(rng: np.random.Generator, look: Look, curve: np.ndarray, size: tuple
         vv, uu = np.mgrid[0:h, 0:w].astype(np.float32)
         off = np.abs((uu - curve[k][0]) * -way[1] + (vv - curve[k][1]) * way[0])
         wire = np.clip(look.cable / 2 - off + 0.5, 0, 1)
-        picture = picture * (1 - wire) + look.cable_grey * wire
+        image = image * (1 - wire) + look.cable_grey * wire
     if look.gradient or look.vignette:
         vv, uu = np.mgrid[-1 : 1 : complex(0, h), -1 : 1 : complex(0, w)].astype(np.float32)
         turn = rng.uniform(0, 2 * math.pi)
         light = 1 + 0.5 * look.gradient * (uu * math.cos(turn) + vv * math.sin(turn))
-        picture *= light * (1 - look.vignette * (uu**2 + vv**2) / 2)
+        image *= light * (1 - look.vignette * (uu**2 + vv**2) / 2)
     if look.exposure:
         turn = rng.uniform(0, math.pi)
         n = max(3, int(look.exposure * 2) | 1)
         kernel = np.zeros((n, n), np.float32)
         for t in np.linspace(-look.exposure / 2, look.exposure / 2, 8 * n):
             kernel[round(n // 2 + t * math.sin(turn)), round(n // 2 + t * math.cos(turn))] += 1
-        picture = cv2.filter2D(picture, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE)
+        image = cv2.filter2D(image, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE)
     if look.blur:
-        picture = cv2.GaussianBlur(picture, (0, 0), look.blur, borderType=cv2.BORDER_REPLICATE)
-    picture = picture[:, :, None].repeat(3, axis=2) if look.colour else picture
+        image = cv2.GaussianBlur(image, (0, 0), look.blur, borderType=cv2.BORDER_REPLICATE)
+    image = image[:, :, None].repeat(3, axis=2) if look.colour else image
     if look.colour:
-        picture = picture * np.array([1.02, 1.0, 0.95], np.float32)
-    noisy = picture + rng.standard_normal(picture.shape, np.float32) * look.noise
+        image = image * np.array([1.02, 1.0, 0.95], np.float32)
+    noisy = image + rng.standard_normal(image.shape, np.float32) * look.noise
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 

@@ -46,10 +46,10 @@ HARDER.append(("all of a bench", [("together", BENCH)]))
 
 
 def measure(look: tubes.Look, frames: int, seed: int) -> dict[str, float]:
-    """Figures over ``frames`` pictures, an equal number for each side and polarity."""
+    """Figures over ``frames`` images, an equal number for each side and polarity."""
     rng = np.random.default_rng(seed)
     median, worst, tip = [], [], []
-    lost = wrong = unsettled = 0
+    lost = wrong = uncalibrated = 0
     groups = [(side, light) for light in (False, True) for side in SIDES]
     for k, (side, light) in enumerate(groups):
         n = frames // len(groups) + (k < frames % len(groups))
@@ -58,7 +58,7 @@ def measure(look: tubes.Look, frames: int, seed: int) -> dict[str, float]:
         try:
             vision = ShapeDetector(auto_calibrate(VisionSettings(), [tube.image for tube in drawn]))
         except InputError:
-            unsettled += n
+            uncalibrated += n
             continue
         for m in range(n):
             tube = drawn[m] if m < len(drawn) else tubes.draw(rng, painted, side)
@@ -84,7 +84,7 @@ def measure(look: tubes.Look, frames: int, seed: int) -> dict[str, float]:
         "share_point_above_0_3": float(np.mean(np.array(worst) > 0.3)) if given else float("nan"),
         "tip_median_px": float(np.median(tip)) if given else float("nan"),
         "tip_worst_px": float(np.max(tip, initial=0)),
-        "lost": lost + unsettled,
+        "lost": lost + uncalibrated,
         "wrong": wrong,
     }
 

@@ -23,7 +23,7 @@ settings.register_profile("explore", deadline=None)
 settings.load_profile("house")
 
 SHAPES = {"bent": [0.4, 0.5, 0.1], "hook": [1.2, 1.7, 0.3], "long": [0.1, 0.1], "straight": [0.0, 0.0]}
-"""Legendre coefficients of the tangent angle: "hook" comes back towards its base, "long" leaves the picture."""
+"""Legendre coefficients of the tangent angle: "hook" comes back towards its base, "long" leaves the image."""
 
 
 def _axis(shape: str) -> np.ndarray:
@@ -53,12 +53,12 @@ def axis_of() -> Callable[[str], np.ndarray]:
 
 @pytest.fixture
 def tube() -> Callable[..., np.ndarray]:
-    """Name of a shape -> (480, 640) grey picture of a dark tube, 12 px wide, on light ground."""
+    """Name of a shape -> (480, 640) grey image of a dark tube, 12 px wide, on light ground."""
 
     def draw(shape: str, noise: float = 0.0) -> np.ndarray:
-        picture = np.full((480, 640), 220, np.uint8)
-        cv2.polylines(picture, [np.round(_axis(shape) * 16).astype(np.int32)], False, 40, 12, cv2.LINE_AA, 4)
-        rough = picture + np.random.default_rng(0).normal(0, noise, picture.shape)
+        image = np.full((480, 640), 220, np.uint8)
+        cv2.polylines(image, [np.round(_axis(shape) * 16).astype(np.int32)], False, 40, 12, cv2.LINE_AA, 4)
+        rough = image + np.random.default_rng(0).normal(0, noise, image.shape)
         return np.clip(np.rint(rough), 0, 255).astype(np.uint8)
 
     return draw

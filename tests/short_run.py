@@ -20,7 +20,7 @@ def push(t: np.ndarray) -> np.ndarray:
     return np.where(t < 2.0, 0.0, beat)
 
 
-def picture(bend: float) -> np.ndarray:
+def draw_image(bend: float) -> np.ndarray:
     """(120, 160) grey."""
     image = np.full((120, 160), 210, np.uint8)
     x = np.arange(0, 120)
@@ -44,7 +44,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     folder, rng = tmp_path_factory.mktemp("run"), np.random.default_rng(0)
     seconds = np.arange(192) / 24 + rng.uniform(0, 2e-3, 192)
     stamps = np.rint(seconds * 1e9).astype(np.int64)
-    write_video(folder / "video.mp4", (Frame(int(s), picture(float(push(s * 1e-9)))) for s in stamps), 24)
+    write_video(folder / "video.mp4", (Frame(int(s), draw_image(float(push(s * 1e-9)))) for s in stamps), 24)
     t = np.arange(0, 8.0, 1e-3)
     force = np.outer(push(t + OFFSET_S), [0.05, -0.2]) + BIAS + rng.normal(0, 0.003, (len(t), 2))
     rows = [f"{a:.3f},{b:.4f},{c:.4f}" for a, (b, c) in zip(t, force, strict=True)]

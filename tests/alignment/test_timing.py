@@ -61,7 +61,7 @@ def test_the_offset_is_found_to_three_milliseconds(offset_ms: int, noise: float)
     assert found.explained > 0.8
 
 
-def test_the_offset_is_found_though_some_pictures_show_something_else() -> None:
+def test_the_offset_is_found_though_some_images_show_something_else() -> None:
     frames, shape, stamps, force = elastic(0.05)
     rng = np.random.default_rng(1)
     wrong = rng.random(len(shape)) < 0.05
@@ -143,14 +143,14 @@ def test_levers_end_in_the_middle_of_the_dome() -> None:
         [arc(bend=0.0, diameter=12.0), arc(bend=0.0, diameter=np.nan)]
     )
     assert across == pytest.approx(0.0, abs=1e-9)
-    assert whole == along  # a diameter that one picture lacks is taken from the others
+    assert whole == along  # a diameter that one image lacks is taken from the others
     assert nothing == weight
     bare = shape_coordinates([arc(bend=0.0, diameter=np.nan)])[0]
     assert bare[2] - along == pytest.approx(weight)
     assert bare[3] == 0.0
 
 
-def test_the_doubt_covers_a_noisy_force() -> None:
+def test_the_standard_error_covers_a_noisy_force() -> None:
     """12 mN at 1 kHz, four times that of the bench's sensor."""
     for seed in range(4):
         frames, shape, stamps, force = elastic(0.03, hz=1.13, seed=seed)
@@ -267,7 +267,7 @@ def with_rigid_tip(cut_px: float = 0.0, bend: float = 0.5) -> DetectedShape:
     return DetectedShape(Status.VALID, centreline=CentrelinePx(pose.to_image(points)), base=pose, diameter_px=12.0)
 
 
-def test_pictures_that_lack_the_rigid_tip_or_follow_something_behind_it_count_as_the_others() -> None:
+def test_images_that_lack_the_rigid_tip_or_follow_something_behind_it_count_as_the_others() -> None:
     seen = [with_rigid_tip(), with_rigid_tip(), with_rigid_tip(cut_px=36.0), with_rigid_tip(cut_px=-50.0)]
     whole, _, short, long = shape_coordinates(seen, flexible_share=0.8)
     np.testing.assert_allclose(short, whole, rtol=0.02, atol=0.05)

@@ -17,7 +17,7 @@ from tipforce.vision import VisionSettings
 VISION = VisionSettings(polarity="dark", base_side="left")
 
 
-def picture(bend: float) -> np.ndarray:
+def draw_image(bend: float) -> np.ndarray:
     """(240, 320) grey; the tube comes from the left and turns by ``bend`` rad."""
     base = BasePose(np.array([-20.0, 150.0]), -0.02)
     axis = base.to_image(curve_from_angle(np.array([0.4, 0.5, 0.1]) * bend, 220.0, 200))
@@ -31,12 +31,12 @@ def bend_at(place: int) -> float:
     return 0.8 + 0.5 * np.sin(0.55 * place)
 
 
-class Pictures:
+class Images:
     """Samples drawn as they are asked for; the force is 0.2 N a rad of bending, along y."""
 
     def read(self, rows: np.ndarray) -> Iterator[Observation]:
         for row in rows.tolist():
-            yield Observation(row * 40_000_000, {"camera": picture(bend_at(row))}, {"knob_deg": 10.0})
+            yield Observation(row * 40_000_000, {"camera": draw_image(bend_at(row))}, {"knob_deg": 10.0})
 
 
 @pytest.fixture(scope="session")
@@ -52,7 +52,7 @@ def samples() -> Dataset:
     force[:, 0], force[:, 1] = 0.0, [0.2 * bend_at(k) for k in range(count)]
     sessions = np.array([f"s{k // 12}" for k in range(count)])
     return Dataset(
-        store=Pictures(),
+        store=Images(),
         session=sessions,
         stamp_ns=np.arange(count) * 40_000_000,
         actuation={"knob_deg": np.full(count, 10.0)},
@@ -78,7 +78,7 @@ def model(trained: Estimator, samples: Dataset, tmp_path_factory: pytest.TempPat
 def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """20 frames at 25 Hz; nothing but ground in frames 8 and 9."""
     path = tmp_path_factory.mktemp("video") / "beat.mp4"
-    pictures = [picture(bend_at(k) + 0.02) for k in range(20)]
-    pictures[8] = pictures[9] = np.full((240, 320), 215, np.uint8)
-    write_video(path, (Frame(k * 40_000_000, image) for k, image in enumerate(pictures)), 25.0)
+    images = [draw_image(bend_at(k) + 0.02) for k in range(20)]
+    images[8] = images[9] = np.full((240, 320), 215, np.uint8)
+    write_video(path, (Frame(k * 40_000_000, image) for k, image in enumerate(images)), 25.0)
     return path

@@ -151,7 +151,7 @@ def test_outputs_make_their_folders(trained, video: Path, tmp_path: Path) -> Non
 
 
 def test_facts_that_the_model_needs_are_asked_for_before_the_work(trained, video: Path, tmp_path: Path) -> None:
-    class Told:
+    class Stated:
         required_metadata = ("catheter.flexible_length_m", "views.camera.metres_per_px", "views.camera.base_side")
 
         def __getattr__(self, name):
@@ -165,13 +165,13 @@ def test_facts_that_the_model_needs_are_asked_for_before_the_work(trained, video
         open_source(video, actuation=KNOB) as source,
         pytest.raises(InputError, match=wanted.replace("t", re.escape(video.stem), 1)),
     ):
-        write_estimates(Told(), source, tmp_path / "f.csv")
+        write_estimates(Stated(), source, tmp_path / "f.csv")
     assert not (tmp_path / "f.csv").exists()
     facts = ["catheter.flexible_length_m=0.04", "views.camera.metres_per_px=2e-4", "views.camera.base_side=left"]
     stated = stated_info(None, facts)
     with open_source(video, actuation=KNOB, stated=stated) as source:
         assert source.session_info.name == video.stem
-        assert write_estimates(Told(), source, tmp_path / "f.csv").frames == 20
+        assert write_estimates(Stated(), source, tmp_path / "f.csv").frames == 20
 
 
 @pytest.mark.parametrize(

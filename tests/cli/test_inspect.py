@@ -1,4 +1,4 @@
-"""``tipforce inspect``: pictures, videos, recordings."""
+"""``tipforce inspect``: images, videos, recordings."""
 
 import json
 from pathlib import Path
@@ -28,7 +28,7 @@ def frame(tube, tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("method", ["tracer", "classic"])
-def test_a_picture_is_drawn_and_described(frame: Path, tmp_path: Path, method: str, axis_of) -> None:
+def test_an_image_is_drawn_and_described(frame: Path, tmp_path: Path, method: str, axis_of) -> None:
     drawn, table = tmp_path / "d.png", tmp_path / "d.json"
     result = run(frame, "-o", drawn, "--json", table, "--set", f"vision.method={method}")
     assert result.exit_code == 0, result.output
@@ -38,9 +38,9 @@ def test_a_picture_is_drawn_and_described(frame: Path, tmp_path: Path, method: s
     assert figures["diameter_px"] == pytest.approx(13, abs=2)
     assert np.hypot(*(np.array(figures["tip_px"]) - axis_of("bent")[-1])) < 12
     assert figures["vision"]["base_side"] == "left"
-    picture = cv2.imread(str(drawn))
-    assert picture.shape == (480, 640, 3)
-    assert picture.std(axis=2).max() > 80, "the drawing has colours, the frame has none"
+    image = cv2.imread(str(drawn))
+    assert image.shape == (480, 640, 3)
+    assert image.std(axis=2).max() > 80, "the drawing has colours, the frame has none"
     for word in ("base", "tip", "diameter", "A1"):
         assert word in result.stderr
 
@@ -78,7 +78,7 @@ def test_a_hook_has_no_polynomial_but_an_angle_series(tube, tmp_path: Path) -> N
     assert series["L0"] + series["L1"] + series["L2"] == pytest.approx(3.2, abs=0.5)
 
 
-def test_a_picture_without_a_catheter_says_why(tmp_path: Path) -> None:
+def test_an_image_without_a_catheter_says_why(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((240, 320), 180, np.uint8))
     result = run(tmp_path / "grey.png", "-o", tmp_path / "d.png", "--json", tmp_path / "t.json")
     assert result.exit_code == 0
@@ -88,7 +88,7 @@ def test_a_picture_without_a_catheter_says_why(tmp_path: Path) -> None:
     assert figures["features"] is None
 
 
-def test_a_video_is_counted_and_put_on_a_sheet(video: Path, tmp_path: Path) -> None:
+def test_a_video_is_counted_and_put_on_a_contact_sheet(video: Path, tmp_path: Path) -> None:
     table = tmp_path / "t.json"
     result = run(video, "-o", tmp_path / "sheet.png", "--json", table, "--drawn", 6)
     figures = json.loads(table.read_text())
@@ -121,9 +121,9 @@ def test_a_recording_shows_its_streams_and_a_plot(tube, tmp_path: Path) -> None:
     assert "of 10 frames" in looked.stderr
 
 
-def test_what_is_no_picture_is_named(tmp_path: Path) -> None:
+def test_what_is_no_image_is_named(tmp_path: Path) -> None:
     fake = tmp_path / "fake.png"
-    fake.write_text("not a picture")
+    fake.write_text("not an image")
     with pytest.raises(FileFormatError, match=r"fake\.png"):
         inspect_image_file(fake, VisionSettings(), ShapeFeatureSettings())
 

@@ -1,4 +1,4 @@
-"""``tipforce simulate`` of the twin: recordings as a bench leaves them, the truth beside them."""
+"""``tipforce simulate``: recordings as a bench leaves them, the truth beside them."""
 
 import json
 
@@ -22,7 +22,7 @@ def run(*arguments):
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    root = tmp_path_factory.mktemp("twin") / "runs"
+    root = tmp_path_factory.mktemp("simulated") / "runs"
     result = run("-o", str(root), "--json", str(root.parent / "figures.json"), *ARGUMENTS)
     assert result.exit_code == 0, result.output
     return root
@@ -43,11 +43,11 @@ def test_a_recording_holds_what_a_bench_has_and_nothing_of_the_truth(runs):
         assert info.inertia.how == "estimated"
         assert (session.catheter.flexible_length_m, session.catheter.bending_stiffness_nm2) == (0.04, 4.3e-4)
         assert session.preset == "bench-2021 changed"
-        told = json.dumps({name: dict(record) for name, record in info.metadata.items()})
+        stated = json.dumps({name: dict(record) for name, record in info.metadata.items()})
     truth = read_truth(runs / "session_01.mcap")
     for name in ("flexible_length_m", "stiffness_nm2", "friction", "contact_angle_deg", "knob_factor", "amplitude_m"):
         assert name in truth.values
-        assert f"{truth.values[name]:.4g}" not in told, name
+        assert f"{truth.values[name]:.4g}" not in stated, name
 
 
 def test_labels_are_the_true_force_but_for_the_sensors_own_errors(runs):
@@ -66,7 +66,7 @@ def test_labels_are_the_true_force_but_for_the_sensors_own_errors(runs):
         assert np.abs(np.median(miss, axis=0)).max() < 6e-3
 
 
-def test_truth_of_shape_and_mask_fits_the_picture(runs):
+def test_truth_of_shape_and_mask_fits_the_image(runs):
     path = runs / "session_00.mcap"
     truth = read_truth(path)
     with RecordingReader(path) as reader:

@@ -1,4 +1,4 @@
-"""``tipforce simulate --as dataset``: labelled pictures as an import of the session's recording would give them."""
+"""``tipforce simulate --as dataset``: labelled images as an import of the session's recording would give them."""
 
 import json
 from dataclasses import replace
@@ -71,7 +71,7 @@ def test_a_sample_is_what_importing_the_recording_would_give(made, tmp_path):
             assert np.array_equal(reader.frame_at(row).image, sample.views["camera"])
 
 
-def test_the_truth_lies_apart_and_fits_pictures_and_masks(made):
+def test_the_truth_lies_apart_and_fits_images_and_masks(made):
     data = open_dataset(made)
     assert sorted(path.name for path in made.iterdir()) == [
         "dataset.json", "images", "masks", "metadata.csv", "simulated.json", "truth",
@@ -88,9 +88,9 @@ def test_the_truth_lies_apart_and_fits_pictures_and_masks(made):
             mask = truth.mask(k)
             grey = each.views["camera"].mean(axis=2)
             assert grey[mask].mean() < grey[~mask].mean() - 10
-    told = (made / "metadata.csv").read_text() + (made / "dataset.json").read_text()
+    stated = (made / "metadata.csv").read_text() + (made / "dataset.json").read_text()
     for key in ("flexible_length_m", "stiffness_nm2", "friction", "contact_angle_deg"):
-        assert f"{truth.values[key]:.5g}" not in told, key
+        assert f"{truth.values[key]:.5g}" not in stated, key
 
 
 @pytest.fixture(scope="module")
@@ -114,10 +114,10 @@ def test_inspect_train_and_evaluate_take_shards_like_any_dataset(sharded, tmp_pa
     figures = tmp_path / "figures.json"
     result = run("inspect", sharded, "-o", tmp_path / "sheet.png", "--json", figures)
     assert result.exit_code == 0, result.output
-    told = json.loads(figures.read_text())
-    assert (told["samples"], told["sessions"], told["frames"]) == (30, 3, 30)
-    assert told["share_found"] > 0.9
-    assert told["forces"]["magnitude_n"]["max"] > 0.03
+    found = json.loads(figures.read_text())
+    assert (found["samples"], found["sessions"], found["frames"]) == (30, 3, 30)
+    assert found["share_found"] > 0.9
+    assert found["forces"]["magnitude_n"]["max"] > 0.03
     svr = ["--set", "vision.base_side=left", "--set", "folds=3", "--set", "c=[1]"]
     result = run("train", sharded, "-o", tmp_path / "svr", *svr, "--json", figures)
     assert result.exit_code == 0, result.output

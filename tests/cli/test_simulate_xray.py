@@ -1,4 +1,4 @@
-"""``tipforce simulate`` under X-ray: DICOM of two views on one clock, and labelled pictures of them."""
+"""``tipforce simulate`` under X-ray: DICOM of two views on one clock, and labelled images of them."""
 
 from functools import partial
 from pathlib import Path
@@ -34,12 +34,12 @@ def run(verb, *arguments):
 
 @pytest.fixture(scope="module")
 def late() -> SimulatedBench:
-    """Its very first picture of view b was dropped."""
+    """Its very first image of view b was dropped."""
     benches = (SimulatedBench(brief("biplane", 3.0), seed, 0) for seed in range(100))
     return next(bench for bench in benches if bench.arrived("a")[0] == 0 < bench.arrived("b")[0])
 
 
-def test_two_views_as_dicom_stay_on_one_clock_where_the_first_picture_of_one_was_dropped(late, tmp_path):
+def test_two_views_as_dicom_stay_on_one_clock_where_the_first_image_of_one_was_dropped(late, tmp_path):
     pytest.importorskip("pydicom")
     leave_dicom(late, tmp_path / "session", lambda: None)
     for view in late.views:
@@ -71,7 +71,7 @@ def made(wanted, tmp_path_factory) -> Path:
     return folder
 
 
-def test_labelled_pictures_have_true_masks_of_every_view(wanted, made):
+def test_labelled_images_have_true_masks_of_every_view(wanted, made):
     data = open_dataset(made)
     assert len(data) == 4
     for name in data.sessions:
@@ -80,21 +80,21 @@ def test_labelled_pictures_have_true_masks_of_every_view(wanted, made):
         own = data.subset(data.session == name)
         for k, observation in enumerate(own.observations()):
             assert set(observation.views) == set(wanted.views)
-            for view, picture in observation.views.items():
-                shown = picture_path(made, own.names[k], view, wanted.views)
-                np.testing.assert_array_equal(cv2.imread(str(shown), cv2.IMREAD_UNCHANGED), picture)
+            for view, image in observation.views.items():
+                shown = image_path(made, own.names[k], view, wanted.views)
+                np.testing.assert_array_equal(cv2.imread(str(shown), cv2.IMREAD_UNCHANGED), image)
                 path = made / "masks" / name / f"{shown.stem}.png"
                 mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) > 0
                 np.testing.assert_array_equal(mask, seen[view].mask(k))
                 ring = cv2.dilate(mask.astype(np.uint8), np.ones((15, 15), np.uint8)) > 0
-                assert picture[mask].mean() < picture[ring & ~mask].mean() - 5  # the catheter is dark there
+                assert image[mask].mean() < image[ring & ~mask].mean() - 5  # the catheter is dark there
 
 
-def picture_path(folder: Path, name: str, view: str, views) -> Path:
+def image_path(folder: Path, name: str, view: str, views) -> Path:
     return folder / (name if len(views) == 1 else name.replace(f"-{views[0]}.", f"-{view}."))
 
 
-def test_a_message_names_the_picture_of_the_view_that_was_looked_at(wanted, made, tmp_path):
+def test_a_message_names_the_image_of_the_view_that_was_looked_at(wanted, made, tmp_path):
     view = wanted.views[-1]
     data = open_dataset(made)
     first = np.flatnonzero(data.session == data.sessions[-1])

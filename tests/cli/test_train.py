@@ -62,8 +62,8 @@ def test_intervals_from_sessions_apart(rows: Path, tmp_path: Path) -> None:
         widths.append(facts["magnitude_interval_half_width_n"])
     assert widths[1] > widths[0] + 0.3
     assert "1 session" in facts["interval_basis"]
-    told = read_manifest(tmp_path / "svr")["training"]["calibration"]
-    assert (told["sessions"], told["samples"]) == (["t2"], 30)
+    calibration = read_manifest(tmp_path / "svr")["training"]["calibration"]
+    assert (calibration["sessions"], calibration["samples"]) == (["t2"], 30)
     known = open_dataset(rows).session_fingerprints | open_dataset(apart).session_fingerprints
     assert methods_from([str(tmp_path / "svr")])[0].trained_sessions == set(known.values())
     assert "1 session of apart." in (tmp_path / "svr" / "README.md").read_text(encoding="utf-8")

@@ -99,7 +99,7 @@ def code_blocks(text: str, language: str = "") -> list[str]:
 
 
 @pytest.fixture
-def workplace(bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None) -> Path:
+def work_folder(bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None) -> Path:
     """The current folder, with files by the names that examples use; see `lay_out`."""
     lay_out(bench, tmp_path)
     monkeypatch.chdir(tmp_path)

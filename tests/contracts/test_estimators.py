@@ -37,8 +37,8 @@ def test_settings_stay_what_the_user_said(name: str) -> None:
 def test_unfitted_is_the_fresh_method_after_a_fit_too(bench: Path, tmp_path: Path) -> None:
     data = open_dataset(bench / "runs")
     some = data.subset(np.arange(0, len(data), 6))
-    recipe = Svr()
-    fitted = recipe.unfitted().fit(some)
+    method = Svr()
+    fitted = method.unfitted().fit(some)
     assert fitted.settings == Svr().settings, "nothing that was learnt is in the settings"
     assert fitted.unfitted().settings == Svr().settings
     assert fitted.unfitted().fitted_ is None

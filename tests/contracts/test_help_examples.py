@@ -24,33 +24,33 @@ def test_every_verb_has_examples() -> None:
 
 
 @pytest.mark.slow
-def test_examples_of_simulate(workplace: Path) -> None:
-    shutil.rmtree(workplace / "runs")
+def test_examples_of_simulate(work_folder: Path) -> None:
+    shutil.rmtree(work_folder / "runs")
     for line in examples("simulate"):
         run(line)
-    assert (workplace / "runs" / "session_07.mcap").is_file()
-    assert (workplace / "set" / "metadata.csv").is_file()
+    assert (work_folder / "runs" / "session_07.mcap").is_file()
+    assert (work_folder / "set" / "metadata.csv").is_file()
 
 
 @pytest.mark.parametrize("verb", ["init-bench", "import", "inspect"])
-def test_examples_of(verb: str, workplace: Path) -> None:
+def test_examples_of(verb: str, work_folder: Path) -> None:
     for line in examples(verb):
-        output = workplace / shlex.split(line)[-1]
+        output = work_folder / shlex.split(line)[-1]
         if verb != "inspect" and output.is_file():
             output.unlink()
         run(line)
 
 
 @pytest.mark.slow
-def test_examples_of_train_evaluate_and_estimate(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shutil.rmtree(workplace / "runs")  # copies of two sessions; the examples name eight that differ
+def test_examples_of_train_evaluate_and_estimate(work_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.rmtree(work_folder / "runs")  # copies of two sessions; the examples name eight that differ
     for folder, seed, sessions in (("runs", 0, 8), ("bench", 1, 2), ("other", 2, 2)):
         run(f"tipforce simulate --preset bench-2021 --sessions {sessions} --seed {seed} -o {folder}/")
     for line in examples("train"):
         if line.endswith(" --resume"):
             cut_off(line.removesuffix(" --resume"), monkeypatch)
         run(f"{line} --overwrite")
-    shutil.rmtree(workplace / "models")
+    shutil.rmtree(work_folder / "models")
     run("tipforce train runs/ --estimator svr -o models/svr --set force=components")
     for line in (*examples("evaluate"), *examples("estimate")):
         run(line if line.startswith("tipforce evaluate") else f"{line} --overwrite")

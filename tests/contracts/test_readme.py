@@ -18,7 +18,7 @@ def commands(text: str) -> list[str]:
     return [line for line in lines if line.startswith("tipforce ")]
 
 
-def test_the_commands_for_a_bench_run(workplace: Path) -> None:
+def test_the_commands_for_a_bench_run(work_folder: Path) -> None:
     shutil.copy("video.mp4", "new.mp4")
     shutil.copy("bench.toml", "known.toml")
     lines = commands(README.partition("## On your bench")[2].partition("\n## ")[0])
@@ -37,7 +37,7 @@ def test_the_commands_for_a_bench_run(workplace: Path) -> None:
 
 
 def test_the_commands_without_a_bench_and_the_python_example_run(
-    workplace: Path, capsys: pytest.CaptureFixture[str]
+    work_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (code,) = code_blocks(README, "python")
     shutil.copy("run.mcap", "runs/monday.mcap")
@@ -50,7 +50,7 @@ def test_the_commands_without_a_bench_and_the_python_example_run(
 
 
 @pytest.mark.parametrize("name", pretrained_names())
-def test_the_command_of_a_model_card_runs(name: str, workplace: Path) -> None:
+def test_the_command_of_a_model_card_runs(name: str, work_folder: Path) -> None:
     folder = located(f"pretrained/{name}")
     card = (folder / "README.md").read_text(encoding="utf-8")
     (line,) = [line for block in code_blocks(card) for line in block.splitlines()]

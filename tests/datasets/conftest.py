@@ -18,7 +18,7 @@ def write_rows(path: Path, rows: list[dict[str, object]]) -> None:
 
 @pytest.fixture
 def make_folder(tmp_path: Path) -> Callable[..., Path]:
-    """A folder with ``sessions`` sessions of ``frames`` tiny pictures; ``change`` may edit the rows first."""
+    """A folder with ``sessions`` sessions of ``frames`` tiny images; ``change`` may edit the rows first."""
 
     def make(
         sessions: int = 3, frames: int = 8, change: Callable[[list[dict[str, object]]], None] | None = None
@@ -29,8 +29,8 @@ def make_folder(tmp_path: Path) -> Callable[..., Path]:
         for session in range(sessions):
             for frame in range(frames):
                 name = f"images/{session}_{frame}.png"
-                picture = np.full((12, 16), 10 * session + frame, np.uint8)
-                (folder / name).write_bytes(cv2.imencode(".png", picture)[1].tobytes())
+                image = np.full((12, 16), 10 * session + frame, np.uint8)
+                (folder / name).write_bytes(cv2.imencode(".png", image)[1].tobytes())
                 rows.append(
                     {
                         "file_name": name,

@@ -55,7 +55,7 @@ def samples(number: int, views: tuple[str, ...] = ("camera",), masks: bool = Fal
         actuation={"knob_deg": np.linspace(0.1, 0.7, EACH)},
         force_n=np.outer(np.arange(EACH) / 3, [1.0, -0.5, 0.1]),
         known=np.ones(3, np.bool_),
-        pictures={view: [png(40 * place + 8 * number + k) for k in range(EACH)] for place, view in enumerate(views)},
+        images={view: [png(40 * place + 8 * number + k) for k in range(EACH)] for place, view in enumerate(views)},
         suffix=".png",
         masks={view: [png(255 - place)] * EACH for place, view in enumerate(views)} if masks else {},
     )
@@ -125,7 +125,7 @@ def test_a_set_goes_on_where_it_was_cut_off(make: Callable[[Path], Growing], tmp
     (first.parts / "images-s1" / "00001.png").write_bytes(b"half")
     (first.parts / "0000001.part").write_bytes(b"half")
     (tmp_path / "cut" / "images" / "s2").mkdir(parents=True, exist_ok=True)
-    (tmp_path / "cut" / "images" / "s2" / "99999.png").write_bytes(b"pictures whose rows were not written")
+    (tmp_path / "cut" / "images" / "s2" / "99999.png").write_bytes(b"images whose rows were not written")
     second = make(tmp_path / "cut")
     assert not second.whole
     todo = [number for number in range(SESSIONS) if not second.has(number)]

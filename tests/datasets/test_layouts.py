@@ -57,12 +57,12 @@ def test_an_incomplete_tendon_session_names_its_row(tmp_path: Path) -> None:
         open_dataset(tmp_path / "sessions")
 
 
-def test_soft_arm_pictures_are_turned_upright(tmp_path: Path) -> None:
+def test_soft_arm_images_are_turned_upright(tmp_path: Path) -> None:
     h5py = pytest.importorskip("h5py")
-    pictures = np.zeros((3, 1, 64, 64))
-    pictures[:, 0, 2, 60] = 1.0  # column 2, row 60 as MATLAB stores it
+    images = np.zeros((3, 1, 64, 64))
+    images[:, 0, 2, 60] = 1.0  # column 2, row 60 as MATLAB stores it
     with h5py.File(tmp_path / "images.mat", "w") as file:
-        file["input_test"] = pictures
+        file["input_test"] = images
     with h5py.File(tmp_path / "forces.mat", "w") as file:
         file["target_test"] = np.arange(9.0).reshape(3, 3, 1, 1)
     data = open_dataset(tmp_path)
@@ -88,7 +88,7 @@ def test_the_real_sessions_have_the_published_size_and_spread() -> None:
 
 
 @needs_real
-def test_the_real_pictures_come_with_three_components() -> None:
+def test_the_real_images_come_with_three_components() -> None:
     pytest.importorskip("h5py")
     data = open_dataset(REAL / "soft-arm")
     assert len(data) == 641

@@ -43,7 +43,7 @@ def test_shards_of_others_open_in_the_order_of_their_names(tmp_path: Path) -> No
     assert len(open_dataset(tmp_path / "train-00001.parquet")) == 6
 
 
-def test_pictures_are_read_one_row_group_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_images_are_read_one_row_group_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = open_dataset(shard(tmp_path / "a.parquet"))
     read: list[int] = []
     real = pq.ParquetFile.read_row_group
@@ -64,7 +64,7 @@ def test_pictures_are_read_one_row_group_at_a_time(tmp_path: Path, monkeypatch: 
         ({"fx_n": ["a"] * 6}, r"column fx_n: expected numbers, got string"),
         ({"stamp_ns": [0.5] * 6}, r"column stamp_ns: expected whole numbers"),
         ({"fx_n": None}, r"has no force column"),
-        ({"image": None}, r"has no column of pictures"),
+        ({"image": None}, r"has no column of images"),
         ({"session": [""] * 6}, r"a\.parquet row 0, column session: is empty"),
         ({"speed": [1.0] * 6}, r"'speed' does not say its unit"),
     ],

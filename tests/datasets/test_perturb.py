@@ -12,7 +12,7 @@ from tipforce.types import Observation, SessionInfo, ShapeFeatures
 SEED = (0, 0)
 
 
-class Pictures:
+class Images:
     """A store that counts what is read."""
 
     def __init__(self, views):
@@ -27,7 +27,7 @@ class Pictures:
 def dataset_of(views, force_n=(0.2, 0.1, np.nan)):
     count = len(views)
     return Dataset(
-        store=Pictures(views),
+        store=Images(views),
         session=np.full(count, "s"),
         stamp_ns=np.arange(count),
         actuation={},

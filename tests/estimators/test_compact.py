@@ -33,7 +33,7 @@ def bench(force: np.ndarray, draw: np.random.Generator) -> tuple[np.ndarray, np.
     return (ground - mask * 0.5).clip(0, 255).astype(np.uint8), mask
 
 
-def sheet(name: str, metres_per_px: float = 48e-3 / 50.0) -> SessionInfo:
+def session(name: str, metres_per_px: float = 48e-3 / 50.0) -> SessionInfo:
     return SessionInfo(name, CATHETER, {"camera": ViewInfo(metres_per_px, "left")}, actuation=GAIN)
 
 
@@ -67,7 +67,7 @@ def whips(seed: int = 0, sessions: int = 5, each: int = 30, masks: bool = True) 
         force_n=force,
         known=np.array([True, True, False]),
         names=np.array([f"{k}.png" for k in range(count)]),
-        session_info={f"s{k}": sheet(f"s{k}") for k in range(sessions)},
+        session_info={f"s{k}": session(f"s{k}") for k in range(sessions)},
         rows=np.arange(count),
         title="whips",
     )
@@ -140,12 +140,12 @@ def test_an_absent_knob_is_asked_for(learnt):
 
 
 def test_metadata_of_all_training_sessions_are_required(learnt):
-    told = whips().session_info["s0"]
+    stated_info = whips().session_info["s0"]
     assert learnt.required_metadata
     silent = learnt.start(SessionInfo("s0")).update(Observation(0, {"camera": empty()}, {"knob_deg": 10.0}))
     assert silent.status is Status.MISSING_INPUT
     assert all(name in silent.detail for name in learnt.required_metadata)
-    stated = learnt.start(SessionInfo("s0").updated(told)).update(
+    stated = learnt.start(SessionInfo("s0").updated(stated_info)).update(
         Observation(0, {"camera": empty()}, {"knob_deg": 10.0})
     )
     assert stated.status is not Status.MISSING_INPUT
@@ -153,7 +153,7 @@ def test_metadata_of_all_training_sessions_are_required(learnt):
 
 def test_metadata_unknown_in_training_change_no_estimate(learnt):
     data = whips(seed=4, sessions=1)
-    told = data.session_info["s0"]
+    stated_info = data.session_info["s0"]
     silent = learnt.unfitted()
     facts = {**learnt.fitted_.facts, "required_metadata": [], "known_metadata": ["views.camera.base_side"]}
     silent.fitted_ = replace(learnt.fitted_, facts=facts)
@@ -162,8 +162,8 @@ def test_metadata_unknown_in_training_change_no_estimate(learnt):
             silent.start(info).update(observation)
             for info in (
                 SessionInfo("s0", views={"camera": ViewInfo(base_side="left")}),
-                told,
-                told.updated(SessionInfo("s0", views={"camera": ViewInfo(1e-4)})),
+                stated_info,
+                stated_info.updated(SessionInfo("s0", views={"camera": ViewInfo(1e-4)})),
             )
         ]
         assert len({each.force_n.tobytes() for each in answers}) == 1
@@ -214,18 +214,18 @@ def test_without_metadata_the_base_s_border_is_detected():
     bare = Dataset(
         **{**vars(data), "session_info": {name: SessionInfo(name) for name in data.session_info}, "_memo": {}}
     )
-    settled = Compact(QUICK)
-    settled.resolve_settings(bare)
-    assert settled._detected_base_side == "left"
+    resolved = Compact(QUICK)
+    resolved.resolve_settings(bare)
+    assert resolved._detected_base_side == "left"
     other = {
         **data.session_info,
         "s0": SessionInfo("s0", CATHETER, {"camera": ViewInfo(8e-4, "top")}),
         "s1": SessionInfo("s1"),
     }
-    settled = Compact(QUICK)
-    settled.resolve_settings(Dataset(**{**vars(data), "session_info": other, "_memo": {}}))
-    assert settled._detected_base_side == "left"  # for s1 alone: what a sheet tells stands
-    assert settled.settings.base_side == "auto"
+    resolved = Compact(QUICK)
+    resolved.resolve_settings(Dataset(**{**vars(data), "session_info": other, "_memo": {}}))
+    assert resolved._detected_base_side == "left"  # for s1 alone: what a session states stands
+    assert resolved.settings.base_side == "auto"
 
 
 def test_without_a_catheter_in_view_whole_images_are_used():
@@ -237,9 +237,9 @@ def test_without_a_catheter_in_view_whole_images_are_used():
     bare = Dataset(
         **{**vars(data), "session_info": {n: SessionInfo(n) for n in data.session_info}, "store": Grey(), "_memo": {}}
     )
-    settled = Compact(QUICK)
-    settled.resolve_settings(bare)
-    assert settled._detected_base_side == "none"
+    resolved = Compact(QUICK)
+    resolved.resolve_settings(bare)
+    assert resolved._detected_base_side == "none"
 
 
 def test_the_window_of_another_scale_shows_the_same(learnt):
@@ -247,7 +247,7 @@ def test_the_window_of_another_scale_shows_the_same(learnt):
     image = next(data.observations()).views["camera"]
     near = cv2.resize(image, None, fx=2, fy=2, interpolation=cv2.INTER_AREA)
     info = data.session_info["s0"]
-    twice = sheet("near", info.view("camera").metres_per_px / 2)
+    twice = session("near", info.view("camera").metres_per_px / 2)
     one = learnt.start(info).update(Observation(0, {"camera": image}, {"knob_deg": 10.0}))
     other = learnt.start(twice).update(Observation(0, {"camera": near}, {"knob_deg": 10.0}))
     assert one.valid

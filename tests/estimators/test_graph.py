@@ -39,15 +39,15 @@ def data() -> bytes:
     return model.SerializeToString()
 
 
-PICTURE = np.full((3, 4, 6), 7, np.uint8)
+IMAGE = np.full((3, 4, 6), 7, np.uint8)
 ACTUATION = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]], np.float32)
 
 
 @pytest.mark.parametrize("on", RUNTIMES)
 def test_it_returns_outputs_and_has_its_metadata(data: bytes, on: Runtime) -> None:
     graph = Graph(data, "model.onnx", threads=1, on=on)
-    assert np.allclose(graph(image=PICTURE, actuation=ACTUATION)["force_n"], 7 * ACTUATION)
-    assert np.allclose(graph(image=PICTURE[:1], actuation=ACTUATION[:1])["force_n"], 7 * ACTUATION[:1])
+    assert np.allclose(graph(image=IMAGE, actuation=ACTUATION)["force_n"], 7 * ACTUATION)
+    assert np.allclose(graph(image=IMAGE[:1], actuation=ACTUATION[:1])["force_n"], 7 * ACTUATION[:1])
     assert graph.metadata == {"unit": "N", "parity_n": "1e-05"}
     assert graph.runtime.split()[0].lower() == on
 
@@ -59,7 +59,7 @@ def test_openvino_that_is_not_there_names_the_install_line(data: bytes, monkeypa
 
 
 @pytest.mark.parametrize("on", RUNTIMES)
-def test_views_and_reversed_pictures_answer_the_same(data: bytes, on: Runtime) -> None:
+def test_views_and_reversed_images_answer_the_same(data: bytes, on: Runtime) -> None:
     graph = Graph(data, "model.onnx", on=on)
     wide = np.zeros((3, 4, 12), np.uint8)
     wide[:, :, ::2] = np.arange(6)
@@ -83,15 +83,15 @@ def test_several_threads_may_ask_at_once(data: bytes, on: Runtime) -> None:
     ("inputs", "message"),
     [
         ({}, r"model\.onnx: lacks the input actuation, lacks the input image; it takes image, actuation"),
-        ({"image": PICTURE, "actuation": ACTUATION, "x": ACTUATION}, r"has no input x; it takes image, actuation"),
+        ({"image": IMAGE, "actuation": ACTUATION, "x": ACTUATION}, r"has no input x; it takes image, actuation"),
         (
-            {"image": PICTURE[:, :3], "actuation": ACTUATION},
+            {"image": IMAGE[:, :3], "actuation": ACTUATION},
             r"image must be uint8 of the shape \(n, 4, 6\), got uint8 of the shape \(3, 3, 6\)",
         ),
-        ({"image": PICTURE[0], "actuation": ACTUATION}, r"got uint8 of the shape \(4, 6\)"),
-        ({"image": PICTURE.astype(float), "actuation": ACTUATION}, r"must be uint8 .*, got float64"),
+        ({"image": IMAGE[0], "actuation": ACTUATION}, r"got uint8 of the shape \(4, 6\)"),
+        ({"image": IMAGE.astype(float), "actuation": ACTUATION}, r"must be uint8 .*, got float64"),
         (
-            {"image": PICTURE, "actuation": ACTUATION[:2]},
+            {"image": IMAGE, "actuation": ACTUATION[:2]},
             r"as many samples in each input, got image 3, actuation 2",
         ),
     ],

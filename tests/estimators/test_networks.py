@@ -50,7 +50,7 @@ def learnt(small_type: type[NetworkEstimator], shown: Make) -> NetworkEstimator:
     return small_type().fit(shown())
 
 
-def test_it_learns_what_is_in_the_pictures(learnt: NetworkEstimator, shown: Make) -> None:
+def test_it_learns_what_is_in_the_images(learnt: NetworkEstimator, shown: Make) -> None:
     fresh = shown(seed=1)
     wrong = forces(learnt, fresh)[:, :2] - fresh.force_n[:, :2]
     assert np.mean(np.abs(wrong)) < 0.07  # 0.1 N by always answering the mean
@@ -74,10 +74,10 @@ def test_a_model_folder_answers_the_same(
     assert [row["epoch"] for row in rows] == list(range(1, 13))
     manifest = read_manifest(folder)
     assert {"model.onnx", "training.jsonl"} <= set(manifest["sha256"])
-    card, told = (folder / "README.md").read_text(), "\n".join(training_lines(manifest))
+    card, lines = (folder / "README.md").read_text(), "\n".join(training_lines(manifest))
     for said in ("12 of 12 epochs", "all epochs were run", "random samples that also chose the epoch"):
         assert said in card
-        assert said in told
+        assert said in lines
     facts = export_onnx(loaded, tmp_path / "small.onnx")
     assert (tmp_path / "small.onnx").read_bytes() == (folder / "model.onnx").read_bytes()
     assert 0 < facts["parity_n"] < 1e-3
@@ -190,7 +190,7 @@ def test_what_cannot_be_learnt_from_is_refused(
         small.fit(shown())
 
 
-def test_dcfe_takes_pictures_and_says_what_it_cannot_take() -> None:
+def test_dcfe_takes_images_and_says_what_it_cannot_take() -> None:
     dcfe = create("dcfe")
     assert isinstance(dcfe, Dcfe)
     read = dcfe.reader(SessionInfo(), training=False)

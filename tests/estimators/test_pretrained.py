@@ -87,8 +87,8 @@ def test_models_that_come_with_the_program_are_whole_small_and_described() -> No
 
 @pytest.fixture(scope="module")
 def unseen(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    """Three sessions of the twin that none was trained on."""
-    folder = tmp_path_factory.mktemp("twin") / "set"
+    """Three sessions of the simulated bench that none was trained on."""
+    folder = tmp_path_factory.mktemp("simulated") / "set"
     wanted = sample_set(PRESETS["bench-2021"], seed=77, samples=36, per_session=12, seconds=10.0)
     write_samples(
         folder, wanted, shards=False, masks=False, workers=1, say=print, lossless=False,
@@ -97,7 +97,7 @@ def unseen(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return open_dataset(folder)
 
 
-def test_compact_refuses_the_pictures_of_a_bench_that_moved(unseen: Dataset) -> None:
+def test_compact_refuses_the_images_of_a_bench_that_moved(unseen: Dataset) -> None:
     model = load_pretrained("compact")
     far = {("shift", "40 px", "up"), ("shift", "40 px", "down")}
     far |= {("turn", size, way) for size in ("15°", "45°") for way in ("clockwise", "counter-clockwise")}
@@ -105,11 +105,11 @@ def test_compact_refuses_the_pictures_of_a_bench_that_moved(unseen: Dataset) -> 
     assert len(moved) == 6
     some = unseen.subset(np.arange(0, len(unseen), 3))
     for how in moved:
-        told = [each.detail for each in model.predict(perturbed(some, how)) if not each.valid]
-        assert sum("lies as in no training image" in each for each in told) >= 0.8 * len(some), how
+        details = [each.detail for each in model.predict(perturbed(some, how)) if not each.valid]
+        assert sum("lies as in no training image" in each for each in details) >= 0.8 * len(some), how
 
 
-def test_compact_answers_a_picture_and_its_mirror_image_alike(unseen: Dataset) -> None:
+def test_compact_answers_an_image_and_its_mirror_image_alike(unseen: Dataset) -> None:
     model = load_pretrained("compact")
     assert isinstance(model, NetworkEstimator)
     assert model.fitted_ is not None
@@ -135,7 +135,7 @@ def test_compact_bears_small_disturbances(unseen: Dataset) -> None:
 
 
 @pytest.mark.parametrize("name", ["compact", "dcfe"])
-def test_those_for_the_twin_read_sessions_that_they_never_saw(name: str, unseen: Dataset) -> None:
+def test_those_for_the_simulated_bench_read_sessions_that_they_never_saw(name: str, unseen: Dataset) -> None:
     data, model = unseen, load_pretrained(name)
     answers = model.predict(data)
     valid = np.array([each.valid for each in answers])

@@ -1,4 +1,4 @@
-"""Method 1: the thesis's recipe, what goes beyond it, and how it refuses."""
+"""Method 1: the thesis's method, what goes beyond it, and how it refuses."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -41,7 +41,7 @@ def test_it_learns_a_smooth_law(world: World) -> None:
     assert np.isnan(answers[0].force_n[2])
 
 
-def test_the_default_is_the_thesis_s_recipe_done_by_hand(world: World) -> None:
+def test_the_default_is_the_thesis_s_method_done_by_hand(world: World) -> None:
     data = world(sessions=1, frames=60)
     svr = fitted(data)
     constants = svr.describe()["targets"]["magnitude"]
@@ -189,9 +189,9 @@ def test_an_observation_of_the_wrong_kind_never_raises(world: World) -> None:
     assert not stream.update(Observation(0, {})).valid
 
 
-def test_pictures_are_learnt_from_and_what_they_hide_is_said(tmp_path: Path) -> None:
-    """From image files to forces; vision settled on the way; a picture without a catheter gets its reason."""
-    write_pictures(tmp_path / "data")
+def test_images_are_learnt_from_and_what_they_hide_is_said(tmp_path: Path) -> None:
+    """From image files to forces; vision calibrated on the way; an image without a catheter gets its reason."""
+    write_images(tmp_path / "data")
     data = open_dataset(tmp_path / "data")
     svr = fitted(data, force="components", features={"kind": "legendre", "degree": 3})
     assert svr.fitted_.vision.polarity == "dark"
@@ -209,8 +209,8 @@ def test_pictures_are_learnt_from_and_what_they_hide_is_said(tmp_path: Path) -> 
     assert abs(again.force_n[1] - stream.update(colour).force_n[1]) < 1e-3
 
 
-def test_the_same_pictures_by_the_thesis_s_own_vision_with_a_polynomial(tmp_path: Path) -> None:
-    write_pictures(tmp_path / "data")
+def test_the_same_images_by_the_thesis_s_own_vision_with_a_polynomial(tmp_path: Path) -> None:
+    write_images(tmp_path / "data")
     data = open_dataset(tmp_path / "data")
     svr = fitted(data, vision={"method": "classic"})
     assert svr.describe()["features"] == ["A1", "A2", "A3", "A4", "A5", "knob_deg"]
@@ -218,8 +218,8 @@ def test_the_same_pictures_by_the_thesis_s_own_vision_with_a_polynomial(tmp_path
     assert np.sqrt(np.mean(error**2)) < 0.02
 
 
-def test_pictures_of_different_size_are_warned_of(tmp_path: Path) -> None:
-    write_pictures(tmp_path / "data")
+def test_images_of_different_size_are_warned_of(tmp_path: Path) -> None:
+    write_images(tmp_path / "data")
     table = tmp_path / "data" / "metadata.csv"
     head, *rows = table.read_text().splitlines()
     name = head.split(",").index("session")
@@ -234,13 +234,13 @@ def test_pictures_of_different_size_are_warned_of(tmp_path: Path) -> None:
         fitted(open_dataset(tmp_path / "data"))
 
 
-def test_pictures_without_a_catheter_cannot_be_learnt_from(tmp_path: Path) -> None:
-    write_pictures(tmp_path / "data", blank=True)
+def test_images_without_a_catheter_cannot_be_learnt_from(tmp_path: Path) -> None:
+    write_images(tmp_path / "data", blank=True)
     with pytest.raises(InputError, match="data: no catheter was found"):
         create("svr").fit(open_dataset(tmp_path / "data"))
 
 
-def write_pictures(folder: Path, count: int = 30, blank: bool = False) -> None:
+def write_images(folder: Path, count: int = 30, blank: bool = False) -> None:
     (folder / "images").mkdir(parents=True)
     lines = ["file_name,session,stamp_ns,knob_deg,fx_n,fy_n"]
     base = BasePose(np.array([-20.0, 150.0]), -0.02)

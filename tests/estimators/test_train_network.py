@@ -49,10 +49,10 @@ def test_a_training_that_was_cut_off_is_gone_on_with(
 
     line = _loop.progress_text
 
-    def stop(row: dict[str, Any], recipe: Any) -> str:
+    def stop(row: dict[str, Any], network: Any) -> str:
         if row["epoch"] == 2:
             raise KeyboardInterrupt
-        return line(row, recipe)
+        return line(row, network)
 
     work = tmp_path / "cut.training"
     with monkeypatch.context() as patch:

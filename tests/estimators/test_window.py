@@ -1,4 +1,4 @@
-"""The window that `compact` looks at: it follows the sheet, and a turned bench shows the same."""
+"""The window that `compact` looks at: it follows the session's metadata, and a turned bench shows the same."""
 
 import numpy as np
 import pytest
@@ -63,7 +63,7 @@ def test_the_middle_of_a_wider_cut_is_the_cut():
     assert np.abs(wide[24:184, 24:184].astype(int) - crop_window(image, window, 160)).max() <= 1
 
 
-def test_without_a_sheet_it_is_the_whole_picture():
+def test_without_session_metadata_it_is_the_whole_image():
     window = catheter_window(SessionInfo(), "camera", (64, 64), None)
     assert window.size_px == 64
     assert np.array_equal(crop_window(random_image()[:64, :64], window, 64), random_image()[:64, :64])

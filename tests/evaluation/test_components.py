@@ -12,16 +12,16 @@ from tipforce.evaluation.report._figures_thesis import figure_31, figure_32, sam
 
 
 @pytest.fixture(scope="module")
-def pictures(make_bench):
-    """Grey pictures that grow brighter from sample to sample."""
+def images(make_bench):
+    """Grey images that grow brighter from sample to sample."""
     views = [np.full((48, 64), 60 + i, np.uint8) for i in range(120)]
     return make_bench(sessions=3, views=views)
 
 
 @pytest.fixture(scope="module")
-def report(pictures, make_ridge, tmp_path_factory):
+def report(images, make_ridge, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "out"
-    result = evaluate(pictures, [Method("ridge", make_ridge())], EvaluationSettings(protocols=["random"]))
+    result = evaluate(images, [Method("ridge", make_ridge())], EvaluationSettings(protocols=["random"]))
     return result, write_report(result, folder), folder
 
 
@@ -44,7 +44,7 @@ def test_table_5_tells_the_errors_by_direction_beside_the_thesis(report):
     assert figures["thesis"]["by_direction"]["y"]["rmse_n"] == 0.023
 
 
-def test_figure_30_shows_twelve_pictures_of_the_test_part(report, pictures):
+def test_figure_30_shows_twelve_images_of_the_test_part(report, images):
     result, _, folder = report
     outcome = result.result("ridge", "random").predictions
     svg = (folder / "figures" / "ridge-fig30.svg").read_text(encoding="utf-8")
@@ -52,7 +52,7 @@ def test_figure_30_shows_twelve_pictures_of_the_test_part(report, pictures):
     shown = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
     middles = shown[112::229, 150::304]
     assert middles.shape == (3, 4)
-    held_out = 60 + pictures.rows[outcome.index]
+    held_out = 60 + images.rows[outcome.index]
     wanted = held_out[np.linspace(0, len(outcome) - 1, 12).round().astype(int)]
     assert middles.ravel() == pytest.approx(wanted, abs=2)
 
@@ -77,7 +77,7 @@ def test_figure_32_draws_every_test_sample(report):
         assert estimated.get_ydata().tolist() == outcome.force_n[:, axis].tolist()
 
 
-def test_without_pictures_there_is_no_sheet_of_them(make_bench, make_ridge):
+def test_without_images_there_is_no_contact_sheet_of_them(make_bench, make_ridge):
     data = make_bench(sessions=2)
     row = evaluate(data, [Method("ridge", make_ridge())], EvaluationSettings(protocols=["random"])).results[0]
     assert sample_sheet(data, row.predictions, "camera") is None

@@ -228,7 +228,7 @@ def test_the_gallery_draws_the_curve_of_ready_made_coefficients(make_bench, make
 
 
 def test_the_gallery_shows_the_worst_frames_with_what_was_seen(make_bench, ridge_class, tmp_path):
-    class Seeing(ridge_class):
+    class Detecting(ridge_class):
         def predict(self, dataset, progress=None):
             points = np.column_stack([np.linspace(0, 60, 16), np.full(16, 24.0)])
             base = BasePose(np.array([0.0, 24.0]), 0.0)
@@ -236,9 +236,9 @@ def test_the_gallery_shows_the_worst_frames_with_what_was_seen(make_bench, ridge
             return [replace(estimate, shape=shape) for estimate in super().predict(dataset, progress)]
 
     views = [np.full((48, 64), 200, np.uint8) for _ in range(120)]
-    result = evaluate(make_bench(sessions=3, views=views), [Method("seeing", Seeing())])
-    cards = worst_frames(result, "seeing", worst=5)
-    outcome = result.result("seeing", "session").predictions
+    result = evaluate(make_bench(sessions=3, views=views), [Method("detecting", Detecting())])
+    cards = worst_frames(result, "detecting", worst=5)
+    outcome = result.result("detecting", "session").predictions
     error = dict(zip(outcome.names, np.abs(outcome.magnitude_n - outcome.reference_magnitude_n), strict=True))
     names = [card.name for card in cards]
     assert names[0] == max(error, key=error.get)
@@ -259,14 +259,14 @@ def test_of_several_views_the_gallery_shows_the_one_that_the_method_looks_at(mak
             for each in self.store.read(rows):
                 yield replace(each, views={"a": np.zeros((48, 64), np.uint8), "b": np.full((48, 64), 200, np.uint8)})
 
-    class SeeingSettings(type(ridge_class().settings)):
+    class DetectingSettings(type(ridge_class().settings)):
         vision: VisionSettings = VisionSettings(view="b")
 
     class LooksAtB(ridge_class):
         views = ("b",)
 
         def __init__(self, settings=None):
-            super().__init__(settings or SeeingSettings())
+            super().__init__(settings or DetectingSettings())
 
     data = make_bench(sessions=3)
     names = np.char.add(data.names, " of b")

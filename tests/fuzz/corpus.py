@@ -60,8 +60,8 @@ def _image(k: int) -> np.ndarray:
 def _stills(folder: Path) -> None:
     image = _image(0)
     colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    for name, picture in (("still.png", image), ("still.jpg", colour), ("still.tif", colour), ("still.bmp", image)):
-        cv2.imwrite(str(folder / name), picture)
+    for name, pixels in (("still.png", image), ("still.jpg", colour), ("still.tif", colour), ("still.bmp", image)):
+        cv2.imwrite(str(folder / name), pixels)
     cv2.imwrite(str(folder / "deep.png"), image.astype(np.uint16) << 4)
     cv2.imwrite(str(folder / "deep.tif"), image.astype(np.uint16) << 8)
 

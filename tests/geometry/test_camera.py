@@ -118,7 +118,7 @@ def test_what_comes_nearer_grows():
     assert far[0] == pytest.approx(200.0)
 
 
-def test_a_negative_focal_length_mirrors_the_picture():
+def test_a_negative_focal_length_mirrors_the_image():
     points = np.array([[0.1, 0.05, 1.0], [-0.2, 0.1, 1.5]])
     lens = [-0.1, 0.02, 0.001, -0.002, 0.0]
     plain, mirrored = (CameraModel([f, 800.0], [320.0, 240.0], lens) for f in (800.0, -800.0))

@@ -60,7 +60,7 @@ def test_without_a_delay_the_first_frame_is_at_zero(tmp_path):
     assert [frame.stamp_ns for frame in frames_of(tmp_path / "run.dcm")] == [stamp - STAMPS[0] for stamp in STAMPS]
 
 
-def test_pictures_stored_bright_for_dark_are_turned_round(tmp_path):
+def test_images_stored_bright_for_dark_are_turned_round(tmp_path):
     frames = written(tmp_path / "run.dcm")
     changed(tmp_path / "run.dcm", PhotometricInterpretation="MONOCHROME1")
     np.testing.assert_array_equal(frames_of(tmp_path / "run.dcm")[0].image, 255 - frames[0])

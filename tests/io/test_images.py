@@ -1,4 +1,4 @@
-"""Pictures and videos as cameras and telephones leave them."""
+"""Images and videos as cameras and telephones leave them."""
 
 import struct
 from pathlib import Path
@@ -27,7 +27,7 @@ WIDE = RAMP.astype(np.uint16)
         ("Prüfstand 3 [neu].png", RAMP),
     ],
 )
-def test_a_picture_of_any_depth_is_read_with_its_brightness(tmp_path: Path, name: str, pixels: np.ndarray) -> None:
+def test_an_image_of_any_depth_is_read_with_its_brightness(tmp_path: Path, name: str, pixels: np.ndarray) -> None:
     (tmp_path / name).write_bytes(cv2.imencode(Path(name).suffix, pixels)[1].tobytes())
     image = read_image(tmp_path / name)
     assert image.dtype == np.uint8

@@ -91,7 +91,7 @@ def test_what_was_written_comes_back(recording: Path) -> None:
 
 
 @pytest.mark.parametrize("shape", [(48, 64), (48, 64, 3)])
-def test_lossless_pictures_come_back_bit_by_bit(tmp_path: Path, shape: tuple[int, ...]) -> None:
+def test_lossless_images_come_back_bit_by_bit(tmp_path: Path, shape: tuple[int, ...]) -> None:
     image = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
     with RecordingWriter(tmp_path / "run.mcap", SessionInfo(), lossless=True) as writer:
         writer.write(Frame(0, image))

@@ -26,7 +26,7 @@ def images(folder: Path, names: list[str]) -> Path:
 
 
 @pytest.mark.parametrize("size", [(48, 64), (47, 63), (48, 64, 3)])
-def test_a_video_gives_back_stamps_and_pictures(tmp_path: Path, size: tuple[int, ...]) -> None:
+def test_a_video_gives_back_stamps_and_images(tmp_path: Path, size: tuple[int, ...]) -> None:
     stamps = np.cumsum(np.random.default_rng(0).integers(30_000_000, 60_000_000, 30))
     frames = [Frame(int(stamp), np.full(size, 60 + 4 * k, np.uint8)) for k, stamp in enumerate(stamps)]
     write_video(tmp_path / "v.mp4", frames, 24)
@@ -106,8 +106,8 @@ def test_a_video_with_repeated_stamps_is_refused(tmp_path: Path) -> None:
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p"
         packets = []
         for k in range(4):
-            picture = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 50 * k, np.uint8), format="rgb24")
-            packets += stream.encode(picture)
+            frame_k = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 50 * k, np.uint8), format="rgb24")
+            packets += stream.encode(frame_k)
         packets += stream.encode(None)
         for packet, pts in zip(packets, [0, 1, 1, 2], strict=True):
             packet.pts = packet.dts = pts

@@ -18,7 +18,7 @@ from tipforce.vision import ShapeFeatureSettings, VisionSettings
 STEP_NS = 66_666_667
 
 
-def picture(view: str, number: int) -> np.ndarray:
+def draw_image(view: str, number: int) -> np.ndarray:
     return np.full((24, 32 if view == "a" else 40), 5 * number + (100 if view == "b" else 0), np.uint8)
 
 
@@ -28,7 +28,7 @@ def two_views(count: int = 12, dropped=(("b", 4), ("a", 7)), late_ns: int = 3_00
     for number in range(count):
         for view, late in (("a", 0), ("b", late_ns)):
             if (view, number) not in dropped:
-                events.append(Frame(number * STEP_NS + late, picture(view, number), view))
+                events.append(Frame(number * STEP_NS + late, draw_image(view, number), view))
     end = count * STEP_NS
     events += [
         Wrench(stamp, np.array([stamp * 1e-9, 0.0, 0.1]), np.zeros(3)) for stamp in range(0, end + 10**8, 1_000_000)
@@ -64,7 +64,7 @@ def test_every_view_comes_back_with_its_own_stamps_and_pixels(run):
             numbers = [number for number in range(12) if number != gone]
             assert reader.stamps(view).tolist() == [number * STEP_NS + late for number in numbers]
             for place in (0, 5, 10):
-                np.testing.assert_array_equal(reader.frame_at(place, view).image, picture(view, numbers[place]))
+                np.testing.assert_array_equal(reader.frame_at(place, view).image, draw_image(view, numbers[place]))
         order = [event.stamp_ns for event in reader.events("a", "b")]
         assert order == sorted(order)
 
@@ -77,7 +77,7 @@ def test_an_observation_holds_what_all_views_show_of_its_instant(run):
     for each in found:
         number = round(each.stamp_ns / STEP_NS)
         for view, image in each.views.items():
-            np.testing.assert_array_equal(image, picture(view, number))
+            np.testing.assert_array_equal(image, draw_image(view, number))
         assert each.actuation["knob_deg"] == pytest.approx(each.stamp_ns * 1e-9, abs=0.02)
     assert len(alone) == 11
     assert set(alone[0].views) == {"b"}
@@ -98,8 +98,8 @@ def test_observations_keep_no_more_frames_than_they_need():
         nonlocal seen
         for number in range(500):
             seen = number
-            yield Frame(number * STEP_NS, picture("b", number % 20), "b")
-        yield Frame(500 * STEP_NS, picture("a", 1), "a")
+            yield Frame(number * STEP_NS, draw_image("b", number % 20), "b")
+        yield Frame(500 * STEP_NS, draw_image("a", 1), "a")
 
     (only,) = observations(endless(), ("a", "b"))
     assert seen == 499
@@ -140,7 +140,7 @@ def test_labels_are_those_of_the_first_view_unless_another_is_named(run):
 def test_a_dataset_of_such_recordings_gives_both_views(run):
     dataset = open_dataset(run)
     (one, without) = dataset.subset(np.array([0, 4])).observations()
-    np.testing.assert_array_equal(one.views["b"], picture("b", 0))
+    np.testing.assert_array_equal(one.views["b"], draw_image("b", 0))
     assert set(without.views) == {"a"}
     assert dataset.names_of("a")[4] == dataset.names[4] == "run.mcap frame 4"
     assert dataset.subset(np.array([4])).names_of("b").tolist() == ["run.mcap frame 4, view b beside it"]

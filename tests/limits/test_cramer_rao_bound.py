@@ -1,4 +1,4 @@
-"""The bound of the twin's sessions: what it stands on, and how it answers to more and less knowledge."""
+"""The bound of the simulated bench's sessions: what it stands on, and how it answers to more and less knowledge."""
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -84,12 +84,12 @@ def test_frames_before_help_and_so_does_all_that_is_known(session):
 
 
 def test_the_bound_lies_between_the_noise_and_what_was_known_before(session):
-    pressed = np.linalg.norm(session.force_n, axis=1) > 0.05
+    in_contact = np.linalg.norm(session.force_n, axis=1) > 0.05
     for bound in (session.single_frame(), session.sequential()):
-        found = bound.fx_fy_magnitude_n[pressed]
+        found = bound.fx_fy_magnitude_n[in_contact]
         assert (found > 2e-4).all()
         assert (found < 0.3).all()
-    assert np.median(session.single_frame().std_n[pressed, 1]) < 0.03  # lateral, in the plane of bending
+    assert np.median(session.single_frame().std_n[in_contact, 1]) < 0.03  # lateral, in the plane of bending
 
 
 def test_who_knows_what_forces_there_are_knows_more(session):
@@ -174,7 +174,7 @@ def test_the_truths_beside_recordings_give_the_bounds_or_say_why_not(session, tr
     assert not found["xray"].std_n
 
 
-class Crew(ThreadPoolExecutor):
+class Workers(ThreadPoolExecutor):
     """Threads in place of processes, which take seconds to start; what goes to and fro is sent as between processes."""
 
     def map(self, work, todo):
@@ -183,7 +183,7 @@ class Crew(ThreadPoolExecutor):
 
 
 def test_several_processes_find_the_same_bounds_in_the_same_order(truths, monkeypatch):
-    monkeypatch.setattr("tipforce.limits._companion.worker_pool", Crew)
+    monkeypatch.setattr("tipforce.limits._companion.worker_pool", Workers)
     steps = []
     one = read_companion_bounds(truths, ["good", "xray"], workers=1)
     several = read_companion_bounds(

@@ -101,9 +101,9 @@ def test_a_released_dent_goes_back_with_its_time_constant():
     push = np.concatenate([np.linspace(-1e-3, 5e-3, 300), np.full(300, -5e-3)])
     contact = pushed(wall, push)
     assert not contact.touching[300:].any()
-    dent = contact.indentation_m
-    assert dent[299] > 1e-4
-    assert dent[399] / dent[299] == pytest.approx(math.exp(-1), rel=0.01)
+    indentation = contact.indentation_m
+    assert indentation[299] > 1e-4
+    assert indentation[399] / indentation[299] == pytest.approx(math.exp(-1), rel=0.01)
 
 
 def test_steps_four_times_shorter_give_the_same_force():

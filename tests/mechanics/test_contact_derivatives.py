@@ -55,12 +55,12 @@ def test_a_force_beside_the_middle_of_the_dome_turns_it_too(lines):
     def at(change):
         return contact_derivatives(ROD, lines, FORCES + change, touch, POINTS, tip_radius_m=radius)
 
-    pressed = FORCES.any(axis=1)  # where nothing acts there is no place at which it acts
+    in_contact = FORCES.any(axis=1)  # where nothing acts there is no place at which it acts
     for axis in range(3):
         change = step * np.eye(3)[axis]
         measured = (at(change).centreline_m - at(-change).centreline_m) / (2 * step)
         slope = at(0.0)["force"][..., axis]
-        np.testing.assert_allclose(slope[pressed], measured[pressed], atol=2e-6 * np.abs(measured).max())
+        np.testing.assert_allclose(slope[in_contact], measured[in_contact], atol=2e-6 * np.abs(measured).max())
 
 
 def test_length_and_patterns_of_stiffness_are_those_of_another_rod(lines):
@@ -99,11 +99,11 @@ def test_creep_bends_what_was_bent_further():
     assert np.abs(found["creep"][0]).max() == 0.0  # nothing has crept at the first instant
     measured = (run(1.01 * share).centreline_m - run(0.99 * share).centreline_m)[-1] / 0.02
     np.testing.assert_allclose(found["creep"][-1, :, :, 0], measured, atol=0.05 * np.abs(measured).max())
-    settled = solve_static_spatial(
+    static = solve_static_spatial(
         replace(ROD, bending_stiffness_nm2=4.3e-4 / 1.03, torsional_stiffness_nm2=4.0e-4 / 1.03,
                 stiffening_curvature_per_m=np.inf), force[0],
     )  # fmt: skip
-    np.testing.assert_allclose(found.centreline_m[-1], settled.centreline_m(POINTS), atol=2e-6)
+    np.testing.assert_allclose(found.centreline_m[-1], static.centreline_m(POINTS), atol=2e-6)
 
 
 def test_a_rod_without_an_electrode_has_derivatives_too():

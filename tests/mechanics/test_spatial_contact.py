@@ -123,13 +123,13 @@ def test_force_obeys_the_walls_laws(normal, friction, hertz):
     wall = SpatialWall(normal, 120.0, friction=friction, hertz_depth_m=hertz)
     push, along = beating(0.9)
     contact = pushed(wall, push, along)
-    pressed, drag = tangential(contact)
+    normal_n, drag = tangential(contact)
     depth = contact.indentation_m * contact.touching
-    np.testing.assert_allclose(pressed, 120.0 * depth * (1 if hertz is None else np.sqrt(depth / hertz)), atol=1e-9)
-    assert (pressed >= 0).all()
+    np.testing.assert_allclose(normal_n, 120.0 * depth * (1 if hertz is None else np.sqrt(depth / hertz)), atol=1e-9)
+    assert (normal_n >= 0).all()
     pull = np.linalg.norm(drag, axis=1)
-    assert (pull <= friction * pressed + 1e-9).all()
-    np.testing.assert_allclose(pull[contact.slipping], friction * pressed[contact.slipping], atol=1e-9)
+    assert (pull <= friction * normal_n + 1e-9).all()
+    np.testing.assert_allclose(pull[contact.slipping], friction * normal_n[contact.slipping], atol=1e-9)
 
 
 def test_slip_goes_against_the_force_it_meets():
@@ -174,8 +174,8 @@ def test_the_walls_force_leads_its_dent_by_the_loss_angle():
     contact = pushed(wall, 5e-3 * np.minimum(1, t / 0.2) + 0.2e-3 * np.sin(2 * np.pi * hertz * t))
     late = slice(500, 3000)  # three whole beats
     wave = np.exp(-2j * np.pi * hertz * t[late])
-    force, dent = (part[late] - part[late].mean() for part in (tangential(contact)[0], contact.indentation_m))
-    assert math.tan(np.angle(force @ wave) - np.angle(dent @ wave)) == pytest.approx(loss, rel=0.02)
+    force, indentation = (part[late] - part[late].mean() for part in (tangential(contact)[0], contact.indentation_m))
+    assert math.tan(np.angle(force @ wave) - np.angle(indentation @ wave)) == pytest.approx(loss, rel=0.02)
 
 
 @pytest.mark.parametrize("hertz", [None, 2e-3])
@@ -183,12 +183,12 @@ def test_a_released_dent_goes_back_as_its_spring_and_dashpot_say(hertz):
     wall = SpatialWall(NORMAL, 120.0, 12.0, hertz_depth_m=hertz)
     contact = pushed(wall, np.concatenate([np.linspace(-1e-3, 5e-3, 300), np.full(300, -9e-3)]))
     assert not contact.touching[300:].any()
-    dent = contact.indentation_m[299:]
+    indentation = contact.indentation_m[299:]
     rate = 10.0 if hertz is None else 10.0 / math.sqrt(hertz)
     t = np.arange(301) * 1e-3
-    exact = dent[0] * np.exp(-rate * t) if hertz is None else (dent[0] ** -0.5 + rate * t / 2) ** -2
-    assert dent[0] > 1e-4
-    np.testing.assert_allclose(dent, exact, rtol=0.02)
+    exact = indentation[0] * np.exp(-rate * t) if hertz is None else (indentation[0] ** -0.5 + rate * t / 2) ** -2
+    assert indentation[0] > 1e-4
+    np.testing.assert_allclose(indentation, exact, rtol=0.02)
 
 
 def test_a_sticking_tip_rolls_on_its_dome():
@@ -309,7 +309,7 @@ def test_creep_loses_energy_over_a_cycle_and_never_gives_any():
     push, _ = beating(1 / 1.2 * 4, dt=1 / 2400)
     contact = pushed(wall, push, dt=1 / 2400, creep=0.1, creep_time_s=0.15)
     work = np.cumsum(-0.5 * np.diff(push) * ((contact.force_n[1:] + contact.force_n[:-1]) @ wall.normal))
-    # Seen from the wall the cycle closes at the same dent, so that what is lost has gone into the shaft.
+    # Seen from the wall the cycle closes at the same indentation, so that what is lost has gone into the shaft.
     loss = [work[(k + 1) * 2000 - 1] - work[k * 2000] for k in (1, 2)]
     assert min(loss) > 0.002 * np.ptp(work)
     assert loss[1] == pytest.approx(loss[0], rel=0.05)
@@ -329,12 +329,12 @@ def test_a_shaft_that_lies_on_the_wall_is_held_by_its_side():
     assert not bare.side_force_n.any()
     assert sided.converged.all()
     heights = sided.nodes_m()[:, 1:-1] @ normal + RADIUS - (meet - push[:, None] * normal)[:, None] @ normal
-    pressed = 2e4 * 0.001 * np.maximum(0, heights)
-    np.testing.assert_allclose(sided.side_force_n, -pressed.sum(axis=1)[:, None] * normal, atol=1e-9)
-    assert (pressed[-1] > 0).sum() >= 1
+    normal_n = 2e4 * 0.001 * np.maximum(0, heights)
+    np.testing.assert_allclose(sided.side_force_n, -normal_n.sum(axis=1)[:, None] * normal, atol=1e-9)
+    assert (normal_n[-1] > 0).sum() >= 1
     # The clamp's moment is that of the dome's force and of every node's.
     moment = np.cross(sided.touch_m, sided.force_n)
-    moment += np.cross(sided.nodes_m()[:, 1:-1], -pressed[..., None] * normal).sum(axis=1)
+    moment += np.cross(sided.nodes_m()[:, 1:-1], -normal_n[..., None] * normal).sum(axis=1)
     np.testing.assert_allclose(sided.reaction_moment_nm, -moment, atol=1e-10)
 
 

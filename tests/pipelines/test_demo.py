@@ -45,13 +45,13 @@ def of(typed: list[list[str]], verb: str) -> list[list[str]]:
 def test_every_command_can_be_typed_and_no_model_sees_the_last_two_sessions(
     typed: list[list[str]], tmp_path: Path
 ) -> None:
-    told: list[str] = []
-    done = demo(tmp_path / "demo", sessions=4, say=lambda text, _: told.append(text))
+    lines: list[str] = []
+    done = demo(tmp_path / "demo", sessions=4, say=lambda text, _: lines.append(text))
     assert len(of(typed, "import")) == 4
     for words in of(typed, "train"):
         left_out = [words[i + 1] for i, word in enumerate(words) if word == "--without"]
         assert left_out == ["session_02", "session_03"]
-    assert sum(text.startswith("$ tipforce ") for text in told) == len(typed)
+    assert sum(text.startswith("$ tipforce ") for text in lines) == len(typed)
     assert done.best == str(tmp_path / "demo" / "models" / "compact")
     assert of(typed, "estimate")[0][1:3] == [done.best, str(tmp_path / "demo" / "bench" / "session_03" / "video.mp4")]
     assert {"simulate", "import", "train", "evaluate", "first report", "estimate", "splits", "total"} == {*done.seconds}
@@ -61,10 +61,10 @@ def test_without_torch_fine_tuning_is_skipped_in_a_sentence(
     typed: list[list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(_demo.importlib.util, "find_spec", lambda _: None)
-    told: list[str] = []
-    done = demo(tmp_path / "demo", sessions=3, say=lambda text, _: told.append(text))
+    lines: list[str] = []
+    done = demo(tmp_path / "demo", sessions=3, say=lambda text, _: lines.append(text))
     assert [words[words.index("--estimator") + 1] for words in of(typed, "train")] == ["svr"]
-    assert any("torch is not installed" in text for text in told)
+    assert any("torch is not installed" in text for text in lines)
     assert done.best == "pretrained/compact"
 
 

@@ -105,12 +105,12 @@ def test_the_knob_may_be_a_column_or_a_log_of_its_own(run: Run, tmp_path: Path) 
 def test_a_knob_log_on_another_clock_is_refused(run: Run, tmp_path: Path, shift_s: float) -> None:
     knob = tmp_path / "knob.csv"
     knob.write_text("time_s,knob_deg\n" + "".join(f"{shift_s + k},10\n" for k in range(5)))
-    with pytest.raises(TimeError, match=r"knob\.csv: its .* do not overlap with the pictures"):
+    with pytest.raises(TimeError, match=r"knob\.csv: its .* do not overlap with the images"):
         import_session(run.video, [run.force, knob], tmp_path / "run.mcap", offset_ms="none")
     assert not list(tmp_path.glob("run.mcap*"))
 
 
-def test_pictures_without_a_catheter_still_make_a_recording(run: Run, tmp_path: Path) -> None:
+def test_images_without_a_catheter_still_make_a_recording(run: Run, tmp_path: Path) -> None:
     import cv2
 
     folder = tmp_path / "frames"
@@ -119,7 +119,7 @@ def test_pictures_without_a_catheter_still_make_a_recording(run: Run, tmp_path: 
         cv2.imwrite(str(folder / f"{k * 100_000_000}_ns.png"), np.full((48, 64), 128, np.uint8))
     report = import_session(folder, run.force, tmp_path / "run.mcap")
     assert report.summary.info.clock_offset.how == "refused"
-    assert any("could not be told" in remark for remark in report.remarks)
+    assert any("could not be determined" in remark for remark in report.remarks)
     assert report.summary.labelled == 60
 
 

@@ -9,7 +9,7 @@ from tipforce.io import ClockOffset, Inertia, RecordingReader, Tare
 from tipforce.pipelines import describe_recording, import_session, record
 from tipforce.types import STAGE, Actuation, Frame, SensorInfo, SessionInfo, ViewInfo, Wrench
 
-from ..short_run import picture, push  # type: ignore[import-not-found]
+from ..short_run import draw_image, push  # type: ignore[import-not-found]
 
 OFFSET_S, LAG_S, MASS_KG = 0.03, 0.006, 0.05
 BIAS = np.array([0.2, -0.1, 0.05])
@@ -55,30 +55,30 @@ class Bench:
                 yield Actuation(stamp, {"stage_normal_mm": 1e3 * normal, "stage_across_mm": 1e3 * across}, STAGE)
             if k % 40 == 0:
                 yield Actuation(stamp, {"knob_deg": 10.0})
-                yield Frame(stamp, picture(float(push(np.array(t)))))
+                yield Frame(stamp, draw_image(float(push(np.array(t)))))
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     path = tmp_path_factory.mktemp("record") / "bench.mcap"
-    told = []
+    counts = []
     report = record(
         Bench(), path, sensor=SensorInfo(0.0, "tissue-on-tip"), tare=(0.0, 1.8), offset_ms=OFFSET_S * 1e3,
-        progress=told.append,
+        progress=counts.append,
     )  # fmt: skip
-    return path, report, told
+    return path, report, counts
 
 
 def test_inertia_lag_and_tare_are_found_in_the_contact_free_stretch(made):
-    path, report, told = made
+    path, report, counts = made
     info = report.summary.info
     assert info.inertia.how == "estimated"
     assert info.inertia.axes == ("stage_normal_mm", "stage_across_mm")
     np.testing.assert_allclose(np.linalg.norm(info.inertia.gain_kg, axis=1), MASS_KG, rtol=0.05)
-    # stage stamp = force stamp + lag: the force's clock is behind by the offset, and the stage moves later than told
+    # stage stamp = force stamp + lag: the force's clock is behind by the offset, and the stage moves later than stated
     assert info.inertia.lag_ns * 1e-9 == pytest.approx(OFFSET_S - LAG_S, abs=1.5e-3)
     np.testing.assert_allclose(info.tare.force_n, BIAS, atol=2e-3)
-    assert told == list(range(1, 226))
+    assert counts == list(range(1, 226))
     with RecordingReader(path) as reader:
         assert reader.info.inertia.gain_kg == pytest.approx(info.inertia.gain_kg)
 
@@ -134,7 +134,7 @@ def test_bad_wishes_are_refused_in_a_sentence(tmp_path):
         record(Bench(), tmp_path / "blind.mcap")
 
 
-def test_force_and_pictures_of_different_times_are_refused(tmp_path):
+def test_force_and_images_of_different_times_are_refused(tmp_path):
     class Late(Bench):
         def __iter__(self):
             for event in super().__iter__():
@@ -176,7 +176,7 @@ def test_a_stage_log_beside_the_force_log_serves_an_import_too(run, tmp_path):
         (265, 1.5, "none", "estimated"),
     ],
 )
-def test_where_the_deflection_is_in_doubt_the_stage_tells_the_offset(monkeypatch, seen_ms, stderr_ms, carried, how):
+def test_where_the_deflection_is_uncertain_the_stage_tells_the_offset(monkeypatch, seen_ms, stderr_ms, carried, how):
     seen = ClockOffset(1_000_000 * seen_ms, "estimated", stderr_ms=stderr_ms)
     monkeypatch.setattr(_find, "_by_sight", lambda *_: seen)
     facts = _find.ForceCorrections(None, Tare(), Inertia(how=carried, lag_ns=45_000_000), StageMotion.of([]))

@@ -160,7 +160,7 @@ def test_a_recording_carries_every_field(tmp_path: Path) -> None:
 
 
 class Grey:
-    """A store of grey pictures."""
+    """A store of grey images."""
 
     def read(self, rows: np.ndarray) -> Iterator[Observation]:
         for row in rows.tolist():

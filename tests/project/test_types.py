@@ -40,7 +40,7 @@ def test_arrays_in_the_seams_cannot_be_changed() -> None:
 
 
 @pytest.mark.parametrize("image", [np.zeros((4, 4)), np.zeros((4, 4, 4), np.uint8), np.zeros(4, np.uint8)])
-def test_a_frame_refuses_what_is_no_picture(image: np.ndarray) -> None:
+def test_a_frame_refuses_what_is_no_image(image: np.ndarray) -> None:
     with pytest.raises(ValueError, match="uint8"):
         Frame(0, image)
 

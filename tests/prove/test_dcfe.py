@@ -24,10 +24,10 @@ class Squares:
 
     def read(self, rows: np.ndarray) -> Iterator[Observation]:
         for row in rows.tolist():
-            picture = np.random.default_rng(row).integers(90, 110, (120, 160), dtype=np.uint8)
+            image = np.random.default_rng(row).integers(90, 110, (120, 160), dtype=np.uint8)
             x, y = self.force[row, :2]
-            picture[round(50 + 200 * y) : round(70 + 200 * y), round(70 + 300 * x) : round(90 + 300 * x)] = 250
-            yield Observation(row, {"camera": picture}, {})
+            image[round(50 + 200 * y) : round(70 + 200 * y), round(70 + 300 * x) : round(90 + 300 * x)] = 250
+            yield Observation(row, {"camera": image}, {})
 
 
 def squares() -> Dataset:

@@ -53,6 +53,6 @@ def test_fits_of_the_whole_model_reach_the_bound(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "bench.limits_monte_carlo", "--frames", "3", "--draws", "60", "--width", "0.05"]
     subprocess.run([*command, "--json", str(figures)], cwd=ROOT, capture_output=True, text=True, check=True)
     found = json.loads(figures.read_text())
-    assert all(row["settled"] >= 50 for row in found["frames"])
+    assert all(row["converged"] >= 50 for row in found["frames"])
     # some 360 squared errors: one standard deviation of their mean is 0.075
     assert 0.8 < found["mean"] < 1.25

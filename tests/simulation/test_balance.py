@@ -1,4 +1,4 @@
-"""Forces and energy of one beating contact of the twin."""
+"""Forces and energy of one beating contact of the simulated bench."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def test_the_rest_falls_with_the_square_of_the_step_and_what_the_integrator_lose
     assert coarse["implicit Euler, rms"] > 1e-5  # without it the balance would not close
 
 
-def test_where_nothing_happens_even_the_twins_own_step_closes_to_a_millionth(figures):
+def test_where_nothing_happens_even_the_simulations_own_step_closes_to_a_millionth(figures):
     coarse, fine = (row["rest in steps without an event, rms"] for row in figures["energy"])
     assert fine < coarse < 1e-6
     assert all(0 < row["events_a_beat"] < 20 for row in figures["energy"])

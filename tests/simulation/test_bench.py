@@ -1,4 +1,4 @@
-"""A session of the twin as a source of events."""
+"""A session of the simulated bench as a source of events."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The twin while it runs: what is commanded happens, within limits, and nothing else changes."""
+"""The simulated bench while it runs: what is commanded happens, within limits, and nothing else changes."""
 
 import math
 import time
@@ -43,11 +43,11 @@ ALL = {"advance_mm", "knob_deg", "stage_forward_mm", "stage_across_mm"}
 
 
 @pytest.fixture(scope="module")
-def twin():
+def simulation():
     return LiveSimulation(SETTINGS, seed=2, images=False)
 
 
-def told(event):
+def content_of(event):
     """Kind and content of an event."""
     if isinstance(event, Frame):
         return event.view, (event.stamp_ns, event.image.tobytes())
@@ -70,18 +70,18 @@ def test_without_commands_each_stream_is_the_recorded_one_to_the_byte():
     recorded, live = defaultdict(list), defaultdict(list)
     bench = SimulatedBench(SETTINGS, seed=2)
     for event in bench:
-        kind, content = told(event)
+        kind, content = content_of(event)
         recorded[kind].append(content)
     with LiveSimulation(SETTINGS, seed=2) as running:
         assert isinstance(running.source, Source)
         for event in running.source:
-            kind, content = told(event)
+            kind, content = content_of(event)
             live[kind].append(content)
             if isinstance(event, Frame):  # an exposure must have ended, and its image must have come through
                 assert running.clock.now_ns() >= event.stamp_ns + 15_000_000
         assert live == recorded
         assert running.source.session_info == bench.session_info
-        done, trajectory = running.source.run.settled, running.source.trajectory
+        done, trajectory = running.source.run.final, running.source.trajectory
         np.testing.assert_array_equal(trajectory.wall_m[:done], bench.trajectory.wall_m[:done])
         truth, whole = running.truth(), collect_truth(bench)
         np.testing.assert_array_equal(truth.force_n, whole.force_n)
@@ -96,12 +96,12 @@ def test_two_views_are_the_recorded_ones_to_the_byte_where_images_of_either_are_
     recorded, live = defaultdict(list), defaultdict(list)
     bench = SimulatedBench(biplane, seed=2)
     for event in bench:
-        kind, content = told(event)
+        kind, content = content_of(event)
         recorded[kind].append(content)
     assert bench.arrived("a").tolist() != bench.arrived("b").tolist()
     with LiveSimulation(biplane, seed=2) as running:
         for event in running.source:
-            kind, content = told(event)
+            kind, content = content_of(event)
             live[kind].append(content)
         assert {"a", "b"} <= set(live)
         assert live == recorded
@@ -110,8 +110,8 @@ def test_two_views_are_the_recorded_ones_to_the_byte_where_images_of_either_are_
         np.testing.assert_array_equal(truth.others["b"].mask_bytes, whole.others["b"].mask_bytes)
 
 
-def test_truth_is_there_of_what_has_happened_only(twin):
-    with twin as bench:
+def test_truth_is_there_of_what_has_happened_only(simulation):
+    with simulation as bench:
         until(bench, 1.0)
         assert 5 <= len(bench.truth().stamp_ns) <= 7
         assert bench.truth().stamp_ns[-1] <= 1.0e9
@@ -125,11 +125,11 @@ orders = st.lists(
 
 @settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(orders=orders)
-def test_no_axis_exceeds_its_limits_or_moves_before_its_delay(twin, orders):
-    with twin as still:
+def test_no_axis_exceeds_its_limits_or_moves_before_its_delay(simulation, orders):
+    with simulation as still:
         until(still, 1.2)
         programme = still.source.trajectory
-    with twin as bench:
+    with simulation as bench:
         actuators, first = bench.actuators, {}
         for when, name, target in sorted(orders, key=lambda order: order[0]):
             until(bench, when)
@@ -162,8 +162,8 @@ def test_no_axis_exceeds_its_limits_or_moves_before_its_delay(twin, orders):
             np.testing.assert_array_equal(places[before], column(programme)[rows][before])
 
 
-def test_what_cannot_be_done_is_refused_and_nothing_moves(twin):
-    with twin as bench:
+def test_what_cannot_be_done_is_refused_and_nothing_moves(simulation):
+    with simulation as bench:
         actuators = bench.actuators
         assert isinstance(actuators, Actuators)
         assert set(actuators.limits) == ALL
@@ -181,9 +181,9 @@ def test_what_cannot_be_done_is_refused_and_nothing_moves(twin):
         _ = LiveSimulation(SETTINGS).source
 
 
-def test_the_same_commands_give_the_same_events_and_others_do_not(twin):
+def test_the_same_commands_give_the_same_events_and_others_do_not(simulation):
     def play(push_mm):
-        with twin as bench:
+        with simulation as bench:
             for count, event in enumerate(bench.source):
                 if count == 1500:
                     bench.actuators.command({"advance_mm": push_mm, "stage_forward_mm": 0.0})
@@ -191,7 +191,7 @@ def test_the_same_commands_give_the_same_events_and_others_do_not(twin):
                     bench.actuators.stop()
                 if count == 3000:
                     return
-                yield told(event)
+                yield content_of(event)
 
     once, again, other = (list(play(push)) for push in (6.0, 6.0, 6.1))
     assert once == again
@@ -199,8 +199,8 @@ def test_the_same_commands_give_the_same_events_and_others_do_not(twin):
     assert once != other
 
 
-def test_stop_brakes_all_axes_and_they_stay(twin):
-    with twin as bench:
+def test_stop_brakes_all_axes_and_they_stay(simulation):
+    with simulation as bench:
         until(bench, 1.5)  # the stage is on its way to the tip
         bench.actuators.command({"advance_mm": 15.0, "knob_deg": 60.0})
         until(bench, 1.6)
@@ -211,16 +211,16 @@ def test_stop_brakes_all_axes_and_they_stay(twin):
         assert 11.0 < rest["knob_deg"] < 40.0
         until(bench, 2.5)
         assert bench.actuators.read().values == rest
-        stage = [e.values for e in until(bench, 2.7) if told(e)[0] == "stage"]
+        stage = [e.values for e in until(bench, 2.7) if content_of(e)[0] == "stage"]
         assert all(values["stage_forward_mm"] == pytest.approx(rest["stage_forward_mm"], abs=1e-3) for values in stage)
         bench.actuators.command({"knob_deg": 10.0})  # what was stopped can be sent on again
         until(bench, 4.0)
         assert bench.actuators.read().values["knob_deg"] == pytest.approx(10.0, abs=0.06)
 
 
-def test_a_step_arrives_late_by_delay_and_lag(twin):
+def test_a_step_arrives_late_by_delay_and_lag(simulation):
     clamp = SETTINGS.world.clamp
-    with twin as bench:
+    with simulation as bench:
         until(bench, 0.3)
         now = bench.clock.now_ns() * 1e-9
         bench.actuators.command({"advance_mm": 1.0})
@@ -242,8 +242,8 @@ def hold_still(bench, forward_mm, seconds):
     until(bench, seconds)
 
 
-def test_advancing_into_the_wall_raises_the_force_as_the_rods_stiffness_says(twin):
-    with twin as bench:
+def test_advancing_into_the_wall_raises_the_force_as_the_rods_stiffness_says(simulation):
+    with simulation as bench:
         hold_still(bench, 4.0, 2.5)
         source = bench.source
         row = source.run.done - 1
@@ -263,8 +263,8 @@ def test_advancing_into_the_wall_raises_the_force_as_the_rods_stiffness_says(twi
         assert risen == pytest.approx(1e-3 * normal[0] / compliance, rel=0.03)
 
 
-def test_the_knobs_play_of_one_degree_shows(twin):
-    with twin as bench:
+def test_the_knobs_play_of_one_degree_shows(simulation):
+    with simulation as bench:
         trajectory, gain = bench.source.trajectory, SETTINGS.world.actuation.gain_per_m_deg
 
         def curvature_at(knob_deg, seconds):

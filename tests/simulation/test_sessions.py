@@ -65,10 +65,10 @@ def test_logs_hold_what_the_bench_read_and_the_metadata_nothing_of_the_truth(roo
     assert stated == replace(bench.session_info, name="", actuation=constant)
     assert (stated.sensor.reads, stated.sensor.no_contact_s) == ("tip-on-tissue", (0.0, 2.0))
     assert stated.catheter.bending_stiffness_nm2 == 4.3e-4
-    told = (folder / "bench.toml").read_text()
+    stated = (folder / "bench.toml").read_text()
     truth = collect_truth(bench).values
     for name in ("flexible_length_m", "stiffness_nm2", "friction", "contact_angle_deg", "knob_factor", "amplitude_m"):
-        assert f"{truth[name]:.4g}" not in told, name
+        assert f"{truth[name]:.4g}" not in stated, name
 
 
 def test_a_knob_that_moves_has_a_log_of_its_own(short, tmp_path):
@@ -104,14 +104,14 @@ def test_the_same_seed_writes_the_same_bytes(root, short, tmp_path):
 
 def test_finished_sessions_are_kept_and_others_added(root, short):
     before = (root / "session_00" / "force.csv").stat().st_mtime_ns
-    told = []
+    shares = []
     places = simulate(
-        root, leave, short, suffix="", sessions=3, seed=21, progress=lambda what, share: told.append(share)
+        root, leave, short, suffix="", sessions=3, seed=21, progress=lambda what, share: shares.append(share)
     )
     assert [place.name for place in places] == ["session_00", "session_01", "session_02"]
     assert (root / "session_00" / "force.csv").stat().st_mtime_ns == before
     assert read_truth(places[2]).session == "session_02"
-    assert told == sorted(told)
+    assert shares == sorted(shares)
 
 
 def test_a_folder_with_other_sessions_is_not_mixed_with_new_ones(root, short):

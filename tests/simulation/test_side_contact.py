@@ -24,8 +24,8 @@ SETTINGS = SimulationSettings.model_validate(
 @pytest.fixture(scope="module")
 def source():
     """The tissue is pushed so far that the shaft lies down on it."""
-    twin = LiveSimulation(SETTINGS, seed=4, images=False)
-    with twin as bench:
+    simulation = LiveSimulation(SETTINGS, seed=4, images=False)
+    with simulation as bench:
         for _ in bench.source:
             now = bench.clock.now_ns() * 1e-9
             if now > 1.5:
@@ -54,7 +54,7 @@ def test_side_and_dome_push_away_from_the_wall_and_the_clamp_carries_both(source
 
 def test_the_sensor_reads_both_and_the_truth_tells_them_apart(source, tmp_path):
     log, trajectory = source.log, source.trajectory
-    rows = slice(0, int(np.searchsorted(source.readings.need_force, source.run.settled)))
+    rows = slice(0, int(np.searchsorted(source.readings.need_force, source.run.final)))
 
     def at(values):
         return np.stack([np.interp(log.true_s[rows], trajectory.time_s, values[:, k]) for k in range(3)], axis=1)

@@ -1,4 +1,4 @@
-"""The world of the twin: waves, drives, drift, sensor, and whole sessions."""
+"""The world of the simulated bench: waves, drives, drift, sensor, and whole sessions."""
 
 from itertools import pairwise
 
@@ -49,8 +49,8 @@ def test_an_axis_never_exceeds_its_limits_and_arrives(goals, speed, acceleration
 def test_a_drive_is_late_by_its_delay_and_reads_whole_steps():
     model = AxisModel(step=1e-4, max_speed=1.0, max_acceleration=50.0, delay_s=0.01)
     programme = 1e-2 * np.sin(2 * np.pi * np.arange(0, 1, 1e-3))
-    told, smooth, places = Drive(model, 1e-3, programme, by_hand=False).run(0, 1000)
-    np.testing.assert_array_equal(told, programme)
+    commanded, smooth, places = Drive(model, 1e-3, programme, by_hand=False).run(0, 1000)
+    np.testing.assert_array_equal(commanded, programme)
     np.testing.assert_allclose(smooth[100:], programme[90:-10], atol=1e-5)
     np.testing.assert_allclose(places, smooth, atol=0.5001e-4)
     assert np.unique(np.round(places / 1e-4 % 1.0, 6) % 1.0).tolist() == [0.0]
@@ -87,7 +87,7 @@ def test_a_stop_brakes_as_fast_as_the_axis_may_and_then_holds(at, speed):
     assert np.abs(np.diff(velocity)).max() <= 2.0 * 1e-3 * (1 + 1e-6)
 
 
-def test_a_heart_motion_is_what_the_thesis_bench_was_told():
+def test_a_heart_motion_is_what_the_thesis_bench_was_commanded():
     heart = HeartMotion(5e-3, 1.25, "half-wave PQRST", lateral_share=0.5, respiration_m=1e-3, standoff_m=2e-3)
     times = np.arange(0, 4.0, 0.01)
     forward, across = np.transpose([list(heart.command(t).values()) for t in times.tolist()])

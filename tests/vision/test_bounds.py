@@ -77,7 +77,7 @@ def test_a_drawing_of_a_narrow_image_stays_small() -> None:
     assert seen.drawing.size < 10_000_000
     tally = Tally()
     tally.add("narrow", seen)
-    assert tally.sheet().size < 10_000_000
+    assert tally.contact_sheet().size < 10_000_000
 
 
 @pytest.mark.parametrize("method", ["tracer", "classic"])

@@ -21,17 +21,17 @@ from tipforce.vision import (
 DARK_LEFT = VisionSettings(method="classic", polarity="dark", base_side="left")
 
 
-def step_picture() -> np.ndarray:
+def step_image() -> np.ndarray:
     """Three rows thick, level over the first 20 columns and a little way on, then one row up every four columns."""
-    picture = np.full((60, 100), 200, np.uint8)
+    image = np.full((60, 100), 200, np.uint8)
     for u in range(80):
         v = 30 - max(0, u - 30) // 4
-        picture[v - 1 : v + 2, u] = 50
-    return picture
+        image[v - 1 : v + 2, u] = 50
+    return image
 
 
 def test_each_line_of_the_algorithm_gives_what_can_be_counted_by_hand() -> None:
-    steps = ClassicDetector(DARK_LEFT).steps(step_picture())
+    steps = ClassicDetector(DARK_LEFT).steps(step_image())
     assert steps.status is Status.VALID
     assert steps.binary.sum() == 80 * 3
     assert len(steps.base_px) == 20 * 3
@@ -51,27 +51,27 @@ def test_each_line_of_the_algorithm_gives_what_can_be_counted_by_hand() -> None:
 
 def test_the_features_of_what_is_seen_are_the_five_coefficients_of_the_algorithm(tube) -> None:
     chain = ClassicDetector(DARK_LEFT)
-    picture = tube("bent", noise=5)
-    features = shape_features(chain.detect(picture), ShapeFeatureSettings())
+    image = tube("bent", noise=5)
+    features = shape_features(chain.detect(image), ShapeFeatureSettings())
     assert features.shape == (5,)
-    np.testing.assert_allclose(features, chain.steps(picture).coefficients, rtol=1e-9)
+    np.testing.assert_allclose(features, chain.steps(image).coefficients, rtol=1e-9)
 
 
 def test_density_below_the_constant_is_catheter_and_density_at_it_is_not() -> None:
-    picture = step_picture()
+    image = step_image()
     for c, catheter in ((50, False), (51, True), (200, True), (201, False)):
-        steps = ClassicDetector(DARK_LEFT.model_copy(update={"threshold": c})).steps(picture)
+        steps = ClassicDetector(DARK_LEFT.model_copy(update={"threshold": c})).steps(image)
         assert (steps.status is Status.VALID) == catheter
         assert steps.threshold == c
 
 
 def test_the_axis_of_a_tube_is_followed_to_its_tip(tube, axis_of) -> None:
-    sighting = ClassicDetector(DARK_LEFT).detect(tube("bent", noise=5))
-    points, truth = sighting.centreline.points, axis_of("bent")
+    shape = ClassicDetector(DARK_LEFT).detect(tube("bent", noise=5))
+    points, truth = shape.centreline.points, axis_of("bent")
     away = np.hypot(*(points[:, None] - truth[None]).T).min(axis=0)
     assert np.median(away) < 1.0
     assert np.hypot(*(points[-1] - truth[-1])) < 12.0
-    np.testing.assert_allclose(points[0], sighting.base.origin_px)
+    np.testing.assert_allclose(points[0], shape.base.origin_px)
     steps = np.hypot(*np.diff(points, axis=0).T)
     np.testing.assert_allclose(steps, steps.mean(), rtol=0.15)
     assert len(points) == DARK_LEFT.points
@@ -80,40 +80,40 @@ def test_the_axis_of_a_tube_is_followed_to_its_tip(tube, axis_of) -> None:
 @pytest.mark.parametrize(("side", "turns"), [("left", 0), ("bottom", 1), ("right", 2), ("top", 3)])
 @pytest.mark.parametrize("polarity", ["dark", "light"])
 def test_the_shape_is_the_same_from_every_side_and_in_both_polarities(tube, side, turns, polarity) -> None:
-    picture = tube("bent", noise=5)
-    expected = shape_features(ClassicDetector(DARK_LEFT).detect(picture), ShapeFeatureSettings())
-    turned = np.ascontiguousarray(np.rot90(picture if polarity == "dark" else 255 - picture, turns))
+    image = tube("bent", noise=5)
+    expected = shape_features(ClassicDetector(DARK_LEFT).detect(image), ShapeFeatureSettings())
+    turned = np.ascontiguousarray(np.rot90(image if polarity == "dark" else 255 - image, turns))
     chain = ClassicDetector(VisionSettings(method="classic", polarity=polarity, base_side=side))
     np.testing.assert_allclose(shape_features(chain.detect(turned), ShapeFeatureSettings()), expected, rtol=1e-7)
 
 
-def test_colour_and_grey_pictures_are_seen_alike(tube) -> None:
-    picture = tube("bent")
-    grey, colour = (ClassicDetector(DARK_LEFT).steps(p) for p in (picture, np.stack([picture] * 3, axis=2)))
+def test_colour_and_grey_images_are_detected_alike(tube) -> None:
+    image = tube("bent")
+    grey, colour = (ClassicDetector(DARK_LEFT).steps(p) for p in (image, np.stack([image] * 3, axis=2)))
     np.testing.assert_array_equal(grey.coefficients, colour.coefficients)
 
 
 def test_a_region_of_interest_shifts_nothing(tube) -> None:
-    picture = tube("bent")
+    image = tube("bent")
     wide = np.full((600, 800), 40, np.uint8)
-    wide[60:540, 90:730] = picture
+    wide[60:540, 90:730] = image
     inside = ClassicDetector(DARK_LEFT.model_copy(update={"roi": (90, 60, 730, 540)})).steps(wide)
-    np.testing.assert_allclose(inside.single_px - [90, 60], ClassicDetector(DARK_LEFT).steps(picture).single_px)
-    np.testing.assert_allclose(inside.coefficients, ClassicDetector(DARK_LEFT).steps(picture).coefficients, rtol=1e-9)
+    np.testing.assert_allclose(inside.single_px - [90, 60], ClassicDetector(DARK_LEFT).steps(image).single_px)
+    np.testing.assert_allclose(inside.coefficients, ClassicDetector(DARK_LEFT).steps(image).coefficients, rtol=1e-9)
 
 
 def test_a_marked_base_region_serves_a_catheter_that_does_not_reach_the_border(tube) -> None:
-    picture = tube("bent")
-    picture[:, :60] = 220
-    assert ClassicDetector(DARK_LEFT).detect(picture).status is Status.NO_CATHETER
-    steps = ClassicDetector(DARK_LEFT.model_copy(update={"base_region": (70, 300, 90, 380)})).steps(picture)
+    image = tube("bent")
+    image[:, :60] = 220
+    assert ClassicDetector(DARK_LEFT).detect(image).status is Status.NO_CATHETER
+    steps = ClassicDetector(DARK_LEFT.model_copy(update={"base_region": (70, 300, 90, 380)})).steps(image)
     assert steps.status is Status.VALID
     assert 70 <= steps.base.origin_px[0] <= 90
     assert steps.single_px[0, 0] == 70
 
 
 @pytest.mark.parametrize(
-    ("picture", "status", "words"),
+    ("image", "status", "words"),
     [
         (np.full((480, 640), 200, np.uint8), Status.NO_CATHETER, "first 20 columns at the left border"),
         (np.zeros((480, 640), np.uint8), Status.NO_CATHETER, "first 20 columns"),
@@ -121,22 +121,22 @@ def test_a_marked_base_region_serves_a_catheter_that_does_not_reach_the_border(t
     ],
     ids=["light", "black", "noise"],
 )
-def test_a_picture_without_a_catheter_is_said_to_have_none(picture, status, words) -> None:
-    sighting = ClassicDetector(DARK_LEFT).detect(picture)
-    assert sighting.status is status
-    assert words in sighting.detail
-    assert sighting.centreline is None
+def test_an_image_without_a_catheter_is_said_to_have_none(image, status, words) -> None:
+    shape = ClassicDetector(DARK_LEFT).detect(image)
+    assert shape.status is status
+    assert words in shape.detail
+    assert shape.centreline is None
 
 
 def test_a_shape_past_90_degrees_is_refused_with_the_columns_where_it_folds(tube) -> None:
-    sighting = ClassicDetector(DARK_LEFT).detect(tube("hook"))
-    assert sighting.status is Status.NOT_A_FUNCTION
-    assert "past 90 degrees" in sighting.detail
+    shape = ClassicDetector(DARK_LEFT).detect(tube("hook"))
+    assert shape.status is Status.NOT_A_FUNCTION
+    assert "past 90 degrees" in shape.detail
 
 
 def test_a_catheter_whose_tip_is_outside_is_cut_off(tube) -> None:
-    sighting = ClassicDetector(DARK_LEFT).detect(tube("long"))
-    assert sighting.status is Status.CUT_OFF
+    shape = ClassicDetector(DARK_LEFT).detect(tube("long"))
+    assert shape.status is Status.CUT_OFF
 
 
 @pytest.mark.parametrize("shape", ["bent", "hook", "long"])
@@ -159,9 +159,9 @@ def real_frame(number: int) -> np.ndarray:
 @pytest.mark.parametrize("number", [142, 302, 487])
 def test_the_real_manipulator_is_seen_within_a_region_of_interest(number: int) -> None:
     settings = VisionSettings(method="classic", polarity="light", base_side="bottom", roi=(60, 60, 500, 300))
-    sighting = ClassicDetector(settings).detect(real_frame(number))
-    features = shape_features(sighting, ShapeFeatureSettings())
-    assert sighting.diameter_px == pytest.approx(19.3, abs=1.0)
-    curve = fitted_curve(sighting, ShapeFeatureSettings(), features)
-    away = np.hypot(*(sighting.fitted_px[:, None] - curve[None]).T).min(axis=0)
+    shape = ClassicDetector(settings).detect(real_frame(number))
+    features = shape_features(shape, ShapeFeatureSettings())
+    assert shape.diameter_px == pytest.approx(19.3, abs=1.0)
+    curve = fitted_curve(shape, ShapeFeatureSettings(), features)
+    away = np.hypot(*(shape.fitted_px[:, None] - curve[None]).T).min(axis=0)
     assert np.median(away) < 3.0

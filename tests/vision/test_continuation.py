@@ -50,7 +50,7 @@ def test_a_gap_is_not_taken_for_the_tip() -> None:
     assert judge(tubes.Look(gap=24.0, rings=0), range(500, 504), KNOWN) == (0, 0)
 
 
-def test_a_picture_too_blurred_to_tell_is_mostly_refused() -> None:
+def test_an_image_too_blurred_to_tell_is_mostly_refused() -> None:
     """Blurred by half its width the shaft has no flanks left; what is answered then is hardly ever right."""
     refused = 0
     for seed in range(600, 612):

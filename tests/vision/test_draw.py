@@ -1,4 +1,4 @@
-"""What is drawn can be found in the picture again."""
+"""What is drawn can be found in the image again."""
 
 import math
 
@@ -39,12 +39,12 @@ def force(fx: float, fy: float, planar: bool = True) -> ForceEstimate:
     )
 
 
-def where(picture: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
+def where(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
     """(n, 2) u, v of the pixels of nearly this colour."""
-    return np.argwhere((np.abs(picture.astype(int) - colour) < 40).all(axis=2))[:, ::-1]
+    return np.argwhere((np.abs(image.astype(int) - colour) < 40).all(axis=2))[:, ::-1]
 
 
-def test_the_picture_itself_is_left_alone() -> None:
+def test_the_image_itself_is_left_alone() -> None:
     for image in (GREY.copy(), np.stack([GREY] * 3, axis=2)):
         before = image.copy()
         drawn = draw_shape(image, seen()), draw_estimate(image, seen(), force(0.1, 0.1))
@@ -53,15 +53,15 @@ def test_the_picture_itself_is_left_alone() -> None:
 
 
 def test_the_centreline_and_the_base_frame_are_where_they_were_seen() -> None:
-    sighting = seen()
-    picture = draw_shape(GREY, sighting, legend=False)
-    away = np.hypot(*(where(picture, YELLOW)[:, None] - sighting.centreline.points[None]).T).min(axis=0)
+    shape = seen()
+    image = draw_shape(GREY, shape, legend=False)
+    away = np.hypot(*(where(image, YELLOW)[:, None] - shape.centreline.points[None]).T).min(axis=0)
     assert len(away) > 300
     assert away.max() < 5
-    x_axis, y_axis = where(picture, RED), where(picture, GREEN)
+    x_axis, y_axis = where(image, RED), where(image, GREEN)
     assert x_axis[:, 0].mean() > 75
     assert abs(x_axis[:, 1].mean() - 300) < 6
-    assert y_axis[:, 1].mean() < 285, "y points up in the displayed picture"
+    assert y_axis[:, 1].mean() < 285, "y points up in the displayed image"
 
 
 def test_the_mask_is_a_tube_of_the_shafts_diameter() -> None:
@@ -74,18 +74,18 @@ def test_the_mask_is_a_tube_of_the_shafts_diameter() -> None:
 
 def test_the_fitted_curve_is_drawn_over_the_centreline() -> None:
     curve = seen().centreline.points - [0, 40]
-    picture = draw_shape(GREY, seen(), curve_px=curve, legend=False)
-    magenta = where(picture, MAGENTA)
+    image = draw_shape(GREY, seen(), curve_px=curve, legend=False)
+    magenta = where(image, MAGENTA)
     assert len(magenta) > 100
     assert np.hypot(*(magenta[:, None] - curve[None]).T).min(axis=0).max() < 5
 
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0), (-0.6, 0.8), (0.6, -0.8)])
 def test_the_force_arrow_points_at_the_tip_the_way_the_tissue_pushes(direction: tuple[float, float]) -> None:
-    sighting = seen()
-    picture = draw_estimate(GREY, sighting, force(0.3 * direction[0], 0.3 * direction[1]))
-    arrow = where(picture[:400], CYAN)
-    tip = sighting.centreline.points[-1]
+    shape = seen()
+    image = draw_estimate(GREY, shape, force(0.3 * direction[0], 0.3 * direction[1]))
+    arrow = where(image[:400], CYAN)
+    tip = shape.centreline.points[-1]
     towards_tail = arrow.mean(axis=0) - tip
     push = np.array([direction[0], -direction[1]])
     assert towards_tail @ push == pytest.approx(-np.hypot(*towards_tail), rel=0.02)
@@ -101,40 +101,40 @@ def test_a_longer_arrow_is_a_larger_force() -> None:
 
 
 def test_a_magnitude_alone_has_a_value_but_no_arrow() -> None:
-    picture = draw_estimate(GREY, seen(), force(0.2, 0.1, planar=False))
-    assert not len(where(picture, CYAN))
-    assert len(where(picture[400:], (255, 255, 255))) > 100
+    image = draw_estimate(GREY, seen(), force(0.2, 0.1, planar=False))
+    assert not len(where(image, CYAN))
+    assert len(where(image[400:], (255, 255, 255))) > 100
 
 
 @pytest.mark.parametrize("scale", [0.1, 1.0, 2.0])
 def test_what_is_not_valid_shows_a_red_banner_and_no_force(scale: float) -> None:
-    image = np.full((round(480 * scale), round(640 * scale)), 128, np.uint8)
-    lost = ForceEstimate.invalid(0, Status.CUT_OFF, "the catheter leaves the picture at the top " * 3)
-    picture = draw_estimate(image, seen(scale), lost)
-    red = where(picture, (182, 38, 38))
-    assert len(red) > 0.3 * picture.shape[1] * red[:, 1].max()
-    assert red[:, 1].max() < 0.5 * picture.shape[0]
-    assert not len(where(picture, CYAN))
+    blank = np.full((round(480 * scale), round(640 * scale)), 128, np.uint8)
+    lost = ForceEstimate.invalid(0, Status.CUT_OFF, "the catheter leaves the image at the top " * 3)
+    image = draw_estimate(blank, seen(scale), lost)
+    red = where(image, (182, 38, 38))
+    assert len(red) > 0.3 * image.shape[1] * red[:, 1].max()
+    assert red[:, 1].max() < 0.5 * image.shape[0]
+    assert not len(where(image, CYAN))
 
 
-def test_small_pictures_are_enlarged_so_that_letters_can_be_read() -> None:
+def test_small_images_are_enlarged_so_that_letters_can_be_read() -> None:
     small = np.full((64, 64), 128, np.uint8)
-    picture = draw_estimate(small, seen(0.1), force(0.1, 0.2))
-    assert picture.shape == (448, 448, 3)
+    image = draw_estimate(small, seen(0.1), force(0.1, 0.2))
+    assert image.shape == (448, 448, 3)
     tip = (seen(0.1).centreline.points[-1] + 0.5) * 7 - 0.5
-    arrow = where(picture[:360], CYAN)
+    arrow = where(image[:360], CYAN)
     assert np.hypot(*(arrow - tip).T).min() < 14
 
 
-def test_a_contact_sheet_holds_every_picture() -> None:
+def test_a_contact_sheet_holds_every_image() -> None:
     colours = [(250, 0, 0), (0, 250, 0), (0, 0, 250)]
-    pictures = [np.full((48 + 10 * k, 64, 3), c, np.uint8) for k, c in enumerate(colours)]
-    sheet = contact_sheet(pictures, 2, ["one", "two °", "three"], 160)
+    images = [np.full((48 + 10 * k, 64, 3), c, np.uint8) for k, c in enumerate(colours)]
+    sheet = contact_sheet(images, 2, ["one", "two °", "three"], 160)
     assert all(len(where(sheet, c)) > 4000 for c in colours)
     assert where(sheet, colours[2])[:, 1].min() > where(sheet, colours[0])[:, 1].max()
 
 
-def test_a_sheet_of_a_long_video_samples_it_evenly_and_keeps_room_for_what_was_not_found() -> None:
+def test_a_contact_sheet_of_a_long_video_samples_it_evenly_and_keeps_room_for_what_was_not_found() -> None:
     tally = Tally(6)
     settings = ShapeFeatureSettings()
     lost = DetectedShape(Status.CUT_OFF, "lost")
@@ -148,6 +148,6 @@ def test_a_sheet_of_a_long_video_samples_it_evenly_and_keeps_room_for_what_was_n
     assert np.diff(frames).min() > 200
     assert [status for _, status in kept].count("cut_off") == 2
     assert tally.share_found == 0.99
-    assert tally.sheet().shape[0] == 2 * (240 + 22 + 4) + 4
+    assert tally.contact_sheet().shape[0] == 2 * (240 + 22 + 4) + 4
     assert "found in 990 of 1000 frames" in tally.text()
     assert "10 frames cut_off: lost" in tally.text()

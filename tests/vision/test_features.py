@@ -37,7 +37,7 @@ def seen(series: list[float], angle: float = 0.1, origin: tuple[float, float] = 
 
 
 @given(st.floats(-math.pi, math.pi), st.tuples(st.floats(-500, 500), st.floats(-500, 500)))
-def test_features_do_not_depend_on_where_the_base_lies_in_the_picture(angle, origin) -> None:
+def test_features_do_not_depend_on_where_the_base_lies_in_the_image(angle, origin) -> None:
     for settings in (THESIS, LEGENDRE):
         here = shape_features(seen([0.4, 0.5, 0.1]), settings)
         there = shape_features(seen([0.4, 0.5, 0.1], angle, origin), settings)
@@ -45,9 +45,9 @@ def test_features_do_not_depend_on_where_the_base_lies_in_the_picture(angle, ori
 
 
 def test_the_polynomial_is_that_of_the_centreline_in_the_base_frame() -> None:
-    sighting = seen([0.4, 0.5, 0.1])
-    local = sighting.base.to_base(sighting.centreline.points)
-    np.testing.assert_allclose(shape_features(sighting, THESIS), np.polyfit(*local.T, 4), rtol=1e-8)
+    shape = seen([0.4, 0.5, 0.1])
+    local = shape.base.to_base(shape.centreline.points)
+    np.testing.assert_allclose(shape_features(shape, THESIS), np.polyfit(*local.T, 4), rtol=1e-8)
 
 
 def test_the_angle_series_is_counter_clockwise_from_the_base_tangent() -> None:
@@ -82,21 +82,21 @@ def test_what_was_not_found_has_no_features_and_the_same_reason() -> None:
 
 
 def test_turning_the_base_changes_only_the_mean_angle() -> None:
-    sighting = seen([0.4, 0.5, 0.1])
+    shape = seen([0.4, 0.5, 0.1])
     turned = DetectedShape(
-        Status.VALID, "", sighting.centreline, BasePose(sighting.base.origin_px, sighting.base.angle_rad + 0.2), 12.0
+        Status.VALID, "", shape.centreline, BasePose(shape.base.origin_px, shape.base.angle_rad + 0.2), 12.0
     )
-    change = shape_features(turned, LEGENDRE) - shape_features(sighting, LEGENDRE)
+    change = shape_features(turned, LEGENDRE) - shape_features(shape, LEGENDRE)
     np.testing.assert_allclose(change, [-0.2, 0, 0, 0, 0], atol=1e-9)
     without = ShapeFeatureSettings(kind="legendre", constant=False)
-    np.testing.assert_allclose(shape_features(turned, without), shape_features(sighting, without), atol=1e-9)
+    np.testing.assert_allclose(shape_features(turned, without), shape_features(shape, without), atol=1e-9)
 
 
 @pytest.mark.parametrize("settings", ALL, ids=str)
 def test_the_fitted_curve_lies_on_the_shape_it_was_fitted_to(settings: ShapeFeatureSettings) -> None:
-    sighting = seen([0.3, 0.3, 0.05])
-    curve = fitted_curve(sighting, settings, shape_features(sighting, settings), 400)
-    away = np.hypot(*(sighting.centreline.points[:, None] - curve[None]).T).min(axis=0)
+    shape = seen([0.3, 0.3, 0.05])
+    curve = fitted_curve(shape, settings, shape_features(shape, settings), 400)
+    away = np.hypot(*(shape.centreline.points[:, None] - curve[None]).T).min(axis=0)
     assert away.max() < (2.5 if settings.kind == "polynomial" else 0.5)
 
 

@@ -14,7 +14,7 @@ LENGTH = (260.0, 260.0)
 OPEN = VisionSettings(polarity="dark", base_side="left", diameter_px=12.0)
 KNOWN = OPEN.model_copy(update={"length_px": 266.0, "length_tolerance": 0.015})
 SESSION = SessionInfo("monday", Catheter("test tube", 0.012, 0.234, 0.04), {"camera": ViewInfo(1e-3, "left")})
-"""274 px, of which the picture shows 97 %."""
+"""274 px, of which the image shows 97 %."""
 NO_METAL = tubes.Look(length=LENGTH, turning=0.12, electrode=190.0, electrode_length=40.0)
 """The metal end has the ground's own grey: only a faint lustre shows."""
 
@@ -76,12 +76,12 @@ def test_several_sessions_teach_a_length_that_each_of_them_scales() -> None:
     far, near = SESSION, SessionInfo("tuesday", SESSION.catheter, {"camera": ViewInfo(0.8e-3, "left")})
     drawn = [tubes.draw(np.random.default_rng(820 + k), looks[k % 2]) for k in range(6)]
     resolved = auto_calibrate(VisionSettings(), [tube.image for tube in drawn], [far, near] * 3)
-    for sheet, length in ((far, 246.0), (near, 307.5)):
-        assert for_session(resolved, sheet).length_px == pytest.approx(length, rel=0.01)
+    for session, length in ((far, 246.0), (near, 307.5)):
+        assert for_session(resolved, session).length_px == pytest.approx(length, rel=0.01)
     assert resolved.length_tolerance == 0.03
 
 
-def test_a_sheet_of_another_length_does_not_hide_what_is_there() -> None:
+def test_session_metadata_of_another_length_does_not_hide_what_is_there() -> None:
     longer = SessionInfo("monday", Catheter("test tube", 0.012, 0.6, 0.04), {"camera": ViewInfo(1e-3)})
     drawn = [tubes.draw(np.random.default_rng(840 + k), tubes.Look(length=LENGTH)) for k in range(3)]
     resolved = auto_calibrate(VisionSettings(), [tube.image for tube in drawn], longer)

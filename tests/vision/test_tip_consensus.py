@@ -16,7 +16,7 @@ LENGTH = 150.0
 SESSION = SessionInfo("monday", Catheter("test tube", 0.012, 0.156, 0.0), {"camera": ViewInfo(1e-3, "left")})
 
 
-def _picture(turn: float, rail: float, cloth: float = 0.0, shadow: bool = False, patch: float = 0.0) -> np.ndarray:
+def _draw_image(turn: float, rail: float, cloth: float = 0.0, shadow: bool = False, patch: float = 0.0) -> np.ndarray:
     """A straight shaft from the left border, its metal end little darker than the ground; a dark rail lies behind it.
 
     ``rail``: how far behind the end the rail begins. The rail is darker than the metal end, so its border stands out
@@ -61,44 +61,44 @@ def _beside(sight: DetectedShape, turn: float) -> float:
 
 def test_an_edge_that_lies_elsewhere_in_every_image_is_not_taken_for_the_tip() -> None:
     rails = (2.0, 5.0, 8.0, 11.0, 3.5, 6.5, 14.0, 9.5)
-    pictures = [_picture(0.05 * k - 0.2, rail) for k, rail in enumerate(rails)]
-    resolved = auto_calibrate(VisionSettings(), pictures, SESSION)
+    images = [_draw_image(0.05 * k - 0.2, rail) for k, rail in enumerate(rails)]
+    resolved = auto_calibrate(VisionSettings(), images, SESSION)
     assert resolved.length_px == pytest.approx(LENGTH, abs=1.5)
     assert resolved.length_tolerance < 0.03
-    for picture in pictures:
-        seen = Tracer(resolved).detect(picture).centreline
+    for image in images:
+        seen = Tracer(resolved).detect(image).centreline
         assert seen is not None
         assert np.hypot(*np.diff(seen.points, axis=0).T).sum() == pytest.approx(LENGTH, abs=3.0)
 
 
 def test_a_shaft_lost_on_a_cloth_of_its_own_grey_is_found_again_by_the_tip_template() -> None:
-    clear = [_picture(0.05 * k - 0.2, 40.0) for k in range(8)]
+    clear = [_draw_image(0.05 * k - 0.2, 40.0) for k in range(8)]
     resolved = auto_calibrate(VisionSettings(), clear, SESSION)
     assert resolved.tip_template is not None
     unaware = resolved.model_copy(update={"tip_template": None})
     for turn, cloth in ((-0.1, -0.15), (0.0, -0.05), (0.1, -0.1)):
-        picture = _picture(turn, 40.0, cloth)
-        assert _beside(Tracer(unaware).detect(picture), turn) > 5.0
-        assert _beside(Tracer(resolved).detect(picture), turn) < 0.6
+        image = _draw_image(turn, 40.0, cloth)
+        assert _beside(Tracer(unaware).detect(image), turn) > 5.0
+        assert _beside(Tracer(resolved).detect(image), turn) < 0.6
 
 
 @pytest.mark.parametrize("aside", [-3.0, 0.0, 3.0])
 def test_lines_that_lie_beside_the_tip_in_every_image_are_put_on_its_axis(aside: float) -> None:
     """Whichever side the end's shadow lies on."""
     turns = [0.05 * k - 0.2 for k in range(8)]
-    pictures = [_picture(turn, 40.0, shadow=True) for turn in turns]
+    images = [_draw_image(turn, 40.0, shadow=True) for turn in turns]
     lines = []
     for turn in turns:
         axis = np.array([-6.0, 100.0]) + np.linspace(6.0, LENGTH, 64)[:, None] * [np.cos(turn), np.sin(turn)]
         lines.append(shift_tip(axis, 6.0, LENGTH - 6.0, aside))
-    assert axis_offset(pictures, lines, 6.0, LENGTH - 6.0) == pytest.approx(-aside, abs=0.6)
+    assert axis_offset(images, lines, 6.0, LENGTH - 6.0) == pytest.approx(-aside, abs=0.6)
 
 
 def test_a_tip_that_differs_from_the_template_is_refused() -> None:
-    resolved = auto_calibrate(VisionSettings(), [_picture(0.05 * k - 0.2, 40.0) for k in range(8)], SESSION)
+    resolved = auto_calibrate(VisionSettings(), [_draw_image(0.05 * k - 0.2, 40.0) for k in range(8)], SESSION)
     for turn in (-0.1, 0.0, 0.1):
-        assert Tracer(resolved).detect(_picture(turn, 40.0)).found
-        sight = Tracer(resolved).detect(_picture(turn, 40.0, patch=250.0))
+        assert Tracer(resolved).detect(_draw_image(turn, 40.0)).found
+        sight = Tracer(resolved).detect(_draw_image(turn, 40.0, patch=250.0))
         assert sight.status is Status.CUT_OFF
         assert "something covers it" in sight.detail
 
@@ -106,23 +106,23 @@ def test_a_tip_that_differs_from_the_template_is_refused() -> None:
 def test_a_tip_template_that_no_image_fits_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     times = []
 
-    def learn(settings: ResolvedVision, images: Sequence[np.ndarray], lines: Sequence[FloatArray | None]):
-        learnt = learn_tip_template(settings, images, lines)
+    def learn(settings: ResolvedVision, given: Sequence[np.ndarray], lines: Sequence[FloatArray | None]):
+        learnt = learn_tip_template(settings, given, lines)
         assert learnt.tip_template is not None
         times.append(learnt)
         wrong = tuple(255 * (k % 2) for k in range(len(learnt.tip_template)))
         return learnt.model_copy(update={"tip_template": wrong}) if len(times) == _TEMPLATES else learnt
 
-    pictures = [_picture(0.05 * k - 0.2, 40.0) for k in range(8)]
+    images = [_draw_image(0.05 * k - 0.2, 40.0) for k in range(8)]
     monkeypatch.setattr("tipforce.vision._auto_calibrate.learn_tip_template", learn)
-    resolved = auto_calibrate(VisionSettings(), pictures, SESSION)
+    resolved = auto_calibrate(VisionSettings(), images, SESSION)
     assert resolved.tip_template is None
-    assert all(Tracer(resolved).detect(picture).found for picture in pictures)
+    assert all(Tracer(resolved).detect(image).found for image in images)
 
 
 def test_a_tip_template_is_not_used_in_another_session_and_not_learnt_from_several() -> None:
-    pictures = [_picture(0.05 * k - 0.2, 40.0) for k in range(8)]
-    resolved = auto_calibrate(VisionSettings(), pictures, SESSION)
+    images = [_draw_image(0.05 * k - 0.2, 40.0) for k in range(8)]
+    resolved = auto_calibrate(VisionSettings(), images, SESSION)
     nearer = SessionInfo("tuesday", SESSION.catheter, {"camera": ViewInfo(0.8e-3, "left")})
     assert for_session(resolved, nearer).tip_template is None
-    assert auto_calibrate(VisionSettings(), pictures, [SESSION] * 8).tip_template is None
+    assert auto_calibrate(VisionSettings(), images, [SESSION] * 8).tip_template is None

@@ -78,7 +78,7 @@ def test_a_shape_that_turns_back_on_itself_is_followed() -> None:
     assert turned > 3
 
 
-def test_the_same_picture_gives_the_same_answer_whatever_came_before() -> None:
+def test_the_same_image_gives_the_same_answer_whatever_came_before() -> None:
     tracer = Tracer(KNOWN)
     first, other = drawn(1).image, drawn(2).image
     before = tracer.detect(first)
@@ -90,7 +90,7 @@ def test_the_same_picture_gives_the_same_answer_whatever_came_before() -> None:
     assert np.array_equal(before.centreline.points, after.centreline.points)
 
 
-def test_grey_and_colour_pictures_agree() -> None:
+def test_grey_and_colour_images_agree() -> None:
     image = drawn(4).image
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     colour, plain = Tracer(KNOWN).detect(image), Tracer(KNOWN).detect(grey)
@@ -99,7 +99,7 @@ def test_grey_and_colour_pictures_agree() -> None:
     assert np.abs(colour.centreline.points - plain.centreline.points).max() < 0.1
 
 
-def test_a_picture_that_is_a_view_of_another_is_read_rightly() -> None:
+def test_an_image_that_is_a_view_of_another_is_read_rightly() -> None:
     tube = drawn(5)
     wide = np.full((480, 700, 3), 190, np.uint8)
     wide[:, :640] = tube.image
@@ -115,7 +115,7 @@ def test_region_of_interest_moves_the_border() -> None:
     assert sight.centreline.points[0, 0] == pytest.approx(40, abs=0.5)
 
 
-def test_base_region_marks_a_base_inside_the_picture() -> None:
+def test_base_region_marks_a_base_inside_the_image() -> None:
     tube = drawn(7)
     image = tube.image.copy()
     image[:, :50] = 60  # a dark mount that the shaft comes out of

@@ -22,7 +22,7 @@ OffsetChoice = Literal["auto", "none"] | float
 
 _LOOK_S = 0.3
 """Largest clock offset that is looked for."""
-_DOUBTFUL_MS = 3.0
+_UNCERTAIN_MS = 3.0
 """From this standard error on the stage's movement, where it shows, tells the offset better than the deflection."""
 
 _APART_MS = 25.0
@@ -68,7 +68,7 @@ def find_tare_and_inertia(
 
 def find_offset(
     frame_ns: IntArray,
-    sightings: Sequence[DetectedShape],
+    shapes: Sequence[DetectedShape],
     info: SessionInfo,
     view: str,
     stamps: IntArray,
@@ -78,11 +78,11 @@ def find_offset(
     remarks: list[str],
     blind: str = "",
 ) -> ClockOffset:
-    """From the deflection in ``sightings`` (n) of ``view`` at ``frame_ns`` and ``force`` (m, 3) at ``stamps``.
+    """From the deflection in ``shapes`` (n) of ``view`` at ``frame_ns`` and ``force`` (m, 3) at ``stamps``.
 
     Where that does not tell it, or with a standard error above 3 ms only, or 25 ms apart from it: from the lag at which
     the stage's movement shows in the force, if it does.
-    ``blind``: why no catheter is seen at all, or empty. Adds to ``remarks``.
+    ``blind``: why no catheter is detected at all, or empty. Adds to ``remarks``.
     """
     if choice == "none":
         return ClockOffset()
@@ -90,8 +90,8 @@ def find_offset(
         return ClockOffset(round(choice * 1e6), "stated")
     offset = ClockOffset(how="refused", detail=blind)
     if not blind:
-        offset = _by_sight(frame_ns, sightings, info, view, stamps, force, facts)
-    if facts.inertia.how == "estimated" and offset.stderr_ms > _DOUBTFUL_MS:
+        offset = _by_sight(frame_ns, shapes, info, view, stamps, force, facts)
+    if facts.inertia.how == "estimated" and offset.stderr_ms > _UNCERTAIN_MS:
         offset = ClockOffset(how="refused", detail=f"the deflection tells it to +-{offset.stderr_ms:.1f} ms only")
     apart_ms = abs(offset.offset_ms - 1e-6 * facts.inertia.lag_ns)
     if offset.how == "estimated" and facts.inertia.how == "estimated" and apart_ms > _APART_MS:
@@ -104,7 +104,9 @@ def find_offset(
             f"milliseconds, for the images do not tell: {offset.detail}"
         )
     elif offset.how == "refused":
-        remarks.append(f"the clock offset is taken as 0, for it could not be told: {offset.detail}; see offset_ms")
+        remarks.append(
+            f"the clock offset is taken as 0, for it could not be determined: {offset.detail}; see offset_ms"
+        )
     elif offset.detail:
         remarks.append(offset.detail)
     return offset
@@ -112,7 +114,7 @@ def find_offset(
 
 def _by_sight(
     frame_ns: IntArray,
-    sightings: Sequence[DetectedShape],
+    shapes: Sequence[DetectedShape],
     info: SessionInfo,
     view: str,
     stamps: IntArray,
@@ -125,5 +127,5 @@ def _by_sight(
     length = (flexible + (rigid or 0.0)) / scale if flexible and scale else None
     matrix = (facts.sensor or SensorInfo()).matrix
     tared = np.nan_to_num(force - facts.tare.force_n - facts.carried(stamps)) @ matrix.T
-    shape = shape_coordinates(sightings, flexible_share=share, length_px=length)
+    shape = shape_coordinates(shapes, flexible_share=share, length_px=length)
     return estimate_offset(frame_ns, shape, stamps, tared, window_s=_LOOK_S)

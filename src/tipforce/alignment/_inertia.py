@@ -96,9 +96,9 @@ def fit_inertia(
     known = np.stack([np.bincount(place, column) / filled for column in force_n[inside][:, axes].T], axis=1)
     middle = np.bincount(place, (stamps_ns[inside] - stamps_ns[0]).astype(np.float64)) / filled
     at = stamps_ns[0] + np.round(middle).astype(np.int64)
-    told = at >= stage.start_ns + round((window_s + _EDGE_S) * 1e9)  # at every lag that is tried the stage has spoken
-    if told.sum() * _BIN_S >= 0.5 * span:
-        at, known = at[told], known[told]
+    stated = at >= stage.start_ns + round((window_s + _EDGE_S) * 1e9)  # at every lag that is tried the stage has spoken
+    if stated.sum() * _BIN_S >= 0.5 * span:
+        at, known = at[stated], known[stated]
 
     def fit(lag_s: float) -> tuple[FloatArray, float]:
         columns = np.column_stack([np.ones(len(at)), stage.acceleration(at + round(lag_s * 1e9), stage.names)])

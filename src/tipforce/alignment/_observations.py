@@ -48,7 +48,7 @@ class Pairing:
             while len(frames) > 1 and frames[1].stamp_ns <= stamp_ns:
                 frames.popleft()
 
-    def settled_at(self, stamp_ns: int) -> bool:
+    def final_at(self, stamp_ns: int) -> bool:
         """Whether every other view has come as far as ``stamp_ns``: later frames pair no better."""
         return all(frames and frames[-1].stamp_ns >= stamp_ns for frames in self._others.values())
 
@@ -90,8 +90,8 @@ def observations(
         return Observation(frame.stamp_ns, pairing.views_of(frame), known)
 
     def ready(stamp_ns: int, now_ns: int) -> bool:
-        read = series.settled_at(stamp_ns) or now_ns - stamp_ns >= wait_ns
-        return read and (pairing.settled_at(stamp_ns) or now_ns - stamp_ns > pair_ns)
+        read = series.final_at(stamp_ns) or now_ns - stamp_ns >= wait_ns
+        return read and (pairing.final_at(stamp_ns) or now_ns - stamp_ns > pair_ns)
 
     for event in events:
         if isinstance(event, Actuation) and event.stream != STAGE:

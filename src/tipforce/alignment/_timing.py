@@ -56,34 +56,34 @@ _MAX_TURN_DEG, _FREE_GAIN = 10.0, 0.7
 
 
 def shape_coordinates(
-    sightings: Sequence[DetectedShape], *, flexible_share: float = 1.0, length_px: float | None = None
+    shapes: Sequence[DetectedShape], *, flexible_share: float = 1.0, length_px: float | None = None
 ) -> FloatArray:
     """(n, 4): B in rad; what multiplies the force's x and y in G, in px; how the lever's end weighs in them, in px.
 
     NaN where nothing was found. ``flexible_share``: of the visible length, from the base; a rigid tip does not bend.
     ``length_px``: of the whole catheter, where it is known; a part at the base may be hidden. All centrelines are
-    brought to one length: what an image shows beyond it is something else, and where the rigid tip was not seen it is
-    drawn on. The base frame's direction is the median one. The lever ends in the middle of the dome; the last column is
-    the dome's radius times the integral of w.
+    brought to one length: what an image shows beyond it is something else, and where the rigid tip was not detected it
+    is drawn on. The base frame's direction is the median one. The lever ends in the middle of the dome; the last column
+    is the dome's radius times the integral of w.
     """
-    rows = np.full((len(sightings), 4), math.nan)
-    turns = np.array([np.exp(1j * sighting.base.angle_rad) for sighting in sightings if sighting.base is not None])
+    rows = np.full((len(shapes), 4), math.nan)
+    turns = np.array([np.exp(1j * shape.base.angle_rad) for shape in shapes if shape.base is not None])
     if turns.size == 0:
         return rows
     middle = complex(turns.mean())
     angle_rad = float(np.angle(middle) + np.median(np.angle(turns * middle.conjugate())))
     end = min(flexible_share, _SEEN_WELL)
-    diameters = np.array([sighting.diameter_px for sighting in sightings])
+    diameters = np.array([shape.diameter_px for shape in shapes])
     known = diameters[np.isfinite(diameters)]
     radius = 0.5 * float(np.median(known)) if known.size else 0.0
-    length = _common_length([s.centreline.points for s in sightings if s.centreline is not None], length_px)
-    for place, sighting in enumerate(sightings):
-        if sighting.centreline is None or sighting.base is None:
+    length = _common_length([s.centreline.points for s in shapes if s.centreline is not None], length_px)
+    for place, shape in enumerate(shapes):
+        if shape.centreline is None or shape.base is None:
             continue
-        whole = _of_length(sighting.centreline.points, length, flexible_share)
+        whole = _of_length(shape.centreline.points, length, flexible_share)
         if whole is None:
             continue
-        points = BasePose(sighting.base.origin_px, angle_rad).to_base(whole)
+        points = BasePose(shape.base.origin_px, angle_rad).to_base(whole)
         steps = np.diff(points, axis=0)
         angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
         share = np.linspace(0.0, 1.0, len(points))
@@ -127,7 +127,7 @@ def estimate_offset(
     ``frame_ns`` (n,), ``coordinates`` (n, 4) of `shape_coordinates`, rows with NaN are left out; ``force_ns`` (m,),
     ``force_n`` (m, 2 or more): x and y in the base frame as far as it is known, tared. The standard error holds the
     scatter of a bootstrap over blocks of a second, what another elastic law, point of touch or low-pass would change,
-    and half a millisecond. ``how="refused"`` with the reason where the offset cannot be told.
+    and half a millisecond. ``how="refused"`` with the reason where the offset cannot be determined.
     """
     steps = round(window_s / _STEP_S)
     shifts = np.arange(-steps, steps + 1, dtype=np.float64) * _STEP_S
@@ -140,7 +140,7 @@ def estimate_offset(
     blocks = _blocks(time, usable)
     data = Data(time[usable], coordinates[usable], blocks, Force(force_ns, force_n[:, :2], origin)).touching()
     free = Fit(data, shifts, 0.0, bound=False)
-    for _ in range(3):  # images in which something else was seen
+    for _ in range(3):  # images in which something else was detected
         rest = np.abs(free.residuals(free.best()))
         # what is usual is told from frames in contact: without it nothing is left to explain, and all seems outlying
         usual = float(np.median(rest[data.loaded()]))
@@ -170,7 +170,7 @@ def estimate_offset(
     law_ms = 0.5e3 * float(np.ptp([best_s, *others]))
     stderr_ms = math.hypot(verdict.stderr_ms, law_ms, _FLOOR_MS)
     if stderr_ms > _MAX_STDERR_MS:
-        return _refused(_doubtful(best_s, stderr_ms), verdict.explained)
+        return _refused(_uncertain(best_s, stderr_ms), verdict.explained)
     return replace(verdict, offset_ns=_microsecond(best_s), stderr_ms=round(stderr_ms, 3), detail=note)
 
 
@@ -203,7 +203,7 @@ def _judge(fit: Fit, shifts: FloatArray, best: float, explained: float, window_s
         )
     stderr_ms = 1e3 * float(np.std(places[~apart]))
     if stderr_ms > _MAX_STDERR_MS:
-        return _refused(_doubtful(best, stderr_ms), explained)
+        return _refused(_uncertain(best, stderr_ms), explained)
     return ClockOffset(_microsecond(best), "estimated", round(stderr_ms, 3), round(explained, 6))
 
 
@@ -212,7 +212,7 @@ def _microsecond(seconds: float) -> int:
     return 1000 * round(seconds * 1e6)
 
 
-def _doubtful(best_s: float, stderr_ms: float) -> str:
+def _uncertain(best_s: float, stderr_ms: float) -> str:
     return f"{1e3 * best_s:.0f} ms fits best, but only to +-{stderr_ms:.0f} ms (standard error): too little motion"
 
 

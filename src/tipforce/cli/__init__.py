@@ -1,4 +1,4 @@
-"""The command line: one verb a file. Verbs call the rooms and hold no logic; rooms are imported when a verb runs."""
+"""The command line: one verb a file. Verbs call the pipelines and hold no logic; they are imported when one runs."""
 
 import importlib
 import os
@@ -30,7 +30,7 @@ VERBS: dict[str, str] = {
 
 app = typer.Typer(
     name="tipforce",
-    help="Reads the contact force at the tip of a steerable catheter from pictures of it. Research use only.",
+    help="Reads the contact force at the tip of a steerable catheter from images of it. Research use only.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -101,7 +101,7 @@ _KEPT = {
 def main() -> None:
     """Run the command line; a mistake in the input is one sentence and exit code 2."""
     warnings.showwarning = _say_warning
-    # read when OpenCV is first imported: what it finds wrong with a picture is said by our own sentence
+    # read when OpenCV is first imported: what it finds wrong with an image is said by our own sentence
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     try:
         with signals_end_the_program():

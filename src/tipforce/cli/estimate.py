@@ -22,7 +22,7 @@ def command(
         Path | None, typer.Option(metavar="FILE.mp4", help="Also a video with shape, force and status in it.")
     ] = None,
     arrow_n: Annotated[
-        float, typer.Option(min=1e-3, help="Force in N whose arrow is a quarter of the picture long.")
+        float, typer.Option(min=1e-3, help="Force in N whose arrow is a quarter of the image long.")
     ] = 0.3,
     bench: BenchOption = None,
     fact: FactOption = None,

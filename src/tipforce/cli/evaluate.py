@@ -67,7 +67,7 @@ def command(
 ) -> None:
     """Judge methods on held-out data and write a report.
 
-    A method's recipe is trained anew for every split; a saved model is also scored as it is, on sessions it never saw.
+    A method is trained anew for every split; a saved model is also scored as it is, on sessions it never saw.
     Trained models are kept in OUTPUT.evaluating until the report is written: the same command goes on with an
     evaluation that was cut off.
 

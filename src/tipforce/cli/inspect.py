@@ -1,4 +1,4 @@
-"""``tipforce inspect``: what is seen in a picture or a video, and what a recording holds."""
+"""``tipforce inspect``: what is detected in an image or a video, and what a recording holds."""
 
 from pathlib import Path
 from typing import Annotated
@@ -22,9 +22,9 @@ def command(
     bench: BenchOption = None,
     fact: FactOption = None,
     every: Annotated[int, typer.Option(min=1, help="Of a video, look at every so many frames.")] = 1,
-    drawn: Annotated[int, typer.Option(min=1, help="Of a video, draw so many frames on one sheet.")] = 12,
+    drawn: Annotated[int, typer.Option(min=1, help="Of a video, draw so many frames on one contact sheet.")] = 12,
     frames: Annotated[
-        bool, typer.Option("--frames", help="Of a recording, look at its pictures instead of its streams.")
+        bool, typer.Option("--frames", help="Of a recording, look at its images instead of its streams.")
     ] = False,
     figures: Annotated[
         bool, typer.Option("--figures", help="Also draw thesis figures 17 and 18 (of a video's first frame).")
@@ -33,11 +33,11 @@ def command(
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Draw what is seen of the catheter, or show what a recording holds.
+    """Draw what is detected of the catheter, or show what a recording holds.
 
-    A picture: mask, centreline, base frame, fitted curve. A video: the share of frames in which the catheter is found,
-    and a sheet of them. A recording: streams, rates, drops, clock offset, tare, ranges and a plot. A dataset of several
-    sessions (a folder of images, Parquet shards): samples, ranges, the share found, and a sheet.
+    An image: mask, centreline, base frame, fitted curve. A video: the share of frames in which the catheter is found,
+    and a contact sheet. A recording: streams, rates, drops, clock offset, tare, ranges and a plot. A dataset of several
+    sessions (a folder of images, Parquet shards): samples, ranges, the share found, and a contact sheet.
 
     Example:
         tipforce inspect frame.png --set vision.base_side=bottom --figures
@@ -66,15 +66,15 @@ def command(
         return
     check_image_target(target)
     with progress_bar() as progress:
-        sheet = inspect(
+        result = inspect(
             file, settings=settings_from(InspectSettings, settings), bench=stated_info(bench, fact), every=every,
             drawn=drawn, progress=progress,
         )  # fmt: skip
-    save_image(target, sheet.drawing)
-    say(sheet.text)
+    save_image(target, result.drawing)
+    say(result.text)
     say(f"wrote {target}")
     if figures:
-        for name, figure in sheet.thesis_figures().items():
+        for name, figure in result.thesis_figures().items():
             save_image(more[name], figure)
             say(f"wrote {more[name]}")
-    write_json(sheet.figures, json_file)
+    write_json(result.figures, json_file)

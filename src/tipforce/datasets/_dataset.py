@@ -26,7 +26,7 @@ class RowStore(Protocol):
 
 @runtime_checkable
 class HasMasks(Protocol):
-    """A store that also knows where the catheter is in its pictures."""
+    """A store that also knows where the catheter is in its images."""
 
     def has_masks(self, rows: IntArray, view: str) -> bool:
         """Whether there is one of every one of ``rows``."""
@@ -43,7 +43,7 @@ class Dataset:
 
     ``session`` (n,) names, ``stamp_ns`` (n,), ``actuation``: name -> (n,); ``force_n`` (n, 3): what the tissue does to
     the tip, base frame, NaN where ``known`` (3,) is False; ``names`` (n,): what a person calls each sample (its file,
-    of several views the first's); ``view_names``: view -> (n,) what its pictures are called where that is another name.
+    of several views the first's); ``view_names``: view -> (n,) what its images are called where that is another name.
     ``session_info``: session -> public facts; ``rows`` (n,): the samples' places in ``store``.
     """
 
@@ -102,7 +102,7 @@ class Dataset:
         return np.sqrt(np.sum(self.force_n[:, self.known] ** 2, axis=1))
 
     def names_of(self, view: str) -> npt.NDArray[np.str_]:
-        """(n,): what a person calls each sample's picture of ``view``."""
+        """(n,): what a person calls each sample's image of ``view``."""
         return self.view_names.get(view, self.names)
 
     def subset(self, index: IntArray | BoolArray) -> "Dataset":
@@ -128,24 +128,24 @@ class Dataset:
         return self.store.read(self.rows)
 
     def has_masks(self, view: str) -> bool:
-        """Whether somebody drew where the catheter is in the samples' pictures of ``view``.
+        """Whether somebody drew where the catheter is in the samples' images of ``view``.
 
         In all of them; of several datasets that were joined, in all of those of one.
         """
         return isinstance(self.store, HasMasks) and self.store.has_masks(self.rows, view)
 
     def masks(self, view: str) -> Iterator[Image | None]:
-        """Where the catheter is in each sample's picture of ``view``: (h, w), not 0 on it; None where nobody drew it.
+        """Where the catheter is in each sample's image of ``view``: (h, w), not 0 on it; None where nobody drew it.
 
         To train on only: no observation holds it.
         """
         return self.store.masks(self.rows, view) if isinstance(self.store, HasMasks) else repeat(None, len(self))
 
-    def derive(self, key: str, see: Callable[[Observation], T]) -> list[T]:
-        """``see`` of every observation; what was derived under ``key`` before is not derived again."""
+    def derive(self, key: str, compute: Callable[[Observation], T]) -> list[T]:
+        """``compute`` of every observation; what was derived under ``key`` before is not derived again."""
         missing = np.array([row for row in self.rows.tolist() if (key, row) not in self._memo], dtype=np.int64)
         for row, observation in zip(missing.tolist(), self.store.read(missing), strict=True):
-            self._memo[key, row] = see(observation)
+            self._memo[key, row] = compute(observation)
         return [self._memo[key, row] for row in self.rows.tolist()]  # type: ignore[misc]
 
     def fingerprint(self) -> str:

@@ -3,7 +3,7 @@
 ``metadata.csv``: ``file_name`` (with several views ``VIEW_file_name`` for each; or columns ``shape_NAME`` with
 ready-made shape numbers), ``stamp_ns``, ``fx_n``, ``fy_n``, ``fz_n`` (at least one), ``session`` (default: the folder
 is one), any ``NAME_UNIT`` as actuation (an empty cell: no reading); columns ``note`` and ``note_...`` are not read.
-``dataset.json`` (optional): `FolderFacts`. ``masks/`` (optional): where the catheter is in each picture, to train
+``dataset.json`` (optional): `FolderFacts`. ``masks/`` (optional): where the catheter is in each image, to train
 on.
 """
 
@@ -108,16 +108,16 @@ def _refuse(folder: Path, *, overwrite: bool) -> None:
     if not overwrite:
         raise InputError(f"{folder}: exists already; choose another name or state overwrite=True")
     names = {item.name for item in folder.iterdir()} if folder.is_dir() else {folder.name}
-    strange = sorted(names - {"images", METADATA, FACTS})
-    if strange:
+    unexpected = sorted(names - {"images", METADATA, FACTS})
+    if unexpected:
         raise InputError(
-            f"{folder}: holds {strange[0]!r}, which is no part of a dataset folder, so overwrite=True "
+            f"{folder}: holds {unexpected[0]!r}, which is no part of a dataset folder, so overwrite=True "
             "does not replace it; choose another name"
         )
 
 
 def _write_rows(dataset: Dataset, part: Path, progress: Callable[[str, float], None] | None) -> str:
-    """Pictures and ``metadata.csv``; returns the only view's name, "camera" where there are several."""
+    """Images and ``metadata.csv``; returns the only view's name, "camera" where there are several."""
     forces = [axis for axis in range(3) if dataset.known[axis]]
     view_name = "camera"
     with (part / METADATA).open("w", newline="", encoding="utf-8") as stream:
@@ -138,7 +138,7 @@ def _write_rows(dataset: Dataset, part: Path, progress: Callable[[str, float], N
 
 
 def _seen(dataset: Dataset, observation: Observation, part: Path, row: int) -> dict[str, str | float]:
-    """Column -> cell of what is seen; pictures are written."""
+    """Column -> cell of the images; they are written."""
     found: dict[str, str | float] = {}
     several = len(observation.views) > 1
     for name, view in observation.views.items():

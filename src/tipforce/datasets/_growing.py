@@ -26,7 +26,7 @@ class SessionSamples:
     """Labelled images of one session: n samples.
 
     ``frame`` (n,): their numbers in it; ``stamp_ns`` (n,), ``actuation``: name -> (n,); ``force_n`` (n, 3), NaN where
-    ``known`` (3,) is False. ``pictures``: view -> n encoded images; ``suffix``: of their files. ``masks``: view ->
+    ``known`` (3,) is False. ``images``: view -> n encoded images; ``suffix``: of their files. ``masks``: view ->
     n PNGs, or nothing.
     """
 
@@ -36,7 +36,7 @@ class SessionSamples:
     actuation: Mapping[str, FloatArray]
     force_n: FloatArray
     known: BoolArray
-    pictures: Mapping[str, Sequence[bytes]]
+    images: Mapping[str, Sequence[bytes]]
     suffix: str
     masks: Mapping[str, Sequence[bytes]] = field(default_factory=dict[str, Sequence[bytes]])
 
@@ -58,7 +58,7 @@ class SessionSamples:
         return self._paths("masks", view, ".png")
 
     def _paths(self, kind: str, view: str, suffix: str) -> list[str]:
-        more = f"-{view}" if len(self.pictures) > 1 else ""
+        more = f"-{view}" if len(self.images) > 1 else ""
         return [f"{kind}/{self.session_info.name}/{number:05d}{more}{suffix}" for number in self.frame.tolist()]
 
 
@@ -127,7 +127,7 @@ def put(path: Path, data: bytes) -> None:
 
 def about(samples: SessionSamples) -> dict[str, Any]:
     """What `context_of` and `view` need, as JSON values."""
-    views = list(samples.pictures)
+    views = list(samples.images)
     return {"session_info": samples.session_info.values(), "view": views[0] if len(views) == 1 else "camera"}
 
 
@@ -154,16 +154,16 @@ class GrowingImages(Growing):
     def add(self, number: int, samples: SessionSamples) -> None:
         """Write its images, then its rows, which say that it is whole."""
         files: dict[str, bytes] = {}
-        for view, pictures in samples.pictures.items():
-            files.update(zip(samples.names(view), pictures, strict=True))
+        for view, images in samples.images.items():
+            files.update(zip(samples.names(view), images, strict=True))
         for view, masks in samples.masks.items():
             files.update(zip(samples.mask_names(view), masks, strict=True))
         for place in {Path(name).parent for name in files}:
             self._fill(place, {Path(name).name: data for name, data in files.items() if Path(name).parent == place})
-        heads = [FILE] if len(samples.pictures) == 1 else [f"{view}_{FILE}" for view in samples.pictures]
-        columns = dict(zip(heads, map(samples.names, samples.pictures), strict=True)) | samples.columns()
-        for view, pictures in samples.pictures.items():
-            columns[crc_column(view if len(heads) > 1 else "")] = [crc_text(data) for data in pictures]
+        heads = [FILE] if len(samples.images) == 1 else [f"{view}_{FILE}" for view in samples.images]
+        columns = dict(zip(heads, map(samples.names, samples.images), strict=True)) | samples.columns()
+        for view, images in samples.images.items():
+            columns[crc_column(view if len(heads) > 1 else "")] = [crc_text(data) for data in images]
         rows = [[cell(value) for value in row] for row in zip(*columns.values(), strict=True)]
         put(self._part(number), as_json({**about(samples), "columns": list(columns), "rows": rows}))
 
@@ -239,9 +239,9 @@ class GrowingShards(Growing):
         kinds = {"session": pa.string(), "stamp_ns": pa.int64()}
         arrays: dict[str, Any] = {}
         features: dict[str, Any] = {}
-        for view, pictures in samples.pictures.items():
-            column = IMAGE if len(samples.pictures) == 1 else view
-            cells = [{"bytes": data, "path": name} for data, name in zip(pictures, samples.names(view), strict=True)]
+        for view, images in samples.images.items():
+            column = IMAGE if len(samples.images) == 1 else view
+            cells = [{"bytes": data, "path": name} for data, name in zip(images, samples.names(view), strict=True)]
             arrays[column] = pa.array(cells, pa.struct([("bytes", pa.binary()), ("path", pa.string())]))
             features[column] = {"_type": "Image"}
         for name, values in labels.items():

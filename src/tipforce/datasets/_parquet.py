@@ -1,6 +1,6 @@
-"""Parquet shards: the columns of ``metadata.csv``, with the pictures themselves in place of their files' names.
+"""Parquet shards: the columns of ``metadata.csv``, with the images themselves in place of their files' names.
 
-The pictures of ``file_name`` are in the column ``image``, those of ``VIEW_file_name`` in ``VIEW``: structs of ``bytes``
+The images of ``file_name`` are in the column ``image``, those of ``VIEW_file_name`` in ``VIEW``: structs of ``bytes``
 (PNG or JPEG) and ``path``, as Hugging Face's ``datasets`` writes and reads them. ``dataset.json`` lies beside.
 """
 
@@ -38,7 +38,7 @@ def arrow() -> tuple[Any, Any]:
 
 
 def open_shards(paths: Sequence[Path], name: str, *, whole: bool = False) -> Dataset:
-    """The samples of ``paths``, sorted; labels are read now, pictures one row group at a time when they are used.
+    """The samples of ``paths``, sorted; labels are read now, images one row group at a time when they are used.
 
     ``whole``: these are all shards of their folder, so missing ones are looked for.
     Raises FileFormatError, TableError, TimeError, and MissingExtraError without pyarrow.
@@ -47,7 +47,7 @@ def open_shards(paths: Sequence[Path], name: str, *, whole: bool = False) -> Dat
     check_shards(paths, facts.files, facts.path, whole=whole)
     table = ShardTable(paths)
     if not table.images:
-        raise TableError(f"{paths[0]}: has no column of pictures (structs of bytes and path, such as {IMAGE!r})")
+        raise TableError(f"{paths[0]}: has no column of images (structs of bytes and path, such as {IMAGE!r})")
 
     def stored(stamps: IntArray, actuation: Mapping[str, FloatArray]) -> tuple[RowStore, dict[str, list[str]]]:
         views = {facts.view if column == IMAGE else column: column for column in table.images}
@@ -59,7 +59,7 @@ def open_shards(paths: Sequence[Path], name: str, *, whole: bool = False) -> Dat
 
 
 class ShardTable:
-    """All columns of the shards but the pictures, as `LabelTable`; ``ends`` (shards,): rows up to each one's end."""
+    """All columns of the shards but the images, as `LabelTable`; ``ends`` (shards,): rows up to each one's end."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self.path = paths[0]
@@ -89,7 +89,7 @@ class ShardTable:
         return f"{self._paths[shard].name} row {row - (int(self.ends[shard - 1]) if shard else 0)}"
 
     def names(self, column: str) -> list[str]:
-        """(n,): what each picture of ``column`` is called."""
+        """(n,): what each image of ``column`` is called."""
         leaf = f"{column}.path"
         found = [_read(path, [leaf]).column(0).combine_chunks().field("path").to_pylist() for path in self._paths]
         return [name or self.place(row) for row, name in enumerate(itertools.chain(*found))]
@@ -129,7 +129,7 @@ class ShardTable:
 
 @dataclass(frozen=True, eq=False)
 class Shards(Table):
-    """``paths`` (s,), ``ends`` (s,): rows up to each one's end; ``columns``: view -> column of its pictures."""
+    """``paths`` (s,), ``ends`` (s,): rows up to each one's end; ``columns``: view -> column of its images."""
 
     paths: tuple[Path, ...]
     ends: IntArray
@@ -138,7 +138,7 @@ class Shards(Table):
     def read(self, rows: IntArray) -> Iterator[Observation]:
         """The observations of ``rows``, in the order given; one row group is in memory at a time."""
         file, current, groups = None, -1, np.empty(0, np.int64)
-        group, pictures = -1, {}
+        group, images = -1, {}
         try:
             for row in rows.tolist():
                 shard = int(np.searchsorted(self.ends, row, side="right"))
@@ -151,12 +151,12 @@ class Shards(Table):
                 here = row - (int(self.ends[shard - 1]) if shard else 0)
                 wanted = int(np.searchsorted(groups, here, side="right"))
                 if wanted != group:
-                    group, pictures = wanted, _pictures(file, wanted, self.columns, self.paths[shard])
+                    group, images = wanted, _images(file, wanted, self.columns, self.paths[shard])
                 place = here - (int(groups[group - 1]) if group else 0)
                 where = f"{self.paths[shard]}, row {here}"
                 views = {
                     view: decode_image(cells[place].as_py() or b"", where, self._depths[view])
-                    for view, cells in pictures.items()
+                    for view, cells in images.items()
                 }
                 yield self._observation(row, views)
         finally:
@@ -173,12 +173,12 @@ def _all_images(paths: Sequence[Path], column: str) -> Iterator[bytes]:
     for path in paths:
         with _opened(path) as file:
             for group in range(file.metadata.num_row_groups):
-                for cell in _pictures(file, group, {column: column}, path)[column]:
+                for cell in _images(file, group, {column: column}, path)[column]:
                     yield cell.as_py() or b""
 
 
-def _pictures(file: Any, group: int, columns: Mapping[str, str], path: Path) -> dict[str, Any]:
-    """View -> the encoded pictures of one row group."""
+def _images(file: Any, group: int, columns: Mapping[str, str], path: Path) -> dict[str, Any]:
+    """View -> the encoded images of one row group."""
     try:
         table = file.read_row_group(group, columns=[f"{column}.bytes" for column in columns.values()])
     except (OSError, arrow()[0].ArrowException) as error:
@@ -208,6 +208,6 @@ def _read(path: Path, columns: list[str]) -> Any:
 
 
 def _is_image(kind: Any) -> bool:
-    """Whether a column is a struct with the bytes of pictures."""
+    """Whether a column is a struct with the bytes of images."""
     names = [kind.field(k).name for k in range(kind.num_fields)] if str(kind).startswith("struct") else []
     return "bytes" in names and "path" in names

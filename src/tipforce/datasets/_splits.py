@@ -205,7 +205,7 @@ def thesis_split(dataset: Dataset, samples: int, seed: int = 0) -> Split:
 def standard_split(dataset: Dataset) -> Split:
     """Whole sessions in their order: the first quarter trains, the second calibrates intervals, the other half tests.
 
-    The yardstick is 80 sessions: 0-19, 20-39 and 40-79. Raises InputError below four sessions.
+    The standard protocol is 80 sessions: 0-19, 20-39 and 40-79. Raises InputError below four sessions.
     """
     names = sorted(dataset.sessions)
     if len(names) < 4:

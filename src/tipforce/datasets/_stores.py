@@ -120,8 +120,8 @@ class Recordings(Table):
                     if reader is not None:
                         reader.close()
                     reader, current = RecordingReader(self.paths[place]), place
-                picture = reader.frame_at(int(self.frame[row]), self.view)
-                yield self._observation(row, {self.view: picture.image, **self._beside(reader, row)})
+                image = reader.frame_at(int(self.frame[row]), self.view)
+                yield self._observation(row, {self.view: image.image, **self._beside(reader, row)})
         finally:
             if reader is not None:
                 reader.close()

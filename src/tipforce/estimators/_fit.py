@@ -28,7 +28,7 @@ class Training:
 
 
 def train(
-    recipe: Estimator,
+    method: Estimator,
     dataset: Dataset,
     *,
     samples: int | None = None,
@@ -40,7 +40,7 @@ def train(
     calibrate: Dataset | None = None,
     progress: Progress | None = None,
 ) -> Training:
-    """Fit ``recipe`` on ``dataset``, or on ``samples`` drawn from it, less a random share ``holdout`` to measure on.
+    """Fit ``method`` on ``dataset``, or on ``samples`` drawn from it, less a random share ``holdout`` to measure on.
 
     ``seed`` is that of drawing, holding out and, where its settings do not state their own, of the method. ``start``,
     ``folder`` and ``resume`` are for networks: see `FineTunable.fit_resumable`. ``calibrate``: other sessions, on
@@ -48,16 +48,16 @@ def train(
     `Estimator.calibrate` do, where ``start`` is another method's, and where ``calibrate`` has sessions of ``dataset``,
     or other forces.
     """
-    if start is not None and not isinstance(recipe, FineTunable):
-        raise InputError(f"{recipe.name} is no network and always learns from nothing; leave out what it starts from")
+    if start is not None and not isinstance(method, FineTunable):
+        raise InputError(f"{method.name} is no network and always learns from nothing; leave out what it starts from")
     if calibrate is not None:
         _check_calibration(dataset, calibrate)
-    settings = recipe.settings
+    settings = method.settings
     if "seed" in type(settings).model_fields and "seed" not in settings.model_fields_set:
-        recipe = recipe.with_settings(settings.model_copy(update={"seed": seed}))
+        method = method.with_settings(settings.model_copy(update={"seed": seed}))
 
     def fit(part: Dataset) -> Estimator:
-        fresh = recipe.unfitted()
+        fresh = method.unfitted()
         if not isinstance(fresh, FineTunable):
             fitted = fresh.fit(part, progress)
         else:

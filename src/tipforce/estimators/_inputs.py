@@ -63,13 +63,13 @@ class Inputs:
         view = read_view(observation, self._view, "vision.view")
         if isinstance(view, Abstention):
             return view
-        values = self._table(view) if isinstance(view, ShapeFeatures) else self._picture(view)
+        values = self._table(view) if isinstance(view, ShapeFeatures) else self._image(view)
         if isinstance(values, Abstention):
             return values
         drives = read_actuation(observation, self._actuation)
         return drives if isinstance(drives, Abstention) else np.concatenate([values, drives])
 
-    def _picture(self, image: Image) -> FloatArray | Abstention:
+    def _image(self, image: Image) -> FloatArray | Abstention:
         if self._vision is None:
             self._vision = ShapeDetector(self._detection)
         self.shape = detected = self._vision.detect(image)

@@ -15,33 +15,33 @@ from .store import MANIFEST, load_model
 __all__ = ["initial_model_folder", "load_initial_model", "run_directory", "training_started"]
 
 
-def load_initial_model(recipe: Estimator, start: str | None, *, resume: bool = False) -> FineTunable | None:
+def load_initial_model(method: Estimator, start: str | None, *, resume: bool = False) -> FineTunable | None:
     """The model that training is to begin with: the folder ``start``, None where that is None.
 
     ``start`` may be "pretrained": the one of that method that comes with the program.
-    Raises InputError where ``recipe`` is no network, or the model is of another method.
+    Raises InputError where ``method`` is no network, or the model is of another method.
     """
-    if (start is not None or resume) and not isinstance(recipe, FineTunable):
+    if (start is not None or resume) and not isinstance(method, FineTunable):
         option = "resume" if resume else "init_from"
-        raise InputError(f"{option} is for networks; {recipe.name} always learns from nothing, so leave it out")
+        raise InputError(f"{option} is for networks; {method.name} always learns from nothing, so leave it out")
     if start is None:
         return None
-    model = load_model(initial_model_folder(recipe, start))
-    if not isinstance(model, FineTunable) or model.name != recipe.name:
-        raise InputError(f"init_from={start}: is a {model.name}, and {recipe.name} cannot start from its weights")
+    model = load_model(initial_model_folder(method, start))
+    if not isinstance(model, FineTunable) or model.name != method.name:
+        raise InputError(f"init_from={start}: is a {model.name}, and {method.name} cannot start from its weights")
     return model
 
 
-def initial_model_folder(recipe: Estimator, start: str) -> str:
+def initial_model_folder(method: Estimator, start: str) -> str:
     """The folder that ``start`` stands for: "pretrained" is the model of that method that comes with the program."""
-    return f"pretrained/{recipe.name}" if start == "pretrained" and not (Path(start) / MANIFEST).is_file() else start
+    return f"pretrained/{method.name}" if start == "pretrained" and not (Path(start) / MANIFEST).is_file() else start
 
 
 _RESUME = "go on with it by resume=True"
 
 
 @contextmanager
-def run_directory(recipe: Estimator, model: Path, *, resume: bool, advice: str = _RESUME) -> Generator[Path | None]:
+def run_directory(method: Estimator, model: Path, *, resume: bool, advice: str = _RESUME) -> Generator[Path | None]:
     """The folder MODEL.training beside ``model``, for prepared images, checkpoint and log; None for other methods.
 
     It goes when the block ends well. What ends it otherwise, a kill too, leaves it to be resumed once there is a
@@ -49,14 +49,14 @@ def run_directory(recipe: Estimator, model: Path, *, resume: bool, advice: str =
     where it holds anything that no training left there.
     ``advice``: how to go on, for the warning that the folder is kept; empty: no warning.
     """
-    if not isinstance(recipe, FineTunable):
+    if not isinstance(method, FineTunable):
         yield None
         return
     with output_lock(model):
-        yield from _locked(recipe, model, resume, advice)
+        yield from _locked(method, model, resume, advice)
 
 
-def _locked(recipe: FineTunable, model: Path, resume: bool, advice: str) -> Generator[Path | None]:
+def _locked(method: FineTunable, model: Path, resume: bool, advice: str) -> Generator[Path | None]:
     folder = _folder(model)
     if resume and not folder.is_dir():
         raise InputError(f"there is nothing to resume: {folder} does not exist; leave out resume=True")
@@ -65,13 +65,13 @@ def _locked(recipe: FineTunable, model: Path, resume: bool, advice: str) -> Gene
             f"{folder}: holds a training that was not finished; go on with it by resume=True, or remove the folder"
         )
     there = list(folder.iterdir()) if folder.is_dir() else []
-    strange = [
-        path.name for path in there if not path.is_file() or path.name.removesuffix(".part") not in recipe.run_files
+    unexpected = [
+        path.name for path in there if not path.is_file() or path.name.removesuffix(".part") not in method.run_files
     ]
-    if strange:
+    if unexpected:
         raise InputError(
-            f"{folder}: is where the training would work, and holds other things ({min(strange)}); choose another name "
-            "for the model, or move the folder"
+            f"{folder}: is where the training would work, and holds other things ({min(unexpected)}); choose another "
+            "name for the model, or move the folder"
         )
     folder.mkdir(parents=True, exist_ok=True)
     try:

@@ -36,7 +36,7 @@ __all__ = ["MIN_SAMPLES", "PARITY_N", "Svr"]
 MIN_SAMPLES = 20
 """Fewer samples cannot be trained and cross-validated on."""
 
-SETTLING_SAMPLES = 10
+CALIBRATION_SAMPLES = 10
 """So many images decide what the vision's settings leave open."""
 
 
@@ -97,7 +97,7 @@ class Svr(Estimator):
         return self._known().actuation
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Settle the vision, choose the constants by cross-validation, train, and find the interval.
+        """Calibrate the vision, choose the constants by cross-validation, train, and find the interval.
 
         Raises InputError for fewer than `MIN_SAMPLES` samples, actuation that the data do not have, or images in
         which the catheter is not found.
@@ -174,7 +174,7 @@ class Svr(Estimator):
 
     def _calibrated_vision(self, dataset: Dataset) -> ResolvedVision | None:
         """Auto-calibrates the vision on images spread over the dataset; returns None where it holds no images."""
-        some = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, SETTLING_SAMPLES).astype(np.int64)))
+        some = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, CALIBRATION_SAMPLES).astype(np.int64)))
         warn_of_sizes(dataset, self.settings.vision.view)
         images: list[Image] = []
         infos: list[SessionInfo] = []

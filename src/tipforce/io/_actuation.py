@@ -30,7 +30,7 @@ class ActuationSeries:
             stamps.append(event.stamp_ns)
             values.append(value)
 
-    def settled_at(self, stamp_ns: int) -> bool:
+    def final_at(self, stamp_ns: int) -> bool:
         """True where there are readings and every name has one at or after ``stamp_ns``: later ones change nothing."""
         return bool(self._stamps) and all(stamps[-1] >= stamp_ns for stamps in self._stamps.values())
 

@@ -104,7 +104,7 @@ def whole_summary(stream: IO[bytes]) -> tuple[Summary, int] | None:
 def frame_is_whole(stream: IO[bytes], summary: Summary, start: int) -> bool:
     """Whether all before the index at ``start`` but the content of the chunks is as it was written.
 
-    True where it cannot be told: without the data section's checksum, and where chunks are compressed.
+    True where it cannot be determined: without the data section's checksum, and where chunks are compressed.
     """
     stream.seek(start - _DATA_END.size)
     opcode, length, stated = _DATA_END.unpack(stream.read(_DATA_END.size))

@@ -65,7 +65,7 @@ def read_dicom(path: Path, view: str = "camera") -> Iterator[Frame]:
 
     Of more bits the upper eight of those stored are kept. Stamps come from FrameTimeVector, FrameTime or CineRate, in
     this order; the first frame is at FrameDelay, at 0 where there is none (DICOM PS3.3 C.7.6.5.1). Raises
-    MissingExtraError without pydicom, FileFormatError for what holds no pictures or none that can be decoded here,
+    MissingExtraError without pydicom, FileFormatError for what holds no images or none that can be decoded here,
     TimeError where the file does not say when its frames were taken.
     """
     data = _read(path, pixels=True)
@@ -79,15 +79,15 @@ def read_dicom(path: Path, view: str = "camera") -> Iterator[Frame]:
         raise FileFormatError(f"{path}: its header is damaged ({error}); copy it again from its archive") from None
     found = 0
     try:
-        for picture in _decoded(data):  # one by one: all of them may be a thousand times as large as the file
-            if found == count or picture.ndim != (3 if coloured else 2):
-                raise ValueError(f"more than {count} frames" if found == count else f"{picture.ndim} dimensions")
-            yield Frame(stamps[found], _eight_bit(picture, stored, str(data.PhotometricInterpretation)), view)
+        for pixels in _decoded(data):  # one by one: all of them may be a thousand times as large as the file
+            if found == count or pixels.ndim != (3 if coloured else 2):
+                raise ValueError(f"more than {count} frames" if found == count else f"{pixels.ndim} dimensions")
+            yield Frame(stamps[found], _eight_bit(pixels, stored, str(data.PhotometricInterpretation)), view)
             found += 1
         if found < count:
             raise ValueError(f"{found} of {count} frames")
     except (AttributeError, LookupError, MemoryError, RuntimeError, TypeError, ValueError) as error:
-        raise FileFormatError(f"{path}: its pictures cannot be decoded ({error}); save it uncompressed") from None
+        raise FileFormatError(f"{path}: its images cannot be decoded ({error}); save it uncompressed") from None
 
 
 def _decoded(data: Any) -> Iterator[npt.NDArray[Any]]:
@@ -95,8 +95,8 @@ def _decoded(data: Any) -> Iterator[npt.NDArray[Any]]:
     yield from pixels.iter_pixels(data)
 
 
-def _eight_bit(picture: npt.NDArray[Any], stored: int, shown: str) -> Image:
-    small = picture >> (stored - 8) if stored > 8 else picture
+def _eight_bit(pixels: npt.NDArray[Any], stored: int, shown: str) -> Image:
+    small = pixels >> (stored - 8) if stored > 8 else pixels
     image = np.ascontiguousarray(small).astype(np.uint8)
     return 255 - image if shown == "MONOCHROME1" else image
 

@@ -26,10 +26,11 @@ class ClockOffset:
     """How far the force log's clock lies from the camera's: camera time = force stamp + ``offset_ns``.
 
     ``how``: "estimated" from deflection against force, "stated" by a person, "none" where the clocks are taken as one,
-    "refused" where it could not be told (``offset_ns`` is then 0, ``detail`` the reason), "stage" where the pictures do
-    not tell (``detail``: why) and it was taken from when the stage's movement shows in the force, early by as much as
-    the stage lags behind its commands: some milliseconds. ``stderr_ms``: one standard error, NaN unless estimated.
-    ``explained``: share of the deflection's variance that the force explains at this offset, NaN unless tried.
+    "refused" where it could not be determined (``offset_ns`` is then 0, ``detail`` the reason), "stage" where the
+    images do not tell (``detail``: why) and it was taken from when the stage's movement shows in the force, early by
+    as much as the stage lags behind its commands: some milliseconds. ``stderr_ms``: one standard error, NaN unless
+    estimated. ``explained``: share of the deflection's variance that the force explains at this offset, NaN unless
+    tried.
     """
 
     offset_ns: int = 0

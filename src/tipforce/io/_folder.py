@@ -100,7 +100,7 @@ def read_folder(folder: Path) -> ImageFolder:
 
 
 def frames_of(folder: ImageFolder, view: str) -> Iterator[Frame]:
-    """The pictures, one after the other."""
+    """The images, one after the other."""
     depth = StreamDepth.of_files(folder.files)
     for path, stamp in zip(folder.files, folder.stamp_ns.tolist(), strict=True):
         yield Frame(stamp, read_image(path, depth), view)

@@ -158,16 +158,16 @@ def encode_image(image: Image, *, lossless: bool, jpeg_quality: int) -> tuple[st
     return "jpeg", data.tobytes()
 
 
-def save_image(path: Path, picture: "Image | Figure") -> None:
+def save_image(path: Path, drawing: "Image | Figure") -> None:
     """Writes ``path`` (.png, .jpg) whole or not at all. Raises FileFormatError where its kind is none of these."""
     check_image_target(path)
     suffix = path.suffix.lower()
-    if isinstance(picture, np.ndarray):
-        bgr = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+    if isinstance(drawing, np.ndarray):
+        bgr = drawing if drawing.ndim == 2 else cv2.cvtColor(drawing, cv2.COLOR_RGB2BGR)
         write_atomic(path, cv2.imencode(suffix, bgr)[1].tobytes())
     else:
         buffer = io.BytesIO()
-        picture.savefig(buffer, format=suffix[1:])
+        drawing.savefig(buffer, format=suffix[1:])
         write_atomic(path, buffer.getvalue())
 
 

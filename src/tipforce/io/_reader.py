@@ -148,7 +148,7 @@ class RecordingReader:
 
     @property
     def views(self) -> tuple[str, ...]:
-        """Names of the streams of pictures: "camera" first, which stands for all where there is one, then by name."""
+        """Names of the streams of images: "camera" first, which stands for all where there is one, then by name."""
         names = [stream.name for stream in self.info.streams.values() if stream.kind == "frame" and stream.count]
         return tuple(sorted(names, key=lambda name: (name != "camera", name)))
 
@@ -190,7 +190,7 @@ class RecordingReader:
             ) from None
 
     def frame_at(self, index: int, stream: str = "camera") -> Frame:
-        """The ``index``-th picture of ``stream``, decoded from its place in the file."""
+        """The ``index``-th image of ``stream``, decoded from its place in the file."""
         entries = self._of(stream)
         data = self._image_at(stream, *(int(each[index]) for each in (entries.chunk, entries.time_ns, entries.offset)))
         image = decode_image(data, f"{self.path}, frame {index}", self._depth(stream))
@@ -236,9 +236,9 @@ class RecordingReader:
                 frame, place = self._unpacked(wrench_layout, first, int(times[same][0]))
                 places = offsets[same][:, None] + (MESSAGE_HEAD + place + np.arange(48))
                 values = data[places].view("<f8").astype(np.float64)
-                strange = FORCE_RANGE.outside(values[:, :3].ravel())
-                if strange is not None:
-                    row, axis = divmod(strange, 3)
+                first_outside = FORCE_RANGE.outside(values[:, :3].ravel())
+                if first_outside is not None:
+                    row, axis = divmod(first_outside, 3)
                     raise self._implausible("force", int(times[same][row]), values[row, axis], FORCE_RANGE)
                 yield times[same], values, frame
 

@@ -87,7 +87,7 @@ class _Findings:
     lost_s: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
     messages: int = 0
     finished: bool = False
-    doubtful_metadata: bool = False
+    uncertain_metadata: bool = False
 
     def lose(self, first_ns: int, last_ns: int) -> None:
         """Note a chunk that cannot be read."""
@@ -95,7 +95,7 @@ class _Findings:
 
     def said(self, name: str) -> str:
         """One line on what was lost."""
-        if self.finished and not (self.lost_s or self.doubtful_metadata):
+        if self.finished and not (self.lost_s or self.uncertain_metadata):
             return f"{name} was whole: {self.messages} messages recovered"
         said = f"{name} was {'damaged' if self.finished else 'cut off'}: {self.messages} messages recovered"
         said += f", {self.lost_bytes} bytes of an unfinished record lost" if self.lost_bytes else ""
@@ -103,7 +103,7 @@ class _Findings:
             shown = ", ".join(f"{first:.3f} to {last:.3f} s" for first, last in self.lost_s[:4])
             more = f" and {len(self.lost_s) - 4} more" if len(self.lost_s) > 4 else ""
             said += f", {len(self.lost_s)} damaged chunks lost ({shown}{more})"
-        if self.doubtful_metadata:
+        if self.uncertain_metadata:
             said += "; its metadata (session, tare, clock offset) may be damaged, too: compare what `inspect` shows"
         return said
 
@@ -248,9 +248,9 @@ def _index_of(stream: IO[bytes], found: _Findings) -> Summary | None:
         return None
     found.finished = True
     try:
-        found.doubtful_metadata = not frame_is_whole(stream, *index)
+        found.uncertain_metadata = not frame_is_whole(stream, *index)
     except (struct.error, ValueError, OSError):
-        found.doubtful_metadata = True
+        found.uncertain_metadata = True
     return index[0]
 
 
@@ -262,7 +262,7 @@ def _chunk(raw: bytes, found: _Findings, whole: bool) -> Iterator[object]:
         except Exception:  # a decompressor or parser that met damage; each raises its own kind
             first, last = struct.unpack_from("<QQ", raw) if len(raw) >= _CHUNK_HEAD.size else (0, 0)
             found.lose(first, last)
-            # which message is hurt cannot be told, but what the later ones need may stand here alone
+            # which message is hurt cannot be determined, but what the later ones need may stand here alone
             yield from (record for record in _inside(raw) if isinstance(record, Schema | Channel))
             return
         yield from records

@@ -346,7 +346,7 @@ def open_table(path: Path, *, comments: bool = True) -> Table:
 
     Raises:
         FileFormatError: for what is no text.
-        TableError: where the header or the decimal sign cannot be told.
+        TableError: where the header or the decimal sign cannot be determined.
     """
     if not path.exists():
         raise FileFormatError(f"{path}: there is no such file")
@@ -406,7 +406,7 @@ def _decimal_comma(path: Path, separator: str, header: list[str], body: list[tup
 
 
 def time_column(table: Table, name: str | None, unit: TimeUnit | None) -> tuple[str, TimeUnit]:
-    """Name and unit of the time column; `SEC_NANOSEC` for a pair of them. Raises TableError where it cannot be told."""
+    """Name and unit of the time column; `SEC_NANOSEC` for a pair of them. Raises TableError where it is unclear."""
     if name is None:
         if {"sec", "nanosec"} <= set(table.columns):
             return SEC_NANOSEC, "ns"

@@ -99,16 +99,16 @@ def read_video(path: Path, view: str = "camera") -> Iterator[Frame]:
         stream.thread_type = "AUTO"
         # a frame within may claim another size than the file's header, which was checked
         stream.codec_context.options = {"max_pixels": str(max_pixels())}
-        count, last, hurt, hurt_at_s, doubtful = 0, None, 0, 0.0, False
+        count, last, hurt, hurt_at_s, damaged = 0, None, 0, 0.0, False
         try:
-            for picture in _pictures(container, stream):
-                if picture is None:
-                    count, hurt, doubtful = count + 1, hurt + 1, True
+            for decoded in _decoded(container, stream):
+                if decoded is None:
+                    count, hurt, damaged = count + 1, hurt + 1, True
                     hurt_at_s = hurt_at_s if hurt > 1 else (last or 0) * 1e-9
                     continue
-                if picture.pts is None or picture.time_base is None:
+                if decoded.pts is None or decoded.time_base is None:
                     raise TimeError(f"{path}: frame {count} has no time stamp; write the video with time stamps")
-                stamp_ns = round(picture.pts * picture.time_base * 1_000_000_000)
+                stamp_ns = round(decoded.pts * decoded.time_base * 1_000_000_000)
                 if last is not None and stamp_ns <= last:
                     what = "repeats the stamp of" if stamp_ns == last else "is stamped before"
                     raise TimeError(
@@ -116,11 +116,11 @@ def read_video(path: Path, view: str = "camera") -> Iterator[Frame]:
                         f"({last * 1e-9:.6f} s); write the video with rising stamps, or as images with a stamps.csv"
                     )
                 count, last = count + 1, stamp_ns
-                doubtful = picture.is_corrupt or (doubtful and not picture.key_frame)
-                if doubtful:
+                damaged = decoded.is_corrupt or (damaged and not decoded.key_frame)
+                if damaged:
                     hurt, hurt_at_s = hurt + 1, hurt_at_s if hurt else stamp_ns * 1e-9
                     continue
-                yield Frame(stamp_ns, _upright(picture), view)
+                yield Frame(stamp_ns, _upright(decoded), view)
         except av.error.FFmpegError as error:
             raise FileFormatError(f"{path}: cannot be read beyond frame {count} ({_said(error)}); {_REMEDY}") from None
         if count == 0:
@@ -137,8 +137,8 @@ def read_video(path: Path, view: str = "camera") -> Iterator[Frame]:
             )
 
 
-def _pictures(container: InputContainer, stream: av.VideoStream) -> Iterator[av.VideoFrame | None]:
-    """The decoded pictures, and None for a packet that cannot be decoded."""
+def _decoded(container: InputContainer, stream: av.VideoStream) -> Iterator[av.VideoFrame | None]:
+    """The decoded images, and None for a packet that cannot be decoded."""
     for packet in container.demux(stream):  # one by one: where an error shows hangs on the threads of the decoder
         try:
             found = packet.decode()
@@ -148,11 +148,11 @@ def _pictures(container: InputContainer, stream: av.VideoStream) -> Iterator[av.
             yield from found
 
 
-def _upright(picture: av.VideoFrame) -> Image:
+def _upright(decoded: av.VideoFrame) -> Image:
     """The pixels as a player shows them: cameras that are held upright note a turn instead of making it."""
-    grey = picture.format.name.startswith("gray")
-    image = picture.to_ndarray(format="gray" if grey else "rgb24")
-    quarters = round(picture.rotation / 90)  # counter-clockwise
+    grey = decoded.format.name.startswith("gray")
+    image = decoded.to_ndarray(format="gray" if grey else "rgb24")
+    quarters = round(decoded.rotation / 90)  # counter-clockwise
     return np.ascontiguousarray(np.rot90(image, quarters) if quarters else image, dtype=np.uint8)
 
 
@@ -211,9 +211,9 @@ class VideoWriter:
         stream, container = self._opened(image)
         if self._size != image.shape[:2]:
             raise InputError(f"{self.path}: a frame of {image.shape[:2]} pixels follows frames of {self._size}")
-        picture = av.VideoFrame.from_ndarray(image, format="gray" if image.ndim == 2 else "rgb24")
-        picture.pts, picture.time_base = ticks, Fraction(1, _TICKS)
-        container.mux(stream.encode(picture))
+        raw = av.VideoFrame.from_ndarray(image, format="gray" if image.ndim == 2 else "rgb24")
+        raw.pts, raw.time_base = ticks, Fraction(1, _TICKS)
+        container.mux(stream.encode(raw))
         self._last_ticks = ticks
 
     def _opened(self, image: Image) -> tuple[av.VideoStream, OutputContainer]:

@@ -41,7 +41,7 @@ _CHUNK_BYTES = 4 << 20
 class RecordingWriter:
     """Writes ``path + ".part"``, renamed to ``path`` when closed without an error; a context manager.
 
-    ROS 2 profile, uncompressed chunks (pictures are compressed already, and the rest then reads as arrays), each at
+    ROS 2 profile, uncompressed chunks (images are compressed already, and the rest then reads as arrays), each at
     most half a second long and handed to the operating system when it is a quarter of a second old, also while nothing
     arrives. After an error inside the ``with`` block the ``.part`` stays: the next reader recovers it.
 

@@ -5,7 +5,7 @@ from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_es
 from ._evaluate import EvaluateReport, evaluate
 from ._import_session import import_session
 from ._inspect import inspect
-from ._inspect_images import InspectionSheet, inspect_frames, inspect_image_file, inspect_sessions
+from ._inspect_images import InspectionResult, inspect_frames, inspect_image_file, inspect_sessions
 from ._record import RecordingReport, record
 from ._simulate import SimulateReport, preset_settings, simulate, simulate_dataset
 from ._simulate_samples import write_samples
@@ -17,7 +17,7 @@ __all__ = [
     "DemoReport",
     "EstimateReport",
     "EvaluateReport",
-    "InspectionSheet",
+    "InspectionResult",
     "RecordingReport",
     "RecordingSummary",
     "SimulateReport",

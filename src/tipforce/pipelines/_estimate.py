@@ -55,7 +55,7 @@ intervals, contact is a probability."""
 
 @dataclass(slots=True)
 class EstimateReport:
-    """What a run over a file came to. ``update_s``: time of each frame from picture to force, without reading it."""
+    """What a run over a file came to. ``update_s``: time of each frame from image to force, without reading it."""
 
     frames: int = 0
     statuses: Counter[str] = field(default_factory=Counter[str])
@@ -87,7 +87,7 @@ class EstimateReport:
             lines[0] += f": {low:.3f} to {high:.3f} N, mean {mean:.3f} N (smallest, mean, largest {grams} g)"
         lines += self.reasons.lines(3)
         p50, p99 = np.percentile(self.update_s, [50, 99]) * 1e3
-        return "\n".join([*lines, f"picture to force: {p50:.2f} ms (p50), {p99:.2f} ms (p99)"])
+        return "\n".join([*lines, f"image to force: {p50:.2f} ms (p50), {p99:.2f} ms (p99)"])
 
     def figures(self) -> dict[str, Any]:
         """All of it as JSON values; None where there is no force at all."""
@@ -307,7 +307,7 @@ class _Overlay:
     def _drawn(self, observation: Observation, estimate: ForceEstimate) -> Image:
         image = observation.views[self.view]
         if isinstance(image, ShapeFeatures):
-            raise InputError("an overlay needs pictures, and these data are ready-made shape coefficients")
+            raise InputError("an overlay needs images, and these data are ready-made shape coefficients")
         return draw_estimate(image, estimate.shape, estimate, full_scale_n=self.full_scale_n)
 
     def __enter__(self) -> "_Overlay":

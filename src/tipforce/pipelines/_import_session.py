@@ -151,13 +151,13 @@ def import_session(
             stated_tare(log.stamp_ns, log.force_n, *tare)  # says what is wrong with it before a long video is read
     last_ns = first_ns
 
-    def pictures() -> Iterator[Event]:
+    def images() -> Iterator[Event]:
         nonlocal last_ns
         for event in source:
             last_ns = event.stamp_ns
             yield event
 
-    events = merged(pictures(), None if log is None else (log.stamp_ns, log.force_n), drives, shift_ns)
+    events = merged(images(), None if log is None else (log.stamp_ns, log.force_n), drives, shift_ns)
     writer = RecordingWriter(
         target, source.session_info, lossless=lossless, jpeg_quality=jpeg_quality, overwrite=overwrite, origin="import"
     )
@@ -222,7 +222,7 @@ def _check_drives(
         if first > frames[1] or (last < frames[0] and len(stamps) > 1):
             raise TimeError(
                 f"{stage_log if stream == STAGE else knob_log}: its {first * 1e-9:.3f} to {last * 1e-9:.3f} s do not "
-                f"overlap with the pictures, {frames[0] * 1e-9:.3f} to {frames[1] * 1e-9:.3f} s; bring its stamps to "
+                f"overlap with the images, {frames[0] * 1e-9:.3f} to {frames[1] * 1e-9:.3f} s; bring its stamps to "
                 "the camera's clock"
             )
 

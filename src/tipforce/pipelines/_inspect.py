@@ -10,7 +10,7 @@ from ..io import is_image
 from ..types import SessionInfo
 from ..vision import InspectSettings
 from ._estimate import session_info_from
-from ._inspect_images import InspectionSheet, inspect_frames, inspect_image_file, inspect_sessions
+from ._inspect_images import InspectionResult, inspect_frames, inspect_image_file, inspect_sessions
 
 __all__ = ["inspect"]
 
@@ -23,7 +23,7 @@ def inspect(
     every: int = 1,
     drawn: int = 12,
     progress: Callable[[str, float], None] | None = None,
-) -> InspectionSheet:
+) -> InspectionResult:
     """Detects the catheter in the images of a file and draws what is found.
 
     Args:
@@ -48,11 +48,11 @@ def inspect(
         lines, facts = describe_dataset(dataset)
         shared = replace(stated, name="")
         shown = ((info.updated(shared), images) for info, images in session_images(dataset, vision.view, every))
-        sheet = inspect_sessions(
+        result = inspect_sessions(
             shown, vision, features, title=str(path), room=drawn, progress=progress, total=-(-len(dataset) // every)
         )
         return replace(
-            sheet, text="\n".join([*lines, sheet.text]), figures={"file": str(path), **facts, **sheet.figures}
+            result, text="\n".join([*lines, result.text]), figures={"file": str(path), **facts, **result.figures}
         )
     if is_image(path):
         return inspect_image_file(path, vision, features, stated)

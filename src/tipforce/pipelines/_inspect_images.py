@@ -1,4 +1,4 @@
-"""Looking through the pictures of a file: is the catheter seen, and in how many frames."""
+"""Looking through the images of a file: is the catheter found, and in how many frames."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -25,37 +25,37 @@ from ..vision import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["InspectionSheet", "inspect_frames", "inspect_image_file", "inspect_sessions"]
+__all__ = ["InspectionResult", "inspect_frames", "inspect_image_file", "inspect_sessions"]
 
-_SETTLING = 16
-"""Pictures on which vision settles."""
+_CALIBRATION_IMAGES = 16
+"""Images on which vision is calibrated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class InspectionSheet:
-    """What a file shows: ``found`` in words and figures, its ``drawing``, and one ``picture`` with settled settings."""
+class InspectionResult:
+    """What a file shows: ``text`` and ``figures``, its ``drawing``, and one ``image`` with resolved settings."""
 
     text: str
     figures: dict[str, Any]
     drawing: Image
-    picture: Image
+    image: Image
     vision: VisionSettings | ResolvedVision
 
     def thesis_figures(self) -> "dict[str, Figure]":
-        """Thesis figures 17 and 18 of ``picture``: what thesis algorithm 1 makes of it."""
-        steps = ClassicDetector(self.vision).steps(self.picture)
+        """Thesis figures 17 and 18 of ``image``: what thesis algorithm 1 makes of it."""
+        steps = ClassicDetector(self.vision).steps(self.image)
         return {"figure17": figure_17(steps), "figure18": figure_18(steps)}
 
 
 def inspect_image_file(
     path: Path, vision: VisionSettings, features: ShapeFeatureSettings, info: SessionInfo | None = None
-) -> InspectionSheet:
+) -> InspectionResult:
     """One image file in detail, with what ``info`` states of it. Raises FileFormatError for what is no image."""
     image = read_image(path)
-    settled = _settled(vision, [image], info or SessionInfo())
-    seen: Inspection = inspect_image(image, ShapeDetector(settled).detect, settled, features)
-    figures = {"file": str(path), **seen.figures(), "vision": settled.model_dump()}
-    return InspectionSheet(f"{_stated(settled, vision)}\n{seen.text()}", figures, seen.drawing, image, settled)
+    resolved = _resolved(vision, [image], info or SessionInfo())
+    seen: Inspection = inspect_image(image, ShapeDetector(resolved).detect, resolved, features)
+    figures = {"file": str(path), **seen.figures(), "vision": resolved.model_dump()}
+    return InspectionResult(f"{_stated(resolved, vision)}\n{seen.text()}", figures, seen.drawing, image, resolved)
 
 
 def inspect_frames(
@@ -67,27 +67,29 @@ def inspect_frames(
     every: int = 1,
     room: int = 12,
     progress: Callable[[str, float], None] | None = None,
-) -> InspectionSheet:
-    """Every ``every``-th frame of a video, a folder or a recording; ``room`` of them are drawn on one sheet.
+) -> InspectionResult:
+    """Every ``every``-th frame of a video, a folder or a recording; ``room`` of them are drawn on one contact sheet.
 
     ``stated``: metadata in place of the file's own. Raises InputError where there is no frame.
     """
     tally, first = Tally(room), None
     with open_source(path, stated=stated) as source:
         total = frame_count(source, vision.view)
-        settled = _settled(vision, spread_images(source, vision.view), source.session_info)
-        see = ShapeDetector(settled).detect
+        resolved = _resolved(vision, spread_images(source, vision.view), source.session_info)
+        detect = ShapeDetector(resolved).detect
         for count, frame in enumerate(_frames(source, vision.view)):
             first = frame if first is None else first
             if count % every == 0:
                 seconds = (frame.stamp_ns - first.stamp_ns) * 1e-9
-                tally.add(f"{count}  {seconds:.2f} s", inspect_image(frame.image, see, settled, features))
+                tally.add(f"{count}  {seconds:.2f} s", inspect_image(frame.image, detect, resolved, features))
             if progress:
                 progress(f"frame {count}", min(1.0, count / total) if total else 0.0)
     if first is None:
         raise InputError(f"{path}: there is no frame of the view {vision.view!r} in it{_views_in(path)}")
-    figures = {"file": str(path), "every": every, **tally.figures(), "vision": settled.model_dump()}
-    return InspectionSheet(f"{_stated(settled, vision)}\n{tally.text()}", figures, tally.sheet(), first.image, settled)
+    figures = {"file": str(path), "every": every, **tally.figures(), "vision": resolved.model_dump()}
+    return InspectionResult(
+        f"{_stated(resolved, vision)}\n{tally.text()}", figures, tally.contact_sheet(), first.image, resolved
+    )
 
 
 def inspect_sessions(
@@ -99,26 +101,26 @@ def inspect_sessions(
     room: int = 12,
     progress: Callable[[str, float], None] | None = None,
     total: int = 0,
-) -> InspectionSheet:
-    """Named pictures, session by session with what is known of each; what ``vision`` leaves open is settled on its own.
+) -> InspectionResult:
+    """Named images, session by session with what is known of each; what ``vision`` leaves open is resolved on its own.
 
-    ``total``: of the pictures, for ``progress``. Raises InputError where there is none.
+    ``total``: of the images, for ``progress``. Raises InputError where there is none.
     """
     tally, first = Tally(room), None
-    settled: VisionSettings | ResolvedVision = vision
+    resolved: VisionSettings | ResolvedVision = vision
     for info, session in sessions:
         if not session:
             continue
-        settled = _settled(vision, [image for _, image in session[:: -(-len(session) // _SETTLING)]], info)
-        see = ShapeDetector(settled).detect
+        resolved = _resolved(vision, [image for _, image in session[:: -(-len(session) // _CALIBRATION_IMAGES)]], info)
+        detect = ShapeDetector(resolved).detect
         for name, image in session:
             first = image if first is None else first
-            tally.add(Path(name).stem, inspect_image(image, see, settled, features))
+            tally.add(Path(name).stem, inspect_image(image, detect, resolved, features))
             if progress:
-                progress(f"picture {tally.frames}", min(1.0, tally.frames / max(1, total)))
+                progress(f"image {tally.frames}", min(1.0, tally.frames / max(1, total)))
     if first is None:
-        raise InputError(f"{title}: there is no picture of the view {vision.view!r} in it")
-    return InspectionSheet(tally.text(), tally.figures(), tally.sheet(), first, settled)
+        raise InputError(f"{title}: there is no image of the view {vision.view!r} in it")
+    return InspectionResult(tally.text(), tally.figures(), tally.contact_sheet(), first, resolved)
 
 
 def _views_in(path: Path) -> str:
@@ -129,12 +131,12 @@ def _views_in(path: Path) -> str:
     return f"; there is {', '.join(views)}: set vision.view={views[0]}" if views else ""
 
 
-def _settled(vision: VisionSettings, images: list[Image], info: SessionInfo) -> VisionSettings | ResolvedVision:
+def _resolved(vision: VisionSettings, images: list[Image], info: SessionInfo) -> VisionSettings | ResolvedVision:
     """``vision`` with what it leaves open decided on ``images``; as it is where they show no catheter."""
     try:
         return auto_calibrate(vision, images, info)
     except InputError:
-        return vision  # to look at a file without a catheter is no mistake: each picture says why
+        return vision  # to look at a file without a catheter is no mistake: each image says why
 
 
 def _frames(source: Source, view: str) -> Iterator[Frame]:
@@ -145,10 +147,12 @@ def _as_stated(given: VisionSettings) -> ResolvedVision | None:
     return None if "auto" in (given.polarity, given.base_side) else ResolvedVision.stated(given)
 
 
-def _stated(settled: VisionSettings | ResolvedVision, given: VisionSettings) -> str:
-    threshold = "automatic" if settled.threshold is None else str(settled.threshold)
-    text = f"settings   {settled.method}, catheter {settled.polarity}, base {settled.base_side}, threshold {threshold}"
-    if not isinstance(settled, ResolvedVision) or settled == _as_stated(given) or given.base_region is not None:
+def _stated(resolved: VisionSettings | ResolvedVision, given: VisionSettings) -> str:
+    threshold = "automatic" if resolved.threshold is None else str(resolved.threshold)
+    text = (
+        f"settings   {resolved.method}, catheter {resolved.polarity}, base {resolved.base_side}, threshold {threshold}"
+    )
+    if not isinstance(resolved, ResolvedVision) or resolved == _as_stated(given) or given.base_region is not None:
         return text
     return (
         f"{text}: found automatically; where the drawing shows another thing, state polarity and base_side of the view "

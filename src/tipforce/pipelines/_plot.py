@@ -23,24 +23,24 @@ def plot_run(reader: RecordingReader, found: Labels | None, path: Path) -> None:
     """Three panels: force at the frames, the middle frame of each view, and the intervals between the first's."""
     figure = Figure(figsize=(10.5, 3.6), dpi=120, layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(2.6, 1.0), height_ratios=(2.2, 1.0))
-    force, picture, steps = (figure.add_subplot(grid[place]) for place in ((slice(None), 0), (0, 1), (1, 1)))
+    force, image_axes, steps = (figure.add_subplot(grid[place]) for place in ((slice(None), 0), (0, 1), (1, 1)))
     _force(force, reader, found)
     if not reader.views:
-        picture.axis("off")
+        image_axes.axis("off")
         steps.axis("off")
     else:
         stamps = reader.stamps(reader.views[0])
         middle = len(stamps) // 2
-        picture.imshow(_together(reader, int(stamps[middle])), cmap="gray", vmin=0, vmax=255)
-        picture.set_title(f"frame {middle} of {len(stamps)}", fontsize=9, color=_INK, loc="left")
-        picture.axis("off")
+        image_axes.imshow(_together(reader, int(stamps[middle])), cmap="gray", vmin=0, vmax=255)
+        image_axes.set_title(f"frame {middle} of {len(stamps)}", fontsize=9, color=_INK, loc="left")
+        image_axes.axis("off")
         _intervals(steps, (stamps - stamps[0]) * 1e-9)
     with atomic_path(path) as part:
         figure.savefig(part, format=path.suffix.lstrip(".").lower())
 
 
 def _together(reader: RecordingReader, stamp_ns: int) -> Image:
-    """The picture of each view that is nearest to ``stamp_ns``, side by side."""
+    """The image of each view that is nearest to ``stamp_ns``, side by side."""
     places = (int(np.argmin(np.abs(reader.stamps(view) - stamp_ns))) for view in reader.views)
     images = [reader.frame_at(place, view).image for place, view in zip(places, reader.views, strict=True)]
     if len(images) == 1:

@@ -34,9 +34,9 @@ _FEWEST = 5
 _LARGE_N = 10.0
 """A catheter buckles long before; what is more is another unit or a slip of the pen."""
 _FIRST, _EVERY = 50, 5
-"""Frames on which vision settles first, every fifth of them."""
+"""Frames on which vision is calibrated first, every fifth of them."""
 _KEPT = 16
-"""Pictures from all over the run so far on which it settles again, whenever the run has doubled."""
+"""Images from all over the run so far on which it is calibrated again, whenever the run has doubled."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,9 +101,9 @@ def write_run(
     offset_ms: OffsetChoice,
     vision: VisionSettings,
     progress: Callable[[int], None] | None,
-    names: tuple[str, str] = ("the pictures", "the force"),
+    names: tuple[str, str] = ("the images", "the force"),
 ) -> list[str]:
-    """Write ``events`` and the facts found; returns remarks. ``names`` of pictures and force log, for TimeError."""
+    """Write ``events`` and the facts found; returns remarks. ``names`` of images and force log, for TimeError."""
     remarks: list[str] = []
     run = _Run(events, info, vision, look=offset_ms == "auto", progress=progress)
     for event in run:
@@ -130,9 +130,7 @@ def write_run(
     if most_n > _LARGE_N:
         remarks.append(f"the force log holds up to {most_n:.3g} N: check sensor.log.force_unit and its rows")
     found = ForceCorrections(pose, level, inertia, stage)
-    offset = find_offset(
-        run.stamp_ns, run.sightings, info, run.view, stamps, force, found, offset_ms, remarks, run.blind
-    )
+    offset = find_offset(run.stamp_ns, run.shapes, info, run.view, stamps, force, found, offset_ms, remarks, run.blind)
     writer.state(offset)
     return [*remarks, *_check_cover(names, run.stamp_ns, stamps, offset.offset_ns)]
 
@@ -153,8 +151,8 @@ class _Run:
             events, info, settings, look, progress,
         )  # fmt: skip
         self.blind = ""
-        """Why no catheter is seen at all, or empty."""
-        self.sightings: list[DetectedShape] = []
+        """Why no catheter is detected at all, or empty."""
+        self.shapes: list[DetectedShape] = []
         self.view = settings.view
         self._kept: list[Image] = []
         self._every = _EVERY
@@ -164,40 +162,40 @@ class _Run:
         self._stage: list[tuple[int, Mapping[str, float]]] = []
 
     def __iter__(self) -> Iterator[Event]:
-        events, see = iter(self._events), None
+        events, detect = iter(self._events), None
         if self._look:
             head = _head(events)
             try:
                 self.view = _view_among(head, self._settings.view)
-                pictures = [event.image for event in head if isinstance(event, Frame) and event.view == self.view]
-                see = ShapeDetector(auto_calibrate(self._settings, pictures[::_EVERY], self._context)).detect
+                images = [event.image for event in head if isinstance(event, Frame) and event.view == self.view]
+                detect = ShapeDetector(auto_calibrate(self._settings, images[::_EVERY], self._context)).detect
             except InputError as error:  # the recording is worth having without its clock offset
                 self.blind = str(error)
             events = chain(head, events)
         for event in events:
             yield event
             if isinstance(event, Frame):
-                self._picture(event, see)
-                if see is not None and event.view == self.view:
-                    see = self._settled_again(event.image) or see
+                self._add_frame(event, detect)
+                if detect is not None and event.view == self.view:
+                    detect = self._calibrated_again(event.image) or detect
             elif isinstance(event, Wrench):
                 self._force_ns.append(event.stamp_ns)
                 self._force_n.extend(event.force_n)
             elif event.stream == STAGE:
                 self._stage.append((event.stamp_ns, event.values))
 
-    def _picture(self, frame: Frame, see: Callable[[Image], DetectedShape] | None) -> None:
+    def _add_frame(self, frame: Frame, detect: Callable[[Image], DetectedShape] | None) -> None:
         self._count += 1
-        if see is None or frame.view == self.view:
+        if detect is None or frame.view == self.view:
             self._frames.append(frame.stamp_ns)
-        if see is not None and frame.view == self.view:
-            self.sightings.append(see(frame.image))
+        if detect is not None and frame.view == self.view:
+            self.shapes.append(detect(frame.image))
         if self._progress:
             self._progress(self._count)
 
-    def _settled_again(self, image: Image) -> Callable[[Image], DetectedShape] | None:
+    def _calibrated_again(self, image: Image) -> Callable[[Image], DetectedShape] | None:
         """A way of looking that knows more of the run: while the catheter stands still, what lies beneath it does."""
-        if (len(self.sightings) - 1) % self._every == 0:
+        if (len(self.shapes) - 1) % self._every == 0:
             self._kept.append(image)
         if len(self._kept) < 2 * _KEPT:
             return None
@@ -224,7 +222,7 @@ class _Run:
 
 
 def _head(events: Iterator[Event]) -> list[Event]:
-    """Events up to the frame that completes those on which vision settles, of whatever view."""
+    """Events up to the frame that completes those on which vision is calibrated, of whatever view."""
     head: list[Event] = []
     counts: Counter[str] = Counter()
     for event in events:
@@ -237,7 +235,7 @@ def _head(events: Iterator[Event]) -> list[Event]:
 
 
 def _view_among(head: Iterable[Event], wanted: str) -> str:
-    """The view that is looked at: ``wanted``, or where no picture is of it the one that came first."""
+    """The view that is looked at: ``wanted``, or where no image is of it the one that came first."""
     views = dict.fromkeys(event.view for event in head if isinstance(event, Frame))
     return wanted if wanted in views else next(iter(views), wanted)
 

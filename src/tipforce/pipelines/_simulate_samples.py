@@ -28,7 +28,7 @@ from ..types import Actuation, Frame, IntArray, Observation
 __all__ = ["write_samples"]
 
 _BYTES_PER_PX = {False: 0.2, True: 2.6}
-"""Of a picture, lossless or not, with a margin."""
+"""Of an image, lossless or not, with a margin."""
 _LARGE = 1e9
 
 
@@ -48,9 +48,9 @@ def write_samples(
     Raises InputError where something else is in ``folder``, or the disk has too little room.
     """
     made = {**wanted.model_dump(mode="json"), "shards": shards, "masks": masks, "lossless": lossless}
-    told = folder / "simulated.json"
-    if told.exists():
-        require_same_settings(folder, json.loads(told.read_text(encoding="utf-8")), made)
+    manifest = folder / "simulated.json"
+    if manifest.exists():
+        require_same_settings(folder, json.loads(manifest.read_text(encoding="utf-8")), made)
     elif folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder}: is there already and no set of simulated samples; choose another folder with -o")
     else:
@@ -62,7 +62,7 @@ def write_samples(
         return
     todo = [number for number in range(wanted.sessions) if not into.has(number)]
     (folder / "truth").mkdir(parents=True, exist_ok=True)
-    told.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+    manifest.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     work = partial(_write_session, wanted, into, masks, lossless)
     write_sessions(work, todo, wanted.per_session, workers=workers, progress=progress)
     settings = wanted.settings
@@ -137,7 +137,7 @@ def _labelled(
         offset_ms=offset_ms,
     )
     if not np.isfinite(found.force_n[:, found.known]).all():
-        raise InputError(f"{bench.name}: the force sensor's readings are too rare to label its pictures")
+        raise InputError(f"{bench.name}: the force sensor's readings are too rare to label its images")
     names = dict.fromkeys(name for observation in seen for name in observation.actuation)
     quality = bench.imaging.jpeg_quality
     encoded = {
@@ -151,7 +151,7 @@ def _labelled(
         actuation={name: np.array([each.actuation.get(name, np.nan) for each in seen]) for name in names},
         force_n=found.force_n,
         known=found.known,
-        pictures=encoded,
+        images=encoded,
         suffix=".png" if lossless else ".jpg",
         masks=masks,
     )

@@ -51,7 +51,7 @@ def leave_files(bench: SimulatedBench, target: Path, tick: Callable[[], None], l
 
 
 def leave_dicom(bench: SimulatedBench, target: Path, tick: Callable[[], None], lossless: bool = False) -> None:
-    """``run.dcm``, of each view, and the logs beside it in the folder ``target``; the pictures lose nothing."""
+    """``run.dcm``, of each view, and the logs beside it in the folder ``target``; the images lose nothing."""
     del lossless
     scene = bench.imaging.scene
     assert isinstance(scene, XrayScene)  # `refuse_form` lets no other come here

@@ -136,7 +136,7 @@ def _ranges(found: Labels) -> dict[str, tuple[float, float]]:
 
 
 def plot_summary(summary: RecordingSummary, path: Path | str) -> None:
-    """Force over time, a picture and the frames' intervals, as a PNG or SVG (by the name's ending).
+    """Force over time, an image and the frames' intervals, as a PNG or SVG (by the name's ending).
 
     Raises FileFormatError where its kind or folder is none.
     """
@@ -201,10 +201,10 @@ def _offset(offset: ClockOffset) -> str:
         return f"{offset.offset_ms:+.1f} ms (stated; camera time = force stamp + offset)"
     if offset.how == "stage":
         return (
-            f"{offset.offset_ms:+.1f} ms (from the stage's movement, good to some milliseconds; the pictures do not "
+            f"{offset.offset_ms:+.1f} ms (from the stage's movement, good to some milliseconds; the images do not "
             f"tell: {offset.detail})"
         )
-    return f"0 ms (could not be told: {offset.detail})" if offset.how == "refused" else "0 ms (one clock)"
+    return f"0 ms (could not be determined: {offset.detail})" if offset.how == "refused" else "0 ms (one clock)"
 
 
 def _inertia(inertia: Inertia) -> str:

@@ -85,15 +85,15 @@ def train(
         ModelError: the exported model answers otherwise than the trained one.
     """
     output, stated = Path(output), session_info_from(bench)
-    recipe = create(estimator, settings)
+    method = create(estimator, settings)
     check_target(output, overwrite=overwrite)
-    start = load_initial_model(recipe, None if init_from is None else str(init_from), resume=resume)
+    start = load_initial_model(method, None if init_from is None else str(init_from), resume=resume)
     dataset = without_sessions(data_of(data, stated), without)
     apart = None if calibrate is None else data_of(calibrate, stated)
-    with run_directory(recipe, output, resume=resume) as folder:
+    with run_directory(method, output, resume=resume) as folder:
         done = fit(
-            recipe, dataset, samples=samples, holdout=holdout,
-            seed=getattr(recipe.settings, "seed", 0) if seed is None else seed,
+            method, dataset, samples=samples, holdout=holdout,
+            seed=getattr(method.settings, "seed", 0) if seed is None else seed,
             start=start, folder=folder, resume=resume, calibrate=apart, progress=progress,
         )  # fmt: skip
         save_model(

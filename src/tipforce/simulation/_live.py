@@ -149,7 +149,7 @@ class _LiveSource(SimulatedBench):
         return self.run.trajectory
 
     def _rows_known(self) -> int:
-        return self.run.settled
+        return self.run.final
 
     def _delays_ns(self) -> tuple[int, ...]:
         clock = self.settings.world.clock
@@ -161,8 +161,8 @@ class _LiveSource(SimulatedBench):
     def _instants_needed(self) -> tuple[IntArray, ...]:
         """By stream: how many instants of the trajectory must have happened for each event."""
         readings = self.readings
-        settled = (readings.need_force, readings.stage.need, readings.joints.need)
-        return *(need + 2 for need in settled), *(self._frames_need[self.arrived(view)] for view in self.views)
+        needed = (readings.need_force, readings.stage.need, readings.joints.need)
+        return *(need + 2 for need in needed), *(self._frames_need[self.arrived(view)] for view in self.views)
 
     @cached_property
     def _frames_need(self) -> IntArray:
@@ -176,7 +176,7 @@ class _LiveSource(SimulatedBench):
             if rows > self.run.done:
                 now = self.clock.now_ns() if now_ns is None else now_ns
                 self.run.advance(max(rows, instants_until(now * 1e-9) + self._late))
-                self.readings.take(self.trajectory, self.run.settled)
+                self.readings.take(self.trajectory, self.run.final)
 
     def frames_so_far(self) -> IntArray:
         """(n,): the frames whose exposure has happened."""

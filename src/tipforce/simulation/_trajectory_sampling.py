@@ -58,7 +58,7 @@ class TrajectoryInterpolator:
         now = np.array([middle_s])
         tissue = TissueState(
             shift_m=self.at(trajectory.wall_m, times) - self._bench_model.touch_m,
-            dent_m=float(self.at(trajectory.contact.indentation_m, now)[0]),
+            indentation_m=float(self.at(trajectory.contact.indentation_m, now)[0]),
             touch_m=self.at(trajectory.contact.touch_m, now)[0],
         )
         return self.lines_m(times), tissue

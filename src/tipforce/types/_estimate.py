@@ -1,4 +1,4 @@
-"""What an estimator answers: a force with its doubt, or a plain "not valid" with the reason."""
+"""What an estimator answers: a force with its uncertainty, or a plain "not valid" with the reason."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The seams between the rooms and the world: sources of events, driven axes, and time."""
+"""The seams between the packages and the world: sources of events, driven axes, and time."""
 
 import time
 from collections.abc import Iterator, Mapping

@@ -135,7 +135,7 @@ class Tally:
         small = _small(inspection.drawing)
         (self._found if shape.found else self._lost).add(order, f"{title}  {shape.status.value}", small)
 
-    def sheet(self, columns: int = 4) -> Image:
+    def contact_sheet(self, columns: int = 4) -> Image:
         """Returns the sample of the drawings in order of time. Raises ValueError before the first frame."""
         lost = self._lost.best(self._lost.room)
         kept = sorted(lost + self._found.best(self.room - len(lost)), key=lambda entry: entry[0])

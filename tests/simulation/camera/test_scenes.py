@@ -27,8 +27,8 @@ def scene_of(ranges=BENCH_2021, seed=0):
     return sample_scene(ranges, np.random.default_rng(seed), length_m=LENGTH_M)
 
 
-def state(x_m=0.0, dent_m=0.0):
-    return TissueState(np.array([[x_m, 0.0, 0.0]]), dent_m, HOME.surface_m)
+def state(x_m=0.0, indentation_m=0.0):
+    return TissueState(np.array([[x_m, 0.0, 0.0]]), indentation_m, HOME.surface_m)
 
 
 @pytest.fixture(scope="module")
@@ -71,8 +71,8 @@ def test_what_moves_is_seen_and_what_does_not_stays(arc):
     here, there = (renderer.clean(arc(0.3), state(x)) for x in (0.0, 2e-3))
     changed = np.abs(here - there).max(axis=2) > 1.0
     assert 0.01 < changed.mean() < 0.5
-    dented = renderer.clean(arc(0.3), state(0.0, 2e-3))
-    assert 0.0002 < (np.abs(here - dented).max(axis=2) > 1.0).mean() < 0.05
+    indented = renderer.clean(arc(0.3), state(0.0, 2e-3))
+    assert 0.0002 < (np.abs(here - indented).max(axis=2) > 1.0).mean() < 0.05
     bent = renderer.clean(arc(-0.3), state())
     assert 0.003 < (np.abs(here - bent).max(axis=2) > 1.0).mean() < 0.3
     assert (here[-1] == bent[-1]).all()

@@ -289,7 +289,7 @@ def test_a_point_is_spread_by_the_detectors_gaussians(scene: XrayScene) -> None:
     assert (total.sum(axis=0) * x**2).sum() == pytest.approx(0.75 * 0.6**2 + 0.25 * 1.8**2, rel=0.05)
 
 
-# Pictures that come again
+# Images that come again
 
 
 def test_the_same_frame_comes_out_the_same_alone_in_a_run_and_on_threads(

@@ -31,10 +31,10 @@ def recognises(folder: Path) -> bool:
 
 def open_layout(folder: Path) -> Dataset:
     """All images as one session; raises MissingExtraError without h5py, FileFormatError for other contents."""
-    pictures = _read(folder / "images.mat", "input_test", (None, 1, 64, 64))
-    forces = _read(folder / "forces.mat", "target_test", (len(pictures), 3, 1, 1))
-    count = len(pictures)
-    grey = np.rint(np.clip(pictures[:, 0].transpose(0, 2, 1), 0.0, 1.0) * 255.0).astype(np.uint8)
+    images = _read(folder / "images.mat", "input_test", (None, 1, 64, 64))
+    forces = _read(folder / "forces.mat", "target_test", (len(images), 3, 1, 1))
+    count = len(images)
+    grey = np.rint(np.clip(images[:, 0].transpose(0, 2, 1), 0.0, 1.0) * 255.0).astype(np.uint8)
     stamps = np.arange(count, dtype=np.int64) * 1_000_000_000
     return Dataset(
         store=ImageArray(stamps, {}, np.ascontiguousarray(grey)),

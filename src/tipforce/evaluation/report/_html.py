@@ -60,10 +60,10 @@ def check_report_folder(folder: str | Path) -> None:
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file, and the report needs a folder; choose another name with -o")
-    strange = sorted({item.name for item in folder.iterdir()} - _PARTS) if folder.is_dir() else []
-    if strange:
+    unexpected = sorted({item.name for item in folder.iterdir()} - _PARTS) if folder.is_dir() else []
+    if unexpected:
         raise InputError(
-            f"{folder}: holds {strange[0]!r}, which is no part of a report; choose an empty folder with -o"
+            f"{folder}: holds {unexpected[0]!r}, which is no part of a report; choose an empty folder with -o"
         )
 
 

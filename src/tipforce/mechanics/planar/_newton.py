@@ -207,12 +207,12 @@ def _assemble(
 
 
 @compiled
-def _newton_step(work: FloatArray, shift: float, pressed: bool, step: FloatArray) -> bool:
+def _newton_step(work: FloatArray, shift: float, in_contact: bool, step: FloatArray) -> bool:
     """Solve (H + shift I) step = -gradient; False where H + shift I is not positive definite.
 
     H = T + a a' + c c' with T tridiagonal. By the inertia of the bordered matrix, H has as many negative eigenvalues
-    as T less those of the 2x2 matrix 1 + [a c]' T^-1 [a c]: no eigenvalues need be computed. Not ``pressed``: a and c
-    are nothing.
+    as T less those of the 2x2 matrix 1 + [a c]' T^-1 [a c]: no eigenvalues need be computed. Not ``in_contact``: a and
+    c are nothing.
     """
     n = step.size
     gradient, diagonal, upper, along, across = work[0], work[1], work[2], work[3], work[4]
@@ -237,7 +237,7 @@ def _newton_step(work: FloatArray, shift: float, pressed: bool, step: FloatArray
         first[i] = inverse
     for i in range(n - 2, -1, -1):
         step[i] -= factor[i] * step[i + 1]
-    if not pressed:
+    if not in_contact:
         return negative == 0
     aa, ac, cc, a_step, c_step = 1.0, 0.0, 1.0, 0.0, 0.0
     before = other = 0.0
@@ -289,18 +289,18 @@ def relax_in(
     """
     n = theta.size
     work, trial, step, cosine, sine = scratch[:8], scratch[8], scratch[9], scratch[10], scratch[11]
-    pressed = springs.kn > 0.0 or springs.kt > 0.0
+    in_contact = springs.kn > 0.0 or springs.kt > 0.0
     energy, depth, slide = energy_at(theta, cosine, sine, rod, load, springs)
     iteration = 0
     while True:
         residual = _assemble(theta, cosine, sine, rod, load, springs, depth, slide, work) / rod.scale
-        stable = _newton_step(work, 0.0, pressed, step)
+        stable = _newton_step(work, 0.0, in_contact, step)
         if residual <= tolerance or iteration == _MAX_ITERATIONS:
             return Outcome(iteration, residual <= tolerance, stable, energy, residual, depth, slide)
         iteration += 1
         # As little shift as will do: past a fold the gradient is small, and the softest way is the one to go.
         shift = 1e-7 * rod.ei[0] / rod.h
-        while not stable and not _newton_step(work, shift, pressed, step):
+        while not stable and not _newton_step(work, shift, in_contact, step):
             shift *= 8.0
         longest = descent = 0.0
         for i in range(n):

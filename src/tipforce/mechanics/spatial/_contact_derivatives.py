@@ -88,8 +88,8 @@ def contact_derivatives(
     axis = lines[:, -1] - lines[:, -2]
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     # Where nothing touches, the place means nothing: the arm is none.
-    pressed = np.any(force != 0.0, axis=1)
-    arm = np.where(pressed[:, None], touch - (lines[:, -1] - tip_radius_m * axis), 0.0)
+    in_contact = np.any(force != 0.0, axis=1)
+    arm = np.where(in_contact[:, None], touch - (lines[:, -1] - tip_radius_m * axis), 0.0)
     rows = Rows(
         q=orientations_along(rod, lines),
         change=np.array(frozen("precurvature_change_per_m", change, (m, 3))),

@@ -1,4 +1,4 @@
-"""What the kernels of the spatial rod are told: the rod, its loads, the wall, and room to work in."""
+"""What the kernels of the spatial rod are given: the rod, its loads, the wall, and room to work in."""
 
 from typing import NamedTuple
 

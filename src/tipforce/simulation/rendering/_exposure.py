@@ -14,11 +14,11 @@ __all__ = ["ImageTruth", "TissueHome", "TissueState", "sample_exposure"]
 class TissueState:
     """``shift_m`` (m, 3): how far the tissue is from home at instants evenly spread over the exposure.
 
-    ``dent_m``: how deep the tip sinks in; ``touch_m`` (3,): where, if it does.
+    ``indentation_m``: how deep the tip sinks in; ``touch_m`` (3,): where, if it does.
     """
 
     shift_m: FloatArray
-    dent_m: float = 0.0
+    indentation_m: float = 0.0
     touch_m: FloatArray | None = None
 
 

@@ -138,12 +138,12 @@ def _static_forces(bench_model: BenchModel, coarse: MotionProfile) -> tuple[Floa
         [float(coarse.push_m(bench_model, a).max()) - coarse.standoff_m(bench_model, a) for a in amplitudes]
     )
     depth = np.arange(-_RAMP_M, float(deepest.max()) + _RAMP_M, _RAMP_M)
-    press = SpatialContactSolver(bench_model.rod, bench_model.wall, 1.0, bench_model.radius_m)
+    solver = SpatialContactSolver(bench_model.rod, bench_model.wall, 1.0, bench_model.radius_m)
     turned = np.zeros((depth.size, 3))
     turned[:, 2] = np.median(coarse.curvature_per_m)
     beyond = bench_model.reach_m(turned[:1, 2]) - depth
     wall = bench_model.touch_m + bench_model.directed(np.stack([-beyond, np.zeros(depth.size)], axis=1))
-    force = np.linalg.norm(press.run(wall, turned).force_n, axis=1)
+    force = np.linalg.norm(solver.run(wall, turned).force_n, axis=1)
     return amplitudes, np.interp(deepest, depth, np.maximum.accumulate(force))
 
 

@@ -99,7 +99,7 @@ class TrajectoryIntegrator:
     """A session that is made to happen as far as it is asked for, while its drives may be commanded.
 
     ``clamp``, ``knob``, ``forward``, ``across``: the drives, in m and degrees. ``trajectory``: its rows are true up to
-    ``done``, their accelerations up to ``settled``. However it is cut into pieces, the same comes out. ``every``: the
+    ``done``, their accelerations up to ``final``. However it is cut into pieces, the same comes out. ``every``: the
     rod follows at every so many instants only, and other rows of the contact stay empty; the drives move at all.
     """
 
@@ -110,7 +110,7 @@ class TrajectoryIntegrator:
             settings, motion_profile, motion_profile.programme_m(bench_model, motion)
         )
         self._dt = float(motion_profile.time_s[1] - motion_profile.time_s[0])
-        self._press = SpatialContactSolver(
+        self._solver = SpatialContactSolver(
             bench_model.rod,
             bench_model.wall,
             every * self._dt,
@@ -121,7 +121,7 @@ class TrajectoryIntegrator:
         self._play: Play | None = None
         count = motion_profile.time_s.size
         self._smooth = np.zeros((count, 2))
-        self.done = self.settled = 0
+        self.done = self.final = 0
         self.trajectory = Trajectory(
             time_s=motion_profile.time_s,
             knob_deg=np.zeros(count),
@@ -131,7 +131,7 @@ class TrajectoryIntegrator:
             stage_m=np.zeros((count, 2)),
             acceleration_m_per_s2=np.zeros((count, 3)),
             wall_m=np.zeros((count, 3)),
-            contact=_allocate(self._press.run(np.zeros((0, 3))), count),
+            contact=_allocate(self._solver.run(np.zeros((0, 3))), count),
             radius_m=bench_model.radius_m,
         )
 
@@ -152,16 +152,16 @@ class TrajectoryIntegrator:
             self._transmitted(first, end), self._motion_profile.drift[rows]
         )
         trajectory.wall_m[rows] = bench_model.touch_m + bench_model.directed(trajectory.stage_m[rows])
-        pressed = slice(first + -first % self._every, end, self._every)
-        curvature = trajectory.curvature_per_m[pressed]
+        solved = slice(first + -first % self._every, end, self._every)
+        curvature = trajectory.curvature_per_m[solved]
         zero = np.zeros(curvature.size)
-        contact = self._press.run(
-            trajectory.wall_m[pressed],
+        contact = self._solver.run(
+            trajectory.wall_m[solved],
             np.stack([zero, zero, curvature], axis=1),
-            trajectory.advance_m[pressed],
+            trajectory.advance_m[solved],
         )
         for name in _ROWS:
-            getattr(trajectory.contact, name)[pressed] = getattr(contact, name)
+            getattr(trajectory.contact, name)[solved] = getattr(contact, name)
         self.done = end
 
     def _transmitted(self, first: int, end: int) -> FloatArray:
@@ -178,7 +178,7 @@ class TrajectoryIntegrator:
 
     def _update_acceleration(self) -> None:
         """The stage's acceleration, by central differences: it is known two instants after the position."""
-        first, whole = self.settled, self.done == self.trajectory.time_s.size
+        first, whole = self.final, self.done == self.trajectory.time_s.size
         end = self.done if whole else self.done - 2
         start = max(0, first - 2)
         if end <= first or self.done - start < 2:
@@ -186,7 +186,7 @@ class TrajectoryIntegrator:
         smooth = self._smooth[start : self.done]
         twice = np.gradient(np.gradient(smooth, self._dt, axis=0), self._dt, axis=0)
         self.trajectory.acceleration_m_per_s2[first:end] = self.bench_model.directed(twice[first - start : end - start])
-        self.settled = end
+        self.final = end
 
 
 _ROWS = tuple(field.name for field in fields(SpatialContact) if field.name not in ("rod", "wall"))

@@ -119,12 +119,12 @@ def measure_ends(
         if left_drop < least or right_drop < least:
             continue
         off = 0.5 * (right - left) * slant
-        strange = 0.5 * (left + right) * slant - wide
+        deviation = 0.5 * (left + right) * slant - wide
         stations[n, U] = u + off * nu
         stations[n, V] = v + off * nv
         stations[n, ARC] = s
         stations[n, WIDE] = (left + right) * slant
-        stations[n, WEIGHT] = 0.05 / (0.05 + strange * strange)
+        stations[n, WEIGHT] = 0.05 / (0.05 + deviation * deviation)
         stations[n, KIND] = SHAFT
         n += 1
     return n

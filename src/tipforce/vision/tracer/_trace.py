@@ -249,14 +249,14 @@ def trace_shaft(image: Raster, candidate: Candidate, profile: np.ndarray, statio
         left, left_drop, right, right_drop = measure_pair(image, sign, pu, pv, nu, nv, half / slant, reach, profile)
         wide = (left + right) * slant
         off = 0.5 * (right - left) * slant
-        strange = abs(wide - 2.0 * half) / (2.0 * half)
+        deviation = abs(wide - 2.0 * half) / (2.0 * half)
         least = max(8.0, 0.25 * typical)
         kind = 0
         if left_drop > least and right_drop > least:
             kind = SHAFT
-        elif left_drop < -1.2 * least and right_drop < -1.2 * least and strange < 0.12:
+        elif left_drop < -1.2 * least and right_drop < -1.2 * least and deviation < 0.12:
             kind = OTHER
-        elif min(abs(left_drop), abs(right_drop)) > max(10.0, 0.1 * typical) and strange < 0.1:
+        elif min(abs(left_drop), abs(right_drop)) > max(10.0, 0.1 * typical) and deviation < 0.1:
             # other grey levels than the shaft's, but parallel flanks in their place: metal
             kind = OTHER
         if (
@@ -264,12 +264,12 @@ def trace_shaft(image: Raster, candidate: Candidate, profile: np.ndarray, statio
             and gap > 0.0
             and hits > 3
             and (
-                strange > (0.28 if gap <= max_gap else 0.14)
-                or (strange > 0.1 and min(abs(left_drop), abs(right_drop)) < 0.35 * typical)
+                deviation > (0.28 if gap <= max_gap else 0.14)
+                or (deviation > 0.1 and min(abs(left_drop), abs(right_drop)) < 0.35 * typical)
             )
         ):
             kind = 0
-        elif kind > 0 and hits > 6 and strange > 0.14 and min(abs(left_drop), abs(right_drop)) < 0.5 * typical:
+        elif kind > 0 and hits > 6 and deviation > 0.14 and min(abs(left_drop), abs(right_drop)) < 0.5 * typical:
             # pale and of another width: the blurred edge of a ring, not a taper of the shaft
             kind = 0
         if kind == SHAFT and hits > 8 and min(left_drop, right_drop) < 0.6 * typical:
@@ -338,8 +338,8 @@ def trace_shaft(image: Raster, candidate: Candidate, profile: np.ndarray, statio
             place_gain, turn_gain = 1.0, 0.0
         if hits > 6:
             # another width or a jump sideways is doubtful: the edge of a ring, the corner of a cable
-            doubt = (strange / 0.06) ** 2
-            trust = 1.0 / (1.0 + doubt)
+            penalty = (deviation / 0.06) ** 2
+            trust = 1.0 / (1.0 + penalty)
             place_gain *= max(trust, 0.15)
             turn_gain *= trust
             bend_gain *= trust
@@ -377,7 +377,7 @@ def trace_shaft(image: Raster, candidate: Candidate, profile: np.ndarray, statio
             if taper_from >= 0.0:
                 taper_from = -1.0
             half += (0.15 if hits > 6 else 0.35) * (0.5 * wide - half)
-            if kind == SHAFT and strange < 0.1:
+            if kind == SHAFT and deviation < 0.1:
                 typical += 0.1 * (min(left_drop, right_drop) - typical)
                 wide_sum += wide
                 wide_n += 1.0

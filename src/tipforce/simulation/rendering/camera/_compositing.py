@@ -135,7 +135,7 @@ def _gather(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _gather_dented(
+def _gather_indented(
     sprite: FloatImage,
     v: int,
     lows: int,
@@ -145,16 +145,16 @@ def _gather_dented(
     weight: np.float32,
     rows: FloatImage,
     middle: FloatArray,
-    dent: FloatArray,
+    indentation: FloatArray,
 ) -> None:
-    """As `_gather`, with the sprite pushed along: ``middle`` (2,) px, ``dent`` (4,): direction, depth, width."""
+    """As `_gather`, with the sprite pushed along: ``middle`` (2,) px, ``indentation`` (4,): direction, depth, width."""
     for u in range(lows, highs):
         ru, rv = u - middle[0], v - middle[1]
-        deep = ru * dent[0] + rv * dent[1]
-        side = ru * dent[1] - rv * dent[0]
-        push = dent[2] * math.exp(-(side**2 + max(0.0, deep) ** 2) / dent[3] ** 2)
-        at_v = min(max(v + dv - push * dent[1], 0.0), sprite.shape[3] - 2.0)
-        at_u = min(max(u + du - push * dent[0], 0.0), sprite.shape[4] - 2.0)
+        deep = ru * indentation[0] + rv * indentation[1]
+        side = ru * indentation[1] - rv * indentation[0]
+        push = indentation[2] * math.exp(-(side**2 + max(0.0, deep) ** 2) / indentation[3] ** 2)
+        at_v = min(max(v + dv - push * indentation[1], 0.0), sprite.shape[3] - 2.0)
+        at_u = min(max(u + du - push * indentation[0], 0.0), sprite.shape[4] - 2.0)
         py0, y0, py1, y1, fy = _half(at_v)
         px0, x0, px1, x1, fx = _half(at_u)
         for k in range(sprite.shape[2]):
@@ -171,21 +171,21 @@ def lay_moving(
     spans: npt.NDArray[np.int64],
     shifts: FloatArray,
     middle: FloatArray,
-    dent: FloatArray,
+    indentation: FloatArray,
     dirty: npt.NDArray[np.int64],
 ) -> None:
     """Lay ``sprite`` (2, 2, c + 1, rows, columns) over ``clean``: the mean over ``shifts`` (m, 2).
 
     Its first two axes are half-pixel phases. A image's pixel (u, v) shows the sprite at (u, v) + shift. ``spans``
     (rows, 4): where each row has something, from and to, and where it has light of its own. ``middle`` (m, 2): where
-    the dent is, px; ``dent`` as in `_gather_dented`. ``dirty`` (4,) is widened.
+    the indentation is, px; ``indentation`` as in `_gather_indented`. ``dirty`` (4,) is widened.
     """
     c, h, w = clean.shape
     count = shifts.shape[0]
     weight = np.float32(1.0 / count)
     rows = np.zeros((c + 1, w), np.float32)
     high_row, high_column = spans.shape[0] - 2, sprite.shape[4] - 2
-    reach = 2.5 * dent[3] + dent[2]
+    reach = 2.5 * indentation[3] + indentation[2]
     ends = np.empty((2, 2), np.int64)
     for v in range(h):
         ends[:, 0], ends[:, 1] = w, 0
@@ -198,7 +198,7 @@ def lay_moving(
                         ends[part, 0] = min(ends[part, 0], math.floor(start - shifts[m, 0]) - 2)
                         ends[part, 1] = max(ends[part, 1], math.floor(stop - shifts[m, 0]) + 3)
         pushed = False
-        if dent[2] > 0.0:
+        if indentation[2] > 0.0:
             for m in range(count):
                 pushed = pushed or abs(v - middle[m, 1]) < reach
         lows, highs = max(ends[0, 0], 0), min(ends[0, 1], w)
@@ -217,7 +217,7 @@ def lay_moving(
             if pushed:
                 first = min(max(int(middle[m, 0] - reach), lows), highs)
                 last = min(max(int(middle[m, 0] + reach), first), highs)
-                _gather_dented(sprite, v, first, last, du, dv, weight, rows, middle[m], dent)
+                _gather_indented(sprite, v, first, last, du, dv, weight, rows, middle[m], indentation)
             # Where there is shadow only, there is no light of the sprite's own to gather.
             own, end = max(lows, ends[1, 0]), min(highs, ends[1, 1])
             _gather(sprite, (c, c + 1), v, lows, first, du, dv, weight, rows)
@@ -323,15 +323,15 @@ def lay_phantom(clean: FloatImage, layers: StaticLayers, sprite: FloatImage, tis
         tissue.shift_m[:, None], _count(tissue.shift_m[:, None], _TISSUE_STEP_PX / layers.px_per_m)
     )[:, 0]
     moved = layers.camera.project(phantom.home_m + shift) - home
-    dent = np.array([*phantom.into_px, 0.0, 1.0])
+    indentation = np.array([*phantom.into_px, 0.0, 1.0])
     middle = np.zeros((len(moved), 2))
-    if tissue.dent_m > 0.0 and tissue.touch_m is not None and not layers.scene.tissue.over_tip:
-        dent[2] = tissue.dent_m * phantom.px_per_m
-        dent[3] = 1.2 * layers.scene.catheter.radius_m * phantom.px_per_m + 0.7 * dent[2]
+    if tissue.indentation_m > 0.0 and tissue.touch_m is not None and not layers.scene.tissue.over_tip:
+        indentation[2] = tissue.indentation_m * phantom.px_per_m
+        indentation[3] = 1.2 * layers.scene.catheter.radius_m * phantom.px_per_m + 0.7 * indentation[2]
         middle[:] = layers.camera.project(tissue.touch_m[None])[0]
     dirty = np.array([clean.shape[1], 0, clean.shape[2], 0])
     shifts = phantom.margin_px - moved
-    lay_moving(clean, layers.light, sprite, phantom.spans, shifts, middle, dent, dirty)
+    lay_moving(clean, layers.light, sprite, phantom.spans, shifts, middle, indentation, dirty)
     return (int(dirty[0]), int(dirty[1]), int(dirty[2]), int(dirty[3])) if dirty[1] > dirty[0] else _NOTHING
 
 

@@ -1,6 +1,6 @@
 """Contact sheet of a preset's sessions: one frame of each, as recorded, of all views.
 
-python docs/pictures/make_simulation.py RUNS docs/pictures/simulation.jpg [--frame 200] [--columns 4]
+python docs/figures/make_simulation.py RUNS docs/figures/simulation.jpg [--frame 200] [--columns 4]
 """
 
 import argparse
@@ -18,7 +18,7 @@ def main() -> None:
     """Read, tile, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", type=Path)
-    parser.add_argument("picture", type=Path)
+    parser.add_argument("image", type=Path)
     parser.add_argument("--frame", type=int, default=200)
     parser.add_argument("--columns", type=int, default=4)
     options = parser.parse_args()
@@ -30,7 +30,7 @@ def main() -> None:
         data = cv2.imencode(".jpg", sheet, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
         if data.size < MOST_BYTES:
             break
-    options.picture.write_bytes(data.tobytes())
+    options.image.write_bytes(data.tobytes())
 
 
 def tile(path: Path, index: int) -> np.ndarray:

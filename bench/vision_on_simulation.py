@@ -1,14 +1,14 @@
-"""What `fine` sees in recordings of the twin, held against their hidden truth, session by session.
+"""What `fine` detects in recordings of the simulated bench, held against their hidden truth, session by session.
 
-    python -m bench.vision_on_twin RUNS [RUNS ...] [--every 12] [--live | --blind | --together N]
+    python -m bench.vision_on_simulation RUNS [RUNS ...] [--every 12] [--live | --blind | --together N]
         [--sheet worst.jpg] [--json FILE]
 
-Each RUNS holds what `tipforce simulate` wrote; every view of a session is looked at. The settings are settled on 16
-frames spread over the session and on its public sheet (nominal size, scale, the base's side); with --live on frames
-of its first two seconds, in which the catheter stands still; with --blind on the spread pictures alone; with
---together N once on pictures of the folder's first N sessions, as an estimator that trains on these does. Wrong: given
+Each RUNS holds what `tipforce simulate` wrote; every view of a session is looked at. The settings are calibrated on 16
+frames spread over the session and on its session metadata (nominal size, scale, the base's side); with --live on frames
+of its first two seconds, in which the catheter stands still; with --blind on the spread images alone; with
+--together N once on images of the folder's first N sessions, as an estimator that trains on these does. Wrong: given
 as valid, but with a tip more than 5 px off along the shaft, or a point more than 2 px beside the true centreline.
-Errors are those of the frames that are right. Covered: something hides more than 3 % of what the picture would show
+Errors are those of the frames that are right. Covered: something hides more than 3 % of what the image would show
 of the catheter.
 """
 
@@ -52,13 +52,13 @@ def look(vision: ShapeDetector, image: np.ndarray, curve: np.ndarray) -> dict[st
 
 
 def covered(curve: np.ndarray, visible: float, size: tuple[int, int]) -> bool:
-    """Whether something lies over the catheter where the picture would show it."""
+    """Whether something lies over the catheter where the image would show it."""
     inside = ((curve > -0.5) & (curve < np.array(size) - 0.5)).all(axis=1)
     return visible < float(inside.mean()) - HIDDEN
 
 
-def settled_together(paths: list[Path]) -> dict[str, ResolvedVision]:
-    """By view, settled once on `SPREAD` pictures spread over all recordings at ``paths``."""
+def calibrated_together(paths: list[Path]) -> dict[str, ResolvedVision]:
+    """By view, calibrated once on `SPREAD` images spread over all recordings at ``paths``."""
     images: dict[str, list[np.ndarray]] = {}
     infos: dict[str, list[SessionInfo]] = {}
     for path in paths:
@@ -91,16 +91,16 @@ def one_view(
     stamps = reader.stamps(view)
     count = len(stamps)
     if options.live:
-        settling = range(0, min(FIRST, count), 5)
+        calibration = range(0, min(FIRST, count), 5)
     else:
-        settling = np.unique(np.linspace(0, count - 1, SPREAD).astype(int)).tolist()
+        calibration = np.unique(np.linspace(0, count - 1, SPREAD).astype(int)).tolist()
     if view in shared:
         vision = ShapeDetector(for_session(shared[view], reader.session_info))
     else:
-        pictures = [reader.frame_at(k, view).image for k in settling]
+        images = [reader.frame_at(k, view).image for k in calibration]
         try:
             vision = ShapeDetector(
-                auto_calibrate(VisionSettings(), pictures, None if options.blind else reader.session_info)
+                auto_calibrate(VisionSettings(), images, None if options.blind else reader.session_info)
             )
         except InputError as error:
             print(f"{path.stem} {view}: {error}")
@@ -117,7 +117,7 @@ def one_view(
     return rows
 
 
-def sheet(rows: list[dict[str, Any]], path: Path) -> None:
+def draw_contact_sheet(rows: list[dict[str, Any]], path: Path) -> None:
     """The worst frames: truth in green, what was seen in red."""
     tiles = []
     for row in rows[:12]:
@@ -159,9 +159,9 @@ def main() -> None:
     parser.add_argument("runs", type=Path, nargs="+")
     parser.add_argument("--every", type=int, default=12)
     start = parser.add_mutually_exclusive_group()
-    start.add_argument("--live", action="store_true", help="settle on the first two seconds")
-    start.add_argument("--blind", action="store_true", help="nothing is known but the pictures")
-    start.add_argument("--together", type=int, default=0, help="settle once, on so many sessions")
+    start.add_argument("--live", action="store_true", help="calibrate on the first two seconds")
+    start.add_argument("--blind", action="store_true", help="nothing is known but the images")
+    start.add_argument("--together", type=int, default=0, help="calibrate once, on so many sessions")
     parser.add_argument("--sheet", type=Path, help="draw the twelve worst frames")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
@@ -172,7 +172,7 @@ def main() -> None:
         if not paths:
             parser.error(f"{folder}: no recording; write some with `tipforce simulate`")
         together: list[dict[str, Any]] = []
-        shared = settled_together(paths[: options.together]) if options.together else {}
+        shared = calibrated_together(paths[: options.together]) if options.together else {}
         for path in paths:
             rows = session(path, read_truth(path), shared, options)
             together += rows
@@ -183,7 +183,7 @@ def main() -> None:
         options.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
     bad = sorted((row for row in everything if "image" in row), key=lambda row: -row["bad"])
     if options.sheet and bad:
-        sheet(bad, options.sheet)
+        draw_contact_sheet(bad, options.sheet)
 
 
 def report(results: dict[str, dict[str, float]], name: str, rows: list[dict[str, Any]]) -> None:

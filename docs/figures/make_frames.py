@@ -1,6 +1,6 @@
 """Draws frames.svg: the frames of reference and the signs of forces, on a shape that the mechanics computed.
 
-Run from the project's root: python docs/pictures/make_frames.py
+Run from the project's root: python docs/figures/make_frames.py
 """
 
 import math
@@ -22,7 +22,7 @@ SILICONE, SILICONE_EDGE, STEEL = "#f3d3c9", "#c99a8b", "#dde2e7"
 RADIUS = 1.5
 """Of the drawn shaft, mm: a little thicker than life."""
 TURN = math.radians(5.0)
-"""Of the base in the picture, as on a real bench."""
+"""Of the base in the image, as on a real bench."""
 WALL_DEG, SENSOR_DEG = 52.0, 52.0
 
 
@@ -83,11 +83,11 @@ def catheter(axes: Axes, line: np.ndarray) -> None:
     tube(axes, line[166:], "#b9c2ca", INK)
 
 
-def tissue(axes: Axes, touch: np.ndarray, d: np.ndarray, back: float, front: float, dent: float) -> None:
+def tissue(axes: Axes, touch: np.ndarray, d: np.ndarray, back: float, front: float, indentation: float) -> None:
     """The pad: its surface through ``touch``, dented there, from ``back`` to ``front`` along t."""
     t = np.array([-d[1], d[0]])
     across = np.linspace(back, front, 160)
-    depth = -dent * (1 - np.exp(-((across / 4.0) ** 2)))
+    depth = -indentation * (1 - np.exp(-((across / 4.0) ** 2)))
     surface = touch + across[:, None] * t + depth[:, None] * d
     block = np.concatenate([surface, [touch + front * t + 7 * d, touch + back * t + 7 * d]])
     axes.add_patch(Polygon(block, closed=True, fc=SILICONE, ec=SILICONE_EDGE, lw=1.2, zorder=2))
@@ -102,9 +102,9 @@ def panel(axes: Axes, title: str, box: tuple[float, float, float, float]) -> Non
     axes.set_title(title, loc="left", fontsize=11.5, color=INK, fontweight="bold")
 
 
-def draw_picture(axes: Axes, free: np.ndarray, bent: np.ndarray, force: np.ndarray) -> None:
+def draw_image(axes: Axes, free: np.ndarray, bent: np.ndarray, force: np.ndarray) -> None:
     """Where the frames lie."""
-    panel(axes, "1   Picture and base frame", (-24, 67, -33, 40))
+    panel(axes, "1   Image and base frame", (-24, 67, -33, 40))
     axes.add_patch(Rectangle((-18, -31), 84, 66, fc="#f5f7f9", ec=GREY, lw=1.3, zorder=0))
     corner = np.array([-18.0, 35.0])
     arrow(axes, corner, corner + [15, 0], INK)
@@ -234,7 +234,7 @@ def main() -> None:
     grid = figure.add_gridspec(
         2, 3, width_ratios=(1.72, 0.92, 0.92), wspace=0.04, hspace=0.12, left=0.01, right=0.99, top=0.94, bottom=0.02
     )
-    draw_picture(figure.add_subplot(grid[:, 0]), free, bent, force)
+    draw_image(figure.add_subplot(grid[:, 0]), free, bent, force)
     draw_components(figure.add_subplot(grid[0, 1]), bent, force)
     draw_angle(figure.add_subplot(grid[0, 2]), free)
     draw_sensor(figure.add_subplot(grid[1, 1:]), force)

@@ -1,4 +1,4 @@
-"""From a picture of any size to the network's: every pixel counts by the area it covers."""
+"""From an image of any size to the network's: every pixel counts by the area it covers."""
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ def test_it_is_the_mean_over_the_area_that_a_pixel_covers(shape: tuple[int, int]
 
 
 @pytest.mark.parametrize("level", [0, 1, 254, 255])
-def test_an_even_picture_stays_as_it_is(level: int) -> None:
+def test_an_even_image_stays_as_it_is(level: int) -> None:
     assert np.all(resize_to_resnet(np.full((481, 641), level, np.uint8)) == level)
 
 
@@ -29,7 +29,7 @@ def test_views_need_no_copy() -> None:
         assert np.array_equal(resize_to_resnet(view), resize_to_resnet(np.ascontiguousarray(view)))
 
 
-def test_small_pictures_are_enlarged() -> None:
+def test_small_images_are_enlarged() -> None:
     image = np.tile(np.arange(100, dtype=np.uint8), (80, 1))
     found = resize_to_resnet(image)
     assert found.shape == (RESNET_SIZE_PX, RESNET_SIZE_PX, 3)
