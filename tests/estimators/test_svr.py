@@ -56,6 +56,26 @@ def test_the_default_is_the_thesis_s_method_done_by_hand(world: World) -> None:
     assert all(np.isnan(a.force_n).all() and not a.known.any() for a in answers)
 
 
+def test_epsilon_leaves_the_estimate_without_contact_at_zero(world: World) -> None:
+    data = world()
+    push = -data.force_n[:, 0]
+    free = push < 0.12
+    share = np.where(np.random.default_rng(0).random(len(data)) < 0.4, 1.0, 0.3)  # of the force: no shape tells which
+    data.force_n[:, 0], data.force_n[:, 1] = np.where(free, 0.0, share * (0.12 - push)), 0.0
+    flat = {"c": (1.0,), "sigma": (1.0,)}
+
+    def without_contact(**settings: Any) -> tuple[float, float]:
+        """Chosen epsilon and mean estimate without contact, both in shares of the largest force."""
+        svr = create("svr", {**flat, **settings}).fit(data)
+        found = np.mean([answer.magnitude_n for answer in svr.predict(data.subset(free))])
+        return svr.describe()["targets"]["magnitude"]["epsilon"], float(found / data.magnitude_n.max())
+
+    wide, high = without_contact(epsilon=(0.003, 0.01, 0.03, 0.1))
+    assert wide == 0.1  # the squared error chooses it
+    assert high > 0.05
+    assert without_contact()[1] < 0.02
+
+
 def test_constants_are_chosen_on_the_training_part_alone(world: World) -> None:
     data = world()
     part = data.subset(np.arange(80))
