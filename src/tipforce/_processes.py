@@ -21,10 +21,12 @@ __all__ = ["Interrupted", "run_child", "signals_end_the_program", "worker_pool"]
 _ENDING = (signal.SIGINT, signal.SIGTERM)
 _GRACE_S, _CHILD_GRACE_S = 0.8, 1.5
 """So long a worker may clean up before it is killed, and a program that this one started, which may have workers."""
+_AGAIN_S = 0.01
 _PR_SET_PDEATHSIG = 1
 _PARENT = "TIPFORCE_PARENT"
 """Environment variable: process number of the tipforce that started this one."""
-_running: set["subprocess.Popen[str]"] = set()
+_running: dict["subprocess.Popen[str]", bool] = {}
+"""Programs that this one started and that have not ended: whether they were asked to."""
 _T = TypeVar("_T")
 
 
@@ -51,7 +53,18 @@ def signals_end_the_program() -> Generator[None]:
         del frame
         for each in _ENDING:
             signal.signal(each, second)
+        _starts.ended = number
+        for child in tuple(_running):  # threads may wait for them
+            _ask_to_end(child)
         _starts.interrupt(number)
+
+    def lost(what: "sys.UnraisableHookArgs") -> None:
+        if not isinstance(what.exc_value, Interrupted):
+            hook_before(what)
+            return
+        for each in _ENDING:
+            signal.signal(each, first)
+        threading.Timer(_AGAIN_S, _send_to_main_thread, (what.exc_value.signal,)).start()
 
     def second(number: int, frame: FrameType | None) -> None:
         del frame
@@ -61,12 +74,27 @@ def signals_end_the_program() -> Generator[None]:
 
     if parent := os.environ.pop(_PARENT, ""):
         _end_with(int(parent))
+    # what is raised in a finalizer or a callback, such as those of Python's imports, is dropped there: once more, then
+    hook_before, sys.unraisablehook = sys.unraisablehook, lost
     before = {each: signal.signal(each, first) for each in _ENDING}
     try:
         yield
+    except Exception as error:
+        if not _starts.ended:
+            raise
+        # a compiled module that is interrupted while it is imported raises an error of its own
+        raise Interrupted(_starts.ended) from error
     finally:
+        _starts.ended, sys.unraisablehook = 0, hook_before
         for each, handler in before.items():
             signal.signal(each, handler)
+
+
+def _send_to_main_thread(number: int) -> None:
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, number)  # ends a system call that waits
+    else:  # Windows
+        signal.raise_signal(number)
 
 
 @contextmanager
@@ -110,7 +138,7 @@ class _Pool(ProcessPoolExecutor):
 
 
 def _until_asked_to_end(work: Callable[..., _T], *args: Any, **kwargs: Any) -> _T:
-    """The work. SIGTERM ends this process at once where it does nothing, and here when the work has cleaned up.
+    """The work. SIGTERM ends this process once the work has cleaned up, and at once where it does none.
 
     The loop of the pool would take the end of the work for its result, and begin the next.
     """
@@ -128,13 +156,14 @@ class _Starts:
 
     The child never gets SIGINT, from its first instruction on: a terminal sends it to all processes, and the parent
     decides. An interrupt of this process waits until the block ends, so that no child is left half-started or
-    unknown.
+    unknown. ``ended``: by which signal this process was interrupted, or 0.
     """
 
     def __init__(self) -> None:
+        self.ended = 0
         self._open = False
-        self._mask: set[int] = set()
         self._late: int | None = None
+        self._masks = threading.local()
 
     def interrupt(self, number: int) -> None:
         """Raises `Interrupted`, now or at the end of the block."""
@@ -144,17 +173,16 @@ class _Starts:
             raise Interrupted(number)
 
     def __enter__(self) -> None:
-        if threading.current_thread() is not threading.main_thread():
-            return  # Python handles signals in the main thread
-        self._open = True
+        if threading.current_thread() is threading.main_thread():  # where Python handles signals
+            self._open = True
         if hasattr(signal, "pthread_sigmask"):  # not on Windows
-            self._mask = set(signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT]))
+            self._masks.before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
 
     def __exit__(self, *_: object) -> None:
+        if hasattr(signal, "pthread_sigmask"):
+            signal.pthread_sigmask(signal.SIG_SETMASK, self._masks.before)
         if threading.current_thread() is not threading.main_thread():
             return
-        if hasattr(signal, "pthread_sigmask"):
-            signal.pthread_sigmask(signal.SIG_SETMASK, self._mask)
         self._open = False
         if self._late is not None:
             number, self._late = self._late, None
@@ -183,26 +211,35 @@ def run_child(
     try:
         with _starts:
             child = subprocess.Popen(command, stderr=error_to, text=True, env=environment)
-            _running.add(child)
+            _running[child] = False
+        if _starts.ended:  # before this thread knew
+            _ask_to_end(child)
         _, said = child.communicate(timeout=timeout_s)
+        return subprocess.CompletedProcess(command, child.returncode, stderr=said)
     except BaseException:
         if child is not None:
             _end_child(child)
         raise
     finally:
         if child is not None:
-            _running.discard(child)
-    return subprocess.CompletedProcess(command, child.returncode, stderr=said)
+            del _running[child]
 
 
 def _end_child(child: "subprocess.Popen[str]") -> None:
     """Asks a child to end, and kills it where it has not within `_CHILD_GRACE_S`."""
     with child:
-        child.terminate()
+        _ask_to_end(child)
         try:
             child.wait(_CHILD_GRACE_S)
         except subprocess.TimeoutExpired:
             child.kill()
+
+
+def _ask_to_end(child: "subprocess.Popen[str]") -> None:
+    """Once: the second SIGTERM would end it before it has cleaned up."""
+    if not _running[child]:
+        _running[child] = True
+        child.terminate()
 
 
 def _end_workers() -> None:
@@ -241,6 +278,7 @@ def _limit_threads(threads: int) -> None:
 
 def _exit(number: int, frame: FrameType | None) -> None:
     del frame
+    signal.signal(number, signal.SIG_IGN)  # asked twice, it still cleans up
     sys.exit(128 + number)
 
 
