@@ -1,9 +1,10 @@
 """Interrupts of every verb at random moments: processes that are left, seconds until the end, files that are left.
 
-    python -m bench.interrupts [--rounds 20] [--seed 0] [--json FILE]
+    python -m bench.interrupts [--rounds 20] [--verbs simulate demo] [--after 1 15] [--seed 0] [--json FILE]
 
 Each round starts a verb anew and sends SIGINT to its whole session, as a terminal does, or SIGTERM to it alone, or
-SIGKILL to it alone (nothing can be said then, but no process may be left), 1 to 15 s after the start. Linux only.
+SIGKILL to it alone (nothing can be said then, but no process may be left), 1 to 15 s after the start; `--after 0.1 3`
+meets processes that are still starting. Linux only.
 """
 
 import argparse
@@ -87,21 +88,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.interrupts", description=__doc__)
     parser.add_argument("--rounds", type=int, default=20, help="of each verb")
     parser.add_argument("--verbs", nargs="+", choices=COMMANDS, default=list(COMMANDS))
+    parser.add_argument("--after", nargs=2, type=float, default=(1, 15), help="seconds from the start, from and to")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, default=Path("build/interrupts.json"))
     chosen = parser.parse_args()
     draw, rows = random.Random(chosen.seed), []
     with tempfile.TemporaryDirectory(prefix="tipforce-interrupts-") as folder:
         place = Path(folder)
-        for words in (
-            "simulate --as files --sessions 1 --seconds 15 -o b",
-            "simulate --sessions 4 --seconds 15 -o runs",
-        ):
-            subprocess.run([sys.executable, "-m", "tipforce", *words.split()], cwd=place, check=True)
+        if set(chosen.verbs) - {"simulate", "demo"}:
+            for words in (
+                "simulate --as files --sessions 1 --seconds 15 -o b",
+                "simulate --sessions 4 --seconds 15 -o runs",
+            ):
+                subprocess.run([sys.executable, "-m", "tipforce", *words.split()], cwd=place, check=True)
         for verb in chosen.verbs:
             for _ in range(chosen.rounds):
                 number = draw.choice([signal.SIGINT, signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-                row = one_round(verb, number, draw.uniform(1, 15), place)
+                row = one_round(verb, number, draw.uniform(*chosen.after), place)
                 rows.append(row)
                 print(*(f"{key} {value}" for key, value in row.items()), sep=", ", flush=True)
     stopped = [row for row in rows if not row.get("ended_before")]

@@ -1,4 +1,7 @@
-"""JSON and small texts from outside: of a stated size, not deeper than a stated depth, or one sentence."""
+"""JSON and small texts from files: of a stated size, not deeper than a stated depth, or one sentence.
+
+The one gate: nothing else in the library reads JSON. Only what stands on the command line (``--set``) has its own.
+"""
 
 import json
 from pathlib import Path
@@ -6,7 +9,16 @@ from typing import Any
 
 from .errors import FileFormatError
 
-__all__ = ["MAX_BYTES", "MAX_DEPTH", "check_depth", "parse_json", "read_json", "read_small_text", "too_deep"]
+__all__ = [
+    "MAX_BYTES",
+    "MAX_DEPTH",
+    "check_depth",
+    "parse_json",
+    "parse_json_lines",
+    "read_json",
+    "read_small_text",
+    "too_deep",
+]
 
 MAX_BYTES = 16 << 20
 """Longest file that is read as one JSON value."""
@@ -14,68 +26,92 @@ MAX_DEPTH = 64
 """Deepest nesting of lists and objects."""
 
 
-def read_json(path: Path, *, max_bytes: int = MAX_BYTES) -> Any:
+def read_json(path: Path, *, max_bytes: int = MAX_BYTES, remedy: str = "") -> Any:
     """The JSON value in ``path``.
 
     Args:
         path: a regular file.
         max_bytes: what a longer file is refused for.
+        remedy: what messages say at their end.
 
     Raises:
         FileFormatError: it is missing, no regular file, too long, too deeply nested, or no JSON.
     """
-    return parse_json(read_small_text(path, max_bytes=max_bytes), str(path))
+    return parse_json(read_small_text(path, max_bytes=max_bytes, remedy=remedy), str(path), remedy)
 
 
-def parse_json(text: str, where: str) -> Any:
-    """The JSON value that ``text`` states; ``where`` it is from begins the message.
+def parse_json(text: str | bytes, where: str, remedy: str = "") -> Any:
+    """The JSON value that ``text`` states; ``where`` it is from begins the message, ``remedy`` ends it.
 
     Raises:
-        FileFormatError: it is no JSON, or nested deeper than `MAX_DEPTH`.
+        FileFormatError: it is longer than `MAX_BYTES`, no JSON, or nested deeper than `MAX_DEPTH`.
     """
+    end = f"; {remedy}" if remedy else ""
+    if len(text) > MAX_BYTES:
+        raise FileFormatError(f"{where}: is longer than {MAX_BYTES >> 20} MiB, which such a value never is{end}")
     try:
         value = json.loads(text)
     except RecursionError:
-        raise too_deep(where) from None
-    except ValueError as error:  # also a number of thousands of digits
-        raise FileFormatError(f"{where}: is no JSON ({error})") from None
-    check_depth(value, where)
+        raise too_deep(where, remedy) from None
+    except ValueError as error:  # also a number of thousands of digits, or no UTF-8
+        raise FileFormatError(f"{where}: is no JSON ({error}){end}") from None
+    check_depth(value, where, remedy)
     return value
 
 
-def read_small_text(path: Path, *, max_bytes: int = MAX_BYTES) -> str:
-    """The text of ``path``, in UTF-8.
+def parse_json_lines(text: str, where: str, remedy: str = "") -> list[dict[str, Any]]:
+    """The JSON objects that ``text`` states, one in each line.
+
+    Raises:
+        FileFormatError: as `parse_json`, with the line; also where a line holds no object.
+    """
+    values: list[dict[str, Any]] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        value = parse_json(line, f"{where}, line {number}", remedy)
+        if not isinstance(value, dict):
+            end = f"; {remedy}" if remedy else ""
+            raise FileFormatError(f"{where}, line {number}: expected an object in curly brackets{end}")
+        values.append(value)  # pyright: ignore[reportUnknownArgumentType]
+    return values
+
+
+def read_small_text(path: Path, *, max_bytes: int = MAX_BYTES, remedy: str = "") -> str:
+    """The text of ``path``, in UTF-8; ``remedy`` ends the messages.
 
     Raises:
         FileFormatError: it is missing, no regular file, longer than ``max_bytes``, or no text.
     """
+    end = f"; {remedy}" if remedy else ""
     if not path.exists():
-        raise FileFormatError(f"{path}: there is no such file")
+        raise FileFormatError(f"{path}: there is no such file{end}")
     if not path.is_file():
-        raise FileFormatError(f"{path}: is no regular file")
+        raise FileFormatError(f"{path}: is no regular file{end}")
     with path.open("rb") as stream:
         data = stream.read(max_bytes + 1)
     if len(data) > max_bytes:
-        raise FileFormatError(f"{path}: is longer than {max_bytes / 2**20:g} MiB, which such a file never is")
+        raise FileFormatError(f"{path}: is longer than {max_bytes / 2**20:g} MiB, which such a file never is{end}")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise FileFormatError(f"{path}: is no text in UTF-8 (byte {error.start})") from None
+        raise FileFormatError(f"{path}: is no text in UTF-8 (byte {error.start}){end}") from None
 
 
-def check_depth(value: Any, where: str) -> None:
+def check_depth(value: Any, where: str, remedy: str = "") -> None:
     """Raises FileFormatError where lists and objects are nested deeper than `MAX_DEPTH`."""
     level = [value]
     for _ in range(MAX_DEPTH + 1):
         level = [inner for each in level for inner in _inside(each)]
         if not level:
             return
-    raise too_deep(where)
+    raise too_deep(where, remedy)
 
 
-def too_deep(where: str) -> FileFormatError:
+def too_deep(where: str, remedy: str = "") -> FileFormatError:
     """The error for what is nested too deeply."""
-    return FileFormatError(f"{where}: lists or tables are nested more than {MAX_DEPTH} deep, expected a few levels")
+    end = f"; {remedy}" if remedy else ""
+    return FileFormatError(
+        f"{where}: lists or tables are nested more than {MAX_DEPTH} deep, expected a few levels{end}"
+    )
 
 
 def _inside(value: Any) -> list[Any]:

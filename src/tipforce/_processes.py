@@ -9,21 +9,25 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 
 from ._cores import cores
 
 __all__ = ["Interrupted", "run_child", "signals_end_the_program", "worker_pool"]
 
-_GRACE_S = 1.0
-"""So long a child may clean up before it is killed."""
+_ENDING = (signal.SIGINT, signal.SIGTERM)
+_GRACE_S, _CHILD_GRACE_S = 0.8, 1.5
+"""So long a worker may clean up before it is killed, and a program that this one started, which may have workers."""
+_AGAIN_S = 0.01
 _PR_SET_PDEATHSIG = 1
 _PARENT = "TIPFORCE_PARENT"
 """Environment variable: process number of the tipforce that started this one."""
-_running: set["subprocess.Popen[str]"] = set()
+_running: dict["subprocess.Popen[str]", bool] = {}
+"""Programs that this one started and that have not ended: whether they were asked to."""
+_T = TypeVar("_T")
 
 
 class Interrupted(BaseException):
@@ -39,7 +43,7 @@ def signals_end_the_program() -> Generator[None]:
     """The first SIGINT or SIGTERM raises `Interrupted`, so that files are cleaned up; the second ends at once.
 
     In any other thread than the main one, where Python does not handle signals, nothing is changed. Where another
-    tipforce started this one, it also ends with that.
+    tipforce started this one, it also ends with that, which alone is sent the signals of a terminal (`run_child`).
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -47,11 +51,20 @@ def signals_end_the_program() -> Generator[None]:
 
     def first(number: int, frame: FrameType | None) -> None:
         del frame
-        for each in (signal.SIGINT, signal.SIGTERM):
+        for each in _ENDING:
             signal.signal(each, second)
-        for child in tuple(_running):
-            child.terminate()
-        raise Interrupted(number)
+        _starts.ended = number
+        for child in tuple(_running):  # threads may wait for them
+            _ask_to_end(child)
+        _starts.interrupt(number)
+
+    def lost(what: "sys.UnraisableHookArgs") -> None:
+        if not isinstance(what.exc_value, Interrupted):
+            hook_before(what)
+            return
+        for each in _ENDING:
+            signal.signal(each, first)
+        threading.Timer(_AGAIN_S, _send_to_main_thread, (what.exc_value.signal,)).start()
 
     def second(number: int, frame: FrameType | None) -> None:
         del frame
@@ -59,14 +72,29 @@ def signals_end_the_program() -> Generator[None]:
             child.kill()
         os._exit(128 + number)
 
-    if os.environ.get(_PARENT) == str(os.getppid()):
-        _end_with(os.getppid())
-    before = {each: signal.signal(each, first) for each in (signal.SIGINT, signal.SIGTERM)}
+    if parent := os.environ.pop(_PARENT, ""):
+        _end_with(int(parent))
+    # what is raised in a finalizer or a callback, such as those of Python's imports, is dropped there: once more, then
+    hook_before, sys.unraisablehook = sys.unraisablehook, lost
+    before = {each: signal.signal(each, first) for each in _ENDING}
     try:
         yield
+    except Exception as error:
+        if not _starts.ended:
+            raise
+        # a compiled module that is interrupted while it is imported raises an error of its own
+        raise Interrupted(_starts.ended) from error
     finally:
+        _starts.ended, sys.unraisablehook = 0, hook_before
         for each, handler in before.items():
             signal.signal(each, handler)
+
+
+def _send_to_main_thread(number: int) -> None:
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, number)  # ends a system call that waits
+    else:  # Windows
+        signal.raise_signal(number)
 
 
 @contextmanager
@@ -83,15 +111,13 @@ def worker_pool(
     Each process has its share of the cores. An `Exception` in the block waits for what the processes have begun;
     anything else, such as Ctrl-C, ends them within `_GRACE_S`, in which they remove what they were writing.
     """
-    pool = ProcessPoolExecutor(
+    pool = _Pool(
         workers,
         mp_context=multiprocessing.get_context("spawn"),
         initializer=_start_worker,
         initargs=(os.getpid(), max(1, cores() // workers), initializer, initargs),
     )
     try:
-        with _held_back(signal.SIGINT):  # a worker that is still starting could not ignore it
-            pool.submit(os.getpid)  # starts them all
         yield pool
     except Exception:
         pool.shutdown(wait=True, cancel_futures=True)
@@ -103,17 +129,67 @@ def worker_pool(
     pool.shutdown()
 
 
-@contextmanager
-def _held_back(number: int) -> Generator[None]:
-    """Holds a signal back from this thread in the block, and for good from the processes that it starts there."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [number])
+class _Pool(ProcessPoolExecutor):
+    """One whose processes start without SIGINT, each when it is first needed, and end when they are asked to."""
+
+    def submit(self, fn: Callable[..., _T], /, *args: Any, **kwargs: Any) -> Future[_T]:
+        with _starts:
+            return super().submit(_until_asked_to_end, fn, *args, **kwargs)
+
+
+def _until_asked_to_end(work: Callable[..., _T], *args: Any, **kwargs: Any) -> _T:
+    """The work. SIGTERM ends this process once the work has cleaned up, and at once where it does none.
+
+    The loop of the pool would take the end of the work for its result, and begin the next.
+    """
+    signal.signal(signal.SIGTERM, _exit)
     try:
-        yield
+        return work(*args, **kwargs)
+    except SystemExit as asked:
+        os._exit(asked.code if isinstance(asked.code, int) else 1)
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+class _Starts:
+    """``with _starts:`` around the start of a child.
+
+    The child never gets SIGINT, from its first instruction on: a terminal sends it to all processes, and the parent
+    decides. An interrupt of this process waits until the block ends, so that no child is left half-started or
+    unknown. ``ended``: by which signal this process was interrupted, or 0.
+    """
+
+    def __init__(self) -> None:
+        self.ended = 0
+        self._open = False
+        self._late: int | None = None
+        self._masks = threading.local()
+
+    def interrupt(self, number: int) -> None:
+        """Raises `Interrupted`, now or at the end of the block."""
+        if self._open:
+            self._late = number
+        else:
+            raise Interrupted(number)
+
+    def __enter__(self) -> None:
+        if threading.current_thread() is threading.main_thread():  # where Python handles signals
+            self._open = True
+        if hasattr(signal, "pthread_sigmask"):  # not on Windows
+            self._masks.before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+
+    def __exit__(self, *_: object) -> None:
+        if hasattr(signal, "pthread_sigmask"):
+            signal.pthread_sigmask(signal.SIG_SETMASK, self._masks.before)
+        if threading.current_thread() is not threading.main_thread():
+            return
+        self._open = False
+        if self._late is not None:
+            number, self._late = self._late, None
+            raise Interrupted(number)
+
+
+_starts = _Starts()
 
 
 def run_child(
@@ -131,20 +207,39 @@ def run_child(
     """
     environment = {**os.environ, _PARENT: str(os.getpid())}
     error_to = subprocess.PIPE if capture else None
-    with subprocess.Popen(command, stderr=error_to, text=True, env=environment) as child:
-        _running.add(child)
-        try:
-            _, said = child.communicate(timeout=timeout_s)
-        except BaseException:
-            child.terminate()
-            try:
-                child.wait(2 * _GRACE_S)
-            except subprocess.TimeoutExpired:
-                child.kill()
-            raise
-        finally:
-            _running.discard(child)
+    child: subprocess.Popen[str] | None = None
+    try:
+        with _starts:
+            child = subprocess.Popen(command, stderr=error_to, text=True, env=environment)
+            _running[child] = False
+        if _starts.ended:  # before this thread knew
+            _ask_to_end(child)
+        _, said = child.communicate(timeout=timeout_s)
         return subprocess.CompletedProcess(command, child.returncode, stderr=said)
+    except BaseException:
+        if child is not None:
+            _end_child(child)
+        raise
+    finally:
+        if child is not None:
+            del _running[child]
+
+
+def _end_child(child: "subprocess.Popen[str]") -> None:
+    """Asks a child to end, and kills it where it has not within `_CHILD_GRACE_S`."""
+    with child:
+        _ask_to_end(child)
+        try:
+            child.wait(_CHILD_GRACE_S)
+        except subprocess.TimeoutExpired:
+            child.kill()
+
+
+def _ask_to_end(child: "subprocess.Popen[str]") -> None:
+    """Once: the second SIGTERM would end it before it has cleaned up."""
+    if not _running[child]:
+        _running[child] = True
+        child.terminate()
 
 
 def _end_workers() -> None:
@@ -162,8 +257,7 @@ def _end_workers() -> None:
 def _start_worker(
     parent: int, threads: int, initializer: Callable[..., None] | None, initargs: tuple[Any, ...]
 ) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all; the parent decides
-    signal.signal(signal.SIGTERM, _exit)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Windows; elsewhere it is held back
     _end_with(parent)
     _limit_threads(threads)
     if initializer is not None:
@@ -184,6 +278,7 @@ def _limit_threads(threads: int) -> None:
 
 def _exit(number: int, frame: FrameType | None) -> None:
     del frame
+    signal.signal(number, signal.SIG_IGN)  # asked twice, it still cleans up
     sys.exit(128 + number)
 
 
@@ -193,4 +288,4 @@ def _end_with(parent: int) -> None:
         return
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:  # it died before
-        sys.exit(128 + signal.SIGTERM)
+        os._exit(128 + signal.SIGTERM)

@@ -60,3 +60,106 @@ def test_no_process_and_no_half_file_is_left_of_a_simulation(tmp_path: Path, num
         )
         assert "Traceback" not in said
         assert not list(tmp_path.rglob("*.part"))
+
+
+def told_of(program: str) -> list[str]:
+    """What a Python program writes that works on this package."""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=30)
+    assert not done.stderr
+    return done.stdout.split()
+
+
+ENDING = """
+import os, signal, time
+from tipforce._processes import Interrupted, signals_end_the_program, run_child, worker_pool
+def interrupt():
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.01)
+"""
+
+
+def test_an_interrupt_in_a_finalizer_is_not_lost() -> None:
+    program = """
+class Finalized:
+    def __del__(self):
+        interrupt()
+try:
+    with signals_end_the_program():
+        Finalized()
+        time.sleep(20)
+except Interrupted as stop:
+    print(stop.signal.name)
+"""
+    assert told_of(ENDING + program) == ["SIGINT"]
+
+
+def test_an_interrupt_that_became_another_error_stays_one() -> None:
+    program = """
+try:
+    with signals_end_the_program():
+        try:
+            interrupt()
+        except Interrupted as stop:
+            raise ImportError("initialization failed") from stop
+except Interrupted as stop:
+    print(stop.signal.name)
+try:
+    with signals_end_the_program():
+        raise ValueError
+except ValueError:
+    print("others stay")
+"""
+    assert told_of(ENDING + program) == ["SIGINT", "others", "stay"]
+
+
+def test_a_child_program_never_gets_the_terminals_interrupt() -> None:
+    program = """
+import sys
+with signals_end_the_program():
+    done = run_child([sys.executable, "-c", "import os, signal; os.kill(os.getpid(), signal.SIGINT); print('on')"])
+print(done.returncode)
+"""
+    assert told_of(ENDING + program) == ["on", "0"]
+
+
+def test_a_worker_that_is_asked_to_end_cleans_up_and_begins_nothing_else(tmp_path: Path) -> None:
+    program = f"""
+from pathlib import Path
+FOLDER = Path({str(tmp_path)!r})
+def work(name):
+    try:
+        (FOLDER / name).touch()
+        time.sleep(20)
+    finally:
+        (FOLDER / name).rename(FOLDER / "cleaned")
+if __name__ == "__main__":
+    try:
+        with signals_end_the_program(), worker_pool(1) as pool:
+            pool.submit(work, "first"), pool.submit(work, "second")
+            while not (FOLDER / "first").exists():
+                time.sleep(0.01)
+            interrupt()
+    except Interrupted:
+        print("ended")
+"""
+    (tmp_path / "program.py").write_text(ENDING + program, encoding="utf-8")
+    began = time.monotonic()
+    done = subprocess.run([sys.executable, tmp_path / "program.py"], capture_output=True, text=True, timeout=30)
+    assert (done.stdout.split(), done.stderr) == (["ended"], "")
+    assert time.monotonic() - began < 20
+    (tmp_path / "program.py").unlink()
+    assert [path.name for path in tmp_path.iterdir()] == ["cleaned"]
+
+
+def test_an_interrupt_while_the_program_is_loaded_is_one_sentence() -> None:
+    program = """
+import runpy, sys
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "tipforce.cli":
+            interrupt()
+sys.meta_path.insert(0, Interrupting())
+sys.stderr = sys.stdout
+runpy.run_module("tipforce", run_name="__main__")
+"""
+    assert " ".join(told_of(ENDING + program)) == "tipforce: stopped by SIGINT"

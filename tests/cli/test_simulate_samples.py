@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from tipforce.alignment import labels
 from tipforce.cli import app
 from tipforce.datasets import open_dataset
-from tipforce.errors import InputError
+from tipforce.errors import FileFormatError, InputError
 from tipforce.io import RecordingReader
 from tipforce.pipelines import record, write_samples
 from tipforce.simulation import PRESETS, read_truth, sample_set
@@ -99,6 +99,13 @@ def sharded(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("shards") / "set"
     write(folder, WANTED, shards=True, masks=False, workers=1)
     return folder
+
+
+@pytest.mark.parametrize("content", ["{", "[" * 100_000, "[]"])
+def test_a_folder_whose_note_is_damaged_is_not_gone_on_with(tmp_path, content):
+    (tmp_path / "simulated.json").write_text(content)
+    with pytest.raises(FileFormatError, match=r"simulated\.json: .*; choose another folder with -o"):
+        write(tmp_path, WANTED, shards=False, masks=False, workers=1)
 
 
 def test_shards_hold_the_same_samples(made, sharded):

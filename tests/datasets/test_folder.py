@@ -236,6 +236,8 @@ def test_a_damaged_image_names_its_file(make_folder: Make) -> None:
         ("{", "is no JSON"),
         ('{"scale": 1}', "scale is not known; it may hold title"),
         ('{"title": 1}', "title and view must be text"),
+        ('{"title": "/dev/zero"}', "title is '/dev/zero', expected a name .*and no path; correct it there"),
+        ('{"view": "\\u001b[2J"}', "view is .*, expected a name in up to"),
         ('{"sessions": {"s1": 1}}', "sessions must be an object"),
         ('{"catheter": {"length_m": 1}}', r"dataset\.json: catheter\.length_m is not known; catheter may hold name"),
         (

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import random
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -134,6 +135,16 @@ def test_a_set_goes_on_where_it_was_cut_off(make: Callable[[Path], Growing], tmp
     assert make(tmp_path / "cut").whole
     (tmp_path / "cut" / "images" / "s2" / "99999.png").unlink(missing_ok=True)  # shards know nothing of it
     assert content(tmp_path / "cut") == content(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("content", [b"{", b"[" * 100_000, b"[]", b'{"view": "camera"}', b"\xff"])
+def test_a_damaged_note_of_a_session_says_how_to_go_on(tmp_path: Path, content: bytes) -> None:
+    growing = GrowingImages(tmp_path, SESSIONS)
+    growing.add(0, samples(0))
+    (note,) = growing.parts.glob("*.json")
+    note.write_bytes(content)
+    with pytest.raises(FileFormatError, match=f"^{re.escape(str(note))}: .*the same command makes its session again$"):
+        GrowingImages(tmp_path, SESSIONS).view()
 
 
 @both

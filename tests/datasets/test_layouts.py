@@ -52,9 +52,10 @@ def test_an_incomplete_tendon_session_names_its_row(tmp_path: Path) -> None:
     write_session(tmp_path / "sessions", "up", without=5)
     with pytest.raises(TableError, match=r"data_up\.csv, row 7: curve_fit.* has no curve of the image 5\.png"):
         open_dataset(tmp_path)
-    (tmp_path / "sessions" / "curve_fit_result-poly4d_up.json").write_text("[{}]")
-    with pytest.raises(FileFormatError, match="is no list of curves"):
-        open_dataset(tmp_path / "sessions")
+    for content, said in (("[{}]", "is no list of curves"), ("[" * 100_000, "nested more than")):
+        (tmp_path / "sessions" / "curve_fit_result-poly4d_up.json").write_text(content)
+        with pytest.raises(FileFormatError, match=f"{said}.*; copy the data set again$"):
+            open_dataset(tmp_path / "sessions")
 
 
 def test_soft_arm_images_are_turned_upright(tmp_path: Path) -> None:

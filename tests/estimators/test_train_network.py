@@ -62,6 +62,13 @@ def test_a_training_that_was_cut_off_is_gone_on_with(
     assert {"checkpoint.pt", "training.jsonl", "image.npy", "prepared.json"} == {p.name for p in work.iterdir()}
     with pytest.raises(InputError, match="holds a training that was not finished"):
         run(*words, tmp_path / "cut")
+    note = (work / "prepared.json").read_text()
+    for damaged in ("[" * 100_000, note.replace('"index": [', '"index": [-1, ')):
+        (work / "prepared.json").write_text(damaged)
+        remedy = r"prepared\.json: .*; remove .*, which prepares the images anew"
+        with pytest.raises(InputError, match=remedy), pytest.warns(UserWarning, match="keeps the training so far"):
+            run(*words, tmp_path / "cut", "--resume")
+    (work / "prepared.json").write_text(note)
     result = run(*words, tmp_path / "cut", "--resume")
     assert result.exit_code == 0
     assert "4 of 4 epochs" in " ".join(result.output.split())

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tipforce._json import MAX_DEPTH, parse_json, read_json
+import tipforce
+from tipforce._json import MAX_BYTES, MAX_DEPTH, parse_json, parse_json_lines, read_json
 from tipforce.errors import FileFormatError, InputError
 from tipforce.types import read_bench
 
@@ -38,6 +39,35 @@ def test_what_is_no_json_for_this_program_is_one_sentence(tmp_path: Path, conten
 
 def test_the_deepest_json_that_is_read() -> None:
     assert parse_json("[" * MAX_DEPTH + "]" * MAX_DEPTH, "here")
+
+
+def test_the_remedy_ends_every_refusal(tmp_path: Path) -> None:
+    for text in ("{", "[" * 200_000, "[" * (MAX_DEPTH + 2) + "]" * (MAX_DEPTH + 2), " " * (MAX_BYTES + 1)):
+        with pytest.raises(FileFormatError, match=r"^here: .*; mend it$"):
+            parse_json(text, "here", "mend it")
+    (tmp_path / "a.json").write_bytes(b"\xff\xfe")
+    for path in (tmp_path / "a.json", tmp_path, tmp_path / "none.json"):
+        with pytest.raises(FileFormatError, match=r"; mend it$"):
+            read_json(path, remedy="mend it")
+
+
+def test_a_line_that_is_no_object_is_named() -> None:
+    assert parse_json_lines('{"a": 1}\n{"a": 2}\n', "log") == [{"a": 1}, {"a": 2}]
+    for second in ("[1]", "{", "[" * 100_000):
+        with pytest.raises(FileFormatError, match=r"^log, line 2: .*; train anew$"):
+            parse_json_lines('{"a": 1}\n' + second, "log", "train anew")
+
+
+def test_json_is_read_through_one_gate_only() -> None:
+    """But what the program wrote itself a moment before, in memory, and what stands on the command line."""
+    others = {"_json.py", "cli/_settings.py", "simulation/_session_files.py", "simulation/world/_session.py"}
+    source = Path(tipforce.__file__).parent
+    used = {
+        path.relative_to(source).as_posix()
+        for path in source.rglob("*.py")
+        if re.search(r"json\.loads?\(|model_validate_json", path.read_text(encoding="utf-8"))
+    }
+    assert used == others
 
 
 def test_no_file_and_a_folder_are_told_apart(tmp_path: Path) -> None:

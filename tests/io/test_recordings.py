@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 
 from tipforce.errors import FileFormatError, InputError, TimeError
@@ -98,6 +99,36 @@ def test_lossless_images_come_back_bit_by_bit(tmp_path: Path, shape: tuple[int, 
     with RecordingReader(tmp_path / "run.mcap") as reader:
         np.testing.assert_array_equal(reader.frame_at(0).image, image)
         assert reader.session_info.name == "run"
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("tipforce.tare", {"force_n": "[" * 100_000}),
+        ("tipforce.tare", {"force_n": "[1, 2"}),
+        ("tipforce.tare", {"stretches_s": "[1]"}),
+        ("tipforce.inertia", {"axes": '["a"]', "gain_kg": "[1]"}),
+        ("tipforce.inertia", {"lag_ns": "soon"}),
+        ("tipforce.clock_offset", {"offset_ns": "1e6"}),
+        ("tipforce.session", {"json": "[" * 100_000}),
+        ("tipforce.session", {"json": "[]"}),
+    ],
+)
+def test_metadata_that_cannot_be_read_are_one_sentence(tmp_path: Path, name: str, values: dict[str, str]) -> None:
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2")
+        writer.add_metadata(name, values)
+        writer.finish()
+    with pytest.raises(FileFormatError) as caught, RecordingReader(path) as reader:
+        _ = reader.info
+    said = str(caught.value)
+    assert said.startswith(f"{path}: ")
+    assert ("session metadata" if name == "tipforce.session" else name) in said
+    assert said.endswith("; import it again")
+    assert "\n" not in said
+    assert len(said) < len(str(path)) + 250
 
 
 def test_facts_come_back_and_the_last_of_a_kind_holds(tmp_path: Path) -> None:

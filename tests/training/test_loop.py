@@ -158,6 +158,11 @@ def test_another_training_is_not_gone_on_with(tiny: Any, bars: Bars, quick: Trai
         trained(tiny(), bars(), quick.model_copy(update={"rate": 0.01}), folder=tmp_path, resume=True)
     with pytest.raises(InputError, match="the data differ"):
         trained(tiny(), bars(seed=1), quick, folder=tmp_path, resume=True)
+    whole = (tmp_path / "training.jsonl").read_text()
+    for line in ("{", "[" * 100_000, "[]"):
+        (tmp_path / "training.jsonl").write_text(whole.partition("\n")[0] + f"\n{line}\n" + whole)
+        with pytest.raises(InputError, match=r"training\.jsonl, line 2: .*; remove the folder .* and train anew"):
+            trained(tiny(), bars(), quick, folder=tmp_path, resume=True)
     (tmp_path / "checkpoint.pt").write_bytes(b"nothing")
     with pytest.raises(InputError, match="is damaged"):
         trained(tiny(), bars(), quick, folder=tmp_path, resume=True)

@@ -16,6 +16,7 @@ from ..types import SessionInfo, merged_values
 __all__ = ["FACTS", "FolderFacts", "facts_text", "read_facts", "session_info_of"]
 
 FACTS = "dataset.json"
+_MAX_NAME = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +47,13 @@ def read_facts(path: Path) -> FolderFacts:
     files = shared.pop("files", {})
     if not (isinstance(title, str) and isinstance(view, str)):
         raise FileFormatError(f"{path}: title and view must be text")
+    for key, text in (("title", title), ("view", view)):
+        # messages name a dataset by its title, and an image by its view
+        if text.startswith("/") or not text.isprintable() or len(text) > _MAX_NAME:
+            raise FileFormatError(
+                f"{path}: {key} is {text[:80]!r}, expected a name in up to {_MAX_NAME} characters that can be printed, "
+                "and no path; correct it there"
+            )
     if not isinstance(files, dict):
         raise FileFormatError(f"{path}: files must be an object: name of a shard -> its size and checksum")
     if not isinstance(sessions, dict) or not all(isinstance(own, dict) for own in sessions.values()):

@@ -10,7 +10,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from .._json import read_json
+from .._json import parse_json, read_json
+from ..errors import FileFormatError
 from ..types import BoolArray, FloatArray, IntArray, SessionInfo
 from ._checks import crc_column, crc_text, shard_facts
 from ._facts import FACTS, facts_text
@@ -19,6 +20,11 @@ from ._label_table import FORCES
 from ._parquet import IMAGE, SUFFIX, arrow
 
 __all__ = ["Growing", "GrowingImages", "GrowingShards", "SessionSamples"]
+
+
+_MAX_PART_BYTES = 256 << 20
+"""Longest file with the labels of one session: some 300 bytes a sample."""
+_REMEDY = "remove it, and the same command makes its session again"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,6 +107,16 @@ class Growing(ABC):
         shutil.rmtree(self.parts)
 
     @abstractmethod
+    def _part(self, number: int) -> Path:
+        """The file that says that a session is whole."""
+
+    def _checked(self, values: Any, number: int, *more: str) -> dict[str, Any]:
+        """What the file of a session holds, with the keys of `about` and ``more``. Raises FileFormatError."""
+        if not isinstance(values, dict) or not {"session_info", "view", *more} <= values.keys():
+            raise FileFormatError(f"{self._part(number)}: is damaged, it does not hold what was simulated; {_REMEDY}")
+        return values  # pyright: ignore[reportUnknownVariableType]
+
+    @abstractmethod
     def session_info(self, number: int) -> SessionInfo:
         """Of a session that was added."""
 
@@ -181,7 +197,9 @@ class GrowingImages(Growing):
 
     @lru_cache(maxsize=2)  # noqa: B019  the set is gone when its command ends
     def _read(self, number: int) -> dict[str, Any]:
-        return json.loads(self._part(number).read_text(encoding="utf-8"))
+        return self._checked(
+            read_json(self._part(number), max_bytes=_MAX_PART_BYTES, remedy=_REMEDY), number, "columns", "rows"
+        )
 
     def session_info(self, number: int) -> SessionInfo:
         """Of a session that was added."""
@@ -257,7 +275,9 @@ class GrowingShards(Growing):
         part.replace(self._part(number))
 
     def _about(self, number: int) -> dict[str, Any]:
-        return json.loads(arrow()[1].read_schema(self._part(number)).metadata[_ABOUT])
+        path = self._part(number)
+        metadata: Mapping[bytes, bytes] = arrow()[1].read_schema(path).metadata or {}
+        return self._checked(parse_json(metadata.get(_ABOUT, b""), str(path), _REMEDY), number)
 
     def session_info(self, number: int) -> SessionInfo:
         """Of a session that was added."""

@@ -5,17 +5,20 @@ Each fact is one metadata record of the file, all of whose values are text.
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from .._json import parse_json
 from ..errors import FileFormatError
 from ..types import FloatArray, SessionInfo, frozen
 
-__all__ = ["ClockOffset", "Inertia", "Tare", "session_from", "session_record"]
+__all__ = ["ClockOffset", "Inertia", "Tare", "fact_from", "session_from", "session_record"]
 
+_REMEDY = "import it again"
+_T = TypeVar("_T")
 
 _DIGITS = 7
 """Decimals of a fact in newtons or kilograms: what lies beyond is the rounding of sums, and no fact."""
@@ -57,7 +60,7 @@ class ClockOffset:
 
     @classmethod
     def of(cls, record: Mapping[str, str]) -> "ClockOffset":
-        """The inverse of `record`."""
+        """The inverse of `record`. Raises ValueError."""
         how = record.get("how", "none")
         return cls(
             offset_ns=int(record.get("offset_ns", "0")),
@@ -108,12 +111,12 @@ class Tare:
 
     @classmethod
     def of(cls, record: Mapping[str, str]) -> "Tare":
-        """The inverse of `record`."""
+        """The inverse of `record`. Raises ValueError, TypeError or FileFormatError."""
         how = record.get("how", "none")
         return cls(
-            force_n=np.array(json.loads(record.get("force_n", "[0, 0, 0]"))),
-            stderr_n=np.array(json.loads(record.get("stderr_n", "[NaN, NaN, NaN]"))),
-            stretches_s=tuple((float(a), float(b)) for a, b in json.loads(record.get("stretches_s", "[]"))),
+            force_n=np.array(_value(record, "force_n", "[0, 0, 0]"), np.float64),
+            stderr_n=np.array(_value(record, "stderr_n", "[NaN, NaN, NaN]"), np.float64),
+            stretches_s=tuple((float(a), float(b)) for a, b in _value(record, "stretches_s", "[]")),
             how=how if how in ("stated", "detected") else "none",
             detail=record.get("detail", ""),
         )
@@ -153,11 +156,11 @@ class Inertia:
 
     @classmethod
     def of(cls, record: Mapping[str, str]) -> "Inertia":
-        """The inverse of `record`."""
-        axes = tuple(str(name) for name in json.loads(record.get("axes", "[]")))
+        """The inverse of `record`. Raises ValueError, TypeError or FileFormatError."""
+        axes = tuple(str(name) for name in _value(record, "axes", "[]"))
         return cls(
             axes=axes,
-            gain_kg=np.array(json.loads(record.get("gain_kg", "[]")), np.float64).reshape(len(axes), 3),
+            gain_kg=np.array(_value(record, "gain_kg", "[]"), np.float64).reshape(len(axes), 3),
             lag_ns=int(record.get("lag_ns", "0")),
             how="estimated" if record.get("how") == "estimated" else "none",
             detail=record.get("detail", ""),
@@ -173,8 +176,24 @@ def session_from(record: Mapping[str, str], where: str) -> SessionInfo:
     """The inverse of `session_record`; nothing is known where there is no record. Raises InputError."""
     if "json" not in record:
         return SessionInfo()
+    values = parse_json(record["json"], f"{where}: session metadata", _REMEDY)
+    if not isinstance(values, dict):
+        raise FileFormatError(f"{where}: session metadata: expected an object with named values; {_REMEDY}")
+    return SessionInfo.from_values(values, f"{where}: session metadata")  # pyright: ignore[reportUnknownArgumentType]
+
+
+def fact_from(kind: Callable[[Mapping[str, str]], _T], record: Mapping[str, str], name: str, where: str) -> _T:
+    """What ``kind``, such as `Tare.of`, makes of the metadata record ``name`` of ``where``.
+
+    Raises:
+        FileFormatError: its values are not what they have to be.
+    """
     try:
-        values = json.loads(record["json"])
-    except json.JSONDecodeError as error:
-        raise FileFormatError(f"{where}: its session metadata are no JSON ({error}); import it again") from None
-    return SessionInfo.from_values(values, f"{where}: session metadata")
+        return kind(record)
+    except (ValueError, TypeError, OverflowError, FileFormatError) as error:
+        raise FileFormatError(f"{where}: its metadata record {name} cannot be read ({error}); {_REMEDY}") from None
+
+
+def _value(record: Mapping[str, str], key: str, default: str) -> Any:
+    """The JSON value that a record states for ``key``."""
+    return parse_json(record.get(key, default), key)

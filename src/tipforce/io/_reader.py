@@ -37,7 +37,7 @@ from ._cdr import (
     wrench_layout,
 )
 from ._container import MESSAGE_HEAD, Container, Entries
-from ._facts import ClockOffset, Inertia, Tare, session_from
+from ._facts import ClockOffset, Inertia, Tare, fact_from, session_from
 from ._images import StreamDepth, decode_image
 from ._recover import resolve
 
@@ -115,7 +115,11 @@ class RecordingReader:
             self._topics[name] = (channel.id, kind if channel.message_encoding == "cdr" else "other")
         self._entries: dict[str, Entries] = {}
         self._depths: dict[str, StreamDepth] = {}
-        info = session_from(self._file.metadata.get("tipforce.session", {}), str(self.path))
+        try:
+            info = session_from(self._file.metadata.get("tipforce.session", {}), str(self.path))
+        except InputError:
+            self._file.close()
+            raise
         self._session_info = replace(info, name=info.name or self.path.stem)
 
     @property
@@ -133,13 +137,16 @@ class RecordingReader:
         }
         return RecordingInfo(
             streams=streams,
-            clock_offset=ClockOffset.of(metadata.get("tipforce.clock_offset", {})),
-            tare=Tare.of(metadata.get("tipforce.tare", {})),
-            inertia=Inertia.of(metadata.get("tipforce.inertia", {})),
+            clock_offset=self._fact(ClockOffset.of, "tipforce.clock_offset"),
+            tare=self._fact(Tare.of, "tipforce.tare"),
+            inertia=self._fact(Inertia.of, "tipforce.inertia"),
             sensor=self._sensor(),
             metadata=metadata,
             recovered=self.recovered or metadata.get("tipforce.recovered", {}).get("detail", ""),
         )
+
+    def _fact(self, kind: Callable[[Mapping[str, str]], _T], name: str) -> _T:
+        return fact_from(kind, self._file.metadata.get(name, {}), name, str(self.path))
 
     def _sensor(self) -> SensorInfo | None:
         """The sensor as far as its pose is stated."""

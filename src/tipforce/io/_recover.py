@@ -88,6 +88,7 @@ class _Findings:
     messages: int = 0
     finished: bool = False
     uncertain_metadata: bool = False
+    last_s: float | None = None
 
     def lose(self, first_ns: int, last_ns: int) -> None:
         """Note a chunk that cannot be read."""
@@ -99,6 +100,8 @@ class _Findings:
             return f"{name} was whole: {self.messages} messages recovered"
         said = f"{name} was {'damaged' if self.finished else 'cut off'}: {self.messages} messages recovered"
         said += f", {self.lost_bytes} bytes of an unfinished record lost" if self.lost_bytes else ""
+        if self.last_s is not None:
+            said += f"; the last message is of {self.last_s:.3f} s, what came later is lost in all streams"
         if self.lost_s:
             shown = ", ".join(f"{first:.3f} to {last:.3f} s" for first, last in self.lost_s[:4])
             more = f" and {len(self.lost_s) - 4} more" if len(self.lost_s) > 4 else ""
@@ -168,6 +171,7 @@ def recover(part: Path, target: Path, *, keep: bool = False) -> str:
         writer.start(profile="ros2", library="tipforce")
         schemas: dict[int, int] = {}
         channels: dict[int, int] = {}
+        last_ns = 0
         for record in _records(source, found):
             if isinstance(record, Schema) and record.id not in schemas:
                 schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
@@ -177,10 +181,13 @@ def recover(part: Path, target: Path, *, keep: bool = False) -> str:
                 )
             elif isinstance(record, Message) and record.channel_id in channels:
                 found.messages += 1
+                last_ns = max(last_ns, record.log_time)
                 channel = channels[record.channel_id]
                 writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
             elif isinstance(record, Metadata):
                 writer.add_metadata(record.name, record.metadata)
+        if not found.finished and found.messages:
+            found.last_s = last_ns * 1e-9
         said = found.said(part.name if keep else target.name)
         if found.messages:
             writer.add_metadata("tipforce.recovered", {"detail": said})

@@ -4,7 +4,6 @@ Each command runs as a program of its own, so the demo shows and tests what user
 """
 
 import importlib.util
-import json
 import shlex
 import sys
 import time
@@ -15,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from .._cores import cores
+from .._json import read_json
 from .._processes import run_child
 from ..errors import TipforceError
 
@@ -150,7 +150,7 @@ def _import(say: Say, runs: Path, folder: Path) -> None:
 
 def _best_of(models: list[str], metrics: Path) -> str:
     """The model with the smallest mean absolute error in ``metrics``."""
-    results = json.loads(metrics.read_text(encoding="utf-8"))["results"]
+    results = read_json(metrics)["results"]
     labels = {model if model.startswith("pretrained/") else Path(model).name: model for model in models}
     errors = {
         labels[result["method"]]: result["against_sensor"]["quantities"]["magnitude"]["mae_n"]

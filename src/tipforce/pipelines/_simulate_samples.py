@@ -5,13 +5,15 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
+from .._json import read_json
 from ..alignment import label_log, observations
 from ..datasets import Growing, GrowingImages, GrowingShards, SessionSamples
-from ..errors import InputError
+from ..errors import FileFormatError, InputError
 from ..io import encode_image
 from ..simulation import (
     SampleSet,
@@ -50,7 +52,7 @@ def write_samples(
     made = {**wanted.model_dump(mode="json"), "shards": shards, "masks": masks, "lossless": lossless}
     manifest = folder / "simulated.json"
     if manifest.exists():
-        require_same_settings(folder, json.loads(manifest.read_text(encoding="utf-8")), made)
+        require_same_settings(folder, _read_made(manifest), made)
     elif folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder}: is there already and no set of simulated samples; choose another folder with -o")
     else:
@@ -67,6 +69,15 @@ def write_samples(
     write_sessions(work, todo, wanted.per_session, workers=workers, progress=progress)
     settings = wanted.settings
     into.finish(f"{settings.preset}, seed {wanted.seed}, {wanted.samples} simulated samples")
+
+
+def _read_made(path: Path) -> dict[str, Any]:
+    """What ``simulated.json`` says that a folder was made from."""
+    remedy = "choose another folder with -o or delete this one"
+    values = read_json(path, remedy=remedy)
+    if not isinstance(values, dict):
+        raise FileFormatError(f"{path}: does not say what the samples were made from; {remedy}")
+    return values  # pyright: ignore[reportUnknownVariableType]
 
 
 def _check_room(folder: Path, wanted: SampleSet, lossless: bool, say: Callable[[str], None]) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .._json import parse_json_lines, read_small_text
 from ..errors import InputError
 from ._config import TrainConfig
 from ._data import TrainingSamples
@@ -113,8 +114,10 @@ class TrainingLog:
         if self._path is None:
             return
         if epochs:
-            lines = self._path.read_text(encoding="utf-8").splitlines()[:epochs] if self._path.is_file() else []
-            self.rows = [json.loads(line) for line in lines]
+            remedy = f"remove the folder {folder} and train anew without resume=True"
+            text = read_small_text(self._path, remedy=remedy) if self._path.is_file() else ""
+            # the line of an epoch that was not finished may be cut off
+            self.rows = parse_json_lines("\n".join(text.splitlines()[:epochs]), str(self._path), remedy)
         part = self._path.with_name(f"{LOG_FILE}.part")
         part.write_text("".join(f"{json.dumps(row)}\n" for row in self.rows), encoding="utf-8")
         part.replace(self._path)

@@ -5,11 +5,11 @@ degree 4 without constant term, in an undocumented unit of length. The forces ar
 plausibly millinewtons, on the sensor's own axes and with a bias that differs by session.
 """
 
-import json
 from pathlib import Path
 
 import numpy as np
 
+from ..._json import read_json
 from ...errors import FileFormatError, InputError, TableError
 from ...io import open_table
 from ...types import Catheter, FloatArray, SessionInfo
@@ -58,6 +58,9 @@ def open_layout(folder: Path) -> Dataset:
     )
 
 
+_MAX_BYTES = 256 << 20
+"""Longest file of curves; the published ones have some 1 MB."""
+_REMEDY = "copy the data set again"
 _CURVES = "curve_fit_result-poly4d_{}.json"
 
 
@@ -92,10 +95,10 @@ def _read_curves(path: Path) -> dict[str, list[float]]:
     if not path.is_file():
         raise FileFormatError(f"{path}: there is no such file; every session needs its curves")
     try:
-        entries = json.loads(path.read_text(encoding="utf-8"))
+        entries = read_json(path, max_bytes=_MAX_BYTES, remedy=_REMEDY)
         curves = {entry["Image Filename"]: [float(value) for value in entry["Coefficients"]] for entry in entries}
-    except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
-        raise FileFormatError(f"{path}: is no list of curves ({type(error).__name__}: {error})") from None
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(f"{path}: is no list of curves ({type(error).__name__}: {error}); {_REMEDY}") from None
     for image, values in curves.items():
         if len(values) != len(SHAPE_NAMES) or not np.isfinite(values).all():
             raise FileFormatError(f"{path}: the curve of {image} is {values}, expected {len(SHAPE_NAMES)} numbers")

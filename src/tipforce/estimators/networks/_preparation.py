@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.format import open_memmap
 
+from ..._json import read_json
 from ...datasets import Dataset
-from ...errors import InputError
+from ...errors import FileFormatError, InputError
 from ...training import TrainingSamples
 from ...types import BoolArray, Image, IntArray, Observation
 from .._reading import Abstention, read_actuation
@@ -34,6 +35,8 @@ __all__ = [
 ]
 
 PREPARED_FILE = "prepared.json"
+_MAX_NOTE_BYTES = 256 << 20
+"""Longest `PREPARED_FILE`: some 9 bytes a sample."""
 """Describes the prepared arrays; it is written last."""
 
 Arrays = dict[str, npt.NDArray[Any]]
@@ -153,8 +156,8 @@ def prepare(
         "\n".join([key, repr(sorted(specs.items())), dataset.fingerprint(), dataset.title, *names.tolist()]).encode()
     ).hexdigest()
     note = folder / PREPARED_FILE
-    if note.is_file() and (noted := json.loads(note.read_text(encoding="utf-8")))["key"] == key:
-        return _opened(folder, specs, np.array(noted["index"], np.int64), noted["first_skipped"])
+    if note.is_file() and (kept := _kept(note, key, len(dataset))) is not None:
+        return _opened(folder, specs, *kept)
     note.unlink(missing_ok=True)
     count = len(dataset)
     needed = count * sum(int(np.prod(shape)) * np.dtype(kind).itemsize for shape, kind in specs.values())
@@ -185,6 +188,25 @@ def prepare(
     part.write_text(json.dumps({"key": key, "index": index, "first_skipped": first_skipped}), encoding="utf-8")
     part.replace(note)
     return _opened(folder, specs, np.array(index, np.int64), first_skipped)
+
+
+def _kept(note: Path, key: str, count: int) -> tuple[IntArray, str] | None:
+    """The samples that prepared files hold, and the first that was skipped; None where they are of another key.
+
+    Raises:
+        FileFormatError: the note beside the files is damaged.
+    """
+    remedy = f"remove {note} and run the command again, which prepares the images anew"
+    noted = read_json(note, max_bytes=_MAX_NOTE_BYTES, remedy=remedy)
+    try:
+        if noted["key"] != key:
+            return None
+        index, skipped = np.array(noted["index"], np.int64), str(noted["first_skipped"])
+        if index.ndim == 1 and np.all(np.diff(index) > 0) and np.all((index >= 0) & (index < count)):
+            return index, skipped
+    except (KeyError, TypeError, ValueError, OverflowError):
+        pass  # refused below
+    raise FileFormatError(f"{note}: does not say which images were prepared; {remedy}")
 
 
 def _opened(folder: Path, specs: Specs, index: IntArray, first_skipped: str) -> PreparedData:

@@ -1,6 +1,5 @@
 """Further figures: errors over their Cramer-Rao bound, errors under perturbations, the training of a network."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter, StrMethodFormatter
 
-from ...errors import ModelError
+from ..._json import parse_json_lines
+from ...errors import FileFormatError, ModelError
 from ...estimators import Estimator
 from .._constant import Constant
 from .._ground_truth import BOUND_KINDS
@@ -154,13 +154,13 @@ def training_log(estimator: Estimator) -> list[dict[str, Any]]:
     Raises:
         ModelError: The log cannot be read.
     """
-    lines = estimator.files().get(_TRAINING_LOG, b"").decode("utf-8", errors="replace").splitlines()
+    text = estimator.files().get(_TRAINING_LOG, b"").decode("utf-8", errors="replace")
     try:
-        rows = [json.loads(line) for line in lines]
+        rows = parse_json_lines(text, _TRAINING_LOG)
         for row in rows:  # null: an epoch whose network answered without bounds
             row |= {name: math.nan if row[name] is None else float(row[name]) for name in _LOG_FIELDS}
             row["epoch"] = int(row["epoch"])
-    except (ValueError, KeyError, TypeError) as error:
+    except (FileFormatError, ValueError, KeyError, TypeError) as error:
         raise ModelError(
             f"{estimator.name}: its {_TRAINING_LOG} cannot be read ({error}); train the model again"
         ) from None
