@@ -1,11 +1,14 @@
 """``tipforce`` and ``python -m tipforce``: signals are looked after before anything heavy is imported."""
 
+import os
 import signal
 import sys
 
 from ._processes import Interrupted, signals_end_the_program
 
 __all__ = ["main"]
+
+_INTERRUPTED = {128 + signal.SIGINT, 128 + signal.SIGTERM}
 
 
 def main() -> None:
@@ -17,10 +20,27 @@ def main() -> None:
             run()
     except Interrupted as stop:  # before the verb had begun
         sys.stderr.write(f"tipforce: stopped by {stop.signal.name}\n")
-        sys.exit(128 + stop.signal)
+        _leave(128 + stop.signal)
+    except SystemExit as end:
+        if isinstance(end.code, int) and end.code in _INTERRUPTED:
+            _leave(end.code)
+        raise
     finally:  # what comes now is the end of the interpreter
         for each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, signal.SIG_DFL)
+
+
+def _leave(code: int) -> None:
+    """Ends the process without the end of the interpreter, which takes a second more with all that is loaded.
+
+    All files are cleaned up and all children have ended when an interrupt comes to here.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:  # whoever read it has gone
+            continue
+    os._exit(code)
 
 
 if __name__ == "__main__":
