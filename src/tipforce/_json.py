@@ -37,18 +37,18 @@ def read_json(path: Path, *, max_bytes: int = MAX_BYTES, remedy: str = "") -> An
     Raises:
         FileFormatError: it is missing, no regular file, too long, too deeply nested, or no JSON.
     """
-    return parse_json(read_small_text(path, max_bytes=max_bytes, remedy=remedy), str(path), remedy)
+    return parse_json(read_small_text(path, max_bytes=max_bytes, remedy=remedy), str(path), remedy, max_bytes)
 
 
-def parse_json(text: str | bytes, where: str, remedy: str = "") -> Any:
+def parse_json(text: str | bytes, where: str, remedy: str = "", max_bytes: int = MAX_BYTES) -> Any:
     """The JSON value that ``text`` states; ``where`` it is from begins the message, ``remedy`` ends it.
 
     Raises:
-        FileFormatError: it is longer than `MAX_BYTES`, no JSON, or nested deeper than `MAX_DEPTH`.
+        FileFormatError: it is longer than ``max_bytes``, no JSON, or nested deeper than `MAX_DEPTH`.
     """
     end = f"; {remedy}" if remedy else ""
-    if len(text) > MAX_BYTES:
-        raise FileFormatError(f"{where}: is longer than {MAX_BYTES >> 20} MiB, which such a value never is{end}")
+    if len(text) > max_bytes:
+        raise FileFormatError(f"{where}: is longer than {max_bytes / 2**20:g} MiB, which such a value never is{end}")
     try:
         value = json.loads(text)
     except RecursionError:

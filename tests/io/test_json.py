@@ -86,3 +86,11 @@ def test_a_bench_file_of_nonsense_is_one_sentence(tmp_path: Path, content: str) 
     path.write_text(content)
     with pytest.raises(InputError, match=r"bench\.toml: "):
         read_bench(path)
+
+
+def test_a_longer_file_is_read_where_more_is_allowed(tmp_path: Path) -> None:
+    path = tmp_path / "long.json"
+    path.write_text(f'["{"x" * MAX_BYTES}"]')
+    with pytest.raises(FileFormatError, match="longer than 16 MiB"):
+        read_json(path)
+    assert len(read_json(path, max_bytes=2 * MAX_BYTES)[0]) == MAX_BYTES

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from ..errors import InputError
 from ._common import JsonOption, check_new, check_outputs, progress_bar, say, write_json
 from ._facts import BenchOption, FactOption, stated_info
 from ._settings import SetOption, settings_from
@@ -12,6 +13,7 @@ from ._settings import SetOption, settings_from
 __all__ = ["command"]
 
 _THESIS_FIGURES = ("figure17", "figure18")
+_DRAWN = 12
 
 
 def command(
@@ -22,7 +24,7 @@ def command(
     bench: BenchOption = None,
     fact: FactOption = None,
     every: Annotated[int, typer.Option(min=1, help="Of a video, look at every so many frames.")] = 1,
-    drawn: Annotated[int, typer.Option(min=1, help="Of a video, draw so many frames on one contact sheet.")] = 12,
+    drawn: Annotated[int, typer.Option(min=1, help="Of a video, draw so many frames on one contact sheet.")] = _DRAWN,
     frames: Annotated[
         bool, typer.Option("--frames", help="Of a recording, look at its images instead of its streams.")
     ] = False,
@@ -56,6 +58,8 @@ def command(
     check_outputs([file], target, *more.values(), json_file)
     check_new(target, *more.values(), overwrite=overwrite)
     if file.suffix in (".mcap", ".part") and not (frames or figures):
+        if settings or bench or fact or every != 1 or drawn != _DRAWN:
+            raise InputError(f"{file}: how images are looked at plays no part in a recording's streams; add --frames")
         check_image_target(target, plot=True)
         summary = summarise_recording(file)
         plot_summary(summary, target)

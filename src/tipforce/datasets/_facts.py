@@ -39,7 +39,7 @@ def read_facts(path: Path) -> FolderFacts:
     """``path``, or nothing known where it is not there. Raises FileFormatError."""
     if not path.exists():
         return FolderFacts(path=str(path))
-    values = read_json(path)
+    values = read_json(path, remedy="correct it there")
     if not isinstance(values, dict):
         raise FileFormatError(f"{path}: expected an object with keys like title, view, catheter, views, sessions")
     shared = dict[str, Any](values)
