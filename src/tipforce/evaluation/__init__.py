@@ -6,7 +6,7 @@ from ._ground_truth import BOUND_KINDS, FORCE_BOUND_BINS_N, CramerRaoBounds, bou
 from ._kept_fits import KeptFits, kept_fits
 from ._methods import Method, methods_from
 from ._metrics import FORCE_BINS_N, error_metrics, interval_metrics, percent_of_true, score
-from ._predictions import CONTACT_N, Predictions
+from ._predictions import Predictions
 from ._protocols import AS_SAVED, PROTOCOLS, FittedSplit, MethodResult
 from ._robustness import UNPERTURBED
 from ._statistics import (
@@ -23,7 +23,6 @@ __all__ = [
     "AS_SAVED",
     "BOUND_KINDS",
     "CONTACT_ANGLE_BINS_DEG",
-    "CONTACT_N",
     "COVERAGE_FORCE_BINS_N",
     "FORCE_BINS_N",
     "FORCE_BOUND_BINS_N",

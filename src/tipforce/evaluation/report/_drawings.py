@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from ...clinical import CONTACT_N
 from ...types import FloatArray
 from .._constant import Constant
 from .._evaluate import Evaluation
-from .._predictions import CONTACT_N, Predictions, collect
+from .._predictions import Predictions, collect
 from .._protocols import BY_SESSION, PROTOCOL_WORDS, MethodResult, index_in
 from ._figures_extra import figure_bound, figure_perturbed, figure_training, training_log
 from ._figures_results import (
@@ -24,7 +25,7 @@ from ._figures_results import (
     typical_session,
 )
 from ._figures_thesis import figure_23a, figure_23b, figure_24, figure_31, figure_32, sample_sheet
-from ._style import METHOD_COLOURS, WIDE_IN, WIDTH_IN, Drawing, drawing_of, image_drawing
+from ._style import METHOD_COLOURS, WIDE_IN, WIDTH_IN, Drawing, drawing_of, image_drawing, window_words
 
 __all__ = ["HEAD", "head_drawings", "method_drawings", "traces_of", "whole_session"]
 
@@ -68,7 +69,7 @@ def head_drawings(evaluation: Evaluation, best: str, traces: Mapping[str, Predic
         )
         caption = (
             f"Session {session}, the one with the median error: {PROTOCOL_WORDS[evaluation.strictest].held}. "
-            "Below 0.1 N (10 g) an ablation fails, above 0.4 N (41 g) the wall may be pierced."
+            f"{window_words()}."
         )
         drawings["trace"] = drawing_of("trace", caption, figure)
         caption = f"Each point is a sample of {of}; on the line the estimate equals the force sensor."
