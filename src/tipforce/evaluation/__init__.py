@@ -1,5 +1,6 @@
 """Evaluation of methods: metrics, protocols, the constant predictor, robustness to perturbations, the report."""
 
+from ._comparison import LOAD_BINS_N, SENSOR_MAE_N, comparison
 from ._constant import Constant
 from ._evaluate import Evaluation, EvaluationSettings, ShowsFeatures, evaluate
 from ._ground_truth import BOUND_KINDS, FORCE_BOUND_BINS_N, CramerRaoBounds, bound_at, bound_ratios, truth_at
@@ -26,8 +27,10 @@ __all__ = [
     "COVERAGE_FORCE_BINS_N",
     "FORCE_BINS_N",
     "FORCE_BOUND_BINS_N",
+    "LOAD_BINS_N",
     "MIN_SESSIONS",
     "PROTOCOLS",
+    "SENSOR_MAE_N",
     "UNPERTURBED",
     "Constant",
     "CramerRaoBounds",
@@ -44,6 +47,7 @@ __all__ = [
     "bound_at",
     "bound_ratios",
     "check_report_folder",
+    "comparison",
     "coverage_by_stratum",
     "error_metrics",
     "evaluate",

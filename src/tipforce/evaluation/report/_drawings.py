@@ -9,10 +9,12 @@ from matplotlib.figure import Figure
 
 from ...clinical import CONTACT_N
 from ...types import FloatArray
+from .._comparison import SENSOR_SOURCE, comparison
 from .._constant import Constant
 from .._evaluate import Evaluation
 from .._predictions import Predictions, collect
 from .._protocols import BY_SESSION, PROTOCOL_WORDS, MethodResult, index_in
+from ._figures_comparison import figure_comparison
 from ._figures_extra import figure_bound, figure_perturbed, figure_training, training_log
 from ._figures_results import (
     figure_bland_altman,
@@ -29,7 +31,9 @@ from ._style import METHOD_COLOURS, WIDE_IN, WIDTH_IN, Drawing, drawing_of, imag
 
 __all__ = ["HEAD", "head_drawings", "method_drawings", "traces_of", "whole_session"]
 
-HEAD = ("trace", "scatter", "agreement", "coverage_force", "coverage_angle", "splits", "bound", "perturbed")
+HEAD = (
+    "trace", "scatter", "agreement", "coverage_force", "coverage_angle", "splits", "comparison", "bound", "perturbed",
+)  # fmt: skip
 """Names of the figures before the sections of the methods."""
 
 
@@ -77,6 +81,9 @@ def head_drawings(evaluation: Evaluation, best: str, traces: Mapping[str, Predic
         drawings["agreement"] = _agreement(strict, "bland-altman")
     drawings |= _coverage(evaluation)
     drawings["splits"] = _splits(evaluation)
+    if evaluation.settings.compare:
+        caption = f"{of[0].upper()}{of[1:]}. Bins with fewer than 10 samples are left out. Sensors in the tip: {SENSOR_SOURCE}."
+        drawings["comparison"] = drawing_of("comparison", caption, figure_comparison(comparison(evaluation)))
     bound, perturbed = _bound(evaluation), _perturbed(evaluation)
     if bound is not None:
         drawings["bound"] = bound
