@@ -12,11 +12,14 @@ __all__ = ["STATIONS", "ForceFit", "StationNoise", "fit_force", "line_stations",
 STATIONS = 8
 """Points of the centreline that a model is compared with, uniform in arc length, the tip last."""
 
-_STEP_N = 1e-4
-"""For derivatives by differences: a load of 0.1 mN moves the tip of a 7F catheter by some micrometres."""
+_STEP_N = 1e-6
+"""For derivatives by differences: so small that the bend of the curve plays no part beside weak directions, and far
+above what the models' own iterations leave."""
+_STUCK_N = 1e-4
+"""Where no step is better and the last one tried was shorter, it is rounding that is in the way."""
 _MAX_STEP_N = 0.1
 _TOLERANCE_N = 1e-5
-_ITERATIONS, _TRIALS = 25, 8
+_ITERATIONS, _TRIALS = 25, 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +59,7 @@ def line_stations(points_m: FloatArray) -> FloatArray:
 
 
 def model_stations(model: RodModel, force_n: FloatArray, last: int = STATIONS) -> FloatArray:
-    """(2 last,): the ``last`` of these stations of ``model`` under ``force_n`` (2,); NaN where it has no equilibrium."""
+    """(2 last,): the ``last`` of these stations of ``model`` under ``force_n`` (2,); NaN without an equilibrium."""
     shape = model.solve_static(force_n)
     if not shape.converged:
         return np.full(2 * last, np.nan)
@@ -75,14 +78,10 @@ def fit_force(model: RodModel, stations_m: FloatArray, noise: StationNoise) -> F
     force = np.zeros(2)
     wrong = stations_m - model_stations(model, force, last)
     cost, damping, converged = _cost(wrong, force, noise), 1e-3, False
-    normal = prior * np.eye(2)
+    normal, step = prior * np.eye(2), np.zeros(2)
     for _ in range(_ITERATIONS):
-        slopes = np.column_stack(
-            [
-                (stations_m - model_stations(model, force + step, last) - wrong) / -_STEP_N
-                for step in _STEP_N * np.eye(2)
-            ]
-        )
+        ahead = [stations_m - model_stations(model, force + step, last) for step in _STEP_N * np.eye(2)]
+        slopes = np.column_stack([(wrong - each) / _STEP_N for each in ahead])
         normal = slopes.T @ noise.weight @ slopes + prior * np.eye(2)
         if not np.isfinite(normal).all():
             break
@@ -97,12 +96,13 @@ def fit_force(model: RodModel, stations_m: FloatArray, noise: StationNoise) -> F
                 break
             damping *= 8.0
         else:
-            converged = bool(np.hypot(*step) < _STEP_N)  # no better within rounding
+            converged = bool(np.hypot(*step) < _STUCK_N)  # no better within rounding
             break
         if np.hypot(*step) < _TOLERANCE_N:
             converged = True
             break
-    return ForceFit(force, np.linalg.inv(normal) if np.isfinite(normal).all() else normal, cost, converged)
+    covariance = np.linalg.inv(normal) if np.isfinite(normal).all() else np.full((2, 2), np.nan)
+    return ForceFit(force, covariance.astype(np.float64), cost, converged)
 
 
 def _cost(wrong: FloatArray, force: FloatArray, noise: StationNoise) -> float:

@@ -1,7 +1,7 @@
 """The model-based methods of thesis table 2 as estimators: from the detected centreline by mechanics, not by learning.
 
-Each asks its rod model, as it stands in `tipforce.mechanics.models`, under which force at the tip the centreline would be
-where it was detected. The rod is that of the session's metadata, bent beforehand as the knob's nominal gain says.
+Each asks its rod model, as it stands in `tipforce.mechanics.models`, under which force at the tip the centreline would
+be where it was detected. The rod is that of the session's metadata, bent beforehand as the knob's nominal gain says.
 Nothing needs to be fitted where the stiffness is stated. ``fit`` finds a factor of the stiffness and an offset of the
 pre-curvature by least squares on training frames whose force is known, and how far detected and modelled stations then
 still are apart: their covariance is the weight of the stations from then on.
@@ -59,6 +59,9 @@ _KNOB = "knob_deg"
 _KNOWN = np.array([True, True, False])
 _TYPICAL_STIFFNESS_NM2 = 4.3e-4
 """Of a slightly bent 7F ablation catheter (Khoshnam et al. 2012): where ``fit`` begins when none is stated."""
+_STATED_WITHIN, _TYPICAL_WITHIN = 2.0, 10.0
+"""Factors within which a stated stiffness is right, and the typical one where none is stated."""
+_MOST_OFFSET_PER_M = 20.0
 _GAUSSIAN = Interval(
     half_n=np.array([1.6449, 1.6449, np.nan]),
     magnitude_half_n=1.6449,
@@ -89,6 +92,8 @@ class RodModelSettings(BaseModel):
     """Of the base's position."""
     base_std_rad: Annotated[float, Field(ge=0, le=1)] = 0.017
     """Of the base tangent's direction: one degree."""
+    length_std_m: Annotated[float, Field(ge=0, le=0.1)] = 1e-3
+    """Of the detected length: of the scale, the free length and where the tip ends."""
     precurvature_std_per_m: Annotated[float, Field(ge=0, le=100)] = 1.0
     """Of the pre-curvature that the knob gives: about 2 degrees of play and error of a knob."""
     max_misfit: Annotated[float, Field(gt=1, le=1e6)] = 4.0
@@ -172,8 +177,8 @@ class RodModelEstimator(Estimator):
         if kept.sum() < MIN_SAMPLES:
             why = next((line.detail for line in lines if isinstance(line, Abstention)), "")
             raise InputError(
-                f"{dataset.title}: the centreline is known in {kept.sum()} of {len(dataset)} samples, {self.name} needs "
-                f"{MIN_SAMPLES} to be fitted; {why}"
+                f"{dataset.title}: the centreline is known in {kept.sum()} of {len(dataset)} samples, {self.name} "
+                f"needs {MIN_SAMPLES} to be fitted{'; ' if why else ''}{why}"
             )
         found = [line for line in lines if isinstance(line, _Line)]
         infos = [dataset.session_info[name] for name in dataset.session[kept].tolist()]
@@ -284,14 +289,23 @@ class RodModelEstimator(Estimator):
     def _stiffness_and_offset(
         self, lines: Sequence[_Line], infos: Sequence[SessionInfo], force: FloatArray
     ) -> tuple[float, float]:
-        """Factor of the stiffness and offset of the pre-curvature, least squares over the stations."""
+        """Factor of the stiffness and offset of the pre-curvature: least squares, weighted by stated uncertainties."""
+        stated = _unfitted(self.settings, self.stations).covariance_m2
+        root = np.linalg.cholesky(np.linalg.inv(stated))
 
         def wrong(unknown: FloatArray) -> FloatArray:
             apart = self._wrong(lines, infos, force, float(np.exp(unknown[0])), float(unknown[1]))
-            return np.nan_to_num(apart / self.settings.station_std_m, nan=1e3).ravel()
+            return np.nan_to_num(apart @ root, nan=1e3).ravel()
 
+        assert self.fitted_ is not None
+        widest = np.log(_STATED_WITHIN if self.fitted_.stiffness_stated else _TYPICAL_WITHIN)
         found = least_squares(
-            wrong, np.zeros(2), x_scale=[0.1, 1.0], diff_step=1e-3, bounds=([-2.0, -20.0], [2.0, 20.0]), max_nfev=15
+            wrong,
+            np.zeros(2),
+            x_scale=[0.1, 1.0],
+            diff_step=1e-3,
+            bounds=([-widest, -_MOST_OFFSET_PER_M], [widest, _MOST_OFFSET_PER_M]),
+            max_nfev=15,
         )
         return float(np.exp(found.x[0])), float(found.x[1])
 
@@ -486,6 +500,7 @@ def _unfitted(settings: RodModelSettings, stations: int) -> _Fitted:
         settings.base_std_m * np.column_stack([one, none]),
         settings.base_std_m * np.column_stack([none, one]),
         settings.base_std_rad * np.column_stack([none, arc]),
+        settings.length_std_m / length * np.column_stack([arc, none]),
         settings.precurvature_std_per_m * np.column_stack([none, 0.5 * arc**2]),
     ]
     covariance = settings.station_std_m**2 * np.eye(2 * stations)
@@ -584,8 +599,8 @@ class Arcs(RodModelEstimator):
     name = "arcs"
     model = ConstantCurvature
     breaks = (
-        "One arc cannot bend more at its base than at its tip: under a small force it deflects by 3/4 of what "
-        "a shaft does, and its shape fits no other load than a moment."
+        "One arc has one degree of freedom, so its shape tells one component and the other is left at zero; "
+        "under a small force it deflects by 3/4 of what a shaft does."
     )
 
 
@@ -606,7 +621,7 @@ class PseudoRigid(RodModelEstimator):
     name = "pseudo-rigid"
     model = PseudoRigidBody
     breaks = (
-        "Two coordinates of the tip give two components, and nothing is left to tell a force from a wrong "
-        "pre-curvature; its constants hold for transverse forces alone."
+        "One hinge has one degree of freedom, so the tip tells one component and the other is left at zero; "
+        "nothing remains to tell a force from a wrong pre-curvature."
     )
     stations = 1

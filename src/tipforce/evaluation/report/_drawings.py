@@ -82,7 +82,10 @@ def head_drawings(evaluation: Evaluation, best: str, traces: Mapping[str, Predic
     drawings |= _coverage(evaluation)
     drawings["splits"] = _splits(evaluation)
     if evaluation.settings.compare:
-        caption = f"{of[0].upper()}{of[1:]}. Bins with fewer than 10 samples are left out. Sensors in the tip: {SENSOR_SOURCE}."
+        caption = (
+            f"{of[0].upper()}{of[1:]}. Bins with fewer than 10 samples are left out. Sensors in the tip: "
+            f"{SENSOR_SOURCE}."
+        )
         drawings["comparison"] = drawing_of("comparison", caption, figure_comparison(comparison(evaluation)))
     bound, perturbed = _bound(evaluation), _perturbed(evaluation)
     if bound is not None:
