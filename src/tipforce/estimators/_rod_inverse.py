@@ -88,7 +88,7 @@ def fit_force(model: RodModel, stations_m: FloatArray, noise: StationNoise) -> F
         downhill = slopes.T @ (noise.weight @ wrong) - prior * force
         for _ in range(_TRIALS):
             step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), downhill)
-            step *= min(1.0, _MAX_STEP_N / max(float(np.hypot(*step)), 1e-300))
+            step *= min(1.0, _MAX_STEP_N / max(float(np.linalg.norm(step)), 1e-300))
             tried = stations_m - model_stations(model, force + step, last)
             tried_cost = _cost(tried, force + step, noise)
             if tried_cost <= cost:  # False for NaN
@@ -96,9 +96,9 @@ def fit_force(model: RodModel, stations_m: FloatArray, noise: StationNoise) -> F
                 break
             damping *= 8.0
         else:
-            converged = bool(np.hypot(*step) < _STUCK_N)  # no better within rounding
+            converged = bool(np.linalg.norm(step) < _STUCK_N)  # no better within rounding
             break
-        if np.hypot(*step) < _TOLERANCE_N:
+        if np.linalg.norm(step) < _TOLERANCE_N:
             converged = True
             break
     covariance = np.linalg.inv(normal) if np.isfinite(normal).all() else np.full((2, 2), np.nan)
