@@ -86,7 +86,7 @@ def command(
 
         tipforce evaluate models/svr --data runs/ --perturb 500 -o report/
 
-        tipforce evaluate --compare beam arcs --data runs/ --protocol standard --every 24 -o report/
+        tipforce evaluate --compare beam arcs --data runs/ --protocol standard --every 8 -o report/
 
         tipforce evaluate compact --from pretrained --data runs/ --protocol catheter -o report/
     """

@@ -11,7 +11,7 @@ from ._style import GREY, INK, METHOD_COLOURS, WIDE_IN, grams_axis, make_figure
 
 __all__ = ["figure_comparison"]
 
-_MARKERS = "os^Dvxp+"
+_MARKERS = "os^DvPX*"
 
 
 def figure_comparison(compared: Mapping[str, Any]) -> Figure:
@@ -23,14 +23,15 @@ def figure_comparison(compared: Mapping[str, Any]) -> Figure:
 
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2)
-        for row, colour, marker in zip(compared["rows"], cycle(METHOD_COLOURS), cycle(_MARKERS), strict=False):
-            constant = row["method"] == Constant.name
+        styles = zip(cycle(METHOD_COLOURS), cycle(_MARKERS), strict=False)
+        for number, (row, (colour, marker)) in enumerate(zip(compared["rows"], styles, strict=False)):
+            constant, again = row["method"] == Constant.name, number >= len(METHOD_COLOURS)
             for axes, key in ((left, "mae_n"), (right, "bias_n")):
                 axes.plot(
                     [part["mean_n"] for part in row["by_load"]],
                     [part[key] for part in row["by_load"]],
                     color=GREY if constant else colour,
-                    linestyle="--" if constant else "-",
+                    linestyle="--" if constant else "-." if again else "-",
                     marker=None if constant else marker,
                     markersize=5,
                     label="constant predictor" if constant else row["method"],
