@@ -29,20 +29,17 @@ from ..mechanics import (
     Rod,
     RodModel,
 )
-from ..types import DetectedShape, FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
+from ..types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
 from ..vision import (
     ResolvedVision,
-    SessionCalibration,
-    ShapeDetector,
     VisionSettings,
     auto_calibrate,
-    for_session,
-    session_vision,
 )
 from ._base import Estimator, Progress, calibration_images, no_progress
 from ._builder import MAX_FORCE_N, implausible
-from ._reading import Abstention, read_actuation, read_view
-from ._rod_inverse import STATIONS, ForceFit, StationNoise, fit_force, line_stations, model_stations
+from ._reading import Abstention
+from ._rod_inverse import STATIONS, ForceFit, StationNoise, fit_force, model_stations
+from ._rod_reader import RodLine, RodReader
 from ._session_metadata import missing_metadata
 from ._summary import ModelSummary, left_out_by_session, left_out_text
 from ._values import LARGEST, stored_array
@@ -55,7 +52,6 @@ MIN_SAMPLES = 20
 
 _STATED_SESSIONS = 4.0
 """The stated uncertainties weigh as much as so many training sessions: frames of one session err alike."""
-_KNOB = "knob_deg"
 _KNOWN = np.array([True, True, False])
 _TYPICAL_STIFFNESS_NM2 = 4.3e-4
 """Of a slightly bent 7F ablation catheter (Khoshnam et al. 2012): where ``fit`` begins when none is stated."""
@@ -116,15 +112,6 @@ class _Fitted:
     vision: ResolvedVision | None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Line:
-    """What was read of a frame."""
-
-    stations_m: FloatArray
-    shape: DetectedShape
-    knob_deg: float
-
-
 class RodModelEstimator(Estimator):
     """One rod model as a method; see the module. ``fitted_`` is None where it was not fitted."""
 
@@ -173,14 +160,14 @@ class RodModelEstimator(Estimator):
         vision = self._shared_vision(dataset)
         self.fitted_ = base = replace(base, vision=vision)
         lines = self._lines(dataset, lambda share: report("detecting the catheter", 0.7 * share))
-        kept = np.array([isinstance(line, _Line) for line in lines], np.bool_)
+        kept = np.array([isinstance(line, RodLine) for line in lines], np.bool_)
         if kept.sum() < MIN_SAMPLES:
             why = next((line.detail for line in lines if isinstance(line, Abstention)), "")
             raise InputError(
                 f"{dataset.title}: the centreline is known in {kept.sum()} of {len(dataset)} samples, {self.name} "
                 f"needs {MIN_SAMPLES} to be fitted{'; ' if why else ''}{why}"
             )
-        found = [line for line in lines if isinstance(line, _Line)]
+        found = [line for line in lines if isinstance(line, RodLine)]
         infos = [dataset.session_info[name] for name in dataset.session[kept].tolist()]
         force = dataset.force_n[kept][:, :2]
         report("fitting", 0.75)
@@ -217,7 +204,7 @@ class RodModelEstimator(Estimator):
         fits: list[ForceFit] = []
         rows: list[int] = []
         for row, (line, session) in enumerate(zip(lines, dataset.session.tolist(), strict=True)):
-            if isinstance(line, _Line):
+            if isinstance(line, RodLine):
                 fits.append(self._force(line, dataset.session_info[session]))
                 rows.append(row)
         if not rows:
@@ -230,7 +217,7 @@ class RodModelEstimator(Estimator):
         """A stream for one session; see `Estimator.start`."""
         return RodModelStream(self, info, images)
 
-    def estimate(self, line: _Line, info: SessionInfo, stamp_ns: int) -> ForceEstimate:
+    def estimate(self, line: RodLine, info: SessionInfo, stamp_ns: int) -> ForceEstimate:
         """The estimate of a frame that was read."""
         found, fitted = self._force(line, info), self.fitted_ or _unfitted(self.settings, self.stations)
         if not found.converged:
@@ -265,7 +252,7 @@ class RodModelEstimator(Estimator):
             shape=line.shape,
         )
 
-    def _force(self, line: _Line, info: SessionInfo) -> ForceFit:
+    def _force(self, line: RodLine, info: SessionInfo) -> ForceFit:
         fitted = self.fitted_ or _unfitted(self.settings, self.stations)
         model = self._model_of(info, line.knob_deg, fitted.stiffness_factor, fitted.precurvature_offset_per_m)
         noise = StationNoise.of(fitted.covariance_m2, self.settings.force_std_n)
@@ -287,7 +274,7 @@ class RodModelEstimator(Estimator):
         )
 
     def _stiffness_and_offset(
-        self, lines: Sequence[_Line], infos: Sequence[SessionInfo], force: FloatArray
+        self, lines: Sequence[RodLine], infos: Sequence[SessionInfo], force: FloatArray
     ) -> tuple[float, float]:
         """Factor of the stiffness and offset of the pre-curvature: least squares, weighted by stated uncertainties."""
         stated = _unfitted(self.settings, self.stations).covariance_m2
@@ -310,7 +297,7 @@ class RodModelEstimator(Estimator):
         return float(np.exp(found.x[0])), float(found.x[1])
 
     def _wrong(
-        self, lines: Sequence[_Line], infos: Sequence[SessionInfo], force: FloatArray, factor: float, offset: float
+        self, lines: Sequence[RodLine], infos: Sequence[SessionInfo], force: FloatArray, factor: float, offset: float
     ) -> FloatArray:
         """(n, 2 k): detected less modelled stations under known forces (n, 2)."""
         return np.array(
@@ -330,13 +317,18 @@ class RodModelEstimator(Estimator):
         except InputError as error:
             raise InputError(f"{dataset.title}: {error}") from None
 
-    def _lines(self, dataset: Dataset, report: Callable[[float], None]) -> list[_Line | Abstention]:
+    def reader(self, info: SessionInfo, images: Sequence[Image] = ()) -> RodReader:
+        """What reads the centreline in one session."""
+        shared = None if self.fitted_ is None else self.fitted_.vision
+        return RodReader(self.settings.vision, shared, info, images)
+
+    def _lines(self, dataset: Dataset, report: Callable[[float], None]) -> list[RodLine | Abstention]:
         """What is read of each sample of ``dataset``, session after session, in its order."""
-        found: dict[int, _Line | Abstention] = {}
+        found: dict[int, RodLine | Abstention] = {}
         for name in dataset.sessions:
             info, part = dataset.session_info[name], dataset.subset(dataset.session == name)
             images = calibration_images(dataset, name, self.views[0]) if self.calibrates_on_images else ()
-            reader = _Reader(self, info, images)
+            reader = self.reader(info, images)
             key = f"rod model lines {reader.vision.model_dump_json()}"
             found |= dict(zip(part.rows.tolist(), part.derive(key, reader.read), strict=True))
             report(len(found) / len(dataset))
@@ -409,7 +401,7 @@ class RodModelStream:
 
     def __init__(self, estimator: RodModelEstimator, info: SessionInfo, images: Sequence[Image] = ()) -> None:
         self._estimator, self._info = estimator, info
-        self._reader = _Reader(estimator, info, images)
+        self._reader = estimator.reader(info, images)
         self._missing = missing_metadata(estimator.required_metadata, info)
 
     def update(self, observation: Observation) -> ForceEstimate:
@@ -420,58 +412,6 @@ class RodModelStream:
         if isinstance(line, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, line.status, line.detail, self._reader.shape)
         return self._estimator.estimate(line, self._info, observation.stamp_ns)
-
-
-class _Reader:
-    """Reads stations of the centreline from observations of one session."""
-
-    def __init__(self, estimator: RodModelEstimator, info: SessionInfo, images: Sequence[Image] = ()) -> None:
-        settings = estimator.settings.vision
-        shared = None if estimator.fitted_ is None else estimator.fitted_.vision
-        self._settings, self._info = settings, info
-        self._calibration: SessionCalibration | None = None
-        self.vision: ResolvedVision | VisionSettings = settings if shared is None else for_session(shared, info)
-        if settings.method == "tracer" and images:
-            self.vision = _resolved(settings, images, info, shared)
-        elif settings.method == "tracer":
-            self._calibration = SessionCalibration(settings, info)
-        self._detector = ShapeDetector(self.vision)
-        self.shape: DetectedShape | None = None
-        """Of the last image that was read."""
-
-    def read(self, observation: Observation) -> _Line | Abstention:
-        """The stations in metres, or why there are none."""
-        self.shape = None
-        view = read_view(observation, self._settings.view, "vision.view")
-        if isinstance(view, Abstention):
-            return view
-        scale = self._info.view(self._settings.view).metres_per_px
-        if not isinstance(view, np.ndarray) or scale is None:
-            return Abstention(Status.MISSING_INPUT, "a rod model needs an image and its scale, and there is none")
-        knob = np.zeros(1)
-        if self._info.actuation.knob_gain_per_m_deg:
-            found = read_actuation(observation, (_KNOB,))
-            if isinstance(found, Abstention):
-                return replace(found, detail=f"{_KNOB} is absent, and the catheter is bent by it; state it")
-            knob = found
-        self.shape = shape = self._detector.detect(view)
-        if self._calibration is not None and (vision := self._calibration.add(view)) is not None:
-            self._detector = ShapeDetector(vision)
-        if shape.centreline is None or shape.base is None:
-            return Abstention(shape.status, shape.detail)
-        points_m = shape.base.to_base(shape.centreline.points) * scale
-        return _Line(line_stations(points_m), shape, float(knob[0]))
-
-
-def _resolved(
-    settings: VisionSettings, images: Sequence[Image], info: SessionInfo, shared: ResolvedVision | None
-) -> ResolvedVision | VisionSettings:
-    if shared is not None:
-        return session_vision(settings, images, info, shared)
-    try:
-        return auto_calibrate(settings, images, info)
-    except InputError:
-        return settings  # no image shows a catheter: each frame says so
 
 
 @lru_cache(maxsize=64)
@@ -554,8 +494,8 @@ class Beam(RodModelEstimator):
     name = "beam"
     model = LinearBeam
     breaks = (
-        "A linear beam lengthens as it bends instead of turning back, so a force that bends it far, or one "
-        "along a straight shaft, is not read from the axial shift of its tip."
+        "The tip of a linear beam moves on a straight line instead of turning back, so its axial shift, and with it "
+        "the axial force, is read wrongly as soon as the shaft bends."
     )
 
 
