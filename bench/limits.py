@@ -20,7 +20,8 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from tipforce.evaluation import CONTACT_ANGLE_BINS_DEG, CONTACT_N, FORCE_BOUND_BINS_N
+from tipforce.clinical import CONTACT_N
+from tipforce.evaluation import CONTACT_ANGLE_BINS_DEG, FORCE_BOUND_BINS_N
 from tipforce.limits import CENTRELINE_NOISE, CONTACT_FORCE_PRIORS_N2, SESSION_NOISE, CramerRaoBound
 from tipforce.simulation import PRESETS, SimulatedBench
 

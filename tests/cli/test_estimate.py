@@ -91,6 +91,23 @@ def test_figures_count_what_was_refused(written: Path) -> None:
     assert figures["magnitude_n"]["min"] < figures["magnitude_n"]["mean"] < figures["magnitude_n"]["max"]
 
 
+def test_window_limit_and_integral_are_told(written: Path, model: Path, video: Path, tmp_path: Path) -> None:
+    rows = rows_of(written / "f.csv")
+    last = rows[-1]
+    clinical = json.loads((written / "j").read_text())["clinical"]
+    assert float(last["unknown_s"]) == pytest.approx(0.08, abs=2e-3), "two frames of 40 ms, not zero newtons"
+    assert clinical["unknown_s"] == pytest.approx(0.08, abs=2e-3)
+    forces = [float(row["magnitude_n"]) if row["magnitude_n"] else np.nan for row in rows]
+    weights = 0.04 * np.array([0.5, *[1.0] * 18, 0.5])
+    assert float(last["integral_g_s"]) == pytest.approx(np.nansum(weights * forces) / 9.80665e-3, rel=0.01)
+    assert float(last["integral_low_g_s"]) < float(last["integral_g_s"]) < float(last["integral_high_g_s"])
+    assert {rows[8]["contact_state"], rows[8]["above_limit"]} == {"unknown", ""}
+    result = run(model, video, "--knob-deg", 10, "-o", tmp_path / "f.csv", "--set", "limit_n=0.2")
+    assert "above 0.2 N: " in result.output
+    assert "unknown: 0.1 s of 0.8 s" in result.output
+    assert "force-time integral: " in result.output
+
+
 def test_the_table_can_go_to_standard_output(model: Path, video: Path) -> None:
     result = run(model, video, "--knob-deg", 10, "-o", "-")
     assert result.stdout.splitlines()[0] == ",".join(COLUMNS)

@@ -8,7 +8,7 @@ import pytest
 from tipforce.datasets import open_dataset
 from tipforce.errors import InputError, NotFittedError
 from tipforce.estimators import ESTIMATORS, Estimator, Svr, create, load_model, save_model
-from tipforce.types import ForceEstimate, SessionInfo, Status
+from tipforce.types import ForceEstimate, Observation, SessionInfo, Status
 
 
 class FromShape(Estimator):
@@ -30,6 +30,9 @@ def test_settings_stay_what_the_user_said(name: str) -> None:
     fresh = create(name)
     assert fresh.unfitted().settings == fresh.settings == ESTIMATORS[name].settings_type()
     assert fresh.settings.model_config.get("frozen")
+    if not fresh.needs_fit:
+        assert fresh.start(SessionInfo()).update(Observation(0, {}, {})).status is Status.MISSING_INPUT
+        return
     with pytest.raises(NotFittedError):
         fresh.start(SessionInfo())
 

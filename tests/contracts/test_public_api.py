@@ -15,8 +15,8 @@ from tipforce.cli import VERBS, app
 from tipforce.errors import InputError
 
 SOURCE = Path(tipforce.__file__).parent
-COMMON = {"output", "overwrite", "json_file", "json", "settings", "data"}
-"""Options that every verb of the kind has: where to write, --set, --json; and what is read."""
+COMMON = {"output", "overwrite", "json_file", "json", "settings", "data", "bench"}
+"""Options that every verb of the kind has: where to write, --set, --json; what is read, and the bench that it is of."""
 
 
 def test_every_public_name_is_there_and_documented() -> None:

@@ -21,6 +21,7 @@ ALLOWED: dict[str, set[str]] = {
     "geometry": BASE,
     "mechanics": BASE | {"geometry"},
     "simulation": BASE | {"geometry", "mechanics"},
+    "clinical": BASE,
     "limits": BASE | {"geometry", "mechanics", "simulation"},
     "vision": BASE | {"geometry"},
     "io": BASE | {"geometry"},
@@ -28,11 +29,11 @@ ALLOWED: dict[str, set[str]] = {
     "datasets": BASE | {"geometry", "vision", "io", "alignment"},
     "training": BASE | {"geometry"},
     "estimators": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "training"},
-    "evaluation": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "estimators"},
+    "evaluation": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "estimators", "clinical"},
     "pipelines": BASE
     | {
         *("geometry", "mechanics", "simulation", "limits", "vision", "io", "alignment", "datasets", "training"),
-        *("estimators", "evaluation"),
+        *("estimators", "clinical", "evaluation"),
     },
 }
 """docs/design.md draws this; what is not listed may not be imported."""

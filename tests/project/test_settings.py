@@ -57,7 +57,7 @@ def test_every_numeric_setting_has_a_lower_and_an_upper_limit() -> None:
     assert open_ended == []
 
 
-@pytest.mark.parametrize("method", ["svr", "dcfe", "compact"])
+@pytest.mark.parametrize("method", ["svr", "dcfe", "compact", "beam"])
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e400", "x" * 10_000, [], {}, None])
 def test_no_number_of_a_method_takes_what_is_none(method: str, value: object) -> None:
     kind = ESTIMATORS[method].settings_type

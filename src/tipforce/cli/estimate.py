@@ -8,6 +8,7 @@ import typer
 
 from ._common import JsonOption, check_new, check_outputs, progress_bar, say, write_json
 from ._facts import BenchOption, FactOption, KnobOption, number_from, stated_info
+from ._settings import SetOption, settings_from
 
 __all__ = ["command"]
 
@@ -28,6 +29,7 @@ def command(
     fact: FactOption = None,
     knob_deg: KnobOption = None,
     session: Annotated[str | None, typer.Option(metavar="NAME", help="Which one, of data with several.")] = None,
+    settings: SetOption = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there already.")] = False,
     json_file: JsonOption = None,
 ) -> None:
@@ -37,6 +39,10 @@ def command(
 
     pretrained/NAME is a model that comes with this program; a name that is none tells which there are.
 
+    Each row also tells contact state and class, the probability of a force above the limit, and since the first frame
+    the seconds in the force window, above the limit and without a valid force, and the force-time integral. --set
+    changes the thresholds: window_n=[0.1,0.3], limit_n=0.35, contact_n, swing_n, class_s.
+
     Example:
         tipforce estimate models/svr video.mp4 --knob-deg 10 -o forces.csv --overlay out.mp4
 
@@ -44,6 +50,7 @@ def command(
 
     What bench.toml states stands in place of what a recording holds itself.
     """
+    from ..clinical import ContactSettings
     from ..datasets import open_source
     from ..estimators import load_model
     from ..pipelines import write_estimates
@@ -51,13 +58,16 @@ def command(
     target = sys.stdout if output == "-" else Path(output)
     check_outputs([frames], output, overlay, json_file)
     check_new(output, overlay, overwrite=overwrite)
+    contact = settings_from(ContactSettings, settings)
     estimator = load_model(model)
     knob = {} if knob_deg is None else {"knob_deg": number_from(str(knob_deg), "--knob-deg", "degrees")}
     with (
         open_source(frames, session=session, actuation=knob, stated=stated_info(bench, fact)) as source,
         progress_bar() as progress,
     ):
-        report = write_estimates(estimator, source, target, overlay=overlay, full_scale_n=arrow_n, progress=progress)
+        report = write_estimates(
+            estimator, source, target, overlay=overlay, full_scale_n=arrow_n, contact=contact, progress=progress
+        )
     say(report.text())
     if output != "-":
         say(f"wrote {output}")

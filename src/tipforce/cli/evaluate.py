@@ -62,6 +62,12 @@ def command(
             help="Also ask for N samples with images shifted, rotated, zoomed, lit otherwise, blurred.",
         ),
     ] = 0,
+    compare: Annotated[
+        bool,
+        typer.Option(
+            "--compare", help="Also print and draw the methods side by side over the load, beside sensors in the tip."
+        ),
+    ] = False,
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -79,6 +85,8 @@ def command(
         tipforce evaluate svr --data runs/ --truth runs/ --protocol standard --every 4 -o report/
 
         tipforce evaluate models/svr --data runs/ --perturb 500 -o report/
+
+        tipforce evaluate --compare beam arcs --data runs/ --protocol standard --every 8 -o report/
 
         tipforce evaluate compact --from pretrained --data runs/ --protocol catheter -o report/
     """
@@ -105,6 +113,7 @@ def command(
             every=every,
             folds=folds,
             perturb=perturb,
+            compare=compare,
             seed=seed,
             command=shlex.join(["tipforce", *sys.argv[1:]]),
             progress=report,

@@ -53,6 +53,9 @@ class Estimator(ABC):
     needs_fit: ClassVar[bool] = True
     """False for a method that estimates forces from its settings and the session's metadata alone."""
 
+    breaks: ClassVar[str] = ""
+    """One sentence on where the method breaks, for tables that compare methods; empty where nobody wrote it."""
+
     def __init__(self, settings: Any = None) -> None:
         self.settings: Any = settings or self.settings_type()
 

@@ -8,11 +8,19 @@ from pydantic import BaseModel
 from ..errors import InputError
 from ._base import Estimator
 from .networks import Compact, Dcfe
+from .rod_models import Arcs, Beam, Elastica, Links, MassSprings, PseudoRigid, StrainArcs
 from .svr import Svr
 
 __all__ = ["ESTIMATORS", "create", "method"]
 
-ESTIMATORS: dict[str, type[Estimator]] = {"svr": Svr, "dcfe": Dcfe, "compact": Compact}
+_ROD_MODELS = (Beam, Links, MassSprings, Elastica, Arcs, StrainArcs, PseudoRigid)
+
+ESTIMATORS: dict[str, type[Estimator]] = {
+    "svr": Svr,
+    "dcfe": Dcfe,
+    "compact": Compact,
+    **{each.name: each for each in _ROD_MODELS},
+}
 """What the command line calls each method -> its class."""
 
 

@@ -1,12 +1,13 @@
 """Evaluation of methods: metrics, protocols, the constant predictor, robustness to perturbations, the report."""
 
+from ._comparison import LOAD_BINS_N, SENSOR_MAE_N, comparison
 from ._constant import Constant
 from ._evaluate import Evaluation, EvaluationSettings, ShowsFeatures, evaluate
 from ._ground_truth import BOUND_KINDS, FORCE_BOUND_BINS_N, CramerRaoBounds, bound_at, bound_ratios, truth_at
 from ._kept_fits import KeptFits, kept_fits
 from ._methods import Method, methods_from
 from ._metrics import FORCE_BINS_N, error_metrics, interval_metrics, percent_of_true, score
-from ._predictions import CONTACT_N, Predictions
+from ._predictions import Predictions
 from ._protocols import AS_SAVED, PROTOCOLS, FittedSplit, MethodResult
 from ._robustness import UNPERTURBED
 from ._statistics import (
@@ -23,12 +24,13 @@ __all__ = [
     "AS_SAVED",
     "BOUND_KINDS",
     "CONTACT_ANGLE_BINS_DEG",
-    "CONTACT_N",
     "COVERAGE_FORCE_BINS_N",
     "FORCE_BINS_N",
     "FORCE_BOUND_BINS_N",
+    "LOAD_BINS_N",
     "MIN_SESSIONS",
     "PROTOCOLS",
+    "SENSOR_MAE_N",
     "UNPERTURBED",
     "Constant",
     "CramerRaoBounds",
@@ -45,6 +47,7 @@ __all__ = [
     "bound_at",
     "bound_ratios",
     "check_report_folder",
+    "comparison",
     "coverage_by_stratum",
     "error_metrics",
     "evaluate",

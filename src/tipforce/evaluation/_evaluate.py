@@ -48,6 +48,7 @@ class EvaluationSettings:
         every: Every so many-th frame of each session is scored. Methods that remember still see those between.
         seed: Of the drawn samples, the splits and the bootstrap.
         perturbed_frames: Each method is also scored on so many test samples with perturbed images; None: not at all.
+        compare: The report also holds the methods side by side over the load, see `comparison`.
     """
 
     protocols: Sequence[Protocol] | None = None
@@ -57,6 +58,7 @@ class EvaluationSettings:
     every: int = 1
     seed: int = 0
     perturbed_frames: int | None = None
+    compare: bool = False
 
 
 @dataclass(frozen=True, eq=False)

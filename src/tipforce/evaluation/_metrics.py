@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ..clinical import CONTACT_N
 from ..types import BoolArray, FloatArray
 from ..units import newtons_to_grams
-from ._predictions import CONTACT_N, Predictions
+from ._predictions import Predictions
 from ._statistics import (
     CONTACT_ANGLE_BINS_DEG,
     COVERAGE_FORCE_BINS_N,

@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from ..clinical import CONTACT_N
 from ..datasets import Dataset
 from ..types import BoolArray, FloatArray, ForceEstimate, IntArray
 
-__all__ = ["AXES", "CONTACT_N", "Predictions", "collect", "concatenate", "in_contact", "with_reference"]
+__all__ = ["AXES", "Predictions", "collect", "concatenate", "in_contact", "with_reference"]
 
 AXES = ("x", "y", "z")
-CONTACT_N = 0.01
-"""Above this magnitude a sample counts as in contact."""
 
 
 @dataclass(frozen=True, eq=False)

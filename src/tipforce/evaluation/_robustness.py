@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..clinical import CONTACT_N
 from ..datasets import PERTURBATIONS, Dataset, Perturbation, in_memory, perturbed
 from ..errors import InputError
 from ..estimators import Estimator, Progress
@@ -14,7 +15,7 @@ from ..types import ForceEstimate, IntArray
 from ._constant import Constant
 from ._methods import Method
 from ._metrics import error_metrics, interval_metrics
-from ._predictions import CONTACT_N, Predictions, collect, concatenate
+from ._predictions import Predictions, collect, concatenate
 from ._protocols import AS_SAVED, MethodResult, ScoredData, index_in
 
 __all__ = ["UNPERTURBED", "perturbed_metrics", "require_images"]

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..clinical import WINDOW_N
 from ..types import BoolArray, FloatArray, IntArray
 from ._predictions import Predictions
 
@@ -27,8 +28,8 @@ __all__ = [
 MIN_SESSIONS = 5
 """With fewer sessions no bootstrap interval is given: resampling so few says little of the spread between sessions."""
 
-COVERAGE_FORCE_BINS_N = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 1.0, math.inf)
-"""Edges of the strata of the reference magnitude, in newtons; 0.1 and 0.4 N are the limits of the contact window."""
+COVERAGE_FORCE_BINS_N = (0.0, 0.05, WINDOW_N[0], 0.2, 0.3, WINDOW_N[1], 0.6, 1.0, math.inf)
+"""Edges of the strata of the reference magnitude, in newtons; both ends of the force window are among them."""
 
 CONTACT_ANGLE_BINS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 """Edges of the strata of the angle between the tip's axis and the direction into the tissue."""

@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TextIO
@@ -14,6 +14,7 @@ from typing import Any, Self, TextIO
 import numpy as np
 
 from ..alignment import observations
+from ..clinical import ClinicalState, ContactMonitor, ContactSettings, Duration
 from ..datasets import open_source
 from ..errors import InputError
 from ..estimators import Estimator, Progress, Stream, load_model, missing_metadata
@@ -48,15 +49,24 @@ COLUMNS = (
     "frame", "time_s", "stamp_ns", "magnitude_n", "magnitude_low_n", "magnitude_high_n",
     "fx_n", "fx_low_n", "fx_high_n", "fy_n", "fy_low_n", "fy_high_n", "fz_n", "fz_low_n", "fz_high_n",
     "magnitude_g", "contact", "status", "detail",
+    "contact_state", "contact_class", "above_limit", "window_s", "limit_s", "unknown_s",
+    "integral_g_s", "integral_low_g_s", "integral_high_g_s",
 )  # fmt: skip
 """Of the table: number of the frame from 0, seconds since the first one; low and high are the ends of the 90 %
-intervals, contact is a probability."""
+intervals, contact and above_limit are probabilities. Since the first frame: seconds in the force window, above the
+limit and without a valid estimate, and the force-time integral of the known time; see `ClinicalState`."""
 
 
 @dataclass(slots=True)
 class EstimateReport:
-    """What a run over a file came to. ``update_s``: time of each frame from image to force, without reading it."""
+    """What a run over a file came to.
 
+    ``update_s``: time of each frame from image to force, without reading it. ``clinical``: the state after the last
+    frame, by the thresholds ``contact``.
+    """
+
+    contact: ContactSettings = field(default_factory=ContactSettings)
+    clinical: ClinicalState | None = None
     frames: int = 0
     statuses: Counter[str] = field(default_factory=Counter[str])
     reasons: Reasons = field(default_factory=Reasons)
@@ -68,9 +78,10 @@ class EstimateReport:
         """Frames with a force."""
         return self.statuses[Status.VALID]
 
-    def add(self, estimate: ForceEstimate, seconds: float) -> None:
+    def add(self, estimate: ForceEstimate, clinical: ClinicalState, seconds: float) -> None:
         """Count one estimate."""
         self.frames += 1
+        self.clinical = clinical
         self.statuses[estimate.status.value] += 1
         self.update_s.append(seconds)
         if estimate.valid:
@@ -85,6 +96,8 @@ class EstimateReport:
             low, mean, high = min(self.magnitudes_n), float(np.mean(self.magnitudes_n)), max(self.magnitudes_n)
             grams = ", ".join(f"{newtons_to_grams(n):.1f}" for n in (low, mean, high))
             lines[0] += f": {low:.3f} to {high:.3f} N, mean {mean:.3f} N (smallest, mean, largest {grams} g)"
+        if self.clinical is not None:
+            lines += _clinical_lines(self.clinical, self.contact)
         lines += self.reasons.lines(3)
         p50, p99 = np.percentile(self.update_s, [50, 99]) * 1e3
         return "\n".join([*lines, f"image to force: {p50:.2f} ms (p50), {p99:.2f} ms (p99)"])
@@ -97,6 +110,7 @@ class EstimateReport:
             "valid": self.valid,
             "statuses": dict(self.statuses),
             "magnitude_n": {"min": min(sizes), "mean": float(np.mean(sizes)), "max": max(sizes)} if sizes else None,
+            "clinical": None if self.clinical is None else _clinical_figures(self.clinical, self.contact),
             "update_ms": {f"p{p}": 1e3 * float(np.percentile(self.update_s, p)) for p in (50, 99)},
         }
 
@@ -216,6 +230,7 @@ def write_estimates(
     *,
     overlay: Path | None = None,
     full_scale_n: float = 0.3,
+    contact: ContactSettings | None = None,
     progress: Progress | None = None,
 ) -> EstimateReport:
     """Estimates the force on every frame of ``source``; a row of `COLUMNS` each to ``forces``.
@@ -228,6 +243,7 @@ def write_estimates(
         forces: a CSV file or an open stream.
         overlay: also an .mp4 with shape, force, value, interval and status in it.
         full_scale_n: force whose arrow is a quarter of the image long.
+        contact: force window, limit and what counts as contact; by default `ContactSettings`.
         progress: called with what is done and its share.
 
     Raises:
@@ -237,7 +253,8 @@ def write_estimates(
     view = estimator.views[0]
     total = frame_count(source, view)
     stream = start_stream(estimator, source)
-    report, first_ns = EstimateReport(), 0
+    monitor = ContactMonitor(contact)
+    report, first_ns = EstimateReport(monitor.settings), 0
     with ExitStack() as stack:
         table = stack.enter_context(atomic_text(forces)) if isinstance(forces, Path) else forces
         video = stack.enter_context(_Overlay(overlay, view, full_scale_n)) if overlay else None
@@ -246,9 +263,12 @@ def write_estimates(
         for observation in observations(source, estimator.views):
             start = time.perf_counter()
             found = stream.update(observation)
-            report.add(found, time.perf_counter() - start)
+            seconds = time.perf_counter() - start
+            clinical = monitor.update(found)
+            report.add(found, clinical, seconds)
             first_ns = found.stamp_ns if report.frames == 1 else first_ns
-            rows.writerow([report.frames - 1, f"{(found.stamp_ns - first_ns) * 1e-9:.6f}", *_row(found)])
+            elapsed = f"{(found.stamp_ns - first_ns) * 1e-9:.6f}"
+            rows.writerow([report.frames - 1, elapsed, *_row(found), *_clinical_row(clinical)])
             if video:
                 video.add(observation, found)
             if progress:
@@ -268,6 +288,48 @@ def _row(estimate: ForceEstimate) -> list[str]:
     grams = newtons_to_grams(estimate.magnitude_n)
     cells += ["" if math.isnan(value) else f"{value:.3f}" for value in (grams, estimate.contact)]
     return [*cells, estimate.status.value, estimate.detail]
+
+
+def _clinical_row(state: ClinicalState) -> list[str]:
+    times = (state.window.seconds, state.limit.seconds, state.unknown_s)
+    integral = (state.integral_g_s, *state.integral_interval_g_s)
+    return [
+        state.contact.value,
+        state.contact_class.value,
+        *("" if math.isnan(value) else f"{value:.3f}" for value in (state.above_limit, *times, *integral)),
+    ]
+
+
+def _clinical_lines(state: ClinicalState, settings: ContactSettings) -> list[str]:
+    """Times and integral in words."""
+    low, high = settings.window_n
+    window, limit = _of_known(state.window, state), _of_known(state.limit, state)
+    ends = state.integral_interval_g_s
+    between = "no interval" if math.isnan(ends[0]) else f"{ends[0]:.0f} to {ends[1]:.0f}"
+    known = f"{state.known_s:.1f} s with a force"
+    return [
+        f"in the window of {low:g} to {high:g} N: {window}",
+        f"above {settings.limit_n:g} N: {limit}; unknown: {state.unknown_s:.1f} s of {state.elapsed_s:.1f} s",
+        f"force-time integral: {state.integral_g_s:.0f} g s ({between}) over {known}",
+    ]
+
+
+def _of_known(duration: Duration, state: ClinicalState) -> str:
+    share = f" ({duration.seconds / state.known_s:.0%})" if state.known_s > 0.0 else ""
+    return f"{duration.seconds:.1f} s{share}, by the 90 % intervals {duration.least_s:.1f} to {duration.most_s:.1f} s"
+
+
+def _clinical_figures(state: ClinicalState, settings: ContactSettings) -> dict[str, Any]:
+    """JSON values; None where something is not known."""
+    return {
+        "settings": settings.model_dump(),
+        "elapsed_s": state.elapsed_s,
+        "unknown_s": state.unknown_s,
+        "window_s": asdict(state.window),
+        "limit_s": asdict(state.limit),
+        "integral_g_s": state.integral_g_s,
+        "integral_interval_g_s": [None if math.isnan(end) else end for end in state.integral_interval_g_s],
+    }
 
 
 def _cell(newtons: float) -> str:

@@ -60,6 +60,7 @@ def evaluate(
     every: int = 1,
     folds: int | None = None,
     perturb: int = 0,
+    compare: bool = False,
     seed: int = 0,
     command: str = "",
     progress: Progress | None = None,
@@ -84,6 +85,7 @@ def evaluate(
         every: take every so many-th frame of each session.
         folds: cross-validate with so many folds.
         perturb: also ask for so many samples with perturbed images, spread over all.
+        compare: the report also holds the methods side by side over the load, beside sensors in the tip.
         seed: of drawn samples and splits.
         command: what a person typed, for the report.
         progress: called with what is done and its share.
@@ -118,6 +120,7 @@ def evaluate(
                 every=every,
                 seed=seed,
                 perturbed_frames=perturb or None,
+                compare=compare,
             ),
             truth_n=true_n,
             bounds=bounds_from(dataset, truth, report) if truth is not None and bound is not False else None,

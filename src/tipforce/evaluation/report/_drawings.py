@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from ...clinical import CONTACT_N
 from ...types import FloatArray
+from .._comparison import SENSOR_SOURCE, comparison
 from .._constant import Constant
 from .._evaluate import Evaluation
-from .._predictions import CONTACT_N, Predictions, collect
+from .._predictions import Predictions, collect
 from .._protocols import BY_SESSION, PROTOCOL_WORDS, MethodResult, index_in
+from ._figures_comparison import figure_comparison
 from ._figures_extra import figure_bound, figure_perturbed, figure_training, training_log
 from ._figures_results import (
     figure_bland_altman,
@@ -24,11 +27,13 @@ from ._figures_results import (
     typical_session,
 )
 from ._figures_thesis import figure_23a, figure_23b, figure_24, figure_31, figure_32, sample_sheet
-from ._style import METHOD_COLOURS, WIDE_IN, WIDTH_IN, Drawing, drawing_of, image_drawing
+from ._style import METHOD_COLOURS, WIDE_IN, WIDTH_IN, Drawing, drawing_of, image_drawing, window_words
 
 __all__ = ["HEAD", "head_drawings", "method_drawings", "traces_of", "whole_session"]
 
-HEAD = ("trace", "scatter", "agreement", "coverage_force", "coverage_angle", "splits", "bound", "perturbed")
+HEAD = (
+    "trace", "scatter", "agreement", "coverage_force", "coverage_angle", "splits", "comparison", "bound", "perturbed",
+)  # fmt: skip
 """Names of the figures before the sections of the methods."""
 
 
@@ -68,7 +73,7 @@ def head_drawings(evaluation: Evaluation, best: str, traces: Mapping[str, Predic
         )
         caption = (
             f"Session {session}, the one with the median error: {PROTOCOL_WORDS[evaluation.strictest].held}. "
-            "Below 0.1 N (10 g) an ablation fails, above 0.4 N (41 g) the wall may be pierced."
+            f"{window_words()}."
         )
         drawings["trace"] = drawing_of("trace", caption, figure)
         caption = f"Each point is a sample of {of}; on the line the estimate equals the force sensor."
@@ -76,6 +81,12 @@ def head_drawings(evaluation: Evaluation, best: str, traces: Mapping[str, Predic
         drawings["agreement"] = _agreement(strict, "bland-altman")
     drawings |= _coverage(evaluation)
     drawings["splits"] = _splits(evaluation)
+    if evaluation.settings.compare:
+        caption = (
+            f"{of[0].upper()}{of[1:]}. Bins with fewer than 10 samples are left out. Sensors in the tip: "
+            f"{SENSOR_SOURCE}."
+        )
+        drawings["comparison"] = drawing_of("comparison", caption, figure_comparison(comparison(evaluation)))
     bound, perturbed = _bound(evaluation), _perturbed(evaluation)
     if bound is not None:
         drawings["bound"] = bound

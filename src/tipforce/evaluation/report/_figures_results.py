@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator, PercentFormatter
 
+from ...clinical import WINDOW_N
 from ...types import BoolArray, FloatArray
 from .._predictions import Predictions
 from .._protocols import PROTOCOL_WORDS
 from ._style import (
     COLOURS,
-    CONTACT_WINDOW_N,
     GREY,
     HEIGHT_IN,
     MANY_POINTS,
@@ -57,7 +57,7 @@ def figure_trace(
 ) -> Figure:
     """One session in time: reference, estimate, 90 % interval and where the method abstained; a panel a quantity.
 
-    The contact window is marked in the panel of the magnitude.
+    The force window is marked in the panel of the magnitude.
 
     Args:
         predictions: Of one method.
@@ -91,7 +91,7 @@ def figure_trace(
                 axes.axvspan(start, end, color=GREY, alpha=0.35, linewidth=0, label=label)
             if name == "magnitude":
                 low, high = axes.get_ylim()
-                axes.set_ylim(min(0.0, low), max(high, 1.1 * CONTACT_WINDOW_N[1]))
+                axes.set_ylim(min(0.0, low), max(high, 1.1 * WINDOW_N[1]))
                 draw_window(axes)
             axes.set_ylabel("force, N" if name == "magnitude" else f"F{name}, N")
             grams_axis(axes)
@@ -112,10 +112,10 @@ def _truth_of(part: Predictions, truth_n: FloatArray, quantity: str) -> FloatArr
 
 
 def figure_scatter(predictions: Predictions, *, width_in: float = 5.6, height_in: float = 5.3) -> Figure:
-    """Estimated over measured magnitude of all test samples, with the identity line and the contact window."""
+    """Estimated over measured magnitude of all test samples, with the identity line and the force window."""
     reference, estimate, _ = predictions.column("magnitude")
     largest = max(float(np.nanmax(estimate, initial=0.0)), float(np.max(reference, initial=0.0)))
-    top = max(1.04 * largest, 1.1 * CONTACT_WINDOW_N[1])
+    top = max(1.04 * largest, 1.1 * WINDOW_N[1])
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -141,7 +141,7 @@ def figure_scatter(predictions: Predictions, *, width_in: float = 5.6, height_in
 
 
 def _step(top: float) -> float:
-    """Distance of ticks that shows both limits of the contact window where the forces are small."""
+    """Distance of ticks that shows both limits of the force window where the forces are small."""
     return next((step for step in (0.1, 0.2, 0.5, 1.0, 2.0) if top / step <= 8), 5.0)
 
 

@@ -13,12 +13,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...clinical import WINDOW_N
 from ...types import Image
 from ...units import grams_to_newtons, newtons_to_grams
 
 __all__ = [
     "COLOURS",
-    "CONTACT_WINDOW_N",
     "GREY",
     "HEIGHT_IN",
     "INK",
@@ -39,14 +39,13 @@ __all__ = [
     "page_svg",
     "standalone_svg",
     "to_svg",
+    "window_words",
 ]
 
 TEXT_PX = 12.0
 """Smallest type. One unit of a figure's SVG is never shown smaller than one pixel of the page."""
 WIDTH_IN, WIDE_IN, HEIGHT_IN = 6.8, 14.2, 3.7
 """Of a figure in one of two columns, of one across both, and of either: four fit on a printed page."""
-CONTACT_WINDOW_N = (0.1, 0.4)
-"""Contact forces that ablation wants: with less a lesion fails, with more the wall may be pierced."""
 MANY_POINTS = 1500
 """Above so many points a scatter is stored as pixels."""
 INK = "#15202b"
@@ -206,14 +205,14 @@ def grams_axis(axes: Axes, which: str = "y") -> None:
 
 
 def draw_window(axes: Axes, *, vertical: bool = False, label: bool = True) -> None:
-    """Marks the contact window: bands below 0.1 N and above 0.4 N, with lines at both.
+    """Marks the force window `WINDOW_N`: bands below and above it, with lines at both of its ends.
 
     Args:
         axes: With its final limits in newtons.
         vertical: Marks the window on the x axis instead of the y axis.
         label: Names the bands in the legend.
     """
-    low, high = CONTACT_WINDOW_N
+    low, high = WINDOW_N
     bottom, top = axes.get_xlim() if vertical else axes.get_ylim()
     span, line = (axes.axvspan, axes.axvline) if vertical else (axes.axhspan, axes.axhline)
     for start, end, colour, name in (
@@ -225,6 +224,16 @@ def draw_window(axes: Axes, *, vertical: bool = False, label: bool = True) -> No
     for force in (low, high):
         if bottom < force < top:
             line(force, color=INK, linewidth=0.8, linestyle=(0, (1, 2)), alpha=0.7, zorder=0.6)
+
+
+def window_words() -> str:
+    """What forces beyond either end of the force window do.
+
+    >>> window_words()
+    'Below 0.1 N (10 g) an ablation fails, above 0.4 N (41 g) the wall may be pierced'
+    """
+    low, high = (f"{force:g} N ({newtons_to_grams(force):.0f} g)" for force in WINDOW_N)
+    return f"Below {low} an ablation fails, above {high} the wall may be pierced"
 
 
 _BELOW, _ABOVE = "#e69f00", "#cc3311"

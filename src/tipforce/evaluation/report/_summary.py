@@ -11,6 +11,7 @@ import numpy as np
 from ... import __version__
 from ...types import ShapeFeatures
 from ...units import newtons_to_grams
+from .._comparison import comparison
 from .._constant import Constant
 from .._evaluate import Evaluation, ShowsFeatures
 from .._ground_truth import BOUND_KINDS
@@ -108,6 +109,7 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
                 "truth": evaluation.truth_n is not None,
             },
             "cramer_rao_bound": _bound(evaluation),
+            "comparison": comparison(evaluation) if evaluation.settings.compare else None,
             "perturbed": evaluation.perturbed or None,
             "seed": evaluation.settings.seed,
             "samples": evaluation.settings.samples,

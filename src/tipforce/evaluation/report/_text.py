@@ -129,9 +129,31 @@ def report_lines(metrics: dict[str, Any]) -> list[str]:
         "",
         *lines,
         "",
+        *_comparison_lines(metrics),
         *_bound_lines(metrics),
         *_perturbed_lines(metrics),
     ]
+
+
+_COMPARED = ("", "MAE mN", "RMSE", "max", "bias", "Fx MAE", "Fy MAE", "R2", "coverage %", "abstained %", "us a frame")
+
+
+def _comparison_lines(metrics: dict[str, Any]) -> list[str]:
+    """Thesis table 2, measured: a line a method, sensors in the tip, and where each method breaks."""
+    compared = metrics["comparison"]
+    if compared is None:
+        return []
+    mn, fixed, share = (FILTERS[name] for name in ("mn", "fixed", "share"))
+    table: list[tuple[str, ...]] = []
+    for row in compared["rows"]:
+        errors = [mn(row[key]) for key in ("mae_n", "rmse_n", "max_n", "bias_n", "x_mae_n", "y_mae_n")]
+        shares = [share(row[key]) for key in ("coverage", "abstained_share")]
+        table.append((row["method"], *errors, fixed(row["r2"], 2), *shares, fixed(row["update_us"], 0)))
+    table += [(f"{name}, sensor in the tip", mn(error)) for name, error in compared["sensors"].items()]
+    first = max(len(cells[0]) for cells in table)
+    breaks = [f"{row['method']}: {row['breaks']}" for row in compared["rows"] if row["breaks"]]
+    lines = [_line(cells, first, _COMPARED) for cells in (_COMPARED, *table)]
+    return ["Methods side by side:", *lines, f"Sensors: {compared['sensor_source']}.", "", *breaks, ""]
 
 
 def _bound_lines(metrics: dict[str, Any]) -> list[str]:
@@ -167,6 +189,6 @@ def _perturbed_lines(metrics: dict[str, Any]) -> list[str]:
     return [*found, ""]
 
 
-def _line(cells: tuple[str, ...], first: int) -> str:
-    rest = "".join(cell.rjust(max(9, len(head) + 2)) for cell, head in zip(cells[1:], _HEAD[1:], strict=False))
+def _line(cells: tuple[str, ...], first: int, heads: tuple[str, ...] = _HEAD) -> str:
+    rest = "".join(cell.rjust(max(9, len(head) + 2)) for cell, head in zip(cells[1:], heads[1:], strict=False))
     return (cells[0].ljust(first) + rest).rstrip()

@@ -1,0 +1,48 @@
+"""Thresholds: where contact begins, the force window, the limit."""
+
+from typing import Annotated, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+__all__ = ["CONTACT_N", "LIMIT_N", "WINDOW_N", "ContactSettings"]
+
+CONTACT_N = 0.01
+"""Above this magnitude the tip counts as in contact."""
+WINDOW_N = (0.1, 0.4)
+"""Contact forces that ablation wants: with less a lesion fails, with more the wall may be pierced."""
+LIMIT_N = 0.4
+"""Above this force (41 g) the wall may be pierced."""
+
+_Newtons = Annotated[float, Field(gt=0, le=10)]
+
+
+class ContactSettings(BaseModel):
+    """What counts as contact, as the window and as too much. Window and limit are two things, and may differ."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    contact_n: _Newtons = CONTACT_N
+    """Above this magnitude the tip is in contact."""
+    window_n: tuple[_Newtons, _Newtons] = WINDOW_N
+    """The force window, both ends in it: the thesis has 0.1 to 0.3 N."""
+    limit_n: _Newtons = LIMIT_N
+    """Above it the force is excessive."""
+    class_s: Annotated[float, Field(ge=0.1, le=600)] = 3.0
+    """The contact class is that of so many last seconds: some heart beats."""
+    swing_n: _Newtons = 0.2
+    """Contact whose force changes by more within ``class_s`` is variable."""
+    max_unknown_share: Annotated[float, Field(ge=0, le=1)] = 0.2
+    """With more of ``class_s`` unknown there is no class."""
+    max_gap_s: Annotated[float, Field(gt=0, le=60)] = 0.25
+    """A longer time between two frames is unknown; what passes between nearer ones is taken from both."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        low, high = self.window_n
+        if not self.contact_n <= low < high:
+            raise ValueError(
+                f"expected contact_n <= window_n[0] < window_n[1], got {self.contact_n:g}, {low:g}, {high:g}"
+            )
+        if self.limit_n < low:
+            raise ValueError(f"expected limit_n of at least window_n[0] = {low:g}, got {self.limit_n:g}")
+        return self

@@ -1,0 +1,567 @@
+"""The model-based methods of thesis table 2 as estimators: from the detected centreline by mechanics, not by learning.
+
+Each asks its rod model, as it stands in `tipforce.mechanics.models`, under which force at the tip the centreline would
+be where it was detected. The rod is that of the session's metadata, bent beforehand as the knob's nominal gain says.
+Nothing needs to be fitted where the stiffness is stated. ``fit`` finds a factor of the stiffness and an offset of the
+pre-curvature by least squares on training frames whose force is known, and how far detected and modelled stations then
+still are apart: their covariance is the weight of the stations from then on.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.optimize import least_squares
+
+from ..datasets import Dataset
+from ..errors import InputError
+from ..mechanics import (
+    ConstantCurvature,
+    LargeDeflection,
+    LinearBeam,
+    MassSpring,
+    PseudoRigidBody,
+    RigidLinks,
+    Rod,
+    RodModel,
+)
+from ..types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
+from ..vision import (
+    ResolvedVision,
+    VisionSettings,
+    auto_calibrate,
+)
+from ._base import Estimator, Progress, calibration_images, no_progress
+from ._builder import MAX_FORCE_N, implausible
+from ._reading import Abstention
+from ._rod_inverse import STATIONS, ForceFit, StationNoise, fit_force, model_stations
+from ._rod_reader import RodLine, RodReader
+from ._session_metadata import missing_metadata
+from ._summary import ModelSummary, left_out_by_session, left_out_text
+from ._values import LARGEST, stored_array
+from .uncertainty import Interval, interval_from_errors
+
+__all__ = ["Arcs", "Beam", "Elastica", "Links", "MassSprings", "PseudoRigid", "RodModelSettings", "StrainArcs"]
+
+MIN_SAMPLES = 20
+"""Fewer samples say too little of the stations' covariance."""
+
+_STATED_SESSIONS = 4.0
+"""The stated uncertainties weigh as much as so many training sessions: frames of one session err alike."""
+_KNOWN = np.array([True, True, False])
+_TYPICAL_STIFFNESS_NM2 = 4.3e-4
+"""Of a slightly bent 7F ablation catheter (Khoshnam et al. 2012): where ``fit`` begins when none is stated."""
+_STATED_WITHIN, _TYPICAL_WITHIN = 2.0, 10.0
+"""Factors within which a stated stiffness is right, and the typical one where none is stated."""
+_MOST_OFFSET_PER_M = 20.0
+_GAUSSIAN = Interval(
+    half_n=np.array([1.6449, 1.6449, np.nan]),
+    magnitude_half_n=1.6449,
+    covariance_n2=np.diag([1.0, 1.0, np.nan]),
+    by_session=False,
+    basis="stated uncertainties of detection and pre-curvature, as normal distributions; never compared with forces",
+    sessions=0,
+    samples=0,
+)
+"""In standard deviations: 90 % of a normal distribution."""
+
+
+class RodModelSettings(BaseModel):
+    """Settings of all rod models. Standard deviations hold until ``fit`` has measured their sum."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    vision: VisionSettings = VisionSettings()
+    """How the catheter is looked for."""
+    stiffness_nm2: Annotated[float, Field(ge=1e-8, le=10)] | None = None
+    """Bending stiffness in place of the one that the session's metadata state."""
+    force_std_n: Annotated[float, Field(gt=0, le=10)] = 0.2
+    """Prior standard deviation of each force component, about 0: contact forces are 0.1 to 0.4 N. It decides along
+    directions in which a force hardly bends the shaft."""
+    station_std_m: Annotated[float, Field(gt=0, le=0.1)] = 1e-4
+    """Standard deviation of a detected point: half a pixel of a usual bench."""
+    base_std_m: Annotated[float, Field(ge=0, le=0.1)] = 2e-4
+    """Of the base's position."""
+    base_std_rad: Annotated[float, Field(ge=0, le=1)] = 0.017
+    """Of the base tangent's direction: one degree."""
+    length_std_m: Annotated[float, Field(ge=0, le=0.1)] = 1e-3
+    """Of the detected length: of the scale, the free length and where the tip ends."""
+    precurvature_std_per_m: Annotated[float, Field(ge=0, le=100)] = 1.0
+    """Of the pre-curvature that the knob gives: about 2 degrees of play and error of a knob."""
+    max_misfit: Annotated[float, Field(gt=1, le=1e6)] = 4.0
+    """A line that no force explains: its squared misfit is more than so many times what 99 % of the training lines
+    have, or, without ``fit``, than its expectation."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """What was learnt; ``interval`` in standard deviations."""
+
+    stiffness_factor: float
+    stiffness_stated: bool
+    precurvature_offset_per_m: float
+    covariance_m2: FloatArray
+    largest_misfit: float
+    interval: Interval
+    samples: int
+    left_out: dict[str, list[int]]
+    vision: ResolvedVision | None
+
+
+class RodModelEstimator(Estimator):
+    """One rod model as a method; see the module. ``fitted_`` is None where it was not fitted."""
+
+    settings_type = RodModelSettings
+    settings: RodModelSettings
+    needs_fit: ClassVar[bool] = False
+    stations: ClassVar[int] = STATIONS
+    """So many stations, counted from the tip, are compared."""
+    model: ClassVar[Callable[[Rod], RodModel]]
+
+    def __init__(self, settings: RodModelSettings | None = None) -> None:
+        super().__init__(settings)
+        self.fitted_: _Fitted | None = None
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """The view of the vision settings."""
+        return (self.settings.vision.view,)
+
+    @property
+    def calibrates_on_images(self) -> bool:
+        """Length, look of the tip and threshold are each session's own."""
+        return self.settings.vision.method == "tracer"
+
+    @property
+    def required_metadata(self) -> tuple[str, ...]:
+        """The rod's length, the scale, and the stiffness unless a setting or training gave it."""
+        known = ("catheter.flexible_length_m", f"views.{self.settings.vision.view}.metres_per_px")
+        learnt = self.fitted_ is not None and not self.fitted_.stiffness_stated
+        return known if learnt or self.settings.stiffness_nm2 else (*known, "catheter.bending_stiffness_nm2")
+
+    def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
+        """Finds stiffness, pre-curvature and the stations' covariance on frames whose force is known.
+
+        Raises InputError for fewer than `MIN_SAMPLES` detected samples, for unknown Fx or Fy, and for sessions without
+        length or scale.
+        """
+        report = progress or no_progress
+        if not dataset.known[:2].all():
+            raise InputError(f"{dataset.title}: {self.name} needs forces along x and y, and these data lack one")
+        stated = self.settings.stiffness_nm2 is not None or all(
+            info.catheter.bending_stiffness_nm2 is not None for info in dataset.session_info.values()
+        )
+        base = replace(_unfitted(self.settings, self.stations), stiffness_stated=stated)
+        self.fitted_ = base
+        vision = self._shared_vision(dataset)
+        self.fitted_ = base = replace(base, vision=vision)
+        lines = self._lines(dataset, lambda share: report("detecting the catheter", 0.7 * share))
+        kept = np.array([isinstance(line, RodLine) for line in lines], np.bool_)
+        if kept.sum() < MIN_SAMPLES:
+            why = next((line.detail for line in lines if isinstance(line, Abstention)), "")
+            raise InputError(
+                f"{dataset.title}: the centreline is known in {kept.sum()} of {len(dataset)} samples, {self.name} "
+                f"needs {MIN_SAMPLES} to be fitted{'; ' if why else ''}{why}"
+            )
+        found = [line for line in lines if isinstance(line, RodLine)]
+        infos = [dataset.session_info[name] for name in dataset.session[kept].tolist()]
+        force = dataset.force_n[kept][:, :2]
+        report("fitting", 0.75)
+        factor, offset = self._stiffness_and_offset(found, infos, force)
+        wrong = self._wrong(found, infos, force, factor, offset)
+        wrong = wrong[np.isfinite(wrong).all(axis=1)]
+        sessions = len(dataset.sessions)
+        measured = wrong.T @ wrong / len(wrong)
+        covariance = (sessions * measured + _STATED_SESSIONS * base.covariance_m2) / (sessions + _STATED_SESSIONS)
+        self.fitted_ = replace(
+            base,
+            stiffness_factor=factor,
+            precurvature_offset_per_m=offset,
+            covariance_m2=covariance,
+            largest_misfit=np.inf,
+            samples=len(found),
+            left_out=left_out_by_session(dataset.session, kept),
+        )
+        report("intervals", 0.9)
+        fits = [self._force(line, info) for line, info in zip(found, infos, strict=True)]
+        misfit = float(np.quantile([each.misfit for each in fits], 0.99)) * self.settings.max_misfit
+        interval = _interval(fits, force, dataset.session[kept], "samples that it was fitted on")
+        self.fitted_ = replace(self.fitted_, largest_misfit=misfit, interval=interval)
+        report("intervals", 1.0)
+        return self
+
+    def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
+        """Finds the intervals anew on ``dataset``, of whose sessions ``fit`` saw none; forces stay as they are.
+
+        Raises InputError where the catheter is found in none of its images.
+        """
+        report = progress or no_progress
+        lines = self._lines(dataset, lambda share: report("calibrating", share))
+        fits: list[ForceFit] = []
+        rows: list[int] = []
+        for row, (line, session) in enumerate(zip(lines, dataset.session.tolist(), strict=True)):
+            if isinstance(line, RodLine):
+                fits.append(self._force(line, dataset.session_info[session]))
+                rows.append(row)
+        if not rows:
+            raise InputError(f"{dataset.title}: the catheter is found in none of its {len(dataset)} images")
+        interval = _interval(fits, dataset.force_n[rows][:, :2], dataset.session[rows], "")
+        self.fitted_ = replace(self.fitted_ or _unfitted(self.settings, self.stations), interval=interval)
+        return self
+
+    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> "RodModelStream":
+        """A stream for one session; see `Estimator.start`."""
+        return RodModelStream(self, info, images)
+
+    def estimate(self, line: RodLine, info: SessionInfo, stamp_ns: int) -> ForceEstimate:
+        """The estimate of a frame that was read."""
+        found, fitted = self._force(line, info), self.fitted_ or _unfitted(self.settings, self.stations)
+        if not found.converged:
+            detail = f"the {self.name} model has no equilibrium near this centreline"
+            return ForceEstimate.invalid(stamp_ns, Status.UNOBSERVABLE, detail, line.shape)
+        if found.misfit > fitted.largest_misfit:
+            return ForceEstimate.invalid(
+                stamp_ns,
+                Status.OUT_OF_DISTRIBUTION,
+                f"no force at the tip bends the {self.name} model to this centreline (squared misfit "
+                f"{found.misfit:.0f}, the limit is {fitted.largest_misfit:.0f})",
+                line.shape,
+            )
+        force, sigma = found.force_n, np.sqrt(np.diag(found.covariance_n2))
+        magnitude = float(np.hypot(*force))
+        if not magnitude <= MAX_FORCE_N:
+            return implausible(stamp_ns, magnitude, line.shape)
+        half = fitted.interval.half_n[:2] * sigma
+        magnitude_half = fitted.interval.magnitude_half_n * _magnitude_sigma(found)
+        covariance = np.full((3, 3), np.nan)
+        covariance[:2, :2] = found.covariance_n2
+        interval = np.full((3, 2), np.nan)
+        interval[:2, 0], interval[:2, 1] = force - half, force + half
+        return ForceEstimate(
+            stamp_ns=stamp_ns,
+            force_n=np.append(force, np.nan),
+            known=_KNOWN,
+            covariance_n2=covariance,
+            interval_n=interval,
+            magnitude_n=magnitude,
+            magnitude_interval_n=np.array([max(0.0, magnitude - magnitude_half), magnitude + magnitude_half]),
+            shape=line.shape,
+        )
+
+    def _force(self, line: RodLine, info: SessionInfo) -> ForceFit:
+        fitted = self.fitted_ or _unfitted(self.settings, self.stations)
+        model = self._model_of(info, line.knob_deg, fitted.stiffness_factor, fitted.precurvature_offset_per_m)
+        noise = StationNoise.of(fitted.covariance_m2, self.settings.force_std_n)
+        return fit_force(model, line.stations_m[-2 * self.stations :], noise)
+
+    def _model_of(self, info: SessionInfo, knob_deg: float, factor: float, offset_per_m: float) -> RodModel:
+        """The model of a session's catheter at one angle of its knob."""
+        catheter = info.catheter
+        learnt = self.fitted_ is not None and not self.fitted_.stiffness_stated
+        nominal = self.settings.stiffness_nm2 or (None if learnt else catheter.bending_stiffness_nm2)
+        assert catheter.flexible_length_m is not None
+        return _model(
+            type(self).model,
+            catheter.flexible_length_m,
+            factor * (nominal or _TYPICAL_STIFFNESS_NM2),
+            catheter.rigid_length_m or 0.0,
+            (info.actuation.knob_gain_per_m_deg or 0.0) * knob_deg + offset_per_m,
+            catheter.stiffness_profile,
+        )
+
+    def _stiffness_and_offset(
+        self, lines: Sequence[RodLine], infos: Sequence[SessionInfo], force: FloatArray
+    ) -> tuple[float, float]:
+        """Factor of the stiffness and offset of the pre-curvature: least squares, weighted by stated uncertainties."""
+        stated = _unfitted(self.settings, self.stations).covariance_m2
+        root = np.linalg.cholesky(np.linalg.inv(stated))
+
+        def wrong(unknown: FloatArray) -> FloatArray:
+            apart = self._wrong(lines, infos, force, float(np.exp(unknown[0])), float(unknown[1]))
+            return np.nan_to_num(apart @ root, nan=1e3).ravel()
+
+        assert self.fitted_ is not None
+        widest = np.log(_STATED_WITHIN if self.fitted_.stiffness_stated else _TYPICAL_WITHIN)
+        found = least_squares(
+            wrong,
+            np.zeros(2),
+            x_scale=[0.1, 1.0],
+            diff_step=1e-3,
+            bounds=([-widest, -_MOST_OFFSET_PER_M], [widest, _MOST_OFFSET_PER_M]),
+            max_nfev=15,
+        )
+        return float(np.exp(found.x[0])), float(found.x[1])
+
+    def _wrong(
+        self, lines: Sequence[RodLine], infos: Sequence[SessionInfo], force: FloatArray, factor: float, offset: float
+    ) -> FloatArray:
+        """(n, 2 k): detected less modelled stations under known forces (n, 2)."""
+        return np.array(
+            [
+                line.stations_m[-2 * self.stations :]
+                - model_stations(self._model_of(info, line.knob_deg, factor, offset), each, self.stations)
+                for line, info, each in zip(lines, infos, force, strict=True)
+            ]
+        )
+
+    def _shared_vision(self, dataset: Dataset) -> ResolvedVision | None:
+        """What later sessions fall back on where none of their images shows a catheter."""
+        name = dataset.sessions[0]
+        images = calibration_images(dataset, name, self.views[0])
+        try:
+            return auto_calibrate(self.settings.vision, images, dataset.session_info[name]) if images else None
+        except InputError as error:
+            raise InputError(f"{dataset.title}: {error}") from None
+
+    def reader(self, info: SessionInfo, images: Sequence[Image] = ()) -> RodReader:
+        """What reads the centreline in one session."""
+        shared = None if self.fitted_ is None else self.fitted_.vision
+        return RodReader(self.settings.vision, shared, info, images)
+
+    def _lines(self, dataset: Dataset, report: Callable[[float], None]) -> list[RodLine | Abstention]:
+        """What is read of each sample of ``dataset``, session after session, in its order."""
+        found: dict[int, RodLine | Abstention] = {}
+        for name in dataset.sessions:
+            info, part = dataset.session_info[name], dataset.subset(dataset.session == name)
+            images = calibration_images(dataset, name, self.views[0]) if self.calibrates_on_images else ()
+            reader = self.reader(info, images)
+            key = f"rod model lines {reader.vision.model_dump_json()}"
+            found |= dict(zip(part.rows.tolist(), part.derive(key, reader.read), strict=True))
+            report(len(found) / len(dataset))
+        return [found[row] for row in dataset.rows.tolist()]
+
+    def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+        """What `fit` and `calibrate` found."""
+        fitted = self.fitted_ or _unfitted(self.settings, self.stations)
+        values: dict[str, Any] = {
+            "stiffness_factor": fitted.stiffness_factor,
+            "stiffness_stated": fitted.stiffness_stated,
+            "precurvature_offset_per_m": fitted.precurvature_offset_per_m,
+            "largest_misfit": fitted.largest_misfit,
+            "interval": fitted.interval.values(),
+            "samples": fitted.samples,
+            "left_out": fitted.left_out,
+            "vision": None if fitted.vision is None else fitted.vision.model_dump(mode="json"),
+        }
+        return values, {"covariance_m2": fitted.covariance_m2}
+
+    @classmethod
+    def from_state(
+        cls,
+        settings: Mapping[str, Any],
+        values: Mapping[str, Any],
+        arrays: Mapping[str, npt.NDArray[Any]],
+        files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
+    ) -> Self:
+        """The inverse of `state`."""
+        made = cls(RodModelSettings.model_validate(settings))
+        state = _State.model_validate(values)
+        size = 2 * cls.stations
+        covariance = stored_array(arrays, "covariance_m2", (size, size))
+        StationNoise.of(covariance, made.settings.force_std_n)
+        if state.vision is not None and state.vision.settings != made.settings.vision:
+            raise ValueError("vision was resolved with other settings than those of the model")
+        interval = Interval.of(values["interval"], _KNOWN)
+        made.fitted_ = _Fitted(covariance_m2=covariance, interval=interval, **dict(state))
+        return made
+
+    def describe(self) -> dict[str, Any]:
+        """What was learnt, what is needed, what the interval rests on."""
+        fitted = self.fitted_ or _unfitted(self.settings, self.stations)
+        return {
+            "stiffness_factor": fitted.stiffness_factor,
+            "precurvature_offset_per_m": fitted.precurvature_offset_per_m,
+            "station_rms_m": float(np.sqrt(np.mean(np.diag(fitted.covariance_m2)))),
+            "required_metadata": list(self.required_metadata),
+            "interval_basis": fitted.interval.basis,
+            "samples": fitted.samples,
+            "left_out": fitted.left_out,
+            "breaks": self.breaks,
+        }
+
+    @classmethod
+    def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
+        """Stiffness, pre-curvature, where the model breaks."""
+        text = (
+            f"stiffness {facts['stiffness_factor']:.3f} times the nominal one, pre-curvature "
+            f"{facts['precurvature_offset_per_m']:+.2f} 1/m; detected and modelled stations are "
+            f"{facts['station_rms_m'] * 1e3:.2f} mm apart (RMS)"
+        )
+        lost = (f"left out: {left_out_text(facts['left_out'])}",) if facts["left_out"] else ()
+        inputs = f"The last {cls.stations} of {STATIONS} stations of the centreline, and the knob."
+        return ModelSummary(inputs, "a rod model", (f"{text}. {facts['breaks']}",), (text, *lost))
+
+
+class RodModelStream:
+    """One session, frame after frame; each frame by itself."""
+
+    def __init__(self, estimator: RodModelEstimator, info: SessionInfo, images: Sequence[Image] = ()) -> None:
+        self._estimator, self._info = estimator, info
+        self._reader = estimator.reader(info, images)
+        self._missing = missing_metadata(estimator.required_metadata, info)
+
+    def update(self, observation: Observation) -> ForceEstimate:
+        """The force at this observation; its status says why where there is none."""
+        if self._missing:
+            return ForceEstimate.invalid(observation.stamp_ns, Status.MISSING_INPUT, self._missing)
+        line = self._reader.read(observation)
+        if isinstance(line, Abstention):
+            return ForceEstimate.invalid(observation.stamp_ns, line.status, line.detail, self._reader.shape)
+        return self._estimator.estimate(line, self._info, observation.stamp_ns)
+
+
+@lru_cache(maxsize=64)
+def _model(
+    kind: Callable[[Rod], RodModel],
+    flexible_length_m: float,
+    stiffness_nm2: float,
+    rigid_length_m: float,
+    precurvature_per_m: float,
+    profile: tuple[tuple[float, float], ...],
+) -> RodModel:
+    rod = Rod(flexible_length_m, stiffness_nm2, rigid_length_m, precurvature_per_m)
+    if profile:
+        shares, factors = np.array(profile).T
+        along = np.interp(np.linspace(0.0, 1.0, rod.segments + 1), shares, factors)
+        rod = replace(rod, stiffness_profile=along)
+    return kind(rod)
+
+
+def _unfitted(settings: RodModelSettings, stations: int) -> _Fitted:
+    """Stated uncertainties in place of measured ones, propagated to the stations of a straight catheter of 50 mm."""
+    length = 0.05
+    arc = np.arange(STATIONS + 1 - stations, STATIONS + 1) / STATIONS * length
+    none, one = np.zeros(stations), np.ones(stations)
+    modes = [
+        settings.base_std_m * np.column_stack([one, none]),
+        settings.base_std_m * np.column_stack([none, one]),
+        settings.base_std_rad * np.column_stack([none, arc]),
+        settings.length_std_m / length * np.column_stack([arc, none]),
+        settings.precurvature_std_per_m * np.column_stack([none, 0.5 * arc**2]),
+    ]
+    covariance = settings.station_std_m**2 * np.eye(2 * stations)
+    for mode in modes:
+        covariance += np.outer(mode.ravel(), mode.ravel())
+    return _Fitted(1.0, True, 0.0, covariance, 2 * stations * settings.max_misfit, _GAUSSIAN, 0, {}, None)
+
+
+def _magnitude_sigma(found: ForceFit) -> float:
+    """Standard deviation of the force's length; for a force near zero that of any direction."""
+    force, covariance = found.force_n, found.covariance_n2
+    mean = 0.5 * float(np.trace(covariance))
+    return float(np.sqrt((force @ covariance @ force + mean**2) / (force @ force + mean)))
+
+
+def _interval(fits: Sequence[ForceFit], force: FloatArray, session: npt.NDArray[np.str_], sampling: str) -> Interval:
+    """Conformal half-widths in standard deviations; ``sampling``: empty where the sessions were held out."""
+    use = np.array([fit.converged for fit in fits], np.bool_)
+    if not use.any():
+        return replace(_GAUSSIAN, half_n=np.array([np.inf, np.inf, np.nan]), magnitude_half_n=np.inf)
+    kept = [fit for fit in fits if fit.converged]
+    found = np.array([fit.force_n for fit in kept])
+    sigma = np.array([np.sqrt(np.diag(fit.covariance_n2)) for fit in kept])
+    size = np.hypot(*found.T) - np.hypot(*force[use].T)
+    magnitude = size / np.array([_magnitude_sigma(fit) for fit in kept])
+    return interval_from_errors(
+        _KNOWN, (found - force[use]) / sigma, magnitude, session[use], held_out=not sampling, sampling=sampling
+    )
+
+
+_Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+
+
+class _State(BaseModel):
+    """The values of `RodModelEstimator.state` but the interval."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    stiffness_factor: Annotated[float, Field(gt=0, le=1e3)]
+    stiffness_stated: bool
+    precurvature_offset_per_m: _Finite
+    largest_misfit: Annotated[float, Field(gt=0, le=LARGEST)]
+    samples: Annotated[int, Field(ge=0, lt=1 << 53)]
+    left_out: dict[str, list[Annotated[int, Field(ge=0, lt=1 << 53)]]]
+    vision: ResolvedVision | None
+
+
+class Beam(RodModelEstimator):
+    """Linear finite elements of a Bernoulli-Euler beam (Gao et al.; thesis table 2, continuum)."""
+
+    name = "beam"
+    model = LinearBeam
+    breaks = (
+        "The tip of a linear beam moves on a straight line instead of turning back, so its axial shift, and with it "
+        "the axial force, is read wrongly as soon as the shaft bends."
+    )
+
+
+class Links(RodModelEstimator):
+    """Rigid links with torsion springs (Guo, Wang; thesis table 2, multi-body dynamics)."""
+
+    name = "links"
+    model = RigidLinks
+    breaks = (
+        "Ten links bend as the shaft does to 0.25 %, but their stiffness is one number: a shaft that stiffens "
+        "as it bends reads too soft or too stiff at all loads but one."
+    )
+
+
+class MassSprings(RodModelEstimator):
+    """Particles with stretch and bending springs (Lenoir; thesis table 2, particle-based)."""
+
+    name = "mass-spring"
+    model = MassSpring
+    breaks = (
+        "Its springs give along the shaft, and what they should be is a matter of taste; with those of a "
+        "solid round section it errs as the links do."
+    )
+
+
+class Elastica(RodModelEstimator):
+    """Large deflection of a Bernoulli-Euler beam from the tip's pose (Khoshnam et al.; thesis table 2, continuum)."""
+
+    name = "elastica"
+    model = LargeDeflection
+    breaks = (
+        "It sees the tip's pose alone, so an error of the assumed pre-curvature or of the base goes into the "
+        "force as it is."
+    )
+    stations = 2
+
+
+class Arcs(RodModelEstimator):
+    """One arc of constant curvature: the kinematics by which catheter robots are steered."""
+
+    name = "arcs"
+    model = ConstantCurvature
+    breaks = (
+        "One arc has one degree of freedom, so its shape tells one component and the other is left at zero; "
+        "under a small force it deflects by 3/4 of what a shaft does."
+    )
+
+
+class StrainArcs(RodModelEstimator):
+    """Four arcs: the strain parametrisation of a Cosserat rod (Back et al.; thesis table 2, differential geometry)."""
+
+    name = "strain"
+    model = partial(ConstantCurvature, arcs=4)
+    breaks = (
+        "Four arcs follow the shaft closely; as for all of these models, play of the knob is read as a "
+        "lateral force, and an axial force on a nearly straight shaft is not seen."
+    )
+
+
+class PseudoRigid(RodModelEstimator):
+    """Howell's pseudo-rigid body with one hinge, from the tip's position."""
+
+    name = "pseudo-rigid"
+    model = PseudoRigidBody
+    breaks = (
+        "One hinge has one degree of freedom, so the tip tells one component and the other is left at zero; "
+        "nothing remains to tell a force from a wrong pre-curvature."
+    )
+    stations = 1
