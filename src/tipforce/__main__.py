@@ -1,5 +1,6 @@
 """``tipforce`` and ``python -m tipforce``: signals are looked after before anything heavy is imported."""
 
+import atexit
 import os
 import signal
 import sys
@@ -31,10 +32,11 @@ def main() -> None:
 
 
 def _leave(code: int) -> None:
-    """Ends the process without the end of the interpreter, which takes a second more with all that is loaded.
+    """Ends the process without freeing all that is loaded, which takes a second more.
 
     All files are cleaned up and all children have ended when an interrupt comes to here.
     """
+    atexit._run_exitfuncs()  # pyright: ignore[reportPrivateUsage]  (multiprocessing gives its semaphores back)
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()

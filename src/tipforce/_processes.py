@@ -50,7 +50,9 @@ def signals_end_the_program() -> Generator[None]:
         return
 
     def first(number: int, frame: FrameType | None) -> None:
-        del frame
+        if _in_compiled_import(frame):
+            _send_again(number)
+            return
         for each in _ENDING:
             signal.signal(each, second)
         _starts.ended = number
@@ -64,7 +66,7 @@ def signals_end_the_program() -> Generator[None]:
             return
         for each in _ENDING:
             signal.signal(each, first)
-        threading.Timer(_AGAIN_S, _send_to_main_thread, (what.exc_value.signal,)).start()
+        _send_again(what.exc_value.signal)
 
     def second(number: int, frame: FrameType | None) -> None:
         del frame
@@ -88,6 +90,19 @@ def signals_end_the_program() -> Generator[None]:
         _starts.ended, sys.unraisablehook = 0, hook_before
         for each, handler in before.items():
             signal.signal(each, handler)
+
+
+def _in_compiled_import(frame: FrameType | None) -> bool:
+    """Whether ``frame`` is within the import of a compiled module: an exception in there can end in a crash."""
+    while frame is not None:
+        if frame.f_code.co_qualname.startswith("ExtensionFileLoader."):
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _send_again(number: int) -> None:
+    threading.Timer(_AGAIN_S, _send_to_main_thread, (number,)).start()
 
 
 def _send_to_main_thread(number: int) -> None:

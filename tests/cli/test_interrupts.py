@@ -163,3 +163,24 @@ sys.stderr = sys.stdout
 runpy.run_module("tipforce", run_name="__main__")
 """
     assert " ".join(told_of(ENDING + program)) == "tipforce: stopped by SIGINT"
+
+
+def test_an_interrupt_within_the_import_of_a_compiled_module_waits_for_its_end() -> None:
+    program = """
+import importlib._bootstrap_external as external
+from importlib.machinery import ExtensionFileLoader
+from importlib.util import spec_from_loader
+whole = []
+def create(spec):
+    interrupt()
+    whole.append("whole")
+external._imp = type("Imp", (), {"create_dynamic": staticmethod(create)})
+try:
+    with signals_end_the_program():
+        loader = ExtensionFileLoader("module", "module.so")
+        loader.create_module(spec_from_loader("module", loader))
+        time.sleep(20)
+except Interrupted as stop:
+    print(*whole, stop.signal.name)
+"""
+    assert told_of(ENDING + program) == ["whole", "SIGINT"]
