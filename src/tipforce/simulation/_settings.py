@@ -3,7 +3,7 @@
 from pydantic import Field
 
 from ._fields import Settings
-from .rendering.camera import GENERALISE, SceneRanges
+from .rendering.camera import GENERALISE, THESIS_PLAIN, SceneRanges
 from .rendering.fluoroscope import BIPLANE, FLUORO, XrayRanges
 from .world.settings import (
     ActuationSettings,
@@ -80,6 +80,7 @@ PRESETS: dict[str, AnySimulationSettings] = {
     "generalise": SimulationSettings(preset="generalise", world=_MANY_CATHETERS, scene=GENERALISE),
     "fluoro": FluoroSettings(world=_IN_SPACE),
     "biplane": FluoroSettings(preset="biplane", world=_IN_SPACE, scene=BIPLANE),
+    "thesis-2021-plain": SimulationSettings(preset="thesis-2021-plain", scene=THESIS_PLAIN),
     "guidewire": SimulationSettings(
         preset="guidewire",
         world=WorldSettings(

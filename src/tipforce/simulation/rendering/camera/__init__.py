@@ -15,11 +15,12 @@ from ._scene import (
     TissueAppearance,
     TubeFinish,
 )
-from ._scene_settings import BENCH_2021, GENERALISE, SceneRanges, sample_scene
+from ._scene_settings import BENCH_2021, GENERALISE, THESIS_PLAIN, SceneRanges, sample_scene
 
 __all__ = [
     "BENCH_2021",
     "GENERALISE",
+    "THESIS_PLAIN",
     "BackgroundAppearance",
     "CameraRenderer",
     "CameraScene",

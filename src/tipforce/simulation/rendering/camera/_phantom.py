@@ -1,6 +1,7 @@
 """The tissue phantom, painted once a session: a silicone pad on a plate, on a round force sensor, on a stage's arm."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -56,13 +57,38 @@ def paint_phantom(
     def box(deep_from: float, deep_to: float, half: float, corner: float, aside: float = 0.0) -> Patch:
         return _rounded(canvas, origin, into, along, (deep_from, deep_to, aside - half, aside + half, corner), unit)
 
+    shape = box(0.0, appearance.pad_m[0], appearance.pad_m[1], appearance.corner_m)
+    if appearance.carrier:
+        _lay_carrier(canvas, box, shape, (origin, into, along), 1.5 * (width + height) / px_per_m)
+    else:
+        canvas.darken(shape, scene.ground.depth_m)
+    mottle = 1.0 + appearance.mottle * multi_scale_noise(rng, shape.shape, (8.0, 30.0, 90.0), 0.7)[shape.part]
+    # Light comes out again near the edges of silicone, and its wet skin mirrors the lamps in soft patches.
+    part = shape.part
+    inner = soften(shape.within((slice(0, canvas.shape[0]), slice(0, canvas.shape[1]))), 1.1e-3 * unit)[part]
+    glow = 1.0 + 0.22 * np.clip(1.6 - 1.6 * inner, 0.0, 1.0)
+    shine = np.clip(multi_scale_noise(rng, shape.shape, (16.0, 50.0), 0.8)[part] - 2.0, 0.0, 1.0)
+    lit = mottle * glow * canvas.bevel(shape, 5.0)
+    paint = np.asarray(appearance.colour, np.float32) * lit[..., None] + np.float32(60.0) * shine[..., None]
+    canvas.lay(shape, paint.astype(np.float32, copy=False), height_m=_STEP_M)
+    return Phantom(*_sprite(canvas, channels, sigma_px), margin + 0.25, home.surface_m, into, px_per_m)
+
+
+def _lay_carrier(
+    canvas: Canvas,
+    box: Callable[[float, float, float, float], Patch],
+    shape: Patch,
+    axes: tuple[FloatArray, FloatArray, FloatArray],
+    reach_m: float,
+) -> None:
+    """Plate, force sensor and arm behind the pad of ``shape``, and the shadow of all; ``axes``: origin, into, along."""
+    scene, appearance, unit = canvas.scene, canvas.scene.tissue, canvas.px_per_m
+    origin, into, along = axes
     pad, plate = appearance.pad_m[0], appearance.pad_m[0] + appearance.plate_m[0]
     body = plate + appearance.body_m[0]
-    reach = 1.5 * (width + height) / px_per_m
-    arm = box(body - 2e-3, reach, appearance.arm_half_m, 1e-3)
+    arm = box(body - 2e-3, reach_m, appearance.arm_half_m, 1e-3)
     drum = box(plate - 1e-3, body, appearance.body_m[1], 2e-3)
     disc = box(pad - 1e-3, plate, appearance.plate_m[1], 0.6e-3)
-    shape = box(0.0, pad, appearance.pad_m[1], appearance.corner_m)
     # All parts are about as high as one another: their shadow falls on the ground, and hardly on their neighbours.
     canvas.darken(arm.joined(drum).joined(disc.joined(shape)), scene.ground.depth_m)
     groove = 0.10 * np.exp(-((_aside(arm.part, origin, along) / (0.18 * appearance.arm_half_m * unit)) ** 2))
@@ -82,16 +108,6 @@ def paint_phantom(
         head = canvas.disc(at, min(1.6e-3, 0.42 * appearance.plate_m[0]) * unit)
         dark = 0.55 * appearance.plate_grey
         canvas.lay(head, (dark, dark, dark), height_m=0.5e-3, shading=canvas.bevel(head, 1.2))
-    mottle = 1.0 + appearance.mottle * multi_scale_noise(rng, shape.shape, (8.0, 30.0, 90.0), 0.7)[shape.part]
-    # Light comes out again near the edges of silicone, and its wet skin mirrors the lamps in soft patches.
-    part = shape.part
-    inner = soften(shape.within((slice(0, canvas.shape[0]), slice(0, canvas.shape[1]))), 1.1e-3 * unit)[part]
-    glow = 1.0 + 0.22 * np.clip(1.6 - 1.6 * inner, 0.0, 1.0)
-    shine = np.clip(multi_scale_noise(rng, shape.shape, (16.0, 50.0), 0.8)[part] - 2.0, 0.0, 1.0)
-    lit = mottle * glow * canvas.bevel(shape, 5.0)
-    paint = np.asarray(appearance.colour, np.float32) * lit[..., None] + np.float32(60.0) * shine[..., None]
-    canvas.lay(shape, paint.astype(np.float32, copy=False), height_m=_STEP_M)
-    return Phantom(*_sprite(canvas, channels, sigma_px), margin + 0.25, home.surface_m, into, px_per_m)
 
 
 def _places(part: Part, origin: FloatArray) -> tuple[FloatImage, FloatImage]:

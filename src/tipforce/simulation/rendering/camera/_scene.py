@@ -130,6 +130,7 @@ class TissueAppearance:
     """A silicone pad on a plate, on a round sensor, on the arm of a stage; sizes in metres.
 
     ``over_tip``: the pad is taller than the catheter and hides what the tip sinks in, else the tip is seen on the pad.
+    ``carrier``: whether plate, sensor and arm are in view.
     """
 
     colour: Colour
@@ -143,6 +144,7 @@ class TissueAppearance:
     arm_grey: float
     corner_m: float
     over_tip: bool
+    carrier: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ from ._scene import (
     TubeFinish,
 )
 
-__all__ = ["BENCH_2021", "GENERALISE", "SceneRanges", "sample_scene"]
+__all__ = ["BENCH_2021", "GENERALISE", "THESIS_PLAIN", "SceneRanges", "sample_scene"]
 
 Ground = Literal["board", "cloth", "paper", "breadboard"]
 
@@ -109,6 +109,8 @@ class SceneRanges(Settings):
     tissue_colours: tuple[tuple[NotNegative, NotNegative, NotNegative], ...] = (
         (205, 150, 140), (188, 112, 104), (214, 196, 172), (196, 188, 178), (170, 96, 92),
     )  # fmt: skip
+    carrier: bool = Field(default=True, exclude_if=lambda shown: shown)
+    """Plate, force sensor and the stage's arm behind the tissue; False: the tissue alone is in view."""
     tissue_over_tip: Share = 0.0
     """Sessions in which the phantom is so tall that it hides what the tip sinks in."""
 
@@ -151,6 +153,30 @@ GENERALISE = SceneRanges(
     hidden_share=(0.0, 0.20),
 )
 """Light, ground, clutter, blur and noise twice as wide; parts of the shaft hidden; other instruments."""
+THESIS_PLAIN = SceneRanges(
+    light=(0.95, 1.05),
+    light_gradient=(0.0, 0.03),
+    light_spot=(0.0, 0.02),
+    vignetting=(0.0, 0.04),
+    lamps=(1, 1),
+    lamp_elevation_deg=(70.0, 85.0),
+    lamp_size_deg=(12.0, 18.0),
+    ambient=(0.90, 0.98),
+    grounds=("board",),
+    ground_grey=(205.0, 225.0),
+    ground_tint=0.02,
+    ground_texture_grey=(0.0, 0.5),
+    ground_lines_grey=(0.0, 0.0),
+    objects=(0, 0),
+    shaft_tint=0.1,
+    metal_grey=(30.0, 60.0),
+    gloss_grey=(0.0, 20.0),
+    rim_grey=(0.0, 15.0),
+    wear=(0.0, 0.02),
+    tissue_colours=((232, 226, 220), (226, 222, 214)),
+    carrier=False,
+)
+"""The image for which thesis algorithm 1 was written: dark shaft and tip, light even ground, light tissue, no more."""
 _TURNS = {"left": 0.0, "right": math.pi, "bottom": math.pi / 2, "top": -math.pi / 2}
 
 
@@ -294,6 +320,7 @@ def _tissue(ranges: SceneRanges, rng: np.random.Generator) -> TissueAppearance:
         arm_grey=rng.uniform(45, 180),
         corner_m=rng.uniform(0.5e-3, 2.5e-3),
         over_tip=bool(rng.random() < ranges.tissue_over_tip),
+        carrier=ranges.carrier,
     )
 
 
