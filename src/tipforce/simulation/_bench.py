@@ -226,7 +226,7 @@ class SimulatedBench:
             name=self.name,
             catheter=Catheter(
                 name=world.shaft.name,
-                diameter_m=device.diameter_m,
+                diameter_m=device.nominal_diameter_m or device.diameter_m,
                 flexible_length_m=device.nominal_flexible_length_m,
                 rigid_length_m=world.shaft.rigid_length_m,
                 bending_stiffness_nm2=device.nominal_stiffness_nm2,
@@ -248,9 +248,9 @@ class SimulatedBench:
         """Returns all session parameters, by name."""
         session, log = self.session, self.log
         parameters = asdict(session.bench_model.parameters)
+        drawn = parameters.pop("device") | parameters
         return {
-            **parameters.pop("device"),
-            **parameters,
+            **{name: value for name, value in drawn.items() if value is not None},
             **asdict(session.motion),
             "wall_normal": session.bench_model.wall.normal.tolist(),
             "forward": session.bench_model.forward.tolist(),

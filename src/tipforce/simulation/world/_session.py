@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import InputError
 from ._bench_model import BenchModel, build_bench_model
 from ._motion_profile import APPROACH_S, LEAD_S, STEP_S, TRAIL_S, Motion, MotionProfile, compose_motion
-from ._motion_solver import FINE, Resolution, rejection_reason, solve
+from ._motion_solver import FAST, FINE, Resolution, rejection_reason, solve
 from ._parameters import Device, sample_device, sample_parameters
 from ._trajectory import Trajectory, TrajectoryIntegrator, integrate_trajectory
 from .settings import WorldSettings
@@ -106,6 +106,8 @@ def run_session(settings: WorldSettings, seed: int, number: int, resolution: Res
         InputError: where every draw is rejected, or the session is too short (see `require_long_enough`).
     """
     require_long_enough(settings)
+    if settings.motion.peak_within_n:
+        resolution = replace(FAST, every=resolution.every, peak_n=settings.motion.peak_within_n)
     catheter = catheter_of(settings, seed, number)
     redraws = {UNFIT_CATHETER: catheter.redraws} if catheter.redraws else {}
     angle_deg = 0.0
