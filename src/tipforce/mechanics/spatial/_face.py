@@ -7,7 +7,7 @@ import numpy as np
 from ...types import FloatArray
 from ._compile import compiled
 
-__all__ = ["face_axes", "face_normals"]
+__all__ = ["face_axes", "face_depths", "face_normals"]
 
 _STEEPEST = math.asin(0.6)
 """The sphere ends where its normal leans by this (some 37 degrees); from there the face goes on straight, as a cone."""
@@ -57,3 +57,16 @@ def face_normals(axes: FloatArray, radius_m: float | None, places_m: FloatArray)
     if radius_m is not None:
         _normals(axes, radius_m, np.ascontiguousarray(places_m, np.float64), normals)
     return normals
+
+
+def face_depths(radius_m: float, aside_m: FloatArray) -> FloatArray:
+    """How far into the tissue the face lies at ``aside_m`` from its apex; negative where a concave one stands out.
+
+    >>> face_depths(0.015, np.array([0.0, 0.009, 0.013])).round(6)
+    array([0.   , 0.003, 0.006])
+    """
+    size = abs(radius_m)
+    edge = size * math.sin(_STEEPEST)
+    aside = np.abs(aside_m)
+    ball = size - np.sqrt(size * size - np.minimum(aside, edge) ** 2)
+    return math.copysign(1.0, radius_m) * (ball + np.maximum(aside - edge, 0.0) * math.tan(_STEEPEST))

@@ -45,7 +45,7 @@ def _steps(seconds: tuple[float, float], step: float, rng: np.random.Generator) 
 
 def _press(here: float, step: float, rng: np.random.Generator) -> FloatArray:
     """Forward to some depth, held, and back: each way along half a cosine."""
-    top, end = float(rng.uniform(max(here, -0.2), 1.0)), float(rng.uniform(-1.0, -0.3))
+    top, end = float(rng.uniform(min(max(here, -0.2), 0.9), 1.0)), float(rng.uniform(-1.0, -0.3))
     ways = [_ramp(here, top, _steps(_PRESS_S, step, rng)), np.full(_steps(_HOLD_S, step, rng), top)]
     return np.concatenate([*ways, _ramp(top, end, _steps(_PRESS_S, step, rng))])
 
@@ -59,7 +59,7 @@ def _fiddle(here: float, step: float, rng: np.random.Generator) -> FloatArray:
     count = _steps(_FIDDLE_S, step, rng)
     noise = _noise(count, float(rng.uniform(*_FIDDLE_HZ)) * step, rng)
     drift = np.linspace(here, float(rng.uniform(-0.7, 0.3)), count)
-    return drift + float(rng.uniform(0.15, 0.5)) * (noise - noise[0])
+    return np.clip(drift + float(rng.uniform(0.15, 0.5)) * (noise - noise[0]), -1.0, 1.0)
 
 
 def _noise(count: int, cycles: float, rng: np.random.Generator) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ....geometry import CameraModel
+from ....mechanics import face_depths
 from ....types import FloatArray
 from .._exposure import TissueHome
 from ._canvas import FINER, Canvas, FloatImage, Part, Patch, multi_scale_noise, soften
@@ -19,6 +20,8 @@ __all__ = ["MARGIN_M", "Phantom", "paint_phantom"]
 MARGIN_M = 24e-3
 """How far the phantom may move from its home and still be whole."""
 _VECTOR = 32
+_RIM_WIDER_M = 1.5e-3
+"""A rim is so much wider than the pad, on either side."""
 _STEP_M = 1e-3
 """By how much one part stands out over the next."""
 
@@ -54,10 +57,10 @@ def paint_phantom(
     along = np.array([-into[1], into[0]])
     unit = canvas.px_per_m
 
-    def box(deep_from: float, deep_to: float, half: float, corner: float, aside: float = 0.0) -> Patch:
-        return _rounded(canvas, origin, into, along, (deep_from, deep_to, aside - half, aside + half, corner), unit)
+    def box(deep_from: float, deep_to: float, half: float, corner: float, face: float | None = None) -> Patch:
+        return _rounded(canvas, origin, into, along, (deep_from, deep_to, -half, half, corner), unit, face)
 
-    shape = box(0.0, appearance.pad_m[0], appearance.pad_m[1], appearance.corner_m)
+    shape = box(0.0, appearance.pad_m[0], appearance.pad_m[1], appearance.corner_m, appearance.face_radius_m)
     if appearance.carrier:
         _lay_carrier(canvas, box, shape, (origin, into, along), 1.5 * (width + height) / px_per_m)
     else:
@@ -71,6 +74,12 @@ def paint_phantom(
     lit = mottle * glow * canvas.bevel(shape, 5.0)
     paint = np.asarray(appearance.colour, np.float32) * lit[..., None] + np.float32(60.0) * shine[..., None]
     canvas.lay(shape, paint.astype(np.float32, copy=False), height_m=_STEP_M)
+    if appearance.rim_m > 0.0:
+        rim = box(-appearance.rim_m, 0.7 * appearance.pad_m[0], appearance.pad_m[1] + _RIM_WIDER_M, 0.5e-3)
+        level = appearance.plate_grey
+        canvas.lay(rim, (level, level, level), height_m=_STEP_M, shading=canvas.bevel(rim, 2.0))
+    if appearance.opacity < 1.0:
+        canvas.fade(appearance.opacity)
     return Phantom(*_sprite(canvas, channels, sigma_px), margin + 0.25, home.surface_m, into, px_per_m)
 
 
@@ -139,14 +148,20 @@ def _rounded(
     along: FloatArray,
     box: tuple[float, float, float, float, float],
     unit: float,
+    face_radius_m: float | None = None,
 ) -> Patch:
-    """Cover of a box with rounded corners in the wall's own directions, anti-aliased."""
+    """Cover of a box with rounded corners in the wall's own directions, anti-aliased; bent like a round face."""
     corners = origin + unit * np.array([deep * into + side * along for deep in box[:2] for side in box[2:4]])
-    part = canvas.box(corners, 2.0)
+    round_ = np.zeros(1) if face_radius_m is None else face_depths(face_radius_m, np.array([max(map(abs, box[2:4]))]))
+    part = canvas.box(corners, 2.0 + float(np.abs(round_).max()) * unit)
     low, high, left, right, corner = (np.float32(x * unit) for x in box)
     u, v = _places(part, origin)
-    deep = np.abs(u * np.float32(into[0]) + v * np.float32(into[1]) - 0.5 * (low + high)) - 0.5 * (high - low) + corner
-    side = np.abs(u * np.float32(along[0]) + v * np.float32(along[1]) - 0.5 * (left + right))
+    deep = u * np.float32(into[0]) + v * np.float32(into[1])
+    side = u * np.float32(along[0]) + v * np.float32(along[1])
+    if face_radius_m is not None:
+        deep = deep - (face_depths(face_radius_m, side / unit) * unit).astype(np.float32)
+    deep = np.abs(deep - 0.5 * (low + high)) - 0.5 * (high - low) + corner
+    side = np.abs(side - 0.5 * (left + right))
     side += corner - 0.5 * (right - left)
     away = np.hypot(np.maximum(deep, 0), np.maximum(side, 0)) + np.minimum(np.maximum(deep, side), 0) - corner
     return Patch.of(canvas.shape, part, np.clip(np.float32(0.5) - away, 0.0, 1.0))
