@@ -123,7 +123,7 @@ _OTHER_BENCHES = _MANY_CATHETERS.model_copy(
                 "faces": ("flat", "convex", "concave"),
             }
         ),
-        "motion": MotionSettings(by_hand_share=0.5, peak_force_n=(0.05, 0.60), peak_within_n=5e-3),
+        "motion": MotionSettings(by_hand_share=0.5, peak_force_n=(0.05, 0.60), peak_within_n=5e-3, same_peak=12),
     }
 )
 
@@ -218,4 +218,5 @@ PRESETS: dict[str, AnySimulationSettings] = {
         ),
     ),
 }
-"""By name; ``bench-2021``, ``generalise``, ``fluoro``, ``biplane``, ``varied`` and ``thesis-2021-plain`` are frozen: a change makes a new name."""
+"""By name; ``bench-2021``, ``generalise``, ``fluoro``, ``biplane``, ``varied`` and ``thesis-2021-plain`` are frozen: a
+change makes a new name."""

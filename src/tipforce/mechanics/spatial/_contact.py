@@ -38,7 +38,8 @@ class SpatialWall:
     rate of depth, never pulling: after a release the indentation goes back by itself and is met again where it then is.
     The spring is ``stiffness_n_per_m`` x depth, or with ``hertz_depth_m`` h, Hertz's law for a ball:
     ``stiffness_n_per_m`` x depth x sqrt(depth / h), so that the stiffness is the secant's at depth h; or with
-    ``exponential_depth_m`` h, one that stiffens as living tissue does (Fung): stiffness h (exp(depth / h) - 1) / (e - 1).
+    ``exponential_depth_m`` h, one that stiffens as living tissue does (Fung): stiffness x h x (exp(depth / h) - 1) /
+    (e - 1).
 
     ``face_radius_m``: the wall's point is the apex of a sphere, convex where positive, concave where negative; None: a
     plane. In each instant the dome meets the sphere's tangent plane where it is expected to stand.

@@ -10,7 +10,7 @@ from ...mechanics import HEART_WAVES
 from .._fields import Range
 from .settings import WorldSettings
 
-__all__ = ["BY_HAND", "Device", "SessionParameters", "sample_device", "sample_parameters"]
+__all__ = ["BY_HAND", "Device", "SessionParameters", "sample_device", "sample_kind", "sample_parameters"]
 
 BY_HAND = "by hand"
 """The wave of a stage that a hand moves."""
@@ -118,19 +118,28 @@ def sample_parameters(settings: WorldSettings, device: Device, rng: np.random.Ge
     return replace(parameters, **_sample_more(settings, rng))
 
 
+def sample_kind(settings: WorldSettings, rng: np.random.Generator) -> dict[str, Any]:
+    """What kind of tissue and motion a session has, where the preset varies them: kept however often the rest is drawn.
+
+    Else the kinds that are easy to bring to their forces would be more frequent than they are drawn.
+    """
+    wall, kind = settings.wall, dict[str, Any]()
+    if wall.laws:
+        kind["law"] = wall.laws[int(rng.integers(len(wall.laws)))]
+    if wall.faces:
+        kind["face"] = wall.faces[int(rng.integers(len(wall.faces)))]
+        if kind["face"] != "flat":
+            kind["face_radius_m"] = float(rng.uniform(*wall.face_radius_m))
+    if settings.motion.by_hand_share and rng.random() < settings.motion.by_hand_share:
+        kind |= {"wave": BY_HAND, "respiration_m": 0.0}
+    return kind
+
+
 def _sample_more(settings: WorldSettings, rng: np.random.Generator) -> dict[str, Any]:
     """What only some presets draw: after all else, so that the others' sessions stay as they are."""
     wall, more = settings.wall, dict[str, Any]()
     if wall.log_stiffness:
         more["wall_stiffness_n_per_m"] = float(np.exp(rng.uniform(*np.log(wall.stiffness_n_per_m))))
-    if wall.laws:
-        more["law"] = wall.laws[int(rng.integers(len(wall.laws)))]
     if wall.loss_factors:
         more["loss_factor"] = float(rng.uniform(*wall.loss_factors))
-    if wall.faces:
-        more["face"] = wall.faces[int(rng.integers(len(wall.faces)))]
-        if more["face"] != "flat":
-            more["face_radius_m"] = float(rng.uniform(*wall.face_radius_m))
-    if settings.motion.by_hand_share and rng.random() < settings.motion.by_hand_share:
-        more |= {"wave": BY_HAND, "respiration_m": 0.0}
     return more

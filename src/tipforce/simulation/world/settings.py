@@ -115,6 +115,8 @@ class MotionSettings(Settings):
     respiration_m: Range = (0.0, 2e-3)
     respiration_hz: Positive = 0.25
     peak_force_n: Range = (0.15, 0.35)
+    same_peak: Annotated[int, Field(ge=1, le=400)] = Field(default=1, exclude_if=(1).__eq__)
+    """Draws in a row that share their peak force: what is hard to reach would else be rarer than it is drawn."""
     peak_within_n: NotNegative = Field(default=0.0, exclude_if=operator.not_)
     """How near the largest force comes to the drawn one; 0: as near as an amplitude to 10 um brings it, which takes
     longer."""

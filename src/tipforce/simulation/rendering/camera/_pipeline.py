@@ -1,4 +1,4 @@
-"""What a camera makes of its sensor's numbers: noise in a mosaic of colours, interpolated, sharpened, maybe turned grey.
+"""From light to a file: a sensor with a mosaic of colours and its noise, interpolation, sharpening, maybe grey.
 
 Interpolation spreads each photosite's noise over its neighbours and couples the colours; sharpening lifts it again. So
 the noise of neighbouring pixels is correlated, as in the files of real cameras.

@@ -148,8 +148,8 @@ class TissueAppearance:
     ``over_tip``: the pad is taller than the catheter and hides what the tip sinks in, else the tip is seen on the pad.
     ``carrier``: whether plate, sensor and arm are in view. ``rim_m``: how far a rim stands out before the face and
     hides what happens there (then ``over_tip`` too). ``opacity``: of tissue and carrier, below 1 in fluid.
-    ``face_radius_m``: positive where the face is convex, negative where it is concave. ``sight``: how tissue and carrier
-    are seen, or why they are not.
+    ``face_radius_m``: positive where the face is convex, negative where it is concave. ``sight``: how tissue and
+    carrier are seen, or why they are not.
     """
 
     colour: Colour

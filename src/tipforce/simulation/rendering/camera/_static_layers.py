@@ -59,7 +59,7 @@ def _tube_layer(tube: Tube, shape_m: FloatArray, camera: CameraModel, focus: Foc
 
 
 _SHEATH_M = 60e-3
-"""So much of a sheath is drawn behind its mouth, and half as much again by `Tube.nodes`: always to beyond the border."""
+"""So much of a sheath is drawn behind its mouth, and nearly as much again by `Tube.nodes`: to beyond the border."""
 
 
 def _sheath_layer(

@@ -57,6 +57,9 @@ class SceneVariety(Settings):
     """Between shaft and ground: who sets up a bench takes a ground on which the shaft is seen. Half of the sessions are
     dark on light, as far as the shaft allows."""
 
+    white_grey: Positive = 240.0
+    """The exposure is set so that the ground's brightest colour stays below this, but for lamps and highlights."""
+
     rim_share: Share = 0.5
     rim_m: Range = (0.0, 3e-3)
     """How far a rim stands out before the tissue and hides the indentation."""
@@ -113,6 +116,8 @@ def vary_scene(
     """``scene`` with all that ``variety`` draws; ``catheter_rng`` is the same for all sessions of a catheter."""
     catheter, grey = _catheter(scene.catheter, variety, catheter_rng)
     ground = replace(scene.ground, colour=tinted(rng, _ground_grey(variety, grey, rng), 0.15))
+    exposed = variety.white_grey / max(ground.colour)
+    light = replace(scene.light, level=min(scene.light.level, exposed))
     sheath = _sheath(catheter, variety, rng)
     tissue = _tissue(replace(scene, ground=ground), variety, framing, rng)
     lens, inset = _frame(scene.lens, variety, framing, tissue.sight == "cropped", rng)
@@ -125,6 +130,7 @@ def vary_scene(
     mosaic = bool(rng.random() < variety.mosaic_share)
     return replace(
         scene,
+        light=light,
         colour=mosaic or not grey_camera,
         lens=lens,
         catheter=catheter,
