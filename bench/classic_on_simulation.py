@@ -33,13 +33,15 @@ def main() -> None:
     rows = []
     for part, numbers in enumerate(np.array_split(np.arange(options.frames), options.sessions)):
         bench = SimulatedBench(settings, 0, part)
-        for index in np.linspace(0, len(bench.frame_s) - 1, len(numbers)).astype(int).tolist():
-            rows.append(look(vision, bench.frame(index).image, bench.image_truth(index).centreline_px))
+        places = np.linspace(0, len(bench.frame_s) - 1, len(numbers)).astype(int).tolist()
+        rows += [look(vision, bench.frame(k).image, bench.image_truth(k).centreline_px) for k in places]
     found = [row for row in rows if row["found"]]
     print(f"{options.preset}, threshold {options.threshold or 'of Otsu'}: found in {len(found)} of {len(rows)} frames")
     for name in ("side", "worst", "tip") if found else ():
         values = np.array([row[name] for row in found])
-        print(f"  {name}: median {np.median(values):.3f}, 90 % {np.quantile(values, 0.9):.3f}, most {values.max():.3f} px")
+        print(
+            f"  {name}: median {np.median(values):.3f}, 90 % {np.quantile(values, 0.9):.3f}, most {values.max():.3f} px"
+        )
     why = [row["why"].split(":")[0] for row in rows if not row["found"]]
     for reason in sorted(set(why)):
         print(f"  {reason}: {why.count(reason)}")

@@ -373,7 +373,7 @@ def _room(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Gener
         turn = rng.uniform(0, math.pi)
         patch = canvas.outline(_turned(_rectangle(*size.tolist()), turn, at))
         level[patch.part] += patch.values * np.float32(rng.uniform(-1.4, 1.4) * appearance.lines_grey)
-    return soften(level, float(rng.uniform(0.006, 0.02)) * w)
+    return soften(level, float(rng.uniform(0.012, 0.03)) * w)
 
 
 GROUNDS = {

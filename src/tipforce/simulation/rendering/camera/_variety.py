@@ -57,15 +57,17 @@ class SceneVariety(Settings):
     """Between shaft and ground: who sets up a bench takes a ground on which the shaft is seen. Half of the sessions are
     dark on light, as far as the shaft allows."""
 
+    bright_grey: NotNegative = 120.0
+    """Exposure brings the brighter of shaft and ground to this at least."""
     white_grey: Positive = 240.0
-    """The exposure is set so that the ground's brightest colour stays below this, but for lamps and highlights."""
+    """Nor does it bring the ground's brightest colour beyond this, but for lamps and highlights."""
 
     rim_share: Share = 0.5
     rim_m: Range = (0.0, 3e-3)
     """How far a rim stands out before the tissue and hides the indentation."""
     hidden_share: Share = 1 / 3
     """Sessions in which tissue and carrier are out of sight, or of the ground's grey."""
-    most_behind_m: NotNegative = 6e-3
+    most_behind_m: NotNegative = 12e-3
     """Where a plate or the border would hide more of the tip than this, the tissue is in fluid or of the ground's grey
     instead."""
     fluid_opacity: Range = (0.0, 0.08)
@@ -116,8 +118,8 @@ def vary_scene(
     """``scene`` with all that ``variety`` draws; ``catheter_rng`` is the same for all sessions of a catheter."""
     catheter, grey = _catheter(scene.catheter, variety, catheter_rng)
     ground = replace(scene.ground, colour=tinted(rng, _ground_grey(variety, grey, rng), 0.15))
-    exposed = variety.white_grey / max(ground.colour)
-    light = replace(scene.light, level=min(scene.light.level, exposed))
+    least = variety.bright_grey / max(grey, float(np.dot(ground.colour, (0.299, 0.587, 0.114))))
+    light = replace(scene.light, level=min(max(scene.light.level, least), variety.white_grey / max(ground.colour)))
     sheath = _sheath(catheter, variety, rng)
     tissue = _tissue(replace(scene, ground=ground), variety, framing, rng)
     lens, inset = _frame(scene.lens, variety, framing, tissue.sight == "cropped", rng)
