@@ -3,7 +3,7 @@
     python -m bench.automatic_detection [--preset varied] [--sessions 40] [--frames 4] [--seconds 20] [--sheet FILE]
 
 As `tipforce inspect` does: calibrated on 12 frames spread over each session. Wrong: given as valid, but the tip more
-than 5 px off along the shaft or a point more than 2 px beside. Beside it: seconds of each session, how near the forces
+than 5 px off along the shaft or a point more than 2 px beside; "but for the sheath": only points before its mouth are. Beside it: seconds of each session, how near the forces
 come to what was drawn, and what was drawn.
 """
 
@@ -13,6 +13,7 @@ from collections import Counter
 
 import cv2
 import numpy as np
+from bench.tubes import distance_to_curve
 from bench.vision_on_twin import look
 
 from tipforce.errors import InputError
@@ -37,7 +38,7 @@ def main() -> None:
     world = preset.world.model_copy(update={"seconds": options.seconds})
     settings = preset.model_copy(update={"world": world})
     count: Counter[str] = Counter()
-    misses, tiles = [], []
+    misses, off, tiles = [], [], []
     for number in range(options.first, options.first + options.sessions):
         began = time.process_time()
         bench = SimulatedBench(settings, 0, number, resolution=FAST)
@@ -54,9 +55,13 @@ def main() -> None:
             image, truth = bench.frame(k).image, bench.image_truth(k)
             row = {"found": False, "wrong": False} if vision is None else look(vision, image, truth.centreline_px)
             kind = "wrong" if row["wrong"] else "right" if row["found"] else "abstained"
+            if kind == "wrong" and _right_beyond_mouth(row["points"], truth.centreline_px, row["tip"]):
+                kind = "right but for the sheath"
             now[kind] += 1
             if kind == "right":
                 misses.append((row["side"], row["tip"]))
+            elif kind == "wrong":
+                off.append(row["tip"])
         count += now
         values = bench.values()
         peak = float(np.linalg.norm(bench.trajectory.contact.force_n, axis=1).max())
@@ -64,7 +69,8 @@ def main() -> None:
         print(
             f"session {number}: {dict(now)}; {drawn:.1f} s; peak {peak:.3f} N, asked {values['peak_force_n']:.3f}; "
             f"{values['wall_stiffness_n_per_m']:.0f} N/m; {', '.join(kinds)}; "
-            f"rim {1e3 * values.get('rim_m', 0):.1f} mm; {bench.settings.width}x{bench.settings.height} {bench.settings.scene.base_side}; "
+            f"rim {1e3 * values.get('rim_m', 0):.1f} mm; "
+            f"{bench.settings.width}x{bench.settings.height} {bench.settings.scene.base_side}; "
             f"drawn again {sum(values['redraws'].values())}",
             flush=True,
         )
@@ -75,10 +81,21 @@ def main() -> None:
     if misses:
         side, tip = np.array(misses).T
         print(f"right ones: beside {np.median(side):.3f} px, tip {np.median(tip):.2f} px (medians)")
+    if off:
+        print(
+            f"wrong ones: tip {np.median(off):.0f} px along the shaft (median), {np.mean(np.array(off) <= 5):.0%} within 5"
+        )
     if options.sheet:
         tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % 4)
         rows = [np.hstack(tiles[k : k + 4]) for k in range(0, len(tiles), 4)]
         cv2.imwrite(options.sheet, np.vstack(rows), [cv2.IMWRITE_JPEG_QUALITY, 70])
+
+
+def _right_beyond_mouth(points: np.ndarray, curve: np.ndarray, tip: float) -> bool:
+    """Whether the line is right from the catheter's base on: it may have followed the sheath before."""
+    way = (curve[1] - curve[0]) / np.linalg.norm(curve[1] - curve[0])
+    beyond = points[(points - curve[0]) @ way > 0.0]
+    return len(beyond) > 1 and tip <= 5 and float(distance_to_curve(beyond, curve).max()) <= 2
 
 
 def _tile(image: np.ndarray, number: int) -> np.ndarray:

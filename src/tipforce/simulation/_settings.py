@@ -52,11 +52,10 @@ class SimulationSettings(_BenchSettings):
         if self.cameras is None:
             return self
         rng = np.random.default_rng([seed, session, 8])
-        size, fps, side = (
-            choice[int(rng.integers(len(choice)))]
-            for choice in (self.cameras.sizes, self.cameras.fps, self.cameras.base_sides)
-        )
-        width, height = size
+        sizes, rates, sides = self.cameras.sizes, self.cameras.fps, self.cameras.base_sides
+        width, height = sizes[int(rng.integers(len(sizes)))]
+        fps = rates[int(rng.integers(len(rates)))]
+        side = sides[int(rng.integers(len(sides)))]
         clock = self.world.clock.model_copy(update={"fps": fps})
         return self.model_copy(
             update={

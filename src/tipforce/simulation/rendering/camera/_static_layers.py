@@ -4,10 +4,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
+from scipy.special import ndtr
 
 from ....geometry import CameraModel
-from ....types import FloatArray
 from .._exposure import TissueHome
 from .._random import gauss_table
 from ._background import illumination, paint_background, paint_front_objects
@@ -45,19 +44,32 @@ def _lay_cover(canvas: Canvas, camera: CameraModel, cover: CoverPlate, rng: np.r
     canvas.lay(shape, cover.colour, height_m=_HEIGHT_M, shading=bright.astype(np.float32))
 
 
-def _tube_layer(tube: Tube, shape_m: FloatArray, camera: CameraModel, focus: Focus, light: FloatImage) -> FloatImage:
-    """(c + 1, h, w): a tube that never moves, lit."""
-    channels = (tube.along.shape[1] - 1) // 2
-    drawn = np.zeros((*light.shape, channels + 1), np.float32)
-    nodes = tube.nodes(shape_m[None], camera, focus)
+def _tube_layer(
+    tube: Tube, length_m: float, camera: CameraModel, focus: Focus, light: FloatImage, *, cut: bool
+) -> FloatImage:
+    """(c + 1, h, w): a straight tube that ends at the base and never moves, lit; ``cut``: ``length_m`` long, no more.
+
+    A tube is drawn to beyond its beginning; that is cut off as soft as the image is.
+    """
+    line = np.column_stack([np.linspace(-length_m, 0.0, _LINE), np.zeros((_LINE, 2))])
+    nodes = tube.nodes(line[None], camera, focus)
+    drawn = np.zeros((*light.shape, (tube.along.shape[1] - 1) // 2 + 1), np.float32)
     add_tube(
         drawn, nodes.nodes[0], 1.0, tube.profile.table, tube.profile.half_width_px, tube.profile.reach_px, tube.blurs,
         nodes.start_m, nodes.step_m, tube.along, tube.blunt, tube.braid,
     )  # fmt: skip
+    if cut:
+        start, ahead = camera.project(line[[0, 1]])
+        way = (ahead - start) / np.linalg.norm(ahead - start)
+        v, u = np.mgrid[0 : light.shape[0], 0 : light.shape[1]]
+        beyond = (u - start[0]) * way[0] + (v - start[1]) * way[1]
+        drawn *= ndtr(beyond / float(nodes.nodes[0, 0, 7])).astype(np.float32)[..., None]
     cover = np.clip(drawn[..., 0], 0.0, 1.0)
     return np.concatenate([(drawn[..., 1:] * light[..., None]).transpose(2, 0, 1), 1.0 - cover[None]])
 
 
+_LINE = 33
+"""Points of a straight tube."""
 _SHEATH_M = 60e-3
 """So much of a sheath is drawn behind its mouth, and nearly as much again by `Tube.nodes`: to beyond the border."""
 
@@ -77,10 +89,7 @@ def _sheath_layer(
     layer: FloatImage | None = None
     for appearance, length in parts:
         tube = make_tube(scene, appearance, length, px_per_m, focus, depth_m, scene.seed + 2)
-        if length < _SHEATH_M:
-            tube = replace(tube, behind_m=0.0)
-        line = np.column_stack([np.linspace(-length, 0.0, 33), np.zeros((33, 2))])
-        layer = _over(_tube_layer(tube, line, camera, focus, light), layer)
+        layer = _over(_tube_layer(tube, length, camera, focus, light, cut=length < _SHEATH_M), layer)
     return layer
 
 
@@ -128,9 +137,6 @@ def _lay_occluder(canvas: Canvas, camera: CameraModel, cover: Occluder, rng: np.
             hole = canvas.disc(end, 0.3 * half)
             part = hole.around(8.0)
             canvas.lay(Patch.of(hole.shape, part, soften(hole.within(part), 1.0)), (25, 25, 25))
-
-
-FloatImage = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -210,11 +210,10 @@ class Tube:
     along: FloatImage
     blunt: float
     braid: FloatArray
-    behind_m: float = _BEHIND_M
 
     def nodes(self, shapes_m: FloatArray, camera: CameraModel, focus: Focus) -> TubeNodes:
         """Where to draw the tube with ``shapes_m`` (m, n, 3)."""
-        return project_tube(shapes_m, self.length_m, self.radius_m, self.behind_m, camera, focus)
+        return project_tube(shapes_m, self.length_m, self.radius_m, _BEHIND_M, camera, focus)
 
 
 def make_tube(
