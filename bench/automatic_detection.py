@@ -3,8 +3,8 @@
     python -m bench.automatic_detection [--preset varied] [--sessions 40] [--frames 4] [--seconds 20] [--sheet FILE]
 
 As `tipforce inspect` does: calibrated on 12 frames spread over each session. Wrong: given as valid, but the tip more
-than 5 px off along the shaft or a point more than 2 px beside; "but for the sheath": only points before its mouth are. Beside it: seconds of each session, how near the forces
-come to what was drawn, and what was drawn.
+than 5 px off along the shaft or a point more than 2 px beside; "but for the sheath": only points before its mouth are.
+Beside it: seconds of each session, how near the forces come to what was drawn, and what was drawn.
 """
 
 import argparse

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ....mechanics import face_depths
 from ....types import FloatArray
 from ..._fields import NotNegative, Positive, Range, Settings, Share, Some
 from ._scene import (
@@ -67,7 +68,7 @@ class SceneVariety(Settings):
     """How far a rim stands out before the tissue and hides the indentation."""
     hidden_share: Share = 1 / 3
     """Sessions in which tissue and carrier are out of sight, or of the ground's grey."""
-    most_behind_m: NotNegative = 12e-3
+    most_behind_m: NotNegative = 15e-3
     """Where a plate or the border would hide more of the tip than this, the tissue is in fluid or of the ground's grey
     instead."""
     fluid_opacity: Range = (0.0, 0.08)
@@ -121,6 +122,7 @@ def vary_scene(
     least = variety.bright_grey / max(grey, float(np.dot(ground.colour, (0.299, 0.587, 0.114))))
     light = replace(scene.light, level=min(max(scene.light.level, least), variety.white_grey / max(ground.colour)))
     sheath = _sheath(catheter, variety, rng)
+    framing = _before_corners(framing, scene.tissue.pad_m[1])
     tissue = _tissue(replace(scene, ground=ground), variety, framing, rng)
     lens, inset = _frame(scene.lens, variety, framing, tissue.sight == "cropped", rng)
     covers = scene.occluders
@@ -147,6 +149,14 @@ def vary_scene(
         front_objects=int(rng.integers(variety.front_objects[0], variety.front_objects[1] + 1)),
         front_blur_px=float(rng.uniform(*variety.front_blur_px)) * framing.size[0] / 640.0,
     )
+
+
+def _before_corners(framing: Framing, half_m: float) -> Framing:
+    """The same with a concave face's corners as what stands foremost."""
+    if framing.face_radius_m is None or framing.face_radius_m > 0.0:
+        return framing
+    out = -float(face_depths(framing.face_radius_m, np.array([half_m]))[0])
+    return replace(framing, face_m=framing.face_m - out, behind_m=framing.behind_m + out)
 
 
 def _catheter(
@@ -219,8 +229,7 @@ def _tissue(scene: CameraScene, variety: SceneVariety, framing: Framing, rng: np
     if rng.random() >= variety.hidden_share:
         return tissue
     ways = ["in fluid", "of the ground's grey"]
-    concave = framing.face_radius_m is not None and framing.face_radius_m < 0.0
-    if framing.behind_m <= variety.most_behind_m and not concave:
+    if framing.behind_m <= variety.most_behind_m:
         # One of four; where the border is no place to crop at, the plate takes its part.
         ways += ["behind a plate", "cropped" if _crop_axis(framing) else "behind a plate"]
     sight = ways[int(rng.integers(len(ways)))]
