@@ -28,11 +28,15 @@ class _BenchSettings(Settings):
     world: WorldSettings = WorldSettings()
 
 
+_Side = Annotated[int, Field(ge=160, le=4096, multiple_of=2)]
+"""Of an image, px."""
+
+
 class CameraChoice(Settings):
     """Cameras, and where they stand: of each list one a session, each as likely."""
 
-    sizes: Annotated[tuple[tuple[int, int], ...], Field(min_length=1)]
-    fps: Annotated[tuple[float, ...], Field(min_length=1)]
+    sizes: Annotated[tuple[tuple[_Side, _Side], ...], Field(min_length=1)]
+    fps: Annotated[tuple[Annotated[float, Field(gt=0, le=240)], ...], Field(min_length=1)]
     base_sides: Annotated[tuple[Literal["left", "right", "top", "bottom"], ...], Field(min_length=1)]
 
 
