@@ -82,9 +82,8 @@ def main() -> None:
         side, tip = np.array(misses).T
         print(f"right ones: beside {np.median(side):.3f} px, tip {np.median(tip):.2f} px (medians)")
     if off:
-        print(
-            f"wrong ones: tip {np.median(off):.0f} px along the shaft (median), {np.mean(np.array(off) <= 5):.0%} within 5"
-        )
+        near = np.mean(np.array(off) <= 5)
+        print(f"wrong ones: tip {np.median(off):.0f} px off along the shaft (median), {near:.0%} within 5")
     if options.sheet:
         tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % 4)
         rows = [np.hstack(tiles[k : k + 4]) for k in range(0, len(tiles), 4)]
