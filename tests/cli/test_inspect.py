@@ -123,7 +123,7 @@ def test_a_recording_shows_its_streams_and_a_plot(tube, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("words", [["--set", "vision.polarity=light"], ["--every", "2"], ["--drawn", "3"]])
 def test_what_is_of_images_is_refused_for_the_streams_of_a_recording(words: list[str], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="add --frames$"):
+    with pytest.raises(InputError, match=r"add --frames$"):
         run(tmp_path / "run.mcap", "-o", tmp_path / "out.png", *words)
 
 

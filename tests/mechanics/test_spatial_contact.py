@@ -17,6 +17,7 @@ from tipforce.mechanics import (
     solve_contact_spatial,
     solve_static_spatial,
 )
+from tipforce.mechanics.spatial._energy import exponential_spring
 
 ROD = SpatialRod(0.04, 4.3e-4, 0.008, None, np.array([0.0, 1.2, 5.33]), 40.0, segments=40)
 RADIUS = 0.00116
@@ -130,6 +131,67 @@ def test_force_obeys_the_walls_laws(normal, friction, hertz):
     pull = np.linalg.norm(drag, axis=1)
     assert (pull <= friction * normal_n + 1e-9).all()
     np.testing.assert_allclose(pull[contact.slipping], friction * normal_n[contact.slipping], atol=1e-9)
+
+
+@pytest.mark.parametrize("depth", [0.1e-3, 2e-3, 11.9e-3, 12.1e-3, 0.3])
+def test_an_exponential_spring_is_the_slope_of_its_energy_and_never_overflows(depth):
+    stiffness, reach, off = 120.0, 2e-3, 1e-8
+    force, slope, _ = exponential_spring(stiffness, 1 / reach, depth)
+    below, above = (exponential_spring(stiffness, 1 / reach, depth + way) for way in (-off, off))
+    assert (above[2] - below[2]) / (2 * off) == pytest.approx(force, rel=1e-6)
+    assert (above[0] - below[0]) / (2 * off) == pytest.approx(slope, rel=1e-6)
+    if depth <= 12e-3:
+        assert force == pytest.approx(stiffness * reach * math.expm1(depth / reach) / (math.e - 1))
+
+
+@pytest.mark.parametrize("damping", [0.0, 2.8])
+def test_tissue_that_stiffens_exponentially_presses_as_its_law_says(damping):
+    wall = SpatialWall(NORMAL, 120.0, damping, 0.1, exponential_depth_m=2e-3)
+    push, along = beating(0.9)
+    contact = pushed(wall, push, along)
+    assert contact.converged.all()
+    pressed, _ = tangential(contact)
+    depth = contact.indentation_m
+    spring = 120.0 * 2e-3 * np.expm1(depth / 2e-3) / (math.e - 1)
+    rate = np.diff(depth, prepend=0.0) / 1e-3
+    np.testing.assert_allclose(pressed, (spring + damping * rate) * contact.touching, atol=1e-8)
+
+
+@pytest.mark.parametrize("radius", [15e-3, -15e-3])
+def test_on_a_round_face_the_dome_sinks_into_a_sphere(radius):
+    wall = SpatialWall(NORMAL, 300.0, 1.0, 0.1, face_radius_m=radius)
+    push, along = beating(0.9, lateral=4e-3)
+    contact = pushed(wall, push, along)
+    touching = contact.touching
+    assert contact.converged.all()
+    assert 0.3 < touching.mean() < 0.9
+    # the wall's point at each instant is the sphere's apex
+    apex = meeting_point(wall.normal) - push[:, None] * wall.normal + along @ wall.axes[1:]
+    dome = contact.nodes_m()[:, -1] - RADIUS * contact.tip_axes(np.arange(len(push)))
+    away = np.linalg.norm(dome - apex - radius * wall.normal, axis=1)
+    depth = radius + RADIUS - away if radius > 0 else away - abs(radius) + RADIUS
+    np.testing.assert_allclose(contact.indentation_m[touching], depth[touching], atol=2e-6)
+    normal = wall.normals_at(dome - apex)
+    lean = np.degrees(np.arccos(normal[touching] @ wall.normal))
+    assert lean.max() > 5
+    across = contact.force_n + (normal * contact.force_n).sum(axis=1)[:, None] * -normal
+    pressed = -(normal * contact.force_n).sum(axis=1)
+    assert (np.linalg.norm(across, axis=1) <= 0.1 * pressed + 1e-3).all()
+
+
+def test_a_face_of_large_radius_is_flat():
+    push, along = beating(0.5)
+    flat, round_ = (
+        pushed(SpatialWall(NORMAL, 120.0, 2.0, 0.1, face_radius_m=radius), push, along) for radius in (None, 1e4)
+    )
+    np.testing.assert_allclose(round_.force_n, flat.force_n, atol=1e-7)
+
+
+def test_a_wall_has_one_law_and_a_face_larger_than_the_tip():
+    with pytest.raises(ValueError, match="one law"):
+        SpatialWall(NORMAL, 120.0, hertz_depth_m=1e-3, exponential_depth_m=1e-3)
+    with pytest.raises(ValueError, match="radius must exceed"):
+        SpatialContactSolver(ROD, SpatialWall(NORMAL, 120.0, face_radius_m=-1e-3), 1e-3, RADIUS)
 
 
 def test_slip_goes_against_the_force_it_meets():

@@ -55,8 +55,8 @@ def dense(q, rod, load, touch, work):
 
 @pytest.mark.parametrize(
     "touch",
-    [wall(), wall(hertz=22.0), wall(kt=0.0, drag=(0.02, -0.03)), wall(side=0.0)],
-    ids=["tied", "hertz", "drag", "bare"],
+    [wall(), wall(hertz=22.0), wall()._replace(growth=500.0), wall(kt=0.0, drag=(0.02, -0.03)), wall(side=0.0)],
+    ids=["tied", "hertz", "exponential", "drag", "bare"],
 )
 @pytest.mark.parametrize("bend", [0.4, 1.2])
 def test_gradient_and_hessian_are_the_derivatives_of_the_energy(touch, bend):

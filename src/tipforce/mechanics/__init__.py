@@ -37,6 +37,7 @@ from .spatial import (
     SpatialWall,
     contact_derivatives,
     damping_of_loss_factor,
+    face_depths,
     solve_contact_spatial,
     solve_static_spatial,
 )
@@ -81,6 +82,7 @@ __all__ = [
     "cramer_rao",
     "damping_of_loss_factor",
     "derivatives",
+    "face_depths",
     "fisher_information",
     "posterior_covariance",
     "posterior_covariance_along",

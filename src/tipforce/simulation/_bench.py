@@ -49,7 +49,14 @@ class SimulatedBench:
         resolution: Resolution = FINE,
         name: str = "",
     ) -> None:
-        self.settings = settings or SimulationSettings()
+        self.preset_settings = settings or SimulationSettings()
+        """As given: what the session is drawn from."""
+        self.settings = (
+            self.preset_settings.of_session(seed, session)
+            if isinstance(self.preset_settings, SimulationSettings)
+            else self.preset_settings
+        )
+        """The session's own: with its camera."""
         self.seed, self.number, self.resolution = seed, session, resolution
         self.name = name or f"session_{session:02d}"
         self.clock: Clock = SimulatedClock()
@@ -66,10 +73,15 @@ class SimulatedBench:
     def _rng(self, purpose: int) -> np.random.Generator:
         return np.random.default_rng([self.seed, self.number, purpose])
 
+    def _catheter_rng(self) -> np.random.Generator:
+        """The same for all sessions of a catheter."""
+        number = self.number // self.settings.world.shaft.sessions_per_catheter
+        return np.random.default_rng([self.seed, number, 9])
+
     @cached_property
     def session(self) -> Session:
         """The session's parameters and trajectory: the ground truth."""
-        return run_session(self.settings.world, self.seed, self.number, self.resolution)
+        return run_session(self.preset_settings.world, self.seed, self.number, self.resolution)
 
     @property
     def trajectory(self) -> Trajectory:
@@ -82,7 +94,12 @@ class SimulatedBench:
         times, kept = self._exposures
         shown = np.flatnonzero(kept.any(axis=1))
         return make_imaging(
-            self.settings, self.session.bench_model, self._rng(2), self.interpolator.exposure, times, shown
+            self.settings,
+            self.session,
+            (self._rng(2), self._catheter_rng()),
+            self.interpolator.exposure,
+            times,
+            shown,
         )
 
     @property
@@ -226,7 +243,7 @@ class SimulatedBench:
             name=self.name,
             catheter=Catheter(
                 name=world.shaft.name,
-                diameter_m=device.diameter_m,
+                diameter_m=device.nominal_diameter_m or device.diameter_m,
                 flexible_length_m=device.nominal_flexible_length_m,
                 rigid_length_m=world.shaft.rigid_length_m,
                 bending_stiffness_nm2=device.nominal_stiffness_nm2,
@@ -248,9 +265,9 @@ class SimulatedBench:
         """Returns all session parameters, by name."""
         session, log = self.session, self.log
         parameters = asdict(session.bench_model.parameters)
+        drawn = parameters.pop("device") | parameters
         return {
-            **parameters.pop("device"),
-            **parameters,
+            **{name: value for name, value in drawn.items() if value is not None},
             **asdict(session.motion),
             "wall_normal": session.bench_model.wall.normal.tolist(),
             "forward": session.bench_model.forward.tolist(),

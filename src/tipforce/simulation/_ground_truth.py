@@ -150,7 +150,7 @@ def collect_truth(bench: SimulatedBench, frames: IntArray | None = None) -> Trut
         clock_offset_s=log.offset_s,
         clock_drift=log.drift,
         values=bench.values(),
-        settings=settings_record(bench.settings, bench.seed, bench.number),
+        settings=settings_record(bench.preset_settings, bench.seed, bench.number),
         side_force_n=when.at(contact.side_force_n, times) if contact.wall.side_stiffness_n_per_m2 > 0.0 else None,
         others=dict(zip(bench.views[1:], rest, strict=True)),
     )

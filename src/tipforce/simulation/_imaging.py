@@ -11,9 +11,9 @@ import numpy as np
 from ..geometry import CameraModel
 from ..types import FloatArray, Image, IntArray, ViewInfo
 from ._settings import AnySimulationSettings, FluoroSettings, SimulationSettings
-from .rendering.camera import CameraRenderer, CameraScene, ImageTruth, TissueHome, TissueState, sample_scene
+from .rendering.camera import CameraRenderer, CameraScene, Framing, ImageTruth, TissueHome, TissueState, sample_scene
 from .rendering.fluoroscope import Pulse, XrayRenderer, XrayScene, sample_xray_scene
-from .world import BenchModel
+from .world import APPROACH_S, BenchModel, Session
 
 __all__ = ["CameraImaging", "Imaging", "XrayImaging", "make_imaging", "view_names"]
 
@@ -78,16 +78,44 @@ def view_names(settings: AnySimulationSettings) -> tuple[str, ...]:
 
 def make_imaging(
     settings: AnySimulationSettings,
-    bench_model: BenchModel,
-    rng: np.random.Generator,
+    session: Session,
+    rngs: tuple[np.random.Generator, np.random.Generator],
     exposed: Exposed,
     times_s: FloatArray,
     kept: IntArray,
 ) -> Imaging:
-    """The images of a session: ``times_s`` (m,) of all exposures, ``kept`` (n,): which of them became images."""
+    """The images of a session: ``times_s`` (m,) of all exposures, ``kept`` (n,): which of them became images.
+
+    ``rngs``: of the session, and of its catheter.
+    """
     if isinstance(settings, FluoroSettings):
-        return XrayImaging(settings, bench_model, rng, exposed, times_s, kept)
-    return CameraImaging(settings, bench_model, rng, exposed, times_s[kept])
+        return XrayImaging(settings, session.bench_model, rngs[0], exposed, times_s, kept)
+    return CameraImaging(settings, session, rngs, exposed, times_s[kept])
+
+
+_FRAMED = 400
+"""Instants of a session that tell where the catheter goes."""
+
+
+def _framing(settings: SimulationSettings, session: Session) -> Framing:
+    """Where catheter and tissue go in what is planned of the session, after the approach."""
+    world, trajectory, wall = settings.world, session.trajectory, session.bench_model.wall
+    rows = np.flatnonzero(trajectory.time_s > world.tare_s + APPROACH_S)
+    rows = rows[:: max(1, rows.size // _FRAMED)]
+    contact = trajectory.contact
+    nodes = contact.rod.nodes_m(contact.quaternions[rows], contact.advance_m[rows])
+    forward = np.asarray(wall.normal)[:2] / np.linalg.norm(np.asarray(wall.normal)[:2])
+    face = float((trajectory.wall_m[rows, :2] @ forward).min())
+    return Framing(
+        size=(settings.width, settings.height),
+        base_side=settings.scene.base_side,
+        reach_m=np.concatenate([nodes[:, ::4].reshape(-1, 3), nodes[:, -1]]),
+        forward=forward,
+        face_m=face,
+        behind_m=float((nodes[:, -1, :2] @ forward).max()) - face,
+        aside_m=float(session.bench_model.touch_m[:2] @ np.array([-forward[1], forward[0]])),
+        face_radius_m=wall.face_radius_m,
+    )
 
 
 class CameraImaging:
@@ -98,14 +126,21 @@ class CameraImaging:
     def __init__(
         self,
         settings: SimulationSettings,
-        bench_model: BenchModel,
-        rng: np.random.Generator,
+        session: Session,
+        rngs: tuple[np.random.Generator, np.random.Generator],
         exposed: Exposed,
         times_s: FloatArray,
     ) -> None:
+        bench_model, (rng, catheter_rng) = session.bench_model, rngs
         self.settings, self._bench_model, self._exposed, self._times_s = settings, bench_model, exposed, times_s
         ranges = settings.scene.model_copy(update={"diameter_m": bench_model.parameters.device.diameter_m})
-        self.scene = sample_scene(ranges, rng, length_m=bench_model.rod.length_m)
+        self.scene = sample_scene(
+            ranges,
+            rng,
+            length_m=bench_model.rod.length_m,
+            framing=_framing(settings, session) if ranges.variety is not None else None,
+            catheter_rng=catheter_rng,
+        )
 
     @cached_property
     def renderer(self) -> CameraRenderer:
@@ -161,8 +196,18 @@ class CameraImaging:
         return ViewInfo(metres_per_px, self.settings.scene.base_side)
 
     def values(self) -> dict[str, Any]:
-        """The lens."""
-        return {"lens": asdict(self.scene.lens)}
+        """The lens, and what was drawn of a varied scene."""
+        values: dict[str, Any] = {"lens": asdict(self.scene.lens)}
+        if self.settings.scene.variety is not None:
+            scene = self.scene
+            values |= {
+                "ground": scene.ground.kind,
+                "tissue_sight": scene.tissue.sight,
+                "rim_m": scene.tissue.rim_m,
+                "sheath_radius_m": scene.sheath.appearance.radius_m if scene.sheath else 0.0,
+                "fitting": scene.sheath.fitting if scene.sheath else "",
+            }
+        return values
 
 
 class XrayImaging:

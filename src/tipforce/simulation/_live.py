@@ -129,7 +129,7 @@ class _LiveSource(SimulatedBench):
     """A session of ``plan`` that happens while it is looked at: its events, in the order in which they arrive."""
 
     def __init__(self, plan: SimulatedBench, run: TrajectoryIntegrator, *, real_time: bool, images: bool) -> None:
-        super().__init__(plan.settings, plan.seed, plan.number)
+        super().__init__(plan.preset_settings, plan.seed, plan.number)
         self._plan, self.run, self._images = plan, run, images
         self._next = 0
         self.lock = threading.RLock()

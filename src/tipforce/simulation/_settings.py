@@ -1,9 +1,13 @@
 """All settings of a simulated bench, and the presets of the benchmark protocol."""
 
+import operator
+from typing import Annotated, Literal
+
+import numpy as np
 from pydantic import Field
 
 from ._fields import Settings
-from .rendering.camera import GENERALISE, SceneRanges
+from .rendering.camera import GENERALISE, THESIS_PLAIN, VARIED, SceneRanges
 from .rendering.fluoroscope import BIPLANE, FLUORO, XrayRanges
 from .world.settings import (
     ActuationSettings,
@@ -24,6 +28,18 @@ class _BenchSettings(Settings):
     world: WorldSettings = WorldSettings()
 
 
+_Side = Annotated[int, Field(ge=160, le=4096, multiple_of=2)]
+"""Of an image, px."""
+
+
+class CameraChoice(Settings):
+    """Cameras, and where they stand: of each list one a session, each as likely."""
+
+    sizes: Annotated[tuple[tuple[_Side, _Side], ...], Field(min_length=1)]
+    fps: Annotated[tuple[Annotated[float, Field(gt=0, le=240)], ...], Field(min_length=1)]
+    base_sides: Annotated[tuple[Literal["left", "right", "top", "bottom"], ...], Field(min_length=1)]
+
+
 class SimulationSettings(_BenchSettings):
     """A bench: the world that is pressed on and measured, and the camera that looks at it."""
 
@@ -32,6 +48,27 @@ class SimulationSettings(_BenchSettings):
     """The image's scale is measured with a uniform error within +- this share."""
     width: int = Field(default=640, ge=160, le=4096, multiple_of=2)
     height: int = Field(default=480, ge=120, le=4096, multiple_of=2)
+    cameras: CameraChoice | None = Field(default=None, exclude_if=operator.not_)
+    """Drawn for each session, instead of one camera for all; see `of_session`."""
+
+    def of_session(self, seed: int, session: int) -> "SimulationSettings":
+        """The same with the camera of one session."""
+        if self.cameras is None:
+            return self
+        rng = np.random.default_rng([seed, session, 8])
+        sizes, rates, sides = self.cameras.sizes, self.cameras.fps, self.cameras.base_sides
+        width, height = sizes[int(rng.integers(len(sizes)))]
+        fps = rates[int(rng.integers(len(rates)))]
+        side = sides[int(rng.integers(len(sides)))]
+        clock = self.world.clock.model_copy(update={"fps": fps})
+        return self.model_copy(
+            update={
+                "world": self.world.model_copy(update={"clock": clock}),
+                "scene": self.scene.model_copy(update={"base_side": side}),
+                "width": width,
+                "height": height,
+            }
+        )
 
 
 class FluoroSettings(_BenchSettings):
@@ -75,11 +112,41 @@ _IN_SPACE = _MANY_CATHETERS.model_copy(
 )
 """Bend and wall leave the plane: nothing in a heart knows of a plane."""
 
+_OTHER_BENCHES = _MANY_CATHETERS.model_copy(
+    update={
+        "shaft": _MANY_CATHETERS.shaft.model_copy(
+            update={"diameter_m": (5 * _FRENCH_M, 9 * _FRENCH_M), "diameter_known_to": 0.05}
+        ),
+        "wall": _MANY_CATHETERS.wall.model_copy(
+            update={
+                "stiffness_n_per_m": (30.0, 500.0),
+                "log_stiffness": True,
+                "laws": ("linear", "hertz", "exponential"),
+                "loss_factors": (0.1, 0.5),
+                "faces": ("flat", "convex", "concave"),
+            }
+        ),
+        "motion": MotionSettings(by_hand_share=0.5, peak_force_n=(0.05, 0.60), peak_within_n=5e-3, same_peak=12),
+    }
+)
+
 PRESETS: dict[str, AnySimulationSettings] = {
     "bench-2021": SimulationSettings(),
     "generalise": SimulationSettings(preset="generalise", world=_MANY_CATHETERS, scene=GENERALISE),
     "fluoro": FluoroSettings(world=_IN_SPACE),
     "biplane": FluoroSettings(preset="biplane", world=_IN_SPACE, scene=BIPLANE),
+    "varied": SimulationSettings(
+        preset="varied",
+        world=_OTHER_BENCHES,
+        scene=VARIED,
+        scale_error=0.02,
+        cameras=CameraChoice(
+            sizes=((640, 480), (800, 600), (1024, 768), (1280, 720), (1280, 960), (1280, 1024)),
+            fps=(24.0, 25.0, 30.0, 50.0, 60.0),
+            base_sides=("left", "right", "top", "bottom"),
+        ),
+    ),
+    "thesis-2021-plain": SimulationSettings(preset="thesis-2021-plain", scene=THESIS_PLAIN),
     "guidewire": SimulationSettings(
         preset="guidewire",
         world=WorldSettings(
@@ -154,4 +221,5 @@ PRESETS: dict[str, AnySimulationSettings] = {
         ),
     ),
 }
-"""By name; ``bench-2021``, ``generalise``, ``fluoro`` and ``biplane`` are frozen: a change makes a new name."""
+"""By name; ``bench-2021``, ``generalise``, ``fluoro``, ``biplane``, ``varied`` and ``thesis-2021-plain`` are frozen: a
+change makes a new name."""

@@ -24,7 +24,9 @@ class VisionSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     method: Literal["tracer", "classic"] = "tracer"
-    """`tracer`: ordered tracing with sub-pixel flanks. `classic`: thesis algorithm 1 to the letter."""
+    """`tracer`: ordered tracing with sub-pixel flanks. `classic`: thesis algorithm 1 to the letter, for a dark catheter
+    on a light even ground with nothing else in view: it finds the shape in 165 of 165 frames of the simulated
+    `thesis-2021-plain` and in 0 of 165 of `bench-2021`. On all other images method 1 uses `tracer`."""
     view: str = "camera"
     """Which view of an observation to use."""
     polarity: Polarity = "auto"

@@ -2,6 +2,7 @@
 
 from ._contact import SpatialContact, SpatialContactSolver, SpatialWall, damping_of_loss_factor, solve_contact_spatial
 from ._contact_derivatives import ContactDerivatives, contact_derivatives
+from ._face import face_depths
 from ._rod import SpatialRod
 from ._statics import SpatialShape, solve_static_spatial
 
@@ -14,6 +15,7 @@ __all__ = [
     "SpatialWall",
     "contact_derivatives",
     "damping_of_loss_factor",
+    "face_depths",
     "solve_contact_spatial",
     "solve_static_spatial",
 ]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...types import BoolArray, FloatArray, IntArray, frozen
+from ._face import face_normals
 from ._rod import SpatialRod, frames_of
 from ._state import Load, elastic_of, line_of, make_work
 from ._time_stepping import WallLaw, integrate, make_history, make_instants
@@ -36,7 +37,12 @@ class SpatialWall:
     ``normal`` (3,): the direction INTO the wall, d, made a unit vector. Normal force = spring + ``damping_ns_per_m`` x
     rate of depth, never pulling: after a release the indentation goes back by itself and is met again where it then is.
     The spring is ``stiffness_n_per_m`` x depth, or with ``hertz_depth_m`` h, Hertz's law for a ball:
-    ``stiffness_n_per_m`` x depth x sqrt(depth / h), so that the stiffness is the secant's at depth h.
+    ``stiffness_n_per_m`` x depth x sqrt(depth / h), so that the stiffness is the secant's at depth h; or with
+    ``exponential_depth_m`` h, one that stiffens as living tissue does (Fung): stiffness x h x (exp(depth / h) - 1) /
+    (e - 1).
+
+    ``face_radius_m``: the wall's point is the apex of a sphere, convex where positive, concave where negative; None: a
+    plane. In each instant the dome meets the sphere's tangent plane where it is expected to stand.
 
     Along the wall the tissue yields by ``shear_n_per_m`` (None: 2/3 of ``stiffness_n_per_m``, Mindlin's ratio for an
     incompressible half-space) until Coulomb's ``friction`` is reached, then the tip slips, in any direction of the
@@ -53,6 +59,8 @@ class SpatialWall:
     shear_n_per_m: float | None = None
     hertz_depth_m: float | None = None
     side_stiffness_n_per_m2: float = 0.0
+    exponential_depth_m: float | None = None
+    face_radius_m: float | None = None
 
     def __post_init__(self) -> None:
         normal = np.array(frozen("normal", self.normal, (3,)))
@@ -61,13 +69,17 @@ class SpatialWall:
             raise ValueError(f"a wall needs a direction, got normal {normal}")
         object.__setattr__(self, "normal", frozen("normal", normal / size, (3,)))
         positive = [self.stiffness_n_per_m, self.tangential_n_per_m]
-        positive += [] if self.hertz_depth_m is None else [self.hertz_depth_m]
+        positive += [depth for depth in (self.hertz_depth_m, self.exponential_depth_m) if depth is not None]
         others = [self.damping_ns_per_m, self.friction, self.side_stiffness_n_per_m2]
         if not (all(value > 0 for value in positive) and all(value >= 0 for value in others)):
             raise ValueError(
                 "a wall needs positive stiffness, shear and Hertz depth, and no negative damping, friction or side "
                 f"stiffness, got {self}"
             )
+        if len(positive) > 3 or self.face_radius_m == 0.0:
+            raise ValueError(f"a wall has one law, of Hertz or exponential, and no face of radius 0, got {self}")
+        if self.face_radius_m is not None and self.side_stiffness_n_per_m2 > 0.0:
+            raise ValueError("the shaft's side touches flat walls only: face_radius_m or side_stiffness_n_per_m2")
 
     @property
     def tangential_n_per_m(self) -> float:
@@ -83,6 +95,10 @@ class SpatialWall:
         first = across / size if size > 1e-6 else np.array([1.0, 0.0, 0.0]) - d[0] * d
         first /= np.linalg.norm(first)
         return np.stack([d, first, np.cross(d, first)])
+
+    def normals_at(self, places_m: FloatArray) -> FloatArray:
+        """(m, 3): directions into the wall of its face nearest to ``places_m`` (m, 3), counted from its point."""
+        return face_normals(self.axes, self.face_radius_m, places_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,6 +177,8 @@ class SpatialContactSolver:
             raise ValueError(
                 f"expected positive dt_s and creep_time_s and no negative creep, got {dt_s}, {creep_time_s}, {creep}"
             )
+        if wall.face_radius_m is not None and abs(wall.face_radius_m) <= tip_radius_m:
+            raise ValueError(f"the face's radius must exceed tip_radius_m={tip_radius_m}, got {wall.face_radius_m}")
         if not 0.0 <= tip_radius_m <= rod.rigid_length_m:
             raise ValueError(
                 f"tip_radius_m: expected 0 to the electrode's length {rod.rigid_length_m}, got {tip_radius_m}"
@@ -183,6 +201,8 @@ class SpatialContactSolver:
             dt_s=dt_s,
             relaxing=0.0,
             base_rest=np.array(rod.precurvature_per_m),
+            growth=0.0 if wall.exponential_depth_m is None else 1.0 / wall.exponential_depth_m,
+            face_radius=wall.face_radius_m or 0.0,
         )
         self.change_step(dt_s)
         self._history = make_history(rod.unloaded_quaternions)

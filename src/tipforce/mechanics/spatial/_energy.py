@@ -16,6 +16,7 @@ __all__ = [
     "assemble",
     "contact_at",
     "energy_at",
+    "exponential_spring",
     "joint_energy",
     "joint_moment",
     "log_factors",
@@ -28,6 +29,10 @@ __all__ = [
 
 _SMALL = 0.02
 """Squared sine of half the angle below which series take over: they are exact to rounding there."""
+
+
+_STRAIGHT = 6.0
+"""An exponential law is followed to this many times the depth in which it grows by e."""
 
 
 @compiled
@@ -105,6 +110,22 @@ def joint_moment(
 
 
 @compiled
+def exponential_spring(stiffness: float, growth: float, depth: float) -> tuple[float, float, float]:
+    """Force, slope and energy of tissue that stiffens exponentially (Fung): c (exp(``growth`` depth) - 1).
+
+    ``stiffness`` is the secant's at depth 1 / ``growth``, which fixes c. From `_STRAIGHT` such depths on it goes on
+    along its tangent: no trial of Newton's method overflows.
+    """
+    scale = stiffness / (growth * (math.e - 1.0))
+    over = max(growth * depth - _STRAIGHT, 0.0)
+    bend = growth * depth - over
+    rise = math.exp(bend)
+    force = scale * (rise - 1.0 + rise * over)
+    energy = scale / growth * (rise - 1.0 - bend + over * (rise - 1.0) + 0.5 * rise * over * over)
+    return force, scale * growth * rise, energy
+
+
+@compiled
 def normal_force(touch: Touch, depth: float) -> tuple[float, float, float]:
     """Normal force of the dome, its slope with the depth, and its energy from ``touch.rest`` on."""
     if not (touch.active and depth > touch.rest):
@@ -117,6 +138,11 @@ def normal_force(touch: Touch, depth: float) -> tuple[float, float, float]:
         force += touch.stiffness * root * depth
         slope += 1.5 * touch.stiffness * root
         energy += 0.4 * touch.stiffness * (root * depth * depth - touch.hertz * touch.rest**2.5)
+    elif touch.growth > 0.0:
+        spring, firm, stored = exponential_spring(touch.stiffness, touch.growth, depth)
+        force += spring
+        slope += firm
+        energy += stored - exponential_spring(touch.stiffness, touch.growth, touch.rest)[2]
     else:
         force += touch.stiffness * depth
         slope += touch.stiffness

@@ -44,8 +44,9 @@ class Touch(NamedTuple):
     """A ball at the lever's end, and the shaft's side, against a plane that yields.
 
     ``axes`` (3, 3): rows d (into the wall), t1, t2. ``place``: of the undeformed plane along d, less what the clamp's
-    advance has of d. Normal force = ``stiffness`` x depth (or x depth^1.5 ``hertz``, where that is positive) + ``rate``
-    x (depth - ``indentation``), on depths beyond ``rest`` only. ``kt`` ties the touching point, carried by ``arm`` (3,)
+    advance has of d. Normal force = ``stiffness`` x depth (or x depth^1.5 ``hertz``, where that is positive, or the
+    exponential law of `exponential_spring`, where ``growth`` is) + ``rate`` x (depth - ``indentation``), on depths
+    beyond ``rest`` only. ``kt`` ties the touching point, carried by ``arm`` (3,)
     in the electrode's frame, to ``zero`` (2,) along t1 and t2; with ``friction`` >= 0 that tie slips at Coulomb's
     limit, which has no energy. ``drag`` (2,): dead tangential force instead. ``side``: stiffness of the contact of
     each node of the shaft, whose radius is ``side_radius``.
@@ -67,6 +68,7 @@ class Touch(NamedTuple):
     friction: float
     side: float
     side_radius: float
+    growth: float = 0.0
 
 
 class Work(NamedTuple):

@@ -7,7 +7,18 @@ import numpy as np
 
 from ...types import BoolArray, FloatArray
 from ._compile import compiled
-from ._energy import contact_at, joint_moment, log_factors, log_scale, normal_force, tangential_force, tip_at, unturned
+from ._energy import (
+    contact_at,
+    exponential_spring,
+    joint_moment,
+    log_factors,
+    log_scale,
+    normal_force,
+    tangential_force,
+    tip_at,
+    unturned,
+)
+from ._face import face_axes
 from ._newton import TOLERANCE, Outcome, copy_turns, relax
 from ._state import Elastic, Load, Touch, Work
 
@@ -18,7 +29,10 @@ _SLOW = math.cos(0.5 * 0.02)
 
 
 class WallLaw(NamedTuple):
-    """The wall's laws as numbers, see `Touch`; ``base_rest`` (k, 3): the rod's own pre-curvature."""
+    """The wall's laws as numbers, see `Touch`; ``base_rest`` (k, 3): the rod's own pre-curvature.
+
+    ``face_radius``: of the tissue's face, see `face_axes`; 0: flat.
+    """
 
     axes: FloatArray
     radius: float
@@ -32,6 +46,8 @@ class WallLaw(NamedTuple):
     relaxing: float
     """dt / time constant of the creep."""
     base_rest: FloatArray
+    growth: float
+    face_radius: float
 
 
 class History(NamedTuple):
@@ -92,12 +108,16 @@ def _resting_indentation(law: WallLaw, rate: float, indentation: float) -> float
     """Where the indentation would be at the end of this instant without contact, by implicit Euler."""
     if rate == 0.0 or indentation <= 0.0:
         return 0.0
-    if law.hertz == 0.0:
+    if law.hertz == 0.0 and law.growth == 0.0:
         return indentation * rate / (law.stiffness + rate)
     depth = indentation
     for _ in range(50):  # convex and rising: Newton's method comes down from the indentation
-        root = law.stiffness * law.hertz * math.sqrt(depth)
-        change = (root * depth + rate * (depth - indentation)) / (1.5 * root + rate)
+        if law.growth > 0.0:
+            force, slope, _ = exponential_spring(law.stiffness, law.growth, depth)
+            change = (force + rate * (depth - indentation)) / (slope + rate)
+        else:
+            root = law.stiffness * law.hertz * math.sqrt(depth)
+            change = (root * depth + rate * (depth - indentation)) / (1.5 * root + rate)
         depth -= change
         if change <= 1e-15 * indentation:
             break
@@ -166,6 +186,7 @@ def _with_tie(touch: Touch, kt: float) -> Touch:
     return Touch(
         touch.active, touch.axes, touch.place, touch.radius, touch.stiffness, touch.hertz, touch.rate,
         touch.indentation, touch.rest, kt, touch.zero, touch.arm, touch.drag, -1.0, touch.side, touch.side_radius,
+        touch.growth,
     )  # fmt: skip
 
 
@@ -244,7 +265,7 @@ def integrate(
     instants: Instants,
 ) -> int:
     """Solves instants in a row, from and to ``history``, into ``instants``; returns the steps of Newton's method."""
-    q, axes = history.q, law.axes
+    q, axes = history.q, law.axes.copy()
     saved, zero, arm, was, drag = np.empty_like(q), np.zeros(2), np.zeros(3), np.zeros(3), np.zeros(2)
     rate = law.damping / law.dt_s
     steps = 0
@@ -254,7 +275,7 @@ def integrate(
                 rod.rest[i, k] = law.base_rest[i, k] + change[row, k]
         if not history.begun[0]:  # hung up long ago
             slack = Elastic(rod.span, rod.ei, rod.gj, rod.rest, rod.soft, rod.reach, rod.memory, 0.0, rod.small)
-            nowhere = Touch(False, axes, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zero, arm, drag, -1.0, 0.0, 0.0)
+            nowhere = Touch(False, axes, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zero, arm, drag, -1.0, 0.0, 0.0, 0.0)
             relax(q, slack, load, nowhere, work, TOLERANCE)
             creep_on(q, rod, math.inf)
             copy_turns(q, history.before)
@@ -268,8 +289,13 @@ def integrate(
             history.anchor[0], history.anchor[1] = history.way[0], history.way[1]
         # The point of the dome that is about to touch: where the electrode is expected to stand.
         _extrapolate(q, history.before)
+        bulge = 0.0
+        if law.face_radius != 0.0:  # the face's tangent plane beside the place where the dome is expected
+            px, py, pz = tip_at(q, rod, work.tangent)
+            was[0], was[1], was[2] = px + advance[row] - wall[row, 0], py - wall[row, 1], pz - wall[row, 2]
+            bulge = face_axes(law.axes, law.face_radius, was, axes)
         arm[0], arm[1], arm[2] = unturned(q[-1, 0], q[-1, 1], q[-1, 2], q[-1, 3], axes[0, 0], axes[0, 1], axes[0, 2])
-        place = -axes[0, 0] * advance[row]
+        place = bulge - axes[0, 0] * advance[row]
         for k in range(3):
             arm[k] *= law.radius
         last = history.before[-1]
@@ -286,6 +312,7 @@ def integrate(
         touch = Touch(
             True, axes, place, law.radius, law.stiffness, law.hertz, rate, indentation, rest,
             law.kt if grips else 0.0, zero, arm, drag, law.friction if grips else -1.0, law.side, law.radius,
+            law.growth,
         )  # fmt: skip
         out = _solve_instant(q, saved, rod, load, touch, work)
         steps += out.iterations

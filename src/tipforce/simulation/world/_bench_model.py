@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from ...mechanics import SpatialRod, SpatialWall, damping_of_loss_factor
 from ...types import FloatArray
 from ._parameters import SessionParameters
-from .settings import ShaftSettings, WorldSettings
+from .settings import ShaftSettings, WallSettings, WorldSettings
 
 __all__ = ["BenchModel", "build_bench_model", "smooth_centrelines", "times"]
 
@@ -107,17 +107,10 @@ def build_bench_model(
     spread = 0.2 * abs(gain) * max(parameters.knob_high_deg, 1.0) + 5.0
     curvatures = np.linspace(gain * parameters.knob_low_deg - spread, gain * parameters.knob_high_deg + spread, 60)
     support = np.array([_tip_of(rod, float(c), radius)[0] @ normal for c in curvatures])
-    stiffness = parameters.wall_stiffness_n_per_m
     return BenchModel(
         parameters=parameters,
         rod=rod,
-        wall=SpatialWall(
-            normal=normal,
-            stiffness_n_per_m=stiffness,
-            damping_ns_per_m=damping_of_loss_factor(stiffness, settings.wall.loss_factor, settings.wall.loss_hz),
-            friction=parameters.friction,
-            side_stiffness_n_per_m2=settings.wall.side_stiffness_n_per_m2,
-        ),
+        wall=_wall(settings.wall, parameters, normal),
         forward=forward,
         across=np.array([-forward[1], forward[0], 0.0]),
         touch_m=centre + radius * normal,
@@ -125,6 +118,22 @@ def build_bench_model(
         support_curvature_per_m=curvatures,
         support_m=support,
         settings=settings,
+    )
+
+
+def _wall(settings: WallSettings, parameters: SessionParameters, normal: FloatArray) -> SpatialWall:
+    stiffness = parameters.wall_stiffness_n_per_m
+    loss = settings.loss_factor if parameters.loss_factor is None else parameters.loss_factor
+    radius = parameters.face_radius_m
+    return SpatialWall(
+        normal=normal,
+        stiffness_n_per_m=stiffness,
+        damping_ns_per_m=damping_of_loss_factor(stiffness, loss, settings.loss_hz),
+        friction=parameters.friction,
+        hertz_depth_m=settings.law_depth_m if parameters.law == "hertz" else None,
+        side_stiffness_n_per_m2=settings.side_stiffness_n_per_m2,
+        exponential_depth_m=settings.law_depth_m if parameters.law == "exponential" else None,
+        face_radius_m=-radius if radius is not None and parameters.face == "concave" else radius,
     )
 
 

@@ -9,7 +9,8 @@ from scipy.signal import lfilter
 from ...mechanics import HeartMotion, Play
 from ...types import FloatArray
 from ._bench_model import BenchModel
-from ._parameters import SessionParameters
+from ._hand_motion import hand_wave
+from ._parameters import BY_HAND, SessionParameters
 
 __all__ = [
     "APPROACH_S",
@@ -117,23 +118,32 @@ def compose_motion(bench_model: BenchModel, time_s: FloatArray, rng: np.random.G
     actuation = settings.actuation
     transmitted = Play(actuation.play_deg, output=float(knob[0]) + parameters.play_start_deg).run(knob)
     drift = slow_drift(actuation.drift_rms, actuation.drift_s, time_s, rng)
-    heart = HeartMotion(
-        amplitude_m=1.0,  # to be solved for
-        beat_hz=parameters.beat_hz,
-        wave=parameters.wave,
-        lateral_share=parameters.lateral_share,
-        lateral_phase_rad=parameters.lateral_phase,
-        respiration_m=parameters.respiration_m,
-        respiration_hz=settings.motion.respiration_hz,
-        respiration_phase_rad=parameters.respiration_phase,
-    )
+    if parameters.wave == BY_HAND:
+        wave, lateral = hand_wave(time_s, rng), parameters.lateral_share * hand_wave(time_s, rng)
+        breath = np.zeros(time_s.size)
+    else:
+        heart = _heart(parameters, settings.motion.respiration_hz)
+        wave, lateral, breath = heart.forward(time_s), heart.lateral(time_s), heart.respiration(time_s)
     return MotionProfile(
         time_s=time_s,
         knob_deg=knob,
         transmitted_deg=transmitted,
         drift=drift,
         curvature_per_m=bench_model.curvature_per_m(transmitted, drift),
-        wave=heart.forward(time_s),
-        lateral=heart.lateral(time_s),
-        breath_m=heart.respiration(time_s),
+        wave=wave,
+        lateral=lateral,
+        breath_m=breath,
+    )
+
+
+def _heart(parameters: SessionParameters, respiration_hz: float) -> HeartMotion:
+    return HeartMotion(
+        amplitude_m=1.0,  # to be solved for
+        beat_hz=parameters.beat_hz,
+        wave=parameters.wave,
+        lateral_share=parameters.lateral_share,
+        lateral_phase_rad=parameters.lateral_phase,
+        respiration_m=parameters.respiration_m,
+        respiration_hz=respiration_hz,
+        respiration_phase_rad=parameters.respiration_phase,
     )

@@ -12,6 +12,7 @@ from ...mechanics import SpatialContactSolver
 from ...types import FloatArray
 from ._bench_model import BenchModel
 from ._motion_profile import APPROACH_S, STEP_S, Motion, MotionProfile
+from ._parameters import BY_HAND
 from ._trajectory import Trajectory, TrajectoryIntegrator, integrate_trajectory, thinned
 
 __all__ = ["FAST", "FINE", "Resolution", "rejection_reason", "solve"]
@@ -53,9 +54,10 @@ _TOO_MUCH = "too much force at the smallest amplitude"
 def solve(bench_model: BenchModel, motion_profile: MotionProfile, resolution: Resolution) -> Motion | str:
     """Returns the motion that gives the peak force and frees the tip long enough, or the rejection reason."""
     settings = bench_model.settings
-    # Two breaths show all that happens while the knob stands still.
+    # Two breaths show all that happens while the knob stands still and a heart beats.
     span = APPROACH_S + 2.0 / settings.motion.respiration_hz
-    end = settings.tare_s + span if settings.actuation.knob_deg_per_s == 0.0 else settings.seconds
+    repeats = settings.actuation.knob_deg_per_s == 0.0 and bench_model.parameters.wave != BY_HAND
+    end = settings.tare_s + span if repeats else settings.seconds
     coarse = motion_profile.thinned(1 if resolution.trial_every else round(_COARSE_S / STEP_S), settings.tare_s, end)
     return (
         _solve_approximately(bench_model, motion_profile, coarse, resolution)
@@ -179,6 +181,11 @@ def _side_contact(bench_model: BenchModel, trajectory: Trajectory) -> str:
     """Returns the rejection reason that the dome does not touch, or an empty string."""
     if bench_model.wall.side_stiffness_n_per_m2 > 0.0:
         return ""  # the side touches too
-    contact = trajectory.contact
-    steepest = float((contact.tip_axes(contact.touching) @ bench_model.wall.normal).min(initial=1.0))
+    contact, wall = trajectory.contact, bench_model.wall
+    axes = contact.tip_axes(contact.touching)
+    if wall.face_radius_m is None:
+        facing = axes @ wall.normal
+    else:
+        facing = (axes * wall.normals_at((contact.touch_m - trajectory.wall_m)[contact.touching])).sum(axis=1)
+    steepest = float(facing.min(initial=1.0))
     return "the electrode's side, not its dome, would touch" if steepest < 0.05 else ""

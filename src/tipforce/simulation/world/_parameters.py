@@ -1,7 +1,8 @@
 """The parameters of one session, drawn from the settings of a bench."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -9,7 +10,10 @@ from ...mechanics import HEART_WAVES
 from .._fields import Range
 from .settings import WorldSettings
 
-__all__ = ["Device", "SessionParameters", "sample_device", "sample_parameters"]
+__all__ = ["BY_HAND", "Device", "SessionParameters", "sample_device", "sample_kind", "sample_parameters"]
+
+BY_HAND = "by hand"
+"""The wave of a stage that a hand moves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,13 +25,15 @@ class Device:
     stiffness_nm2: float
     nominal_flexible_length_m: float
     nominal_stiffness_nm2: float
+    nominal_diameter_m: float | None = None
+    """None: the true one."""
 
 
 @dataclass(frozen=True, slots=True)
 class SessionParameters:
     """The parameters of one session, except the wall's motion, which is solved afterwards. Angles in the base frame.
 
-    ``peak_force_n`` and ``free_share`` are what the motion is solved for.
+    ``peak_force_n`` and ``free_share`` are what the motion is solved for. None: not drawn in this preset.
     """
 
     device: Device
@@ -50,6 +56,10 @@ class SessionParameters:
     respiration_phase: float
     peak_force_n: float
     free_share: float
+    law: str | None = None
+    loss_factor: float | None = None
+    face: str | None = None
+    face_radius_m: float | None = None
 
 
 def sample_device(settings: WorldSettings, seed: int, session: int, redraw: int = 0) -> Device:
@@ -59,6 +69,7 @@ def sample_device(settings: WorldSettings, seed: int, session: int, redraw: int 
     rng = np.random.default_rng([*key, redraw] if redraw else key)
     length, stiffness = rng.uniform(*shaft.flexible_length_m), rng.uniform(*shaft.stiffness_nm2)
     diameter = rng.uniform(*shaft.diameter_m)
+    wide = shaft.diameter_known_to
     off = 1.0 + rng.uniform(-shaft.known_to, shaft.known_to, 2)
     return Device(
         diameter_m=float(diameter),
@@ -66,6 +77,7 @@ def sample_device(settings: WorldSettings, seed: int, session: int, redraw: int 
         stiffness_nm2=float(stiffness),
         nominal_flexible_length_m=shaft.nominal_flexible_length_m or float(length * off[0]),
         nominal_stiffness_nm2=shaft.nominal_stiffness_nm2 or float(stiffness * off[1]),
+        nominal_diameter_m=float(diameter * (1.0 + rng.uniform(-wide, wide))) if wide else None,
     )
 
 
@@ -82,7 +94,7 @@ def sample_parameters(settings: WorldSettings, device: Device, rng: np.random.Ge
     knob = sorted(rng.uniform(*actuation.knob_deg, 2).tolist())
     side = -1.0 if wall.either_side and rng.random() < 0.5 else 1.0
     names = list(HEART_WAVES)
-    return SessionParameters(
+    parameters = SessionParameters(
         device=device,
         out_of_plane_per_m=one(settings.shaft.out_of_plane_per_m),
         knob_factor=one(actuation.factor),
@@ -103,3 +115,31 @@ def sample_parameters(settings: WorldSettings, device: Device, rng: np.random.Ge
         peak_force_n=one(motion.peak_force_n),
         free_share=one(motion.free_share),
     )
+    return replace(parameters, **_sample_more(settings, rng))
+
+
+def sample_kind(settings: WorldSettings, rng: np.random.Generator) -> dict[str, Any]:
+    """What kind of tissue and motion a session has, where the preset varies them: kept however often the rest is drawn.
+
+    Else the kinds that are easy to bring to their forces would be more frequent than they are drawn.
+    """
+    wall, kind = settings.wall, dict[str, Any]()
+    if wall.laws:
+        kind["law"] = wall.laws[int(rng.integers(len(wall.laws)))]
+    if wall.faces:
+        kind["face"] = wall.faces[int(rng.integers(len(wall.faces)))]
+        if kind["face"] != "flat":
+            kind["face_radius_m"] = float(rng.uniform(*wall.face_radius_m))
+    if settings.motion.by_hand_share and rng.random() < settings.motion.by_hand_share:
+        kind |= {"wave": BY_HAND, "respiration_m": 0.0}
+    return kind
+
+
+def _sample_more(settings: WorldSettings, rng: np.random.Generator) -> dict[str, Any]:
+    """What only some presets draw: after all else, so that the others' sessions stay as they are."""
+    wall, more = settings.wall, dict[str, Any]()
+    if wall.log_stiffness:
+        more["wall_stiffness_n_per_m"] = float(np.exp(rng.uniform(*np.log(wall.stiffness_n_per_m))))
+    if wall.loss_factors:
+        more["loss_factor"] = float(rng.uniform(*wall.loss_factors))
+    return more

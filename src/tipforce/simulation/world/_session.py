@@ -13,8 +13,8 @@ import numpy as np
 from ...errors import InputError
 from ._bench_model import BenchModel, build_bench_model
 from ._motion_profile import APPROACH_S, LEAD_S, STEP_S, TRAIL_S, Motion, MotionProfile, compose_motion
-from ._motion_solver import FINE, Resolution, rejection_reason, solve
-from ._parameters import Device, sample_device, sample_parameters
+from ._motion_solver import FAST, FINE, Resolution, rejection_reason, solve
+from ._parameters import Device, sample_device, sample_kind, sample_parameters
 from ._trajectory import Trajectory, TrajectoryIntegrator, integrate_trajectory
 from .settings import WorldSettings
 
@@ -106,9 +106,12 @@ def run_session(settings: WorldSettings, seed: int, number: int, resolution: Res
         InputError: where every draw is rejected, or the session is too short (see `require_long_enough`).
     """
     require_long_enough(settings)
+    if settings.motion.peak_within_n:
+        resolution = replace(FAST, every=resolution.every, peak_n=settings.motion.peak_within_n)
     catheter = catheter_of(settings, seed, number)
     redraws = {UNFIT_CATHETER: catheter.redraws} if catheter.redraws else {}
-    angle_deg = 0.0
+    angle_deg, peak_n = 0.0, 0.0
+    kind = sample_kind(settings, np.random.default_rng([seed, number, 10]))
     instants = round((settings.seconds + LEAD_S + TRAIL_S) / STEP_S)
     whole = np.arange(instants, dtype=np.float64) * STEP_S - LEAD_S
     for attempt in range(_DRAWS):
@@ -116,7 +119,9 @@ def run_session(settings: WorldSettings, seed: int, number: int, resolution: Res
         parameters = sample_parameters(settings, catheter.device, rng)
         if attempt % _SAME_ANGLE == 0:
             angle_deg = parameters.contact_angle_deg
-        parameters = replace(parameters, contact_angle_deg=angle_deg)
+        if attempt % settings.motion.same_peak == 0:
+            peak_n = parameters.peak_force_n
+        parameters = replace(parameters, contact_angle_deg=angle_deg, peak_force_n=peak_n, **kind)
         bench_model = build_bench_model(settings, parameters)
         motion_profile = compose_motion(bench_model, whole, rng)
         found = solve(

@@ -1,7 +1,7 @@
 """What a simulated bench is made of, part by part; the defaults are the preset ``bench-2021``."""
 
 import operator
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -32,6 +32,8 @@ class ShaftSettings(Settings):
     nominal_flexible_length_m: Positive | None = 40e-3
     nominal_stiffness_nm2: Positive | None = 4.3e-4
     """What the maker's sheet says. None: a measurement of the true one, see ``known_to``."""
+    diameter_known_to: Share = Field(default=0.0, exclude_if=operator.not_)
+    """The measured diameter is off by a uniform share within +- this."""
     known_to: Share = 0.0
     """Where there is no nominal value: the measured one is off by a uniform share within +- this."""
     stiffening_curvature_per_m: Positive = 40.0
@@ -82,6 +84,18 @@ class WallSettings(Settings):
     loss_factor: NotNegative = 0.175
     loss_hz: Positive = 1.2
     friction: Range = (0.05, 0.3)
+    log_stiffness: bool = Field(default=False, exclude_if=operator.not_)
+    """Whether the stiffness's logarithm is uniform within its range, not the stiffness."""
+    laws: tuple[Literal["linear", "hertz", "exponential"], ...] = Field(default=(), exclude_if=operator.not_)
+    """One of these, each as likely: force with depth, depth^1.5, or exp(depth / ``law_depth_m``) - 1; none: linear."""
+    law_depth_m: Positive = Field(default=2e-3, exclude_if=(2e-3).__eq__)
+    """Where a law is not linear, the stiffness is its secant's at this depth."""
+    loss_factors: Range | None = Field(default=None, exclude_if=operator.not_)
+    """Drawn from here instead of ``loss_factor``, where it is stated."""
+    faces: tuple[Literal["flat", "convex", "concave"], ...] = Field(default=(), exclude_if=operator.not_)
+    """One of these, each as likely; none: flat."""
+    face_radius_m: Range = Field(default=(15e-3, 60e-3), exclude_if=(15e-3, 60e-3).__eq__)
+    """Of a convex or concave face."""
     side_stiffness_n_per_m2: NotNegative = Field(default=0.0, exclude_if=operator.not_)
     """Spring for each metre of the shaft's side that touches the tissue; 0: only the electrode's dome touches."""
 
@@ -92,6 +106,8 @@ class MotionSettings(Settings):
     beat_hz: Range = (1.0, 1.5)
     half_wave_share: Share = 0.25
     """Share of the sessions that beat like the half-wave PQRST instead of a sine."""
+    by_hand_share: Share = Field(default=0.0, exclude_if=operator.not_)
+    """Share of the sessions in which a hand moves the stage: no beat and no breath, see `hand_wave`."""
     amplitude_m: Range = (0.5e-3, 10e-3)
     """Along the normal; solved for the peak force."""
     lateral_share: Range = (0.2, 1.0)
@@ -99,6 +115,11 @@ class MotionSettings(Settings):
     respiration_m: Range = (0.0, 2e-3)
     respiration_hz: Positive = 0.25
     peak_force_n: Range = (0.15, 0.35)
+    same_peak: Annotated[int, Field(ge=1, le=400)] = Field(default=1, exclude_if=(1).__eq__)
+    """Draws in a row that share their peak force: what is hard to reach would else be rarer than it is drawn."""
+    peak_within_n: NotNegative = Field(default=0.0, exclude_if=operator.not_)
+    """How near the largest force comes to the drawn one; 0: as near as an amplitude to 10 um brings it, which takes
+    longer."""
     free_share: Range = (0.05, 0.20)
     """Share of the time without contact, once the approach is over; solved by the stage's stand-off."""
     step_m: Positive = 2.5e-6

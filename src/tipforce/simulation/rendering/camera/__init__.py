@@ -15,15 +15,19 @@ from ._scene import (
     TissueAppearance,
     TubeFinish,
 )
-from ._scene_settings import BENCH_2021, GENERALISE, SceneRanges, sample_scene
+from ._scene_settings import BENCH_2021, GENERALISE, THESIS_PLAIN, VARIED, SceneRanges, sample_scene
+from ._variety import Framing, SceneVariety
 
 __all__ = [
     "BENCH_2021",
     "GENERALISE",
+    "THESIS_PLAIN",
+    "VARIED",
     "BackgroundAppearance",
     "CameraRenderer",
     "CameraScene",
     "CatheterAppearance",
+    "Framing",
     "ImageTruth",
     "Instrument",
     "Lamp",
@@ -31,6 +35,7 @@ __all__ = [
     "Lighting",
     "Occluder",
     "SceneRanges",
+    "SceneVariety",
     "SensorNoise",
     "TissueAppearance",
     "TissueHome",

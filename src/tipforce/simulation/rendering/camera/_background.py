@@ -8,13 +8,16 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ....types import FloatArray
-from ._canvas import FINER, Canvas, FloatImage, Patch, multi_scale_noise
+from ._canvas import FINER, Canvas, FloatImage, Patch, multi_scale_noise, soften
 from ._scene import BackgroundAppearance, CameraScene
 
-__all__ = ["GROUNDS", "illumination", "lay_objects", "paint_background"]
+__all__ = ["GROUNDS", "illumination", "lay_objects", "paint_background", "paint_front_objects"]
 
 _ATTEMPTS = 12
 _COVERED = 0.12
+_FRONT_FINER = 4
+_FRONT_CLEAR_M = 9e-3
+"""What stands near the camera stays so far from the unbent catheter's axis, but for its blur."""
 Colour = tuple[float, float, float]
 _CABLES: tuple[Colour, ...] = (
     (38, 38, 40),
@@ -217,6 +220,37 @@ def lay_objects(canvas: Canvas, rng: np.random.Generator, axis_px: FloatArray) -
     canvas.transmittance[:] = 0.0
 
 
+def paint_front_objects(
+    scene: CameraScene, width: int, height: int, px_per_m: float, axis_px: FloatArray
+) -> tuple[FloatImage, FloatImage]:
+    """(3, h, w) levels and (h, w) share of the view that is left by what stands near the camera, out of focus.
+
+    Painted at a quarter of the image's size, for the blur leaves nothing of it to be seen. It stays off the catheter
+    as clutter on the ground does.
+    """
+    rng = np.random.default_rng([scene.seed, 5])
+    small = (-(-width // _FRONT_FINER), -(-height // _FRONT_FINER))
+    canvas = Canvas.empty(*small, px_per_m / _FRONT_FINER, scene)
+    h, w = canvas.transmittance.shape
+    v, u = np.mgrid[0:h, 0:w]
+    start, end = (np.asarray(point) * FINER / _FRONT_FINER for point in axis_px)
+    way = end - start
+    share = np.clip(((u - start[0]) * way[0] + (v - start[1]) * way[1]) / (way @ way), 0.0, 1.0)
+    near = np.hypot(u - start[0] - share * way[0], v - start[1] - share * way[1]) < _FRONT_CLEAR_M * canvas.px_per_m
+    for _ in range(scene.front_objects):
+        paint = _OBJECTS[int(rng.integers(len(_OBJECTS)))]
+        for _ in range(_ATTEMPTS):
+            before = canvas.levels.copy(), canvas.transmittance.copy()
+            paint(canvas, rng, rng.uniform((0.0, 0.0), (w, h)))
+            if not (canvas.transmittance[near] < 1.0 - _COVERED).any():
+                break
+            canvas.levels[:], canvas.transmittance[:] = before
+    levels, left = canvas.seen(scene.front_blur_px / _FRONT_FINER)
+    size = width, height
+    large = [cv2.resize(plane, size, interpolation=cv2.INTER_LINEAR) for plane in (*levels, left)]
+    return np.stack(large[:3]).astype(np.float32), np.asarray(large[3], np.float32)
+
+
 def _grid(canvas: Canvas, turn: float) -> tuple[FloatImage, FloatImage]:
     """Coordinates of the canvas's pixels in metres along axes turned by ``turn``."""
     h, w = canvas.transmittance.shape
@@ -291,7 +325,66 @@ def _breadboard(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random
     return (level + chamfer * appearance.lines_grey * 1.5) * (1 - hole) - hole * dark * (0.72 + thread + 0.5 * fy)
 
 
-GROUNDS = {"board": _board, "cloth": _cloth, "paper": _paper, "breadboard": _breadboard}
+def _printed(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
+    """A printed sheet: lines of text, bars and frames, somewhat askew."""
+    h, w = canvas.transmittance.shape
+    per_mm = canvas.px_per_m * 1e-3
+    ink = np.zeros((h, w), np.uint8)
+    letters = np.array(list("abcdefghiklmnoprstuvxyzABDEFGHKLMNPRST 0123456789  ,.-"))
+    tall = rng.uniform(1.5, 4.5) * per_mm
+    scale, pitch = tall / 22.0, rng.uniform(1.7, 2.6) * tall
+    for v in np.arange(rng.uniform(0, pitch), 1.5 * h, pitch).astype(int).tolist():
+        if rng.random() < 0.2:
+            continue
+        text = "".join(rng.choice(letters, max(4, int(1.2 * w / tall))))
+        cv2.putText(ink, text, (int(rng.uniform(-0.3, 0.5) * w), v), cv2.FONT_HERSHEY_SIMPLEX, scale, 255,
+                    max(1, round(0.1 * tall)), cv2.LINE_AA)  # fmt: skip
+    for _ in range(int(rng.integers(0, 6))):
+        at = rng.uniform((0, 0), (w, h))
+        corner = at + rng.uniform(4, 45, 2) * per_mm
+        filled = rng.random() < 0.4
+        cv2.rectangle(ink, at.astype(int).tolist(), corner.astype(int).tolist(), int(rng.uniform(60, 255)),
+                      cv2.FILLED if filled else max(1, round(0.4 * per_mm)), cv2.LINE_AA)  # fmt: skip
+    turn = cv2.getRotationMatrix2D((w / 2, h / 2), float(rng.choice([0, 90, 180, 270]) + rng.uniform(-9, 9)), 1.5)
+    ink = cv2.warpAffine(ink, turn, (w, h), flags=cv2.INTER_LINEAR)
+    level = multi_scale_noise(rng, (h, w), (4.0, 30.0, 250.0), 0.6) * (0.4 * appearance.texture_grey)
+    return (level - ink.astype(np.float32) * np.float32(2.5 * appearance.lines_grey / 255.0)).astype(np.float32)
+
+
+def _metal(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
+    """A plate of brushed metal, with the streaks in which it mirrors the lamps."""
+    h, w = canvas.transmittance.shape
+    long, short = (60.0, 0.8) if rng.random() < 0.5 else (0.8, 60.0)
+    brushed = cv2.GaussianBlur(rng.standard_normal((h, w), np.float32), (0, 0), sigmaX=long, sigmaY=short)
+    level = brushed / brushed.std() * appearance.texture_grey
+    x, y = _grid(canvas, float(rng.uniform(0, math.pi)))
+    for _ in range(int(rng.integers(1, 4))):
+        middle, wide = rng.uniform(-0.02, 0.12), rng.uniform(6e-3, 30e-3)
+        level += np.exp(-(((x - np.float32(middle) + 0.1 * y) / np.float32(wide)) ** 2)) * appearance.lines_grey
+    return (level + multi_scale_noise(rng, (h, w), (120.0, 400.0), 0.7) * appearance.texture_grey).astype(np.float32)
+
+
+def _room(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
+    """What stands far behind the bench, all out of focus: edges and patches of whatever is there."""
+    h, w = canvas.transmittance.shape
+    level = np.zeros((h, w), np.float32)
+    for _ in range(int(rng.integers(8, 22))):
+        at, size = rng.uniform((0, 0), (w, h)), rng.uniform(0.04, 0.35, 2) * w
+        turn = rng.uniform(0, math.pi)
+        patch = canvas.outline(_turned(_rectangle(*size.tolist()), turn, at))
+        level[patch.part] += patch.values * np.float32(rng.uniform(-1.4, 1.4) * appearance.lines_grey)
+    return soften(level, float(rng.uniform(0.012, 0.03)) * w)
+
+
+GROUNDS = {
+    "board": _board,
+    "cloth": _cloth,
+    "paper": _paper,
+    "breadboard": _breadboard,
+    "printed": _printed,
+    "metal": _metal,
+    "room": _room,
+}
 
 
 def paint_background(scene: CameraScene, width: int, height: int, px_per_m: float, axis_px: FloatArray) -> Canvas:

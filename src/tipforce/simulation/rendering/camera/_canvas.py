@@ -213,6 +213,11 @@ class Canvas:
         self.transmittance[part] *= left
         self.changed.append(part)
 
+    def fade(self, opacity: float) -> None:
+        """Let all that was laid be seen through: it keeps ``opacity`` of its light and of its cover."""
+        self.levels *= np.float32(opacity)
+        self.transmittance[:] = 1.0 - np.float32(opacity) * (1.0 - self.transmittance)
+
     def seen(self, sigma_px: float) -> tuple[FloatImage, FloatImage]:
         """Levels (3, h, w) and what is left of the view (h, w), at the image's size, blurred by ``sigma_px``."""
         # The shrinking is itself a blur: a mean over FINER canvas pixels.

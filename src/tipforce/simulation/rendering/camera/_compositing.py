@@ -310,6 +310,8 @@ def draw_tube(buffers: Buffers, tube: Tube, nodes: TubeNodes) -> Box:
             nodes.start_m,
             nodes.step_m,
             tube.along,
+            tube.blunt,
+            tube.braid,
         )
     return _box_around(nodes.nodes, profile.reach_px * 1.1 + 2.0, np.zeros(2), buffers.shade.shape)
 

@@ -1,6 +1,7 @@
 """The tissue phantom, painted once a session: a silicone pad on a plate, on a round force sensor, on a stage's arm."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -8,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ....geometry import CameraModel
+from ....mechanics import face_depths
 from ....types import FloatArray
 from .._exposure import TissueHome
 from ._canvas import FINER, Canvas, FloatImage, Part, Patch, multi_scale_noise, soften
@@ -18,6 +20,8 @@ __all__ = ["MARGIN_M", "Phantom", "paint_phantom"]
 MARGIN_M = 24e-3
 """How far the phantom may move from its home and still be whole."""
 _VECTOR = 32
+_RIM_WIDER_M = 1.5e-3
+"""A rim is so much wider than the pad, on either side."""
 _STEP_M = 1e-3
 """By how much one part stands out over the next."""
 
@@ -53,16 +57,47 @@ def paint_phantom(
     along = np.array([-into[1], into[0]])
     unit = canvas.px_per_m
 
-    def box(deep_from: float, deep_to: float, half: float, corner: float, aside: float = 0.0) -> Patch:
-        return _rounded(canvas, origin, into, along, (deep_from, deep_to, aside - half, aside + half, corner), unit)
+    def box(deep_from: float, deep_to: float, half: float, corner: float, face: float | None = None) -> Patch:
+        return _rounded(canvas, origin, into, along, (deep_from, deep_to, -half, half, corner), unit, face)
 
+    shape = box(0.0, appearance.pad_m[0], appearance.pad_m[1], appearance.corner_m, appearance.face_radius_m)
+    if appearance.carrier:
+        _lay_carrier(canvas, box, shape, (origin, into, along), 1.5 * (width + height) / px_per_m)
+    else:
+        canvas.darken(shape, scene.ground.depth_m)
+    mottle = 1.0 + appearance.mottle * multi_scale_noise(rng, shape.shape, (8.0, 30.0, 90.0), 0.7)[shape.part]
+    # Light comes out again near the edges of silicone, and its wet skin mirrors the lamps in soft patches.
+    part = shape.part
+    inner = soften(shape.within((slice(0, canvas.shape[0]), slice(0, canvas.shape[1]))), 1.1e-3 * unit)[part]
+    glow = 1.0 + 0.22 * np.clip(1.6 - 1.6 * inner, 0.0, 1.0)
+    shine = np.clip(multi_scale_noise(rng, shape.shape, (16.0, 50.0), 0.8)[part] - 2.0, 0.0, 1.0)
+    lit = mottle * glow * canvas.bevel(shape, 5.0)
+    paint = np.asarray(appearance.colour, np.float32) * lit[..., None] + np.float32(60.0) * shine[..., None]
+    canvas.lay(shape, paint.astype(np.float32, copy=False), height_m=_STEP_M)
+    if appearance.rim_m > 0.0:
+        rim = box(-appearance.rim_m, 0.7 * appearance.pad_m[0], appearance.pad_m[1] + _RIM_WIDER_M, 0.5e-3)
+        level = appearance.plate_grey
+        canvas.lay(rim, (level, level, level), height_m=_STEP_M, shading=canvas.bevel(rim, 2.0))
+    if appearance.opacity < 1.0:
+        canvas.fade(appearance.opacity)
+    return Phantom(*_sprite(canvas, channels, sigma_px), margin + 0.25, home.surface_m, into, px_per_m)
+
+
+def _lay_carrier(
+    canvas: Canvas,
+    box: Callable[[float, float, float, float], Patch],
+    shape: Patch,
+    axes: tuple[FloatArray, FloatArray, FloatArray],
+    reach_m: float,
+) -> None:
+    """Plate, force sensor and arm behind the pad of ``shape``, and the shadow of all; ``axes``: origin, into, along."""
+    scene, appearance, unit = canvas.scene, canvas.scene.tissue, canvas.px_per_m
+    origin, into, along = axes
     pad, plate = appearance.pad_m[0], appearance.pad_m[0] + appearance.plate_m[0]
     body = plate + appearance.body_m[0]
-    reach = 1.5 * (width + height) / px_per_m
-    arm = box(body - 2e-3, reach, appearance.arm_half_m, 1e-3)
+    arm = box(body - 2e-3, reach_m, appearance.arm_half_m, 1e-3)
     drum = box(plate - 1e-3, body, appearance.body_m[1], 2e-3)
     disc = box(pad - 1e-3, plate, appearance.plate_m[1], 0.6e-3)
-    shape = box(0.0, pad, appearance.pad_m[1], appearance.corner_m)
     # All parts are about as high as one another: their shadow falls on the ground, and hardly on their neighbours.
     canvas.darken(arm.joined(drum).joined(disc.joined(shape)), scene.ground.depth_m)
     groove = 0.10 * np.exp(-((_aside(arm.part, origin, along) / (0.18 * appearance.arm_half_m * unit)) ** 2))
@@ -82,16 +117,6 @@ def paint_phantom(
         head = canvas.disc(at, min(1.6e-3, 0.42 * appearance.plate_m[0]) * unit)
         dark = 0.55 * appearance.plate_grey
         canvas.lay(head, (dark, dark, dark), height_m=0.5e-3, shading=canvas.bevel(head, 1.2))
-    mottle = 1.0 + appearance.mottle * multi_scale_noise(rng, shape.shape, (8.0, 30.0, 90.0), 0.7)[shape.part]
-    # Light comes out again near the edges of silicone, and its wet skin mirrors the lamps in soft patches.
-    part = shape.part
-    inner = soften(shape.within((slice(0, canvas.shape[0]), slice(0, canvas.shape[1]))), 1.1e-3 * unit)[part]
-    glow = 1.0 + 0.22 * np.clip(1.6 - 1.6 * inner, 0.0, 1.0)
-    shine = np.clip(multi_scale_noise(rng, shape.shape, (16.0, 50.0), 0.8)[part] - 2.0, 0.0, 1.0)
-    lit = mottle * glow * canvas.bevel(shape, 5.0)
-    paint = np.asarray(appearance.colour, np.float32) * lit[..., None] + np.float32(60.0) * shine[..., None]
-    canvas.lay(shape, paint.astype(np.float32, copy=False), height_m=_STEP_M)
-    return Phantom(*_sprite(canvas, channels, sigma_px), margin + 0.25, home.surface_m, into, px_per_m)
 
 
 def _places(part: Part, origin: FloatArray) -> tuple[FloatImage, FloatImage]:
@@ -123,14 +148,20 @@ def _rounded(
     along: FloatArray,
     box: tuple[float, float, float, float, float],
     unit: float,
+    face_radius_m: float | None = None,
 ) -> Patch:
-    """Cover of a box with rounded corners in the wall's own directions, anti-aliased."""
+    """Cover of a box with rounded corners in the wall's own directions, anti-aliased; bent like a round face."""
     corners = origin + unit * np.array([deep * into + side * along for deep in box[:2] for side in box[2:4]])
-    part = canvas.box(corners, 2.0)
+    round_ = np.zeros(1) if face_radius_m is None else face_depths(face_radius_m, np.array([max(map(abs, box[2:4]))]))
+    part = canvas.box(corners, 2.0 + float(np.abs(round_).max()) * unit)
     low, high, left, right, corner = (np.float32(x * unit) for x in box)
     u, v = _places(part, origin)
-    deep = np.abs(u * np.float32(into[0]) + v * np.float32(into[1]) - 0.5 * (low + high)) - 0.5 * (high - low) + corner
-    side = np.abs(u * np.float32(along[0]) + v * np.float32(along[1]) - 0.5 * (left + right))
+    deep = u * np.float32(into[0]) + v * np.float32(into[1])
+    side = u * np.float32(along[0]) + v * np.float32(along[1])
+    if face_radius_m is not None:
+        deep = deep - (face_depths(face_radius_m, side / unit) * unit).astype(np.float32)
+    deep = np.abs(deep - 0.5 * (low + high)) - 0.5 * (high - low) + corner
+    side = np.abs(side - 0.5 * (left + right))
     side += corner - 0.5 * (right - left)
     away = np.hypot(np.maximum(deep, 0), np.maximum(side, 0)) + np.minimum(np.maximum(deep, side), 0) - corner
     return Patch.of(canvas.shape, part, np.clip(np.float32(0.5) - away, 0.0, 1.0))

@@ -10,6 +10,7 @@ from ....geometry import CameraModel
 from ....types import FloatArray, Image
 from .._exposure import ImageTruth, TissueHome, TissueState, sample_exposure
 from ._compositing import Buffers, compose, draw_tube, lay_phantom
+from ._pipeline import develop
 from ._scene import CameraScene
 from ._sensor_noise import add_noise, frame_key
 from ._static_layers import StaticLayers, paint
@@ -51,6 +52,8 @@ class CameraRenderer:
         """(h, w, 3) RGB or (h, w) grey image. ``frame`` picks the noise; ``time_s``: of the instrument's sway."""
         buffers, noise = self._composed(shapes_m, tissue, time_s), self.scene.noise
         key = frame_key(self.scene.seed, frame)
+        if self.scene.pipeline is not None:
+            return develop(buffers.clean, self.scene.pipeline, noise, key, self._layers.gauss)
         add_noise(buffers.clean, key, self._layers.gauss, noise.grey_per_electron, noise.read_grey, buffers.planes)
         return (
             buffers.planes[0].copy()

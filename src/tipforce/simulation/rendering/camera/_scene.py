@@ -10,14 +10,18 @@ from ....types import BasePose
 
 __all__ = [
     "BackgroundAppearance",
+    "Braid",
     "CameraScene",
     "CatheterAppearance",
+    "CoverPlate",
     "Instrument",
     "Lamp",
     "Lens",
     "Lighting",
     "Occluder",
     "SensorNoise",
+    "SensorPipeline",
+    "Sheath",
     "TissueAppearance",
     "TubeFinish",
 ]
@@ -94,10 +98,20 @@ class Lighting:
 
 
 @dataclass(frozen=True, slots=True)
+class Braid:
+    """The weave under a shaft's polymer: how much lighter and darker, ``pitch_m`` along, ``strands`` across."""
+
+    contrast: float
+    pitch_m: float
+    strands: float
+
+
+@dataclass(frozen=True, slots=True)
 class CatheterAppearance:
     """``radius_m``; ``electrode_m``: length of the metal tip; ``rings_m``: from, to, measured back from the apex.
 
     ``seam``: how dark the joints between metal and polymer are, 0..1; ``wear``: relative unevenness along the shaft.
+    ``blunt``: exponent of the tip's outline, 2: a dome; 6: nearly flat.
     """
 
     radius_m: float
@@ -106,6 +120,8 @@ class CatheterAppearance:
     finish: TubeFinish
     seam: float
     wear: float
+    blunt: float = 2.0
+    braid: Braid | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +146,10 @@ class TissueAppearance:
     """A silicone pad on a plate, on a round sensor, on the arm of a stage; sizes in metres.
 
     ``over_tip``: the pad is taller than the catheter and hides what the tip sinks in, else the tip is seen on the pad.
+    ``carrier``: whether plate, sensor and arm are in view. ``rim_m``: how far a rim stands out before the face and
+    hides what happens there (then ``over_tip`` too). ``opacity``: of tissue and carrier, below 1 in fluid.
+    ``face_radius_m``: positive where the face is convex, negative where it is concave. ``sight``: how tissue and
+    carrier are seen, or why they are not.
     """
 
     colour: Colour
@@ -143,6 +163,11 @@ class TissueAppearance:
     arm_grey: float
     corner_m: float
     over_tip: bool
+    carrier: bool = True
+    rim_m: float = 0.0
+    opacity: float = 1.0
+    face_radius_m: float | None = None
+    sight: str = "in view"
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,6 +199,47 @@ class Occluder:
     to_m: float
     slant_rad: float
     colour: Colour
+
+
+@dataclass(frozen=True, slots=True)
+class Sheath:
+    """The tube out of whose mouth, at the base, the catheter comes; ``appearance``: without metal.
+
+    ``fitting``: "", "stopper" or "clamp", what sits on its last ``fitting_m``, of ``fitting_colour``.
+    """
+
+    appearance: CatheterAppearance
+    fitting: str
+    fitting_m: float
+    fitting_colour: Colour
+
+
+@dataclass(frozen=True, slots=True)
+class CoverPlate:
+    """A plate in front of all, behind whose straight edge the tissue moves.
+
+    ``edge_m`` (2,): a point of the edge in the base frame's plane; ``into_rad``: from x to the direction away from the
+    catheter, counter-clockwise; ``half_m``: half the edge's length.
+    """
+
+    edge_m: tuple[float, float]
+    into_rad: float
+    half_m: float
+    colour: Colour
+
+
+@dataclass(frozen=True, slots=True)
+class SensorPipeline:
+    """What a camera does between its sensor and its file.
+
+    ``mosaic``: one colour a pixel (Bayer), the others interpolated. ``sharpen``: unsharp mask of this strength and of
+    ``sharpen_px``. ``grey``: the image is turned to grey at the end.
+    """
+
+    mosaic: bool
+    sharpen: float
+    sharpen_px: float
+    grey: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +281,8 @@ class Lens:
 class CameraScene:
     """All that a session's images depend on but for what moves; see `sample_scene` for where it comes from.
 
-    ``colour``: images are (h, w, 3) RGB, else (h, w). ``seed``: of textures and noise.
+    ``colour``: images are (h, w, 3) RGB, else (h, w). ``seed``: of textures and noise. ``front_objects``: things out
+    of focus between camera and catheter, blurred by ``front_blur_px``.
     """
 
     seed: int
@@ -230,6 +297,11 @@ class CameraScene:
     tissue: TissueAppearance
     instrument: Instrument | None
     occluders: tuple[Occluder, ...]
+    sheath: Sheath | None = None
+    cover: CoverPlate | None = None
+    pipeline: SensorPipeline | None = None
+    front_objects: int = 0
+    front_blur_px: float = 0.0
 
     def camera(self, width: int = 640, height: int = 480) -> CameraModel:
         """The camera of this scene; see `Lens.camera`."""

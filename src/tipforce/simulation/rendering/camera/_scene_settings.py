@@ -4,6 +4,7 @@ A range is (low, high): one uniform draw a session.
 """
 
 import math
+import operator
 from typing import Literal
 
 import numpy as np
@@ -14,7 +15,6 @@ from ._scene import (
     BackgroundAppearance,
     CameraScene,
     CatheterAppearance,
-    Colour,
     Instrument,
     Lamp,
     Lens,
@@ -24,10 +24,11 @@ from ._scene import (
     TissueAppearance,
     TubeFinish,
 )
+from ._variety import Framing, SceneVariety, tinted, vary_scene
 
-__all__ = ["BENCH_2021", "GENERALISE", "SceneRanges", "sample_scene"]
+__all__ = ["BENCH_2021", "GENERALISE", "THESIS_PLAIN", "VARIED", "SceneRanges", "sample_scene"]
 
-Ground = Literal["board", "cloth", "paper", "breadboard"]
+Ground = Literal["board", "cloth", "paper", "breadboard", "printed", "metal", "room"]
 
 
 class SceneRanges(Settings):
@@ -109,6 +110,8 @@ class SceneRanges(Settings):
     tissue_colours: tuple[tuple[NotNegative, NotNegative, NotNegative], ...] = (
         (205, 150, 140), (188, 112, 104), (214, 196, 172), (196, 188, 178), (170, 96, 92),
     )  # fmt: skip
+    carrier: bool = Field(default=True, exclude_if=lambda shown: shown)
+    """Plate, force sensor and the stage's arm behind the tissue; False: the tissue alone is in view."""
     tissue_over_tip: Share = 0.0
     """Sessions in which the phantom is so tall that it hides what the tip sinks in."""
 
@@ -116,6 +119,9 @@ class SceneRanges(Settings):
     """Sessions with another instrument in view."""
     hidden_share: Range = (0.0, 0.0)
     """Of the shaft, behind strips of tape, brackets or cables that lie across it."""
+
+    variety: SceneVariety | None = Field(default=None, exclude_if=operator.not_)
+    """What is drawn besides, of other people's benches."""
 
 
 BENCH_2021 = SceneRanges()
@@ -151,11 +157,61 @@ GENERALISE = SceneRanges(
     hidden_share=(0.0, 0.20),
 )
 """Light, ground, clutter, blur and noise twice as wide; parts of the shaft hidden; other instruments."""
+THESIS_PLAIN = SceneRanges(
+    light=(0.95, 1.05),
+    light_gradient=(0.0, 0.03),
+    light_spot=(0.0, 0.02),
+    vignetting=(0.0, 0.04),
+    lamps=(1, 1),
+    lamp_elevation_deg=(70.0, 85.0),
+    lamp_size_deg=(12.0, 18.0),
+    ambient=(0.90, 0.98),
+    grounds=("board",),
+    ground_grey=(205.0, 225.0),
+    ground_tint=0.02,
+    ground_texture_grey=(0.0, 0.5),
+    ground_lines_grey=(0.0, 0.0),
+    objects=(0, 0),
+    shaft_tint=0.1,
+    metal_grey=(30.0, 60.0),
+    gloss_grey=(0.0, 20.0),
+    rim_grey=(0.0, 15.0),
+    wear=(0.0, 0.02),
+    tissue_colours=((232, 226, 220), (226, 222, 214)),
+    carrier=False,
+)
+"""The image for which thesis algorithm 1 was written: dark shaft and tip, light even ground, light tissue, no more."""
+VARIED = GENERALISE.model_copy(
+    update={
+        "variety": SceneVariety(),
+        "grounds": ("board", "cloth", "paper", "breadboard", "printed", "metal", "room"),
+        "ground_depth_m": (4e-3, 80e-3),
+        "yaw_deg": (-7.0, 7.0),
+        "pitch_deg": (-7.0, 7.0),
+        "base_turn_deg": (-4.0, 4.0),
+        "exposure_s": 8e-3,
+        "jpeg_quality": (75, 98),
+        "tissue_colours": (
+            *GENERALISE.tissue_colours, (120, 66, 60), (232, 222, 205), (150, 150, 148), (64, 60, 58), (206, 196, 150),
+        ),
+        "tissue_over_tip": 0.0,
+    }
+)  # fmt: skip
+"""Other people's benches: what is drawn of them beyond `GENERALISE` stands in `SceneVariety`."""
 _TURNS = {"left": 0.0, "right": math.pi, "bottom": math.pi / 2, "top": -math.pi / 2}
 
 
-def sample_scene(ranges: SceneRanges, rng: np.random.Generator, *, length_m: float = 0.048) -> CameraScene:
+def sample_scene(
+    ranges: SceneRanges,
+    rng: np.random.Generator,
+    *,
+    length_m: float = 0.048,
+    framing: Framing | None = None,
+    catheter_rng: np.random.Generator | None = None,
+) -> CameraScene:
     """One session's scene. ``length_m``: of the catheter, base to apex, which covers and instruments are laid along.
+
+    Where the ranges have a ``variety``, ``framing`` and ``catheter_rng`` are what it is drawn with, see `vary_scene`.
 
     >>> one, two = (sample_scene(SceneRanges(), np.random.default_rng(3)) for _ in range(2))
     >>> one == two
@@ -168,7 +224,7 @@ def sample_scene(ranges: SceneRanges, rng: np.random.Generator, *, length_m: flo
     catheter = _catheter(ranges, rng, 0.5 * ranges.diameter_m)
     tissue = _tissue(ranges, rng)
     instrument = _instrument(ranges, rng, length_m) if rng.random() < ranges.second_instrument else None
-    return CameraScene(
+    scene = CameraScene(
         seed=int(rng.integers(2**31)),
         colour=ranges.colour,
         exposure_s=ranges.exposure_s,
@@ -182,17 +238,13 @@ def sample_scene(ranges: SceneRanges, rng: np.random.Generator, *, length_m: flo
         instrument=instrument,
         occluders=_occluders(ranges, rng, length_m),
     )
+    if ranges.variety is None or framing is None or catheter_rng is None:
+        return scene
+    return vary_scene(scene, ranges.variety, framing, rng, catheter_rng)
 
 
 def _of(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
     return float(rng.uniform(*bounds))
-
-
-def _colour(rng: np.random.Generator, grey: float, tint: float) -> Colour:
-    """A colour that is seen as ``grey`` by a grey camera."""
-    rgb = 1.0 + tint * rng.uniform(-1.0, 1.0, 3)
-    rgb *= grey / float(rgb @ (0.299, 0.587, 0.114))
-    return float(rgb[0]), float(rgb[1]), float(rgb[2])
 
 
 def _lighting(ranges: SceneRanges, rng: np.random.Generator) -> Lighting:
@@ -249,7 +301,7 @@ def _lens(ranges: SceneRanges, rng: np.random.Generator) -> Lens:
 def _ground(ranges: SceneRanges, rng: np.random.Generator) -> BackgroundAppearance:
     return BackgroundAppearance(
         kind=ranges.grounds[int(rng.integers(len(ranges.grounds)))],
-        colour=_colour(rng, _of(rng, ranges.ground_grey), ranges.ground_tint),
+        colour=tinted(rng, _of(rng, ranges.ground_grey), ranges.ground_tint),
         texture_grey=_of(rng, ranges.ground_texture_grey),
         lines_grey=_of(rng, ranges.ground_lines_grey),
         depth_m=_of(rng, ranges.ground_depth_m),
@@ -262,8 +314,8 @@ def _catheter(ranges: SceneRanges, rng: np.random.Generator, radius_m: float) ->
     step = ranges.ring_m + ranges.ring_gap_m
     first = ranges.electrode_m + ranges.ring_gap_m
     finish = TubeFinish(
-        shaft=_colour(rng, _of(rng, ranges.shaft_grey), ranges.shaft_tint),
-        metal=_colour(rng, _of(rng, ranges.metal_grey), 0.04),
+        shaft=tinted(rng, _of(rng, ranges.shaft_grey), ranges.shaft_tint),
+        metal=tinted(rng, _of(rng, ranges.metal_grey), 0.04),
         gloss_grey=_of(rng, ranges.gloss_grey),
         sharpness=_of(rng, ranges.gloss_sharpness),
         rim_grey=_of(rng, ranges.rim_grey),
@@ -294,6 +346,7 @@ def _tissue(ranges: SceneRanges, rng: np.random.Generator) -> TissueAppearance:
         arm_grey=rng.uniform(45, 180),
         corner_m=rng.uniform(0.5e-3, 2.5e-3),
         over_tip=bool(rng.random() < ranges.tissue_over_tip),
+        carrier=ranges.carrier,
     )
 
 
@@ -325,7 +378,7 @@ def _occluders(ranges: SceneRanges, rng: np.random.Generator, length_m: float) -
     occluders: list[Occluder] = []
     for width in wide:
         kind = "cable" if width < 3e-3 else str(rng.choice(["tape", "bracket"]))
-        colour = _colour(rng, rng.uniform(30, 215), 0.25)
+        colour = tinted(rng, rng.uniform(30, 215), 0.25)
         at = rng.uniform(0.08, 0.80) * length_m
         occluders.append(Occluder(kind, at - 0.5 * width, at + 0.5 * width, rng.uniform(-0.35, 0.35), colour))
     return tuple(occluders)

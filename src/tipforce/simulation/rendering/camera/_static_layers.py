@@ -1,18 +1,19 @@
 """All that is painted once a session, and what stands in front of the shaft: tape, brackets and cables."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
+from scipy.special import ndtr
 
 from ....geometry import CameraModel
 from .._exposure import TissueHome
 from .._random import gauss_table
-from ._background import illumination, paint_background
+from ._background import illumination, paint_background, paint_front_objects
 from ._canvas import FINER, Box, Canvas, FloatImage, Patch, band, multi_scale_noise, soften
 from ._phantom import Phantom, paint_phantom
-from ._scene import CameraScene, Occluder
+from ._scene import CameraScene, CoverPlate, Occluder
+from ._tube_kernels import add_tube
 from ._tube_model import Focus, Tube, make_instrument, make_tube
 
 __all__ = ["StaticLayers", "paint", "paint_foreground"]
@@ -20,16 +21,93 @@ __all__ = ["StaticLayers", "paint", "paint_foreground"]
 _HEIGHT_M = 4e-3
 
 
+def _over(front: FloatImage | None, behind: FloatImage | None) -> FloatImage | None:
+    """Two layers (c + 1, h, w) as one, ``front`` before ``behind``."""
+    if front is None or behind is None:
+        return behind if front is None else front
+    return np.concatenate([front[:-1] + front[-1:] * behind[:-1], front[-1:] * behind[-1:]])
+
+
+def _lay_cover(canvas: Canvas, camera: CameraModel, cover: CoverPlate, rng: np.random.Generator) -> None:
+    """A plate from its edge on to beyond the image's border."""
+    into = np.array([math.cos(cover.into_rad), math.sin(cover.into_rad)])
+    along = np.array([-into[1], into[0]])
+    edge = np.array(cover.edge_m)
+    far = 0.1  # half of it would leave any image
+    corners = [
+        edge + side * cover.half_m * along + deep * into for side, deep in ((-1, 0), (1, 0), (1, far), (-1, far))
+    ]
+    seen = camera.project(np.column_stack([np.array(corners), np.zeros(4)])) * FINER + 0.5 * (FINER - 1)
+    shape = canvas.outline(seen)
+    worn = multi_scale_noise(rng, shape.shape, (3.0, 60.0, 300.0), 0.9)[shape.part]
+    bright = canvas.bevel(shape, 2.5) * (1 + 0.03 * worn)
+    canvas.lay(shape, cover.colour, height_m=_HEIGHT_M, shading=bright.astype(np.float32))
+
+
+def _tube_layer(
+    tube: Tube, length_m: float, camera: CameraModel, focus: Focus, light: FloatImage, *, cut: bool
+) -> FloatImage:
+    """(c + 1, h, w): a straight tube that ends at the base and never moves, lit; ``cut``: ``length_m`` long, no more.
+
+    A tube is drawn to beyond its beginning; that is cut off as soft as the image is.
+    """
+    line = np.column_stack([np.linspace(-length_m, 0.0, _LINE), np.zeros((_LINE, 2))])
+    nodes = tube.nodes(line[None], camera, focus)
+    drawn = np.zeros((*light.shape, (tube.along.shape[1] - 1) // 2 + 1), np.float32)
+    add_tube(
+        drawn, nodes.nodes[0], 1.0, tube.profile.table, tube.profile.half_width_px, tube.profile.reach_px, tube.blurs,
+        nodes.start_m, nodes.step_m, tube.along, tube.blunt, tube.braid,
+    )  # fmt: skip
+    if cut:
+        start, ahead = camera.project(line[[0, 1]])
+        way = (ahead - start) / np.linalg.norm(ahead - start)
+        v, u = np.mgrid[0 : light.shape[0], 0 : light.shape[1]]
+        beyond = (u - start[0]) * way[0] + (v - start[1]) * way[1]
+        drawn *= ndtr(beyond / float(nodes.nodes[0, 0, 7])).astype(np.float32)[..., None]
+    cover = np.clip(drawn[..., 0], 0.0, 1.0)
+    return np.concatenate([(drawn[..., 1:] * light[..., None]).transpose(2, 0, 1), 1.0 - cover[None]])
+
+
+_LINE = 33
+"""Points of a straight tube."""
+_SHEATH_M = 60e-3
+"""So much of a sheath is drawn behind its mouth, and nearly as much again by `Tube.nodes`: to beyond the border."""
+
+
+def _sheath_layer(
+    scene: CameraScene, camera: CameraModel, focus: Focus, px_per_m: float, depth_m: float, light: FloatImage
+) -> FloatImage | None:
+    """The sheath up to its mouth at the base, and the stopper on it."""
+    sheath = scene.sheath
+    if sheath is None:
+        return None
+    parts = [(sheath.appearance, _SHEATH_M)]
+    if sheath.fitting == "stopper":
+        finish = replace(sheath.appearance.finish, shaft=sheath.fitting_colour)
+        wide = replace(sheath.appearance, radius_m=_STOPPER_WIDER * sheath.appearance.radius_m, finish=finish)
+        parts.append((wide, sheath.fitting_m))
+    layer: FloatImage | None = None
+    for appearance, length in parts:
+        tube = make_tube(scene, appearance, length, px_per_m, focus, depth_m, scene.seed + 2)
+        layer = _over(_tube_layer(tube, length, camera, focus, light, cut=length < _SHEATH_M), layer)
+    return layer
+
+
+_STOPPER_WIDER = 1.7
+
+
 def paint_foreground(
     scene: CameraScene, camera: CameraModel, width: int, height: int, px_per_m: float, sigma_px: float
 ) -> FloatImage | None:
     """(4, h, w): unlit levels times cover, and the share of the view behind that is left; None without covers."""
-    if not scene.occluders:
+    if not scene.occluders and scene.cover is None:
         return None
     rng = np.random.default_rng([scene.seed, 3])
     canvas = Canvas.empty(width, height, px_per_m, scene)
     for cover in scene.occluders:
         _lay_occluder(canvas, camera, cover, rng)
+    if scene.cover is not None:
+        _lay_cover(canvas, camera, scene.cover, rng)
     levels, left = canvas.seen(sigma_px)
     return np.concatenate([levels, left[None]])
 
@@ -59,9 +137,6 @@ def _lay_occluder(canvas: Canvas, camera: CameraModel, cover: Occluder, rng: np.
             hole = canvas.disc(end, 0.3 * half)
             part = hole.around(8.0)
             canvas.lay(Patch.of(hole.shape, part, soften(hole.within(part), 1.0)), (25, 25, 25))
-
-
-FloatImage = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,6 +180,10 @@ def paint(
     foreground = paint_foreground(scene, camera, width, height, px_per_m, here)
     if foreground is not None:
         foreground = np.concatenate([_channels(foreground[:3], channels) * light, foreground[3:]])
+    foreground = _over(foreground, _sheath_layer(scene, camera, focus, px_per_m, depth, light))
+    if scene.front_objects:
+        levels, left = paint_front_objects(scene, width, height, px_per_m, axis)
+        foreground = _over(np.concatenate([_channels(levels, channels) * light, left[None]]), foreground)
     phantom = None
     if tissue is not None:
         phantom = paint_phantom(scene, camera, tissue, width, height, channels, here)

@@ -73,12 +73,16 @@ def add_tube(
     start_m: float,
     step_m: float,
     along: FloatImage,
+    blunt: float,
+    braid: FloatArray,
 ) -> None:
     """Add ``weight`` times the tube to ``drawn`` (h, w, 1 + c): cover, then light times cover.
 
     ``nodes`` (n, 8), see `NODE_SIZE`; the last is the middle of the dome. ``table``, ``half_width``, ``reach``,
     ``blurs`` (2,): a `TubeProfile`. ``start_m``, ``step_m``: arc length at the first node, between nodes; ``along``
     (m, 2 c + 1): what matte light, metal light (c each) and gloss are worth from arc length 0 on, `POINTS_PER_M` apart.
+    ``blunt``: exponent of the end's outline, 2 for a dome, more for a flatter end. ``braid`` (3,): how much lighter and
+    darker the shaft's braid is, its turns per metre (radians) and its strands over half the circumference.
     """
     h, w = drawn.shape[:2]
     c = drawn.shape[2] - 1
@@ -121,7 +125,10 @@ def add_tube(
                 if ahead < 0.0:
                     continue
                 if dome:
-                    across = math.sqrt(rx * rx + ry * ry)
+                    if blunt == 2.0:
+                        across = math.sqrt(rx * rx + ry * ry)
+                    else:
+                        across = (ahead**blunt + abs(ry * tx - rx * ty) ** blunt) ** (1.0 / blunt)
                     if across > far:
                         continue
                     # The edge of a blurred disc lies further in than the disc's; see below for the sides.
@@ -171,6 +178,9 @@ def add_tube(
                 m = min(along.shape[0] - 1, max(0, int(s * POINTS_PER_M)))
                 drawn[v, u, 0] += weight * seen[0]
                 gloss = along[m, 2 * c] * seen[2]
+                if braid[0] > 0.0 and not dome:
+                    place = math.asin(min(max(shifted / wide, -1.0), 1.0))
+                    seen[1] *= np.float32(1.0 + braid[0] * math.sin(braid[1] * s) * math.cos(braid[2] * place))
                 for k in range(c):
                     drawn[v, u, 1 + k] += weight * (along[m, k] * seen[1] + along[m, c + k] * seen[3] + gloss)
 

@@ -208,6 +208,8 @@ class Tube:
     profile: TubeProfile
     blurs: FloatArray
     along: FloatImage
+    blunt: float
+    braid: FloatArray
 
     def nodes(self, shapes_m: FloatArray, camera: CameraModel, focus: Focus) -> TubeNodes:
         """Where to draw the tube with ``shapes_m`` (m, n, 3)."""
@@ -230,7 +232,12 @@ def make_tube(
     light = scene.light
     profile = tube_profile(light.lamps, light.ambient, appearance.finish, appearance.radius_m * px_per_m, blurs)
     along = _materials(appearance, length_m, 3 if scene.colour else 1, near[1] / px_per_m, seed)
-    return Tube(length_m, appearance.radius_m, profile, np.array(blurs), along)
+    braid = np.zeros(3)
+    if appearance.braid is not None:
+        turns = 2.0 * math.pi / appearance.braid.pitch_m
+        left = math.exp(-0.5 * (turns * near[1] / px_per_m) ** 2)  # of the pattern, by the image's blur
+        braid[:] = appearance.braid.contrast * left, turns, appearance.braid.strands
+    return Tube(length_m, appearance.radius_m, profile, np.array(blurs), along, appearance.blunt, braid)
 
 
 def _materials(appearance: CatheterAppearance, length_m: float, channels: int, sigma_m: float, seed: int) -> FloatImage:
