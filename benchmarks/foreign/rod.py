@@ -165,7 +165,9 @@ class CableWorld:
 def _load_cable_plugin() -> None:
     """Loading it twice is an error of MuJoCo's."""
     try:
-        mujoco.MjModel.from_xml_string('<mujoco><extension><plugin plugin="mujoco.elasticity.cable"/></extension></mujoco>')
+        mujoco.MjModel.from_xml_string(
+            '<mujoco><extension><plugin plugin="mujoco.elasticity.cable"/></extension></mujoco>'
+        )
     except ValueError:
         for path in (Path(mujoco.__file__).parent / "plugin").glob("*elasticity*"):
             mujoco.mj_loadPluginLibrary(str(path))
@@ -182,7 +184,9 @@ def _mjcf(rod: Rod, tissue: Tissue | None) -> str:
     h, r = rod.length_m / ELEMENTS, rod.radius_m
     modulus = 4.0 * rod.stiffness_nm2 / (math.pi * r**4)
     spring = rod.stiffness_nm2 / h
-    joint = f'<joint type="ball" damping="{REST_TIME_S * spring}" armature="{ARMATURE_PER_STEP2 * spring * STEP_S**2}"/>'
+    joint = (
+        f'<joint type="ball" damping="{REST_TIME_S * spring}" armature="{ARMATURE_PER_STEP2 * spring * STEP_S**2}"/>'
+    )
     plugin = '<plugin instance="cable"/>'
     capsule = f'<geom type="capsule" size="{r}" fromto="{{}} 0 0 {{}} 0 0" contype="0" conaffinity="0" density="1500"/>'
     inner = f"""<body name="tip" pos="{h} 0 0">{joint}{capsule.format(0, h)}
@@ -204,7 +208,8 @@ def _mjcf(rod: Rod, tissue: Tissue | None) -> str:
       <option timestep="{STEP_S}" gravity="0 0 0" integrator="implicitfast" cone="elliptic" impratio="10"/>
       <default><geom solref="0.002 1" solimp="0.95 0.99 0.0002"/></default>
       <worldbody>
-        <body name="base" mocap="true"><body name="s0" pos="{-h / 2} 0 0"><site name="clamp" pos="{h / 2} 0 0"/>{capsule.format(0, h)}{plugin}{inner}</body>
+        <body name="base" mocap="true"><body name="s0" pos="{-h / 2} 0 0">
+          <site name="clamp" pos="{h / 2} 0 0"/>{capsule.format(0, h)}{plugin}{inner}</body>
         </body>{wall}
       </worldbody>
       <sensor><force name="clamp" site="clamp"/></sensor>

@@ -16,10 +16,13 @@ from .rod import LAWS, CableWorld, Rod, Tissue
 
 __all__ = ["FRAME_HZ", "Motion", "Plan", "Run", "draw_plan", "simulate", "write_bench", "write_logs", "write_truth"]
 
-FRAME_HZ, SECONDS = 15.0, 8.0
-LEAD_S = 1.5
+FRAME_HZ, SECONDS = 15.0, 5.0
+LEAD_S = 1.2
 """Contact-free at the beginning of every session, to tare the sensor."""
 CONTROL_S = 2e-3
+REST_S = 0.4
+"""After which the rod has come to rest, the tissue still far away."""
+FAR_M = np.array([1.0, 0.0, 0.0])
 KNOB_GAIN_PER_M_DEG = 0.533
 KNOB_PLAY_DEG = 1.0
 LONGEST_PRESS_M = 0.014
@@ -94,9 +97,7 @@ def draw_plan(seed: int) -> Plan:
     rng = np.random.default_rng((seed, 1))
     u = rng.uniform
     french = float(rng.choice([6.0, 7.0, 7.0, 8.0]))
-    rod = Rod(
-        length_m=u(0.038, 0.060), rigid_m=u(0.004, 0.008), radius_m=french / 6e3, stiffness_nm2=u(2.6e-4, 8e-4)
-    )
+    rod = Rod(length_m=u(0.038, 0.060), rigid_m=u(0.004, 0.008), radius_m=french / 6e3, stiffness_nm2=u(2.6e-4, 8e-4))
     knob_deg = u(0.0, 18.0)
     angle_deg = float(rng.choice([-1.0, 1.0])) * u(5.0, 65.0)
     tip_yaw = rod.length_m * KNOB_GAIN_PER_M_DEG * knob_deg
@@ -114,7 +115,7 @@ def draw_plan(seed: int) -> Plan:
         breath_share=u(0.0, 0.3),
         across_m=u(0.0, 2.5e-3),
         peak_force_n=u(0.06, 0.5),
-        free_share=u(0.05, 0.2),
+        free_share=u(0.0, 0.12),
         knob_deg=knob_deg,
         knob_swing_deg=float(rng.choice([0.0, u(1.5, 4.0)])),
         advance_m=float(rng.choice([0.0, 0.0, u(0.4e-3, 1.2e-3)])),
@@ -143,7 +144,7 @@ def _pressing(motion: Motion, time_s: np.ndarray, rng: np.random.Generator) -> n
     """(n,): 0 where the tissue is farthest back, 1 where it presses most."""
     t = time_s - LEAD_S
     if motion.kind == "heart":
-        beat = (0.5 - 0.5 * np.cos(2 * np.pi * motion.beat_hz * t))
+        beat = 0.5 - 0.5 * np.cos(2 * np.pi * motion.beat_hz * t)
         breath = 0.5 - 0.5 * np.cos(2 * np.pi * motion.breath_hz * t)
         moved = (1 - motion.breath_share) * beat + motion.breath_share * breath
     else:
@@ -168,8 +169,7 @@ def _play(knob_deg: np.ndarray) -> np.ndarray:
 def _depth_for(plan: Plan, curvature_per_m: float) -> tuple[np.ndarray, float]:
     """Where the wall touches the resting tip (3,), and how far beyond this it must go for the peak force."""
     world = CableWorld(plan.rod, plan.tissue)
-    far = np.array([1.0, 0.0, 0.0])
-    world.advance(0.3, curvature_per_m=curvature_per_m, wall_m=far)
+    world.advance(REST_S, curvature_per_m=curvature_per_m, wall_m=FAR_M)
     line = world.joints_m
     along = (line[-1] - line[-2]) / np.linalg.norm(line[-1] - line[-2])
     touch = line[-1] - plan.rod.radius_m * (along + plan.tissue.normal)
@@ -200,21 +200,22 @@ def simulate(plan: Plan, seconds: float = SECONDS, shortened: float = 1.0) -> Ru
 
     world = CableWorld(plan.rod, tissue)
     rows: dict[str, list] = {"force_n": [], "line_m": [], "wall_m": [], "dent_m": []}
-    for step in range(-round(0.4 / CONTROL_S), len(time_s)):  # the rod comes to rest first
-        i = max(step, 0)
+    world.advance(REST_S, curvature_per_m=float(curvature[0]), wall_m=FAR_M)
+    for i in range(len(time_s)):
         wall = touch + forward_m[i] * tissue.normal + (across_m[i] + offset) * tissue.across
         world.advance(CONTROL_S, curvature_per_m=float(curvature[i]), wall_m=wall, base_x_m=float(advance_m[i]))
-        if step >= 0:
-            rows["force_n"].append(world.tip_force_n)
-            rows["line_m"].append(_smooth(world.joints_m))
-            rows["wall_m"].append(wall)
-            rows["dent_m"].append(world.dent_m)
+        rows["force_n"].append(world.tip_force_n)
+        rows["line_m"].append(_smooth(world.joints_m))
+        rows["wall_m"].append(wall)
+        rows["dent_m"].append(world.dent_m)
     frame_s = np.arange(0.1, seconds - 0.1, 1.0 / FRAME_HZ)
     frame_s = (frame_s + rng.normal(0.0, 1e-3, len(frame_s)))[rng.uniform(size=len(frame_s)) > 0.005]
     series = {name: np.asarray(values) for name, values in rows.items()}
     if np.linalg.norm(series["force_n"], axis=1).max() > STRONGEST_N:
         return simulate(plan, seconds, 0.8 * shortened)
-    return Run(time_s, frame_s, **series, knob_deg=knob_deg, advance_m=advance_m, forward_m=forward_m, across_m=across_m)
+    return Run(
+        time_s, frame_s, **series, knob_deg=knob_deg, advance_m=advance_m, forward_m=forward_m, across_m=across_m
+    )
 
 
 def _smooth(joints_m: np.ndarray) -> np.ndarray:
@@ -262,7 +263,7 @@ def write_bench(plan: Plan, folder: Path, metres_per_px: float, base_side: str) 
 
 
 def write_truth(plan: Plan, run: Run, line_px: np.ndarray, path: Path) -> None:
-    """Writes what only the judge may open: force (m, 3), centreline (m, p, 2) in pixels and (m, p, 3), what was drawn."""
+    """Writes what only the judge may open: force, centreline in pixels (m, p, 2) and metres, and what was drawn."""
     np.savez_compressed(
         path,
         stamp_ns=frame_stamps(run),

@@ -1,0 +1,109 @@
+"""``python -m benchmarks.foreign``: makes the sessions, judges models on them, checks the engine against theory."""
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from tipforce.io import atomic_text, replacing_folder, save_image
+
+__all__ = ["main"]
+
+SESSIONS = 20
+SAMPLES = 4
+"""Light paths a pixel: what is left of their noise is that of a camera in a dim room."""
+GREY_SHARE = 0.35
+FULL_AT = 0.98
+"""The share of the first frame's pixels that the exposure leaves below full."""
+
+
+def generate(output: Path, seeds: range, samples: int, variant: str | None) -> None:
+    """Makes the sessions that are not there yet, and their recordings."""
+    from .scene import use_mitsuba
+
+    mitsuba = None
+    for seed in seeds:
+        folder = output / f"session_{seed:02d}"
+        if not folder.exists():
+            mitsuba = mitsuba or use_mitsuba(variant)
+            with replacing_folder(folder) as part:
+                _make_session(mitsuba, seed, part, output / f"{folder.name}.truth.npz", samples)
+        recording = output / f"{folder.name}.mcap"
+        if not recording.exists():
+            logs = [str(folder / name) for name in ("force.csv", "stage.csv", "knob.csv") if (folder / name).exists()]
+            command = [sys.executable, "-m", "tipforce", "import", str(folder / "frames"), *logs]
+            command += ["--bench", str(folder / "bench.toml"), "-o", str(recording)]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            print(f"{recording.name}: {(done.stdout + done.stderr).strip()}", flush=True)
+
+
+def _make_session(mitsuba: object, seed: int, folder: Path, truth: Path, samples: int) -> None:
+    from .scene import Scene, draw_camera, expose
+    from .session import draw_plan, frame_stamps, simulate, write_bench, write_logs, write_truth
+
+    plan = draw_plan(seed)
+    run = simulate(plan)
+    camera = draw_camera(plan, run)
+    scene = Scene(mitsuba, plan, run, camera)
+    rng = np.random.default_rng((seed, 6))
+    grey, noise = bool(rng.uniform() < GREY_SHARE), rng.uniform(0.004, 0.015)
+    lines, walls, dents = (run.at_frames(name) for name in ("line_m", "wall_m", "dent_m"))
+    gain, rows = 0.0, list[str]()
+    for index, stamp in enumerate(frame_stamps(run).tolist()):
+        light = scene.render(lines[index], walls[index], float(dents[index]), index, samples)
+        if index == 0:
+            gain = rng.uniform(0.75, 1.0) / float(np.quantile(light, FULL_AT))
+        name = f"{index:04d}.png"
+        save_image(folder / "frames" / name, expose(light, gain, noise, grey, rng))
+        rows.append(f"{name},{stamp}\n")
+        print(f"\r{folder.name.split('.')[0]}: frame {index + 1} of {len(lines)}", end="", flush=True)
+    print(flush=True)
+    with atomic_text(folder / "frames" / "stamps.csv") as out:
+        out.write("file_name,stamp_ns\n" + "".join(rows))
+    write_logs(plan, run, folder)
+    write_bench(plan, folder, camera.metres_per_px * (1 + rng.uniform(-0.02, 0.02)), camera.base_side)
+    write_truth(plan, run, camera.project(1e3 * lines), truth)
+
+
+def main() -> None:
+    """Parses the command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.foreign", description=__doc__)
+    verbs = parser.add_subparsers(dest="verb", required=True)
+    made = verbs.add_parser("generate", help="make sessions; those that are there already are kept")
+    made.add_argument("-o", "--output", type=Path, required=True)
+    made.add_argument("--sessions", type=int, default=SESSIONS)
+    made.add_argument("--first", type=int, default=0, help="seed of the first session")
+    made.add_argument("--samples", type=int, default=SAMPLES, help="light paths a pixel")
+    made.add_argument("--variant", help="of Mitsuba, such as scalar_rgb; by default the fastest that works")
+    judged = verbs.add_parser("judge", help="errors of models on the sessions")
+    judged.add_argument(
+        "models", nargs="+", help="model folders, pretrained/NAME, or svr:half to train on every other session"
+    )
+    judged.add_argument("--data", type=Path, required=True)
+    judged.add_argument("--json", type=Path, help="where the figures go too")
+    checked = verbs.add_parser("check", help="MuJoCo's cable and contact against theory")
+    checked.add_argument("-o", "--output", type=Path, help="folder for a drawing of it")
+    sheet = verbs.add_parser("sheet", help="one image of each session in one picture")
+    sheet.add_argument("--data", type=Path, required=True)
+    sheet.add_argument("-o", "--output", type=Path, required=True)
+    chosen = parser.parse_args()
+    if chosen.verb == "generate":
+        generate(chosen.output, range(chosen.first, chosen.first + chosen.sessions), chosen.samples, chosen.variant)
+    elif chosen.verb == "judge":
+        from .judge import judge
+
+        judge(chosen.models, chosen.data, chosen.json)
+    elif chosen.verb == "check":
+        from .check import check
+
+        check(chosen.output)
+    else:
+        from .judge import draw_sheet
+
+        draw_sheet(chosen.data, chosen.output)
+
+
+if __name__ == "__main__":
+    main()
