@@ -40,7 +40,8 @@ def generate(output: Path, seeds: range, samples: int, variant: str | None) -> N
 
 
 def _make_session(mitsuba: object, seed: int, folder: Path, truth: Path, samples: int) -> None:
-    from .scene import Scene, draw_camera, expose
+    from .camera import draw_camera, expose
+    from .scene import Scene
     from .session import draw_plan, frame_stamps, simulate, write_bench, write_logs, write_truth
 
     plan = draw_plan(seed)

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from tipforce.types import FloatArray
+
 __all__ = ["brushed", "cloth", "mottled", "paper", "plain", "wood"]
 
 SIZE = 2048
@@ -95,7 +97,7 @@ def mottled(mi: Any, rng: np.random.Generator) -> dict[str, Any]:
     return _diffuse(mi, base * (1 + spots[..., None]))
 
 
-def _noise(rng: np.random.Generator, blur: float | tuple[float, float]) -> np.ndarray:
+def _noise(rng: np.random.Generator, blur: float | tuple[float, float]) -> FloatArray:
     """(SIZE, SIZE): smooth noise of unit spread; made small where it is so smooth that nobody sees the difference."""
     sigma = np.broadcast_to(np.asarray(blur, float), 2)
     step = np.maximum(1, (sigma // 4).astype(int))
@@ -108,14 +110,14 @@ def _words(rng: np.random.Generator) -> str:
     return " ".join("".join(rng.choice(list(letters), rng.integers(2, 10))) for _ in range(60))
 
 
-def _rgb(colour: np.ndarray) -> dict[str, Any]:
+def _rgb(colour: FloatArray) -> dict[str, Any]:
     return {"type": "rgb", "value": [float(each) for each in colour]}
 
 
-def _bitmap(mi: Any, linear: np.ndarray) -> dict[str, Any]:
+def _bitmap(mi: Any, linear: FloatArray) -> dict[str, Any]:
     image = np.clip(linear, 0.01, 0.92).astype(np.float32)
     return {"type": "bitmap", "bitmap": mi.Bitmap(image), "raw": True, "wrap_mode": "mirror"}
 
 
-def _diffuse(mi: Any, linear: np.ndarray) -> dict[str, Any]:
+def _diffuse(mi: Any, linear: FloatArray) -> dict[str, Any]:
     return {"type": "diffuse", "reflectance": _bitmap(mi, linear)}

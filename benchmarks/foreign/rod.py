@@ -4,16 +4,22 @@ World = base frame (metres): origin at the clamp when the advance is zero, x alo
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import mujoco
 import numpy as np
+
+from tipforce.types import FloatArray
+
+from .engines import engine
 
 __all__ = ["LAWS", "CableWorld", "Rod", "Tissue"]
 
 STEP_S = 2e-4
 ELEMENTS = 16
+PLUGIN = "mujoco.elasticity.cable"
 ARMATURE_PER_STEP2 = 6.0
 """Inertia added to a joint, over its stiffness and the square of the step: MuJoCo's cable is integrated explicitly and
 needs 4 at least. It slows the rod down to some 30 Hz, its statics stay."""
@@ -24,7 +30,7 @@ WALL_HALF_SIZE_M = (0.004, 0.06, 0.06)
 LOSS_TIME_S = 0.02
 """Viscosity of the tissue over its stiffness: a loss factor near 0.17 at the heart's rate."""
 HERTZ_DEPTH_M, STIFFENING_DEPTH_M = 4e-3, 3e-3
-LAWS = {
+LAWS: dict[str, Callable[[float], float]] = {
     "linear": lambda depth: depth,
     "hertz": lambda depth: depth**1.5 / math.sqrt(HERTZ_DEPTH_M),
     "exponential": lambda depth: STIFFENING_DEPTH_M * math.expm1(min(depth / STIFFENING_DEPTH_M, 6.0)),
@@ -53,18 +59,18 @@ class Tissue:
     tilt_rad: float
 
     @property
-    def normal(self) -> np.ndarray:
+    def normal(self) -> FloatArray:
         """(3,): from the tissue towards the catheter."""
         flat = math.cos(self.tilt_rad)
         return np.array([flat * math.cos(self.yaw_rad), flat * math.sin(self.yaw_rad), math.sin(self.tilt_rad)])
 
     @property
-    def across(self) -> np.ndarray:
+    def across(self) -> FloatArray:
         """(3,): along the wall, in the base frame's plane."""
         return np.array([-math.sin(self.yaw_rad), math.cos(self.yaw_rad), 0.0])
 
     @property
-    def rotation(self) -> np.ndarray:
+    def rotation(self) -> FloatArray:
         """(3, 3): columns are normal, across, and what is square to both."""
         return np.column_stack([self.normal, self.across, np.cross(self.normal, self.across)])
 
@@ -73,7 +79,7 @@ class CableWorld:
     """One catheter and, if given, one wall; `advance` steps time and the properties tell what MuJoCo computed."""
 
     def __init__(self, rod: Rod, tissue: Tissue | None = None) -> None:
-        _load_cable_plugin()
+        self._mujoco = mujoco = _mujoco_with_cable()
         self.rod, self.tissue = rod, tissue
         self.model = mujoco.MjModel.from_xml_string(_mjcf(rod, tissue))
         self.data = mujoco.MjData(self.model)
@@ -83,7 +89,7 @@ class CableWorld:
             self._wall = self.model.geom("wall").id
             self._carrier = int(self.model.body("carrier").mocapid[0])
             self._slide = int(self.model.joint("give").dofadr[0])
-            self.data.mocap_quat[self._carrier] = _quaternion(tissue.rotation)
+            mujoco.mju_mat2Quat(self.data.mocap_quat[self._carrier], tissue.rotation.flatten())
         mujoco.mj_forward(self.model, self.data)
 
     def advance(
@@ -91,15 +97,15 @@ class CableWorld:
         duration_s: float,
         *,
         curvature_per_m: float = 0.0,
-        dead_load_n: np.ndarray | None = None,
-        wall_m: np.ndarray | None = None,
+        dead_load_n: FloatArray | None = None,
+        wall_m: FloatArray | None = None,
         base_x_m: float = 0.0,
     ) -> None:
         """Steps the time on. ``wall_m`` (3,): where the middle of the undented face stands.
 
         A steerable catheter is bent by a moment that its pull wire exerts at the tip, against its base.
         """
-        data = self.data
+        data, mujoco = self.data, self._mujoco
         moment = np.array([0.0, 0.0, self.rod.stiffness_nm2 * curvature_per_m])
         data.mocap_pos[self._base_mocap, 0] = base_x_m
         if wall_m is not None:
@@ -130,53 +136,47 @@ class CableWorld:
         return max(0.0, -float(self.data.qpos[-1]))
 
     @property
-    def wall_m(self) -> np.ndarray:
+    def wall_m(self) -> FloatArray:
         """(3,): middle of the undented face."""
         return self.data.mocap_pos[self._carrier].copy()
 
     @property
-    def tip_force_n(self) -> np.ndarray:
+    def tip_force_n(self) -> FloatArray:
         """(3,): of the tissue on the tip, base frame: the sum of MuJoCo's contact forces."""
         total, six = np.zeros(3), np.zeros(6)
         for index, contact in enumerate(self.data.contact):
-            mujoco.mj_contactForce(self.model, self.data, index, six)
+            self._mujoco.mj_contactForce(self.model, self.data, index, six)
             sign = 1.0 if contact.geom[0] == self._wall else -1.0
             total += sign * contact.frame.reshape(3, 3).T @ six[:3]
         return total
 
     @property
-    def base_reaction_n(self) -> np.ndarray:
+    def base_reaction_n(self) -> FloatArray:
         """(3,): of the shaft on its clamp, base frame: what a second sensor would read there."""
-        mujoco.mj_rnePostConstraint(self.model, self.data)
+        self._mujoco.mj_rnePostConstraint(self.model, self.data)
         return -self.data.sensor("clamp").data.copy()
 
     @property
-    def end_m(self) -> np.ndarray:
+    def end_m(self) -> FloatArray:
         """(3,): the foremost point of the tip."""
         return self.data.site("end").xpos.copy()
 
     @property
-    def joints_m(self) -> np.ndarray:
+    def joints_m(self) -> FloatArray:
         """(n, 3): clamp, joints, start of the rigid tip's axis and its end: the centreline as MuJoCo has it."""
         names = ["base", *(f"s{i}" for i in range(1, ELEMENTS)), "tip"]
         return np.vstack([*(self.data.body(name).xpos for name in names), self.data.site("shoulder").xpos, self.end_m])
 
 
-def _load_cable_plugin() -> None:
-    """Loading it twice is an error of MuJoCo's."""
+def _mujoco_with_cable() -> Any:
+    """MuJoCo with its plugin of cables; to load this twice is an error of MuJoCo's."""
+    mujoco = engine("mujoco")
     try:
-        mujoco.MjModel.from_xml_string(
-            '<mujoco><extension><plugin plugin="mujoco.elasticity.cable"/></extension></mujoco>'
-        )
+        mujoco.MjModel.from_xml_string(f"<mujoco><extension><plugin plugin='{PLUGIN}'/></extension></mujoco>")
     except ValueError:
         for path in (Path(mujoco.__file__).parent / "plugin").glob("*elasticity*"):
             mujoco.mj_loadPluginLibrary(str(path))
-
-
-def _quaternion(rotation: np.ndarray) -> np.ndarray:
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, rotation.flatten())
-    return quaternion
+    return mujoco
 
 
 def _mjcf(rod: Rod, tissue: Tissue | None) -> str:
@@ -202,7 +202,7 @@ def _mjcf(rod: Rod, tissue: Tissue | None) -> str:
           <geom name="wall" type="box" size="{a} {b} {c}" pos="{-a} 0 0" mass="{WALL_MASS_KG}"
             friction="{tissue.friction} 0 0"/></body></body>"""
     return f"""<mujoco>
-      <extension><plugin plugin="mujoco.elasticity.cable"><instance name="cable">
+      <extension><plugin plugin="{PLUGIN}"><instance name="cable">
         <config key="twist" value="{modulus / 2.6}"/><config key="bend" value="{modulus}"/>
         <config key="vmax" value="0"/></instance></plugin></extension>
       <option timestep="{STEP_S}" gravity="0 0 0" integrator="implicitfast" cone="elliptic" impratio="10"/>

@@ -6,21 +6,21 @@ Mitsuba's world = base frame in millimetres. What moves is a mesh whose vertices
 import math
 import subprocess
 import sys
-from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
+import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
+from tipforce.types import FloatArray, IntArray
+
+from .camera import HEIGHT, WIDTH, Camera
+from .engines import engine
 from .materials import brushed, cloth, mottled, paper, plain, wood
 from .session import Plan, Run
 
-__all__ = ["HEIGHT", "WIDTH", "Camera", "Scene", "draw_camera", "expose", "use_mitsuba"]
+__all__ = ["Scene", "use_mitsuba"]
 
-WIDTH, HEIGHT = 640, 480
-SIDES = {"left": 0.0, "bottom": 90.0, "right": 180.0, "top": 270.0}
-"""Border that the catheter comes from -> how its base tangent points in the image, degrees counter-clockwise."""
 _PROBE = "import mitsuba as mi; mi.set_variant('llvm_ad_rgb'); mi.render(mi.load_dict(mi.cornell_box()), spp=1).numpy()"
 
 
@@ -29,8 +29,7 @@ def use_mitsuba(variant: str | None = None) -> Any:
 
     An LLVM that is too old ends the whole process, so that it is tried in another one.
     """
-    import mitsuba
-
+    mitsuba = engine("mitsuba")
     if variant is None:
         tried = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, check=False)
         variant = "scalar_rgb" if tried.returncode else "llvm_ad_rgb"
@@ -39,71 +38,7 @@ def use_mitsuba(variant: str | None = None) -> Any:
     return mitsuba
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Camera:
-    """A pinhole for the geometry, a thin lens for the picture; millimetres. ``right``, ``down``, ``away``: its axes."""
-
-    centre: np.ndarray
-    right: np.ndarray
-    down: np.ndarray
-    away: np.ndarray
-    focal_px: float
-    aperture_mm: float
-    focus_mm: float
-    base_side: str
-
-    def project(self, points_mm: np.ndarray) -> np.ndarray:
-        """(..., 2) pixels of (..., 3) points of the base frame; pixel centres at integers."""
-        seen = points_mm - self.centre
-        depth = seen @ self.away
-        u, v = (self.focal_px * (seen @ axis) / depth for axis in (self.right, self.down))
-        return np.stack([u + (WIDTH - 1) / 2, v + (HEIGHT - 1) / 2], axis=-1)
-
-    @property
-    def metres_per_px(self) -> float:
-        """At the base."""
-        return 1e-3 * float(-self.centre @ self.away) / self.focal_px
-
-
-def draw_camera(plan: Plan, run: Run) -> Camera:
-    """Places the camera so that the whole motion is in view and the base lies towards the drawn border."""
-    rng = np.random.default_rng((plan.seed, 4))
-    u = rng.uniform
-    side = list(SIDES)[plan.seed % 4]
-    turn = math.radians(SIDES[side] + u(-10.0, 10.0))
-    right = np.array([math.cos(turn), -math.sin(turn), 0.0])
-    up = np.array([math.sin(turn), math.cos(turn), 0.0])
-    line = 1e3 * run.line_m[::25].reshape(-1, 3)
-    spread = np.stack([line @ right, line @ up], axis=-1)
-    low, high = spread.min(0), spread.max(0)
-    axis = 0 if side in ("left", "right") else 1
-    pixels = np.array([WIDTH, HEIGHT])
-    needed = (high - low + np.where(np.arange(2) == axis, 12.0, 24.0)) / pixels
-    scale = max(float(needed.max()), u(0.15, 0.22))  # mm a pixel
-    slack = pixels * scale - (high - low)
-    share = np.array([u(0.3, 0.7), u(0.3, 0.7)])  # of the slack that lies left of, and below, what is in view
-    share[axis] = u(0.15, 0.7) if side in ("left", "bottom") else 1.0 - u(0.15, 0.7)
-    corner = low - slack * share
-    middle = corner + pixels * scale / 2
-    target = right * middle[0] + up * middle[1]
-    distance, tilt, around = u(280.0, 450.0), math.radians(u(0.0, 6.0)), u(0.0, 2 * math.pi)
-    lean = math.sin(tilt) * (math.cos(around) * right + math.sin(around) * up)
-    away = np.array([0.0, 0.0, -math.cos(tilt)]) + lean
-    right = right - (right @ away) * away
-    right /= np.linalg.norm(right)
-    return Camera(
-        centre=target - distance * away,
-        right=right,
-        down=np.cross(away, right),
-        away=away,
-        focal_px=distance / scale,
-        aperture_mm=u(1.5, 6.0),
-        focus_mm=distance + u(-3.0, 3.0),
-        base_side=side,
-    )
-
-
-def _tube(line: np.ndarray, along: np.ndarray, radius: np.ndarray, around: int) -> np.ndarray:
+def _tube(line: FloatArray, along: FloatArray, radius: FloatArray, around: int) -> FloatArray:
     """(n * around, 3): rings about the points (n, 3) of a line with the directions ``along``; ``radius`` (n,)."""
     side = np.cross(np.array([0.0, 0.0, 1.0]), along)
     side /= np.linalg.norm(side, axis=1, keepdims=True)
@@ -113,7 +48,7 @@ def _tube(line: np.ndarray, along: np.ndarray, radius: np.ndarray, around: int) 
     return (line[:, None] + radius[:, None, None] * rings).reshape(-1, 3)
 
 
-def _grid_faces(rows: int, columns: int, closed: bool) -> np.ndarray:
+def _grid_faces(rows: int, columns: int, closed: bool) -> IntArray:
     """(m, 3): triangles of a grid of vertices whose columns join up if ``closed``."""
     across = columns if closed else columns - 1
     r, c = (each.ravel() for each in np.meshgrid(np.arange(rows - 1), np.arange(across), indexing="ij"))
@@ -137,7 +72,7 @@ class Scene:
         self._radius = 1e3 * plan.rod.radius_m
         self._length = 1e3 * (plan.rod.length_m + plan.rod.rigid_m)
         self._gap = float(rng.uniform(4.0, 20.0))
-        self._sheath_vertices: np.ndarray | None = None
+        self._sheath_vertices: FloatArray | None = None
         self._pieces = self._cut_catheter()
         self._tissue_shape = self._draw_tissue()
         self._moving: dict[str, tuple[int, int, bool]] = {}
@@ -157,7 +92,9 @@ class Scene:
         self._scene = mitsuba.load_dict(parts)
         self._parameters = mitsuba.traverse(self._scene)
 
-    def render(self, line_m: np.ndarray, wall_m: np.ndarray, dent_m: float, seed: int, samples: int) -> np.ndarray:
+    def render(
+        self, line_m: FloatArray, wall_m: FloatArray, dent_m: float, seed: int, samples: int
+    ) -> npt.NDArray[np.float32]:
         """(h, w, 3): linear light."""
         line = 1e3 * line_m
         for name, start, end, _ in self._pieces:
@@ -169,11 +106,11 @@ class Scene:
         self._parameters.update()
         return np.asarray(self._mi.render(self._scene, spp=samples, seed=seed))[:, :, :3].astype(np.float32)
 
-    def _move(self, name: str, vertices: np.ndarray) -> None:
+    def _move(self, name: str, vertices: FloatArray) -> None:
         self._parameters[f"{name}.vertex_positions"] = np.ascontiguousarray(vertices, np.float32).ravel()
 
     def _mesh(
-        self, name: str, rows: int, columns: int, closed: bool, material: Any, colour: np.ndarray | None = None
+        self, name: str, rows: int, columns: int, closed: bool, material: Any, colour: FloatArray | None = None
     ) -> Any:
         mi = self._mi
         properties = mi.Properties()
@@ -223,7 +160,7 @@ class Scene:
     def _piece_rows(self, name: str) -> int:
         return PIECE_ROWS + (DOME_ROWS if name == "tip" else 2)
 
-    def _piece(self, line: np.ndarray, name: str, start: float, end: float) -> np.ndarray:
+    def _piece(self, line: FloatArray, name: str, start: float, end: float) -> FloatArray:
         """Vertices of a piece of the catheter; the tip ends in a dome, the shaft goes on into the sheath."""
         radius = self._radius * (1.02 if name.startswith("ring") else 1.0)
         reach = np.linspace(0.0, 1.0, len(line))
@@ -304,7 +241,7 @@ class Scene:
             "clearcoat_gloss": 0.8,
         }
 
-    def _tissue_vertices(self, wall: np.ndarray, tip: np.ndarray, dent: float) -> np.ndarray:
+    def _tissue_vertices(self, wall: FloatArray, tip: FloatArray, dent: float) -> FloatArray:
         """The face follows the tip as an elastic half-space follows a flat punch: 2/pi asin(a / r) beside it."""
         shape, tissue = self._tissue_shape, self._plan.tissue
         flat = np.array([math.cos(tissue.yaw_rad), math.sin(tissue.yaw_rad), 0.0])
@@ -318,7 +255,7 @@ class Scene:
         share = 2 / np.pi * np.arcsin(np.minimum(1.0, 1.1 * self._radius / np.maximum(distance, 1e-6)))
         return (points - (dent * share)[..., None] * flat).reshape(-1, 3)
 
-    def _carrier_vertices(self, wall: np.ndarray) -> np.ndarray:
+    def _carrier_vertices(self, wall: FloatArray) -> FloatArray:
         """A plate behind the tissue: a box as rings of four."""
         shape, tissue = self._tissue_shape, self._plan.tissue
         flat = np.array([math.cos(tissue.yaw_rad), math.sin(tissue.yaw_rad), 0.0])
@@ -413,7 +350,7 @@ class Scene:
                     break
         return found
 
-    def _thing(self, place: np.ndarray, rng: np.random.Generator) -> dict[str, Any]:
+    def _thing(self, place: FloatArray, rng: np.random.Generator) -> dict[str, Any]:
         mi = self._mi
         size = float(rng.uniform(1.0, 4.0))
         material = plain(rng, metal=bool(rng.integers(2)))
@@ -429,31 +366,3 @@ class Scene:
         middle = np.array([place[0], place[1], -self._gap + 0.6 * size])
         ends = {"p0": (middle - along).tolist(), "p1": (middle + along).tolist()}
         return {"type": "cylinder", **ends, "radius": 0.6 * size, "bsdf": material}
-
-
-def expose(light: np.ndarray, gain: float, noise: float, grey: bool, rng: np.random.Generator) -> np.ndarray:
-    """(h, w, 3) or (h, w) uint8: what a camera with a Bayer sensor makes of linear light.
-
-    Args:
-        gain: makes the light 1 where the sensor is full.
-        noise: standard deviation of the photon noise where it is full; the read noise is a third of it.
-        grey: the camera has no colours.
-    """
-    scene = cv2.bilateralFilter(np.clip(light * gain, 0.0, 1.0), 5, 0.2, 1.3)  # most of the paths' own noise
-    if grey:
-        single = scene @ np.array([0.3, 0.5, 0.2], np.float32)
-        raw = single + rng.normal(size=single.shape) * np.sqrt(noise**2 * (single + 0.1))
-        return _tone(np.clip(raw, 0.0, 1.0))
-    raw = np.empty(scene.shape[:2], np.float32)
-    for channel, (row, column) in ((0, (0, 0)), (1, (0, 1)), (1, (1, 0)), (2, (1, 1))):
-        raw[row::2, column::2] = scene[row::2, column::2, channel]
-    raw = raw + rng.normal(size=raw.shape) * np.sqrt(noise**2 * (raw + 0.1))
-    mosaic = np.round(np.clip(raw, 0.0, 1.0) * 65535).astype(np.uint16)
-    return _tone(cv2.demosaicing(mosaic, cv2.COLOR_BayerRG2BGR_EA) / 65535.0)  # OpenCV's name for RGGB to RGB
-
-
-def _tone(linear: np.ndarray) -> np.ndarray:
-    """SRGB's curve, a little sharpening, 8 bits."""
-    shown = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-6) ** (1 / 2.4) - 0.055)
-    shown = shown + 0.3 * (shown - cv2.GaussianBlur(shown, (0, 0), 1.2))
-    return np.round(np.clip(shown, 0.0, 1.0) * 255).astype(np.uint8)

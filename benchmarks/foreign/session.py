@@ -5,19 +5,21 @@ import json
 import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter1d
 
 from tipforce.io import write_force_csv
+from tipforce.types import FloatArray, IntArray
 
 from .rod import LAWS, CableWorld, Rod, Tissue
 
 __all__ = ["FRAME_HZ", "Motion", "Plan", "Run", "draw_plan", "simulate", "write_bench", "write_logs", "write_truth"]
 
-FRAME_HZ, SECONDS = 15.0, 5.0
-LEAD_S = 1.2
+FRAME_HZ, SECONDS = 12.0, 4.2
+LEAD_S = 1.0
 """Contact-free at the beginning of every session, to tare the sensor."""
 CONTROL_S = 2e-3
 REST_S = 0.4
@@ -73,18 +75,18 @@ class Run:
     undented face; ``dent_m`` (n,); ``knob_deg``, ``advance_m``, ``forward_m``, ``across_m`` (n,): of the drives.
     """
 
-    time_s: np.ndarray
-    frame_s: np.ndarray
-    force_n: np.ndarray
-    line_m: np.ndarray
-    wall_m: np.ndarray
-    dent_m: np.ndarray
-    knob_deg: np.ndarray
-    advance_m: np.ndarray
-    forward_m: np.ndarray
-    across_m: np.ndarray
+    time_s: FloatArray
+    frame_s: FloatArray
+    force_n: FloatArray
+    line_m: FloatArray
+    wall_m: FloatArray
+    dent_m: FloatArray
+    knob_deg: FloatArray
+    advance_m: FloatArray
+    forward_m: FloatArray
+    across_m: FloatArray
 
-    def at_frames(self, name: str) -> np.ndarray:
+    def at_frames(self, name: str) -> FloatArray:
         """One of the series at the frames, (m, ...)."""
         values = np.asarray(getattr(self, name))
         flat = values.reshape(len(values), -1)
@@ -140,7 +142,7 @@ def draw_plan(seed: int) -> Plan:
     )
 
 
-def _pressing(motion: Motion, time_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _pressing(motion: Motion, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
     """(n,): 0 where the tissue is farthest back, 1 where it presses most."""
     t = time_s - LEAD_S
     if motion.kind == "heart":
@@ -157,7 +159,7 @@ def _pressing(motion: Motion, time_s: np.ndarray, rng: np.random.Generator) -> n
     return np.where(t > 0, begun * moved / np.max(begun * moved), 0.0)
 
 
-def _play(knob_deg: np.ndarray) -> np.ndarray:
+def _play(knob_deg: FloatArray) -> FloatArray:
     """(n,): the knob's angle behind its play."""
     out, held = np.empty_like(knob_deg), knob_deg[0]
     for i, angle in enumerate(knob_deg):
@@ -166,7 +168,7 @@ def _play(knob_deg: np.ndarray) -> np.ndarray:
     return out
 
 
-def _depth_for(plan: Plan, curvature_per_m: float) -> tuple[np.ndarray, float]:
+def _depth_for(plan: Plan, curvature_per_m: float) -> tuple[FloatArray, float]:
     """Where the wall touches the resting tip (3,), and how far beyond this it must go for the peak force."""
     world = CableWorld(plan.rod, plan.tissue)
     world.advance(REST_S, curvature_per_m=curvature_per_m, wall_m=FAR_M)
@@ -199,7 +201,7 @@ def simulate(plan: Plan, seconds: float = SECONDS, shortened: float = 1.0) -> Ru
     offset = rng.uniform(-4e-3, 4e-3)
 
     world = CableWorld(plan.rod, tissue)
-    rows: dict[str, list] = {"force_n": [], "line_m": [], "wall_m": [], "dent_m": []}
+    rows: dict[str, list[Any]] = {"force_n": [], "line_m": [], "wall_m": [], "dent_m": []}
     world.advance(REST_S, curvature_per_m=float(curvature[0]), wall_m=FAR_M)
     for i in range(len(time_s)):
         wall = touch + forward_m[i] * tissue.normal + (across_m[i] + offset) * tissue.across
@@ -218,7 +220,7 @@ def simulate(plan: Plan, seconds: float = SECONDS, shortened: float = 1.0) -> Ru
     )
 
 
-def _smooth(joints_m: np.ndarray) -> np.ndarray:
+def _smooth(joints_m: FloatArray) -> FloatArray:
     """(p, 3): the curve through the middles of the cable's straight segments, uniform in arc length."""
     middles = np.vstack([joints_m[0], (joints_m[1:-3] + joints_m[2:-2]) / 2, joints_m[-2:]])
     reach = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(middles, axis=0), axis=1))])
@@ -262,7 +264,7 @@ def write_bench(plan: Plan, folder: Path, metres_per_px: float, base_side: str) 
     (folder / "bench.toml").write_text("\n".join(lines) + "\n")
 
 
-def write_truth(plan: Plan, run: Run, line_px: np.ndarray, path: Path) -> None:
+def write_truth(plan: Plan, run: Run, line_px: FloatArray, path: Path) -> None:
     """Writes what only the judge may open: force, centreline in pixels (m, p, 2) and metres, and what was drawn."""
     np.savez_compressed(
         path,
@@ -275,6 +277,6 @@ def write_truth(plan: Plan, run: Run, line_px: np.ndarray, path: Path) -> None:
     )
 
 
-def frame_stamps(run: Run) -> np.ndarray:
+def frame_stamps(run: Run) -> IntArray:
     """(m,): nanoseconds on the camera's clock, on which the session begins at one second."""
     return np.round((run.frame_s + 1.0) * 1e9).astype(np.int64)
