@@ -1,6 +1,7 @@
 """``python -m benchmarks.foreign``: makes the sessions, judges models on them, checks the engine against theory."""
 
 import argparse
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tipforce.io import atomic_text, replacing_folder, save_image
+from tipforce.types import read_bench
 
 __all__ = ["main"]
 
@@ -30,13 +32,37 @@ def generate(output: Path, seeds: range, samples: int, variant: str | None) -> N
             mitsuba = mitsuba or use_mitsuba(variant)
             with replacing_folder(folder) as part:
                 _make_session(mitsuba, seed, part, output / f"{folder.name}.truth.npz", samples)
-        recording = output / f"{folder.name}.mcap"
-        if not recording.exists():
-            logs = [str(folder / name) for name in ("force.csv", "stage.csv", "knob.csv") if (folder / name).exists()]
-            command = [sys.executable, "-m", "tipforce", "import", str(folder / "frames"), *logs]
-            command += ["--bench", str(folder / "bench.toml"), "-o", str(recording)]
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
-            print(f"{recording.name}: {(done.stdout + done.stderr).strip()}", flush=True)
+        _import(folder, output / f"{folder.name}.mcap")
+
+
+def mark(data: Path, output: Path) -> None:
+    """Imports the sessions of ``data`` once more, the base marked in the first frame as a person would."""
+    output.mkdir(parents=True, exist_ok=True)
+    for truth in sorted(data.glob("session_*.truth.npz")):
+        folder = data / truth.name.removesuffix(".truth.npz")
+        info = read_bench(folder / "bench.toml").view("camera")
+        with np.load(truth) as found:
+            base = found["line_px"][0, 0]
+        wide = 2.33e-3 / (info.metres_per_px or 2e-4)
+        along = {"left": (1, 0), "right": (-1, 0), "top": (0, 1), "bottom": (0, -1)}[info.base_side or "left"]
+        near, far = base + 2.0 * np.array(along), base + 3.0 * wide * np.array(along)
+        aside = 2.5 * wide * np.abs(along[::-1])
+        corners = np.round([np.minimum(near, far) - aside, np.maximum(near, far) + aside]).astype(int)
+        shutil.copy2(truth, output / truth.name)
+        _import(folder, output / f"{folder.name}.mcap", f"views.camera.base_region={corners.ravel().tolist()}")
+
+
+def _import(folder: Path, recording: Path, *facts: str) -> None:
+    """``tipforce import`` of a session's files, as a laboratory does it; kept where it is there already."""
+    if recording.exists():
+        return
+    logs = [str(folder / name) for name in ("force.csv", "stage.csv", "knob.csv") if (folder / name).exists()]
+    command = [sys.executable, "-m", "tipforce", "import", str(folder / "frames"), *logs]
+    command += ["--bench", str(folder / "bench.toml"), "-o", str(recording)]
+    command += [word for fact in facts for word in ("--fact", fact)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    said = [line for line in (done.stdout + done.stderr).splitlines() if "clock offset" in line or done.returncode]
+    print(f"{recording.name}: {said[-1] if said else 'imported'}", flush=True)
 
 
 def _make_session(mitsuba: object, seed: int, folder: Path, truth: Path, samples: int) -> None:
@@ -78,6 +104,9 @@ def main() -> None:
     made.add_argument("--first", type=int, default=0, help="seed of the first session")
     made.add_argument("--samples", type=int, default=SAMPLES, help="light paths a pixel")
     made.add_argument("--variant", help="of Mitsuba, such as scalar_rgb; by default the fastest that works")
+    marked = verbs.add_parser("mark", help="import the sessions once more, the base marked")
+    marked.add_argument("--data", type=Path, required=True)
+    marked.add_argument("-o", "--output", type=Path, required=True)
     judged = verbs.add_parser("judge", help="errors of models on the sessions")
     judged.add_argument(
         "models", nargs="+", help="model folders, pretrained/NAME, or svr:half to train on every other session"
@@ -92,6 +121,8 @@ def main() -> None:
     chosen = parser.parse_args()
     if chosen.verb == "generate":
         generate(chosen.output, range(chosen.first, chosen.first + chosen.sessions), chosen.samples, chosen.variant)
+    elif chosen.verb == "mark":
+        mark(chosen.data, chosen.output)
     elif chosen.verb == "judge":
         from .judge import judge
 
