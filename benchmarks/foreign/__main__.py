@@ -53,10 +53,13 @@ def mark(data: Path, output: Path) -> None:
 
 
 def _import(folder: Path, recording: Path, *facts: str) -> None:
-    """``tipforce import`` of a session's files, as a laboratory does it; kept where it is there already."""
+    """``tipforce import`` of a session's files, as a laboratory does it; kept where it is there already.
+
+    The stage's log stays out: nothing that moves with the sensor has a mass here.
+    """
     if recording.exists():
         return
-    logs = [str(folder / name) for name in ("force.csv", "stage.csv", "knob.csv") if (folder / name).exists()]
+    logs = [str(folder / name) for name in ("force.csv", "knob.csv") if (folder / name).exists()]
     command = [sys.executable, "-m", "tipforce", "import", str(folder / "frames"), *logs]
     command += ["--bench", str(folder / "bench.toml"), "-o", str(recording)]
     command += [word for fact in facts for word in ("--fact", fact)]
