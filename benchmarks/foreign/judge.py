@@ -2,11 +2,13 @@
 
 import json
 import tempfile
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 import tipforce
@@ -14,7 +16,7 @@ from tipforce.datasets import join
 from tipforce.errors import InputError
 from tipforce.estimators import Estimator
 from tipforce.evaluation import Constant
-from tipforce.io import atomic_text, open_recording, save_image, spread_images
+from tipforce.io import atomic_text, open_recording, spread_images, write_atomic
 from tipforce.types import BoolArray, FloatArray, Frame, Image, IntArray
 from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate, contact_sheet
 
@@ -24,6 +26,7 @@ CONTACT_N = 0.01
 WRONG_N = 0.05
 WRONG_PX = 10.0
 LARGE_N = 0.3
+SHEET_PX = 256
 HALVES = ("svr:half", "constant:half")
 """Trained on every other session and judged on the rest, both ways."""
 
@@ -57,31 +60,34 @@ def judge(models: Sequence[str], data: Path, output: Path | None) -> None:
     print(f"{len(recordings)} sessions; magnitude of the force in contact (above {CONTACT_N * 1e3:.0f} mN), in mN")
     print(f"{'model':22} frames abstained  MAE   RMSE  bias  wrong>50  90% holds  free: MAE  >300: bias")
     for model in models:
-        by_session = dict(_estimates(model, recordings))
+        reasons = Counter[str]()
+        by_session = dict(_estimates(model, recordings, reasons))
         scored = score(np.vstack(list(by_session.values())))
         figures["models"][model] = {"all": scored, **{name: score(rows) for name, rows in by_session.items()}}
+        figures["models"][model]["statuses"] = dict(reasons)
         print(f"{model[-22:]:22} {_line(scored)}", flush=True)
         for name, rows in by_session.items():
             print(f"  {name:20} {_line(score(rows))}")
+        print("  " + ", ".join(f"{count} {status}" for status, count in reasons.most_common()), flush=True)
     figures["detection"] = _judge_detection(recordings)
     if output is not None:
         with atomic_text(output) as out:
             json.dump(figures, out, indent=1)
 
 
-def _estimates(model: str, recordings: Sequence[Path]) -> Iterator[tuple[str, FloatArray]]:
-    """Session and rows of (true magnitude, estimate, low, high), NaN where the model abstains."""
+def _estimates(model: str, recordings: Sequence[Path], reasons: Counter[str]) -> Iterator[tuple[str, FloatArray]]:
+    """Session and rows of (true magnitude, estimate, low, high), NaN where the model abstains; counts ``reasons``."""
     if model not in HALVES:
         estimator = tipforce.load_model(model)
         for path in recordings:
-            yield path.stem, _rows(estimator, path)
+            yield path.stem, _rows(estimator, path, reasons)
         return
     for tested in (0, 1):
         training = [path for i, path in enumerate(recordings) if i % 2 != tested]
         with tempfile.TemporaryDirectory() as folder:
             estimator = _trained(model, training, Path(folder))
             for path in recordings[tested::2]:
-                yield path.stem, _rows(estimator, path)
+                yield path.stem, _rows(estimator, path, reasons)
 
 
 def _trained(model: str, recordings: Sequence[Path], folder: Path) -> Estimator:
@@ -90,8 +96,9 @@ def _trained(model: str, recordings: Sequence[Path], folder: Path) -> Estimator:
     return tipforce.train(list(recordings), folder / "model", estimator="svr").estimator
 
 
-def _rows(estimator: Estimator, recording: Path) -> FloatArray:
+def _rows(estimator: Estimator, recording: Path, reasons: Counter[str]) -> FloatArray:
     truth, found = Truth.of(recording), list(tipforce.estimate(estimator, recording))
+    reasons.update(each.status.value for each in found)
     size = np.linalg.norm(truth.force_n[truth.rows([each.stamp_ns for each in found])], axis=1)
     return np.column_stack([size, [[each.magnitude_n, *each.magnitude_interval_n] for each in found]])
 
@@ -186,4 +193,5 @@ def draw_sheet(data: Path, output: Path) -> None:
         with open_recording(path) as source:
             images.append(source.frame_at(row, "camera").image)
         titles.append(f"{path.stem[-2:]}: {size[row]:.2f} N")
-    save_image(output, contact_sheet(images, 5, titles))
+    sheet = cv2.cvtColor(contact_sheet(images, 5, titles, SHEET_PX), cv2.COLOR_RGB2BGR)
+    write_atomic(output, cv2.imencode(".jpg", sheet, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes())
