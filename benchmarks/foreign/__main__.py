@@ -22,7 +22,7 @@ FULL_AT = 0.98
 
 
 def generate(output: Path, seeds: range, samples: int, variant: str | None) -> None:
-    """Makes the sessions that are not there yet, and their recordings."""
+    """Makes the sessions that are not there yet, and their recordings, whose clocks `mark` finds."""
     from .scene import use_mitsuba
 
     mitsuba = None
@@ -32,7 +32,7 @@ def generate(output: Path, seeds: range, samples: int, variant: str | None) -> N
             mitsuba = mitsuba or use_mitsuba(variant)
             with replacing_folder(folder) as part:
                 _make_session(mitsuba, seed, part, output / f"{folder.name}.truth.npz", samples)
-        _import(folder, output / f"{folder.name}.mcap")
+        _import(folder, output / f"{folder.name}.mcap", "--offset-ms", "none")
 
 
 def mark(data: Path, output: Path) -> None:
@@ -49,10 +49,12 @@ def mark(data: Path, output: Path) -> None:
         aside = 2.5 * wide * np.abs(along[::-1])
         corners = np.round([np.minimum(near, far) - aside, np.maximum(near, far) + aside]).astype(int)
         shutil.copy2(truth, output / truth.name)
-        _import(folder, output / f"{folder.name}.mcap", f"views.camera.base_region={corners.ravel().tolist()}")
+        _import(
+            folder, output / f"{folder.name}.mcap", "--fact", f"views.camera.base_region={corners.ravel().tolist()}"
+        )
 
 
-def _import(folder: Path, recording: Path, *facts: str) -> None:
+def _import(folder: Path, recording: Path, *options: str) -> None:
     """``tipforce import`` of a session's files, as a laboratory does it; kept where it is there already.
 
     The stage's log stays out: nothing that moves with the sensor has a mass here.
@@ -61,8 +63,7 @@ def _import(folder: Path, recording: Path, *facts: str) -> None:
         return
     logs = [str(folder / name) for name in ("force.csv", "knob.csv") if (folder / name).exists()]
     command = [sys.executable, "-m", "tipforce", "import", str(folder / "frames"), *logs]
-    command += ["--bench", str(folder / "bench.toml"), "-o", str(recording)]
-    command += [word for fact in facts for word in ("--fact", fact)]
+    command += ["--bench", str(folder / "bench.toml"), "-o", str(recording), *options]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     said = [line for line in (done.stdout + done.stderr).splitlines() if "clock offset" in line or done.returncode]
     print(f"{recording.name}: {said[-1] if said else 'imported'}", flush=True)
