@@ -150,11 +150,13 @@ def _pressing(motion: Motion, time_s: FloatArray, rng: np.random.Generator) -> F
         breath = 0.5 - 0.5 * np.cos(2 * np.pi * motion.breath_hz * t)
         moved = (1 - motion.breath_share) * beat + motion.breath_share * breath
     else:
-        wandering = gaussian_filter1d(rng.standard_normal(len(t)), 0.35 / CONTROL_S, mode="wrap")
-        trembling = gaussian_filter1d(rng.standard_normal(len(t)), 0.06 / CONTROL_S, mode="wrap")
-        moved = wandering / wandering.std() + 0.06 * trembling / trembling.std()
-        moved = np.clip(moved, -1.5, 1.3)  # a hand rests at either end
-        moved -= moved.min()
+        moved = np.zeros(len(t))
+        while moved[t > 0].max() <= 0.0:  # a hand that rests all the time is drawn anew
+            wandering = gaussian_filter1d(rng.standard_normal(len(t)), 0.35 / CONTROL_S, mode="wrap")
+            trembling = gaussian_filter1d(rng.standard_normal(len(t)), 0.06 / CONTROL_S, mode="wrap")
+            moved = wandering / wandering.std() + 0.06 * trembling / trembling.std()
+            moved = np.clip(moved, -1.5, 1.3)  # it rests at either end
+            moved -= moved.min()
     begun = np.clip(t / 0.5, 0.0, 1.0)
     return np.where(t > 0, begun * moved / np.max(begun * moved), 0.0)
 
