@@ -14,6 +14,7 @@ from tipforce.types import read_bench
 __all__ = ["main"]
 
 SESSIONS = 20
+SECONDS = 4.2
 SAMPLES = 4
 """Light paths a pixel: what is left of their noise is that of a camera in a dim room."""
 GREY_SHARE = 0.35
@@ -21,7 +22,7 @@ FULL_AT = 0.98
 """The share of the first frame's pixels that the exposure leaves below full."""
 
 
-def generate(output: Path, seeds: range, samples: int, variant: str | None) -> None:
+def generate(output: Path, seeds: range, seconds: float, samples: int, variant: str | None) -> None:
     """Makes the sessions that are not there yet, and their recordings, whose clocks `mark` finds."""
     from .scene import use_mitsuba
 
@@ -31,7 +32,7 @@ def generate(output: Path, seeds: range, samples: int, variant: str | None) -> N
         if not folder.exists():
             mitsuba = mitsuba or use_mitsuba(variant)
             with replacing_folder(folder) as part:
-                _make_session(mitsuba, seed, part, output / f"{folder.name}.truth.npz", samples)
+                _make_session(mitsuba, seed, part, output / f"{folder.name}.truth.npz", seconds, samples)
         _import(folder, output / f"{folder.name}.mcap", "--offset-ms", "none")
 
 
@@ -69,13 +70,13 @@ def _import(folder: Path, recording: Path, *options: str) -> None:
     print(f"{recording.name}: {said[-1] if said else 'imported'}", flush=True)
 
 
-def _make_session(mitsuba: object, seed: int, folder: Path, truth: Path, samples: int) -> None:
+def _make_session(mitsuba: object, seed: int, folder: Path, truth: Path, seconds: float, samples: int) -> None:
     from .camera import draw_camera, expose
     from .scene import Scene
     from .session import draw_plan, frame_stamps, simulate, write_bench, write_logs, write_truth
 
     plan = draw_plan(seed)
-    run = simulate(plan)
+    run = simulate(plan, seconds)
     camera = draw_camera(plan, run)
     scene = Scene(mitsuba, plan, run, camera)
     rng = np.random.default_rng((seed, 6))
@@ -106,6 +107,7 @@ def main() -> None:
     made.add_argument("-o", "--output", type=Path, required=True)
     made.add_argument("--sessions", type=int, default=SESSIONS)
     made.add_argument("--first", type=int, default=0, help="seed of the first session")
+    made.add_argument("--seconds", type=float, default=SECONDS, help="length of a session")
     made.add_argument("--samples", type=int, default=SAMPLES, help="light paths a pixel")
     made.add_argument("--variant", help="of Mitsuba, such as scalar_rgb; by default the fastest that works")
     marked = verbs.add_parser("mark", help="import the sessions once more, the base marked")
@@ -124,7 +126,8 @@ def main() -> None:
     sheet.add_argument("-o", "--output", type=Path, required=True)
     chosen = parser.parse_args()
     if chosen.verb == "generate":
-        generate(chosen.output, range(chosen.first, chosen.first + chosen.sessions), chosen.samples, chosen.variant)
+        seeds = range(chosen.first, chosen.first + chosen.sessions)
+        generate(chosen.output, seeds, chosen.seconds, chosen.samples, chosen.variant)
     elif chosen.verb == "mark":
         mark(chosen.data, chosen.output)
     elif chosen.verb == "judge":

@@ -18,7 +18,7 @@ from .rod import LAWS, CableWorld, Rod, Tissue
 
 __all__ = ["FRAME_HZ", "Motion", "Plan", "Run", "draw_plan", "simulate", "write_bench", "write_logs", "write_truth"]
 
-FRAME_HZ, SECONDS = 12.0, 4.2
+FRAME_HZ = 12.0
 LEAD_S = 1.0
 """Contact-free at the beginning of every session, to tare the sensor."""
 CONTROL_S = 2e-3
@@ -184,7 +184,7 @@ def _depth_for(plan: Plan, curvature_per_m: float) -> tuple[FloatArray, float]:
     return touch, LONGEST_PRESS_M
 
 
-def simulate(plan: Plan, seconds: float = SECONDS, shortened: float = 1.0) -> Run:
+def simulate(plan: Plan, seconds: float, shortened: float = 1.0) -> Run:
     """Runs the session in MuJoCo. ``shortened``: how far the tissue goes, over what its peak force asks for."""
     rng = np.random.default_rng((plan.seed, 2))
     motion, tissue = plan.motion, plan.tissue
