@@ -1,6 +1,7 @@
 """``python -m benchmarks.foreign``: makes the sessions, judges models on them, checks the engine against theory."""
 
 import argparse
+import json
 import shutil
 import subprocess
 import sys
@@ -23,7 +24,7 @@ FULL_AT = 0.98
 
 
 def generate(output: Path, seeds: range, seconds: float, samples: int, variant: str | None) -> None:
-    """Makes the sessions that are not there yet, and their recordings, whose clocks `mark` finds."""
+    """Makes the sessions that are not there yet, and their recordings, whose clocks differ."""
     from .scene import use_mitsuba
 
     mitsuba = None
@@ -37,22 +38,25 @@ def generate(output: Path, seeds: range, seconds: float, samples: int, variant: 
 
 
 def mark(data: Path, output: Path) -> None:
-    """Imports the sessions of ``data`` once more, the base marked in the first frame as a person would."""
+    """Imports the sessions of ``data`` once more, as a person helps: base marked in the first frame, clocks known.
+
+    The sessions are too short to find the clocks on them: their offset is stated, as a trigger line tells it.
+    """
     output.mkdir(parents=True, exist_ok=True)
     for truth in sorted(data.glob("session_*.truth.npz")):
         folder = data / truth.name.removesuffix(".truth.npz")
         info = read_bench(folder / "bench.toml").view("camera")
         with np.load(truth) as found:
-            base = found["line_px"][0, 0]
+            base, plan = found["line_px"][0, 0], json.loads(str(found["plan"]))
         wide = 2.33e-3 / (info.metres_per_px or 2e-4)
         along = {"left": (1, 0), "right": (-1, 0), "top": (0, 1), "bottom": (0, -1)}[info.base_side or "left"]
         near, far = base + 2.0 * np.array(along), base + 3.0 * wide * np.array(along)
         aside = 2.5 * wide * np.abs(along[::-1])
         corners = np.round([np.minimum(near, far) - aside, np.maximum(near, far) + aside]).astype(int)
         shutil.copy2(truth, output / truth.name)
-        _import(
-            folder, output / f"{folder.name}.mcap", "--fact", f"views.camera.base_region={corners.ravel().tolist()}"
-        )
+        region = f"views.camera.base_region={corners.ravel().tolist()}"
+        offset_ms = f"{1e3 * plan['clock_offset_s']:.1f}"
+        _import(folder, output / f"{folder.name}.mcap", "--fact", region, f"--offset-ms={offset_ms}")
 
 
 def _import(folder: Path, recording: Path, *options: str) -> None:
