@@ -28,7 +28,7 @@ REST_TIME_S = 4e-3
 WALL_MASS_KG = 1e-3
 WALL_HALF_SIZE_M = (0.004, 0.06, 0.06)
 LOSS_TIME_S = 0.02
-"""Viscosity of the tissue over its stiffness: a loss factor near 0.17 at the heart's rate."""
+"""Viscosity of the tissue over its stiffness: a loss factor near 0.15 at the heart's rate."""
 HERTZ_DEPTH_M, STIFFENING_DEPTH_M = 4e-3, 3e-3
 LAWS: dict[str, Callable[[float], float]] = {
     "linear": lambda depth: depth,

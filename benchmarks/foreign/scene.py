@@ -59,10 +59,9 @@ def _grid_faces(rows: int, columns: int, closed: bool) -> IntArray:
 GROUNDS = (cloth, paper, wood, brushed, mottled)
 MORE_ON_METAL = 3
 """Paths over brushed metal, over those elsewhere: what is lit shows in it, and few paths find that."""
-AROUND = 20
 SHEATH_SHARE = 0.75
-PIECE_ROWS = 90
-DOME_ROWS = 14
+AROUND, PIECE_ROWS, DOME_ROWS = 20, 90, 14
+"""Vertices around a tube, along each piece of the catheter, along the dome of its tip."""
 
 
 class Scene:
@@ -78,7 +77,6 @@ class Scene:
         self._sheath_vertices: FloatArray | None = None
         self._pieces = self._cut_catheter()
         self._tissue_shape = self._draw_tissue()
-        self._moving: dict[str, tuple[int, int, bool]] = {}
         parts: dict[str, Any] = {
             "type": "scene",
             "integrator": {"type": "path", "max_depth": 4, "rr_depth": 4, "hide_emitters": False},
