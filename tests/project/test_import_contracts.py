@@ -84,6 +84,20 @@ def test_a_broken_contract_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert imported_packages(path) == {"estimators", "datasets"}
 
 
+def test_the_foreign_bench_shares_nothing_with_our_simulation() -> None:
+    """Neither our rods nor our renderer: no import of them, and no private module of any package."""
+    paths = sorted((SOURCE.parents[1] / "benchmarks").rglob("*.py"))
+    assert paths
+    for path in paths:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom) and not node.level and node.module:
+                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+            parts = [part for name in names if name.startswith("tipforce.") for part in name.split(".")[1:]]
+            assert not {"simulation", "mechanics", "limits", "geometry"} & set(parts), path.name
+            assert not [part for part in parts if part.startswith("_")], path.name
+
+
 def public_packages() -> list[str]:
     return [
         "tipforce",
