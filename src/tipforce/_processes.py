@@ -50,7 +50,7 @@ def signals_end_the_program() -> Generator[None]:
         return
 
     def first(number: int, frame: FrameType | None) -> None:
-        if _in_compiled_import(frame):
+        if _called_by_compiled_code(frame):
             _send_again(number)
             return
         for each in _ENDING:
@@ -92,9 +92,15 @@ def signals_end_the_program() -> Generator[None]:
             signal.signal(each, handler)
 
 
-def _in_compiled_import(frame: FrameType | None) -> bool:
-    """Whether ``frame`` is within the import of a compiled module: an exception in there can end in a crash."""
+def _called_by_compiled_code(frame: FrameType | None) -> bool:
+    """Whether ``frame`` is within a call that compiled code makes and after which it crashes if that raised.
+
+    These are the import of a compiled module, and the making of a named tuple that a compiled function returns.
+    """
     while frame is not None:
+        name: str = frame.f_globals.get("__name__", "")
+        if name.startswith("namedtuple_") or name == "numba.core.serialize":
+            return True
         if frame.f_code.co_qualname.startswith("ExtensionFileLoader."):
             return True
         frame = frame.f_back

@@ -184,3 +184,18 @@ except Interrupted as stop:
     print(*whole, stop.signal.name)
 """
     assert told_of(ENDING + program) == ["whole", "SIGINT"]
+
+
+def test_an_interrupt_while_a_compiled_function_makes_its_named_tuple_waits_for_it() -> None:
+    program = """
+whole = []
+# as collections.namedtuple makes its constructors
+within = eval("lambda signal: [signal(), whole.append('whole')]", {"__name__": "namedtuple_Fit", "whole": whole})
+try:
+    with signals_end_the_program():
+        within(interrupt)
+        time.sleep(20)
+except Interrupted as stop:
+    print(*whole, stop.signal.name)
+"""
+    assert told_of(ENDING + program) == ["whole", "SIGINT"]

@@ -1,5 +1,6 @@
 """A laboratory's own recording, imported with its bench.toml, satisfies every shipped model."""
 
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from tipforce.types import SessionInfo, Status, ViewInfo
 
 @pytest.mark.parametrize("name", pretrained_names())
 def test_it_answers_a_recording_that_was_imported_with_a_bench_file(bench: Path, name: str) -> None:
-    found = list(tipforce.estimate(f"pretrained/{name}", bench / "runs" / "session_00.mcap"))
+    found = list(islice(tipforce.estimate(f"pretrained/{name}", bench / "runs" / "session_00.mcap"), 60))
     assert not [each.detail for each in found if each.status is Status.MISSING_INPUT]
     if name == "compact":  # dcfe was trained on images of another size and abstains from some of these
         assert sum(each.valid for each in found) > 0.9 * len(found)

@@ -1,11 +1,14 @@
 """Every command of the README and of a model card runs, in a folder with files of those names."""
 
 import shutil
+from itertools import islice
 from pathlib import Path
 
 import pytest
 
 from tipforce.estimators import located, pretrained_names
+from tipforce.io import open_source, write_video
+from tipforce.types import Frame
 
 from .conftest import code_blocks, type_command  # type: ignore[import-not-found]
 
@@ -55,5 +58,9 @@ def test_the_command_of_a_model_card_runs(name: str, work_folder: Path) -> None:
     card = (folder / "README.md").read_text(encoding="utf-8")
     (line,) = [line for block in code_blocks(card) for line in block.splitlines()]
     assert "--bench bench.toml" in line
+    with open_source("video.mp4") as source:  # a second of it
+        frames = (event for event in source if isinstance(event, Frame))
+        write_video("second.mp4", islice(frames, 24), fps=24.0)
+    Path("second.mp4").replace("video.mp4")
     printed = type_command(line.replace("THIS_FOLDER", str(folder)))
     assert "missing_input" not in printed

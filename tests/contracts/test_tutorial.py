@@ -14,7 +14,7 @@ QUICKER = {
     "height=600": "height=240",
     "metres_per_px = 0.00016": "metres_per_px = 0.0004",
     "--samples 400 --set epochs=8": "--samples 60 --set epochs=1",
-    "--protocol saved": "--protocol saved --every 2",
+    "--protocol saved": "--protocol saved --every 8",
 }
 """What is replaced in the page so that it ends within a test: shorter sessions, smaller images, less training."""
 
