@@ -23,6 +23,7 @@ UNKNOWNS = (
     "precurvature_per_m",
     "stiffness",
     "proximal_stiffness",
+    "stiffening_m2",
     "length",
     "scale",
     "base_x_m",
@@ -32,31 +33,34 @@ UNKNOWNS = (
     "tilt_y_per_m",
     "distortion_per_m2",
 )
-"""Base frame of the prior: force; pre-curvature; relative changes of EI, of EI over the proximal third, of the flexible
-length and of the metres a pixel stands for; the clamp; the camera: a point at c from the middle of the image moves by
-c (tilt . c) + distortion |c|^2 c."""
+"""Force in the frame of the clamp; pre-curvature; relative changes of EI and of EI over the proximal third; 1 / k_s^2;
+relative changes of the flexible length and of the metres a pixel stands for; the clamp in the frame of the line; the
+camera: a point at c from the middle of the image moves by c (tilt . c) + distortion |c|^2 c."""
 FORCE = 2
 """The first two unknowns."""
-_FX, _FY, _K0, _EI, _PROXIMAL, _LENGTH, _SCALE, _X, _Y, _ANGLE, _TILT_X, _TILT_Y, _RADIAL = range(len(UNKNOWNS))
-_OF_ROD = 6
+_FX, _FY, _K0, _EI, _PROXIMAL, _SOFT, _LENGTH, _SCALE, _X, _Y, _ANGLE, _TILT_X, _TILT_Y, _RADIAL = range(len(UNKNOWNS))
+_OF_ROD = 7
 """The first ones change the rod's shape."""
 
-_SMALL_STEP = 0.02
+_SMALL_STEP = 0.05
 """The fit has converged when a step is shorter than this share of what the posterior leaves open."""
+_SMALL_GAIN = 1e-3
+"""Or when a step lowers the cost by less: a likelihood ratio that nothing depends on."""
 _MAX_TRIES = 40
+_MOST_DAMPING = 1e8
 _LONGEST_TURN = 1.5
 """A step that turns an element by more than this, rad, is taken for a jump to another branch, and halved."""
 
 
 class Model(NamedTuple):
-    """The rod as it is known beforehand: ``segments``, lengths, EI, 1 / k_s^2, and the share that `proximal` means."""
+    """The rod as it is known beforehand; what is off it is among the unknowns."""
 
     segments: int
     flexible_m: float
     rigid_m: float
     stiffness_nm2: float
-    soft: float
-    proximal: float
+    profile: FloatArray
+    """(segments + 1,): what EI is multiplied with at the joints."""
 
 
 class Line(NamedTuple):
@@ -89,6 +93,8 @@ class Work(NamedTuple):
     factor: FloatArray
     side: FloatArray
     tried: FloatArray
+    step: FloatArray
+    kept: FloatArray
 
 
 class Found(NamedTuple):
@@ -112,7 +118,7 @@ def make_work(model: Model, points: int, unknowns: int) -> Work:
         np.zeros(n), np.zeros(n), np.zeros((SCRATCH + 4, n)), np.zeros(n), np.zeros(n), np.zeros((n, 2)),
         np.zeros((2, n + 1)), np.zeros((_OF_ROD, 2, n + 1)), np.zeros(rows), np.zeros((rows, unknowns)),
         np.zeros((rows, unknowns + 1)), np.zeros((unknowns, unknowns)), np.zeros((unknowns, unknowns)),
-        np.zeros(unknowns), np.zeros(unknowns),
+        np.zeros(unknowns), np.zeros(unknowns), np.zeros(unknowns), np.zeros(n),
     )  # fmt: skip
 
 
@@ -123,9 +129,9 @@ def _solve_shape(q: FloatArray, model: Model, work: Work, cold: bool) -> tuple[b
     h = model.flexible_m * (1.0 + q[_LENGTH]) / model.segments
     for i in range(n):
         share = 1.0 + (q[_PROXIMAL] if 3 * i < model.segments else 0.0)
-        work.ei[i] = model.stiffness_nm2 * (1.0 + q[_EI]) * share
+        work.ei[i] = model.stiffness_nm2 * model.profile[i] * (1.0 + q[_EI]) * share
         work.k0[i] = q[_K0]
-    rod = Elastic(h, model.rigid_m, work.ei, work.k0, model.soft, model.stiffness_nm2 / model.flexible_m)
+    rod = Elastic(h, model.rigid_m, work.ei, work.k0, q[_SOFT], model.stiffness_nm2 / model.flexible_m)
     load = Load(q[_FX], q[_FY], 0.0, work.carried)
     if cold:
         angle = 0.0
@@ -163,7 +169,7 @@ def _turn_rates(q: FloatArray, model: Model, work: Work) -> None:
             else:
                 span = h if 0 < i < last else 0.5 * h
                 k = (work.theta[i] - previous) / span
-                stiffer = 1.0 + model.soft * k * k
+                stiffer = 1.0 + q[_SOFT] * k * k
                 bent = work.ei[i] * stiffer * (k - q[_K0])
                 if parameter == _K0:
                     joint = work.ei[i] * stiffer
@@ -171,8 +177,10 @@ def _turn_rates(q: FloatArray, model: Model, work: Work) -> None:
                     joint = -bent / (1.0 + q[_EI])
                 elif parameter == _PROXIMAL:
                     joint = -bent / (1.0 + q[_PROXIMAL]) if 3 * i < model.segments else 0.0
+                elif parameter == _SOFT:
+                    joint = -work.ei[i] * k * k * (k - q[_K0])
                 else:
-                    slope = work.ei[i] * (stiffer + 2.0 * model.soft * k * (k - q[_K0]))
+                    slope = work.ei[i] * (stiffer + 2.0 * q[_SOFT] * k * (k - q[_K0]))
                     joint = slope * k / h * per_length
                     if i < last:
                         value = per_length * (fy * cosine[i] - fx * sine[i])
@@ -201,7 +209,7 @@ def _turn_rates(q: FloatArray, model: Model, work: Work) -> None:
 
 
 @compiled
-def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: Work, want_slopes: bool) -> None:
+def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: Work) -> None:
     """What is left between the line and the model at ``q`` into ``residual``, its slopes into ``slopes``."""
     segments, p = model.segments, line.from_tip.size
     h = model.flexible_m * (1.0 + q[_LENGTH]) / segments
@@ -219,6 +227,12 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
             x = work.nodes[0, first] + share * (work.nodes[0, first + 1] - work.nodes[0, first])
             y = work.nodes[1, first] + share * (work.nodes[1, first + 1] - work.nodes[1, first])
             ex, ey = work.scratch[10, first], work.scratch[11, first]
+            if first < segments:  # the arc, not its chord: kinks would show beside a hundredth of a pixel
+                before, after = work.theta[first - 1] if first else 0.0, work.theta[first + 1]
+                bend = (after - before) / (2.0 if 0 < first < segments - 1 else 1.5)
+                sag, lean = -0.5 * bend * h * share * (1.0 - share), -0.5 * bend * (1.0 - 2.0 * share)
+                x, y = x - sag * ey, y + sag * ex
+                ex, ey = ex - lean * ey, ey + lean * ex
         rx, ry = (c * x - s * y) / larger, (s * x + c * y) / larger
         gx, gy = q[_X] + rx - line.middle[0], q[_Y] + ry - line.middle[1]
         tilt, square = q[_TILT_X] * gx + q[_TILT_Y] * gy, gx * gx + gy * gy
@@ -235,8 +249,6 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
             for k in range(modes.shape[1]):
                 value -= modes[row, k] * q[count - modes.shape[1] + k]
             work.residual[row] = value
-            if not want_slopes:
-                continue
             # through the camera's map: its slope is grow 1 + gx (tilt, ...)
             way = nx * gx + ny * gy
             ux = grow * nx + way * (q[_TILT_X] + 2.0 * q[_RADIAL] * gx)
@@ -274,7 +286,7 @@ def predict_line(
     converged, stable, firm = _solve_shape(q, model, work, cold)
     if converged and stable:
         _turn_rates(q, model, work)
-        _measure(q, model, line, modes, work, True)
+        _measure(q, model, line, modes, work)
     return converged, stable, firm
 
 
@@ -401,55 +413,53 @@ def fit_line(
         covariance: (unknowns, unknowns), filled (Laplace's approximation).
     """
     count = q.size
-    converged, stable, firm = predict_line(q, model, line, modes, work, cold)
-    if not (converged and stable):
-        return Found(math.inf, math.inf, math.nan, False, False, firm, 0)
-    cost, plain = _cost(q, mean, information, whiten, limit, work)
-    _assemble(q, mean, information, whiten, limit, work)
-    damping, iteration, done, tries = 0.0, 0, False, 0
-    kept = work.theta.copy()
-    while iteration < most and not done and tries < _MAX_TRIES:
-        tries += 1
-        if math.isnan(_factorise(work.matrix, damping, work.factor)):
-            damping = max(1e-3, 4.0 * damping)
-            continue
-        step = work.side.copy()
-        _solve(work.factor, step)
-        decrement = 0.0
-        for i in range(count):
-            work.tried[i] = q[i] + step[i]
-            decrement += step[i] * work.side[i]
-        done = decrement < _SMALL_STEP**2 and damping < 1e-2
+    cost, plain, firm, plain_there = math.inf, math.inf, 0.0, math.inf
+    damping, iteration, done, stable = 0.0, -1, False, False
+    for k in range(count):
+        work.tried[k] = q[k]
+    for _ in range(_MAX_TRIES):
         for i in range(work.theta.size):
-            kept[i] = work.theta[i]
-        ok, there_stable, there_firm = _solve_shape(work.tried, model, work, False)
+            work.kept[i] = work.theta[i]
+        converged, stable_there, firm_there = _solve_shape(work.tried, model, work, cold and iteration < 0)
         turned = 0.0
-        for i in range(work.theta.size):
-            turned = max(turned, abs(work.theta[i] - kept[i]))
+        if iteration >= 0:
+            for i in range(work.theta.size):
+                turned = max(turned, abs(work.theta[i] - work.kept[i]))
         tried_cost = math.inf
-        if ok and there_stable and turned < _LONGEST_TURN:
+        if converged and stable_there and turned < _LONGEST_TURN:
             _turn_rates(work.tried, model, work)
-            _measure(work.tried, model, line, modes, work, True)
+            _measure(work.tried, model, line, modes, work)
             tried_cost, plain_there = _cost(work.tried, mean, information, whiten, limit, work)
-        if tried_cost <= cost + 1e-9 * abs(cost):
-            for i in range(count):
-                q[i] = work.tried[i]
-            cost, plain, firm = tried_cost, plain_there, there_firm
+        if iteration < 0 and tried_cost == math.inf:
+            return Found(math.inf, math.inf, math.nan, False, stable_there, firm_there, 0)
+        if tried_cost <= cost:
+            done = done or cost - tried_cost < _SMALL_GAIN
+            for k in range(count):
+                q[k] = work.tried[k]
+            cost, plain, firm, stable = tried_cost, plain_there, firm_there, stable_there
             _assemble(q, mean, information, whiten, limit, work)
             damping = 0.0 if damping < 1e-3 else 0.2 * damping
             iteration += 1
         else:
             for i in range(work.theta.size):
-                work.theta[i] = kept[i]
+                work.theta[i] = work.kept[i]
             damping = max(1e-2, 6.0 * damping)
-            if done:
-                break
-            if damping > 1e8:
-                break
+        if done or iteration == most or damping > _MOST_DAMPING:
+            break
+        while math.isnan(_factorise(work.matrix, damping, work.factor)):
+            damping = max(1e-3, 4.0 * damping)
+        decrement = 0.0
+        for k in range(count):
+            work.step[k] = work.side[k]
+        _solve(work.factor, work.step)
+        for k in range(count):
+            work.tried[k] = q[k] + work.step[k]
+            decrement += work.step[k] * work.side[k]
+        done = decrement < _SMALL_STEP**2 and damping < 1e-2
     log_det = _factorise(work.matrix, 0.0, work.factor)
     for a in range(count):
         column = covariance[a]
         for b in range(count):
             column[b] = 1.0 if a == b else 0.0
         _solve(work.factor, column)
-    return Found(cost, plain, log_det, done, True, firm, iteration)
+    return Found(cost, plain, log_det, done, stable, firm, iteration)
