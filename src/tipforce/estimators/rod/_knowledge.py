@@ -18,7 +18,7 @@ from ._settings import NoiseSettings, RodSettings
 __all__ = ["HELD", "MODES", "NEEDED", "Knowledge", "LineError", "rod_model"]
 
 MODES = 6
-"""So many shapes of the error that stays for a session are unknowns of `rod-track`; what they leave is taken as fresh."""
+"""So many shapes of the error that stays for a session are unknowns of `rod-track`; the rest counts as fresh."""
 HELD = 1e12
 """Information that holds an unknown, in 1/N^2: to a microlewton."""
 NEEDED = ("catheter.flexible_length_m", "catheter.bending_stiffness_nm2")
@@ -64,17 +64,13 @@ class LineError:
 class Knowledge:
     """Gaussians of what is unknown: constants of a session (`UNKNOWNS` behind the force), relative to its metadata.
 
-    ``constants``, ``constants_covariance``; ``force_n`` (2,), ``force_covariance_n2`` (2, 2): in contact;
-    ``contact_share``; ``noise_factor``: standard deviation of the line's error over that of the settings; ``sessions``
-    that this was learnt from, 0: the settings' own.
+    ``constants`` and ``constants_covariance``; ``contact_share``: of the frames; ``sessions``: so many this was learnt
+    from, 0: it is the settings' own.
     """
 
     constants: FloatArray
     constants_covariance: FloatArray
-    force_n: FloatArray
-    force_covariance_n2: FloatArray
     contact_share: float
-    noise_factor: float = 1.0
     sessions: int = 0
 
     @classmethod
@@ -89,9 +85,7 @@ class Knowledge:
             prior.scale, prior.base_position_m, prior.base_position_m, angle, prior.tilt_per_m, prior.tilt_per_m,
             prior.distortion_per_m2,
         ]  # fmt: skip
-        return cls(
-            mean, np.diag(np.square(std)), np.zeros(2), prior.force_n**2 * np.eye(2), prior.contact_share
-        )
+        return cls(mean, np.diag(np.square(std)), prior.contact_share)
 
     def for_session(self, settings: RodSettings, info: SessionInfo, knob_deg: float) -> tuple[FloatArray, FloatArray]:
         """Mean and covariance of the constants at a knob angle; NaN: there is none."""
@@ -113,9 +107,8 @@ class Knowledge:
         return {
             "constants": self.constants,
             "constants_covariance": self.constants_covariance,
-            "force_n": self.force_n,
-            "force_covariance_n2": self.force_covariance_n2,
-            "scalars": np.array([self.contact_share, self.noise_factor, float(self.sessions)]),
+            "contact_share": np.array(self.contact_share),
+            "sessions": np.array(self.sessions),
         }
 
     @classmethod
@@ -123,25 +116,22 @@ class Knowledge:
         """Raises KeyError or ValueError where ``arrays`` are not those of `arrays`."""
         count = len(UNKNOWNS) - FORCE
         shapes = {
-            "constants": (count,), "constants_covariance": (count, count), "force_n": (2,),
-            "force_covariance_n2": (2, 2), "scalars": (3,),
+            "constants": (count,), "constants_covariance": (count, count), "contact_share": (), "sessions": (),
         }  # fmt: skip
         for name, shape in shapes.items():
             if arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
                 raise ValueError(f"{name}: expected finite numbers {shape}, got {arrays[name].shape}")
-        for name in ("constants_covariance", "force_covariance_n2"):
-            if not (np.linalg.eigvalsh(_scaled(arrays[name])) > 0).all():
-                raise ValueError(f"{name} is no covariance")
-        share, factor, sessions = arrays["scalars"].tolist()
-        if not (0.0 < share < 1.0 and factor > 0.0 and sessions >= 0):
-            raise ValueError(f"expected a share of contact within 0 and 1 and a positive factor, got {share}, {factor}")
-        names = list(shapes)[:-1]
-        values = [np.asarray(arrays[name], np.float64) for name in names]
-        return cls(values[0], values[1], values[2], values[3], share, factor, int(sessions))
+        mean, covariance = (np.asarray(arrays[name], np.float64) for name in list(shapes)[:2])
+        if not (np.diag(covariance) > 0).all() or not (np.linalg.eigvalsh(_scaled(covariance)) > 0).all():
+            raise ValueError("constants_covariance is no covariance")
+        share, sessions = float(arrays["contact_share"]), int(arrays["sessions"])
+        if not (0.0 < share < 1.0 and sessions >= 0):
+            raise ValueError(f"expected a share of contact within 0 and 1, and sessions, got {share}, {sessions}")
+        return cls(mean, covariance, share, sessions)
 
 
 def _scaled(covariance: FloatArray) -> FloatArray:
-    std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    std = np.sqrt(np.diag(covariance))
     return covariance / np.outer(std, std)
 
 

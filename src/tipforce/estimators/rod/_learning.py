@@ -25,6 +25,8 @@ __all__ = ["learn"]
 
 _FRAMES = 48
 """So many frames of each session, from all over it."""
+_STATED = ("length", "scale", "tilt_x_per_m", "tilt_y_per_m", "distortion_per_m2")
+"""Constants of which the settings' priors stay: they say how well a bench is measured, and the image hardly tells."""
 _ROUNDS = 3
 _WEIGHT = 2.0
 _SENSOR_STD_N = 8e-3
@@ -58,13 +60,13 @@ def learn(settings: RodSettings, dataset: Dataset, progress: Progress) -> Knowle
     knowledge = stated
     for turn in range(_ROUNDS):
         progress("learning the priors", 0.7 + 0.3 * turn / _ROUNDS)
-        means, covariances, misfits = [], [], []
+        means: list[FloatArray] = []
+        covariances: list[FloatArray] = []
         for session in sessions:
-            mean, covariance, misfit = _posterior(settings, knowledge, session)
+            mean, covariance = _posterior(settings, knowledge, session)
             means.append(mean)
             covariances.append(covariance)
-            misfits.append(misfit)
-        knowledge = _maximised(settings, stated, knowledge, sessions, means, covariances, misfits)
+        knowledge = _maximised(settings, stated, knowledge, sessions, means, covariances)
     progress("learning the priors", 1.0)
     return knowledge
 
@@ -89,13 +91,10 @@ def _read(settings: RodSettings, dataset: Dataset, name: str) -> _Session:
     return _Session(info, lines, scale, np.array(knobs), np.array(forces).reshape(-1, FORCE))
 
 
-def _posterior(
-    settings: RodSettings, knowledge: Knowledge, session: _Session
-) -> tuple[FloatArray, FloatArray, float]:
-    """Mean and covariance of a session's constants, relative to its metadata, and the mean square misfit."""
+def _posterior(settings: RodSettings, knowledge: Knowledge, session: _Session) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance of a session's constants, relative to its metadata."""
     error = LineError.of(settings.noise, MODES)
-    scale = session.scale * knowledge.noise_factor
-    modes, whiten = error.modes * scale, error.whiten / scale
+    modes, whiten = error.modes * session.scale, error.whiten / session.scale
     constants = len(UNKNOWNS) - FORCE
     count = len(UNKNOWNS) + MODES
     model = rod_model(session.info, settings.segments)
@@ -104,7 +103,6 @@ def _posterior(
     shift, covariance[:constants, :constants] = knowledge.for_session(settings, session.info, session.knob_deg[0])
     mean[:constants] = shift
     result = np.zeros((count, count))
-    misfits: list[float] = []
     gain = session.info.actuation.knob_gain_per_m_deg or 0.0
     for k, line in enumerate(session.lines):
         mean[0] += gain * float(np.nan_to_num(session.knob_deg[k] - session.knob_deg[max(k - 1, 0)]))
@@ -122,11 +120,9 @@ def _posterior(
         if not found.converged or found.chi2 > 10.0 * settings.max_misfit * (POINTS + 1):
             continue
         mean, covariance = q[FORCE:].copy(), 0.5 * (result + result.T)[FORCE:, FORCE:]
-        if 2 * k >= len(session.lines):
-            misfits.append(found.chi2 / (POINTS + 1))
     relative = mean[:constants].copy()
     relative[0] -= gain * float(np.nan_to_num(session.knob_deg[-1]))
-    return relative, covariance[:constants, :constants], float(np.median(misfits)) if misfits else 1.0
+    return relative, covariance[:constants, :constants]
 
 
 def _maximised(
@@ -136,7 +132,6 @@ def _maximised(
     sessions: Sequence[_Session],
     means: Sequence[FloatArray],
     covariances: Sequence[FloatArray],
-    misfits: Sequence[float],
 ) -> Knowledge:
     count = len(means)
     first = stated.for_session(settings, sessions[0].info, sessions[0].knob_deg[0])[1]
@@ -145,16 +140,15 @@ def _maximised(
     spread = np.sum(apart[:-1], axis=0) + np.sum(covariances, axis=0) + _WEIGHT * (first + apart[-1])
     force = np.concatenate([each.force_n for each in sessions])
     touching = np.linalg.norm(force, axis=1) > _CONTACT_N
-    learnt = replace(
+    covariance = spread / (count + _WEIGHT)
+    kept = [UNKNOWNS.index(name) - FORCE for name in _STATED]
+    mean[kept] = stated.constants[kept]
+    covariance[kept] = covariance[:, kept] = 0.0
+    covariance[kept, kept] = first[kept, kept]
+    return replace(
         knowledge,
         constants=mean,
-        constants_covariance=spread / (count + _WEIGHT),
-        noise_factor=knowledge.noise_factor * float(np.sqrt(np.clip(np.median(misfits), 0.05, 20.0))),
+        constants_covariance=covariance,
         contact_share=float(np.clip(touching.mean(), _LEAST_SHARE, 1.0 - _LEAST_SHARE)),
         sessions=count,
     )
-    if touching.sum() < 2 * _FRAMES:
-        return learnt
-    pressed = force[touching]
-    centre = pressed.mean(axis=0)
-    return replace(learnt, force_n=centre, force_covariance_n2=np.cov(pressed.T))

@@ -21,12 +21,10 @@ def _line(
     n = points_px.shape[0]
     arc = np.zeros(n)
     for i in range(1, n):
-        arc[i] = arc[i - 1] + math.hypot(
-            points_px[i, 0] - points_px[i - 1, 0], points_px[i, 1] - points_px[i - 1, 1]
-        )
+        arc[i] = arc[i - 1] + math.hypot(points_px[i, 0] - points_px[i - 1, 0], points_px[i, 1] - points_px[i - 1, 1])
     points, normals, from_tip = np.empty((POINTS, 2)), np.empty((POINTS, 2)), np.empty(POINTS)
     for k in range(POINTS):
-        i = int(round(k * (n - 1) / (POINTS - 1)))
+        i = round(k * (n - 1) / (POINTS - 1))
         u, v = points_px[i, 0] - u0, points_px[i, 1] - v0
         before, after = max(i - 1, 0), min(i + 1, n - 1)
         du, dv = points_px[after, 0] - points_px[before, 0], points_px[after, 1] - points_px[before, 1]
@@ -66,7 +64,5 @@ class LineFrame:
 
     def line(self, centreline: CentrelinePx) -> Line:
         """Returns the line of at least three points, base to tip."""
-        points, normals, from_tip = _line(
-            centreline.points, self.scale_m_per_px, self._c, self._s, self._u, self._v
-        )
+        points, normals, from_tip = _line(centreline.points, self.scale_m_per_px, self._c, self._s, self._u, self._v)
         return Line(points, normals, from_tip, self._middle)

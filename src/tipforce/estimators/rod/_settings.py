@@ -1,4 +1,4 @@
-"""Settings of the rod estimators: what is known beforehand of a session, as standard deviations, and when to abstain."""
+"""Settings of the rod estimators: what is known of a session beforehand, as standard deviations; when to abstain."""
 
 from typing import Annotated
 
@@ -86,7 +86,7 @@ class RodSettings(BaseModel):
     """Of the flexible length."""
     max_misfit: _Std = 4.0
     """Abstains where the mean square misfit of the rod is larger, in the noise's variances."""
-    max_std_n: _Std = 0.6
+    max_std_n: _Std = 1.2
     """Abstains where the image alone leaves a direction of the force open by more than this."""
     max_precurvature_per_m: _Std = 60.0
     """Abstains where the knob asks for more."""

@@ -32,6 +32,8 @@ from ._settings import RodSettings
 __all__ = ["Rod", "RodEstimator", "RodStream"]
 
 _STEPS = 30
+_HALF = math.log(0.5)
+"""Of the prior's forces push at the tip."""
 _FIRM = 2e-3
 """Softest pivot of the rod's Hessian, over EI / h, below which a fold is near."""
 
@@ -115,10 +117,7 @@ class RodEstimator(Estimator):
                 name: {"mean": mean, "std": each}
                 for name, mean, each in zip(names, knowledge.constants.tolist(), std.tolist(), strict=True)
             },
-            "force_n": knowledge.force_n.tolist(),
-            "force_std_n": np.sqrt(np.diag(knowledge.force_covariance_n2)).tolist(),
             "contact_share": knowledge.contact_share,
-            "noise_factor": knowledge.noise_factor,
             "sessions": knowledge.sessions,
             "interval_basis": widths.basis,
         }
@@ -207,8 +206,9 @@ class ContactFit:
         self._work = [make_work(model, POINTS, self._count) for _ in range(2)]
         self._covariance = np.zeros((self._count, self._count))
         self._spare = np.zeros((self._count, self._count))
-        self._force_information = np.linalg.inv(knowledge.force_covariance_n2)
+        self._force_information = np.eye(FORCE) / settings.prior.force_n**2
         self._last: FloatArray | None = None
+        self._last_free: FloatArray | None = None
         self._held: tuple[FloatArray, FloatArray, FloatArray, FloatArray, float] | None = None
         self._scale, self._whiten = 0.0, self._error.whiten
 
@@ -218,24 +218,23 @@ class ContactFit:
         """Force, covariance, probability of contact. ``mean``, ``covariance``: of the session's constants."""
         if scale != self._scale:
             self._scale = scale
-            self._whiten = self._error.whiten / (scale * self._knowledge.noise_factor)
+            self._whiten = self._error.whiten / scale
         if self._held is None or not (np.array_equal(self._held[0], mean)):
             information = np.zeros((self._count, self._count))
             information[FORCE:, FORCE:] = np.linalg.inv(covariance)
             free, touching = information.copy(), information
             free[:FORCE, :FORCE] = HELD * np.eye(2)
             touching[:FORCE, :FORCE] = self._force_information
-            log_ratio = 0.5 * (np.linalg.slogdet(self._force_information)[1] - 2 * math.log(HELD))
-            whole = np.concatenate([self._knowledge.force_n, mean])
-            self._held = (mean.copy(), whole, free, touching, float(log_ratio))
+            log_ratio = -math.log(HELD * self._settings.prior.force_n**2)
+            whole = np.concatenate([np.zeros(FORCE), mean])
+            self._held = (mean.copy(), whole, free, touching, log_ratio)
         _, whole, free, touching, log_ratio = self._held
-        nothing = whole.copy()
-        nothing[:FORCE] = 0.0
-        start = nothing.copy()
+        start = whole.copy()
         base = line.points[0]
         start[UNKNOWNS.index("base_x_m")], start[UNKNOWNS.index("base_y_m")] = base[0], base[1]
-        q = start.copy()
-        without = self._fit(q, nothing, free, line, 0, self._spare, cold=True)
+        q = start if self._last_free is None else self._last_free
+        without = self._fit(q, whole, free, line, 0, self._spare, cold=self._last_free is None)
+        self._last_free = q.copy() if without.converged else None
         starts = [q.copy()] if self._last is None else [self._last.copy(), q.copy()]
         best: Found | None = None
         angle = 0.0
@@ -248,12 +247,11 @@ class ContactFit:
             if best.converged and best.chi2 <= self._settings.max_misfit * (POINTS + 1):
                 break
         assert best is not None
-        if not best.converged:
-            self._last = None
-            return Abstention(Status.FOLD, "no stable shape of the rod fits the centreline: it is near a fold")
         misfit = min(best.chi2, without.chi2) / (POINTS + 1)
-        if not misfit <= self._settings.max_misfit:
+        if not (best.converged and misfit <= self._settings.max_misfit):
             self._last = None
+            if best.firmness < _FIRM:
+                return Abstention(Status.FOLD, "no stable shape of the rod fits the centreline: it is near a fold")
             return Abstention(
                 Status.OUT_OF_DISTRIBUTION,
                 f"no force at the tip bends the stated rod into this shape: the mean square misfit is {misfit:.1f}, "
@@ -272,10 +270,9 @@ class ContactFit:
                 f"the shape leaves a direction of the force open by {worst:.2g} N: it is pushed along its own axis",
             )
         force, spread, left = truncated(q[:FORCE].copy(), spread.copy(), angle)
-        prior_left = truncated(self._knowledge.force_n, self._knowledge.force_covariance_n2, angle)[2]
         share = self._knowledge.contact_share
         evidence = log_ratio + (without.cost - best.cost) + 0.5 * (without.log_det - best.log_det)
-        mixed = mix_contact(force, spread, evidence + left - prior_left + math.log(share / (1.0 - share)))
+        mixed = mix_contact(force, spread, evidence + left - _HALF + math.log(share / (1.0 - share)))
         return mixed.force_n, mixed.covariance_n2, mixed.contact
 
     def _fit(

@@ -44,9 +44,12 @@ _OF_ROD = 7
 
 _SMALL_STEP = 0.05
 """The fit has converged when a step is shorter than this share of what the posterior leaves open."""
+_FIRST_EASE, _EASE_STEP, _EASED_GAIN = 1.0 / 64.0, 8.0, 0.5
+"""A cold start first takes the line's noise for so much larger: else the first step runs along what the line hardly
+tells, into a bent valley of the cost. Then it shrinks, as soon as a step gains little."""
 _SMALL_GAIN = 1e-3
 """Or when a step lowers the cost by less: a likelihood ratio that nothing depends on."""
-_MAX_TRIES = 40
+_MAX_TRIES = 100
 _MOST_DAMPING = 1e8
 _LONGEST_TURN = 1.5
 """A step that turns an element by more than this, rad, is taken for a jump to another branch, and halved."""
@@ -98,8 +101,10 @@ class Work(NamedTuple):
 
 
 class Found(NamedTuple):
-    """``cost``: minus the logarithm of the posterior density, up to a constant. ``chi2``: squares of the whitened
-    misfit, not bounded. ``firmness``: smallest pivot of the rod's Hessian over EI / h: near 0 close to a fold.
+    """``cost``: minus the logarithm of the posterior density, up to a constant; ``log_det`` of its information.
+
+    ``chi2``: squares of the whitened misfit, not bounded. ``firmness``: smallest pivot of the rod's Hessian over
+    EI / h; near 0 close to a fold.
     """
 
     cost: float
@@ -266,8 +271,8 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
                 my = moves[1, first] + share * (moves[1, first + 1] - moves[1, first])
                 work.slopes[row, k] = bx * mx + by * my
                 if k == _LENGTH:  # the share of the element at this distance from the tip changes, too
-                    work.slopes[row, k] += along * model.flexible_m * (
-                        1.0 - (first + (share if first < segments else 0.0)) / segments
+                    work.slopes[row, k] += (
+                        along * model.flexible_m * (1.0 - (first + (share if first < segments else 0.0)) / segments)
                     )
             work.slopes[row, _SCALE] = -(ux * rx + uy * ry) / larger - along * line.from_tip[i]
             work.slopes[row, _X], work.slopes[row, _Y] = ux, uy
@@ -292,7 +297,13 @@ def predict_line(
 
 @compiled
 def _cost(
-    q: FloatArray, mean: FloatArray, information: FloatArray, whiten: FloatArray, limit: float, work: Work
+    q: FloatArray,
+    mean: FloatArray,
+    information: FloatArray,
+    whiten: FloatArray,
+    ease: float,
+    limit: float,
+    work: Work,
 ) -> tuple[float, float]:
     """Huber's loss of the whitened residual plus the prior's; the plain sum of squares. Fills ``white``'s last."""
     rows, count = work.residual.size, q.size
@@ -301,6 +312,7 @@ def _cost(
         value = 0.0
         for j in range(i + 1):
             value += whiten[i, j] * work.residual[j]
+        value *= ease
         work.white[i, count] = value
         size = abs(value)
         plain += value * value
@@ -315,7 +327,13 @@ def _cost(
 
 @compiled
 def _assemble(
-    q: FloatArray, mean: FloatArray, information: FloatArray, whiten: FloatArray, limit: float, work: Work
+    q: FloatArray,
+    mean: FloatArray,
+    information: FloatArray,
+    whiten: FloatArray,
+    ease: float,
+    limit: float,
+    work: Work,
 ) -> None:
     """Posterior information at ``q`` into ``matrix``, minus the gradient of the cost into ``side``."""
     rows, count = work.residual.size, q.size
@@ -325,7 +343,7 @@ def _assemble(
         for k in range(count):
             work.white[i, k] = 0.0
         for j in range(i + 1):
-            share = weight * whiten[i, j]
+            share = ease * weight * whiten[i, j]
             for k in range(count):
                 work.white[i, k] += share * work.slopes[j, k]
         work.white[i, count] *= weight
@@ -415,6 +433,8 @@ def fit_line(
     count = q.size
     cost, plain, firm, plain_there = math.inf, math.inf, 0.0, math.inf
     damping, iteration, done, stable = 0.0, -1, False, False
+    bound, largest = 1e300, 0.0  # far from the line, squares lead to it sooner
+    ease = _FIRST_EASE if cold else 1.0
     for k in range(count):
         work.tried[k] = q[k]
     for _ in range(_MAX_TRIES):
@@ -429,22 +449,34 @@ def fit_line(
         if converged and stable_there and turned < _LONGEST_TURN:
             _turn_rates(work.tried, model, work)
             _measure(work.tried, model, line, modes, work)
-            tried_cost, plain_there = _cost(work.tried, mean, information, whiten, limit, work)
+            tried_cost, plain_there = _cost(work.tried, mean, information, whiten, ease, bound, work)
         if iteration < 0 and tried_cost == math.inf:
             return Found(math.inf, math.inf, math.nan, False, stable_there, firm_there, 0)
         if tried_cost <= cost:
-            done = done or cost - tried_cost < _SMALL_GAIN
+            done = done or (damping < 1e-2 and cost - tried_cost < (_SMALL_GAIN if ease == 1.0 else _EASED_GAIN))
             for k in range(count):
                 q[k] = work.tried[k]
             cost, plain, firm, stable = tried_cost, plain_there, firm_there, stable_there
-            _assemble(q, mean, information, whiten, limit, work)
+            largest = 0.0
+            for i in range(work.residual.size):
+                largest = max(largest, abs(work.white[i, count]))
+            _assemble(q, mean, information, whiten, ease, bound, work)
             damping = 0.0 if damping < 1e-3 else 0.2 * damping
             iteration += 1
         else:
             for i in range(work.theta.size):
                 work.theta[i] = work.kept[i]
             damping = max(1e-2, 6.0 * damping)
-        if done or iteration == most or damping > _MOST_DAMPING:
+        if done and (ease < 1.0 or (bound > limit and largest > limit)):
+            if ease < 1.0:
+                ease = min(1.0, _EASE_STEP * ease)
+            else:
+                bound = limit
+            cost, done, damping = math.inf, False, 0.0
+            for k in range(count):
+                work.tried[k] = q[k]
+            continue
+        if done or iteration >= most or damping > _MOST_DAMPING:
             break
         while math.isnan(_factorise(work.matrix, damping, work.factor)):
             damping = max(1e-3, 4.0 * damping)
