@@ -41,7 +41,7 @@ class Widths:
         factors = [float(values[name]) for name in ("fx", "fy", "magnitude")]
         if not all(math.isfinite(each) and each > 0 for each in factors):
             raise ValueError(f"factors of intervals must be positive, got {factors}")
-        return cls(*factors, str(values["basis"]))
+        return cls(factors[0], factors[1], factors[2], str(values["basis"]))
 
     def estimate(
         self, stamp_ns: int, force: FloatArray, covariance: FloatArray, contact: float, shape: DetectedShape | None
@@ -104,4 +104,4 @@ def calibrated_widths(found: Sequence[ForceEstimate], dataset: Dataset) -> Width
         error = np.linalg.norm(force, axis=1) - size
         factors[2] = conformal_half_width(error / (_GAUSS_90 * std[:, 2]), session, basis)
     finite = [each if math.isfinite(each) else 1.0 for each in factors]
-    return Widths(*finite, basis.text)
+    return Widths(finite[0], finite[1], finite[2], basis.text)

@@ -57,7 +57,8 @@ class LineError:
         whole = fresh + lasting - kept @ kept.T
         whole = 0.5 * (whole + whole.T)
         root = np.linalg.cholesky(whole)
-        return cls(whole, np.ascontiguousarray(np.tril(np.linalg.inv(root))), np.ascontiguousarray(kept))
+        whiten = np.asarray(np.tril(np.linalg.inv(root)), np.float64)
+        return cls(whole, np.ascontiguousarray(whiten), np.ascontiguousarray(kept))
 
 
 @dataclass(frozen=True, eq=False)

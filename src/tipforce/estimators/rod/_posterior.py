@@ -36,8 +36,8 @@ def truncated(mean: FloatArray, covariance: FloatArray, angle: float) -> tuple[F
     """
     a = np.array([-math.cos(angle), -math.sin(angle)])
     along = covariance @ a
-    std = math.sqrt(max(a @ along, 1e-30))
-    at = (a @ mean) / std
+    std = math.sqrt(max(float(a @ along), 1e-30))
+    at = float(a @ mean) / std
     left = _log_normal_share(at)
     ratio = math.exp(-0.5 * at * at - 0.5 * math.log(2.0 * math.pi) - left)
     shift = along / std

@@ -97,13 +97,15 @@ class RodTrackSettings(RodSettings):
 
     force_rate_n_per_s: _Std = 1.0
     """How fast the force changes in contact."""
-    contact_s: _Std = 0.4
+    force_rate_s: _Std = 0.15
+    """How long it goes on changing so."""
+    contact_s: _Std = 0.5
     """Mean time in contact, and without."""
-    drift_per_m: _Std = 0.05
-    """Standard deviation of the curvature's slow drift, with the time constant ``drift_s``."""
-    drift_s: _Std = 20.0
-    base_walk_m: Annotated[float, Field(ge=0, le=1)] = 1e-5
-    """Random walk of the clamp's position in a second."""
-    base_walk_deg: Annotated[float, Field(ge=0, le=90)] = 0.01
+    knob_drift: _Std = 0.01
+    """Relative slow drift of the knob's curvature, with the time constant ``knob_drift_s``."""
+    knob_drift_s: _Std = 20.0
+    base_walk_m: Annotated[float, Field(ge=0, le=1)] = 2e-5
+    """Random walk of the clamp's position in a second, and, in degrees, of its direction."""
+    base_walk_deg: Annotated[float, Field(ge=0, le=90)] = 0.02
     gap_s: _Std = 1.0
     """After so long without a frame nothing is known of the force."""

@@ -103,7 +103,7 @@ class RodEstimator(Estimator):
         """The inverse of `state`."""
         if values["unknowns"] != list(UNKNOWNS):
             raise ModelError(f"the model was made for the unknowns {values['unknowns']}; train it again")
-        made = cls(cls.settings_type.model_validate(settings))
+        made = cls(cls.settings_type.model_validate(settings))  # type: ignore[arg-type]
         made.fitted_ = _Fitted(Knowledge.of(arrays), Widths.of(values["widths"]))
         return made
 

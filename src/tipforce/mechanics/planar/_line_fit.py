@@ -49,8 +49,10 @@ _FIRST_EASE, _EASE_STEP, _EASED_GAIN = 1.0 / 64.0, 8.0, 0.5
 tells, into a bent valley of the cost. Then it shrinks, as soon as a step gains little."""
 _SMALL_GAIN = 1e-3
 """Or when a step lowers the cost by less: a likelihood ratio that nothing depends on."""
-_MAX_TRIES = 100
+_TRIES_PER_STEP = 2
 _MOST_DAMPING = 1e8
+_MOST_LOAD, _MOST_BEND, _LEAST_SOFT = 10.0, 2.0 * math.pi, -1e-4
+"""Force x length^2 / EI, four times what buckles the rod; turn of the unloaded rod, rad; softening with curvature."""
 _LONGEST_TURN = 1.5
 """A step that turns an element by more than this, rad, is taken for a jump to another branch, and halved."""
 
@@ -125,6 +127,16 @@ def make_work(model: Model, points: int, unknowns: int) -> Work:
         np.zeros((rows, unknowns + 1)), np.zeros((unknowns, unknowns)), np.zeros((unknowns, unknowns)),
         np.zeros(unknowns), np.zeros(unknowns), np.zeros(unknowns), np.zeros(n),
     )  # fmt: skip
+
+
+@compiled
+def _is_possible(q: FloatArray, model: Model) -> bool:
+    """Whether there is such a rod, under a load that its solver is made for; NaN is none."""
+    size = math.hypot(q[_FX], q[_FY]) * model.flexible_m**2 / model.stiffness_nm2
+    stiff = min(1.0 + q[_EI], 1.0 + q[_PROXIMAL], 1.0 + q[_LENGTH], 1.0 + q[_SCALE]) > 0.3
+    bend = abs(q[_K0]) * model.flexible_m
+    # where stiffness would fall with the curvature there is no unique shape
+    return size < _MOST_LOAD and stiff and bend < _MOST_BEND and _LEAST_SOFT < q[_SOFT] and q[_SOFT] * q[_K0] ** 2 < 3.0
 
 
 @compiled
@@ -437,10 +449,12 @@ def fit_line(
     ease = _FIRST_EASE if cold else 1.0
     for k in range(count):
         work.tried[k] = q[k]
-    for _ in range(_MAX_TRIES):
+    for _ in range(_TRIES_PER_STEP * most + 4):
         for i in range(work.theta.size):
             work.kept[i] = work.theta[i]
-        converged, stable_there, firm_there = _solve_shape(work.tried, model, work, cold and iteration < 0)
+        converged, stable_there, firm_there = False, False, 0.0
+        if _is_possible(work.tried, model):
+            converged, stable_there, firm_there = _solve_shape(work.tried, model, work, cold and iteration < 0)
         turned = 0.0
         if iteration >= 0:
             for i in range(work.theta.size):
@@ -478,8 +492,10 @@ def fit_line(
             continue
         if done or iteration >= most or damping > _MOST_DAMPING:
             break
-        while math.isnan(_factorise(work.matrix, damping, work.factor)):
+        while damping <= _MOST_DAMPING and math.isnan(_factorise(work.matrix, damping, work.factor)):
             damping = max(1e-3, 4.0 * damping)
+        if damping > _MOST_DAMPING:
+            break
         decrement = 0.0
         for k in range(count):
             work.step[k] = work.side[k]
@@ -494,4 +510,4 @@ def fit_line(
         for b in range(count):
             column[b] = 1.0 if a == b else 0.0
         _solve(work.factor, column)
-    return Found(cost, plain, log_det, done, stable, firm, iteration)
+    return Found(cost, plain, log_det, done and not math.isnan(log_det), stable, firm, iteration)
