@@ -8,12 +8,12 @@ from pydantic import BaseModel
 from ..errors import InputError
 from ._base import Estimator
 from .networks import Compact, Dcfe
-from .rod import Rod
+from .rod import Rod, RodTrack
 from .svr import Svr
 
 __all__ = ["ESTIMATORS", "create", "method"]
 
-ESTIMATORS: dict[str, type[Estimator]] = {"svr": Svr, "dcfe": Dcfe, "compact": Compact, "rod": Rod}
+ESTIMATORS: dict[str, type[Estimator]] = {kind.name: kind for kind in (Svr, Dcfe, Compact, Rod, RodTrack)}
 """What the command line calls each method -> its class."""
 
 

@@ -76,6 +76,7 @@ class ContactFilter:
         else:
             self._turn_knob(knob_deg)
             self._predict(elapsed_s)
+        before = self._covariance[_TOUCH][_FORCE, _FORCE].copy()
         results = [self._fit(line, which) for which in (_FREE, _TOUCH)]
         (free, q_free, covariance_free, evidence_free), (touch, q, covariance, evidence) = results
         best = touch if touch.converged else free
@@ -101,7 +102,7 @@ class ContactFilter:
             misfit,
             best.firmness,
             converged,
-            self._open_n(covariance),
+            _open_n(before, covariance[_FORCE, _FORCE]),
         )
 
     def _begin(self, line: Line, scale: float, knob_deg: float) -> None:
@@ -225,12 +226,11 @@ class ContactFilter:
             self._work[which], covariance,
         )  # fmt: skip
 
-    def _open_n(self, covariance: FloatArray) -> float:
-        """What the image and the constants leave open of the force, were nothing known of it before."""
-        spread = covariance[_FORCE, _FORCE]
-        trace = float(spread[0, 0] + spread[1, 1])
-        apart = math.hypot(float(spread[0, 0] - spread[1, 1]), 2.0 * float(spread[0, 1]))
-        return math.sqrt(max(0.0, 0.5 * (trace + apart)))
+
+def _open_n(before: FloatArray, after: FloatArray) -> float:
+    """What the image by itself leaves open of the force: largest standard deviation of what it adds to ``before``."""
+    seen = np.linalg.eigvalsh(np.linalg.inv(after) - np.linalg.inv(before))
+    return 1.0 / math.sqrt(max(float(seen[0]), 1e-12))
 
 
 def _released(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

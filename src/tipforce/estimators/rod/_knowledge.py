@@ -137,7 +137,10 @@ def _scaled(covariance: FloatArray) -> FloatArray:
 
 
 def rod_model(info: SessionInfo, segments: int) -> Model:
-    """The rod that the metadata state. Raises InputError where they lack length or stiffness."""
+    """The rod that the metadata state, its tip a half-ball where they state a diameter.
+
+    Raises InputError where they lack length or stiffness.
+    """
     catheter = info.catheter
     if catheter.flexible_length_m is None or catheter.bending_stiffness_nm2 is None:
         raise InputError(f"the rod needs {' and '.join(NEEDED)}; state them in bench.toml")
@@ -147,4 +150,5 @@ def rod_model(info: SessionInfo, segments: int) -> Model:
         profile = np.interp(np.linspace(0.0, 1.0, segments + 1), share, factor)
     # without a rigid tip the last element is as good as nothing
     rigid = max(catheter.rigid_length_m or 0.0, 1e-6)
-    return Model(segments, catheter.flexible_length_m, rigid, catheter.bending_stiffness_nm2, profile)
+    dome = min(rigid, 0.5 * (catheter.diameter_m or 0.0))
+    return Model(segments, catheter.flexible_length_m, rigid, catheter.bending_stiffness_nm2, profile, dome)

@@ -8,7 +8,10 @@ from numba import njit
 
 from ...types import FloatArray
 
-__all__ = ["Mixed", "mix_contact", "truncated"]
+__all__ = ["Mixed", "force_over_contact"]
+
+_HALF = math.log(0.5)
+"""Of the prior's forces push at the tip."""
 
 
 class Mixed(NamedTuple):
@@ -29,7 +32,7 @@ def _log_normal_share(value: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def truncated(mean: FloatArray, covariance: FloatArray, angle: float) -> tuple[FloatArray, FloatArray, float]:
+def _truncated(mean: FloatArray, covariance: FloatArray, angle: float) -> tuple[FloatArray, FloatArray, float]:
     """Mean and covariance of a Gaussian (2,), (2, 2) of which only forces that push at the tip are left.
 
     ``angle``: of the tip's axis. Returns also the logarithm of the share that is left.
@@ -45,7 +48,7 @@ def truncated(mean: FloatArray, covariance: FloatArray, angle: float) -> tuple[F
 
 
 @njit(cache=True, nogil=True)
-def mix_contact(force: FloatArray, covariance: FloatArray, log_odds: float) -> Mixed:
+def _mixed(force: FloatArray, covariance: FloatArray, log_odds: float) -> Mixed:
     """The force over both hypotheses: ``force`` (2,), ``covariance`` (2, 2) in contact, none without.
 
     ``log_odds``: logarithm of the probability of contact over that of none.
@@ -54,3 +57,17 @@ def mix_contact(force: FloatArray, covariance: FloatArray, log_odds: float) -> M
     mean = share * force
     spread = share * covariance + share * (1.0 - share) * np.outer(force, force)
     return Mixed(mean, spread, share)
+
+
+@njit(cache=True, nogil=True)
+def force_over_contact(force: FloatArray, covariance: FloatArray, angle: float, log_odds: float) -> Mixed:
+    """The force over contact and none.
+
+    Args:
+        force: (2,) in contact, as fitted; forces that pull at the tip are then excluded.
+        covariance: (2, 2).
+        angle: of the tip's axis, rad.
+        log_odds: logarithm of the probability of contact over that of none, before pulling forces are excluded.
+    """
+    pushing, spread, left = _truncated(force, covariance, angle)
+    return _mixed(pushing, spread, log_odds + left - _HALF)

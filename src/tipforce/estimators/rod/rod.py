@@ -26,14 +26,12 @@ from ._detection import Detected, Detection
 from ._knowledge import HELD, NEEDED, Knowledge, LineError, rod_model
 from ._learning import learn
 from ._lines import POINTS
-from ._posterior import mix_contact, truncated
+from ._posterior import force_over_contact
 from ._settings import RodSettings
 
 __all__ = ["Rod", "RodEstimator", "RodStream"]
 
 _STEPS = 30
-_HALF = math.log(0.5)
-"""Of the prior's forces push at the tip."""
 _FIRM = 2e-3
 """Softest pivot of the rod's Hessian, over EI / h, below which a fold is near."""
 
@@ -156,7 +154,6 @@ class RodStream:
         self._detection = Detection(settings.vision, info, images)
         model = rod_model(info, settings.segments)
         self._solver = ContactFit(settings, knowledge, model)
-        self._limits: dict[float, tuple[FloatArray, FloatArray]] = {}
 
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
@@ -192,6 +189,31 @@ def actuation_out_of_range(settings: RodSettings, info: SessionInfo, knob_deg: f
         Status.OUT_OF_DISTRIBUTION,
         f"the knob at {knob_deg:g} degrees asks for a curvature of {gain * knob_deg:.3g} 1/m, more than "
         f"max_precurvature_per_m = {settings.max_precurvature_per_m:g}",
+    )
+
+
+def misfit_abstention(settings: RodSettings, converged: bool, misfit: float, firmness: float) -> Abstention | None:
+    """Why a fit gives no force, or None. ``misfit``: mean square, in the noise's variances; see `Found`."""
+    if not (converged and misfit <= settings.max_misfit):
+        if firmness < _FIRM:
+            return Abstention(Status.FOLD, "no stable shape of the rod fits the centreline: it is near a fold")
+        return Abstention(
+            Status.OUT_OF_DISTRIBUTION,
+            f"no force at the tip bends the stated rod into this shape: the mean square misfit is {misfit:.1f}, "
+            f"the limit {settings.max_misfit:g}",
+        )
+    if firmness < _FIRM:
+        return Abstention(Status.FOLD, "the rod is about to buckle: a small change of the force bends it far")
+    return None
+
+
+def unobservable_abstention(settings: RodSettings, open_n: float) -> Abstention | None:
+    """Why there is no force where a direction of it is left open by ``open_n``, or None."""
+    if open_n <= settings.max_std_n:
+        return None
+    return Abstention(
+        Status.UNOBSERVABLE,
+        f"the shape leaves a direction of the force open by {open_n:.2g} N: it is pushed along its own axis",
     )
 
 
@@ -237,42 +259,29 @@ class ContactFit:
         self._last_free = q.copy() if without.converged else None
         starts = [q.copy()] if self._last is None else [self._last.copy(), q.copy()]
         best: Found | None = None
-        angle = 0.0
+        angle, spread = 0.0, self._covariance[:FORCE, :FORCE]
         for k, tried in enumerate(starts):
             cold = k > 0 or self._last is None
             found = self._fit(tried, whole, touching, line, 1, self._covariance, cold=cold)
             if best is None or found.cost < best.cost - 0.5:
-                best, q = found, tried
+                best, q, spread = found, tried, self._covariance[:FORCE, :FORCE].copy()
                 angle = float(self._work[1].theta[-1])
             if best.converged and best.chi2 <= self._settings.max_misfit * (POINTS + 1):
                 break
         assert best is not None
         misfit = min(best.chi2, without.chi2) / (POINTS + 1)
-        if not (best.converged and misfit <= self._settings.max_misfit):
+        if abstention := misfit_abstention(self._settings, best.converged, misfit, best.firmness):
             self._last = None
-            if best.firmness < _FIRM:
-                return Abstention(Status.FOLD, "no stable shape of the rod fits the centreline: it is near a fold")
-            return Abstention(
-                Status.OUT_OF_DISTRIBUTION,
-                f"no force at the tip bends the stated rod into this shape: the mean square misfit is {misfit:.1f}, "
-                f"the limit {self._settings.max_misfit:g}",
-            )
-        if best.firmness < _FIRM:
-            return Abstention(Status.FOLD, "the rod is about to buckle: a small change of the force bends it far")
+            return abstention
         self._last = q
-        spread = self._covariance[:FORCE, :FORCE]
         # what the image adds to the prior
         seen = np.linalg.eigvalsh(np.linalg.inv(spread) - self._force_information)
         worst = 1.0 / math.sqrt(max(seen[0], 1e-12))
-        if worst > self._settings.max_std_n:
-            return Abstention(
-                Status.UNOBSERVABLE,
-                f"the shape leaves a direction of the force open by {worst:.2g} N: it is pushed along its own axis",
-            )
-        force, spread, left = truncated(q[:FORCE].copy(), spread.copy(), angle)
+        if abstention := unobservable_abstention(self._settings, worst):
+            return abstention
         share = self._knowledge.contact_share
         evidence = log_ratio + (without.cost - best.cost) + 0.5 * (without.log_det - best.log_det)
-        mixed = mix_contact(force, spread, evidence + left - _HALF + math.log(share / (1.0 - share)))
+        mixed = force_over_contact(q[:FORCE].copy(), spread, angle, evidence + math.log(share / (1.0 - share)))
         return mixed.force_n, mixed.covariance_n2, mixed.contact
 
     def _fit(

@@ -66,6 +66,8 @@ class Model(NamedTuple):
     stiffness_nm2: float
     profile: FloatArray
     """(segments + 1,): what EI is multiplied with at the joints."""
+    dome_m: float
+    """The force acts so far behind the tip: a wall pushes a round tip through the middle of its dome."""
 
 
 class Line(NamedTuple):
@@ -136,7 +138,7 @@ def _is_possible(q: FloatArray, model: Model) -> bool:
     stiff = min(1.0 + q[_EI], 1.0 + q[_PROXIMAL], 1.0 + q[_LENGTH], 1.0 + q[_SCALE]) > 0.3
     bend = abs(q[_K0]) * model.flexible_m
     # where stiffness would fall with the curvature there is no unique shape
-    return size < _MOST_LOAD and stiff and bend < _MOST_BEND and _LEAST_SOFT < q[_SOFT] and q[_SOFT] * q[_K0] ** 2 < 3.0
+    return size < _MOST_LOAD and stiff and bend < _MOST_BEND and q[_SOFT] > _LEAST_SOFT and q[_SOFT] * q[_K0] ** 2 < 3.0
 
 
 @compiled
@@ -148,7 +150,7 @@ def _solve_shape(q: FloatArray, model: Model, work: Work, cold: bool) -> tuple[b
         share = 1.0 + (q[_PROXIMAL] if 3 * i < model.segments else 0.0)
         work.ei[i] = model.stiffness_nm2 * model.profile[i] * (1.0 + q[_EI]) * share
         work.k0[i] = q[_K0]
-    rod = Elastic(h, model.rigid_m, work.ei, work.k0, q[_SOFT], model.stiffness_nm2 / model.flexible_m)
+    rod = Elastic(h, model.rigid_m - model.dome_m, work.ei, work.k0, q[_SOFT], model.stiffness_nm2 / model.flexible_m)
     load = Load(q[_FX], q[_FY], 0.0, work.carried)
     if cold:
         angle = 0.0
@@ -177,7 +179,7 @@ def _turn_rates(q: FloatArray, model: Model, work: Work) -> None:
     for parameter in range(_OF_ROD):
         previous = 0.0
         for i in range(n):
-            reach = h if i < last else model.rigid_m
+            reach = h if i < last else model.rigid_m - model.dome_m
             value = 0.0
             if parameter == _FX:
                 value = -reach * sine[i]
