@@ -22,7 +22,7 @@ __all__ = ["COUNT", "ContactFilter", "Step"]
 COUNT = len(UNKNOWNS) + MODES + FORCE
 """Unknowns: of the rod, lasting errors of the line, rates of the force."""
 _RATE = slice(COUNT - FORCE, COUNT)
-_FORCE = slice(0, FORCE)
+_FORCE, _MODES = slice(0, FORCE), slice(len(UNKNOWNS), len(UNKNOWNS) + MODES)
 _K0, _ANGLE = UNKNOWNS.index("precurvature_per_m"), UNKNOWNS.index("base_angle_rad")
 _BASE = [UNKNOWNS.index("base_x_m"), UNKNOWNS.index("base_y_m")]
 _NOTHING = 1e-12
@@ -68,6 +68,7 @@ class ContactFilter:
         self._share = knowledge.contact_share
         self._knob_deg = math.nan
         self._cold = True
+        self._past_n = np.zeros(FORCE)
 
     def step(self, line: Line, scale: float, knob_deg: float, elapsed_s: float) -> Step:
         """Predicts by ``elapsed_s`` and fits ``line``. A line that no hypothesis explains changes nothing."""
@@ -76,6 +77,7 @@ class ContactFilter:
         else:
             self._turn_knob(knob_deg)
             self._predict(elapsed_s)
+        line = line._replace(past_n=self._past_n)
         before = self._covariance[_TOUCH][_FORCE, _FORCE].copy()
         results = [self._fit(line, which) for which in (_FREE, _TOUCH)]
         (free, q_free, covariance_free, evidence_free), (touch, q, covariance, evidence) = results
@@ -94,6 +96,8 @@ class ContactFilter:
             share = 1.0 / (1.0 + math.exp(-max(-60.0, min(60.0, log_odds))))
             self._share = min(1.0 - _LEAST_SHARE, max(_LEAST_SHARE, share))
             self._cold = False
+            forget = math.exp(-elapsed_s / self._settings.creep_s)
+            self._past_n = forget * self._past_n + (1.0 - forget) * self._share * q[_FORCE]
         return Step(
             q[_FORCE].copy(),
             covariance[_FORCE, _FORCE].copy(),
@@ -146,6 +150,12 @@ class ContactFilter:
             for at in _BASE:
                 covariance[at, at] += settings.base_walk_m**2 * elapsed_s
             covariance[_ANGLE, _ANGLE] += math.radians(settings.base_walk_deg) ** 2 * elapsed_s
+        forgets = math.exp(-elapsed_s / settings.line_error_s)
+        for mean, covariance in zip(self._mean, self._covariance, strict=True):
+            mean[_MODES] *= forgets
+            covariance[_MODES] *= forgets
+            covariance[:, _MODES] *= forgets
+            covariance[_MODES, _MODES] += (1.0 - forgets**2) * np.eye(MODES)
         change = 1.0 - math.exp(-elapsed_s / settings.contact_s)
         if elapsed_s > settings.gap_s:
             change = 0.5

@@ -80,11 +80,12 @@ class Knowledge:
         prior = settings.prior
         mean = np.zeros(len(UNKNOWNS) - FORCE)
         mean[UNKNOWNS.index("stiffening_m2") - FORCE] = prior.stiffening_m2
+        mean[UNKNOWNS.index("creep") - FORCE] = prior.creep
         angle = math.radians(prior.base_angle_deg)
         std = [
             prior.precurvature_per_m, prior.stiffness, prior.proximal_stiffness, prior.stiffening_std_m2, prior.length,
             prior.scale, prior.base_position_m, prior.base_position_m, angle, prior.tilt_per_m, prior.tilt_per_m,
-            prior.distortion_per_m2,
+            prior.distortion_per_m2, prior.creep_std,
         ]  # fmt: skip
         return cls(mean, np.diag(np.square(std)), prior.contact_share)
 

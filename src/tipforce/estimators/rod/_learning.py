@@ -25,7 +25,7 @@ __all__ = ["learn"]
 
 _FRAMES = 48
 """So many frames of each session, from all over it."""
-_STATED = ("length", "scale", "tilt_x_per_m", "tilt_y_per_m", "distortion_per_m2")
+_STATED = ("length", "scale", "tilt_x_per_m", "tilt_y_per_m", "distortion_per_m2", "creep")
 """Constants of which the settings' priors stay: they say how well a bench is measured, and the image hardly tells."""
 _ROUNDS = 3
 _WEIGHT = 2.0

@@ -42,6 +42,7 @@ def _line(
     return points, normals, from_tip
 
 
+_NO_PAST = np.zeros(2)
 _INWARD = {"left": 0.0, "bottom": 0.5 * math.pi, "right": math.pi, "top": -0.5 * math.pi}
 
 
@@ -65,4 +66,4 @@ class LineFrame:
     def line(self, centreline: CentrelinePx) -> Line:
         """Returns the line of at least three points, base to tip."""
         points, normals, from_tip = _line(centreline.points, self.scale_m_per_px, self._c, self._s, self._u, self._v)
-        return Line(points, normals, from_tip, self._middle)
+        return Line(points, normals, from_tip, self._middle, _NO_PAST)

@@ -49,6 +49,9 @@ class PriorSettings(BaseModel):
     """Of the camera, each way: tangent of the angle over the camera's distance."""
     distortion_per_m2: _Std = 0.3
     """Of the lens, radial: k1 over the square of the camera's distance."""
+    creep: Annotated[float, Field(ge=0, lt=0.5)] = 0.02
+    """Share by which the bend grows under a steady force; a polymer shaft has some percent."""
+    creep_std: _Share = 0.02
 
 
 class NoiseSettings(BaseModel):
@@ -107,5 +110,9 @@ class RodTrackSettings(RodSettings):
     base_walk_m: Annotated[float, Field(ge=0, le=1)] = 2e-5
     """Random walk of the clamp's position in a second, and, in degrees, of its direction."""
     base_walk_deg: Annotated[float, Field(ge=0, le=90)] = 0.02
+    line_error_s: _Std = 20.0
+    """How long the lasting error of the line stays: what a planar rod leaves out changes with the load."""
+    creep_s: _Std = 2.0
+    """Time constant of the shaft's creep."""
     gap_s: _Std = 1.0
     """After so long without a frame nothing is known of the force."""

@@ -32,13 +32,14 @@ UNKNOWNS = (
     "tilt_x_per_m",
     "tilt_y_per_m",
     "distortion_per_m2",
+    "creep",
 )
 """Force in the frame of the clamp; pre-curvature; relative changes of EI and of EI over the proximal third; 1 / k_s^2;
 relative changes of the flexible length and of the metres a pixel stands for; the clamp in the frame of the line; the
-camera: a point at c from the middle of the image moves by c (tilt . c) + distortion |c|^2 c."""
+camera: a point at c from the middle of the image moves by c (tilt . c) + distortion |c|^2 c. Creep: share of the bend under earlier forces that is still there."""
 FORCE = 2
 """The first two unknowns."""
-_FX, _FY, _K0, _EI, _PROXIMAL, _SOFT, _LENGTH, _SCALE, _X, _Y, _ANGLE, _TILT_X, _TILT_Y, _RADIAL = range(len(UNKNOWNS))
+_FX, _FY, _K0, _EI, _PROXIMAL, _SOFT, _LENGTH, _SCALE, _X, _Y, _ANGLE, _TILT_X, _TILT_Y, _RADIAL, _CREEP = range(len(UNKNOWNS))
 _OF_ROD = 7
 """The first ones change the rod's shape."""
 
@@ -73,13 +74,15 @@ class Model(NamedTuple):
 class Line(NamedTuple):
     """A detected line in the frame of the prior: ``points`` (p, 2), ``normals`` (p, 2) to its left, base to tip.
 
-    ``from_tip`` (p,): arc length between point and tip, the last 0. ``middle`` (2,): middle of the image.
+    ``from_tip`` (p,): arc length between point and tip, the last 0. ``middle`` (2,): middle of the image. ``past_n``
+    (2,): mean of the forces before, over the time of creep: to first order the rod has crept as if a share of it acted.
     """
 
     points: FloatArray
     normals: FloatArray
     from_tip: FloatArray
     middle: FloatArray
+    past_n: FloatArray
 
 
 class Work(NamedTuple):
@@ -132,6 +135,12 @@ def make_work(model: Model, points: int, unknowns: int) -> Work:
 
 
 @compiled
+def _load(q: FloatArray, line: Line) -> tuple[float, float]:
+    """The force that bends the rod as force and creep together do."""
+    return q[_FX] + q[_CREEP] * line.past_n[0], q[_FY] + q[_CREEP] * line.past_n[1]
+
+
+@compiled
 def _is_possible(q: FloatArray, model: Model) -> bool:
     """Whether there is such a rod, under a load that its solver is made for; NaN is none."""
     size = math.hypot(q[_FX], q[_FY]) * model.flexible_m**2 / model.stiffness_nm2
@@ -142,7 +151,9 @@ def _is_possible(q: FloatArray, model: Model) -> bool:
 
 
 @compiled
-def _solve_shape(q: FloatArray, model: Model, work: Work, cold: bool) -> tuple[bool, bool, float]:
+def _solve_shape(
+    q: FloatArray, model: Model, line: Line, work: Work, cold: bool
+) -> tuple[bool, bool, float]:
     """The equilibrium at ``q`` into ``theta``, and its Hessian's factors; whether it converged, is stable, firmness."""
     n = model.segments + 1
     h = model.flexible_m * (1.0 + q[_LENGTH]) / model.segments
@@ -151,7 +162,8 @@ def _solve_shape(q: FloatArray, model: Model, work: Work, cold: bool) -> tuple[b
         work.ei[i] = model.stiffness_nm2 * model.profile[i] * (1.0 + q[_EI]) * share
         work.k0[i] = q[_K0]
     rod = Elastic(h, model.rigid_m - model.dome_m, work.ei, work.k0, q[_SOFT], model.stiffness_nm2 / model.flexible_m)
-    load = Load(q[_FX], q[_FY], 0.0, work.carried)
+    fx, fy = _load(q, line)
+    load = Load(fx, fy, 0.0, work.carried)
     if cold:
         angle = 0.0
         for i in range(n):
@@ -167,13 +179,13 @@ def _solve_shape(q: FloatArray, model: Model, work: Work, cold: bool) -> tuple[b
 
 
 @compiled
-def _turn_rates(q: FloatArray, model: Model, work: Work) -> None:
+def _turn_rates(q: FloatArray, model: Model, line: Line, work: Work) -> None:
     """Nodes (2, n + 1), and how they move with each unknown of the rod, into ``turns``."""
     n = model.segments + 1
     last = n - 1
     h = model.flexible_m * (1.0 + q[_LENGTH]) / model.segments
     per_length = model.flexible_m / model.segments
-    fx, fy = q[_FX], q[_FY]
+    fx, fy = _load(q, line)
     cosine, sine = work.scratch[10], work.scratch[11]
     side = work.before
     for parameter in range(_OF_ROD):
@@ -293,6 +305,9 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
             work.slopes[row, _ANGLE] = -ux * ry + uy * rx
             work.slopes[row, _TILT_X], work.slopes[row, _TILT_Y] = way * gx, way * gy
             work.slopes[row, _RADIAL] = way * square
+            work.slopes[row, _CREEP] = (
+                line.past_n[0] * work.slopes[row, _FX] + line.past_n[1] * work.slopes[row, _FY]
+            )
             for k in range(modes.shape[1]):
                 work.slopes[row, count - modes.shape[1] + k] = modes[row, k]
 
@@ -302,9 +317,9 @@ def predict_line(
     q: FloatArray, model: Model, line: Line, modes: FloatArray, work: Work, cold: bool
 ) -> tuple[bool, bool, float]:
     """``residual`` and ``slopes`` of ``work`` at ``q``; whether the shape converged, whether it is stable, firmness."""
-    converged, stable, firm = _solve_shape(q, model, work, cold)
+    converged, stable, firm = _solve_shape(q, model, line, work, cold)
     if converged and stable:
-        _turn_rates(q, model, work)
+        _turn_rates(q, model, line, work)
         _measure(q, model, line, modes, work)
     return converged, stable, firm
 
@@ -456,14 +471,14 @@ def fit_line(
             work.kept[i] = work.theta[i]
         converged, stable_there, firm_there = False, False, 0.0
         if _is_possible(work.tried, model):
-            converged, stable_there, firm_there = _solve_shape(work.tried, model, work, cold and iteration < 0)
+            converged, stable_there, firm_there = _solve_shape(work.tried, model, line, work, cold and iteration < 0)
         turned = 0.0
         if iteration >= 0:
             for i in range(work.theta.size):
                 turned = max(turned, abs(work.theta[i] - work.kept[i]))
         tried_cost = math.inf
         if converged and stable_there and turned < _LONGEST_TURN:
-            _turn_rates(work.tried, model, work)
+            _turn_rates(work.tried, model, line, work)
             _measure(work.tried, model, line, modes, work)
             tried_cost, plain_there = _cost(work.tried, mean, information, whiten, ease, bound, work)
         if iteration < 0 and tried_cost == math.inf:
