@@ -204,6 +204,11 @@ class ContactFilter:
             covariance[rate, rate] += power * (1.0 - keep**2)
             covariance[k, rate] += both
             covariance[rate, k] += both
+        forgets = math.exp(-elapsed_s / settings.force_s)
+        mean[_FORCE] *= forgets
+        covariance[_FORCE] *= forgets
+        covariance[:, _FORCE] *= forgets
+        covariance[_FORCE, _FORCE] += (1.0 - forgets**2) * settings.prior.force_n**2 * np.eye(FORCE)
         return mean, covariance
 
     def _fit(self, line: Line, which: int) -> tuple[Found, FloatArray, FloatArray, float]:

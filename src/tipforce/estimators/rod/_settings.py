@@ -61,14 +61,14 @@ class NoiseSettings(BaseModel):
 
     fresh_px: _Std = 0.027
     """Across the line, new in each frame."""
-    fresh_tip_px: _Std = 0.18
+    fresh_tip_px: _Std = 0.4
     fresh_along_px: _Std = 0.29
     """Of the tip along the line."""
     lasting_px: _Std = 0.027
     """The same that stay for a session."""
     lasting_tip_px: _Std = 0.25
     lasting_along_px: _Std = 1.02
-    factor: Annotated[float, Field(ge=0.1, le=100)] = 1.5
+    factor: Annotated[float, Field(ge=0.1, le=100)] = 1.2
     """All of them times this: what the planar rod leaves out (depth, creep) shows as noise."""
 
 
@@ -98,10 +98,12 @@ class RodSettings(BaseModel):
 class RodTrackSettings(RodSettings):
     """Force by the rod's mechanics from all centrelines so far."""
 
-    force_rate_n_per_s: _Std = 1.0
+    force_rate_n_per_s: _Std = 2.0
     """How fast the force changes in contact."""
-    force_rate_s: _Std = 0.15
+    force_rate_s: _Std = 0.3
     """How long it goes on changing so."""
+    force_s: _Std = 0.3
+    """How long a force is remembered: later it is anything within ``prior.force_n``."""
     contact_s: _Std = 0.5
     """Mean time in contact, and without."""
     knob_drift: _Std = 0.01

@@ -39,7 +39,9 @@ relative changes of the flexible length and of the metres a pixel stands for; th
 camera: a point at c from the middle of the image moves by c (tilt . c) + distortion |c|^2 c. Creep: share of the bend under earlier forces that is still there."""
 FORCE = 2
 """The first two unknowns."""
-_FX, _FY, _K0, _EI, _PROXIMAL, _SOFT, _LENGTH, _SCALE, _X, _Y, _ANGLE, _TILT_X, _TILT_Y, _RADIAL, _CREEP = range(len(UNKNOWNS))
+_FX, _FY, _K0, _EI, _PROXIMAL, _SOFT, _LENGTH, _SCALE, _X, _Y, _ANGLE, _TILT_X, _TILT_Y, _RADIAL, _CREEP = range(
+    len(UNKNOWNS)
+)
 _OF_ROD = 7
 """The first ones change the rod's shape."""
 
@@ -151,9 +153,7 @@ def _is_possible(q: FloatArray, model: Model) -> bool:
 
 
 @compiled
-def _solve_shape(
-    q: FloatArray, model: Model, line: Line, work: Work, cold: bool
-) -> tuple[bool, bool, float]:
+def _solve_shape(q: FloatArray, model: Model, line: Line, work: Work, cold: bool) -> tuple[bool, bool, float]:
     """The equilibrium at ``q`` into ``theta``, and its Hessian's factors; whether it converged, is stable, firmness."""
     n = model.segments + 1
     h = model.flexible_m * (1.0 + q[_LENGTH]) / model.segments
@@ -305,9 +305,7 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
             work.slopes[row, _ANGLE] = -ux * ry + uy * rx
             work.slopes[row, _TILT_X], work.slopes[row, _TILT_Y] = way * gx, way * gy
             work.slopes[row, _RADIAL] = way * square
-            work.slopes[row, _CREEP] = (
-                line.past_n[0] * work.slopes[row, _FX] + line.past_n[1] * work.slopes[row, _FY]
-            )
+            work.slopes[row, _CREEP] = line.past_n[0] * work.slopes[row, _FX] + line.past_n[1] * work.slopes[row, _FY]
             for k in range(modes.shape[1]):
                 work.slopes[row, count - modes.shape[1] + k] = modes[row, k]
 
