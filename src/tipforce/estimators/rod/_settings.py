@@ -102,7 +102,7 @@ class RodTrackSettings(RodSettings):
     """How fast the force changes in contact."""
     force_rate_s: _Std = 0.3
     """How long it goes on changing so."""
-    force_s: _Std = 0.3
+    force_s: _Std = 0.4
     """How long a force is remembered: later it is anything within ``prior.force_n``."""
     contact_s: _Std = 0.5
     """Mean time in contact, and without."""

@@ -36,7 +36,8 @@ UNKNOWNS = (
 )
 """Force in the frame of the clamp; pre-curvature; relative changes of EI and of EI over the proximal third; 1 / k_s^2;
 relative changes of the flexible length and of the metres a pixel stands for; the clamp in the frame of the line; the
-camera: a point at c from the middle of the image moves by c (tilt . c) + distortion |c|^2 c. Creep: share of the bend under earlier forces that is still there."""
+camera: a point at c from the middle of the image moves by c (tilt . c) + distortion |c|^2 c; creep: share of the bend
+under earlier forces that is still there."""
 FORCE = 2
 """The first two unknowns."""
 _FX, _FY, _K0, _EI, _PROXIMAL, _SOFT, _LENGTH, _SCALE, _X, _Y, _ANGLE, _TILT_X, _TILT_Y, _RADIAL, _CREEP = range(
