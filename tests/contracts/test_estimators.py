@@ -79,3 +79,11 @@ def test_a_method_that_needs_no_fit_estimates_learns_and_is_saved(name: str, ben
     assert [e.magnitude_n for e in before] == pytest.approx([e.magnitude_n for e in after], nan_ok=True)
     assert [e.magnitude_n for e in before] != pytest.approx([e.magnitude_n for e in stated], nan_ok=True)
     assert again.unfitted().describe() == create(name).describe(), "nothing learnt is left"
+
+
+def test_a_late_frame_is_stale(bench: Path) -> None:
+    data = open_dataset(bench / "runs" / "session_00.mcap")
+    first, second = data.subset(np.arange(2)).observations()
+    stream = create("rod-track").start(data.session_info[data.sessions[0]])
+    stream.update(second)
+    assert stream.update(first).status is Status.STALE
