@@ -69,10 +69,14 @@ class ContactFilter:
         self._knob_deg = math.nan
         self._cold = True
         self._past_n = np.zeros(FORCE)
+        self._lost_s = 0.0
 
     def step(self, line: Line, scale: float, knob_deg: float, elapsed_s: float) -> Step:
-        """Predicts by ``elapsed_s`` and fits ``line``. A line that no hypothesis explains changes nothing."""
-        if scale != self._scale or not self._mean:
+        """Predicts by ``elapsed_s`` and fits ``line``.
+
+        A line that no hypothesis explains changes nothing; after ``gap_s`` of such lines the session begins anew.
+        """
+        if scale != self._scale or not self._mean or self._lost_s > self._settings.gap_s:
             self._begin(line, scale, knob_deg)
         else:
             self._turn_knob(knob_deg)
@@ -85,7 +89,9 @@ class ContactFilter:
         misfit = min(each.chi2 for each in (free, touch)) / (POINTS + 1)
         converged = touch.converged
         log_odds = math.log(self._share / (1.0 - self._share))
+        self._lost_s += elapsed_s
         if converged and misfit <= self._settings.max_misfit:
+            self._lost_s = 0.0
             if free.converged:
                 log_odds += evidence - evidence_free
                 self._mean, self._covariance = [q_free, q], [covariance_free, covariance]
@@ -121,7 +127,8 @@ class ContactFilter:
         covariance[_RATE, _RATE] = self._settings.force_rate_n_per_s**2 * np.eye(FORCE)
         free, free_covariance = _released(mean, covariance)
         self._mean, self._covariance = [free, mean], [free_covariance, covariance]
-        self._share = self._knowledge.contact_share
+        self._share, self._lost_s = self._knowledge.contact_share, 0.0
+        self._past_n = np.zeros(FORCE)
         self._start = line.points[0]
 
     def _turn_knob(self, knob_deg: float) -> None:
