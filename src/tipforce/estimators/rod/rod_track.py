@@ -28,7 +28,6 @@ class RodTrack(RodEstimator):
 
     name: ClassVar[str] = "rod-track"
     settings_type = RodTrackSettings
-    settings: RodTrackSettings
 
     @property
     def uses_history(self) -> bool:
@@ -37,7 +36,9 @@ class RodTrack(RodEstimator):
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
         """A stream for one session. Raises InputError where ``info`` lacks the rod's length or stiffness."""
-        return RodTrackStream(self.settings, self.fitted_.knowledge, self.fitted_.widths, info, images)
+        settings = self.settings
+        assert isinstance(settings, RodTrackSettings)
+        return RodTrackStream(settings, self.fitted_.knowledge, self.fitted_.widths, info, images)
 
 
 class RodTrackStream:
