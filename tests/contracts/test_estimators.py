@@ -66,3 +66,26 @@ def test_a_method_without_fit_fits_in(bench: Path) -> None:
         method.to_onnx()
     with pytest.raises(InputError, match="no intervals to calibrate"):
         method.calibrate(data)
+
+
+@pytest.mark.parametrize("name", [name for name, kind in ESTIMATORS.items() if not kind.needs_fit])
+def test_a_method_that_needs_no_fit_estimates_learns_and_is_saved(name: str, bench: Path, tmp_path: Path) -> None:
+    data = open_dataset(bench / "runs")
+    some = data.subset(np.arange(0, len(data), 12))
+    stated = load_model(name).predict(some)
+    assert sum(each.valid for each in stated) > 0.8 * len(stated)
+    fitted = create(name).fit(some).calibrate(some)
+    save_model(fitted, tmp_path / "model", some)
+    again = load_model(tmp_path / "model")
+    before, after = (each.predict(some) for each in (fitted, again))
+    assert [e.magnitude_n for e in before] == pytest.approx([e.magnitude_n for e in after], nan_ok=True)
+    assert [e.magnitude_n for e in before] != pytest.approx([e.magnitude_n for e in stated], nan_ok=True)
+    assert again.unfitted().describe() == create(name).describe(), "nothing learnt is left"
+
+
+def test_a_late_frame_is_stale(bench: Path) -> None:
+    data = open_dataset(bench / "runs" / "session_00.mcap")
+    first, second = data.subset(np.arange(2)).observations()
+    stream = create("rod-track").start(data.session_info[data.sessions[0]])
+    stream.update(second)
+    assert stream.update(first).status is Status.STALE

@@ -14,7 +14,7 @@ __all__ = ["command"]
 
 
 def command(
-    model: Annotated[Path, typer.Argument(help="A model folder, as `tipforce train` writes it, or pretrained/NAME.")],
+    model: Annotated[Path, typer.Argument(help="A model folder of `tipforce train`, pretrained/NAME, or rod.")],
     frames: Annotated[Path, typer.Argument(metavar="VIDEO|FOLDER|RUN.MCAP|DATASET", help="The images.")],
     output: Annotated[
         str, typer.Option("-o", "--output", metavar="FILE", help="The table; - is standard output.")

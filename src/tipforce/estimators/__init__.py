@@ -10,6 +10,7 @@ from ._run_directory import initial_model_folder, load_initial_model, run_direct
 from ._session_metadata import missing_metadata
 from ._settings import AngleSettings, SvrSettings, WindowSettings
 from .networks import Compact, CompactSettings, Dcfe, DcfeSettings, NetworkEstimator
+from .rod import NoiseSettings, PriorSettings, Rod, RodSettings, RodTrack, RodTrackSettings
 from .store import FORMAT_VERSION, check_target, load_model, load_pretrained, read_manifest, save_model
 from .svr import Svr
 from .uncertainty import COVERAGE
@@ -26,7 +27,13 @@ __all__ = [
     "Estimator",
     "FineTunable",
     "NetworkEstimator",
+    "NoiseSettings",
+    "PriorSettings",
     "Progress",
+    "Rod",
+    "RodSettings",
+    "RodTrack",
+    "RodTrackSettings",
     "Stream",
     "Svr",
     "SvrSettings",

@@ -8,6 +8,7 @@ from pydantic import BaseModel
 from ..errors import InputError
 from ._base import Estimator
 from .networks import Compact, Dcfe
+from .rod import Rod, RodTrack
 from .rod_models import Arcs, Beam, Elastica, Links, MassSprings, PseudoRigid, StrainArcs
 from .svr import Svr
 
@@ -15,12 +16,7 @@ __all__ = ["ESTIMATORS", "create", "method"]
 
 _ROD_MODELS = (Beam, Links, MassSprings, Elastica, Arcs, StrainArcs, PseudoRigid)
 
-ESTIMATORS: dict[str, type[Estimator]] = {
-    "svr": Svr,
-    "dcfe": Dcfe,
-    "compact": Compact,
-    **{each.name: each for each in _ROD_MODELS},
-}
+ESTIMATORS: dict[str, type[Estimator]] = {kind.name: kind for kind in (Svr, Dcfe, Compact, Rod, RodTrack, *_ROD_MODELS)}
 """What the command line calls each method -> its class."""
 
 

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable
 
-from ..types import SessionInfo
+from ..types import ForceEstimate, Observation, SessionInfo, Status
 
-__all__ = ["missing_metadata"]
+__all__ = ["UninformedStream", "missing_metadata"]
 
 
 def missing_metadata(needed: Iterable[str], info: SessionInfo) -> str:
@@ -21,3 +21,14 @@ def missing_metadata(needed: Iterable[str], info: SessionInfo) -> str:
         f"{', '.join(lacking)} {'is' if one else 'are'} not stated, and the model needs {'it' if one else 'them'}; add "
         f"{'it' if one else 'them'} to bench.toml"
     )
+
+
+class UninformedStream:
+    """The stream of a session that does not state what the method needs: no estimate, and ``detail`` says why."""
+
+    def __init__(self, detail: str) -> None:
+        self._detail = detail
+
+    def update(self, observation: Observation) -> ForceEstimate:
+        """No estimate."""
+        return ForceEstimate.invalid(observation.stamp_ns, Status.MISSING_INPUT, self._detail)

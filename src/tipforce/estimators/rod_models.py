@@ -35,12 +35,12 @@ from ..vision import (
     VisionSettings,
     auto_calibrate,
 )
-from ._base import Estimator, Progress, calibration_images, no_progress
+from ._base import Estimator, Progress, Stream, calibration_images, no_progress
 from ._builder import MAX_FORCE_N, implausible
 from ._reading import Abstention
 from ._rod_inverse import STATIONS, ForceFit, StationNoise, fit_force, model_stations
 from ._rod_reader import RodLine, RodReader
-from ._session_metadata import missing_metadata
+from ._session_metadata import UninformedStream, missing_metadata
 from ._summary import ModelSummary, left_out_by_session, left_out_text
 from ._values import LARGEST, stored_array
 from .uncertainty import Interval, interval_from_errors
@@ -213,8 +213,10 @@ class RodModelEstimator(Estimator):
         self.fitted_ = replace(self.fitted_ or _unfitted(self.settings, self.stations), interval=interval)
         return self
 
-    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> "RodModelStream":
+    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
         """A stream for one session; see `Estimator.start`."""
+        if missing := missing_metadata(self.required_metadata, info):
+            return UninformedStream(missing)
         return RodModelStream(self, info, images)
 
     def estimate(self, line: RodLine, info: SessionInfo, stamp_ns: int) -> ForceEstimate:
@@ -402,12 +404,9 @@ class RodModelStream:
     def __init__(self, estimator: RodModelEstimator, info: SessionInfo, images: Sequence[Image] = ()) -> None:
         self._estimator, self._info = estimator, info
         self._reader = estimator.reader(info, images)
-        self._missing = missing_metadata(estimator.required_metadata, info)
 
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
-        if self._missing:
-            return ForceEstimate.invalid(observation.stamp_ns, Status.MISSING_INPUT, self._missing)
         line = self._reader.read(observation)
         if isinstance(line, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, line.status, line.detail, self._reader.shape)

@@ -66,7 +66,7 @@ def train(
     Args:
         data: labelled samples; several datasets are joined.
         output: the model folder to write.
-        estimator: name of the method: svr, dcfe or compact.
+        estimator: name of the method: svr, dcfe, compact, rod or rod-track.
         settings: the method's settings, or some of their values.
         bench: metadata in place of what the data hold.
         init_from: networks only: a model to be fine-tuned, or "pretrained" for the shipped one of this method.

@@ -32,6 +32,7 @@ __all__ = [
     "relax",
     "relax_in",
     "sincos",
+    "solve_factorised",
 ]
 
 
@@ -325,7 +326,7 @@ def relax_in(
 
 
 @compiled
-def _solve_factorised(scratch: FloatArray, answer: FloatArray) -> None:
+def solve_factorised(scratch: FloatArray, answer: FloatArray) -> None:
     """Solve with the factors of the Hessian that `relax_in` left, without springs; ``answer`` holds the side first.
 
     For shapes that are stable: of a Hessian that is not positive definite other factors may have been left.
@@ -373,7 +374,7 @@ def _tangent(rod: Elastic, load: Load, scratch: FloatArray, way: FloatArray) -> 
         reach = rod.h if i < last else rod.lever
         way[i] = reach * ((load.fy + load.carried[i, 1]) * cosine[i] - (load.fx + load.carried[i, 0]) * sine[i])
     way[last] += load.m
-    _solve_factorised(scratch, way)
+    solve_factorised(scratch, way)
 
 
 @compiled

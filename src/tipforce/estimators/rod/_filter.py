@@ -1,0 +1,284 @@
+"""The filter of `rod-track`: two hypotheses over time, no contact and contact, each with all unknowns (IMM).
+
+Interacting multiple models (Blom and Bar-Shalom 1988): in each frame either hypothesis starts from both of the frame
+before, weighed by how likely contact is made or lost meanwhile; its update is a fit of the whole rod (an iterated
+extended Kalman filter); their evidence weighs them. What the shape is without contact is thus learnt in the moments
+when nothing but no contact explains it, and the force is zeroed there.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...mechanics.planar import FORCE, UNKNOWNS, Found, Line, Model, fit_line, make_work
+from ...types import FloatArray, SessionInfo
+from ._knowledge import MODES, Knowledge, LineError
+from ._lines import POINTS
+from ._settings import RodTrackSettings
+
+__all__ = ["COUNT", "ContactFilter", "Step"]
+
+COUNT = len(UNKNOWNS) + MODES + FORCE
+"""Unknowns: of the rod, lasting errors of the line, rates of the force."""
+_RATE = slice(COUNT - FORCE, COUNT)
+_FORCE, _MODES = slice(0, FORCE), slice(len(UNKNOWNS), len(UNKNOWNS) + MODES)
+_K0, _ANGLE = UNKNOWNS.index("precurvature_per_m"), UNKNOWNS.index("base_angle_rad")
+_BASE = [UNKNOWNS.index("base_x_m"), UNKNOWNS.index("base_y_m")]
+_NOTHING = 1e-12
+"""Variance of a force that is none, N^2."""
+_STEPS = 20
+_WARM_STEPS = (4, 12)
+"""Of the two hypotheses. Where the line says contact, no step makes a rod without force fit: it is given up soon."""
+_FREE, _TOUCH = 0, 1
+_LEAST_SHARE = 1e-6
+"""No hypothesis is ever given up."""
+_ONSET_N = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One frame: ``force_n`` (2,), ``covariance_n2`` (2, 2), both in contact; ``log_odds`` of contact.
+
+    ``angle_rad``: of the tip's axis; ``misfit``: mean square, of the better hypothesis; ``firmness``: see `Found`;
+    ``open_n``: standard deviation of what the image alone leaves open, with the constants as they are known by now.
+    """
+
+    force_n: FloatArray
+    covariance_n2: FloatArray
+    log_odds: float
+    angle_rad: float
+    misfit: float
+    firmness: float
+    converged: bool
+    open_n: float
+
+
+class ContactFilter:
+    """The state of one session; `step` takes its next line."""
+
+    def __init__(self, settings: RodTrackSettings, knowledge: Knowledge, model: Model, info: SessionInfo) -> None:
+        self._settings, self._knowledge, self._model, self._info = settings, knowledge, model, info
+        self._error = LineError.of(settings.noise, MODES)
+        self._work = [make_work(model, POINTS, COUNT) for _ in range(2)]
+        self._scale = 0.0
+        self._whiten, self._modes = self._error.whiten, np.zeros((POINTS + 1, MODES + FORCE))
+        self._mean: list[FloatArray] = []
+        self._covariance: list[FloatArray] = []
+        self._share = knowledge.contact_share
+        self._knob_deg = math.nan
+        self._cold = True
+        self._past_n = np.zeros(FORCE)
+        self._lost_s = 0.0
+
+    def step(self, line: Line, scale: float, knob_deg: float, elapsed_s: float) -> Step:
+        """Predicts by ``elapsed_s`` and fits ``line``.
+
+        A line that no hypothesis explains changes nothing; after ``gap_s`` of such lines the session begins anew.
+        """
+        if scale != self._scale or not self._mean or self._lost_s > self._settings.gap_s:
+            self._begin(line, scale, knob_deg)
+        else:
+            self._turn_knob(knob_deg)
+            self._predict(elapsed_s)
+        line = line._replace(past_n=self._past_n)
+        before = self._covariance[_TOUCH][_FORCE, _FORCE].copy()
+        results = [self._fit(line, which) for which in (_FREE, _TOUCH)]
+        (free, q_free, covariance_free, evidence_free), (touch, q, covariance, evidence) = results
+        best = touch if touch.converged else free
+        misfit = min(each.chi2 for each in (free, touch)) / (POINTS + 1)
+        converged = touch.converged
+        log_odds = math.log(self._share / (1.0 - self._share))
+        self._lost_s += elapsed_s
+        if converged and misfit <= self._settings.max_misfit:
+            self._lost_s = 0.0
+            if free.converged:
+                log_odds += evidence - evidence_free
+                self._mean, self._covariance = [q_free, q], [covariance_free, covariance]
+            else:
+                log_odds = math.log((1.0 - _LEAST_SHARE) / _LEAST_SHARE)
+                self._mean[_TOUCH], self._covariance[_TOUCH] = q, covariance
+                self._mean[_FREE], self._covariance[_FREE] = _released(q, covariance)
+            share = 1.0 / (1.0 + math.exp(-max(-60.0, min(60.0, log_odds))))
+            self._share = min(1.0 - _LEAST_SHARE, max(_LEAST_SHARE, share))
+            self._cold = False
+            forget = math.exp(-elapsed_s / self._settings.creep_s)
+            self._past_n = forget * self._past_n + (1.0 - forget) * self._share * q[_FORCE]
+        return Step(
+            q[_FORCE].copy(),
+            covariance[_FORCE, _FORCE].copy(),
+            log_odds,
+            float(self._work[_TOUCH].theta[-1]),
+            misfit,
+            best.firmness,
+            converged,
+            _open_n(before, covariance[_FORCE, _FORCE]),
+        )
+
+    def _begin(self, line: Line, scale: float, knob_deg: float) -> None:
+        self._scale, self._knob_deg, self._cold = scale, knob_deg, True
+        self._whiten = self._error.whiten / scale
+        self._modes[:, :MODES] = self._error.modes * scale
+        constants = len(UNKNOWNS) - FORCE
+        mean, covariance = np.zeros(COUNT), np.eye(COUNT)
+        inner = slice(FORCE, FORCE + constants)
+        mean[inner], covariance[inner, inner] = self._knowledge.for_session(self._settings, self._info, knob_deg)
+        covariance[_FORCE, _FORCE] = self._settings.prior.force_n**2 * np.eye(FORCE)
+        covariance[_RATE, _RATE] = self._settings.force_rate_n_per_s**2 * np.eye(FORCE)
+        free, free_covariance = _released(mean, covariance)
+        self._mean, self._covariance = [free, mean], [free_covariance, covariance]
+        self._share, self._lost_s = self._knowledge.contact_share, 0.0
+        self._past_n = np.zeros(FORCE)
+        self._start = line.points[0]
+
+    def _turn_knob(self, knob_deg: float) -> None:
+        """The curvature follows the knob once it has crossed its play."""
+        gain, prior = self._info.actuation.knob_gain_per_m_deg, self._settings.prior
+        turned = knob_deg - self._knob_deg
+        if gain is None or math.isnan(turned) or turned == 0.0:
+            self._knob_deg = self._knob_deg if math.isnan(knob_deg) else knob_deg
+            return
+        margin = gain * (0.5 * prior.knob_play_deg + prior.knob_gain * abs(knob_deg))
+        for mean, covariance in zip(self._mean, self._covariance, strict=True):
+            followed = min(gain * knob_deg + margin, max(gain * knob_deg - margin, mean[_K0]))
+            # how far it follows is known to the gain's error, and where the play ends
+            covariance[_K0, _K0] += (prior.knob_gain * gain * turned) ** 2 + 0.1 * (followed - mean[_K0]) ** 2
+            mean[_K0] = followed
+        self._knob_deg = knob_deg
+
+    def _predict(self, elapsed_s: float) -> None:
+        """Walks and drifts, then the two hypotheses mixed as contact is made or lost."""
+        settings, constants = self._settings, self._covariance
+        gain = self._info.actuation.knob_gain_per_m_deg or 0.0
+        bend = gain * abs(0.0 if math.isnan(self._knob_deg) else self._knob_deg)
+        drift = 2.0 * (settings.knob_drift * bend) ** 2 * min(1.0, elapsed_s / settings.knob_drift_s)
+        for covariance in constants:
+            covariance[_K0, _K0] += drift
+            for at in _BASE:
+                covariance[at, at] += settings.base_walk_m**2 * elapsed_s
+            covariance[_ANGLE, _ANGLE] += math.radians(settings.base_walk_deg) ** 2 * elapsed_s
+        forgets = math.exp(-elapsed_s / settings.line_error_s)
+        for mean, covariance in zip(self._mean, self._covariance, strict=True):
+            mean[_MODES] *= forgets
+            covariance[_MODES] *= forgets
+            covariance[:, _MODES] *= forgets
+            covariance[_MODES, _MODES] += (1.0 - forgets**2) * np.eye(MODES)
+        change = 1.0 - math.exp(-elapsed_s / settings.contact_s)
+        if elapsed_s > settings.gap_s:
+            change = 0.5
+        touch = self._share * (1.0 - change) + (1.0 - self._share) * change
+        stays, leaves = self._share * (1.0 - change) / touch, self._share * change / (1.0 - touch)
+        mean, covariance = self._moved(elapsed_s)
+        onset, onset_covariance = self._mean[_FREE].copy(), self._covariance[_FREE].copy()
+        begun = min(settings.prior.force_n, _ONSET_N + settings.force_rate_n_per_s * elapsed_s)
+        for k in range(FORCE):
+            onset_covariance[k, k] = begun**2
+            onset_covariance[COUNT - FORCE + k, COUNT - FORCE + k] = settings.force_rate_n_per_s**2
+        left, left_covariance = _released(self._mean[_TOUCH], self._covariance[_TOUCH])
+        self._mean[_FREE], self._covariance[_FREE] = _mixed(
+            leaves, left, left_covariance, self._mean[_FREE], self._covariance[_FREE]
+        )
+        self._mean[_TOUCH], self._covariance[_TOUCH] = _mixed(stays, mean, covariance, onset, onset_covariance)
+        self._share = touch
+
+    def _moved(self, elapsed_s: float) -> tuple[FloatArray, FloatArray]:
+        """The hypothesis of contact with its force moved on by its rate, which forgets itself."""
+        settings = self._settings
+        keep = math.exp(-elapsed_s / settings.force_rate_s)
+        reach = settings.force_rate_s * (1.0 - keep)
+        mean, covariance = self._mean[_TOUCH].copy(), self._covariance[_TOUCH].copy()
+        if elapsed_s > settings.gap_s:
+            mean[_FORCE] = mean[_RATE] = 0.0
+            for part, std in ((_FORCE, settings.prior.force_n), (_RATE, settings.force_rate_n_per_s)):
+                covariance[part] = 0.0
+                covariance[:, part] = 0.0
+                covariance[part, part] = std**2 * np.eye(FORCE)
+            return mean, covariance
+        mean[_FORCE] += reach * mean[_RATE]
+        mean[_RATE] *= keep
+        covariance[_FORCE] += reach * covariance[_RATE]
+        covariance[:, _FORCE] += reach * covariance[:, _RATE]
+        covariance[_RATE] *= keep
+        covariance[:, _RATE] *= keep
+        # of a rate that is an Ornstein-Uhlenbeck course: what it adds to itself, and to its integral
+        power = settings.force_rate_n_per_s**2
+        tau = settings.force_rate_s
+        place = power * (2.0 * tau * elapsed_s - 3.0 * tau**2 + 4.0 * tau**2 * keep - tau**2 * keep**2)
+        both = power * tau * (1.0 - keep) ** 2
+        for k in range(FORCE):
+            rate = COUNT - FORCE + k
+            covariance[k, k] += place
+            covariance[rate, rate] += power * (1.0 - keep**2)
+            covariance[k, rate] += both
+            covariance[rate, k] += both
+        forgets = math.exp(-elapsed_s / settings.force_s)
+        mean[_FORCE] *= forgets
+        covariance[_FORCE] *= forgets
+        covariance[:, _FORCE] *= forgets
+        covariance[_FORCE, _FORCE] += (1.0 - forgets**2) * settings.prior.force_n**2 * np.eye(FORCE)
+        return mean, covariance
+
+    def _fit(self, line: Line, which: int) -> tuple[Found, FloatArray, FloatArray, float]:
+        """The fit, the posterior's mean and covariance, and the logarithm of the evidence."""
+        mean, prior = self._mean[which], self._covariance[which]
+        information, log_det = _inverse(prior)
+        q, covariance = mean.copy(), np.empty((COUNT, COUNT))
+        if self._cold:
+            q[_BASE] = self._start
+        found = self._run(q, mean, information, line, which, covariance, cold=self._cold)
+        if which == _TOUCH and not found.converged and not self._cold:
+            q = mean.copy()
+            found = self._run(q, mean, information, line, which, covariance, cold=True)
+        return found, q, covariance, -found.cost - 0.5 * found.log_det - 0.5 * log_det
+
+    def _run(
+        self,
+        q: FloatArray,
+        mean: FloatArray,
+        information: FloatArray,
+        line: Line,
+        which: int,
+        covariance: FloatArray,
+        *,
+        cold: bool,
+    ) -> Found:
+        return fit_line(
+            q, mean, information, self._model, line, self._modes, self._whiten, self._settings.huber,
+            _STEPS if cold else _WARM_STEPS[which], cold,
+            self._work[which], covariance,
+        )  # fmt: skip
+
+
+def _open_n(before: FloatArray, after: FloatArray) -> float:
+    """What the image by itself leaves open of the force: largest standard deviation of what it adds to ``before``."""
+    seen = np.linalg.eigvalsh(np.linalg.inv(after) - np.linalg.inv(before))
+    return 1.0 / math.sqrt(max(float(seen[0]), 1e-12))
+
+
+def _released(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The same without a force."""
+    mean, covariance = mean.copy(), covariance.copy()
+    for part in (_FORCE, _RATE):
+        mean[part] = 0.0
+        covariance[part] = 0.0
+        covariance[:, part] = 0.0
+        covariance[part, part] = _NOTHING * np.eye(FORCE)
+    return mean, covariance
+
+
+def _mixed(
+    share: float, mean: FloatArray, covariance: FloatArray, other: FloatArray, other_covariance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance of a mixture, the first with ``share``."""
+    apart = mean - other
+    both = share * covariance + (1.0 - share) * other_covariance
+    both += share * (1.0 - share) * apart[:, None] * apart
+    return other + share * apart, both
+
+
+def _inverse(covariance: FloatArray) -> tuple[FloatArray, float]:
+    """Inverse and logarithm of the determinant, scaled to one on the diagonal: units lie ten powers of ten apart."""
+    std = np.sqrt(np.diag(covariance))
+    root = np.linalg.cholesky(covariance / (std[:, None] * std))
+    inverse = np.linalg.inv(root) / std
+    return inverse.T @ inverse, 2.0 * float(np.sum(np.log(np.diag(root) * std)))

@@ -1,0 +1,155 @@
+"""What the rod estimators know of a session before its images: priors of the unknowns, forces, noise of the line."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+from ...mechanics import LineNoise
+from ...mechanics.planar import FORCE, UNKNOWNS, Model
+from ...types import FloatArray, SessionInfo
+from ._lines import POINTS
+from ._settings import NoiseSettings, RodSettings
+
+__all__ = ["HELD", "MODES", "NEEDED", "Knowledge", "LineError", "rod_model"]
+
+MODES = 6
+"""So many shapes of the error that stays for a session are unknowns of `rod-track`; the rest counts as fresh."""
+HELD = 1e12
+"""Information that holds an unknown, in 1/N^2: to a microlewton."""
+NEEDED = ("catheter.flexible_length_m", "catheter.bending_stiffness_nm2")
+"""Session metadata without which there is no rod."""
+
+_K0, _LENGTH = UNKNOWNS.index("precurvature_per_m"), UNKNOWNS.index("length")
+_PIXELS = 240.0
+"""Length of the line in px by which the noise is laid out: of the bench that it was measured on."""
+
+
+@dataclass(frozen=True, eq=False)
+class LineError:
+    """Error of a line in px at its `POINTS` points, across it, and last along it at the tip.
+
+    ``whiten`` makes the noise white whose covariance is ``covariance_px2``; ``modes`` (`POINTS` + 1, modes) are the
+    errors that stay, each of unit variance.
+    """
+
+    covariance_px2: FloatArray
+    whiten: FloatArray
+    modes: FloatArray
+
+    @classmethod
+    def of(cls, noise: NoiseSettings, modes: int) -> Self:
+        """``modes``: so many of the lasting errors are unknowns of their own; 0: all are noise."""
+        arc = np.linspace(0.0, _PIXELS, POINTS)
+        fresh = LineNoise(
+            noise.fresh_px, 14.0, noise.fresh_along_px, noise.fresh_px, 2.3, noise.fresh_tip_px, 18.0, 0.1, 0.05
+        ).covariance_m2(arc)
+        lasting = LineNoise(
+            noise.lasting_px, 70.0, noise.lasting_along_px, noise.lasting_px, 2.3, noise.lasting_tip_px, 14.0, 0.14
+        ).covariance_m2(arc)
+        fresh, lasting = noise.factor**2 * fresh, noise.factor**2 * lasting
+        values, vectors = np.linalg.eigh(lasting)
+        kept = (vectors * np.sqrt(values))[:, ::-1][:, :modes]
+        whole = fresh + lasting - kept @ kept.T
+        whole = 0.5 * (whole + whole.T)
+        root = np.linalg.cholesky(whole)
+        whiten = np.asarray(np.tril(np.linalg.inv(root)), np.float64)
+        return cls(whole, np.ascontiguousarray(whiten), np.ascontiguousarray(kept))
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """Gaussians of what is unknown: constants of a session (`UNKNOWNS` behind the force), relative to its metadata.
+
+    ``constants`` and ``constants_covariance``; ``contact_share``: of the frames; ``sessions``: so many this was learnt
+    from, 0: it is the settings' own.
+    """
+
+    constants: FloatArray
+    constants_covariance: FloatArray
+    contact_share: float
+    sessions: int = 0
+
+    @classmethod
+    def stated(cls, settings: RodSettings) -> Self:
+        """What the settings state."""
+        prior = settings.prior
+        mean = np.zeros(len(UNKNOWNS) - FORCE)
+        mean[UNKNOWNS.index("stiffening_m2") - FORCE] = prior.stiffening_m2
+        mean[UNKNOWNS.index("creep") - FORCE] = prior.creep
+        angle = math.radians(prior.base_angle_deg)
+        std = [
+            prior.precurvature_per_m, prior.stiffness, prior.proximal_stiffness, prior.stiffening_std_m2, prior.length,
+            prior.scale, prior.base_position_m, prior.base_position_m, angle, prior.tilt_per_m, prior.tilt_per_m,
+            prior.distortion_per_m2, prior.creep_std,
+        ]  # fmt: skip
+        return cls(mean, np.diag(np.square(std)), prior.contact_share)
+
+    def for_session(self, settings: RodSettings, info: SessionInfo, knob_deg: float) -> tuple[FloatArray, FloatArray]:
+        """Mean and covariance of the constants at a knob angle; NaN: there is none."""
+        mean, covariance = self.constants.copy(), self.constants_covariance.copy()
+        gain, prior = info.actuation.knob_gain_per_m_deg, settings.prior
+        if gain is None or math.isnan(knob_deg):
+            covariance[0] = covariance[:, 0] = 0.0
+            covariance[0, 0] = prior.unknown_precurvature_per_m**2
+            mean[0] = 0.0
+        else:
+            mean[0] += gain * knob_deg
+            if not self.sessions:
+                play = gain * prior.knob_play_deg / math.sqrt(12.0)
+                covariance[0, 0] += play**2 + (prior.knob_gain * gain * knob_deg) ** 2
+        return mean, covariance
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """For the model folder; inverse: `of`."""
+        return {
+            "constants": self.constants,
+            "constants_covariance": self.constants_covariance,
+            "contact_share": np.array(self.contact_share),
+            "sessions": np.array(self.sessions),
+        }
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
+        """Raises KeyError or ValueError where ``arrays`` are not those of `arrays`."""
+        count = len(UNKNOWNS) - FORCE
+        shapes = {
+            "constants": (count,), "constants_covariance": (count, count), "contact_share": (), "sessions": (),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            if arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
+                raise ValueError(f"{name}: expected finite numbers {shape}, got {arrays[name].shape}")
+        mean, covariance = (np.asarray(arrays[name], np.float64) for name in list(shapes)[:2])
+        if not (np.diag(covariance) > 0).all() or not (np.linalg.eigvalsh(_scaled(covariance)) > 0).all():
+            raise ValueError("constants_covariance is no covariance")
+        share, sessions = float(arrays["contact_share"]), int(arrays["sessions"])
+        if not (0.0 < share < 1.0 and sessions >= 0):
+            raise ValueError(f"expected a share of contact within 0 and 1, and sessions, got {share}, {sessions}")
+        return cls(mean, covariance, share, sessions)
+
+
+def _scaled(covariance: FloatArray) -> FloatArray:
+    std = np.sqrt(np.diag(covariance))
+    return covariance / np.outer(std, std)
+
+
+def rod_model(info: SessionInfo, segments: int) -> Model:
+    """The rod that the metadata state, its tip a half-ball where they state a diameter.
+
+    Raises InputError where they lack length or stiffness.
+    """
+    catheter = info.catheter
+    if catheter.flexible_length_m is None or catheter.bending_stiffness_nm2 is None:
+        raise InputError(f"the rod needs {' and '.join(NEEDED)}; state them in bench.toml")
+    profile = np.ones(segments + 1)
+    if catheter.stiffness_profile:
+        share, factor = np.array(catheter.stiffness_profile).T
+        profile = np.interp(np.linspace(0.0, 1.0, segments + 1), share, factor)
+    # without a rigid tip the last element is as good as nothing
+    rigid = max(catheter.rigid_length_m or 0.0, 1e-6)
+    dome = min(rigid, 0.5 * (catheter.diameter_m or 0.0))
+    return Model(segments, catheter.flexible_length_m, rigid, catheter.bending_stiffness_nm2, profile, dome)

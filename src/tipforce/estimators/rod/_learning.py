@@ -1,0 +1,154 @@
+"""Priors of the rod learnt from sessions with forces, by expectation and maximisation over sessions.
+
+Expectation: in each session the force is what the sensor reads, and the constants' posterior follows frame by frame
+(an iterated extended Kalman filter on the rod). Maximisation: mean and covariance of the constants over the sessions,
+with the settings' prior as so many sessions more (`_WEIGHT`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...datasets import Dataset
+from ...errors import InputError
+from ...mechanics.planar import FORCE, UNKNOWNS, Line, fit_line, make_work
+from ...types import FloatArray, SessionInfo
+from .._base import Progress, calibration_images
+from .._reading import Abstention
+from ._detection import Detection
+from ._knowledge import MODES, Knowledge, LineError, rod_model
+from ._lines import POINTS
+from ._settings import RodSettings
+
+__all__ = ["learn"]
+
+_FRAMES = 48
+"""So many frames of each session, from all over it."""
+_STATED = ("length", "scale", "tilt_x_per_m", "tilt_y_per_m", "distortion_per_m2", "creep")
+"""Constants of which the settings' priors stay: they say how well a bench is measured, and the image hardly tells."""
+_ROUNDS = 3
+_WEIGHT = 2.0
+_SENSOR_STD_N = 8e-3
+"""Noise, pose and tare of a bench's force sensor."""
+_CONTACT_N = 0.02
+_HUBER, _STEPS = 4.0, 20
+_LEAST_SHARE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class _Session:
+    info: SessionInfo
+    lines: Sequence[Line]
+    scale: float
+    knob_deg: FloatArray
+    force_n: FloatArray
+
+
+def learn(settings: RodSettings, dataset: Dataset, progress: Progress) -> Knowledge:
+    """What the sessions of ``dataset`` teach. Raises InputError where the catheter is found in none of their images."""
+    if not dataset.known[:2].all():
+        raise InputError(f"{dataset.title}: to learn from it the rod needs forces in x and y; state learn=false")
+    sessions: list[_Session] = []
+    for k, name in enumerate(dataset.sessions):
+        progress("detecting the catheter", 0.7 * k / len(dataset.sessions))
+        sessions.append(_read(settings, dataset, name))
+    sessions = [each for each in sessions if each.lines]
+    if not sessions:
+        raise InputError(f"{dataset.title}: the catheter is found in no image; look at one with `tipforce inspect`")
+    stated = Knowledge.stated(settings)
+    knowledge = stated
+    for turn in range(_ROUNDS):
+        progress("learning the priors", 0.7 + 0.3 * turn / _ROUNDS)
+        means: list[FloatArray] = []
+        covariances: list[FloatArray] = []
+        for session in sessions:
+            mean, covariance = _posterior(settings, knowledge, session)
+            means.append(mean)
+            covariances.append(covariance)
+        knowledge = _maximised(settings, stated, knowledge, sessions, means, covariances)
+    progress("learning the priors", 1.0)
+    return knowledge
+
+
+def _read(settings: RodSettings, dataset: Dataset, name: str) -> _Session:
+    info = dataset.session_info[name]
+    rows = np.flatnonzero(dataset.session == name)
+    part = dataset.subset(rows[np.unique(np.linspace(0, len(rows) - 1, _FRAMES).astype(np.int64))])
+    images = calibration_images(dataset, name, settings.vision.view) if settings.vision.method == "tracer" else ()
+    detection = Detection(settings.vision, info, images)
+    lines: list[Line] = []
+    knobs: list[float] = []
+    forces: list[FloatArray] = []
+    scale = 0.0
+    for observation, force in zip(part.observations(), part.force_n, strict=True):
+        found = detection.read(observation)
+        if not isinstance(found, Abstention) and found.shape.centreline is not None:
+            lines.append(found.frame.line(found.shape.centreline))
+            knobs.append(observation.actuation.get("knob_deg", np.nan))
+            forces.append(force[:FORCE])
+            scale = found.frame.scale_m_per_px
+    return _Session(info, lines, scale, np.array(knobs), np.array(forces).reshape(-1, FORCE))
+
+
+def _posterior(settings: RodSettings, knowledge: Knowledge, session: _Session) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance of a session's constants, relative to its metadata."""
+    error = LineError.of(settings.noise, MODES)
+    modes, whiten = error.modes * session.scale, error.whiten / session.scale
+    constants = len(UNKNOWNS) - FORCE
+    count = len(UNKNOWNS) + MODES
+    model = rod_model(session.info, settings.segments)
+    work = make_work(model, POINTS, count)
+    mean, covariance = np.zeros(count - FORCE), np.eye(count - FORCE)
+    shift, covariance[:constants, :constants] = knowledge.for_session(settings, session.info, session.knob_deg[0])
+    mean[:constants] = shift
+    result = np.zeros((count, count))
+    gain = session.info.actuation.knob_gain_per_m_deg or 0.0
+    for k, line in enumerate(session.lines):
+        mean[0] += gain * float(np.nan_to_num(session.knob_deg[k] - session.knob_deg[max(k - 1, 0)]))
+        information = np.zeros((count, count))
+        information[:FORCE, :FORCE] = np.eye(FORCE) / _SENSOR_STD_N**2
+        information[FORCE:, FORCE:] = np.linalg.inv(covariance)
+        whole = np.concatenate([session.force_n[k], mean])
+        q = whole.copy()
+        if k == 0:
+            at = UNKNOWNS.index("base_x_m")
+            q[at : at + 2] = line.points[0]
+        found = fit_line(
+            q, whole, information, model, line, modes, whiten, _HUBER, _STEPS, True, work, result
+        )  # fmt: skip
+        if not found.converged or found.chi2 > 10.0 * settings.max_misfit * (POINTS + 1):
+            continue
+        mean, covariance = q[FORCE:].copy(), 0.5 * (result + result.T)[FORCE:, FORCE:]
+    relative = mean[:constants].copy()
+    relative[0] -= gain * float(np.nan_to_num(session.knob_deg[-1]))
+    return relative, covariance[:constants, :constants]
+
+
+def _maximised(
+    settings: RodSettings,
+    stated: Knowledge,
+    knowledge: Knowledge,
+    sessions: Sequence[_Session],
+    means: Sequence[FloatArray],
+    covariances: Sequence[FloatArray],
+) -> Knowledge:
+    count = len(means)
+    first = stated.for_session(settings, sessions[0].info, sessions[0].knob_deg[0])[1]
+    mean = (np.sum(means, axis=0) + _WEIGHT * stated.constants) / (count + _WEIGHT)
+    apart = [np.outer(each - mean, each - mean) for each in (*means, stated.constants)]
+    spread = np.sum(apart[:-1], axis=0) + np.sum(covariances, axis=0) + _WEIGHT * (first + apart[-1])
+    force = np.concatenate([each.force_n for each in sessions])
+    touching = np.linalg.norm(force, axis=1) > _CONTACT_N
+    covariance = spread / (count + _WEIGHT)
+    kept = [UNKNOWNS.index(name) - FORCE for name in _STATED]
+    mean[kept] = stated.constants[kept]
+    covariance[kept] = covariance[:, kept] = 0.0
+    covariance[kept, kept] = first[kept, kept]
+    return replace(
+        knowledge,
+        constants=mean,
+        constants_covariance=covariance,
+        contact_share=float(np.clip(touching.mean(), _LEAST_SHARE, 1.0 - _LEAST_SHARE)),
+        sessions=count,
+    )

@@ -1,0 +1,120 @@
+"""Settings of the rod estimators: what is known of a session beforehand, as standard deviations; when to abstain."""
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from ...vision import VisionSettings
+
+__all__ = ["NoiseSettings", "PriorSettings", "RodSettings", "RodTrackSettings"]
+
+_Std = Annotated[float, Field(gt=0, le=1e6)]
+_Share = Annotated[float, Field(gt=0, lt=0.5)]
+_FROZEN = ConfigDict(frozen=True, extra="forbid")
+
+
+class PriorSettings(BaseModel):
+    """What is known of a session before its first image; each a Gaussian about what the session metadata state."""
+
+    model_config = _FROZEN
+
+    force_n: _Std = 0.15
+    """Of each component of the force in contact. Forces that pull at the tip are excluded."""
+    contact_share: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    """Share of frames in which the tip touches."""
+    stiffness: _Share = 0.03
+    """Relative, of the bending stiffness that is stated."""
+    proximal_stiffness: _Share = 0.05
+    """Relative, of the stiffness of the third next to the base beside the rest."""
+    stiffening_m2: Annotated[float, Field(ge=0, le=1e-2)] = 4.5e-4
+    """Stiffness grows as 1 + this x curvature^2: from 4.3e-4 to 9.2e-4 N m^2 at 50 1/m (Khoshnam et al.)."""
+    stiffening_std_m2: _Std = 2e-4
+    length: _Share = 0.015
+    """Relative, of the flexible length."""
+    scale: _Share = 0.006
+    """Relative, of the metres a pixel stands for."""
+    knob_gain: _Share = 0.02
+    """Relative, of the curvature that the knob asks for."""
+    knob_play_deg: Annotated[float, Field(ge=0, le=90)] = 1.0
+    """Backlash of the knob: the curvature may belong to any angle within half of this."""
+    precurvature_per_m: _Std = 0.1
+    """Of the curvature without load beside what the knob asks for."""
+    unknown_precurvature_per_m: _Std = 10.0
+    """The same where there is no knob, or no map for it."""
+    base_position_m: _Std = 0.01
+    """Of the clamp, from where the shaft enters the image."""
+    base_angle_deg: _Std = 1.5
+    """Of the clamp's tangent, from the perpendicular to the border that the shaft comes from."""
+    tilt_per_m: _Std = 0.05
+    """Of the camera, each way: tangent of the angle over the camera's distance."""
+    distortion_per_m2: _Std = 0.3
+    """Of the lens, radial: k1 over the square of the camera's distance."""
+    creep: Annotated[float, Field(ge=0, lt=0.5)] = 0.02
+    """Share by which the bend grows under a steady force; a polymer shaft has some percent."""
+    creep_std: _Share = 0.02
+
+
+class NoiseSettings(BaseModel):
+    """Error of the detected centreline in px, see `LineNoise`: measured on simulated images of a camera bench."""
+
+    model_config = _FROZEN
+
+    fresh_px: _Std = 0.027
+    """Across the line, new in each frame."""
+    fresh_tip_px: _Std = 0.4
+    fresh_along_px: _Std = 0.29
+    """Of the tip along the line."""
+    lasting_px: _Std = 0.027
+    """The same that stay for a session."""
+    lasting_tip_px: _Std = 0.25
+    lasting_along_px: _Std = 1.02
+    factor: Annotated[float, Field(ge=0.1, le=100)] = 1.2
+    """All of them times this: what the planar rod leaves out (depth, creep) shows as noise."""
+
+
+class RodSettings(BaseModel):
+    """Force by the rod's mechanics from one centreline and the actuation."""
+
+    model_config = _FROZEN
+
+    vision: VisionSettings = VisionSettings()
+    prior: PriorSettings = PriorSettings()
+    noise: NoiseSettings = NoiseSettings()
+    learn: bool = True
+    """Whether `fit` learns priors from sessions with forces: stiffness, knob, clamp, camera, noise and what forces
+    occur. Without it the settings hold."""
+    huber: _Std = 4.0
+    """Misfits count with their square up to so many standard deviations, then with their size."""
+    segments: Annotated[int, Field(ge=8, le=400)] = 40
+    """Of the flexible length."""
+    max_misfit: _Std = 4.0
+    """Abstains where the mean square misfit of the rod is larger, in the noise's variances."""
+    max_std_n: _Std = 1.2
+    """Abstains where the image alone leaves a direction of the force open by more than this."""
+    max_precurvature_per_m: _Std = 60.0
+    """Abstains where the knob asks for more."""
+
+
+class RodTrackSettings(RodSettings):
+    """Force by the rod's mechanics from all centrelines so far."""
+
+    force_rate_n_per_s: _Std = 2.0
+    """How fast the force changes in contact."""
+    force_rate_s: _Std = 0.3
+    """How long it goes on changing so."""
+    force_s: _Std = 0.4
+    """How long a force is remembered: later it is anything within ``prior.force_n``."""
+    contact_s: _Std = 0.5
+    """Mean time in contact, and without."""
+    knob_drift: _Std = 0.01
+    """Relative slow drift of the knob's curvature, with the time constant ``knob_drift_s``."""
+    knob_drift_s: _Std = 20.0
+    base_walk_m: Annotated[float, Field(ge=0, le=1)] = 2e-5
+    """Random walk of the clamp's position in a second, and, in degrees, of its direction."""
+    base_walk_deg: Annotated[float, Field(ge=0, le=90)] = 0.02
+    line_error_s: _Std = 20.0
+    """How long the lasting error of the line stays: what a planar rod leaves out changes with the load."""
+    creep_s: _Std = 2.0
+    """Time constant of the shaft's creep."""
+    gap_s: _Std = 1.0
+    """After so long without a frame nothing is known of the force."""

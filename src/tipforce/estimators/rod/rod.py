@@ -1,0 +1,298 @@
+"""Method `rod`: the force that bends the rod into the detected centreline, by its mechanics.
+
+Levenberg-Marquardt on the planar rod (`mechanics.planar.fit_line`): unknown are the force and, each with a prior from
+the session metadata or learnt from sessions with forces, pre-curvature, stiffness, length, clamp, scale and camera. Two
+hypotheses are fitted, no contact and contact, and weighed by their evidence (Laplace's approximation). The posterior's
+covariance comes with the force.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from ...datasets import Dataset
+from ...errors import ModelError
+from ...mechanics.planar import FORCE, UNKNOWNS, Found, Line, Work, fit_line, make_work
+from ...types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
+from .._base import Estimator, Progress, Stream, no_progress
+from .._reading import Abstention
+from .._session_metadata import UninformedStream, missing_metadata
+from .._summary import ModelSummary, count_of
+from ._calibration import Widths, calibrated_widths
+from ._detection import Detected, Detection
+from ._knowledge import HELD, NEEDED, Knowledge, LineError, rod_model
+from ._learning import learn
+from ._lines import POINTS
+from ._posterior import force_over_contact
+from ._settings import RodSettings
+
+__all__ = ["Rod", "RodEstimator", "RodStream"]
+
+_STEPS = 30
+_FIRM = 2e-3
+"""Softest pivot of the rod's Hessian, over EI / h, below which a fold is near."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    knowledge: Knowledge
+    widths: Widths
+
+
+class RodEstimator(Estimator):
+    """What `rod` and `rod-track` share: everything but the stream. ``fitted_`` holds the settings' own before `fit`."""
+
+    settings_type = RodSettings
+    settings: RodSettings
+    needs_fit: ClassVar[bool] = False
+
+    def __init__(self, settings: RodSettings | None = None) -> None:
+        super().__init__(settings)
+        self.fitted_ = _Fitted(Knowledge.stated(self.settings), Widths())
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """The view of the vision settings."""
+        return (self.settings.vision.view,)
+
+    @property
+    def calibrates_on_images(self) -> bool:
+        """Length and look of the tip are each session's own."""
+        return self.settings.vision.method == "tracer"
+
+    @property
+    def required_metadata(self) -> tuple[str, ...]:
+        """The rod's length and stiffness, and the scale."""
+        return (*NEEDED, f"views.{self.settings.vision.view}.metres_per_px")
+
+    def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
+        """Learns priors and noise from sessions with forces; with the setting ``learn`` off nothing.
+
+        Raises InputError where the catheter is found in none of the images.
+        """
+        if self.settings.learn:
+            knowledge = learn(self.settings, dataset, progress or no_progress)
+            self.fitted_ = replace(self.fitted_, knowledge=knowledge)
+        return self
+
+    def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
+        """Widens or narrows the intervals so that they hold on sessions apart; the forces stay as they are."""
+        report = progress or no_progress
+        self.fitted_ = replace(self.fitted_, widths=Widths())
+        found = self.predict(dataset, lambda share: report("calibrating", share))
+        self.fitted_ = replace(self.fitted_, widths=calibrated_widths(found, dataset))
+        return self
+
+    def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+        """Priors as arrays, intervals as values."""
+        return {"unknowns": list(UNKNOWNS), "widths": self.fitted_.widths.values()}, self.fitted_.knowledge.arrays()
+
+    @classmethod
+    def from_state(
+        cls,
+        settings: Mapping[str, Any],
+        values: Mapping[str, Any],
+        arrays: Mapping[str, npt.NDArray[Any]],
+        files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
+    ) -> Self:
+        """The inverse of `state`."""
+        if values["unknowns"] != list(UNKNOWNS):
+            raise ModelError(f"the model was made for the unknowns {values['unknowns']}; train it again")
+        made = cls(cls.settings_type.model_validate(settings))  # type: ignore[arg-type]
+        made.fitted_ = _Fitted(Knowledge.of(arrays), Widths.of(values["widths"]))
+        return made
+
+    def describe(self) -> dict[str, Any]:
+        """Priors of the unknowns, and what the intervals rest on."""
+        knowledge, widths = self.fitted_.knowledge, self.fitted_.widths
+        std = np.sqrt(np.diag(knowledge.constants_covariance))
+        names = UNKNOWNS[FORCE:]
+        return {
+            "priors": {
+                name: {"mean": mean, "std": each}
+                for name, mean, each in zip(names, knowledge.constants.tolist(), std.tolist(), strict=True)
+            },
+            "contact_share": knowledge.contact_share,
+            "sessions": knowledge.sessions,
+            "interval_basis": widths.basis,
+        }
+
+    @classmethod
+    def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
+        """Where the priors are from, and what the intervals rest on."""
+        sessions = facts["sessions"]
+        origin = f"learnt from {count_of(sessions, 'session')}" if sessions else "those of the settings"
+        line = f"priors of the rod: {origin}; 90 % intervals rest on {facts['interval_basis']}"
+        return ModelSummary(
+            "the detected centreline, the knob, and the catheter's stated stiffness and length",
+            "centreline and knob",
+            (line,),
+            (line,),
+        )
+
+
+class Rod(RodEstimator):
+    """Each frame by itself; see the module."""
+
+    name: ClassVar[str] = "rod"
+
+    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
+        """A stream for one session; see `Estimator.start`."""
+        if missing := missing_metadata(self.required_metadata, info):
+            return UninformedStream(missing)
+        return RodStream(self.settings, self.fitted_.knowledge, self.fitted_.widths, info, images)
+
+
+class RodStream:
+    """One session, frame after frame; the frame before is a starting point and nothing else."""
+
+    def __init__(
+        self, settings: RodSettings, knowledge: Knowledge, widths: Widths, info: SessionInfo, images: Sequence[Image]
+    ) -> None:
+        self._settings, self._knowledge, self._widths, self._info = settings, knowledge, widths, info
+        self._detection = Detection(settings.vision, info, images)
+        model = rod_model(info, settings.segments)
+        self._solver = ContactFit(settings, knowledge, model)
+
+    def update(self, observation: Observation) -> ForceEstimate:
+        """The force at this observation; its status says why where there is none."""
+        stamp = observation.stamp_ns
+        detected = self._detection.read(observation)
+        shape = self._detection.shape
+        if isinstance(detected, Abstention):
+            return ForceEstimate.invalid(stamp, detected.status, detected.detail, shape)
+        knob = observation.actuation.get("knob_deg", math.nan)
+        found = self.fit(detected, knob)
+        if isinstance(found, Abstention):
+            return ForceEstimate.invalid(stamp, found.status, found.detail, shape)
+        force, covariance, contact = found
+        return self._widths.estimate(stamp, force, covariance, contact, shape)
+
+    def fit(self, detected: Detected, knob_deg: float) -> tuple[FloatArray, FloatArray, float] | Abstention:
+        """Force (2,), covariance (2, 2) and probability of contact, or why there are none."""
+        centreline = detected.shape.centreline
+        assert centreline is not None
+        if abstention := actuation_out_of_range(self._settings, self._info, knob_deg):
+            return abstention
+        mean, covariance = self._knowledge.for_session(self._settings, self._info, knob_deg)
+        line = detected.frame.line(centreline)
+        return self._solver.solve(line, detected.frame.scale_m_per_px, mean, covariance)
+
+
+def actuation_out_of_range(settings: RodSettings, info: SessionInfo, knob_deg: float) -> Abstention | None:
+    """Why there is no estimate at this knob angle, or None."""
+    gain = info.actuation.knob_gain_per_m_deg
+    if gain is None or math.isnan(knob_deg) or abs(gain * knob_deg) <= settings.max_precurvature_per_m:
+        return None
+    return Abstention(
+        Status.OUT_OF_DISTRIBUTION,
+        f"the knob at {knob_deg:g} degrees asks for a curvature of {gain * knob_deg:.3g} 1/m, more than "
+        f"max_precurvature_per_m = {settings.max_precurvature_per_m:g}",
+    )
+
+
+def misfit_abstention(settings: RodSettings, converged: bool, misfit: float, firmness: float) -> Abstention | None:
+    """Why a fit gives no force, or None. ``misfit``: mean square, in the noise's variances; see `Found`."""
+    if not (converged and misfit <= settings.max_misfit):
+        if firmness < _FIRM:
+            return Abstention(Status.FOLD, "no stable shape of the rod fits the centreline: it is near a fold")
+        return Abstention(
+            Status.OUT_OF_DISTRIBUTION,
+            f"no force at the tip bends the stated rod into this shape: the mean square misfit is {misfit:.1f}, "
+            f"the limit {settings.max_misfit:g}",
+        )
+    if firmness < _FIRM:
+        return Abstention(Status.FOLD, "the rod is about to buckle: a small change of the force bends it far")
+    return None
+
+
+def unobservable_abstention(settings: RodSettings, open_n: float) -> Abstention | None:
+    """Why there is no force where a direction of it is left open by ``open_n``, or None."""
+    if open_n <= settings.max_std_n:
+        return None
+    return Abstention(
+        Status.UNOBSERVABLE,
+        f"the shape leaves a direction of the force open by {open_n:.2g} N: it is pushed along its own axis",
+    )
+
+
+class ContactFit:
+    """The two fits of one line, and what is made of them."""
+
+    def __init__(self, settings: RodSettings, knowledge: Knowledge, model: Any) -> None:
+        self._settings, self._knowledge, self._model = settings, knowledge, model
+        self._count = len(UNKNOWNS)
+        self._error = LineError.of(settings.noise, 0)
+        self._none = np.zeros((POINTS + 1, 0))
+        self._work = [make_work(model, POINTS, self._count) for _ in range(2)]
+        self._covariance = np.zeros((self._count, self._count))
+        self._spare = np.zeros((self._count, self._count))
+        self._force_information = np.eye(FORCE) / settings.prior.force_n**2
+        self._last: FloatArray | None = None
+        self._last_free: FloatArray | None = None
+        self._held: tuple[FloatArray, FloatArray, FloatArray, FloatArray, float] | None = None
+        self._scale, self._whiten = 0.0, self._error.whiten
+
+    def solve(
+        self, line: Line, scale: float, mean: FloatArray, covariance: FloatArray
+    ) -> tuple[FloatArray, FloatArray, float] | Abstention:
+        """Force, covariance, probability of contact. ``mean``, ``covariance``: of the session's constants."""
+        if scale != self._scale:
+            self._scale = scale
+            self._whiten = self._error.whiten / scale
+        if self._held is None or not (np.array_equal(self._held[0], mean)):
+            information = np.zeros((self._count, self._count))
+            information[FORCE:, FORCE:] = np.linalg.inv(covariance)
+            free, touching = information.copy(), information
+            free[:FORCE, :FORCE] = HELD * np.eye(2)
+            touching[:FORCE, :FORCE] = self._force_information
+            log_ratio = -math.log(HELD * self._settings.prior.force_n**2)
+            whole = np.concatenate([np.zeros(FORCE), mean])
+            self._held = (mean.copy(), whole, free, touching, log_ratio)
+        _, whole, free, touching, log_ratio = self._held
+        start = whole.copy()
+        base = line.points[0]
+        start[UNKNOWNS.index("base_x_m")], start[UNKNOWNS.index("base_y_m")] = base[0], base[1]
+        q = start if self._last_free is None else self._last_free
+        without = self._fit(q, whole, free, line, 0, self._spare, cold=self._last_free is None)
+        self._last_free = q.copy() if without.converged else None
+        starts = [q.copy()] if self._last is None else [self._last.copy(), q.copy()]
+        best: Found | None = None
+        angle, spread = 0.0, self._covariance[:FORCE, :FORCE]
+        for k, tried in enumerate(starts):
+            cold = k > 0 or self._last is None
+            found = self._fit(tried, whole, touching, line, 1, self._covariance, cold=cold)
+            if best is None or found.cost < best.cost - 0.5:
+                best, q, spread = found, tried, self._covariance[:FORCE, :FORCE].copy()
+                angle = float(self._work[1].theta[-1])
+            if best.converged and best.chi2 <= self._settings.max_misfit * (POINTS + 1):
+                break
+        assert best is not None
+        misfit = min(best.chi2, without.chi2) / (POINTS + 1)
+        if abstention := misfit_abstention(self._settings, best.converged, misfit, best.firmness):
+            self._last = None
+            return abstention
+        self._last = q
+        # what the image adds to the prior
+        seen = np.linalg.eigvalsh(np.linalg.inv(spread) - self._force_information)
+        worst = 1.0 / math.sqrt(max(seen[0], 1e-12))
+        if abstention := unobservable_abstention(self._settings, worst):
+            return abstention
+        share = self._knowledge.contact_share
+        evidence = log_ratio + (without.cost - best.cost) + 0.5 * (without.log_det - best.log_det)
+        mixed = force_over_contact(q[:FORCE].copy(), spread, angle, evidence + math.log(share / (1.0 - share)))
+        return mixed.force_n, mixed.covariance_n2, mixed.contact
+
+    def _fit(
+        self, q: FloatArray, mean: FloatArray, information: FloatArray, line: Line, which: int, covariance: FloatArray,
+        *, cold: bool,
+    ) -> Found:  # fmt: skip
+        work: Work = self._work[which]
+        return fit_line(
+            q, mean, information, self._model, line, self._none, self._whiten, self._settings.huber, _STEPS, cold,
+            work, covariance,
+        )  # fmt: skip

@@ -1,0 +1,86 @@
+"""Method `rod-track`: `rod` over time, causal. See `_filter` for how the frames are joined.
+
+The state: the force and its rate, the curvature with the play of the knob, a slow walk of the clamp, and the session's
+constants (stiffness, length, scale, camera, the error of the line that stays). Where nothing but a rod without force
+explains the shape the constants are learnt and the force is zeroed; nobody has to say when.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import ClassVar
+
+from ...types import ForceEstimate, Image, Observation, SessionInfo, Status
+from .._base import Stream
+from .._reading import Abstention
+from .._session_metadata import UninformedStream, missing_metadata
+from ._calibration import Widths
+from ._detection import Detection
+from ._filter import ContactFilter
+from ._knowledge import Knowledge, rod_model
+from ._posterior import force_over_contact
+from ._settings import RodTrackSettings
+from .rod import RodEstimator, actuation_out_of_range, misfit_abstention, unobservable_abstention
+
+__all__ = ["RodTrack", "RodTrackStream"]
+
+
+class RodTrack(RodEstimator):
+    """All frames so far; see the module."""
+
+    name: ClassVar[str] = "rod-track"
+    settings_type = RodTrackSettings
+
+    @property
+    def uses_history(self) -> bool:
+        """It remembers."""
+        return True
+
+    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
+        """A stream for one session; see `Estimator.start`."""
+        if missing := missing_metadata(self.required_metadata, info):
+            return UninformedStream(missing)
+        settings = self.settings
+        assert isinstance(settings, RodTrackSettings)
+        return RodTrackStream(settings, self.fitted_.knowledge, self.fitted_.widths, info, images)
+
+
+class RodTrackStream:
+    """One session, frame after frame, by their stamps: a late frame is refused, a gap widens what is not known."""
+
+    def __init__(
+        self,
+        settings: RodTrackSettings,
+        knowledge: Knowledge,
+        widths: Widths,
+        info: SessionInfo,
+        images: Sequence[Image],
+    ) -> None:
+        self._settings, self._widths, self._info = settings, widths, info
+        self._detection = Detection(settings.vision, info, images)
+        self._filter = ContactFilter(settings, knowledge, rod_model(info, settings.segments), info)
+        self._stamp_ns: int | None = None
+
+    def update(self, observation: Observation) -> ForceEstimate:
+        """The force at this observation; its status says why where there is none."""
+        stamp = observation.stamp_ns
+        if self._stamp_ns is not None and stamp <= self._stamp_ns:
+            late = (self._stamp_ns - stamp) * 1e-6
+            return ForceEstimate.invalid(stamp, Status.STALE, f"{late:.1f} ms older than a frame that was used already")
+        detected = self._detection.read(observation)
+        shape = self._detection.shape
+        found = detected if isinstance(detected, Abstention) else None
+        knob = observation.actuation.get("knob_deg", math.nan)
+        found = found or actuation_out_of_range(self._settings, self._info, knob)
+        if found is not None or isinstance(detected, Abstention) or detected.shape.centreline is None:
+            assert found is not None
+            return ForceEstimate.invalid(stamp, found.status, found.detail, shape)
+        elapsed_s = 0.0 if self._stamp_ns is None else (stamp - self._stamp_ns) * 1e-9
+        line = detected.frame.line(detected.shape.centreline)
+        step = self._filter.step(line, detected.frame.scale_m_per_px, knob, elapsed_s)
+        self._stamp_ns = stamp
+        if abstention := misfit_abstention(self._settings, step.converged, step.misfit, step.firmness):
+            return ForceEstimate.invalid(stamp, abstention.status, abstention.detail, shape)
+        mixed = force_over_contact(step.force_n, step.covariance_n2, step.angle_rad, step.log_odds)
+        if mixed.contact > 0.5 and (abstention := unobservable_abstention(self._settings, step.open_n)):
+            return ForceEstimate.invalid(stamp, abstention.status, abstention.detail, shape)
+        return self._widths.estimate(stamp, mixed.force_n, mixed.covariance_n2, mixed.contact, shape)

@@ -1,0 +1,529 @@
+"""From a detected line to the force: Levenberg-Marquardt on the planar rod, one compiled call for a line.
+
+The measurement is the displacement of the detected line across itself at its points, and along itself at its tip. The
+unknowns are those of the rod, of its clamp and of the camera (`UNKNOWNS`), then the amplitudes of ``modes``: errors of
+the line that stay for a while. All have a joint Gaussian prior. Derivatives are exact: the implicit function theorem at
+the equilibrium, one tridiagonal solution an unknown, as in `mechanics.derivatives`.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ...types import FloatArray
+from ._compile import compiled
+from ._newton import NO_SPRINGS, SCRATCH, TOLERANCE, Elastic, Load, follow, relax_in, solve_factorised
+
+__all__ = ["FORCE", "UNKNOWNS", "Found", "Line", "Model", "Work", "fit_line", "make_work", "predict_line"]
+
+UNKNOWNS = (
+    "force_x_n",
+    "force_y_n",
+    "precurvature_per_m",
+    "stiffness",
+    "proximal_stiffness",
+    "stiffening_m2",
+    "length",
+    "scale",
+    "base_x_m",
+    "base_y_m",
+    "base_angle_rad",
+    "tilt_x_per_m",
+    "tilt_y_per_m",
+    "distortion_per_m2",
+    "creep",
+)
+"""Force in the frame of the clamp; pre-curvature; relative changes of EI and of EI over the proximal third; 1 / k_s^2;
+relative changes of the flexible length and of the metres a pixel stands for; the clamp in the frame of the line; the
+camera: a point at c from the middle of the image moves by c (tilt . c) + distortion |c|^2 c; creep: share of the bend
+under earlier forces that is still there."""
+FORCE = 2
+"""The first two unknowns."""
+_FX, _FY, _K0, _EI, _PROXIMAL, _SOFT, _LENGTH, _SCALE, _X, _Y, _ANGLE, _TILT_X, _TILT_Y, _RADIAL, _CREEP = range(
+    len(UNKNOWNS)
+)
+_OF_ROD = 7
+"""The first ones change the rod's shape."""
+
+_SMALL_STEP = 0.05
+"""The fit has converged when a step is shorter than this share of what the posterior leaves open."""
+_FIRST_EASE, _EASE_STEP, _EASED_GAIN = 1.0 / 64.0, 8.0, 0.5
+"""A cold start first takes the line's noise for so much larger: else the first step runs along what the line hardly
+tells, into a bent valley of the cost. Then it shrinks, as soon as a step gains little."""
+_SMALL_GAIN = 1e-3
+"""Or when a step lowers the cost by less: a likelihood ratio that nothing depends on."""
+_TRIES_PER_STEP = 2
+_MOST_DAMPING = 1e8
+_MOST_LOAD, _MOST_BEND, _LEAST_SOFT = 10.0, 2.0 * math.pi, -1e-4
+"""Force x length^2 / EI, four times what buckles the rod; turn of the unloaded rod, rad; softening with curvature."""
+_LONGEST_TURN = 1.5
+"""A step that turns an element by more than this, rad, is taken for a jump to another branch, and halved."""
+
+
+class Model(NamedTuple):
+    """The rod as it is known beforehand; what is off it is among the unknowns."""
+
+    segments: int
+    flexible_m: float
+    rigid_m: float
+    stiffness_nm2: float
+    profile: FloatArray
+    """(segments + 1,): what EI is multiplied with at the joints."""
+    dome_m: float
+    """The force acts so far behind the tip: a wall pushes a round tip through the middle of its dome."""
+
+
+class Line(NamedTuple):
+    """A detected line in the frame of the prior: ``points`` (p, 2), ``normals`` (p, 2) to its left, base to tip.
+
+    ``from_tip`` (p,): arc length between point and tip, the last 0. ``middle`` (2,): middle of the image. ``past_n``
+    (2,): mean of the forces before, over the time of creep: to first order the rod has crept as if a share of it acted.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    from_tip: FloatArray
+    middle: FloatArray
+    past_n: FloatArray
+
+
+class Work(NamedTuple):
+    """Buffers of one rod and one number of points and unknowns; ``theta`` (n,) holds the start and then the shape."""
+
+    theta: FloatArray
+    before: FloatArray
+    scratch: FloatArray
+    ei: FloatArray
+    k0: FloatArray
+    carried: FloatArray
+    nodes: FloatArray
+    turns: FloatArray
+    residual: FloatArray
+    slopes: FloatArray
+    white: FloatArray
+    matrix: FloatArray
+    factor: FloatArray
+    side: FloatArray
+    tried: FloatArray
+    step: FloatArray
+    kept: FloatArray
+
+
+class Found(NamedTuple):
+    """``cost``: minus the logarithm of the posterior density, up to a constant; ``log_det`` of its information.
+
+    ``chi2``: squares of the whitened misfit, not bounded. ``firmness``: smallest pivot of the rod's Hessian over
+    EI / h; near 0 close to a fold.
+    """
+
+    cost: float
+    chi2: float
+    log_det: float
+    converged: bool
+    stable: bool
+    firmness: float
+    iterations: int
+
+
+def make_work(model: Model, points: int, unknowns: int) -> Work:
+    """Buffers for lines of ``points`` points; the start is the straight rod."""
+    n, rows = model.segments + 1, points + 1
+    return Work(
+        np.zeros(n), np.zeros(n), np.zeros((SCRATCH + 4, n)), np.zeros(n), np.zeros(n), np.zeros((n, 2)),
+        np.zeros((2, n + 1)), np.zeros((_OF_ROD, 2, n + 1)), np.zeros(rows), np.zeros((rows, unknowns)),
+        np.zeros((rows, unknowns + 1)), np.zeros((unknowns, unknowns)), np.zeros((unknowns, unknowns)),
+        np.zeros(unknowns), np.zeros(unknowns), np.zeros(unknowns), np.zeros(n),
+    )  # fmt: skip
+
+
+@compiled
+def _load(q: FloatArray, line: Line) -> tuple[float, float]:
+    """The force that bends the rod as force and creep together do."""
+    return q[_FX] + q[_CREEP] * line.past_n[0], q[_FY] + q[_CREEP] * line.past_n[1]
+
+
+@compiled
+def _is_possible(q: FloatArray, model: Model) -> bool:
+    """Whether there is such a rod, under a load that its solver is made for; NaN is none."""
+    size = math.hypot(q[_FX], q[_FY]) * model.flexible_m**2 / model.stiffness_nm2
+    stiff = min(1.0 + q[_EI], 1.0 + q[_PROXIMAL], 1.0 + q[_LENGTH], 1.0 + q[_SCALE]) > 0.3
+    bend = abs(q[_K0]) * model.flexible_m
+    # where stiffness would fall with the curvature there is no unique shape
+    return size < _MOST_LOAD and stiff and bend < _MOST_BEND and q[_SOFT] > _LEAST_SOFT and q[_SOFT] * q[_K0] ** 2 < 3.0
+
+
+@compiled
+def _solve_shape(q: FloatArray, model: Model, line: Line, work: Work, cold: bool) -> tuple[bool, bool, float]:
+    """The equilibrium at ``q`` into ``theta``, and its Hessian's factors; whether it converged, is stable, firmness."""
+    n = model.segments + 1
+    h = model.flexible_m * (1.0 + q[_LENGTH]) / model.segments
+    for i in range(n):
+        share = 1.0 + (q[_PROXIMAL] if 3 * i < model.segments else 0.0)
+        work.ei[i] = model.stiffness_nm2 * model.profile[i] * (1.0 + q[_EI]) * share
+        work.k0[i] = q[_K0]
+    rod = Elastic(h, model.rigid_m - model.dome_m, work.ei, work.k0, q[_SOFT], model.stiffness_nm2 / model.flexible_m)
+    fx, fy = _load(q, line)
+    load = Load(fx, fy, 0.0, work.carried)
+    if cold:
+        angle = 0.0
+        for i in range(n):
+            angle += q[_K0] * (h if 0 < i < n - 1 else 0.5 * h)
+            work.theta[i] = angle
+        outcome, _ = follow(work.theta, rod, load, 0.5, work.scratch)
+    else:
+        outcome = relax_in(work.theta, rod, load, NO_SPRINGS, 1e3 * TOLERANCE, work.scratch[:SCRATCH])
+    firm = 1e300
+    for i in range(n):
+        firm = min(firm, 1.0 / work.scratch[6, i] if work.scratch[6, i] > 0.0 else 0.0)
+    return outcome.converged, outcome.stable, firm * h / model.stiffness_nm2
+
+
+@compiled
+def _turn_rates(q: FloatArray, model: Model, line: Line, work: Work) -> None:
+    """Nodes (2, n + 1), and how they move with each unknown of the rod, into ``turns``."""
+    n = model.segments + 1
+    last = n - 1
+    h = model.flexible_m * (1.0 + q[_LENGTH]) / model.segments
+    per_length = model.flexible_m / model.segments
+    fx, fy = _load(q, line)
+    cosine, sine = work.scratch[10], work.scratch[11]
+    side = work.before
+    for parameter in range(_OF_ROD):
+        previous = 0.0
+        for i in range(n):
+            reach = h if i < last else model.rigid_m - model.dome_m
+            value = 0.0
+            if parameter == _FX:
+                value = -reach * sine[i]
+            elif parameter == _FY:
+                value = reach * cosine[i]
+            else:
+                span = h if 0 < i < last else 0.5 * h
+                k = (work.theta[i] - previous) / span
+                stiffer = 1.0 + q[_SOFT] * k * k
+                bent = work.ei[i] * stiffer * (k - q[_K0])
+                if parameter == _K0:
+                    joint = work.ei[i] * stiffer
+                elif parameter == _EI:
+                    joint = -bent / (1.0 + q[_EI])
+                elif parameter == _PROXIMAL:
+                    joint = -bent / (1.0 + q[_PROXIMAL]) if 3 * i < model.segments else 0.0
+                elif parameter == _SOFT:
+                    joint = -work.ei[i] * k * k * (k - q[_K0])
+                else:
+                    slope = work.ei[i] * (stiffer + 2.0 * q[_SOFT] * k * (k - q[_K0]))
+                    joint = slope * k / h * per_length
+                    if i < last:
+                        value = per_length * (fy * cosine[i] - fx * sine[i])
+                value += joint
+                if i > 0:
+                    side[i - 1] -= joint
+            previous = work.theta[i]
+            side[i] = value
+        solve_factorised(work.scratch[:SCRATCH], side)
+        moves = work.turns[parameter]
+        x = y = 0.0
+        for i in range(n):
+            reach = h if i < last else model.rigid_m
+            x -= reach * sine[i] * side[i]
+            y += reach * cosine[i] * side[i]
+            if parameter == _LENGTH and i < last:
+                x += per_length * cosine[i]
+                y += per_length * sine[i]
+            moves[0, i + 1], moves[1, i + 1] = x, y
+    x = y = 0.0
+    for i in range(n):
+        reach = h if i < last else model.rigid_m
+        x += reach * cosine[i]
+        y += reach * sine[i]
+        work.nodes[0, i + 1], work.nodes[1, i + 1] = x, y
+
+
+@compiled
+def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: Work) -> None:
+    """What is left between the line and the model at ``q`` into ``residual``, its slopes into ``slopes``."""
+    segments, p = model.segments, line.from_tip.size
+    h = model.flexible_m * (1.0 + q[_LENGTH]) / segments
+    length = h * segments + model.rigid_m
+    larger = 1.0 + q[_SCALE]
+    c, s = math.cos(q[_ANGLE]), math.sin(q[_ANGLE])
+    count = q.size
+    for i in range(p):
+        arc = length - line.from_tip[i] * larger
+        if arc < 0.0:  # behind the clamp it goes straight on
+            first, share, x, y, ex, ey = 0, 0.0, arc, 0.0, 1.0, 0.0
+        else:
+            first = min(int(arc / h), segments)
+            share = (arc - first * h) / (h if first < segments else model.rigid_m)
+            x = work.nodes[0, first] + share * (work.nodes[0, first + 1] - work.nodes[0, first])
+            y = work.nodes[1, first] + share * (work.nodes[1, first + 1] - work.nodes[1, first])
+            ex, ey = work.scratch[10, first], work.scratch[11, first]
+            if first < segments:  # the arc, not its chord: kinks would show beside a hundredth of a pixel
+                before, after = work.theta[first - 1] if first else 0.0, work.theta[first + 1]
+                bend = (after - before) / (2.0 if 0 < first < segments - 1 else 1.5)
+                sag, lean = -0.5 * bend * h * share * (1.0 - share), -0.5 * bend * (1.0 - 2.0 * share)
+                x, y = x - sag * ey, y + sag * ex
+                ex, ey = ex - lean * ey, ey + lean * ex
+        rx, ry = (c * x - s * y) / larger, (s * x + c * y) / larger
+        gx, gy = q[_X] + rx - line.middle[0], q[_Y] + ry - line.middle[1]
+        tilt, square = q[_TILT_X] * gx + q[_TILT_Y] * gy, gx * gx + gy * gy
+        grow = 1.0 + tilt + q[_RADIAL] * square
+        dx = line.points[i, 0] - line.middle[0] - grow * gx
+        dy = line.points[i, 1] - line.middle[1] - grow * gy
+        rows = 1 if i < p - 1 else 2
+        for turn in range(rows):
+            nx, ny = line.normals[i, 0], line.normals[i, 1]
+            if turn == 1:
+                nx, ny = ny, -nx  # along the line
+            row = i + turn
+            value = nx * dx + ny * dy
+            for k in range(modes.shape[1]):
+                value -= modes[row, k] * q[count - modes.shape[1] + k]
+            work.residual[row] = value
+            # through the camera's map: its slope is grow 1 + gx (tilt, ...)
+            way = nx * gx + ny * gy
+            ux = grow * nx + way * (q[_TILT_X] + 2.0 * q[_RADIAL] * gx)
+            uy = grow * ny + way * (q[_TILT_Y] + 2.0 * q[_RADIAL] * gy)
+            bx, by = (c * ux + s * uy) / larger, (-s * ux + c * uy) / larger
+            along = bx * ex + by * ey
+            for k in range(_OF_ROD):
+                if arc < 0.0:
+                    work.slopes[row, k] = bx if k == _LENGTH else 0.0
+                    if k == _LENGTH:
+                        work.slopes[row, k] *= model.flexible_m
+                    continue
+                moves = work.turns[k]
+                mx = moves[0, first] + share * (moves[0, first + 1] - moves[0, first])
+                my = moves[1, first] + share * (moves[1, first + 1] - moves[1, first])
+                work.slopes[row, k] = bx * mx + by * my
+                if k == _LENGTH:  # the share of the element at this distance from the tip changes, too
+                    work.slopes[row, k] += (
+                        along * model.flexible_m * (1.0 - (first + (share if first < segments else 0.0)) / segments)
+                    )
+            work.slopes[row, _SCALE] = -(ux * rx + uy * ry) / larger - along * line.from_tip[i]
+            work.slopes[row, _X], work.slopes[row, _Y] = ux, uy
+            work.slopes[row, _ANGLE] = -ux * ry + uy * rx
+            work.slopes[row, _TILT_X], work.slopes[row, _TILT_Y] = way * gx, way * gy
+            work.slopes[row, _RADIAL] = way * square
+            work.slopes[row, _CREEP] = line.past_n[0] * work.slopes[row, _FX] + line.past_n[1] * work.slopes[row, _FY]
+            for k in range(modes.shape[1]):
+                work.slopes[row, count - modes.shape[1] + k] = modes[row, k]
+
+
+@compiled
+def predict_line(
+    q: FloatArray, model: Model, line: Line, modes: FloatArray, work: Work, cold: bool
+) -> tuple[bool, bool, float]:
+    """``residual`` and ``slopes`` of ``work`` at ``q``; whether the shape converged, whether it is stable, firmness."""
+    converged, stable, firm = _solve_shape(q, model, line, work, cold)
+    if converged and stable:
+        _turn_rates(q, model, line, work)
+        _measure(q, model, line, modes, work)
+    return converged, stable, firm
+
+
+@compiled
+def _cost(
+    q: FloatArray,
+    mean: FloatArray,
+    information: FloatArray,
+    whiten: FloatArray,
+    ease: float,
+    limit: float,
+    work: Work,
+) -> tuple[float, float]:
+    """Huber's loss of the whitened residual plus the prior's; the plain sum of squares. Fills ``white``'s last."""
+    rows, count = work.residual.size, q.size
+    loss = plain = 0.0
+    for i in range(rows):
+        value = 0.0
+        for j in range(i + 1):
+            value += whiten[i, j] * work.residual[j]
+        value *= ease
+        work.white[i, count] = value
+        size = abs(value)
+        plain += value * value
+        loss += 0.5 * value * value if size <= limit else limit * (size - 0.5 * limit)
+    for i in range(count):
+        part = 0.0
+        for j in range(count):
+            part += information[i, j] * (q[j] - mean[j])
+        loss += 0.5 * part * (q[i] - mean[i])
+    return loss, plain
+
+
+@compiled
+def _assemble(
+    q: FloatArray,
+    mean: FloatArray,
+    information: FloatArray,
+    whiten: FloatArray,
+    ease: float,
+    limit: float,
+    work: Work,
+) -> None:
+    """Posterior information at ``q`` into ``matrix``, minus the gradient of the cost into ``side``."""
+    rows, count = work.residual.size, q.size
+    for i in range(rows):
+        value = abs(work.white[i, count])
+        weight = 1.0 if value <= limit else math.sqrt(limit / value)
+        for k in range(count):
+            work.white[i, k] = 0.0
+        for j in range(i + 1):
+            share = ease * weight * whiten[i, j]
+            for k in range(count):
+                work.white[i, k] += share * work.slopes[j, k]
+        work.white[i, count] *= weight
+    for a in range(count):
+        total = 0.0
+        for j in range(count):
+            work.matrix[a, j] = information[a, j]
+            total -= information[a, j] * (q[j] - mean[j])
+        work.side[a] = total
+    for i in range(rows):
+        for a in range(count):
+            value = work.white[i, a]
+            work.side[a] += value * work.white[i, count]
+            for b in range(a + 1):
+                work.matrix[a, b] += value * work.white[i, b]
+    for a in range(count):
+        for b in range(a):
+            work.matrix[b, a] = work.matrix[a, b]
+
+
+@compiled
+def _factorise(matrix: FloatArray, damping: float, factor: FloatArray) -> float:
+    """Cholesky factor of ``matrix`` with its diagonal times 1 + ``damping``; its log determinant, NaN where none."""
+    count = matrix.shape[0]
+    log_det = 0.0
+    for i in range(count):
+        for j in range(i + 1):
+            value = matrix[i, j]
+            if i == j:
+                value *= 1.0 + damping
+            for k in range(j):
+                value -= factor[i, k] * factor[j, k]
+            if i == j:
+                if not value > 0.0:
+                    return math.nan
+                factor[i, i] = math.sqrt(value)
+                log_det += math.log(value)
+            else:
+                factor[i, j] = value / factor[j, j]
+    return log_det
+
+
+@compiled
+def _solve(factor: FloatArray, answer: FloatArray) -> None:
+    count = answer.size
+    for i in range(count):
+        for k in range(i):
+            answer[i] -= factor[i, k] * answer[k]
+        answer[i] /= factor[i, i]
+    for i in range(count - 1, -1, -1):
+        for k in range(i + 1, count):
+            answer[i] -= factor[k, i] * answer[k]
+        answer[i] /= factor[i, i]
+
+
+@compiled
+def fit_line(
+    q: FloatArray,
+    mean: FloatArray,
+    information: FloatArray,
+    model: Model,
+    line: Line,
+    modes: FloatArray,
+    whiten: FloatArray,
+    limit: float,
+    most: int,
+    cold: bool,
+    work: Work,
+    covariance: FloatArray,
+) -> Found:
+    """Moves ``q`` from where it stands to the most probable unknowns; ``covariance`` becomes that of the posterior.
+
+    Args:
+        q: (unknowns,) start, then result: `UNKNOWNS`, then the amplitudes of ``modes``.
+        mean: (unknowns,) of the prior.
+        information: (unknowns, unknowns): inverse of the prior's covariance. A very large entry holds an unknown.
+        model: the rod.
+        line: what was detected.
+        modes: (points + 1, modes): errors of the line with an amplitude that is an unknown of its own.
+        whiten: (points + 1, points + 1) lower triangular: what makes the noise of the line white.
+        limit: whitened misfits beyond this count with their size only, not their square (Huber 1964).
+        most: steps at most.
+        cold: solve the first shape from the unloaded one, not from ``work.theta``.
+        work: buffers.
+        covariance: (unknowns, unknowns), filled (Laplace's approximation).
+    """
+    count = q.size
+    cost, plain, firm, plain_there = math.inf, math.inf, 0.0, math.inf
+    damping, iteration, done, stable = 0.0, -1, False, False
+    bound, largest = 1e300, 0.0  # far from the line, squares lead to it sooner
+    ease = _FIRST_EASE if cold else 1.0
+    for k in range(count):
+        work.tried[k] = q[k]
+    for _ in range(_TRIES_PER_STEP * most + 4):
+        for i in range(work.theta.size):
+            work.kept[i] = work.theta[i]
+        converged, stable_there, firm_there = False, False, 0.0
+        if _is_possible(work.tried, model):
+            converged, stable_there, firm_there = _solve_shape(work.tried, model, line, work, cold and iteration < 0)
+        turned = 0.0
+        if iteration >= 0:
+            for i in range(work.theta.size):
+                turned = max(turned, abs(work.theta[i] - work.kept[i]))
+        tried_cost = math.inf
+        if converged and stable_there and turned < _LONGEST_TURN:
+            _turn_rates(work.tried, model, line, work)
+            _measure(work.tried, model, line, modes, work)
+            tried_cost, plain_there = _cost(work.tried, mean, information, whiten, ease, bound, work)
+        if iteration < 0 and tried_cost == math.inf:
+            return Found(math.inf, math.inf, math.nan, False, stable_there, firm_there, 0)
+        if tried_cost <= cost:
+            done = done or (damping < 1e-2 and cost - tried_cost < (_SMALL_GAIN if ease == 1.0 else _EASED_GAIN))
+            for k in range(count):
+                q[k] = work.tried[k]
+            cost, plain, firm, stable = tried_cost, plain_there, firm_there, stable_there
+            largest = 0.0
+            for i in range(work.residual.size):
+                largest = max(largest, abs(work.white[i, count]))
+            _assemble(q, mean, information, whiten, ease, bound, work)
+            damping = 0.0 if damping < 1e-3 else 0.2 * damping
+            iteration += 1
+        else:
+            for i in range(work.theta.size):
+                work.theta[i] = work.kept[i]
+            damping = max(1e-2, 6.0 * damping)
+        if done and (ease < 1.0 or (bound > limit and largest > limit)):
+            if ease < 1.0:
+                ease = min(1.0, _EASE_STEP * ease)
+            else:
+                bound = limit
+            cost, done, damping = math.inf, False, 0.0
+            for k in range(count):
+                work.tried[k] = q[k]
+            continue
+        if done or iteration >= most or damping > _MOST_DAMPING:
+            break
+        while damping <= _MOST_DAMPING and math.isnan(_factorise(work.matrix, damping, work.factor)):
+            damping = max(1e-3, 4.0 * damping)
+        if damping > _MOST_DAMPING:
+            break
+        decrement = 0.0
+        for k in range(count):
+            work.step[k] = work.side[k]
+        _solve(work.factor, work.step)
+        for k in range(count):
+            work.tried[k] = q[k] + work.step[k]
+            decrement += work.step[k] * work.side[k]
+        done = decrement < _SMALL_STEP**2 and damping < 1e-2
+    log_det = _factorise(work.matrix, 0.0, work.factor)
+    for a in range(count):
+        column = covariance[a]
+        for b in range(count):
+            column[b] = 1.0 if a == b else 0.0
+        _solve(work.factor, column)
+    return Found(cost, plain, log_det, done and not math.isnan(log_det), stable, firm, iteration)
