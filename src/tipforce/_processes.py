@@ -39,8 +39,10 @@ class Interrupted(BaseException):
 
 
 @contextmanager
-def signals_end_the_program() -> Generator[None]:
+def signals_end_the_program(*, worker: bool = False) -> Generator[None]:
     """The first SIGINT or SIGTERM raises `Interrupted`, so that files are cleaned up; the second ends at once.
+
+    Of a ``worker`` it ends nothing, for its parent and a terminal may both ask; it ends within `_GRACE_S` in any case.
 
     In any other thread than the main one, where Python does not handle signals, nothing is changed. Where another
     tipforce started this one, it also ends with that, which alone is sent the signals of a terminal (`run_child`).
@@ -54,7 +56,9 @@ def signals_end_the_program() -> Generator[None]:
             _send_again(number)
             return
         for each in _ENDING:
-            signal.signal(each, second)
+            signal.signal(each, signal.SIG_IGN if worker else second)
+        if worker:
+            _end_later(number)
         _starts.ended = number
         for child in tuple(_running):  # threads may wait for them
             _ask_to_end(child)
@@ -163,13 +167,18 @@ def _until_asked_to_end(work: Callable[..., _T], *args: Any, **kwargs: Any) -> _
 
     The loop of the pool would take the end of the work for its result, and begin the next.
     """
-    signal.signal(signal.SIGTERM, _exit)
     try:
-        return work(*args, **kwargs)
-    except SystemExit as asked:
-        os._exit(asked.code if isinstance(asked.code, int) else 1)
-    finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        with signals_end_the_program(worker=True):
+            return work(*args, **kwargs)
+    except Interrupted as asked:
+        os._exit(128 + asked.signal)
+
+
+def _end_later(number: int) -> None:
+    """Ends this process after `_GRACE_S`, whatever becomes of the interrupt: its parent may be dead."""
+    last = threading.Timer(_GRACE_S, os._exit, (128 + number,))
+    last.daemon = True
+    last.start()
 
 
 class _Starts:
@@ -295,12 +304,6 @@ def _limit_threads(threads: int) -> None:
     threadpoolctl.threadpool_limits(threads)
     numba.set_num_threads(min(threads, numba.get_num_threads()))
     cv2.setNumThreads(threads)
-
-
-def _exit(number: int, frame: FrameType | None) -> None:
-    del frame
-    signal.signal(number, signal.SIG_IGN)  # asked twice, it still cleans up
-    sys.exit(128 + number)
 
 
 def _end_with(parent: int) -> None:
