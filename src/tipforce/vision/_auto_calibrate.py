@@ -9,9 +9,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..types import DetectedShape, FloatArray, Image, SessionInfo, Status
-from ._session_size import for_session, learn_length, learn_tip_template, on_axis, with_nominal, with_view
+from ._doubt import doubt, enough_images
+from ._session_size import for_session, learn_length, learn_tip_template, nominal_px, on_axis, with_nominal, with_view
 from ._settings import BaseSide, Polarity, ResolvedVision, VisionSettings
-from .tracer import Trace, Tracer
+from .tracer import Trace, Tracer, base_box, find_mouths
 
 __all__ = ["auto_calibrate", "is_resolved"]
 
@@ -19,6 +20,11 @@ _FRAMES = 16
 _TEMPLATES = 3
 """The tip template is learnt so many times: with it the tip is found more often."""
 _THICK_PX = 12.0
+_MOUTHS = 4
+"""So many places where a sheath may end are tried at a border."""
+_APART, _RIVAL = 3.0, 0.7
+"""Two shafts that begin so many diameters apart, the second found in this share of the images of the first, could both
+be the catheter."""
 _SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
 _POLARITIES: tuple[Polarity, ...] = ("dark", "light")
 
@@ -129,6 +135,60 @@ def _lines(
     return [line.points if line else None for line in lines]
 
 
+def _calibrated(
+    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], each: Sequence[SessionInfo], one: bool
+) -> ResolvedVision:
+    """Finds what ``stated``, the ``settings`` with what the metadata say of the view, leave open.
+
+    ``one``: all frames are of one session, so that its tip template can be learnt. Raises InputError without a shaft.
+    """
+    reasons: list[str] = []
+    sides = _SIDES if stated.base_side == "auto" else (stated.base_side,)
+    polarities = _POLARITIES if stated.polarity == "auto" else (stated.polarity,)
+    ways = tuple(product(sides, polarities))
+    first_way = stated.model_copy(update={"base_side": sides[0], "polarity": polarities[0]})
+    start = ResolvedVision.stated(first_way).model_copy(update={"settings": settings})
+    sized = with_nominal(start, each[0])
+    found = _best_side(sized, ways, frames, each, reasons)
+    if found is None:
+        different = list(dict.fromkeys(reason for reason in reasons if reason))
+        what = different[0] if len(different) == 1 else f"{len(reasons)} combinations of side and polarity tried"
+        first = "the first frame" if len(frames) == 1 else f"the first {len(frames)} frames"
+        raise InputError(
+            f"no catheter was found in {first} ({what}): "
+            "set polarity and base_side, or mark the shaft's base with base_region"
+        )
+    chosen, traces = found
+    guess = chosen
+    if settings.length_px is None and chosen.length_px is not None:
+        chosen = learn_length(guess, each, frames, _lines(guess, frames, each, traces))
+        if one and chosen is not guess:
+            for _ in range(_TEMPLATES):
+                lines = on_axis(chosen, frames, _lines(chosen, frames, each, traces))
+                chosen = learn_tip_template(learn_length(guess, each, frames, lines), frames, lines)
+    if chosen.threshold is None:
+        # a wrongly learnt length or template rejects every frame: then go without it
+        for tried in dict.fromkeys((chosen, chosen.model_copy(update={"tip_template": None}), guess)):
+            threshold = _threshold(tried, frames, each)
+            if threshold is not None:
+                chosen = tried.model_copy(update={"threshold": threshold})
+                break
+        else:
+            raise InputError(
+                f"a shaft was found in the first {len(frames)} frames, but in none of them as far as its end: set "
+                "base_side, or mark the shaft's base with base_region"
+            )
+    if settings.diameter_px is None:
+        scales = [for_session(chosen, info).nominal_px for info in each]
+        widths = [
+            trace.diameter_px * (chosen.nominal_px[1] / scale[1] if chosen.nominal_px and scale else 1.0)
+            for trace, scale in zip(traces, scales, strict=True)
+            if trace
+        ]
+        chosen = chosen.model_copy(update={"diameter_px": round(statistics.median(widths), 2)})
+    return chosen
+
+
 def auto_calibrate(
     settings: VisionSettings, images: Iterable[Image], infos: SessionInfo | Sequence[SessionInfo] | None = None
 ) -> ResolvedVision:
@@ -157,52 +217,53 @@ def auto_calibrate(
         raise InputError("there is no frame for the auto-calibration of the vision settings; give at least one")
     each = [infos or SessionInfo()] * len(frames) if infos is None or isinstance(infos, SessionInfo) else list(infos)
     each = each[: len(frames)]
-    reasons: list[str] = []
-    found = None
+    one = isinstance(infos, SessionInfo) and enough_images(frames)
     stated = with_view(settings, each[0])
-    sides = _SIDES if stated.base_side == "auto" else (stated.base_side,)
-    polarities = _POLARITIES if stated.polarity == "auto" else (stated.polarity,)
-    ways = tuple(product(sides, polarities))
-    first_way = stated.model_copy(update={"base_side": sides[0], "polarity": polarities[0]})
-    start = ResolvedVision.stated(first_way).model_copy(update={"settings": settings})
-    sized = with_nominal(start, each[0])
-    # a view that shows only a part of the catheter must not be rejected for its length
-    for tried in dict.fromkeys((sized, sized.model_copy(update={"length_px": settings.length_px}))):
-        found = found or _best_side(tried, ways, frames, each, reasons)
-    if found is None:
-        different = list(dict.fromkeys(reason for reason in reasons if reason))
-        what = different[0] if len(different) == 1 else f"{len(reasons)} combinations of side and polarity tried"
-        first = "the first frame" if len(frames) == 1 else f"the first {len(frames)} frames"
-        raise InputError(
-            f"no catheter was found in {first} ({what}): "
-            "set polarity and base_side, or mark the shaft's base with base_region"
-        )
-    chosen, traces = found
-    guess = chosen
-    if settings.length_px is None and chosen.length_px is not None:
-        chosen = learn_length(guess, each, frames, _lines(guess, frames, each, traces))
-        if isinstance(infos, SessionInfo) and chosen is not guess:
-            for _ in range(_TEMPLATES):
-                lines = on_axis(chosen, frames, _lines(chosen, frames, each, traces))
-                chosen = learn_tip_template(learn_length(guess, each, frames, lines), frames, lines)
-    if chosen.threshold is None:
-        # a wrongly learnt length or template rejects every frame: then go without it
-        for tried in dict.fromkeys((chosen, chosen.model_copy(update={"tip_template": None}), guess)):
-            threshold = _threshold(tried, frames, each)
-            if threshold is not None:
-                chosen = tried.model_copy(update={"threshold": threshold})
-                break
-        else:
+    try:
+        border = _calibrated(settings, stated, frames, each, isinstance(infos, SessionInfo))
+        doubts = doubt(border, frames, each[0])[0] if one else ""
+        if not doubts:
+            return border
+        refused = InputError(f"what was found in the first {len(frames)} frames cannot be the catheter: {doubts}")
+    except InputError as error:
+        refused = error
+    mouth = _beyond_mouth(settings, stated, frames, each[0]) if one and stated.base_region is None else None
+    if mouth is None:
+        raise refused
+    return mouth
+
+
+def _beyond_mouth(
+    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], info: SessionInfo
+) -> ResolvedVision | None:
+    """Returns the detection of a shaft that comes out of a sheath, calibrated from its mouth on; None without one.
+
+    The sheath's length in view is unknown, so the stated size is needed. Raises InputError where it could be one of
+    two.
+    """
+    nominal = nominal_px(info, stated.view)
+    if nominal is None or len({frame.shape for frame in frames}) > 1:
+        return None
+    passed: list[tuple[int, ResolvedVision, FloatArray]] = []
+    for side in _SIDES if stated.base_side == "auto" else (stated.base_side,):
+        for mouth in find_mouths(frames, side, nominal[1])[:_MOUTHS]:
+            if stated.polarity not in ("auto", mouth.polarity):
+                continue
+            box = base_box(mouth, side, nominal[1], frames[0].shape[:2])
+            tried = stated.model_copy(update={"base_side": side, "polarity": mouth.polarity, "base_region": box})
+            try:
+                found = _calibrated(settings, tried, frames, [info] * len(frames), True)
+            except InputError:
+                continue
+            doubts, count = doubt(found, frames, info)
+            if not doubts:
+                passed.append((count, found, np.array([box[0] + box[2], box[1] + box[3]]) / 2.0))
+    passed.sort(key=lambda candidate: -candidate[0])
+    if len(passed) > 1:
+        (most, _, here), (next_most, _, there) = passed[:2]
+        if np.linalg.norm(here - there) > _APART * nominal[1] and next_most > _RIVAL * most:
             raise InputError(
-                f"a shaft was found in the first {len(frames)} frames, but in none of them as far as its end: set "
-                "base_side, or mark the shaft's base with base_region"
+                f"two objects could be the catheter: one begins near ({here[0]:.0f}, {here[1]:.0f}), the other near "
+                f"({there[0]:.0f}, {there[1]:.0f}): mark the shaft's base with base_region"
             )
-    if settings.diameter_px is None:
-        scales = [for_session(chosen, info).nominal_px for info in each]
-        widths = [
-            trace.diameter_px * (chosen.nominal_px[1] / scale[1] if chosen.nominal_px and scale else 1.0)
-            for trace, scale in zip(traces, scales, strict=True)
-            if trace
-        ]
-        chosen = chosen.model_copy(update={"diameter_px": round(statistics.median(widths), 2)})
-    return chosen
+    return passed[0][1] if passed else None

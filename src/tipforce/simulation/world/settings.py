@@ -31,7 +31,7 @@ class ShaftSettings(Settings):
     """EI of the nearly straight shaft, as it answers at once."""
     nominal_flexible_length_m: Positive | None = 40e-3
     nominal_stiffness_nm2: Positive | None = 4.3e-4
-    """What the maker's sheet says. None: a measurement of the true one, see ``known_to``."""
+    """What the maker states. None: a measurement of the true one, see ``known_to``."""
     diameter_known_to: Share = Field(default=0.0, exclude_if=operator.not_)
     """The measured diameter is off by a uniform share within +- this."""
     known_to: Share = 0.0
