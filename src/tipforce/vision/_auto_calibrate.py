@@ -22,6 +22,8 @@ _TEMPLATES = 3
 _THICK_PX = 12.0
 _MOUTHS = 4
 """So many places where a sheath may end are tried at a border."""
+_SHARES = (1.0, 1.05, 0.95)
+"""The tip is searched about these shares of the stated length: an edge of a metal tip or a ring may be clearer."""
 _APART, _RIVAL = 3.0, 0.7
 """Two shafts that begin so many diameters apart, the second found in this share of the images of the first, could both
 be the catheter."""
@@ -136,11 +138,13 @@ def _lines(
 
 
 def _calibrated(
-    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], each: Sequence[SessionInfo], one: bool
-) -> ResolvedVision:
+    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], each: Sequence[SessionInfo], one: bool,
+    share: float = 1.0,
+) -> ResolvedVision:  # fmt: skip
     """Finds what ``stated``, the ``settings`` with what the metadata say of the view, leave open.
 
-    ``one``: all frames are of one session, so that its tip template can be learnt. Raises InputError without a shaft.
+    ``one``: all frames are of one session, so that its tip template can be learnt. ``share``: of the stated length,
+    about which it is searched. Raises InputError without a shaft.
     """
     reasons: list[str] = []
     sides = _SIDES if stated.base_side == "auto" else (stated.base_side,)
@@ -149,6 +153,8 @@ def _calibrated(
     first_way = stated.model_copy(update={"base_side": sides[0], "polarity": polarities[0]})
     start = ResolvedVision.stated(first_way).model_copy(update={"settings": settings})
     sized = with_nominal(start, each[0])
+    if share != 1.0 and sized.length_px is not None:
+        sized = sized.model_copy(update={"length_px": round(share * sized.length_px, 2)})
     found = _best_side(sized, ways, frames, each, reasons)
     if found is None:
         different = list(dict.fromkeys(reason for reason in reasons if reason))
@@ -251,13 +257,15 @@ def _beyond_mouth(
                 continue
             box = base_box(mouth, side, nominal[1], frames[0].shape[:2])
             tried = stated.model_copy(update={"base_side": side, "polarity": mouth.polarity, "base_region": box})
-            try:
-                found = _calibrated(settings, tried, frames, [info] * len(frames), True)
-            except InputError:
-                continue
-            doubts, count = doubt(found, frames, info)
-            if not doubts:
-                passed.append((count, found, np.array([box[0] + box[2], box[1] + box[3]]) / 2.0))
+            for share in _SHARES:
+                try:
+                    found = _calibrated(settings, tried, frames, [info] * len(frames), True, share)
+                except InputError:
+                    continue
+                doubts, count = doubt(found, frames, info)
+                if not doubts:
+                    passed.append((count, found, np.array([box[0] + box[2], box[1] + box[3]]) / 2.0))
+                    break
     passed.sort(key=lambda candidate: -candidate[0])
     if len(passed) > 1:
         (most, _, here), (next_most, _, there) = passed[:2]

@@ -14,16 +14,17 @@ import numpy as np
 from ..types import FloatArray, Image, SessionInfo, Status
 from ._session_size import for_session
 from ._settings import ResolvedVision
+from ._tip_consensus import flanks_about_tip
 from .tracer import Trace, Tracer
 
 __all__ = ["doubt", "enough_images"]
 
 _FRAMES = 3
 """From fewer images of a session nothing is told."""
-_SHARE = 1 / 3
+_SHARE = 0.45
 """In so large a share of the images the catheter must be found."""
-_DIAMETER, _DIAMETER_PX = 0.3, 1.0
-"""The width found may differ from the stated diameter by this share, and so many px: 5 % of the diameter and 2 % of
+_THINNER, _THICKER, _DIAMETER_PX = 0.22, 0.3, 0.3
+"""The width found may differ from the stated diameter by these shares, and so many px: 5 % of the diameter and 2 % of
 the scale, and what blur, gloss and shadow at the flanks make of a thin tube."""
 _BASE, _BASE_PX, _TURN = 0.5, 2.0, 0.15
 """The base may lie so many diameters (but at least px) and radians apart in different images."""
@@ -31,6 +32,8 @@ _STAYS = 0.75
 """In so large a share of the images."""
 _STEP, _STEP_PX = 1.16, 1.2
 """A shaft that grows thinner at once by this ratio, and by so many px, came out of something thicker."""
+_FLANKS_GREY, _BEYOND = 8.0, 0.25
+"""Before the tip the flanks must separate so many grey levels, and beyond it less than this share of that."""
 _STILL_PX = 0.5
 """What moves by less than this in all of its points stands still."""
 _CELL, _CHANGED_GREY, _CHANGED = 8, 8.0, 0.004
@@ -48,19 +51,20 @@ def doubt(vision: ResolvedVision, frames: Sequence[Image], info: SessionInfo) ->
     And in how many of ``frames`` it was found. Says what was found, what was expected, and what to do.
     """
     tracer = Tracer(for_session(vision, info))
-    found: list[tuple[Trace, FloatArray]] = []
+    found: list[tuple[Trace, FloatArray, Image]] = []
     for frame in frames:
         trace, _ = tracer.best_trace(frame)
         if trace is not None and trace.status is Status.VALID:
-            found.append((trace, tracer.points.copy()))
+            found.append((trace, tracer.points.copy(), frame))
     count = len(found)
     mark = "mark the shaft's base with base_region"
     if count < _SHARE * len(frames):
         return f"a shaft was followed to its end in only {count} of {len(frames)} images: {mark}", count
-    traces, lines = [trace for trace, _ in found], np.array([line for _, line in found])
+    traces, lines = [trace for trace, _, _ in found], np.array([line for _, line, _ in found])
     width = statistics.median(trace.diameter_px for trace in traces)
     stated = vision.nominal_px
-    if stated and abs(width - stated[1]) > _DIAMETER * stated[1] + _DIAMETER_PX:
+    off = width - stated[1] if stated else 0.0
+    if stated and abs(off) > (_THICKER if off > 0.0 else _THINNER) * stated[1] + _DIAMETER_PX:
         return f"what was found is {width:.1f} px wide, the stated diameter is {stated[1]:.1f} px: {mark}", count
     at = _step(traces, width)
     if at:
@@ -71,6 +75,15 @@ def doubt(vision: ResolvedVision, frames: Sequence[Image], info: SessionInfo) ->
     stays = _stays(traces, width)
     if stays < _STAYS:
         return f"what was found has no base that stays: it stays in {stays:.0%} of the images only: {mark}", count
+    if stated and count >= _FRAMES:
+        length = statistics.median(trace.length_px for trace in traces)
+        before, beyond = flanks_about_tip([image for _, _, image in found], list(lines), 0.5 * width, length)
+        if before < _FLANKS_GREY or beyond > _BEYOND * before:
+            what = "has no flanks before it" if before < _FLANKS_GREY else "goes on beyond it"
+            return (
+                f"what was found ends after {length:.0f} px (stated: {stated[0]:.0f}), but it {what} in most images: "
+                f"{mark}, or state the right length"
+            ), count
     if count >= _FRAMES and _still(lines) and _images_differ(frames):
         end = lines[0, -1]
         return (
