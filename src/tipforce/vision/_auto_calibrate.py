@@ -22,6 +22,8 @@ _TEMPLATES = 3
 _THICK_PX = 12.0
 _MOUTHS = 4
 """So many places where a sheath may end are tried at a border."""
+_CLEARLY = 0.75
+"""Where no sheath is seen before the shaft, it must be found in this share of the images."""
 _SHARES = (1.0, 1.05, 0.95)
 """The tip is searched about these shares of the stated length: an edge of a metal tip or a ring may be clearer."""
 _APART, _RIVAL = 3.0, 0.7
@@ -114,7 +116,9 @@ def _best_side(
         traces = [
             trace if trace and _convincing(trace, n) else None for (trace, _), n in zip(found, noise, strict=True)
         ]
-        reasons += [trace.detail if trace else why for trace, why in found[:1]]
+        # what was followed to an end says more than where nothing enters
+        reasons[:0] = [trace.detail for trace, _ in found[:1] if trace and trace.detail]
+        reasons += [why for trace, why in found[:1] if trace is None]
         # of two shafts that end inside the image the thicker, clearer one is the catheter, the other a cable
         score = sum(
             trace.score * min(1.0, trace.contrast / 40.0) * min(1.0, trace.diameter_px / _THICK_PX)
@@ -158,7 +162,9 @@ def _calibrated(
     found = _best_side(sized, ways, frames, each, reasons)
     if found is None:
         different = list(dict.fromkeys(reason for reason in reasons if reason))
-        what = different[0] if len(different) == 1 else f"{len(reasons)} combinations of side and polarity tried"
+        what = different[0] if different else "nothing enters"
+        if len(ways) > 1:
+            what += f"; {len(ways)} combinations of side and polarity tried"
         first = "the first frame" if len(frames) == 1 else f"the first {len(frames)} frames"
         raise InputError(
             f"no catheter was found in {first} ({what}): "
@@ -252,7 +258,11 @@ def _beyond_mouth(
         return None
     passed: list[tuple[int, ResolvedVision, FloatArray]] = []
     for side in _SIDES if stated.base_side == "auto" else (stated.base_side,):
-        for mouth in find_mouths(frames, side, nominal[1])[:_MOUTHS]:
+        mouths = find_mouths(frames, side, nominal[1])
+        with_sheath = [mouth for mouth in mouths if mouth.sheath > 0.0][:_MOUTHS]
+        for mouth in with_sheath + [mouth for mouth in mouths if mouth.sheath == 0.0][:_MOUTHS]:
+            if mouth.sheath == 0.0 and passed:
+                break
             if stated.polarity not in ("auto", mouth.polarity):
                 continue
             box = base_box(mouth, side, nominal[1], frames[0].shape[:2])
@@ -262,8 +272,8 @@ def _beyond_mouth(
                     found = _calibrated(settings, tried, frames, [info] * len(frames), True, share)
                 except InputError:
                     continue
-                doubts, count = doubt(found, frames, info)
-                if not doubts:
+                doubts, count = doubt(found, frames, info, strict=True)
+                if not doubts and (mouth.sheath > 0.0 or count >= _CLEARLY * len(frames)):
                     passed.append((count, found, np.array([box[0] + box[2], box[1] + box[3]]) / 2.0))
                     break
     passed.sort(key=lambda candidate: -candidate[0])

@@ -34,6 +34,12 @@ _STEP, _STEP_PX = 1.16, 1.2
 """A shaft that grows thinner at once by this ratio, and by so many px, came out of something thicker."""
 _FLANKS_GREY, _BEYOND = 8.0, 0.25
 """Before the tip the flanks must separate so many grey levels, and beyond it less than this share of that."""
+_EACH, _EACH_STRICT = 0.5, 0.9
+"""In so large a share of the images they must; `doubt` says when the second holds."""
+_LENGTH = 0.08
+"""A length may differ from the stated one by this share: 5 % of the catheter, 2 % of the scale, and the base's place."""
+_SPREAD = 0.02
+"""The lengths found in the images of a session may scatter by this share (standard deviation)."""
 _STILL_PX = 0.5
 """What moves by less than this in all of its points stands still."""
 _CELL, _CHANGED_GREY, _CHANGED = 8, 8.0, 0.004
@@ -45,10 +51,11 @@ def enough_images(frames: Sequence[Image]) -> bool:
     return len(frames) >= _FRAMES
 
 
-def doubt(vision: ResolvedVision, frames: Sequence[Image], info: SessionInfo) -> tuple[str, int]:
+def doubt(vision: ResolvedVision, frames: Sequence[Image], info: SessionInfo, strict: bool = False) -> tuple[str, int]:
     """Returns why what ``vision`` finds in images of one session cannot be the catheter, "" where nothing says so.
 
-    And in how many of ``frames`` it was found. Says what was found, what was expected, and what to do.
+    And in how many of ``frames`` it was found. Says what was found, what was expected, and what to do. ``strict``: the
+    base is a guess itself, so the end must be clear in nearly all images, and the length the same.
     """
     tracer = Tracer(for_session(vision, info))
     found: list[tuple[Trace, FloatArray, Image]] = []
@@ -76,14 +83,12 @@ def doubt(vision: ResolvedVision, frames: Sequence[Image], info: SessionInfo) ->
     if stays < _STAYS:
         return f"what was found has no base that stays: it stays in {stays:.0%} of the images only: {mark}", count
     if stated and count >= _FRAMES:
+        unclear = _end(found, width, strict)
         length = statistics.median(trace.length_px for trace in traces)
-        before, beyond = flanks_about_tip([image for _, _, image in found], list(lines), 0.5 * width, length)
-        if before < _FLANKS_GREY or beyond > _BEYOND * before:
-            what = "has no flanks before it" if before < _FLANKS_GREY else "goes on beyond it"
-            return (
-                f"what was found ends after {length:.0f} px (stated: {stated[0]:.0f}), but it {what} in most images: "
-                f"{mark}, or state the right length"
-            ), count
+        if length > (1.0 + _LENGTH) * stated[0] or (strict and length < (1.0 - _LENGTH) * stated[0]):
+            unclear = "that is not the stated length"
+        if unclear:
+            return f"what was found ends after {length:.0f} px (stated: {stated[0]:.0f}), but {unclear}: {mark}", count
     if count >= _FRAMES and _still(lines) and _images_differ(frames):
         end = lines[0, -1]
         return (
@@ -91,6 +96,22 @@ def doubt(vision: ResolvedVision, frames: Sequence[Image], info: SessionInfo) ->
             f"change: a post or an edge does so: {mark}"
         ), count
     return "", count
+
+
+def _end(found: Sequence[tuple[Trace, FloatArray, Image]], width: float, strict: bool) -> str:
+    """Returns why the end that was found cannot be a tip, "" where nothing says so."""
+    lengths = np.array([trace.length_px for trace, _, _ in found])
+    if strict and float(lengths.std()) > _SPREAD * float(np.median(lengths)):
+        return f"by {lengths.min():.0f} to {lengths.max():.0f} px in different images"
+    about = [
+        flanks_about_tip([image], [line], 0.5 * width, length)
+        for (_, line, image), length in zip(found, lengths, strict=True)
+    ]
+    begins = np.array([before >= _FLANKS_GREY for before, _ in about])
+    ends = np.array([beyond <= _BEYOND * before for before, beyond in about])
+    if float((begins & ends).mean()) >= (_EACH_STRICT if strict else _EACH):
+        return ""
+    return "it goes on beyond its end in many images" if ends.mean() < begins.mean() else "no flanks lead there in many"
 
 
 def _step(traces: Sequence[Trace], width: float) -> tuple[float, float] | None:
