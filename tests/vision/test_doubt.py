@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tipforce.errors import InputError
-from tipforce.types import Catheter, Image, SessionInfo, ViewInfo
+from tipforce.types import BaseSide, Catheter, Image, SessionInfo, ViewInfo
 from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 
 SIZE, SCALE = (320, 240), 4
@@ -51,9 +51,9 @@ def _sheathed(light: bool = False, grey: float = 90.0) -> tuple[list[Image], lis
 
 @pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
 @pytest.mark.parametrize("light", [False, True])
-def test_the_base_lies_at_the_mouth_of_a_sheath(side: str, light: bool) -> None:
+def test_the_base_lies_at_the_mouth_of_a_sheath(side: BaseSide, light: bool) -> None:
     images, shafts = _sheathed(light)
-    width, height = SIZE
+    width = SIZE[0]
 
     def turned(image: Image) -> Image:
         ways = {"left": image, "right": image[:, ::-1], "top": image.T, "bottom": image.T[::-1]}

@@ -37,7 +37,7 @@ _FLANKS_GREY, _BEYOND = 8.0, 0.25
 _EACH, _EACH_STRICT = 0.5, 0.9
 """In so large a share of the images they must; `doubt` says when the second holds."""
 _LENGTH = 0.08
-"""A length may differ from the stated one by this share: 5 % of the catheter, 2 % of the scale, and the base's place."""
+"""A length may differ from the stated one by this share: 5 % of the catheter, 2 % of the scale, and the base."""
 _SPREAD = 0.02
 """The lengths found in the images of a session may scatter by this share (standard deviation)."""
 _STILL_PX = 0.5
