@@ -202,8 +202,9 @@ def _calibrated(
 
 
 def auto_calibrate(
-    settings: VisionSettings, images: Iterable[Image], infos: SessionInfo | Sequence[SessionInfo] | None = None
-) -> ResolvedVision:
+    settings: VisionSettings, images: Iterable[Image], infos: SessionInfo | Sequence[SessionInfo] | None = None, *,
+    whole: bool = True,
+) -> ResolvedVision:  # fmt: skip
     """Finds what ``settings`` leave open on the first 16 of ``images``: polarity, base side, threshold, diameter.
 
     Every open combination of side and polarity is traced; the one with the longest, clearest shaft that ends inside
@@ -215,12 +216,17 @@ def auto_calibrate(
         settings: what the user says.
         images: (h, w) grey or (h, w, 3) RGB, uint8.
         infos: what is known of the session; or one entry for each image.
+        whole: the images are from all over the session. Then a shaft that stands still in all of them while they change
+            is taken for a post. Not so at the beginning, when the catheter waits for the tissue.
 
     Returns:
         The settings with all values, stated or found.
 
+    Of three images or more of one session what was found is doubted: see `doubt`. Where nothing at the border can be
+    the catheter and its size is stated, it is searched from the mouth of a sheath on.
+
     Raises:
-        InputError: no frame shows a catheter.
+        InputError: no frame shows a catheter, what was found cannot be it, or two objects could be it.
     """
     if is_resolved(settings) and (infos is None or settings.length_px is not None):
         return ResolvedVision.stated(settings)
@@ -233,20 +239,20 @@ def auto_calibrate(
     stated = with_view(settings, each[0])
     try:
         border = _calibrated(settings, stated, frames, each, isinstance(infos, SessionInfo))
-        doubts = doubt(border, frames, each[0])[0] if one else ""
+        doubts = doubt(border, frames, each[0], whole=whole)[0] if one else ""
         if not doubts:
             return border
         refused = InputError(f"what was found in the first {len(frames)} frames cannot be the catheter: {doubts}")
     except InputError as error:
         refused = error
-    mouth = _beyond_mouth(settings, stated, frames, each[0]) if one and stated.base_region is None else None
+    mouth = _beyond_mouth(settings, stated, frames, each[0], whole) if one and stated.base_region is None else None
     if mouth is None:
         raise refused
     return mouth
 
 
 def _beyond_mouth(
-    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], info: SessionInfo
+    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], info: SessionInfo, whole: bool
 ) -> ResolvedVision | None:
     """Returns the detection of a shaft that comes out of a sheath, calibrated from its mouth on; None without one.
 
@@ -272,7 +278,7 @@ def _beyond_mouth(
                     found = _calibrated(settings, tried, frames, [info] * len(frames), True, share)
                 except InputError:
                     continue
-                doubts, count = doubt(found, frames, info, strict=True)
+                doubts, count = doubt(found, frames, info, strict=True, whole=whole)
                 if not doubts and (mouth.sheath > 0.0 or count >= _CLEARLY * len(frames)):
                     passed.append((count, found, np.array([box[0] + box[2], box[1] + box[3]]) / 2.0))
                     break

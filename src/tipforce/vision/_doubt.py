@@ -21,8 +21,8 @@ __all__ = ["doubt", "enough_images"]
 
 _FRAMES = 3
 """From fewer images of a session nothing is told."""
-_SHARE = 0.45
-"""In so large a share of the images the catheter must be found."""
+_SHARE, _SHARE_STRICT = 1 / 3, 0.45
+"""In so large a share of the images the catheter must be found; the second where `doubt` is strict."""
 _THINNER, _THICKER, _DIAMETER_PX = 0.22, 0.3, 0.3
 """The width found may differ from the stated diameter by these shares, and so many px: 5 % of the diameter and 2 % of
 the scale, and what blur, gloss and shadow at the flanks make of a thin tube."""
@@ -51,11 +51,14 @@ def enough_images(frames: Sequence[Image]) -> bool:
     return len(frames) >= _FRAMES
 
 
-def doubt(vision: ResolvedVision, frames: Sequence[Image], info: SessionInfo, strict: bool = False) -> tuple[str, int]:
+def doubt(
+    vision: ResolvedVision, frames: Sequence[Image], info: SessionInfo, strict: bool = False, whole: bool = True
+) -> tuple[str, int]:
     """Returns why what ``vision`` finds in images of one session cannot be the catheter, "" where nothing says so.
 
     And in how many of ``frames`` it was found. Says what was found, what was expected, and what to do. ``strict``: the
-    base is a guess itself, so the end must be clear in nearly all images, and the length the same.
+    base is a guess itself, so the end must be clear in nearly all images, and the length the same. ``whole``: the
+    images are from all over the session, so that the catheter must have moved in some.
     """
     tracer = Tracer(for_session(vision, info))
     found: list[tuple[Trace, FloatArray, Image]] = []
@@ -65,7 +68,7 @@ def doubt(vision: ResolvedVision, frames: Sequence[Image], info: SessionInfo, st
             found.append((trace, tracer.points.copy(), frame))
     count = len(found)
     mark = "mark the shaft's base with base_region"
-    if count < _SHARE * len(frames):
+    if count < (_SHARE_STRICT if strict else _SHARE) * len(frames):
         return f"a shaft was followed to its end in only {count} of {len(frames)} images: {mark}", count
     traces, lines = [trace for trace, _, _ in found], np.array([line for _, line, _ in found])
     width = statistics.median(trace.diameter_px for trace in traces)
@@ -89,7 +92,7 @@ def doubt(vision: ResolvedVision, frames: Sequence[Image], info: SessionInfo, st
             unclear = "that is not the stated length"
         if unclear:
             return f"what was found ends after {length:.0f} px (stated: {stated[0]:.0f}), but {unclear}: {mark}", count
-    if count >= _FRAMES and _still(lines) and _images_differ(frames):
+    if whole and count >= _FRAMES and _still(lines) and _images_differ(frames):
         end = lines[0, -1]
         return (
             f"what was found, as far as ({end[0]:.0f}, {end[1]:.0f}), neither moves nor bends while the images "
