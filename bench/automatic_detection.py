@@ -14,7 +14,7 @@ from collections import Counter
 import cv2
 import numpy as np
 from bench.tubes import distance_to_curve
-from bench.vision_on_twin import look
+from bench.vision_on_simulation import look
 
 from tipforce.errors import InputError
 from tipforce.simulation import PRESETS, SimulatedBench

@@ -10,7 +10,7 @@ tip's axis, in px.
 import argparse
 
 import numpy as np
-from bench.vision_on_twin import look
+from bench.vision_on_simulation import look
 
 from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.vision import ShapeDetector, VisionSettings

@@ -100,7 +100,12 @@ def one_view(
         images = [reader.frame_at(k, view).image for k in calibration]
         try:
             vision = ShapeDetector(
-                auto_calibrate(VisionSettings(), images, None if options.blind else reader.session_info)
+                auto_calibrate(
+                    VisionSettings(),
+                    images,
+                    None if options.blind else reader.session_info,
+                    whole=not options.live,
+                )
             )
         except InputError as error:
             print(f"{path.stem} {view}: {error}")

@@ -168,7 +168,9 @@ class _Run:
             try:
                 self.view = _view_among(head, self._settings.view)
                 images = [event.image for event in head if isinstance(event, Frame) and event.view == self.view]
-                detect = ShapeDetector(auto_calibrate(self._settings, images[::_EVERY], self._context)).detect
+                detect = ShapeDetector(
+                    auto_calibrate(self._settings, images[::_EVERY], self._context, whole=False)
+                ).detect
             except InputError as error:  # the recording is worth having without its clock offset
                 self.blind = str(error)
             events = chain(head, events)
@@ -201,7 +203,7 @@ class _Run:
             return None
         self._kept, self._every = self._kept[::2], 2 * self._every
         try:
-            return ShapeDetector(auto_calibrate(self._settings, self._kept, self._context)).detect
+            return ShapeDetector(auto_calibrate(self._settings, self._kept, self._context, whole=False)).detect
         except InputError:
             return None
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..types import DetectedShape, FloatArray, Image, SessionInfo, Status
-from ._session_size import for_session, learn_length, learn_tip_template, on_axis, with_nominal, with_view
+from ._doubt import doubt, enough_images
+from ._session_size import for_session, learn_length, learn_tip_template, nominal_px, on_axis, with_nominal, with_view
 from ._settings import BaseSide, Polarity, ResolvedVision, VisionSettings
-from .tracer import Trace, Tracer
+from .tracer import Trace, Tracer, base_box, find_mouths
 
 __all__ = ["auto_calibrate", "is_resolved"]
 
@@ -19,6 +20,15 @@ _FRAMES = 16
 _TEMPLATES = 3
 """The tip template is learnt so many times: with it the tip is found more often."""
 _THICK_PX = 12.0
+_MOUTHS = 4
+"""So many places where a sheath may end are tried at a border."""
+_CLEARLY = 0.75
+"""Where no sheath is seen before the shaft, it must be found in this share of the images."""
+_SHARES = (1.0, 1.05, 0.95)
+"""The tip is searched about these shares of the stated length: an edge of a metal tip or a ring may be clearer."""
+_APART, _RIVAL = 3.0, 0.7
+"""Two shafts that begin so many diameters apart, the second found in this share of the images of the first, could both
+be the catheter."""
 _SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
 _POLARITIES: tuple[Polarity, ...] = ("dark", "light")
 
@@ -106,7 +116,9 @@ def _best_side(
         traces = [
             trace if trace and _convincing(trace, n) else None for (trace, _), n in zip(found, noise, strict=True)
         ]
-        reasons += [trace.detail if trace else why for trace, why in found[:1]]
+        # what was followed to an end says more than where nothing enters
+        reasons[:0] = [trace.detail for trace, _ in found[:1] if trace and trace.detail]
+        reasons += [why for trace, why in found[:1] if trace is None]
         # of two shafts that end inside the image the thicker, clearer one is the catheter, the other a cable
         score = sum(
             trace.score * min(1.0, trace.contrast / 40.0) * min(1.0, trace.diameter_px / _THICK_PX)
@@ -129,49 +141,30 @@ def _lines(
     return [line.points if line else None for line in lines]
 
 
-def auto_calibrate(
-    settings: VisionSettings, images: Iterable[Image], infos: SessionInfo | Sequence[SessionInfo] | None = None
-) -> ResolvedVision:
-    """Finds what ``settings`` leave open on the first 16 of ``images``: polarity, base side, threshold, diameter.
+def _calibrated(
+    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], each: Sequence[SessionInfo], one: bool,
+    share: float = 1.0,
+) -> ResolvedVision:  # fmt: skip
+    """Finds what ``stated``, the ``settings`` with what the metadata say of the view, leave open.
 
-    Every open combination of side and polarity is traced; the one with the longest, clearest shaft that ends inside
-    the image wins. Values that are set stay. Where the size of the catheter and the scale are known, only a shaft of
-    that size counts, and its length in the image is learnt too; with one session also the tip template. That works
-    best with images from all over a session, because the ground beneath the tip must change.
-
-    Args:
-        settings: what the user says.
-        images: (h, w) grey or (h, w, 3) RGB, uint8.
-        infos: what is known of the session; or one entry for each image.
-
-    Returns:
-        The settings with all values, stated or found.
-
-    Raises:
-        InputError: no frame shows a catheter.
+    ``one``: all frames are of one session, so that its tip template can be learnt. ``share``: of the stated length,
+    about which it is searched. Raises InputError without a shaft.
     """
-    if is_resolved(settings) and (infos is None or settings.length_px is not None):
-        return ResolvedVision.stated(settings)
-    frames = list(islice(images, _FRAMES))
-    if not frames:
-        raise InputError("there is no frame for the auto-calibration of the vision settings; give at least one")
-    each = [infos or SessionInfo()] * len(frames) if infos is None or isinstance(infos, SessionInfo) else list(infos)
-    each = each[: len(frames)]
     reasons: list[str] = []
-    found = None
-    stated = with_view(settings, each[0])
     sides = _SIDES if stated.base_side == "auto" else (stated.base_side,)
     polarities = _POLARITIES if stated.polarity == "auto" else (stated.polarity,)
     ways = tuple(product(sides, polarities))
     first_way = stated.model_copy(update={"base_side": sides[0], "polarity": polarities[0]})
     start = ResolvedVision.stated(first_way).model_copy(update={"settings": settings})
     sized = with_nominal(start, each[0])
-    # a view that shows only a part of the catheter must not be rejected for its length
-    for tried in dict.fromkeys((sized, sized.model_copy(update={"length_px": settings.length_px}))):
-        found = found or _best_side(tried, ways, frames, each, reasons)
+    if share != 1.0 and sized.length_px is not None:
+        sized = sized.model_copy(update={"length_px": round(share * sized.length_px, 2)})
+    found = _best_side(sized, ways, frames, each, reasons)
     if found is None:
         different = list(dict.fromkeys(reason for reason in reasons if reason))
-        what = different[0] if len(different) == 1 else f"{len(reasons)} combinations of side and polarity tried"
+        what = different[0] if different else "nothing enters"
+        if len(ways) > 1:
+            what += f"; {len(ways)} combinations of side and polarity tried"
         first = "the first frame" if len(frames) == 1 else f"the first {len(frames)} frames"
         raise InputError(
             f"no catheter was found in {first} ({what}): "
@@ -181,7 +174,7 @@ def auto_calibrate(
     guess = chosen
     if settings.length_px is None and chosen.length_px is not None:
         chosen = learn_length(guess, each, frames, _lines(guess, frames, each, traces))
-        if isinstance(infos, SessionInfo) and chosen is not guess:
+        if one and chosen is not guess:
             for _ in range(_TEMPLATES):
                 lines = on_axis(chosen, frames, _lines(chosen, frames, each, traces))
                 chosen = learn_tip_template(learn_length(guess, each, frames, lines), frames, lines)
@@ -206,3 +199,95 @@ def auto_calibrate(
         ]
         chosen = chosen.model_copy(update={"diameter_px": round(statistics.median(widths), 2)})
     return chosen
+
+
+def auto_calibrate(
+    settings: VisionSettings, images: Iterable[Image], infos: SessionInfo | Sequence[SessionInfo] | None = None, *,
+    whole: bool = True,
+) -> ResolvedVision:  # fmt: skip
+    """Finds what ``settings`` leave open on the first 16 of ``images``: polarity, base side, threshold, diameter.
+
+    Every open combination of side and polarity is traced; the one with the longest, clearest shaft that ends inside
+    the image wins. Values that are set stay. Where the size of the catheter and the scale are known, only a shaft of
+    that size counts, and its length in the image is learnt too; with one session also the tip template. That works
+    best with images from all over a session, because the ground beneath the tip must change.
+
+    Args:
+        settings: what the user says.
+        images: (h, w) grey or (h, w, 3) RGB, uint8.
+        infos: what is known of the session; or one entry for each image.
+        whole: the images are from all over the session. Then a shaft that stands still in all of them while they change
+            is taken for a post. Not so at the beginning, when the catheter waits for the tissue.
+
+    Returns:
+        The settings with all values, stated or found.
+
+    Of three images or more of one session what was found is doubted: see `doubt`. Where nothing at the border can be
+    the catheter and its size is stated, it is searched from the mouth of a sheath on.
+
+    Raises:
+        InputError: no frame shows a catheter, what was found cannot be it, or two objects could be it.
+    """
+    if is_resolved(settings) and (infos is None or settings.length_px is not None):
+        return ResolvedVision.stated(settings)
+    frames = list(islice(images, _FRAMES))
+    if not frames:
+        raise InputError("there is no frame for the auto-calibration of the vision settings; give at least one")
+    each = [infos or SessionInfo()] * len(frames) if infos is None or isinstance(infos, SessionInfo) else list(infos)
+    each = each[: len(frames)]
+    one = isinstance(infos, SessionInfo) and enough_images(frames)
+    stated = with_view(settings, each[0])
+    try:
+        border = _calibrated(settings, stated, frames, each, isinstance(infos, SessionInfo))
+        doubts = doubt(border, frames, each[0], whole=whole)[0] if one else ""
+        if not doubts:
+            return border
+        refused = InputError(f"what was found in the first {len(frames)} frames cannot be the catheter: {doubts}")
+    except InputError as error:
+        refused = error
+    mouth = _beyond_mouth(settings, stated, frames, each[0], whole) if one and stated.base_region is None else None
+    if mouth is None:
+        raise refused
+    return mouth
+
+
+def _beyond_mouth(
+    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], info: SessionInfo, whole: bool
+) -> ResolvedVision | None:
+    """Returns the detection of a shaft that comes out of a sheath, calibrated from its mouth on; None without one.
+
+    The sheath's length in view is unknown, so the stated size is needed. Raises InputError where it could be one of
+    two.
+    """
+    nominal = nominal_px(info, stated.view)
+    if nominal is None or len({frame.shape for frame in frames}) > 1:
+        return None
+    passed: list[tuple[int, ResolvedVision, FloatArray]] = []
+    for side in _SIDES if stated.base_side == "auto" else (stated.base_side,):
+        mouths = find_mouths(frames, side, nominal[1])
+        with_sheath = [mouth for mouth in mouths if mouth.sheath > 0.0][:_MOUTHS]
+        for mouth in with_sheath + [mouth for mouth in mouths if mouth.sheath == 0.0][:_MOUTHS]:
+            if mouth.sheath == 0.0 and passed:
+                break
+            if stated.polarity not in ("auto", mouth.polarity):
+                continue
+            box = base_box(mouth, side, nominal[1], frames[0].shape[:2])
+            tried = stated.model_copy(update={"base_side": side, "polarity": mouth.polarity, "base_region": box})
+            for share in _SHARES:
+                try:
+                    found = _calibrated(settings, tried, frames, [info] * len(frames), True, share)
+                except InputError:
+                    continue
+                doubts, count = doubt(found, frames, info, strict=True, whole=whole)
+                if not doubts and (mouth.sheath > 0.0 or count >= _CLEARLY * len(frames)):
+                    passed.append((count, found, np.array([box[0] + box[2], box[1] + box[3]]) / 2.0))
+                    break
+    passed.sort(key=lambda candidate: -candidate[0])
+    if len(passed) > 1:
+        (most, _, here), (next_most, _, there) = passed[:2]
+        if np.linalg.norm(here - there) > _APART * nominal[1] and next_most > _RIVAL * most:
+            raise InputError(
+                f"two objects could be the catheter: one begins near ({here[0]:.0f}, {here[1]:.0f}), the other near "
+                f"({there[0]:.0f}, {there[1]:.0f}): mark the shaft's base with base_region"
+            )
+    return passed[0][1] if passed else None

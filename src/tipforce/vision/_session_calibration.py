@@ -56,6 +56,6 @@ class SessionCalibration:
         while len(self._kept) > _KEPT:
             self._kept, self._every = self._kept[::2], 2 * self._every
         try:
-            return auto_calibrate(self._settings, self._kept, self._info)
+            return auto_calibrate(self._settings, self._kept, self._info, whole=False)
         except InputError:
             return None  # no catheter in these images: the detection stays as it was

@@ -10,7 +10,7 @@ from ..types import FloatArray, Image, SessionInfo
 from ._settings import ResolvedVision, VisionSettings
 from ._tip_consensus import axis_offset, build_tip_template, common_tip, shift_tip
 
-__all__ = ["for_session", "learn_length", "learn_tip_template", "on_axis", "with_nominal", "with_view"]
+__all__ = ["for_session", "learn_length", "learn_tip_template", "nominal_px", "on_axis", "with_nominal", "with_view"]
 
 _WIDER = 1.03
 """Detected flanks are so much further apart than the catheter is thick: blur and the lustre of its rim."""
@@ -24,7 +24,8 @@ _ONE, _MANY, _MOST = 0.01, 0.03, 0.08
 """Least tolerance of a length that was learnt in one session, in many, and the largest."""
 
 
-def _nominal_px(info: SessionInfo, view: str) -> tuple[float, float] | None:
+def nominal_px(info: SessionInfo, view: str) -> tuple[float, float] | None:
+    """Returns the stated length and diameter of the catheter in the image; None where these or the scale are open."""
     catheter, scale = info.catheter, info.view(view).metres_per_px
     if scale is None or catheter.diameter_m is None or catheter.flexible_length_m is None:
         return None
@@ -47,12 +48,13 @@ def with_view(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
 
 def with_nominal(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
     """Returns ``vision`` with the nominal size of the catheter in the image, where its length is not stated."""
-    nominal = _nominal_px(info, vision.view)
+    nominal = nominal_px(info, vision.view)
     if nominal is None or vision.length_px is not None:
         return vision
     update: dict[str, object] = {
         "nominal_px": nominal,
-        "length_px": round(_SHOWN * nominal[0], 2),
+        # a base that is marked is in view
+        "length_px": round((_SHOWN if vision.base_region is None else 1.0) * nominal[0], 2),
         "length_tolerance": _GIVE,
     }
     if vision.diameter_px is None:
@@ -70,7 +72,7 @@ def for_session(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
     >>> for_session(resolved, nearer).length_px
     460.0
     """
-    nominal = _nominal_px(info, vision.view)
+    nominal = nominal_px(info, vision.view)
     if nominal is None or vision.nominal_px is None or nominal == vision.nominal_px:
         return vision
     update: dict[str, object] = {"nominal_px": nominal, "tip_template": None}

@@ -10,7 +10,21 @@ from ._known_length import KNOWN_LENGTH_SIZE, continues_beyond, find_tip_at_leng
 from ._pixels import Raster, fast
 from ._spline import FitBuffers, fit_axis, fit_spline, resample, spline_at
 from ._tip import TIP_BACK, base_offset, measure_ends, tip_by_contrast
-from ._trace import ARC, END_BORDER, END_LOST, END_SHORT, END_TIP, WEIGHT, Candidate, U, V, trace_shaft
+from ._trace import (
+    ARC,
+    END_BORDER,
+    END_LOST,
+    END_SHORT,
+    END_TIP,
+    KIND,
+    SHAFT,
+    WEIGHT,
+    WIDE,
+    Candidate,
+    U,
+    V,
+    trace_shaft,
+)
 
 __all__ = ["STATIONS", "WORK_SIZE", "ShaftFit", "solve_shaft"]
 
@@ -24,6 +38,8 @@ _OWN_LOW, _OWN_HIGH = 0.6, 1.6
 """The same against the flanks just before the end: a tip whose edge lies within is accepted whatever lies beyond."""
 STATIONS = 1200
 """Most stations of a shaft."""
+_STEP_RADII, _STEP_STATIONS = 4.0, 4
+"""A step of the width is told from so many radii of clear shaft, and so many stations, before and behind it."""
 _PROFILE = 128
 _COEFFICIENTS = _PROFILE + 200
 _BAND = _COEFFICIENTS + 400
@@ -61,6 +77,37 @@ class ShaftFit(NamedTuple):
     """Evidence of something beyond the end that was not followed, in floors."""
     difference: float
     """Mean difference of the tip from its template in grey levels."""
+    step: float
+    """Largest ratio of the widths before and behind a place of the trace; 1 where that cannot be told."""
+    step_at: int
+    """The station behind it."""
+
+
+@fast
+def _mean_width(stations: np.ndarray, first: int, way: int, n: int, far: float) -> float:
+    """Returns the mean width of the clear stations from ``first`` in steps of ``way`` over ``far`` px; 0: too few."""
+    total, count, i = 0.0, 0, first
+    while 0 <= i < n and abs(stations[i, ARC] - stations[first, ARC]) <= far:
+        if stations[i, KIND] == SHAFT:
+            total += stations[i, WIDE]
+            count += 1
+        i += way
+    if count < _STEP_STATIONS or abs(stations[i - way, ARC] - stations[first, ARC]) < 0.7 * far:
+        return 0.0
+    return total / count
+
+
+@fast
+def _width_step(stations: np.ndarray, n: int, half: float) -> tuple[float, int]:
+    """Returns where, and by what ratio, the first ``n`` stations grow thinner most."""
+    best, at = 1.0, 0
+    far = _STEP_RADII * half
+    for i in range(1, n):
+        before = _mean_width(stations, i - 1, -1, n, far)
+        behind = _mean_width(stations, i, 1, n, far) if before > 0.0 else 0.0
+        if behind > 0.0 and before > best * behind:
+            best, at = before / behind, i
+    return best, at
 
 
 @fast
@@ -88,10 +135,13 @@ def solve_shaft(
     last, gap, blind = traced.last, traced.gap, traced.blind
     if end == END_SHORT:
         last_u, last_v = stations[max(n - 1, 0), U], stations[max(n - 1, 0), V]
-        return ShaftFit(n, end, diameter, typical, gap, blind, last, 0.0, 0.0, 0.0, 0.0, 0.0, last_u, last_v, 0.0, 0.0)
+        return ShaftFit(
+            n, end, diameter, typical, gap, blind, last, 0.0, 0.0, 0.0, 0.0, 0.0, last_u, last_v, 0.0, 0.0, 1.0, 0
+        )
     unfollowed = difference = 0.0
     traced_blind = blind
     half = 0.5 * diameter
+    step, step_at = _width_step(stations, n, half)
     ahead = half + max(0.5 * half, 1.25) + 2.5
     spline, _ = fit_axis(stations, n, half, last + ahead + 6.0, buffers)
     tip, drop = tip_by_contrast(image, sign, spline, last, half, TIP_BACK, ahead, typical, profile)
@@ -164,5 +214,5 @@ def solve_shaft(
     angle = math.atan2(sv, su)
     return ShaftFit(
         n, end, diameter, typical, gap, blind, total, drop, points[0, 0], points[0, 1], angle, rms, last_u,
-        last_v, unfollowed, difference,
+        last_v, unfollowed, difference, step, step_at,
     )  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...types import BasePose, CentrelinePx, DetectedShape, Image, Status
+from ...types import BasePose, CentrelinePx, DetectedShape, FloatArray, Image, Status
 from .._settings import BaseSide, Box, ResolvedVision, VisionSettings
 from ._solve import STATIONS, WORK_SIZE, ShaftFit, solve_shaft
 from ._tip_template import TEMPLATE_COLUMNS, TEMPLATE_ROWS
@@ -50,6 +50,10 @@ class Trace:
     length_px: float
     base: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """u, v in px, and the angle in radians, counter-clockwise."""
+    step: float = 1.0
+    """Ratio of the widths before and behind the place where it grows thinner most; 1 where that cannot be told."""
+    step_at: tuple[float, float] = (0.0, 0.0)
+    """That place: u, v in px."""
 
 
 def _base_line(box: Box, side: BaseSide) -> tuple[BaseLine, float]:
@@ -104,6 +108,11 @@ class Tracer:
         self._heading = 0.0
         self._base_pixels = 0
         self._lines: list[tuple[int, int, tuple[int, ...]]] = []
+
+    @property
+    def points(self) -> FloatArray:
+        """(k, 2): u, v in px of the centreline that `best_trace` returned last; overwritten by the next."""
+        return self._best
 
     def detect(self, image: Image) -> DetectedShape:
         """Returns the catheter in ``image`` (h, w) or (h, w, 3) RGB, uint8; or the reason why it was not found."""
@@ -216,7 +225,8 @@ class Tracer:
         if status is not Status.VALID:
             score *= 0.2
         base = (fit.base_u, fit.base_v, -fit.base_angle)
-        return Trace(status, detail, score, diameter, typical, confidence, fit.length, base)
+        step_at = (float(self._stations[fit.step_at, 0]), float(self._stations[fit.step_at, 1]))
+        return Trace(status, detail, score, diameter, typical, confidence, fit.length, base, fit.step, step_at)
 
     def _judge(self, fit: ShaftFit, expected: float, tolerance: float) -> tuple[Status, str]:
         """Decides whether a traced shaft is the whole catheter; if not, says why."""

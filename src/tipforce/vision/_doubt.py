@@ -1,0 +1,150 @@
+"""Doubts about a calibrated detection: whether what it finds in a session's images is what a catheter can be.
+
+A catheter has a base that stays, one width, the stated diameter, and it moves or bends when the images change. What is
+dark and long alone may be a post, an edge, or a sheath with the shaft behind it.
+"""
+
+import math
+import statistics
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from ..types import FloatArray, Image, SessionInfo, Status
+from ._session_size import for_session
+from ._settings import ResolvedVision
+from ._tip_consensus import flanks_about_tip
+from .tracer import Trace, Tracer
+
+__all__ = ["doubt", "enough_images"]
+
+_FRAMES = 3
+"""From fewer images of a session nothing is told."""
+_SHARE, _SHARE_STRICT = 1 / 3, 0.45
+"""In so large a share of the images the catheter must be found; the second where `doubt` is strict."""
+_THINNER, _THICKER, _DIAMETER_PX = 0.22, 0.3, 0.3
+"""The width found may differ from the stated diameter by these shares, and so many px: 5 % of the diameter and 2 % of
+the scale, and what blur, gloss and shadow at the flanks make of a thin tube."""
+_BASE, _BASE_PX, _TURN = 0.5, 2.0, 0.15
+"""The base may lie so many diameters (but at least px) and radians apart in different images."""
+_STAYS = 0.75
+"""In so large a share of the images."""
+_STEP, _STEP_PX = 1.16, 1.2
+"""A shaft that grows thinner at once by this ratio, and by so many px, came out of something thicker."""
+_FLANKS_GREY, _BEYOND = 8.0, 0.25
+"""Before the tip the flanks must separate so many grey levels, and beyond it less than this share of that."""
+_EACH, _EACH_STRICT = 0.5, 0.9
+"""In so large a share of the images they must; `doubt` says when the second holds."""
+_LENGTH = 0.08
+"""A length may differ from the stated one by this share: 5 % of the catheter, 2 % of the scale, and the base."""
+_SPREAD = 0.02
+"""The lengths found in the images of a session may scatter by this share (standard deviation)."""
+_STILL_PX = 0.5
+"""What moves by less than this in all of its points stands still."""
+_CELL, _CHANGED_GREY, _CHANGED = 8, 8.0, 0.004
+"""The images differ where this share of cells of so many px changes by so many grey levels."""
+
+
+def enough_images(frames: Sequence[Image]) -> bool:
+    """Whether `doubt` can tell anything of ``frames``."""
+    return len(frames) >= _FRAMES
+
+
+def doubt(
+    vision: ResolvedVision, frames: Sequence[Image], info: SessionInfo, strict: bool = False, whole: bool = True
+) -> tuple[str, int]:
+    """Returns why what ``vision`` finds in images of one session cannot be the catheter, "" where nothing says so.
+
+    And in how many of ``frames`` it was found. Says what was found, what was expected, and what to do. ``strict``: the
+    base is a guess itself, so the end must be clear in nearly all images, and the length the same. ``whole``: the
+    images are from all over the session, so that the catheter must have moved in some.
+    """
+    tracer = Tracer(for_session(vision, info))
+    found: list[tuple[Trace, FloatArray, Image]] = []
+    for frame in frames:
+        trace, _ = tracer.best_trace(frame)
+        if trace is not None and trace.status is Status.VALID:
+            found.append((trace, tracer.points.copy(), frame))
+    count = len(found)
+    mark = "mark the shaft's base with base_region"
+    if count < (_SHARE_STRICT if strict else _SHARE) * len(frames):
+        return f"a shaft was followed to its end in only {count} of {len(frames)} images: {mark}", count
+    traces, lines = [trace for trace, _, _ in found], np.array([line for _, line, _ in found])
+    width = statistics.median(trace.diameter_px for trace in traces)
+    stated = vision.nominal_px
+    off = width - stated[1] if stated else 0.0
+    if stated and abs(off) > (_THICKER if off > 0.0 else _THINNER) * stated[1] + _DIAMETER_PX:
+        return f"what was found is {width:.1f} px wide, the stated diameter is {stated[1]:.1f} px: {mark}", count
+    at = _step(traces, width)
+    if at:
+        return (
+            f"what was found grows thinner at ({at[0]:.0f}, {at[1]:.0f}) in most images, as at the mouth of a sheath: "
+            "mark the place behind it with base_region"
+        ), count
+    stays = _stays(traces, width)
+    if stays < _STAYS:
+        return f"what was found has no base that stays: it stays in {stays:.0%} of the images only: {mark}", count
+    if stated and count >= _FRAMES:
+        unclear = _end(found, width, strict)
+        length = statistics.median(trace.length_px for trace in traces)
+        if length > (1.0 + _LENGTH) * stated[0] or (strict and length < (1.0 - _LENGTH) * stated[0]):
+            unclear = "that is not the stated length"
+        if unclear:
+            return f"what was found ends after {length:.0f} px (stated: {stated[0]:.0f}), but {unclear}: {mark}", count
+    if whole and count >= _FRAMES and _still(lines) and _images_differ(frames):
+        end = lines[0, -1]
+        return (
+            f"what was found, as far as ({end[0]:.0f}, {end[1]:.0f}), neither moves nor bends while the images "
+            f"change: a post or an edge does so: {mark}"
+        ), count
+    return "", count
+
+
+def _end(found: Sequence[tuple[Trace, FloatArray, Image]], width: float, strict: bool) -> str:
+    """Returns why the end that was found cannot be a tip, "" where nothing says so."""
+    lengths = np.array([trace.length_px for trace, _, _ in found])
+    if strict and float(lengths.std()) > _SPREAD * float(np.median(lengths)):
+        return f"by {lengths.min():.0f} to {lengths.max():.0f} px in different images"
+    about = [
+        flanks_about_tip([image], [line], 0.5 * width, length)
+        for (_, line, image), length in zip(found, lengths, strict=True)
+    ]
+    begins = np.array([before >= _FLANKS_GREY for before, _ in about])
+    ends = np.array([beyond <= _BEYOND * before for before, beyond in about])
+    if float((begins & ends).mean()) >= (_EACH_STRICT if strict else _EACH):
+        return ""
+    return "it goes on beyond its end in many images" if ends.mean() < begins.mean() else "no flanks lead there in many"
+
+
+def _step(traces: Sequence[Trace], width: float) -> tuple[float, float] | None:
+    """Returns the place (u, v) where the shaft grows thinner in most images, None where there is none."""
+    places = np.array([t.step_at for t in traces if t.step > _STEP and (t.step - 1.0) * width > _STEP_PX])
+    if 2 * len(places) <= len(traces):
+        return None
+    middle = np.median(places, axis=0)
+    near = int((np.linalg.norm(places - middle, axis=1) < width).sum())
+    return (float(middle[0]), float(middle[1])) if 2 * near > len(traces) else None
+
+
+def _stays(traces: Sequence[Trace], width: float) -> float:
+    """Returns the share of the images in which the base lies, and points, where it does in most."""
+    bases = np.array([trace.base for trace in traces])
+    middle = np.median(bases[:, :2], axis=0)
+    way = math.atan2(float(np.median(np.sin(bases[:, 2]))), float(np.median(np.cos(bases[:, 2]))))
+    near = np.linalg.norm(bases[:, :2] - middle, axis=1) < max(_BASE * width, _BASE_PX)
+    turned = np.abs(np.angle(np.exp(1j * (bases[:, 2] - way)))) < _TURN
+    return float((near & turned).mean())
+
+
+def _still(lines: FloatArray) -> bool:
+    return float(np.linalg.norm(lines - np.median(lines, axis=0), axis=2).max()) < _STILL_PX
+
+
+def _images_differ(frames: Sequence[Image]) -> bool:
+    """Whether more changes between ``frames`` than light and noise."""
+    greys = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) if frame.ndim == 3 else frame for frame in frames]
+    size = tuple(max(1, n // _CELL) for n in greys[0].shape[1::-1])
+    small = np.array([cv2.resize(g, size, interpolation=cv2.INTER_AREA).astype(np.float64) for g in greys])
+    small -= np.median(small, axis=(1, 2), keepdims=True)
+    return float((np.ptp(small, axis=0) > _CHANGED_GREY).mean()) > _CHANGED

@@ -1,0 +1,101 @@
+"""Detection that doubts itself, on drawn sessions: sheaths, posts, two objects."""
+
+import cv2
+import numpy as np
+import pytest
+
+from tipforce.errors import InputError
+from tipforce.types import BaseSide, Catheter, Image, SessionInfo, ViewInfo
+from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
+
+SIZE, SCALE = (320, 240), 4
+DIAMETER, LENGTH = 10.0, 180.0
+MOUTH = np.array([60.0, 120.0])
+SESSION = SessionInfo("monday", Catheter("drawn", 0.01, 0.16, 0.02), {"camera": ViewInfo(1e-3, "left")})
+BENDS = np.linspace(-0.5, 0.5, 8)
+
+
+def _arc(base: np.ndarray, turn: float, length: float = LENGTH) -> np.ndarray:
+    """(n, 2) points of a shaft clamped along +u at ``base``, which turns by ``turn`` to its tip."""
+    s = np.linspace(0.0, length, 200)
+    angle = turn * (s / length) ** 2
+    steps = np.column_stack([np.cos(angle), np.sin(angle)]) * (s[1] - s[0])
+    return base + np.vstack([np.zeros(2), np.cumsum(steps[:-1], axis=0)])
+
+
+def _draw(seed: int, *tubes: tuple[np.ndarray, float, float], light: bool = False) -> Image:
+    """An image of tubes: points, diameter, grey."""
+    rng = np.random.default_rng(seed)
+    image = np.full((SIZE[1] * SCALE, SIZE[0] * SCALE), 200.0)
+    for points, diameter, grey in tubes:
+        fine = (points + 0.5) * SCALE
+        way = np.gradient(fine, axis=0)
+        aside = 0.5 * SCALE * diameter * np.column_stack([-way[:, 1], way[:, 0]])
+        aside /= np.linalg.norm(way, axis=1)[:, None]
+        outline = np.vstack([fine + aside, (fine - aside)[::-1]])
+        cv2.fillPoly(image, [np.rint(outline * 16).astype(np.int32)], grey, cv2.LINE_8, 4)
+    small = cv2.GaussianBlur(cv2.resize(image, SIZE, interpolation=cv2.INTER_AREA), (0, 0), 0.8)
+    noisy = np.clip(np.rint(small + rng.normal(0.0, 2.0, small.shape)), 0, 255).astype(np.uint8)
+    return 255 - noisy if light else noisy
+
+
+def _straight(u0: float, u1: float, v: float) -> np.ndarray:
+    return np.column_stack([np.linspace(u0, u1, 100), np.full(100, v)])
+
+
+def _sheathed(light: bool = False, grey: float = 90.0) -> tuple[list[Image], list[np.ndarray]]:
+    shafts = [_arc(MOUTH, turn) for turn in BENDS]
+    sheath = (_straight(-20.0, MOUTH[0], MOUTH[1]), 1.9 * DIAMETER, grey)
+    return [_draw(k, (shaft, DIAMETER, 60.0), sheath, light=light) for k, shaft in enumerate(shafts)], shafts
+
+
+@pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
+@pytest.mark.parametrize("light", [False, True])
+def test_the_base_lies_at_the_mouth_of_a_sheath(side: BaseSide, light: bool) -> None:
+    images, shafts = _sheathed(light)
+    width = SIZE[0]
+
+    def turned(image: Image) -> Image:
+        ways = {"left": image, "right": image[:, ::-1], "top": image.T, "bottom": image.T[::-1]}
+        return np.ascontiguousarray(ways[side])
+
+    def at(points: np.ndarray) -> np.ndarray:
+        u, v = points.T
+        ways = {"left": (u, v), "right": (width - 1 - u, v), "top": (v, u), "bottom": (v, width - 1 - u)}
+        return np.column_stack(ways[side])
+
+    info = SessionInfo("monday", SESSION.catheter, {"camera": ViewInfo(1e-3, side)})
+    detector = ShapeDetector(auto_calibrate(VisionSettings(), [turned(image) for image in images], info))
+    for image, shaft in zip(images, shafts, strict=True):
+        line = detector.detect(turned(image)).centreline
+        assert line is not None
+        assert np.linalg.norm(line.points[0] - at(shaft)[0]) < 3.0
+        assert np.linalg.norm(line.points[-1] - at(shaft)[-1]) < 2.0
+
+
+def test_a_sheath_without_a_shaft_of_the_stated_length_is_not_taken() -> None:
+    sheath = (_straight(-20.0, MOUTH[0], MOUTH[1]), 1.9 * DIAMETER, 90.0)
+    images = [_draw(k, (_arc(MOUTH, turn, 120.0), DIAMETER, 60.0), sheath) for k, turn in enumerate(BENDS)]
+    with pytest.raises(InputError, match="base_region"):
+        auto_calibrate(VisionSettings(), images, SESSION)
+
+
+def test_a_post_that_stands_still_while_the_images_change_is_not_the_catheter() -> None:
+    post = (_straight(-20.0, 175.0, 60.0), DIAMETER, 60.0)
+    still = [_draw(k, post) for k in range(8)]
+    assert auto_calibrate(VisionSettings(), still, SESSION).base_side == "left"
+    moving = [_draw(k, post, (_straight(200.0 + 8 * k, 240.0 + 8 * k, 180.0), 30.0, 120.0)) for k in range(8)]
+    with pytest.raises(InputError, match="neither moves nor bends"):
+        auto_calibrate(VisionSettings(), moving, SESSION)
+
+
+def test_of_two_shafts_with_sheaths_it_asks_which() -> None:
+    images = []
+    for k, turn in enumerate(BENDS):
+        tubes = []
+        for v in (70.0, 170.0):
+            base = np.array([MOUTH[0], v])
+            tubes += [(_arc(base, 0.5 * turn), DIAMETER, 60.0), (_straight(-20.0, base[0], v), 1.9 * DIAMETER, 90.0)]
+        images.append(_draw(k, *tubes))
+    with pytest.raises(InputError, match=r"two objects could be the catheter.*mark the shaft's base"):
+        auto_calibrate(VisionSettings(), images, SESSION)
