@@ -1,5 +1,6 @@
 """Settings of all tests, and images of a tube along a curve whose numbers are known."""
 
+import gc
 import os
 from collections.abc import Callable
 
@@ -43,6 +44,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return next((rank[start] for start in FIRST if item.nodeid.startswith(start)), len(FIRST))
 
     items.sort(key=place)
+
+
+def pytest_collection_finish() -> None:
+    """What the modules loaded stays: the collector of garbage need not look through it again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture
