@@ -3,7 +3,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.ready
 DEMO ?= demo
-KERNELS := tests/vision tests/geometry tests/mechanics tests/limits tests/simulation tests/estimators/test_svr.py
+KERNELS := tests/vision tests/geometry tests/mechanics tests/limits tests/simulation tests/estimators/test_svr.py tests/estimators/test_rod.py \
+	tests/estimators/test_rod_track.py
 export NO_MKDOCS_2_WARNING := 1
 
 .PHONY: help setup demo test check docs bench prove clean
