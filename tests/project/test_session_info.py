@@ -23,6 +23,7 @@ from tipforce.types import (
     Observation,
     SensorInfo,
     SessionInfo,
+    TissueInfo,
     ViewInfo,
     bench_text,
     info_from_facts,
@@ -45,6 +46,7 @@ FULL = SessionInfo(
         log=ForceLogInfo("Zeit [µs]", "-Fy", "Fx", "Fz", "us", "counts", 1000.0),
     ),
     actuation=ActuationInfo(0.533, "knob", {"knob_deg": 10.0, "wire 1_mm": -0.25}),
+    tissue=TissueInfo(120.0),
     force_frame="sensor",
     simulated=True,
     preset="bench-2021",
@@ -111,6 +113,7 @@ infos = st.builds(
         knob_column=maybe(text),
         constant=st.dictionaries(text, st.floats(-100, 100), max_size=2),
     ),
+    tissue=st.builds(TissueInfo, stiffness_n_per_m=maybe(st.floats(1.0, 1e5))),
     force_frame=text,
     simulated=st.booleans(),
     preset=maybe(text),
@@ -124,7 +127,7 @@ def known(info: SessionInfo) -> SessionInfo:
 
 
 def test_every_field_of_the_full_example_is_stated() -> None:
-    for part in (FULL, FULL.catheter, FULL.sensor, FULL.sensor.log, FULL.actuation):
+    for part in (FULL, FULL.catheter, FULL.sensor, FULL.sensor.log, FULL.actuation, FULL.tissue):
         nothing = type(part)()
         assert not [each.name for each in fields(part) if getattr(part, each.name) == getattr(nothing, each.name)]
     stated = [{f.name for f in fields(view) if getattr(view, f.name) is not None} for view in FULL.views.values()]
@@ -211,6 +214,7 @@ def test_a_dataset_folder_carries_every_field(tmp_path: Path) -> None:
         ("[actuation.constant]\nknob_deg = 1000.0", "knob_deg = 1000 is refused: expected -720 to 720 degrees"),
         ("[actuation.constant]\nknob_deg = 'ten'", "actuation.constant.knob_deg = 'ten' is refused"),
         ("[sensor]\nno_contact_s = [0]", "sensor.no_contact_s"),
+        ("[tissue]\nstiffness_n_per_m = 0.12", "it is in N/m: for 0.12 N/mm write 120"),
         ("catheter = 3", "catheter = 3 is refused"),
     ],
 )
@@ -297,6 +301,7 @@ def test_keys_of_what_is_stated_are_those_of_the_file() -> None:
         "sensor.log.counts_per_n",
         "actuation.knob_gain_per_m_deg",
         "actuation.constant.knob_deg",
+        "tissue.stiffness_n_per_m",
     } <= keys
     assert not keys & {"name", "catheter.name", "force_frame", "simulated", "preset", "remarks"}
     assert SessionInfo("a", Catheter("7F")).stated_keys() == ()

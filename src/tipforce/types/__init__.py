@@ -21,6 +21,7 @@ from ._session import (
     Reads,
     SensorInfo,
     SessionInfo,
+    TissueInfo,
     ViewInfo,
     merged_values,
 )
@@ -69,6 +70,7 @@ __all__ = [
     "Source",
     "Status",
     "SystemClock",
+    "TissueInfo",
     "View",
     "ViewInfo",
     "Wrench",

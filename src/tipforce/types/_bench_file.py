@@ -83,6 +83,10 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
             ("constant", "{ knob_deg = 10.0 }", "readings that stay the same and are in no log; names end in the unit"),
         ),
     ),
+    "tissue": (
+        "What the tip presses on.",
+        (("stiffness_n_per_m", "120.0", "force over how deep the tip presses in"),),
+    ),
 }
 """Section -> what it is; its keys, each with an example and its meaning."""
 

@@ -51,6 +51,7 @@ RANGES = {
     "moving_mass_kg": Range(0.0, 50.0, "kg", "g", 1e-3),
     "knob_gain_per_m_deg": Range(-100.0, 100.0, "1/m for a degree"),
     "counts_per_n": Range(1e-6, 1e12, "counts for a newton"),
+    "stiffness_n_per_m": Range(1.0, 1e5, "N/m", "N/mm", 1e3),
     "angle_deg": Range(-360.0, 360.0, "degrees"),
 }
 """Key of the session's metadata -> what it may be."""

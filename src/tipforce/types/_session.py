@@ -25,6 +25,7 @@ __all__ = [
     "Reads",
     "SensorInfo",
     "SessionInfo",
+    "TissueInfo",
     "ViewInfo",
     "merged_values",
 ]
@@ -153,6 +154,15 @@ class ActuationInfo:
 
 
 @dataclass(frozen=True, slots=True)
+class TissueInfo:
+    """What the tip presses on. ``stiffness_n_per_m``: force over how deep the tip presses in, across the surface."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+
+    stiffness_n_per_m: Annotated[float, _within("stiffness_n_per_m")] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class SessionInfo:
     """What an estimator may know of a session beside its observations; never anything of the truth.
 
@@ -168,6 +178,7 @@ class SessionInfo:
     views: Mapping[str, ViewInfo] = field(default_factory=dict[str, ViewInfo])
     sensor: SensorInfo = SensorInfo()
     actuation: ActuationInfo = ActuationInfo()
+    tissue: TissueInfo = TissueInfo()
     force_frame: str = "base"
     simulated: bool = False
     preset: str | None = None
@@ -221,7 +232,7 @@ class SessionInfo:
         return found
 
     def stated_keys(self) -> tuple[str, ...]:
-        """Keys of what is stated of catheter, views, sensor and actuation, as ``catheter.diameter_m``.
+        """Keys of what is stated of catheter, views, sensor, actuation and tissue, as ``catheter.diameter_m``.
 
         >>> SessionInfo(views={"camera": ViewInfo(base_side="left")}).stated_keys()
         ('views.camera.base_side',)
@@ -230,7 +241,7 @@ class SessionInfo:
         return tuple(key for key in _flat(parts) if key != "catheter.name")
 
     def only(self, keys: Iterable[str]) -> "SessionInfo":
-        """These metadata without what they state of catheter, views, sensor and actuation beyond ``keys``."""
+        """These metadata without what they state of catheter, views, sensor, actuation and tissue beyond ``keys``."""
         wanted = set(keys)
         values = self.values()
         for key in self.stated_keys():
@@ -282,6 +293,7 @@ _PARTS: dict[str, type] = {
     "sensor": SensorInfo,
     "sensor.log": ForceLogInfo,
     "actuation": ActuationInfo,
+    "tissue": TissueInfo,
 }
 
 
