@@ -11,7 +11,7 @@ from tipforce.datasets import Dataset
 from tipforce.estimators import Compact, CompactSettings, load_model, save_model
 from tipforce.estimators.networks import _calibration, _network
 from tipforce.estimators.networks._calibration import quantise_checked
-from tipforce.types import ActuationInfo, Catheter, Observation, SessionInfo, Status, ViewInfo
+from tipforce.types import ActuationInfo, Catheter, Observation, SessionInfo, Status, TissueInfo, ViewInfo
 
 pytest.importorskip("torch", reason="training needs the extra [train]")
 pytest.importorskip("onnxscript", reason="training needs the extra [train]")
@@ -34,7 +34,8 @@ def bench(force: np.ndarray, draw: np.random.Generator) -> tuple[np.ndarray, np.
 
 
 def session(name: str, metres_per_px: float = 48e-3 / 50.0) -> SessionInfo:
-    return SessionInfo(name, CATHETER, {"camera": ViewInfo(metres_per_px, "left")}, actuation=GAIN)
+    view, tissue = ViewInfo(metres_per_px, "left"), TissueInfo(60.0 if name in ("s0", "s3") else 240.0)
+    return SessionInfo(name, CATHETER, {"camera": view}, actuation=GAIN, tissue=tissue)
 
 
 class Whips:

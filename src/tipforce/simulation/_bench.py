@@ -1,5 +1,6 @@
 """One session of the simulated bench as a source of events."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import asdict
 from functools import cached_property
@@ -20,6 +21,7 @@ from ..types import (
     SensorInfo,
     SessionInfo,
     SimulatedClock,
+    TissueInfo,
 )
 from ._imaging import Imaging, make_imaging, view_names
 from ._settings import AnySimulationSettings, SimulationSettings
@@ -257,9 +259,17 @@ class SimulatedBench:
                 moving_mass_kg=float(f"{world.sensor.moving_mass_kg:g}"),
             ),
             actuation=ActuationInfo(knob_gain_per_m_deg=float(f"{gain:g}") if gain else None),
+            tissue=TissueInfo(self._stated_tissue_n_per_m()),
             simulated=True,
             preset=self.settings.preset,
         )
+
+    def _stated_tissue_n_per_m(self) -> float | None:
+        within = self.settings.world.wall.stated_within
+        if within is None:
+            return None
+        error = math.exp(within * self._rng(12).standard_normal())
+        return float(f"{self.session.bench_model.parameters.wall_stiffness_n_per_m * error:.3g}")
 
     def values(self) -> dict[str, Any]:
         """Returns all session parameters, by name."""

@@ -5,7 +5,7 @@ This is the only package that uses torch, which it imports when it is needed.
 
 from ._augmentation import Augmentation
 from ._checkpoint import CHECKPOINT_FILE, LOG_FILE, duration_text
-from ._compact import COMPACT_OUTPUTS, COMPACT_UNIT_N, CompactTask
+from ._compact import COMPACT_OUTPUTS, COMPACT_UNIT_N, TISSUE_N_PER_M, TISSUE_OUTPUTS, CompactTask, tissue_shares
 from ._config import Batch, ClipNorm, Epochs, Rate, TrainConfig, WarmupEpochs, WeightDecay
 from ._data import HEATMAP_UNKNOWN, TrainingSamples, TrainValSplit, train_val_split
 from ._device import require_torch
@@ -23,6 +23,8 @@ __all__ = [
     "LOG_FILE",
     "MAX_ERROR_GROWTH",
     "RESNET_OUTPUTS",
+    "TISSUE_N_PER_M",
+    "TISSUE_OUTPUTS",
     "Augmentation",
     "Batch",
     "ClipNorm",
@@ -47,6 +49,7 @@ __all__ = [
     "parity_n",
     "quantise",
     "require_torch",
+    "tissue_shares",
     "train_network",
     "train_val_split",
 ]

@@ -4,6 +4,11 @@ Where the catheter lies in its window is the measurement, so the last feature gr
 as its mean. Metadata of catheter and bench modulate the dense features (feature-wise linear modulation, FiLM, Perez et
 al. 2018). The force is the sum of two terms, one in the unit of bending (EI / L^2) and one in that of indentation
 (stiffness x L), so that stiffness and length of the catheter enter as in mechanics.
+
+How deep the tip presses into the tissue tells the force only where the tissue's stiffness is known. With classes of
+tissue the network tells the force and its variance for each class, and how likely each is from this image: a mixture
+whose classes are known in training where the sessions state their tissue, and else follow from the mixture itself
+(expectation and maximisation). Who uses the network weighs the classes by what the session has told so far.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from ..errors import InputError
 from ..types import IntArray
@@ -22,7 +28,15 @@ from ._task import Batch
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-__all__ = ["COMPACT_OUTPUTS", "COMPACT_UNIT_N", "CompactTask", "build_compact"]
+__all__ = [
+    "COMPACT_OUTPUTS",
+    "COMPACT_UNIT_N",
+    "TISSUE_N_PER_M",
+    "TISSUE_OUTPUTS",
+    "CompactTask",
+    "build_compact",
+    "tissue_shares",
+]
 
 COMPACT_OUTPUTS = (
     "force_n",
@@ -38,6 +52,13 @@ squared; logit of contact (n,); logits of the catheter's heatmap (n, size / 8, s
 position of the catheter (n,); last feature grid (n, 32 (size / 32)^2); features before the last dense layer
 (n, `FEATURES`)."""
 
+TISSUE_OUTPUTS = ("tissue_force_n", "tissue_log_variance", "tissue_logits")
+"""Further outputs of a network with classes of tissue: force (n, c, t) and logarithm of its variance (n, c, t) for each
+class, logits of the classes (n, c). "force_n" and "log_variance" are then mean and variance of the mixture."""
+
+TISSUE_N_PER_M = tuple(np.geomspace(36.0, 418.0, 8).tolist())
+"""Stiffness of each class of tissue, in newtons per metre of indentation: neighbours differ by 42 %."""
+
 COMPACT_UNIT_N = 0.1
 """Unit of the network's force, in newtons: in it forces are of order one."""
 
@@ -50,7 +71,10 @@ CONTACT_N = 0.015
 _BETA = 0.5
 """Exponent of the variance in the weight of the likelihood (beta-NLL, Seitzer et al. 2022): 0 is the plain likelihood,
 1 the mean squared error."""
-_LOSS_WEIGHTS = {"force": 1.0, "contact": 0.02, "heatmap": 0.1, "in_distribution": 0.1}
+_LOSS_WEIGHTS = {"force": 1.0, "contact": 0.02, "tissue": 0.05, "heatmap": 0.1, "in_distribution": 0.1}
+_HEAVIER_N = 0.2
+"""A force of this size counts twice, of twice this size three times: large forces are rare, and would be drawn to the
+usual ones, which is the dangerous side."""
 
 _BLOCK_PX = 4
 """Side of the squares of pixels that become the channels of the first layer: no information is lost, and the large
@@ -78,6 +102,8 @@ class CompactTask:
             are in another frame.
         augmentation: of training; None: none.
         actuation: mean and standard deviation of each actuation value that joins the metadata.
+        tissue: whether the force is estimated for each class of tissue, `TISSUE_N_PER_M`. The samples' input "tissue"
+            (n, 1) is then the logarithm of the stiffness in N/m, NaN where it is not known.
     """
 
     outputs: int
@@ -86,11 +112,13 @@ class CompactTask:
     planar: tuple[int, int] | None = (0, 1)
     augmentation: Augmentation | None = None
     actuation: tuple[tuple[float, float], ...] = ()
+    tissue: bool = False
 
     @property
     def name(self) -> str:
         """See `Task`."""
-        return f"compact, {self.outputs} outputs, {self.metadata + len(self.actuation)} numbers, {self.size} pixels"
+        numbers = f"{self.outputs} outputs, {self.metadata + len(self.actuation)} numbers, {self.size} pixels"
+        return f"compact, {numbers}{', classes of tissue' if self.tissue else ''}"
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -115,7 +143,8 @@ class CompactTask:
             signs = np.ones(self.outputs), np.ones(self.metadata)
             signs[0][self.planar[1]] = signs[1][CURVATURE] = -1.0
             mirror = tuple(signs[0].tolist()), tuple(signs[1].tolist())
-        return build_compact(self.outputs, self.metadata, self.size, COMPACT_UNIT_N, self.actuation, mirror)
+        classes = len(TISSUE_N_PER_M) if self.tissue else 1
+        return build_compact(self.outputs, self.metadata, self.size, COMPACT_UNIT_N, self.actuation, mirror, classes)
 
     def batch(self, samples: TrainingSamples, index: IntArray, rngs: Sequence[np.random.Generator] | None) -> Batch:
         """Returns images of ``size`` pixels with their labels, augmented where ``rngs`` are given."""
@@ -123,6 +152,8 @@ class CompactTask:
             "force_n": samples.force_n[index].copy(),
             **{name: values[index].copy() for name, values in samples.inputs.items()},
         }
+        if self.tissue:
+            taken["tissue"] = tissue_shares(taken["tissue"][:, 0])
         images = np.empty((len(index), self.size, self.size), np.uint8)
         grid = self.size // _HEATMAP_PX
         heatmaps = np.full((len(index), grid, grid), np.nan, np.float32)
@@ -146,18 +177,32 @@ class CompactTask:
         """Returns the weighted sum of the losses.
 
         These are the Gaussian likelihood of the force with the predicted variance, and the cross-entropies of contact,
-        heatmap and in-distribution. Samples that are out of distribution count in the last two alone.
+        the tissue's class, heatmap and in-distribution. Samples that are out of distribution count in the last two
+        alone.
         """
         import torch
-        from torch.nn.functional import binary_cross_entropy_with_logits
+        from torch.nn.functional import binary_cross_entropy_with_logits, log_softmax
 
         force, log_variance, contact, heatmap, in_distribution, *_ = outputs
         weight = _sample_weight(batch)
-        error = (force - batch["force_n"]) / COMPACT_UNIT_N
+        size_n = torch.linalg.vector_norm(batch["force_n"], dim=1)
+        force_weight = weight * (1.0 + size_n / _HEAVIER_N)
+        if self.tissue:
+            force, log_variance, logits = outputs[len(COMPACT_OUTPUTS) :]
+        else:
+            force, log_variance = force[:, None], log_variance[:, None]
+            logits = torch.zeros_like(force[:, :, 0])
+        error = (force - batch["force_n"][:, None]) / COMPACT_UNIT_N
         likelihood = 0.5 * (error * error * torch.exp(-log_variance) + log_variance)
+        log_share = log_softmax(logits, dim=1)
+        share = (log_share - likelihood.sum(dim=2)).softmax(dim=1).detach()
+        if self.tissue:
+            stated = batch["tissue"]
+            share = torch.where(torch.isnan(stated), share, stated)
         likelihood = likelihood * torch.exp(_BETA * log_variance).detach()
-        in_contact = (torch.linalg.vector_norm(batch["force_n"], dim=1) > CONTACT_N).float()
-        total = _LOSS_WEIGHTS["force"] * (likelihood.mean(dim=1) * weight).mean()
+        in_contact = (size_n > CONTACT_N).float()
+        total = _LOSS_WEIGHTS["force"] * ((share * likelihood.mean(dim=2)).sum(dim=1) * force_weight).mean()
+        total = total - _LOSS_WEIGHTS["tissue"] * ((share * log_share).sum(dim=1) * weight).mean()
         contact_loss = binary_cross_entropy_with_logits(contact, in_contact, reduction="none")
         total = total + _LOSS_WEIGHTS["contact"] * (contact_loss * weight).mean()
         total = total + _LOSS_WEIGHTS["in_distribution"] * binary_cross_entropy_with_logits(
@@ -183,6 +228,21 @@ def _sample_weight(batch: Mapping[str, "Tensor"]) -> "Tensor":
     return in_distribution * (len(in_distribution) / in_distribution.sum().clamp(min=1.0))
 
 
+def tissue_shares(log_stiffness: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    """Returns (n, c) shares of the classes of tissue: of the two next to the stiffness, which share linearly.
+
+    Args:
+        log_stiffness: (n,) logarithms of stiffnesses in N/m; NaN where it is not known, and then in the shares.
+
+    >>> tissue_shares(np.log([36.0, 60.0]))[:, :3].round(2).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 0.54, 0.46]]
+    """
+    centres = np.log(TISSUE_N_PER_M)
+    within = np.clip(log_stiffness, centres[0], centres[-1])[:, None]
+    shares = np.maximum(1.0 - np.abs(within - centres) / (centres[1] - centres[0]), 0.0)
+    return shares.astype(np.float32)
+
+
 def build_compact(
     outputs: int,
     metadata: int,
@@ -190,8 +250,11 @@ def build_compact(
     unit_n: float,
     actuation: tuple[tuple[float, float], ...] = (),
     mirror: tuple[tuple[float, ...], tuple[float, ...]] | None = None,
+    classes: int = 1,
 ) -> "nn.Module":
     """Build the network: ``image`` (n, size, size) uint8 and ``metadata`` (n, metadata) to `COMPACT_OUTPUTS`.
+
+    With more than one class they are followed by `TISSUE_OUTPUTS`.
 
     Args:
         outputs: number of force components.
@@ -202,6 +265,7 @@ def build_compact(
         mirror: signs of the force components and of the metadata features in a mirrored image. In eval mode the
             network then evaluates the image and its mirror image and returns the mean of both (grid and features: of
             the image as it is).
+        classes: of tissue.
 
     Raises:
         InputError: ``size`` is no multiple of 32.
@@ -249,7 +313,7 @@ def build_compact(
             self.dense = nn.Linear(grid, FEATURES)
             self.film = nn.Sequential(nn.Linear(metadata + len(actuation), 32), nn.ReLU(), nn.Linear(32, 2 * FEATURES))
             self.hidden = nn.Linear(FEATURES, FEATURES)
-            self.output_head = nn.Linear(FEATURES, 3 * outputs + 1)
+            self.output_head = nn.Linear(FEATURES, outputs + classes * (2 * outputs + (classes > 1)) + 1)
             self.heatmap_head = nn.Conv2d(_CHANNELS[1], 1, 1)
             self.distribution_head = nn.Sequential(nn.Linear(grid, 32), nn.ReLU(), nn.Linear(32, 1))
             self.register_buffer("unit_n", torch.tensor(unit_n))
@@ -263,20 +327,31 @@ def build_compact(
 
         def forward(self, image: Tensor, metadata: Tensor, actuation: Tensor | None = None) -> tuple[Tensor, ...]:
             if self.training or mirror is None or actuation is not None:
-                return self.single(image, metadata, actuation)
+                return self.joined(*self.single(image, metadata, actuation))
             count = image.shape[0]
             images = torch.cat([image, image.flip(1)])
             found = self.single(images, torch.cat([metadata, metadata * self.metadata_signs]), None)
-            force, log_variance, contact, heatmap, in_distribution = (each[:count] for each in found[:5])
-            mirrored = [each[count:] for each in found[:5]]
-            return (
+            force, log_variance, logits, contact, heatmap, in_distribution = (each[:count] for each in found[:6])
+            mirrored = [each[count:] for each in found[:6]]
+            return self.joined(
                 0.5 * (force + mirrored[0] * self.force_signs),
                 0.5 * (log_variance + mirrored[1]),
-                0.5 * (contact + mirrored[2]),
-                0.5 * (heatmap + mirrored[3].flip(1)),
-                0.5 * (in_distribution + mirrored[4]),
-                *(each[:count] for each in found[5:]),
+                0.5 * (logits + mirrored[2]),
+                0.5 * (contact + mirrored[3]),
+                0.5 * (heatmap + mirrored[4].flip(1)),
+                0.5 * (in_distribution + mirrored[5]),
+                *(each[:count] for each in found[6:]),
             )
+
+        def joined(self, force: Tensor, log_variance: Tensor, logits: Tensor, *others: Tensor) -> tuple[Tensor, ...]:
+            """Returns the outputs, with mean and variance of the mixture over the classes."""
+            if classes == 1:
+                return force[:, 0], log_variance[:, 0], *others
+            share = logits.softmax(dim=1)[:, :, None]
+            mean = (share * force).sum(dim=1)
+            spread = (force - mean[:, None]) / self.unit_n
+            variance = (share * (torch.exp(log_variance) + spread * spread)).sum(dim=1)
+            return mean, torch.log(variance), *others, force, log_variance, logits
 
         def single(self, image: Tensor, metadata: Tensor, actuation: Tensor | None) -> tuple[Tensor, ...]:
             """Returns the outputs for each image alone, without its mirror image."""
@@ -298,9 +373,12 @@ def build_compact(
             output = self.output_head(features).float()
             bending = self.unit_n * torch.exp(metadata[:, :1] - 2.0 * metadata[:, 1:2])
             indentation = self.unit_n * torch.exp(metadata[:, 1:2])
-            force = output[:, :outputs] * bending + output[:, outputs : 2 * outputs] * indentation
-            log_variance, contact = output[:, 2 * outputs : 3 * outputs].clamp(*_LOG_VARIANCE_RANGE), output[:, -1]
+            by_class = output[:, outputs:-1].unflatten(1, (classes, -1))
+            force = (output[:, :outputs] * bending)[:, None] + by_class[:, :, :outputs] * indentation[:, None]
+            log_variance = by_class[:, :, outputs : 2 * outputs].clamp(*_LOG_VARIANCE_RANGE)
+            logits, contact = by_class[:, :, 2 * outputs :].sum(dim=2), output[:, -1]
             in_distribution = self.distribution_head(grid)[:, 0].float()
-            return force, log_variance, contact, heatmap[:, 0].float(), in_distribution, grid.float(), features.float()
+            heatmap = heatmap[:, 0].float()
+            return force, log_variance, logits, contact, heatmap, in_distribution, grid.float(), features.float()
 
     return Compact()

@@ -11,6 +11,7 @@ from .._builder import MAX_FORCE_N, implausible
 from ..uncertainty import Interval, LastLayerLaplace, OodDetector, interval_from_errors
 from ._calibration import Outputs
 from ._rate_compensation import History, RateCompensation
+from ._tissue import TissueBelief
 
 __all__ = [
     "AbstentionLimits",
@@ -87,6 +88,7 @@ class CompactEstimateBuilder:
         interval: half-widths in standard deviations, not newtons: the predicted deviation scales them.
         compensation: of the viscous force.
         history: earlier estimates of the session.
+        tissue: what the session tells about its tissue; None for a network without classes of tissue.
     """
 
     known: BoolArray
@@ -97,6 +99,7 @@ class CompactEstimateBuilder:
     interval: Interval
     compensation: RateCompensation
     history: History
+    tissue: TissueBelief | None = None
 
     def __call__(self, stamp_ns: int, outputs: Outputs) -> ForceEstimate:
         """Returns one estimate, from outputs (1, ...)."""
@@ -116,11 +119,10 @@ class CompactEstimateBuilder:
         abstention = self.ood.abstention(stamp_ns, outputs["grid"])
         if abstention is not None:
             return abstention
-        force = outputs["force_n"][0].astype(np.float64)
+        force, spread = self._mean_and_spread(stamp_ns, outputs)
         if not (size := math.hypot(*force.tolist())) <= MAX_FORCE_N:
             return implausible(stamp_ns, size)
-        sigma = component_sigma(outputs, self.laplace, self.unit_n)[0]
-        sigma_n = magnitude_sigma(force, sigma)
+        sigma_n = magnitude_sigma(force, spread)
         if not sigma_n <= self.limits.max_sigma_n:
             return ForceEstimate.invalid(
                 stamp_ns,
@@ -129,19 +131,19 @@ class CompactEstimateBuilder:
             )
         rate = self.history.rate(stamp_ns, force)
         if rate is None:
-            sigma = sigma * self.compensation.sigma_factor_without_history
+            spread = spread * self.compensation.sigma_factor_without_history**2
         else:
             force = force + rate @ self.compensation.seconds
-        magnitude, sigma_n = float(np.linalg.norm(force)), magnitude_sigma(force, sigma)
+        magnitude, sigma_n = float(np.linalg.norm(force)), magnitude_sigma(force, spread)
         if not magnitude <= MAX_FORCE_N or not math.isfinite(sigma_n):
             return implausible(stamp_ns, magnitude if magnitude > MAX_FORCE_N else math.nan)
         full, interval = np.full(3, math.nan), np.full((3, 2), math.nan)
         covariance = np.full((3, 3), math.nan)
         axes = np.flatnonzero(self.known)
         full[axes] = force
-        half = self.interval.half_n[axes] * sigma
+        half = self.interval.half_n[axes] * np.sqrt(np.diag(spread))
         interval[axes, 0], interval[axes, 1] = force - half, force + half
-        covariance[np.ix_(axes, axes)] = np.diag(sigma**2)
+        covariance[np.ix_(axes, axes)] = spread
         magnitude_half = self.interval.magnitude_half_n * sigma_n
         return ForceEstimate(
             stamp_ns=stamp_ns,
@@ -154,17 +156,31 @@ class CompactEstimateBuilder:
             contact=1.0 / (1.0 + math.exp(-float(outputs["contact_logit"][0]))),
         )
 
+    def _mean_and_spread(self, stamp_ns: int, outputs: Outputs) -> tuple[FloatArray, FloatArray]:
+        """Returns force (t,) and covariance (t, t), over the classes of tissue as the session weighs them."""
+        epistemic = 1.0 + float(self.laplace.variance(outputs["features"].astype(np.float64))[0])
+        if self.tissue is None:
+            variance = np.exp(outputs["log_variance"][0].astype(np.float64)) * self.unit_n**2
+            return outputs["force_n"][0].astype(np.float64), np.diag(variance * epistemic)
+        share = self.tissue.shares(stamp_ns, outputs["tissue_logits"][0])
+        forces = outputs["tissue_force_n"][0].astype(np.float64)
+        variance = share @ np.exp(outputs["tissue_log_variance"][0].astype(np.float64)) * self.unit_n**2
+        force = share @ forces
+        apart = forces - force
+        return force, np.diag(variance * epistemic) + (share[:, None] * apart).T @ apart
+
 
 def normalised_interval(
     known: BoolArray,
     predicted: FloatArray,
-    sigma: FloatArray,
+    covariance: FloatArray,
     truth: FloatArray,
     session: npt.NDArray[np.str_],
     sampling: str,
 ) -> Interval:
-    """As `conformal_interval`, in standard deviations: errors (n, t) are divided by their ``sigma`` (n, t)."""
-    magnitude = np.array([magnitude_sigma(f, s) for f, s in zip(predicted, sigma, strict=True)])
+    """As `conformal_interval`, in standard deviations: errors (n, t) by those of ``covariance`` (n, t, t)."""
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    magnitude = np.array([magnitude_sigma(f, c) for f, c in zip(predicted, covariance, strict=True)])
     error = (np.linalg.norm(predicted, axis=1) - np.linalg.norm(truth, axis=1)) / magnitude
     components = (predicted - truth) / sigma
     return interval_from_errors(known, components, error, session, held_out=not sampling, sampling=sampling)
@@ -177,13 +193,14 @@ def component_sigma(outputs: Outputs, laplace: LastLayerLaplace, unit_n: float) 
     return unit_n * np.exp(0.5 * log_variance) * np.sqrt(epistemic)[:, None]
 
 
-def magnitude_sigma(force: FloatArray, sigma: FloatArray) -> float:
-    """Returns the standard deviation of the length of ``force`` (t,) from those of its components, ``sigma`` (t,).
+def magnitude_sigma(force: FloatArray, covariance: FloatArray) -> float:
+    """Returns the standard deviation of the length of ``force`` (t,) from its ``covariance`` (t, t).
 
     For a force near zero it is that of any direction.
     """
-    square = float(force @ force) + float(sigma @ sigma) / len(sigma)
-    along = float((force * force) @ (sigma * sigma)) + float(sigma @ sigma) ** 2 / len(sigma) ** 2
+    any_direction = float(np.trace(covariance)) / len(force)
+    square = float(force @ force) + any_direction
+    along = float(force @ covariance @ force) + any_direction * float(np.trace(covariance)) / len(force)
     return math.sqrt(along / square)
 
 

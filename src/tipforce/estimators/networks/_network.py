@@ -114,13 +114,16 @@ class NetworkEstimator(FineTunable):
 
     input_text: ClassVar[str] = "the whole image"
     """The image input in a few words."""
-    outputs: ClassVar[tuple[str, ...]] = ("force_n",)
-    """Names of the network's outputs, in order."""
 
     def __init__(self, settings: Any = None) -> None:
         super().__init__(settings)
         self.fitted_: FittedNetwork | None = None
         self._init_from: NetworkEstimator | None = None
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the network's outputs, in order."""
+        return ("force_n",)
 
     @abstractmethod
     def input_specs(self, *, training: bool) -> Specs:
@@ -386,10 +389,11 @@ class NetworkEstimator(FineTunable):
         del images  # its window follows from the metadata
         fitted = self._fitted()
         reader = self.reader(info, training=False)
-        return NetworkStream(fitted, reader, self.estimate_builder())
+        return NetworkStream(fitted, reader, self.estimate_builder(info))
 
-    def estimate_builder(self) -> BuildEstimate:
+    def estimate_builder(self, info: SessionInfo) -> BuildEstimate:
         """Returns what makes estimates from the graph's outputs, for one session."""
+        del info
         fitted = self._fitted()
         builder = EstimateBuilder(fitted.known, fitted.interval)
         return lambda stamp_ns, outputs: builder.valid(stamp_ns, outputs["force_n"][0])
@@ -482,7 +486,7 @@ class NetworkEstimator(FineTunable):
 
     def check_outputs(self, outputs: Outputs) -> None:
         """Computes from ``outputs`` for one image all that an estimate needs. Raises KeyError or ValueError."""
-        self.estimate_builder()(0, outputs)
+        self.estimate_builder(SessionInfo())(0, outputs)
 
     def describe(self) -> dict[str, Any]:
         """Returns the network, its training, errors, intervals and their basis."""

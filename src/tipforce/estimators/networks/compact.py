@@ -1,8 +1,9 @@
 """`compact`: a small network for a window around the catheter, with metadata of the session and its own uncertainty.
 
 Beyond the thesis: grey images of the window alone; outputs for the variance of the force, contact and the catheter's
-heatmap; intervals that follow the predicted uncertainty; the mean over an image and its mirror image; abstention from
-images unlike the training images, and from those of a displaced camera or bench.
+heatmap; the force for each class of tissue, weighed by what the session tells about its tissue; intervals that follow
+the predicted uncertainty; the mean over an image and its mirror image; abstention from images unlike the training
+images, and from those of a displaced camera or bench.
 """
 
 import itertools
@@ -16,7 +17,7 @@ import numpy.typing as npt
 
 from ...datasets import Dataset
 from ...errors import InputError
-from ...training import COMPACT_OUTPUTS, COMPACT_UNIT_N, HEATMAP_UNKNOWN, CompactTask
+from ...training import COMPACT_OUTPUTS, COMPACT_UNIT_N, HEATMAP_UNKNOWN, TISSUE_OUTPUTS, CompactTask
 from ...types import (
     KNOB,
     BoolArray,
@@ -48,6 +49,7 @@ from ._network import BuildEstimate, NetworkEstimator
 from ._preparation import Arrays, InputReader, Spec, Specs
 from ._rate_compensation import History, RateCompensation, rate_compensation_from
 from ._settings import CompactSettings
+from ._tissue import TissueBelief, TissueEvidence, fit_tissue_evidence
 
 __all__ = ["METADATA_FEATURES", "Compact", "metadata_features"]
 
@@ -63,6 +65,8 @@ _TRAINING_SIZE = 1.3
 """Side of the training images over that of the network's: there is room for augmentation."""
 _LONGEST_S = 10.0
 """Largest value of a rate compensation; those found are tens of milliseconds."""
+_DIFFERENT_TISSUE = 2.0
+"""The stiffest tissue of the training data is so many times as stiff as the softest, where there are classes of tissue."""
 _CALIBRATION_IMAGES = 10
 """Images in which the base's border is detected, where the metadata do not state it."""
 
@@ -95,17 +99,32 @@ class Compact(NetworkEstimator):
     settings_type = CompactSettings
     settings: CompactSettings
     input_text = "a window around the catheter in each image, in grey"
-    outputs = COMPACT_OUTPUTS
 
     def __init__(self, settings: CompactSettings | None = None) -> None:
         super().__init__(settings)
         self._detected_base_side = "none"
+        self._tissue = False
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """See `NetworkEstimator`."""
+        return (*COMPACT_OUTPUTS, *TISSUE_OUTPUTS) if self._tissue else COMPACT_OUTPUTS
 
     def resolve_settings(self, dataset: Dataset) -> None:
-        """Detect the border at which the base lies, where neither metadata nor settings state it.
+        """Find whether there are classes of tissue, and the border at which the base lies where nothing states it.
 
-        Where it cannot be detected, whole images are used.
+        Where the border cannot be detected, whole images are used.
         """
+        initial, stated = (
+            self.initial_model(),
+            (info.tissue.stiffness_n_per_m for info in dataset.session_info.values()),
+        )
+        known = [each for each in stated if each is not None]
+        before = initial is not None and TissueEvidence.of(initial.arrays) is not None
+        self._tissue = before or (bool(known) and max(known) > _DIFFERENT_TISSUE * min(known))
+        self._detect_base_side(dataset)
+
+    def _detect_base_side(self, dataset: Dataset) -> None:
         view = self.settings.view
         unstated = [name for name, info in dataset.session_info.items() if info.view(view).base_side is None]
         if self.settings.base_side != "auto" or not unstated:
@@ -122,7 +141,8 @@ class Compact(NetworkEstimator):
     def input_specs(self, *, training: bool) -> Specs:
         """See `NetworkEstimator`: the window, larger for training, and the metadata features."""
         side = self._side(training=training)
-        return {"image": ((side, side), "uint8"), "metadata": ((len(METADATA_FEATURES),), "float32")}
+        label: Specs = {"tissue": ((1,), "float32")} if training else {}
+        return {"image": ((side, side), "uint8"), "metadata": ((len(METADATA_FEATURES),), "float32"), **label}
 
     def metadata_names(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """See `NetworkEstimator`. Without what every session stated, another catheter would pass for a nominal one."""
@@ -165,6 +185,7 @@ class Compact(NetworkEstimator):
             info = info.only(self.fitted_.facts["known_metadata"])
             detected_base_side = str(self.fitted_.arrays["detected_base_side"])
         needs_knob = bool(info.actuation.knob_gain_per_m_deg)
+        tissue = np.array([math.log(info.tissue.stiffness_n_per_m or math.nan)], np.float32)
         windows: dict[tuple[int, ...], Window] = {}
 
         def window(shape: tuple[int, ...]) -> Window:
@@ -193,6 +214,8 @@ class Compact(NetworkEstimator):
                 "image": crop_window(view, window(view.shape[:2]), side),
                 "metadata": metadata_features(info, observation.actuation),
             }
+            if training:
+                inputs["tissue"] = tissue
             if training and mask is None:
                 inputs["heatmap"] = np.full((side // 4, side // 4), HEATMAP_UNKNOWN, np.uint8)
             elif mask is not None:
@@ -211,6 +234,7 @@ class Compact(NetworkEstimator):
             planar=(0, 1) if base_frame and bool(known[:2].all()) else None,
             augmentation=self.settings.augmentation,
             actuation=actuation,
+            tissue=self._tissue,
         )
 
     def fit_arrays(self, calibration: CalibrationBatch) -> Arrays:
@@ -237,7 +261,7 @@ class Compact(NetworkEstimator):
         )
         sigma = component_sigma(held_out, laplace, COMPACT_UNIT_N)
         forces = held_out["force_n"].astype(np.float64)
-        magnitude = np.array([magnitude_sigma(f, s) for f, s in zip(forces, sigma, strict=True)])
+        magnitude = np.array([magnitude_sigma(f, np.diag(s * s)) for f, s in zip(forces, sigma, strict=True)])
         heatmap_trained = calibration.samples.heatmap is not None or (
             initial is not None and bool(initial.arrays["min_heatmap_px"] > 0)
         )
@@ -253,7 +277,9 @@ class Compact(NetworkEstimator):
         compensation = rate_compensation_from(
             calibration, None if initial is None else _rate_compensation(initial.arrays)
         )
+        evidence = self._tissue_evidence(calibration, None if initial is None else TissueEvidence.of(initial.arrays))
         return {
+            **({} if evidence is None else evidence.arrays()),
             **ood.arrays(),
             **laplace.arrays(),
             "min_heatmap_px": np.array(limits.min_heatmap_px),
@@ -265,9 +291,19 @@ class Compact(NetworkEstimator):
             "detected_base_side": np.array(self._detected_base_side),
         }
 
-    def estimate_builder(self) -> BuildEstimate:
+    def _tissue_evidence(self, calibration: CalibrationBatch, initial: TissueEvidence | None) -> TissueEvidence | None:
+        if not self._tissue:
+            return None
+        samples, held_out = calibration.samples, calibration.split.val
+        log_stiffness = samples.inputs["tissue"][:, 0].astype(np.float64)
+        logits = calibration.at(held_out, names=("tissue_logits",))["tissue_logits"]
+        rows = (samples.session[held_out], calibration.stamp_ns[held_out], logits, log_stiffness[held_out])
+        return fit_tissue_evidence(log_stiffness[calibration.split.train], rows, initial)
+
+    def estimate_builder(self, info: SessionInfo) -> BuildEstimate:
         """See `NetworkEstimator`."""
         fitted = self._fitted()
+        evidence = TissueEvidence.of(fitted.arrays)
         return CompactEstimateBuilder(
             known=fitted.known,
             unit_n=COMPACT_UNIT_N,
@@ -277,6 +313,7 @@ class Compact(NetworkEstimator):
             interval=fitted.interval,
             compensation=_rate_compensation(fitted.arrays),
             history=History(),
+            tissue=None if evidence is None else TissueBelief(evidence, info.tissue.stiffness_n_per_m),
         )
 
     def check_outputs(self, outputs: Outputs) -> None:
@@ -294,12 +331,14 @@ class Compact(NetworkEstimator):
         for name in ("in_distribution_logit", "contact_logit"):
             if outputs[name].shape != (1,):
                 raise ValueError(f"the graph gives {name} of the shape {outputs[name].shape}, expected (1,)")
-        self.estimate_builder()(0, outputs)
+        self.estimate_builder(SessionInfo())(0, outputs)
 
     @property
     def uses_history(self) -> bool:
-        """True where it was trained on frames that follow each other closely."""
-        return self.fitted_ is not None and _rate_compensation(self.fitted_.arrays).used
+        """True where it was trained on frames that follow each other closely, or learns the session's tissue."""
+        if self.fitted_ is None:
+            return False
+        return _rate_compensation(self.fitted_.arrays).used or TissueEvidence.of(self.fitted_.arrays) is not None
 
     def fit_interval(
         self, estimates: Sequence[ForceEstimate], truth: FloatArray, session: npt.NDArray[np.str_], sampling: str
@@ -311,8 +350,8 @@ class Compact(NetworkEstimator):
         """
         known = self._fitted().known
         force = np.array([each.force_n[known] for each in estimates])
-        sigma = np.array([np.sqrt(np.diag(each.covariance_n2)[known]) for each in estimates])
-        interval = normalised_interval(known, force, sigma, truth, session, sampling)
+        covariance = np.array([each.covariance_n2[np.ix_(known, known)] for each in estimates])
+        interval = normalised_interval(known, force, covariance, truth, session, sampling)
         initial = self.initial_model()
         return interval if initial is None or not sampling else wider_interval(interval, initial.interval)
 

@@ -32,7 +32,11 @@ class Dcfe(NetworkEstimator):
     settings_type = DcfeSettings
     settings: DcfeSettings
     thesis_samples: ClassVar[int] = 615
-    outputs = RESNET_OUTPUTS
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """See `NetworkEstimator`."""
+        return RESNET_OUTPUTS
 
     def input_specs(self, *, training: bool) -> Specs:
         """See `NetworkEstimator`; the same in training and after."""
@@ -59,8 +63,9 @@ class Dcfe(NetworkEstimator):
         detector = fit_ood_detector(training, held_out, held_out, before, ignored_directions=_IGNORED_DIRECTIONS)
         return detector.arrays()
 
-    def estimate_builder(self) -> BuildEstimate:
+    def estimate_builder(self, info: SessionInfo) -> BuildEstimate:
         """See `NetworkEstimator`; abstains where an image is out of distribution."""
+        del info
         fitted = self._fitted()
         builder, detector = EstimateBuilder(fitted.known, fitted.interval), OodDetector.of(fitted.arrays)
 

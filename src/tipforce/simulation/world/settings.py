@@ -90,6 +90,9 @@ class WallSettings(Settings):
     """One of these, each as likely: force with depth, depth^1.5, or exp(depth / ``law_depth_m``) - 1; none: linear."""
     law_depth_m: Positive = Field(default=2e-3, exclude_if=(2e-3).__eq__)
     """Where a law is not linear, the stiffness is its secant's at this depth."""
+    stated_within: NotNegative | None = Field(default=None, exclude_if=lambda within: within is None)
+    """Standard deviation of the stiffness that the session metadata state, as a share: somebody pressed on the tissue
+    before. None: they do not state it."""
     loss_factors: Range | None = Field(default=None, exclude_if=operator.not_)
     """Drawn from here instead of ``loss_factor``, where it is stated."""
     faces: tuple[Literal["flat", "convex", "concave"], ...] = Field(default=(), exclude_if=operator.not_)

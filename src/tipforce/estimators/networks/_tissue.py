@@ -1,0 +1,144 @@
+"""What the images of a session tell about the stiffness of its tissue.
+
+How deep the tip presses in tells the force only where the tissue is known. `compact` says for each image how likely
+each class of tissue is; over a session these add up, but less than for independent images, for neighbouring frames
+share what is unknown of catheter and bench. How much each counts is learnt from whole sessions.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ...training import TISSUE_N_PER_M, tissue_shares
+from ...types import FloatArray, IntArray
+from .._values import stored_array, stored_number
+from ._preparation import Arrays
+
+__all__ = ["TissueBelief", "TissueEvidence", "fit_tissue_evidence", "log_softmax"]
+
+SPACING_S = 0.25
+"""Frames that follow each other by this time or more count in full, nearer ones in proportion."""
+FORGOTTEN_S = 120.0
+"""Time after which what was learnt counts as if the tip might touch another tissue by now."""
+_STATED_SHARE = 0.2
+"""Standard deviation of a stated stiffness's logarithm: it holds for one place and one speed."""
+_WEIGHTS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
+"""Candidates for `TissueEvidence.weight`."""
+_USUAL_WEIGHT = 0.1
+"""Where no session that was held out states its tissue."""
+_LEAST_SHARE = 0.01
+_CENTRES = np.log(TISSUE_N_PER_M)
+
+
+def log_softmax(logits: npt.NDArray[np.floating]) -> FloatArray:
+    """Returns the logarithms of the shares over the last axis."""
+    shifted = logits.astype(np.float64) - logits.max(axis=-1, keepdims=True)
+    return shifted - np.log(np.exp(shifted).sum(axis=-1, keepdims=True))
+
+
+@dataclass(frozen=True, eq=False)
+class TissueEvidence:
+    """How images count as evidence. ``log_share`` (c,): of the classes in training; ``weight``: of an image."""
+
+    log_share: FloatArray
+    weight: float
+
+    def arrays(self) -> Arrays:
+        """Returns arrays for the model store."""
+        return {"tissue_log_share": self.log_share, "tissue_weight": np.array(self.weight)}
+
+    @classmethod
+    def of(cls, arrays: Arrays) -> "TissueEvidence | None":
+        """The inverse of `arrays`; None where a network knows no classes of tissue."""
+        if "tissue_log_share" not in arrays:
+            return None
+        share = stored_array(arrays, "tissue_log_share", (len(TISSUE_N_PER_M),), high=0.0)
+        return cls(share, stored_number(arrays, "tissue_weight", low=0.0, high=1.0))
+
+    def of_images(self, stamp_ns: IntArray, logits: npt.NDArray[np.floating]) -> FloatArray:
+        """Returns (n, c) what each image of a session adds, of ``stamp_ns`` (n,), ascending, and ``logits`` (n, c)."""
+        gap = np.diff(stamp_ns, prepend=stamp_ns[:1] - int(SPACING_S * 1e9)) * (1e-9 / SPACING_S)
+        return (self.weight * np.minimum(gap, 1.0))[:, None] * (log_softmax(logits) - self.log_share)
+
+
+class TissueBelief:
+    """The classes' shares in one session, image by image.
+
+    Args:
+        evidence: how images count.
+        stated_n_per_m: the tissue's stiffness as the session states it; None: not known, as in training.
+    """
+
+    def __init__(self, evidence: TissueEvidence, stated_n_per_m: float | None = None) -> None:
+        self._evidence = evidence
+        self._prior = evidence.log_share
+        if stated_n_per_m is not None:
+            apart = (np.clip(np.log(stated_n_per_m), _CENTRES[0], _CENTRES[-1]) - _CENTRES) / _STATED_SHARE
+            self._prior = log_softmax(-0.5 * apart * apart)
+        self._log, self._before_ns = self._prior, None
+
+    def shares(self, stamp_ns: int, logits: npt.NDArray[np.floating]) -> FloatArray:
+        """Returns (c,) the shares, with an image of ``logits`` (c,) counted in full, and earlier ones as they count."""
+        before = self._before_ns
+        if before is None or stamp_ns > before:
+            step = SPACING_S if before is None else 1e-9 * (stamp_ns - before)
+            kept = np.exp(-step / FORGOTTEN_S)
+            told = log_softmax(logits) - self._evidence.log_share
+            now = log_softmax(self._log + told)
+            known = np.logaddexp(np.log(kept) + log_softmax(self._log), np.log1p(-kept) + self._prior)
+            self._log = log_softmax(known + self._evidence.weight * min(1.0, step / SPACING_S) * told)
+            self._before_ns = stamp_ns
+        else:  # a late frame adds nothing
+            now = log_softmax(self._log)
+        return np.exp(now)
+
+    def weigh(self, log_likelihood: FloatArray) -> None:
+        """Adds other evidence of the session's tissue, (c,) log-likelihoods."""
+        self._log = log_softmax(self._log + log_likelihood)
+
+
+def fit_tissue_evidence(
+    log_stiffness: FloatArray,
+    held_out: tuple[npt.NDArray[np.str_], IntArray, npt.NDArray[np.floating], FloatArray],
+    initial: TissueEvidence | None,
+) -> TissueEvidence:
+    """Find the classes' shares in training, and how much an image counts.
+
+    Args:
+        log_stiffness: (n,) of the training samples, NaN where it is not stated.
+        held_out: of samples that were not trained on: session (m,), stamp (m,), logits (m, c), and ``log_stiffness``.
+        initial: of the model that it was fine-tuned from; kept where fewer than two sessions state their tissue.
+    """
+    stated = log_stiffness[np.isfinite(log_stiffness)]
+    names = np.unique(held_out[0][np.isfinite(held_out[-1])])
+    if initial is not None and len(names) < 2:
+        return initial
+    share = np.full(len(_CENTRES), 1.0 / len(_CENTRES))
+    if len(stated):
+        share = np.maximum(tissue_shares(stated).mean(axis=0), _LEAST_SHARE)
+    log_share = np.log(share / share.sum())
+    if len(names) < 2:
+        return TissueEvidence(log_share, _USUAL_WEIGHT)
+    found = [_log_likelihood(TissueEvidence(log_share, weight), *held_out, names) for weight in _WEIGHTS]
+    return TissueEvidence(log_share, _WEIGHTS[int(np.argmax(found))])
+
+
+def _log_likelihood(
+    evidence: TissueEvidence,
+    session: npt.NDArray[np.str_],
+    stamp_ns: IntArray,
+    logits: npt.NDArray[np.floating],
+    truth: FloatArray,
+    names: npt.NDArray[np.str_],
+) -> float:
+    """Returns the mean logarithm of the true class's share, given what its session told before, over all images."""
+    total, count = 0.0, 0
+    for name in names:
+        rows = np.flatnonzero(session == name)
+        rows = rows[np.argsort(stamp_ns[rows], kind="stable")]
+        added = np.cumsum(evidence.of_images(stamp_ns[rows], logits[rows]), axis=0)
+        shares = np.exp(log_softmax(evidence.log_share + added))
+        total += float(np.log((shares * tissue_shares(truth[rows])).sum(axis=1)).sum())
+        count += len(rows)
+    return total / count
