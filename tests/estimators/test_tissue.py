@@ -47,7 +47,7 @@ def test_a_stated_stiffness_is_where_the_belief_begins():
 
 
 def sessions(strength: float, shared: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """40 sessions of 30 images; what an image says of its class is partly wrong, the same ``shared`` way in a session."""
+    """40 sessions of 30 images, whose errors are partly ``shared`` within a session."""
     draw = np.random.default_rng(0)
     number = draw.integers(0, CLASSES, 40)
     wrong = shared * draw.normal(size=(40, 1, CLASSES)) + draw.normal(size=(40, 30, CLASSES))

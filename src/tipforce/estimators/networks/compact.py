@@ -66,7 +66,7 @@ _TRAINING_SIZE = 1.3
 _LONGEST_S = 10.0
 """Largest value of a rate compensation; those found are tens of milliseconds."""
 _DIFFERENT_TISSUE = 2.0
-"""The stiffest tissue of the training data is so many times as stiff as the softest, where there are classes of tissue."""
+"""Classes of tissue are learnt where the stiffest of the training data is so many times as stiff as the softest."""
 _CALIBRATION_IMAGES = 10
 """Images in which the base's border is detected, where the metadata do not state it."""
 
