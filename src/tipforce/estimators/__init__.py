@@ -9,6 +9,7 @@ from ._pretrained import located, pretrained_names
 from ._run_directory import initial_model_folder, load_initial_model, run_directory, training_started
 from ._session_metadata import missing_metadata
 from ._settings import AngleSettings, SvrSettings, WindowSettings
+from .fusion import Fusion, FusionSettings
 from .networks import Compact, CompactSettings, Dcfe, DcfeSettings, NetworkEstimator
 from .rod import NoiseSettings, PriorSettings, Rod, RodSettings, RodTrack, RodTrackSettings
 from .store import FORMAT_VERSION, check_target, load_model, load_pretrained, read_manifest, save_model
@@ -26,6 +27,8 @@ __all__ = [
     "DcfeSettings",
     "Estimator",
     "FineTunable",
+    "Fusion",
+    "FusionSettings",
     "NetworkEstimator",
     "NoiseSettings",
     "PriorSettings",

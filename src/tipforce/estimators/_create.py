@@ -7,6 +7,7 @@ from pydantic import BaseModel
 
 from ..errors import InputError
 from ._base import Estimator
+from .fusion import Fusion
 from .networks import Compact, Dcfe
 from .rod import Rod, RodTrack
 from .rod_models import Arcs, Beam, Elastica, Links, MassSprings, PseudoRigid, StrainArcs
@@ -16,7 +17,9 @@ __all__ = ["ESTIMATORS", "create", "method"]
 
 _ROD_MODELS = (Beam, Links, MassSprings, Elastica, Arcs, StrainArcs, PseudoRigid)
 
-ESTIMATORS: dict[str, type[Estimator]] = {kind.name: kind for kind in (Svr, Dcfe, Compact, Rod, RodTrack, *_ROD_MODELS)}
+ESTIMATORS: dict[str, type[Estimator]] = {
+    kind.name: kind for kind in (Svr, Dcfe, Compact, Rod, RodTrack, Fusion, *_ROD_MODELS)
+}
 """What the command line calls each method -> its class."""
 
 

@@ -1,12 +1,13 @@
 """Methods that are networks: trained by the package `training`, run on their ONNX graph without torch."""
 
+from ._compact_estimates import magnitude_sigma, normalised_interval
 from ._graph import Graph
 from ._graph_file import check_graph_file
 from ._network import GRAPH_FILE, NetworkEstimator
 from ._preparation import PREPARED_FILE
 from ._settings import CompactSettings, DcfeSettings
 from ._trial import try_graph
-from .compact import Compact
+from .compact import Compact, CompactStream
 from .dcfe import Dcfe
 
 __all__ = [
@@ -14,10 +15,13 @@ __all__ = [
     "PREPARED_FILE",
     "Compact",
     "CompactSettings",
+    "CompactStream",
     "Dcfe",
     "DcfeSettings",
     "Graph",
     "NetworkEstimator",
     "check_graph_file",
+    "magnitude_sigma",
+    "normalised_interval",
     "try_graph",
 ]

@@ -101,8 +101,12 @@ class CompactEstimateBuilder:
     history: History
     tissue: TissueBelief | None = None
 
-    def __call__(self, stamp_ns: int, outputs: Outputs) -> ForceEstimate:
-        """Returns one estimate, from outputs (1, ...)."""
+    def __call__(self, stamp_ns: int, outputs: Outputs, beside: ForceEstimate | None = None) -> ForceEstimate:
+        """Returns one estimate, from outputs (1, ...).
+
+        ``beside``: the valid estimate of fx and fy by a method that knows no tissue; it weighs the classes of tissue
+        from the next frame on.
+        """
         pixels = heatmap_pixels(outputs)[0]
         if pixels < self.limits.min_heatmap_px:
             return ForceEstimate.invalid(
@@ -119,7 +123,7 @@ class CompactEstimateBuilder:
         abstention = self.ood.abstention(stamp_ns, outputs["grid"])
         if abstention is not None:
             return abstention
-        force, spread = self._mean_and_spread(stamp_ns, outputs)
+        force, spread = self._mean_and_spread(stamp_ns, outputs, beside)
         if not (size := math.hypot(*force.tolist())) <= MAX_FORCE_N:
             return implausible(stamp_ns, size)
         sigma_n = magnitude_sigma(force, spread)
@@ -156,18 +160,29 @@ class CompactEstimateBuilder:
             contact=1.0 / (1.0 + math.exp(-float(outputs["contact_logit"][0]))),
         )
 
-    def _mean_and_spread(self, stamp_ns: int, outputs: Outputs) -> tuple[FloatArray, FloatArray]:
+    def _mean_and_spread(
+        self, stamp_ns: int, outputs: Outputs, beside: ForceEstimate | None
+    ) -> tuple[FloatArray, FloatArray]:
         """Returns force (t,) and covariance (t, t), over the classes of tissue as the session weighs them."""
         epistemic = 1.0 + float(self.laplace.variance(outputs["features"].astype(np.float64))[0])
         if self.tissue is None:
             variance = np.exp(outputs["log_variance"][0].astype(np.float64)) * self.unit_n**2
             return outputs["force_n"][0].astype(np.float64), np.diag(variance * epistemic)
-        share = self.tissue.shares(stamp_ns, outputs["tissue_logits"][0])
         forces = outputs["tissue_force_n"][0].astype(np.float64)
-        variance = share @ np.exp(outputs["tissue_log_variance"][0].astype(np.float64)) * self.unit_n**2
+        variances = np.exp(outputs["tissue_log_variance"][0].astype(np.float64)) * self.unit_n**2 * epistemic
+        told = None if beside is None else _log_likelihoods(beside, forces[:, :2], variances[:, :2])
+        share = self.tissue.shares(stamp_ns, outputs["tissue_logits"][0], told)
         force = share @ forces
         apart = forces - force
-        return force, np.diag(variance * epistemic) + (share[:, None] * apart).T @ apart
+        return force, np.diag(share @ variances) + (share[:, None] * apart).T @ apart
+
+
+def _log_likelihoods(beside: ForceEstimate, forces: FloatArray, variances: FloatArray) -> FloatArray:
+    """Returns (c,) log-likelihoods of ``beside`` if the force were that of each class (c, 2), with its variances."""
+    covariance = beside.covariance_n2[:2, :2] + variances[:, :, None] * np.eye(2)
+    apart = (beside.force_n[:2] - forces)[:, :, None]
+    distance = (apart * np.linalg.solve(covariance, apart)).sum(axis=(1, 2))
+    return -0.5 * (distance + np.log(np.linalg.det(covariance)))
 
 
 def normalised_interval(

@@ -526,13 +526,18 @@ class NetworkStream:
 
     def update(self, observation: Observation) -> ForceEstimate:
         """Returns the estimate for this observation; its status says why where there is no force."""
+        outputs = self.outputs(observation)
+        return outputs if isinstance(outputs, ForceEstimate) else self._build(observation.stamp_ns, outputs)
+
+    def outputs(self, observation: Observation) -> Outputs | ForceEstimate:
+        """Returns the graph's outputs, (1, ...) each, or the invalid estimate that says why there are none."""
         fitted = self._fitted
         row = read_inputs(self._reader, fitted.actuation, observation)
         if not isinstance(row, Abstention):
             row = unlike_training(observation, fitted.actuation_limits) or row
         if isinstance(row, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail)
-        return self._build(observation.stamp_ns, fitted.graph(**{name: value[None] for name, value in row.items()}))
+        return fitted.graph(**{name: value[None] for name, value in row.items()})
 
 
 def _no_progress(what: str, share: float) -> None:

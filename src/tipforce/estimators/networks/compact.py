@@ -45,13 +45,13 @@ from ._compact_estimates import (
     normalised_interval,
 )
 from ._image_input import BASE_SIDES, Window, catheter_window, crop_window, enlarged
-from ._network import BuildEstimate, NetworkEstimator
+from ._network import FittedNetwork, NetworkEstimator, NetworkStream
 from ._preparation import Arrays, InputReader, Spec, Specs
 from ._rate_compensation import History, RateCompensation, rate_compensation_from
 from ._settings import CompactSettings
 from ._tissue import TissueBelief, TissueEvidence, fit_tissue_evidence
 
-__all__ = ["METADATA_FEATURES", "Compact", "metadata_features"]
+__all__ = ["METADATA_FEATURES", "Compact", "CompactStream", "metadata_features"]
 
 METADATA_FEATURES = ("log_stiffness", "log_length", "diameter", "bend")
 """Logarithms of stiffness and length over the values below; diameter over that below, less one; the curvature that the
@@ -300,7 +300,12 @@ class Compact(NetworkEstimator):
         rows = (samples.session[held_out], calibration.stamp_ns[held_out], logits, log_stiffness[held_out])
         return fit_tissue_evidence(log_stiffness[calibration.split.train], rows, initial)
 
-    def estimate_builder(self, info: SessionInfo) -> BuildEstimate:
+    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> "CompactStream":
+        """Returns a stream for one session. Raises NotFittedError before ``fit``."""
+        del images  # its window follows from the metadata
+        return CompactStream(self._fitted(), self.reader(info, training=False), self.estimate_builder(info))
+
+    def estimate_builder(self, info: SessionInfo) -> CompactEstimateBuilder:
         """See `NetworkEstimator`."""
         fitted = self._fitted()
         evidence = TissueEvidence.of(fitted.arrays)
@@ -360,6 +365,21 @@ class Compact(NetworkEstimator):
         fitted = self._fitted()
         half_widths = np.append(fitted.interval.half_n[fitted.known], fitted.interval.magnitude_half_n)
         return half_widths * fitted.arrays["typical_sigma_n"]
+
+
+class CompactStream(NetworkStream):
+    """One session, frame after frame."""
+
+    def __init__(self, fitted: FittedNetwork, reader: InputReader, build: CompactEstimateBuilder) -> None:
+        super().__init__(fitted, reader, build)
+        self._builder = build
+
+    def update_beside(self, observation: Observation, beside: ForceEstimate) -> ForceEstimate:
+        """As `update`; ``beside``, the estimate of a method that knows no tissue, weighs the classes of tissue."""
+        outputs = self.outputs(observation)
+        if isinstance(outputs, ForceEstimate):
+            return outputs
+        return self._builder(observation.stamp_ns, outputs, beside if beside.valid else None)
 
 
 def _rate_compensation(arrays: Arrays) -> RateCompensation:

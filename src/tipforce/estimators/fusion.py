@@ -1,0 +1,309 @@
+"""Method `fusion`: `rod-track` and a `compact` network joined by their covariances, frame by frame.
+
+The rod reads the shape alone and needs no tissue; the network reads the tissue's indentation, too, and does not know
+the tissue at first. What the rod says weighs the network's classes of tissue, so that the session learns its tissue.
+Both read the same image, so their errors are not independent: they are joined by covariance intersection (Julier and
+Uhlmann 1997), which is never more certain than either allows, whatever the errors have in common. Where they
+contradict each other by more than their covariances allow there is no estimate. Where one abstains the other carries
+on, with the intervals of its own.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field
+
+from ..datasets import Dataset
+from ..errors import InputError, ModelError
+from ..types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
+from ._base import Estimator, Progress, Stream, no_progress
+from ._builder import MAX_FORCE_N, implausible
+from ._summary import ModelSummary, count_of
+from .networks import Compact, CompactStream, magnitude_sigma, normalised_interval
+from .rod import RodTrack, RodTrackSettings
+from .uncertainty import Interval
+
+__all__ = ["Fusion", "FusionSettings"]
+
+_SOURCES = ("both", "rod", "network")
+_GAUSS_90 = 1.6448536269514722
+_ALONE = Interval(np.full(3, _GAUSS_90), _GAUSS_90, np.full((3, 3), np.nan), False, "the covariances alone", 0, 0)
+"""In standard deviations, as all intervals here."""
+_SHARES = np.linspace(0.0, 1.0, 21)
+"""Of the network in the intersection."""
+_LEAST_FRAMES = 200
+"""With fewer frames of one source its intervals are the widest of all."""
+
+
+class FusionSettings(BaseModel):
+    """Settings of `fusion`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    network: Annotated[str, Field(min_length=1, max_length=4096)] = "pretrained/compact"
+    """Folder of the `compact` model; its own copy is kept in the saved model."""
+    rod: RodTrackSettings = RodTrackSettings()
+    """Of `rod-track`."""
+    max_distance: Annotated[float, Field(gt=0, le=1e6)] = 13.8
+    """Largest squared Mahalanobis distance of the two forces; a Gaussian's exceeds 13.8 once in 1,000."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Members:
+    rod: RodTrack
+    network: Compact
+
+
+class Fusion(Estimator):
+    """See the module. ``intervals_``: by source, in standard deviations of the joint covariance."""
+
+    name: ClassVar[str] = "fusion"
+    settings_type = FusionSettings
+    settings: FusionSettings
+    needs_fit: ClassVar[bool] = False
+    breaks: ClassVar[str] = "Where the line is detected wrongly and the tissue is unlike any that the network has seen."
+
+    def __init__(self, settings: FusionSettings | None = None) -> None:
+        super().__init__(settings)
+        self._members: _Members | None = None
+        self.intervals_: dict[str, Interval] = dict.fromkeys(_SOURCES, _ALONE)
+        self._learnt_from: frozenset[str] = frozenset()
+
+    @property
+    def members(self) -> _Members:
+        """Rod and network; the network is read when it is first needed. Raises ModelError where it is no `compact`."""
+        if self._members is None:
+            from .store import load_model  # the store knows all methods, this one too
+
+            network = load_model(Path(self.settings.network))
+            if not isinstance(network, Compact):
+                raise ModelError(
+                    f"network={self.settings.network}: is a model of {network.name}; fusion needs one of compact"
+                )
+            self._members = _Members(RodTrack(self.settings.rod), network)
+        return self._members
+
+    def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
+        """Learns the rod's priors; the network stays as it is: train it by itself and name it as ``network``.
+
+        Raises InputError as `RodTrack.fit` does.
+        """
+        self.members.rod.fit(dataset, progress)
+        self._learnt_from = frozenset(dataset.session_fingerprints.values())
+        return self
+
+    def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
+        """Finds the intervals of each source on sessions apart; raises InputError where no sample has an estimate."""
+        report = progress or no_progress
+        known = np.array([True, True, False]) & dataset.known
+        if not known[:2].all():
+            raise InputError(f"{dataset.title}: fusion needs fx and fy of the base frame to calibrate its intervals")
+        self.intervals_ = dict.fromkeys(_SOURCES, _ALONE)
+        found = self.predict(dataset, lambda share: report("calibrating", share))
+        rows = [(row, each) for row, each in enumerate(found) if each.valid]
+        if not rows:
+            raise InputError(f"{dataset.title}: no sample has an estimate, so there are no intervals to calibrate")
+
+        def interval(kept: Sequence[tuple[int, ForceEstimate]]) -> Interval:
+            index = [row for row, _ in kept]
+            force = np.array([each.force_n[:2] for _, each in kept])
+            covariance = np.array([each.covariance_n2[:2, :2] for _, each in kept])
+            truth, session = dataset.force_n[index][:, :2], dataset.session[index]
+            return normalised_interval(known, force, covariance, truth, session, "")
+
+        every = interval(rows)
+        for source in _SOURCES:
+            kept = [pair for pair in rows if _source(pair[1]) == source]
+            own = interval(kept) if len(kept) >= _LEAST_FRAMES else every
+            self.intervals_[source] = own
+        return self
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """Those of both."""
+        return tuple(dict.fromkeys((*self.members.rod.views, *self.members.network.views)))
+
+    @property
+    def calibrates_on_images(self) -> bool:
+        """As the rod's detection."""
+        return self.members.rod.calibrates_on_images
+
+    @property
+    def uses_history(self) -> bool:
+        """It remembers."""
+        return True
+
+    @property
+    def training_sessions(self) -> frozenset[str]:
+        """Of the network, and those that the rod's priors are from."""
+        return self.members.network.training_sessions | self._learnt_from
+
+    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
+        """A stream for one session; see `Estimator.start`. What a member lacks makes that member abstain."""
+        members = self.members
+        return FusionStream(
+            members.rod.start(info, images),
+            members.network.start(info, images),
+            self.settings.max_distance,
+            self.intervals_,
+        )
+
+    def unfitted(self) -> Self:
+        """The same settings and network without what was learnt."""
+        made = type(self)(self.settings)
+        if self._members is not None:
+            made._members = _Members(RodTrack(self.settings.rod), self._members.network)
+        return made
+
+    def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+        """Of both members, and the intervals."""
+        rod, rod_arrays = self.members.rod.state()
+        network, network_arrays = self.members.network.state()
+        values = {
+            "rod": rod,
+            "network": network,
+            "network_settings": self.members.network.settings.model_dump(mode="json"),
+            "intervals": {source: each.values() for source, each in self.intervals_.items()},
+            "learnt_from": sorted(self._learnt_from),
+        }
+        arrays = {f"rod.{name}": each for name, each in rod_arrays.items()}
+        return values, arrays | {f"network.{name}": each for name, each in network_arrays.items()}
+
+    def files(self) -> dict[str, bytes]:
+        """The network's."""
+        return self.members.network.files()
+
+    @classmethod
+    def from_state(
+        cls,
+        settings: Mapping[str, Any],
+        values: Mapping[str, Any],
+        arrays: Mapping[str, npt.NDArray[Any]],
+        files: Mapping[str, bytes] | None = None,
+    ) -> Self:
+        """The inverse of `state` and `files`."""
+        made = cls(cls.settings_type.model_validate(settings))  # type: ignore[arg-type]
+
+        def of(member: str) -> dict[str, npt.NDArray[Any]]:
+            return {name.removeprefix(member): each for name, each in arrays.items() if name.startswith(member)}
+
+        rod = made.settings.rod.model_dump(mode="json")
+        made._members = _Members(
+            RodTrack.from_state(rod, values["rod"], of("rod.")),
+            Compact.from_state(values["network_settings"], values["network"], of("network."), files),
+        )
+        known = np.array([True, True, False])
+        made.intervals_ = {source: Interval.of(values["intervals"][source], known) for source in _SOURCES}
+        made._learnt_from = frozenset(map(str, values["learnt_from"]))
+        return made
+
+    def describe(self) -> dict[str, Any]:
+        """Of both members, and what the intervals rest on."""
+        rod, network = self.members.rod.describe(), self.members.network.describe()
+        basis = {source: each.basis for source, each in self.intervals_.items()}
+        return {"rod": rod, "network": network, "interval_basis": basis}
+
+    @classmethod
+    def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
+        """What the members are from, and what the intervals rest on."""
+        sessions = facts["rod"]["sessions"]
+        origin = f"learnt from {count_of(sessions, 'session')}" if sessions else "those of the settings"
+        basis = facts["interval_basis"]["both"]
+        line = f"priors of the rod: {origin}; network: compact; 90 % intervals rest on {basis}"
+        return ModelSummary(
+            "the detected centreline and a window around the catheter, the knob, the stated stiffness and length",
+            "image, centreline and knob",
+            (line,),
+            (line,),
+        )
+
+
+class FusionStream:
+    """One session, frame after frame."""
+
+    def __init__(
+        self, rod: Stream, network: CompactStream, max_distance: float, intervals: Mapping[str, Interval]
+    ) -> None:
+        self._rod, self._network = rod, network
+        self._max_distance, self._intervals = max_distance, intervals
+
+    def update(self, observation: Observation) -> ForceEstimate:
+        """The force at this observation; its status says why where there is none."""
+        by_rod = self._rod.update(observation)
+        by_network = replace(self._network.update_beside(observation, by_rod), shape=by_rod.shape)
+        if not by_rod.valid and not by_network.valid:
+            detail = f"rod-track: {by_rod.detail}; network: {by_network.detail}"
+            return replace(by_network, status=by_rod.status, detail=detail)
+        if not by_network.valid:
+            return self._estimate(by_rod.force_n[:2], by_rod.covariance_n2[:2, :2], by_rod, "rod")
+        if not by_rod.valid:
+            return self._estimate(by_network.force_n[:2], by_network.covariance_n2[:2, :2], by_network, "network")
+        return self._joined(by_rod, by_network)
+
+    def _joined(self, by_rod: ForceEstimate, by_network: ForceEstimate) -> ForceEstimate:
+        forces = by_rod.force_n[:2], by_network.force_n[:2]
+        covariances = by_rod.covariance_n2[:2, :2], by_network.covariance_n2[:2, :2]
+        apart = forces[0] - forces[1]
+        distance = float(apart @ np.linalg.solve(covariances[0] + covariances[1], apart))
+        if not distance <= self._max_distance:
+            return ForceEstimate.invalid(
+                by_rod.stamp_ns,
+                Status.OUT_OF_DISTRIBUTION,
+                f"rod-track and network contradict each other: {by_rod.magnitude_n:.2f} N from the shape, "
+                f"{by_network.magnitude_n:.2f} N from the image",
+                by_rod.shape,
+            )
+        force, covariance = covariance_intersection(forces[0], covariances[0], forces[1], covariances[1])
+        return self._estimate(force, covariance, by_network, "both")
+
+    def _estimate(self, force: FloatArray, covariance: FloatArray, found: ForceEstimate, source: str) -> ForceEstimate:
+        """Force (2,) and covariance (2, 2) with the intervals of their source; the rest is ``found``'s."""
+        size = math.hypot(*force.tolist())
+        if not size <= MAX_FORCE_N:
+            return implausible(found.stamp_ns, size, found.shape)
+        interval, whole, full = np.full((3, 2), np.nan), np.full((3, 3), np.nan), np.full(3, np.nan)
+        full[:2], whole[:2, :2] = force, covariance
+        widths = self._intervals[source]
+        half = widths.half_n[:2] * np.sqrt(np.diag(covariance))
+        interval[:2, 0], interval[:2, 1] = force - half, force + half
+        magnitude_half = widths.magnitude_half_n * magnitude_sigma(force, covariance)
+        return ForceEstimate(
+            stamp_ns=found.stamp_ns,
+            force_n=full,
+            known=np.array([True, True, False]),
+            covariance_n2=whole,
+            interval_n=interval,
+            magnitude_n=size,
+            magnitude_interval_n=np.array([max(0.0, size - magnitude_half), size + magnitude_half]),
+            detail="" if source == "both" else f"{source} alone",
+            contact=found.contact,
+            shape=found.shape,
+        )
+
+
+def _source(estimate: ForceEstimate) -> str:
+    return estimate.detail.removesuffix(" alone") or "both"
+
+
+def covariance_intersection(
+    one: FloatArray, its: FloatArray, other: FloatArray, others: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Join two estimates (2,) with covariances (2, 2) whose errors have something unknown in common.
+
+    Returns:
+        Mean (2,) and covariance (2, 2) of the convex combination of their informations that has the smallest trace.
+
+    >>> mean, spread = covariance_intersection(np.zeros(2), np.diag([1.0, 4.0]), np.ones(2), np.diag([4.0, 1.0]))
+    >>> mean.round(2).tolist(), np.diag(spread).round(2).tolist()
+    ([0.2, 0.8], [1.6, 1.6])
+    """
+    first, second = np.linalg.inv(its), np.linalg.inv(others)
+    spreads = np.linalg.inv((1.0 - _SHARES)[:, None, None] * first + _SHARES[:, None, None] * second)
+    best = int(np.argmin(np.trace(spreads, axis1=1, axis2=2)))
+    share, spread = float(_SHARES[best]), spreads[best]
+    return spread @ ((1.0 - share) * first @ one + share * second @ other), spread
