@@ -58,16 +58,17 @@ def sessions(strength: float, shared: float) -> tuple[np.ndarray, np.ndarray, np
 
 
 def test_images_that_share_their_error_count_less():
-    independent, alike = (
-        fit_tissue_evidence(np.log(np.array([100.0, 200.0])), sessions(1.0, shared), None) for shared in (0.0, 2.0)
-    )
+    independent, alike = (fit_tissue_evidence(*sessions(1.0, shared), None) for shared in (0.0, 2.0))
     assert independent.weight > 2 * alike.weight
     assert np.exp(independent.log_share).sum() == pytest.approx(1.0)
 
 
-def test_one_session_changes_nothing_of_the_initial_model():
-    rows = tuple(values[:30] for values in sessions(1.0, 0.0))
-    assert fit_tissue_evidence(np.array([np.nan]), rows, EVEN) is EVEN
+def test_a_fine_tuned_network_keeps_the_weight_where_no_tissue_is_stated_and_expects_what_it_saw():
+    session, stamps, logits, truth = sessions(4.0, 0.0)
+    one = truth == truth[0]
+    found = fit_tissue_evidence(session[one], stamps[one], logits[one], np.full(one.sum(), np.nan), EVEN)
+    assert found.weight == EVEN.weight
+    assert tuple(TISSUE_N_PER_M)[int(np.argmax(found.log_share))] == pytest.approx(np.exp(truth[0]))
 
 
 def builder(tissue: TissueBelief | None) -> CompactEstimateBuilder:

@@ -99,28 +99,29 @@ class TissueBelief:
 
 
 def fit_tissue_evidence(
+    session: npt.NDArray[np.str_],
+    stamp_ns: IntArray,
+    logits: npt.NDArray[np.floating],
     log_stiffness: FloatArray,
-    held_out: tuple[npt.NDArray[np.str_], IntArray, npt.NDArray[np.floating], FloatArray],
     initial: TissueEvidence | None,
 ) -> TissueEvidence:
-    """Find the classes' shares in training, and how much an image counts.
+    """Find the classes' shares in training, which are those that the network expects, and how much an image counts.
 
     Args:
-        log_stiffness: (n,) of the training samples, NaN where it is not stated.
-        held_out: of samples that were not trained on: session (m,), stamp (m,), logits (m, c), and ``log_stiffness``.
-        initial: of the model that it was fine-tuned from; kept where fewer than two sessions state their tissue.
+        session: (n,) of samples that the network was not trained on.
+        stamp_ns: (n,).
+        logits: (n, c), the network's.
+        log_stiffness: (n,) as the sessions state it in N/m, NaN where they do not.
+        initial: of the model that it was fine-tuned from; its weight is kept where fewer than two sessions state their
+            tissue.
     """
-    stated = log_stiffness[np.isfinite(log_stiffness)]
-    names = np.unique(held_out[0][np.isfinite(held_out[-1])])
-    if initial is not None and len(names) < 2:
-        return initial
-    share = np.full(len(_CENTRES), 1.0 / len(_CENTRES))
-    if len(stated):
-        share = np.maximum(tissue_shares(stated).mean(axis=0), _LEAST_SHARE)
+    share = np.maximum(np.exp(log_softmax(logits)).mean(axis=0), _LEAST_SHARE)
     log_share = np.log(share / share.sum())
-    if len(names) < 2:
-        return TissueEvidence(log_share, _USUAL_WEIGHT)
-    found = [_log_likelihood(TissueEvidence(log_share, weight), *held_out, names) for weight in _WEIGHTS]
+    stated = np.isfinite(log_stiffness)
+    if len(np.unique(session[stated])) < 2:
+        return TissueEvidence(log_share, _USUAL_WEIGHT if initial is None else initial.weight)
+    rows = session[stated], stamp_ns[stated], logits[stated], log_stiffness[stated]
+    found = [_log_likelihood(TissueEvidence(log_share, weight), *rows) for weight in _WEIGHTS]
     return TissueEvidence(log_share, _WEIGHTS[int(np.argmax(found))])
 
 
@@ -129,16 +130,14 @@ def _log_likelihood(
     session: npt.NDArray[np.str_],
     stamp_ns: IntArray,
     logits: npt.NDArray[np.floating],
-    truth: FloatArray,
-    names: npt.NDArray[np.str_],
+    log_stiffness: FloatArray,
 ) -> float:
     """Returns the mean logarithm of the true class's share, given what its session told before, over all images."""
-    total, count = 0.0, 0
-    for name in names:
+    total = 0.0
+    for name in np.unique(session):
         rows = np.flatnonzero(session == name)
         rows = rows[np.argsort(stamp_ns[rows], kind="stable")]
         added = np.cumsum(evidence.of_images(stamp_ns[rows], logits[rows]), axis=0)
         shares = np.exp(log_softmax(evidence.log_share + added))
-        total += float(np.log((shares * tissue_shares(truth[rows])).sum(axis=1)).sum())
-        count += len(rows)
-    return total / count
+        total += float(np.log((shares * tissue_shares(log_stiffness[rows])).sum(axis=1)).sum())
+    return total / len(session)

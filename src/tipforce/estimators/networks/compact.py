@@ -295,10 +295,11 @@ class Compact(NetworkEstimator):
         if not self._tissue:
             return None
         samples, held_out = calibration.samples, calibration.split.val
-        log_stiffness = samples.inputs["tissue"][:, 0].astype(np.float64)
         logits = calibration.at(held_out, names=("tissue_logits",))["tissue_logits"]
-        rows = (samples.session[held_out], calibration.stamp_ns[held_out], logits, log_stiffness[held_out])
-        return fit_tissue_evidence(log_stiffness[calibration.split.train], rows, initial)
+        log_stiffness = samples.inputs["tissue"][held_out, 0].astype(np.float64)
+        return fit_tissue_evidence(
+            samples.session[held_out], calibration.stamp_ns[held_out], logits, log_stiffness, initial
+        )
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> "CompactStream":
         """Returns a stream for one session. Raises NotFittedError before ``fit``."""
