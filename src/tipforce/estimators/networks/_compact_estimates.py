@@ -84,7 +84,7 @@ class CompactEstimateBuilder:
         laplace: epistemic uncertainty.
         ood: out-of-distribution detector on the network's last grid of features.
         limits: when to abstain.
-        interval: half-widths in standard deviations, not newtons: the predicted deviation scales them.
+        interval: half-widths and ends in standard deviations, not newtons: the predicted deviation scales them.
         compensation: of the viscous force.
         history: earlier estimates of the session.
     """
@@ -142,7 +142,6 @@ class CompactEstimateBuilder:
         half = self.interval.half_n[axes] * sigma
         interval[axes, 0], interval[axes, 1] = force - half, force + half
         covariance[np.ix_(axes, axes)] = np.diag(sigma**2)
-        magnitude_half = self.interval.magnitude_half_n * sigma_n
         return ForceEstimate(
             stamp_ns=stamp_ns,
             force_n=full,
@@ -150,7 +149,7 @@ class CompactEstimateBuilder:
             covariance_n2=covariance,
             interval_n=interval,
             magnitude_n=magnitude,
-            magnitude_interval_n=np.array([max(0.0, magnitude - magnitude_half), magnitude + magnitude_half]),
+            magnitude_interval_n=np.array(self.interval.magnitude_interval(magnitude, sigma_n)),
             contact=1.0 / (1.0 + math.exp(-float(outputs["contact_logit"][0]))),
         )
 
@@ -164,10 +163,12 @@ def normalised_interval(
     sampling: str,
 ) -> Interval:
     """As `conformal_interval`, in standard deviations: errors (n, t) are divided by their ``sigma`` (n, t)."""
-    magnitude = np.array([magnitude_sigma(f, s) for f, s in zip(predicted, sigma, strict=True)])
-    error = (np.linalg.norm(predicted, axis=1) - np.linalg.norm(truth, axis=1)) / magnitude
+    unit = np.array([magnitude_sigma(f, s) for f, s in zip(predicted, sigma, strict=True)])
+    estimate, force = np.linalg.norm(predicted, axis=1), np.linalg.norm(truth, axis=1)
     components = (predicted - truth) / sigma
-    return interval_from_errors(known, components, error, session, held_out=not sampling, sampling=sampling)
+    return interval_from_errors(
+        known, components, estimate, force, unit, session, held_out=not sampling, sampling=sampling
+    )
 
 
 def component_sigma(outputs: Outputs, laplace: LastLayerLaplace, unit_n: float) -> FloatArray:
