@@ -94,7 +94,7 @@ def test_metrics_are_json_without_nan_and_hold_every_row(report):
 def test_every_figure_is_a_drawing_of_its_own_too(report):
     names = {path.stem for path in (report[1] / "figures").iterdir()}
     kinds = ("fig23a", "fig23b", "fig24", "fig31", "fig32", "residuals", "trace", "sessions")
-    head = {"trace", "scatter", "bland-altman", "coverage-force", "splits"}
+    head = {"trace", "scatter", "bland-altman", "coverage-force", "retention", "splits"}
     assert names == {
         *head,
         "-b-careful--b--bland-altman",

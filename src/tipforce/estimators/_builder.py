@@ -1,4 +1,4 @@
-"""Estimates of a method with constant intervals, made without the checks whose outcome is known."""
+"""Estimates of a method whose intervals follow from the estimate alone, without checks whose outcome is known."""
 
 import math
 
@@ -31,7 +31,7 @@ class EstimateBuilder:
     def __init__(self, known: BoolArray, interval: Interval) -> None:
         self._axes = np.flatnonzero(known).tolist()
         self._half = [float(interval.half_n[axis]) for axis in self._axes]
-        self._magnitude_half = interval.magnitude_half_n
+        self._interval = interval
         self._known, self._covariance = known.copy(), interval.covariance_n2.copy()
         self._unknown, self._no_interval = np.full(3, math.nan), np.full((3, 2), math.nan)
         for array in (self._known, self._covariance, self._unknown, self._no_interval):
@@ -59,7 +59,7 @@ class EstimateBuilder:
             magnitude, force, interval = (only if only != only else max(0.0, only)), self._unknown, self._no_interval
         if not magnitude <= MAX_FORCE_N:
             return implausible(stamp_ns, magnitude, shape)
-        both = np.array((max(0.0, magnitude - self._magnitude_half), magnitude + self._magnitude_half))
+        both = np.array(self._interval.magnitude_interval(magnitude))
         both.setflags(write=False)
         # ForceEstimate's own __init__ copies and checks five arrays: 8 us of the 100 us that a frame may take
         estimate = ForceEstimate.__new__(ForceEstimate)

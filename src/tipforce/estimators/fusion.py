@@ -271,7 +271,6 @@ class FusionStream:
         widths = self._intervals[source]
         half = widths.half_n[:2] * np.sqrt(np.diag(covariance))
         interval[:2, 0], interval[:2, 1] = force - half, force + half
-        magnitude_half = widths.magnitude_half_n * magnitude_sigma(force, covariance)
         return ForceEstimate(
             stamp_ns=found.stamp_ns,
             force_n=full,
@@ -279,7 +278,7 @@ class FusionStream:
             covariance_n2=whole,
             interval_n=interval,
             magnitude_n=size,
-            magnitude_interval_n=np.array([max(0.0, size - magnitude_half), size + magnitude_half]),
+            magnitude_interval_n=np.array(widths.magnitude_interval(size, magnitude_sigma(force, covariance))),
             detail="" if source == "both" else f"{source} alone",
             contact=found.contact,
             shape=found.shape,

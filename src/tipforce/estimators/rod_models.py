@@ -238,7 +238,6 @@ class RodModelEstimator(Estimator):
         if not magnitude <= MAX_FORCE_N:
             return implausible(stamp_ns, magnitude, line.shape)
         half = fitted.interval.half_n[:2] * sigma
-        magnitude_half = fitted.interval.magnitude_half_n * _magnitude_sigma(found)
         covariance = np.full((3, 3), np.nan)
         covariance[:2, :2] = found.covariance_n2
         interval = np.full((3, 2), np.nan)
@@ -250,7 +249,7 @@ class RodModelEstimator(Estimator):
             covariance_n2=covariance,
             interval_n=interval,
             magnitude_n=magnitude,
-            magnitude_interval_n=np.array([max(0.0, magnitude - magnitude_half), magnitude + magnitude_half]),
+            magnitude_interval_n=np.array(fitted.interval.magnitude_interval(magnitude, _magnitude_sigma(found))),
             shape=line.shape,
         )
 
@@ -463,11 +462,12 @@ def _interval(fits: Sequence[ForceFit], force: FloatArray, session: npt.NDArray[
     kept = [fit for fit in fits if fit.converged]
     found = np.array([fit.force_n for fit in kept])
     sigma = np.array([np.sqrt(np.diag(fit.covariance_n2)) for fit in kept])
-    size = np.hypot(*found.T) - np.hypot(*force[use].T)
-    magnitude = size / np.array([_magnitude_sigma(fit) for fit in kept])
+    unit = np.array([_magnitude_sigma(fit) for fit in kept])
+    estimate, truth = np.hypot(*found.T), np.hypot(*force[use].T)
     return interval_from_errors(
-        _KNOWN, (found - force[use]) / sigma, magnitude, session[use], held_out=not sampling, sampling=sampling
-    )
+        _KNOWN, (found - force[use]) / sigma, estimate, truth, unit, session[use],
+        held_out=not sampling, sampling=sampling,
+    )  # fmt: skip
 
 
 _Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]

@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -18,6 +19,7 @@ from ._statistics import (
     bootstrap_mean,
     coverage_by_stratum,
 )
+from ._trust import trust_metrics
 
 __all__ = ["FORCE_BINS_N", "error_metrics", "interval_metrics", "json_ready", "percent_of_true", "score"]
 
@@ -127,6 +129,8 @@ def score(
     fallback_n: FloatArray | None = None,
     *,
     contact_angle_deg: FloatArray | None = None,
+    groups: Mapping[str, str] | None = None,
+    base_frame: bool = True,
     seed: int = 0,
 ) -> dict[str, Any]:
     """All metrics of the predictions of one method under one protocol.
@@ -135,6 +139,8 @@ def score(
         predictions: n samples with estimates and references.
         fallback_n: (n,) magnitudes of the constant predictor on the same samples, in newtons.
         contact_angle_deg: (n,) angle between the tip's axis and the direction into the tissue; NaN where not known.
+        groups: Session -> its group, see `session_groups`.
+        base_frame: Whether the forces are in the base frame.
         seed: Of the bootstrap.
 
     Returns:
@@ -143,8 +149,9 @@ def score(
         references, ``mae_ci95_n`` [low, high] with ``mae_ci95_sessions`` (see `bootstrap_mean`) and ``bland_altman``;
         ``by_session``, ``by_force`` and, where there are both, ``by_contact``: the main metrics of each group;
         ``coverage_by_force`` and, with ``contact_angle_deg``, ``coverage_by_contact_angle`` of the samples in contact
-        (see `coverage_by_stratum`). With ``fallback_n`` also ``mae_filled_n`` and ``mae_filled_g``: the error had the
-        constant predictor answered where the method abstained, so abstaining from hard frames cannot lower it.
+        (see `coverage_by_stratum`); ``trust``: see `trust_metrics`. With ``fallback_n`` also ``mae_filled_n`` and
+        ``mae_filled_g``: the error had the constant predictor answered where the method abstained, so abstaining from
+        hard frames cannot lower it.
     """
     count, valid = len(predictions), predictions.valid
     reasons = Counter(predictions.status[~valid].tolist())
@@ -159,6 +166,7 @@ def score(
         "by_session": {name: _group_metrics(predictions, predictions.session == name) for name in sessions},
         "by_force": _by_force(predictions),
         "coverage_by_force": coverage_by_stratum(predictions, size, COVERAGE_FORCE_BINS_N, "n", seed=seed),
+        "trust": trust_metrics(predictions, groups, base_frame=base_frame, seed=seed),
     }
     if 0 < predictions.contact.sum() < count:
         metrics["by_contact"] = {

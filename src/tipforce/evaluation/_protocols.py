@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from ._kept_fits import KeptFits
 from ._methods import Method
 from ._metrics import score
 from ._predictions import Predictions, collect, concatenate, with_reference
+from ._trust import session_groups
 
 __all__ = [
     "AS_SAVED",
@@ -190,16 +192,21 @@ class ScoredData:
         angle = None if self.bounds is None else self.bounds.contact_angle_deg
         if angle is not None and not np.isfinite(angle).any():
             angle = None
-        metrics = score(
+        score_of = partial(
+            score,
+            groups=session_groups(self.dataset),
+            base_frame=self.dataset.force_frames == {"base"},
+            seed=self.seed,
+        )
+        metrics = score_of(
             predictions,
             None if constant is None else constant.magnitude_n,
             contact_angle_deg=None if angle is None else angle[predictions.index],
-            seed=self.seed,
         )
         if self.truth_n is None:
             return MethodResult(predictions, metrics, fits=tuple(fits))
         true = with_reference(predictions, self.truth_n)
-        true_metrics = score(true, contact_angle_deg=None if angle is None else angle[true.index], seed=self.seed)
+        true_metrics = score_of(true, contact_angle_deg=None if angle is None else angle[true.index])
         ratios = None if self.bounds is None or not self.bounds.std_n else self.bounds.ratios(true)
         return MethodResult(predictions, metrics, true_metrics, ratios, tuple(fits))
 

@@ -13,16 +13,20 @@ import numpy as np
 import numpy.typing as npt
 
 from ..clinical import WINDOW_N
-from ..types import BoolArray, FloatArray, IntArray
+from ..types import BoolArray, FloatArray
 from ._predictions import Predictions
 
 __all__ = [
     "CONTACT_ANGLE_BINS_DEG",
     "COVERAGE_FORCE_BINS_N",
+    "FEW_SAMPLES",
     "MIN_SESSIONS",
+    "WRONG_N",
     "bland_altman",
     "bootstrap_mean",
     "coverage_by_stratum",
+    "stratum_metrics",
+    "wrong_share",
 ]
 
 MIN_SESSIONS = 5
@@ -33,6 +37,12 @@ COVERAGE_FORCE_BINS_N = (0.0, 0.05, WINDOW_N[0], 0.2, 0.3, WINDOW_N[1], 0.6, 1.0
 
 CONTACT_ANGLE_BINS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 """Edges of the strata of the angle between the tip's axis and the direction into the tissue."""
+
+WRONG_N = 0.05
+"""An estimate that is off by more is wrong: half of the way from no force to the lower end of the force window."""
+
+FEW_SAMPLES = 100
+"""Figures of a stratum with fewer samples are marked."""
 
 _RESAMPLES = 4000
 _LIMITS_OF_AGREEMENT = 1.96
@@ -143,37 +153,56 @@ def coverage_by_stratum(
         seed: Of the bootstrap.
 
     Returns:
-        One dict for each stratum that has samples: ``from_UNIT`` and ``below_UNIT``; ``samples``; ``intervals``, those
-        with an interval; ``sessions`` that these are of; ``coverage`` and ``coverage_ci95`` [low, high] (see
-        `bootstrap_mean`); ``width_n``, the mean width of the bounded intervals; ``mae_n`` and ``bias_n`` of the valid
-        samples; ``abstained_share``.
+        One dict for each stratum that has samples: ``from_UNIT``, ``below_UNIT`` and `stratum_metrics`.
     """
-    reference, estimate, interval = predictions.column("magnitude")
+    strata: list[dict[str, Any]] = []
+    for start, end in pairwise(edges):
+        chosen: BoolArray = (by >= start) & ((by < end) | ((by == end) & (end == edges[-1])))
+        if chosen.any():
+            ends = {f"from_{unit}": start, f"below_{unit}": end}
+            strata.append(ends | stratum_metrics(predictions.where(chosen), seed=seed))
+    return strata
+
+
+def stratum_metrics(stratum: Predictions, *, seed: int = 0) -> dict[str, Any]:
+    """Coverage and errors of the magnitude in one stratum.
+
+    Args:
+        stratum: Predictions of its samples, at least one.
+        seed: Of the bootstrap.
+
+    Returns:
+        ``samples``, and ``few``: whether they are fewer than `FEW_SAMPLES`; ``intervals``, those with an interval;
+        ``sessions`` that these are of; ``coverage`` and ``coverage_ci95`` [low, high] (see `bootstrap_mean`);
+        ``width_n``, the mean width of the bounded intervals; ``mae_n`` and ``bias_n`` of the valid samples, and their
+        ``wrong_share``; ``abstained_share``.
+    """
+    reference, estimate, interval = stratum.column("magnitude")
     low, high = interval.T
     given = ~np.isnan(interval).any(axis=1) & np.isfinite(reference)
     inside = np.where(given, (reference >= low) & (reference <= high), np.nan)
     bounded = given & np.isfinite(low) & np.isfinite(high)
-    error = estimate - reference
-    strata: list[dict[str, Any]] = []
-    for start, end in pairwise(edges):
-        chosen: BoolArray = (by >= start) & ((by < end) | ((by == end) & (end == edges[-1])))
-        if not chosen.any():
-            continue
-        ranged = bootstrap_mean(inside[chosen], predictions.session[chosen], seed=seed)
-        valid: IntArray = np.flatnonzero(chosen & predictions.valid)
-        strata.append(
-            {
-                f"from_{unit}": start,
-                f"below_{unit}": end,
-                "samples": int(chosen.sum()),
-                "intervals": int((chosen & given).sum()),
-                "sessions": ranged["sessions"],
-                "coverage": float(inside[chosen & given].mean()) if (chosen & given).any() else math.nan,
-                "coverage_ci95": [ranged["low"], ranged["high"]],
-                "width_n": float((high - low)[chosen & bounded].mean()) if (chosen & bounded).any() else math.inf,
-                "mae_n": float(np.abs(error[valid]).mean()) if len(valid) else math.nan,
-                "bias_n": float(error[valid].mean()) if len(valid) else math.nan,
-                "abstained_share": float(np.mean(~predictions.valid[chosen])),
-            }
-        )
-    return strata
+    error = (estimate - reference)[stratum.valid]
+    ranged = bootstrap_mean(inside, stratum.session, seed=seed)
+    return {
+        "samples": len(stratum),
+        "few": len(stratum) < FEW_SAMPLES,
+        "intervals": int(given.sum()),
+        "sessions": ranged["sessions"],
+        "coverage": float(inside[given].mean()) if given.any() else math.nan,
+        "coverage_ci95": [ranged["low"], ranged["high"]],
+        "width_n": float((high - low)[bounded].mean()) if bounded.any() else math.inf,
+        "mae_n": float(np.abs(error).mean()) if len(error) else math.nan,
+        "bias_n": float(error.mean()) if len(error) else math.nan,
+        "wrong_share": wrong_share(error),
+        "abstained_share": float(np.mean(~stratum.valid)),
+    }
+
+
+def wrong_share(error_n: FloatArray) -> float:
+    """Share of the errors (n,) beyond `WRONG_N`; NaN of none.
+
+    >>> wrong_share(np.array([0.02, -0.06]))
+    0.5
+    """
+    return float(np.mean(np.abs(error_n) > WRONG_N)) if len(error_n) else math.nan

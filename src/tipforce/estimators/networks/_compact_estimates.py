@@ -85,7 +85,7 @@ class CompactEstimateBuilder:
         laplace: epistemic uncertainty.
         ood: out-of-distribution detector on the network's last grid of features.
         limits: when to abstain.
-        interval: half-widths in standard deviations, not newtons: the predicted deviation scales them.
+        interval: half-widths and ends in standard deviations, not newtons: the predicted deviation scales them.
         compensation: of the viscous force.
         history: earlier estimates of the session.
         tissue: what the session tells about its tissue; None for a network without classes of tissue.
@@ -148,7 +148,6 @@ class CompactEstimateBuilder:
         half = self.interval.half_n[axes] * np.sqrt(np.diag(spread))
         interval[axes, 0], interval[axes, 1] = force - half, force + half
         covariance[np.ix_(axes, axes)] = spread
-        magnitude_half = self.interval.magnitude_half_n * sigma_n
         return ForceEstimate(
             stamp_ns=stamp_ns,
             force_n=full,
@@ -156,7 +155,7 @@ class CompactEstimateBuilder:
             covariance_n2=covariance,
             interval_n=interval,
             magnitude_n=magnitude,
-            magnitude_interval_n=np.array([max(0.0, magnitude - magnitude_half), magnitude + magnitude_half]),
+            magnitude_interval_n=np.array(self.interval.magnitude_interval(magnitude, sigma_n)),
             contact=1.0 / (1.0 + math.exp(-float(outputs["contact_logit"][0]))),
         )
 
@@ -195,10 +194,12 @@ def normalised_interval(
 ) -> Interval:
     """As `conformal_interval`, in standard deviations: errors (n, t) by those of ``covariance`` (n, t, t)."""
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    magnitude = np.array([magnitude_sigma(f, c) for f, c in zip(predicted, covariance, strict=True)])
-    error = (np.linalg.norm(predicted, axis=1) - np.linalg.norm(truth, axis=1)) / magnitude
+    unit = np.array([magnitude_sigma(f, c) for f, c in zip(predicted, covariance, strict=True)])
+    estimate, force = np.linalg.norm(predicted, axis=1), np.linalg.norm(truth, axis=1)
     components = (predicted - truth) / sigma
-    return interval_from_errors(known, components, error, session, held_out=not sampling, sampling=sampling)
+    return interval_from_errors(
+        known, components, estimate, force, unit, session, held_out=not sampling, sampling=sampling
+    )
 
 
 def component_sigma(outputs: Outputs, laplace: LastLayerLaplace, unit_n: float) -> FloatArray:

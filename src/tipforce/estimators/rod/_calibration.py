@@ -11,7 +11,7 @@ from ...datasets import Dataset
 from ...errors import InputError
 from ...types import BoolArray, DetectedShape, FloatArray, ForceEstimate, Status
 from .._builder import MAX_FORCE_N, implausible
-from ..uncertainty import conformal_half_width, interval_basis
+from ..uncertainty import ForceStrata, conformal_half_width, fit_strata, interval_basis
 
 __all__ = ["Widths", "calibrated_widths"]
 
@@ -24,16 +24,22 @@ _LEAST_STD_N = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Widths:
-    """Factors on the half-widths of a Gaussian's 90 % intervals, of fx, fy and the magnitude; what they rest on."""
+    """Factors on the half-widths of a Gaussian's 90 % intervals, of fx, fy and the magnitude; what they rest on.
+
+    ``strata``: ends of the magnitude's interval by stratum of the force in standard deviations; None: ``magnitude``
+    holds at every force.
+    """
 
     fx: float = 1.0
     fy: float = 1.0
     magnitude: float = 1.0
     basis: str = "the posterior of the rod alone"
+    strata: ForceStrata | None = None
 
     def values(self) -> dict[str, Any]:
         """As JSON; inverse: `of`."""
-        return {"fx": self.fx, "fy": self.fy, "magnitude": self.magnitude, "basis": self.basis}
+        strata = None if self.strata is None else self.strata.values()
+        return {"fx": self.fx, "fy": self.fy, "magnitude": self.magnitude, "basis": self.basis, "strata": strata}
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Self:
@@ -41,7 +47,8 @@ class Widths:
         factors = [float(values[name]) for name in ("fx", "fy", "magnitude")]
         if not all(math.isfinite(each) and each > 0 for each in factors):
             raise ValueError(f"factors of intervals must be positive, got {factors}")
-        return cls(factors[0], factors[1], factors[2], str(values["basis"]))
+        strata = None if values.get("strata") is None else ForceStrata.of(values["strata"])
+        return cls(factors[0], factors[1], factors[2], str(values["basis"]), strata)
 
     def estimate(
         self, stamp_ns: int, force: FloatArray, covariance: FloatArray, contact: float, shape: DetectedShape | None
@@ -62,7 +69,11 @@ class Widths:
             covariance_n2=whole,
             interval_n=interval,
             magnitude_n=size,
-            magnitude_interval_n=np.array([max(0.0, size - half[2]), size + half[2]]),
+            magnitude_interval_n=np.array(
+                (max(0.0, size - half[2]), size + half[2])
+                if self.strata is None
+                else self.strata.interval(size, float(std[2]))
+            ),
             status=Status.VALID,
             contact=contact,
             shape=shape,
@@ -94,14 +105,15 @@ def calibrated_widths(found: Sequence[ForceEstimate], dataset: Dataset) -> Width
     truth, session = dataset.force_n[valid], dataset.session[valid]
     known = dataset.known
     basis = interval_basis(len(set(session.tolist())), held_out=True)
-    factors = [1.0, 1.0, 1.0]
+    factors, strata = [1.0, 1.0, 1.0], None
     for axis in range(2):
         if known[axis]:
             share = (force[:, axis] - truth[:, axis]) / (_GAUSS_90 * std[:, axis])
             factors[axis] = conformal_half_width(share, session, basis)
     if known[:2].any():
         size = np.linalg.norm(np.where(known, truth, 0.0), axis=1)
-        error = np.linalg.norm(force, axis=1) - size
-        factors[2] = conformal_half_width(error / (_GAUSS_90 * std[:, 2]), session, basis)
+        estimate = np.linalg.norm(force, axis=1)
+        factors[2] = conformal_half_width((estimate - size) / (_GAUSS_90 * std[:, 2]), session, basis)
+        strata = fit_strata(estimate, size, session, std[:, 2])
     finite = [each if math.isfinite(each) else 1.0 for each in factors]
-    return Widths(finite[0], finite[1], finite[2], basis.text)
+    return Widths(finite[0], finite[1], finite[2], basis.text, strata)

@@ -13,10 +13,12 @@ from ._conformal import (
 )
 from ._laplace import LastLayerLaplace, fit_laplace
 from ._ood import FeatureDistribution, OodDetector, fit_feature_distribution, fit_ood_detector
+from ._strata import ForceStrata, fit_strata
 
 __all__ = [
     "COVERAGE",
     "FeatureDistribution",
+    "ForceStrata",
     "Interval",
     "IntervalBasis",
     "LastLayerLaplace",
@@ -26,6 +28,7 @@ __all__ = [
     "fit_feature_distribution",
     "fit_laplace",
     "fit_ood_detector",
+    "fit_strata",
     "interval_basis",
     "interval_from_errors",
     "sessions_for_guarantee",

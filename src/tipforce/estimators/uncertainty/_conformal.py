@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...types import BoolArray, FloatArray
+from ._strata import ForceStrata, fit_strata
 
 __all__ = [
     "COVERAGE",
@@ -31,6 +32,9 @@ __all__ = [
 
 COVERAGE = 0.9
 
+_MOST_GENERATIONS = 64
+"""A fine-tuned model keeps the strata of the model that it began with: so many times, at most."""
+
 
 @dataclass(frozen=True)
 class Interval:
@@ -38,12 +42,14 @@ class Interval:
 
     Attributes:
         half_n: (3,) half-widths of the components, NaN where unknown.
-        magnitude_half_n: half-width of the magnitude.
+        magnitude_half_n: half-width of the magnitude that holds 90 % of all frames together.
         covariance_n2: (3, 3) covariance of the errors, NaN where unknown.
         by_session: True where the interval holds for a new session.
         basis: what the interval rests on, in words.
         sessions: number of sessions of the residuals.
         samples: number of residuals.
+        strata: ends of the magnitude's interval by stratum of the force, the widest of which count; empty in models
+            that were saved before there were any: then ``magnitude_half_n`` is its half-width at every force.
     """
 
     half_n: FloatArray
@@ -53,6 +59,15 @@ class Interval:
     basis: str
     sessions: int
     samples: int
+    strata: tuple[ForceStrata, ...] = ()
+
+    def magnitude_interval(self, magnitude_n: float, unit_n: float = 1.0) -> tuple[float, float]:
+        """Returns the ends of the magnitude's interval in newtons; ``unit_n``: newtons of the unit of half-widths."""
+        if not self.strata:
+            half = self.magnitude_half_n * unit_n
+            return max(0.0, magnitude_n - half), magnitude_n + half
+        ends = [each.interval(magnitude_n, unit_n) for each in self.strata]
+        return min(low for low, _ in ends), max(high for _, high in ends)
 
     def values(self) -> dict[str, Any]:
         """Returns JSON values: None for NaN, "inf" for an infinite half-width."""
@@ -65,6 +80,7 @@ class Interval:
             "basis": self.basis,
             "sessions": self.sessions,
             "samples": self.samples,
+            "strata": [each.values() for each in self.strata],
         }
 
     @classmethod
@@ -76,6 +92,9 @@ class Interval:
         half = np.array([_from_json(value) for value in values["half_width_n"]], np.float64)
         covariance = np.array([[_from_json(value) for value in row] for row in values["covariance_n2"]], np.float64)
         magnitude = _from_json(values["magnitude_half_width_n"])
+        strata = tuple(ForceStrata.of(each) for each in values.get("strata", ()))
+        if len(strata) > _MOST_GENERATIONS:
+            raise ValueError(f"at most {_MOST_GENERATIONS} sets of strata are expected, got {len(strata)}")
         if values["coverage"] != COVERAGE:
             raise ValueError(f"the intervals hold {values['coverage']} of the errors, expected {COVERAGE}")
         if half.shape != (3,) or not (np.append(half[known], magnitude) >= 0).all():
@@ -91,6 +110,7 @@ class Interval:
             basis=str(values["basis"]),
             sessions=int(values["sessions"]),
             samples=int(values["samples"]),
+            strata=strata,
         )
 
 
@@ -185,21 +205,34 @@ def conformal_interval(
         sampling: how the samples were drawn else.
     """
     if known.any():
-        magnitude_error = np.linalg.norm(predicted, axis=1) - np.linalg.norm(truth, axis=1)
+        estimate, force = np.linalg.norm(predicted, axis=1), np.linalg.norm(truth, axis=1)
     else:
-        magnitude_error = np.maximum(predicted[:, 0], 0.0) - truth[:, 0]
-    return interval_from_errors(known, error, magnitude_error, session, held_out, sampling)
+        estimate, force = np.maximum(predicted[:, 0], 0.0), truth[:, 0]
+    return interval_from_errors(known, error, estimate, force, np.ones(len(error)), session, held_out, sampling)
 
 
 def interval_from_errors(
     known: BoolArray,
     error: FloatArray,
-    magnitude_error: FloatArray,
+    magnitude_n: FloatArray,
+    truth_n: FloatArray,
+    unit_n: FloatArray,
     session: npt.NDArray[np.str_],
     held_out: bool,
     sampling: str,
 ) -> Interval:
-    """As `conformal_interval`, from errors of the components (n, t) and of the magnitude (n,), in any unit."""
+    """As `conformal_interval`, in a unit of each sample's own, such as the standard deviation of its estimate.
+
+    Args:
+        known: (3,) which components are estimated.
+        error: (n, t) errors of the components, in the unit of each.
+        magnitude_n: (n,) estimated magnitudes in newtons.
+        truth_n: (n,) measured magnitudes in newtons.
+        unit_n: (n,) unit of the magnitude's errors in newtons.
+        session: (n,) sessions.
+        held_out: True where whole sessions were held out.
+        sampling: how the samples were drawn else.
+    """
     sessions = len(set(session.tolist()))
     basis = interval_basis(sessions, held_out, sampling)
     half, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
@@ -209,12 +242,13 @@ def interval_from_errors(
         covariance[np.ix_(axes, axes)] = error.T @ error / len(error)
     return Interval(
         half_n=half,
-        magnitude_half_n=conformal_half_width(magnitude_error, session, basis),
+        magnitude_half_n=conformal_half_width((magnitude_n - truth_n) / unit_n, session, basis),
         covariance_n2=covariance,
         by_session=basis.by_session,
         basis=basis.text,
         sessions=sessions,
         samples=len(error),
+        strata=(fit_strata(magnitude_n, truth_n, session, unit_n),),
     )
 
 
@@ -225,7 +259,11 @@ def wider_interval(own: Interval, initial: Interval) -> Interval:
     """
     half = np.where(np.isnan(own.half_n), np.nan, np.fmax(own.half_n, initial.half_n))
     magnitude = max(own.magnitude_half_n, initial.magnitude_half_n)
-    if magnitude == own.magnitude_half_n and np.array_equal(half, own.half_n, equal_nan=True):
-        return own
     basis = f"{own.basis}; or, where wider, that of the model it was fine-tuned from ({initial.basis})"
-    return replace(own, half_n=half, magnitude_half_n=magnitude, basis=basis)
+    if magnitude == own.magnitude_half_n and np.array_equal(half, own.half_n, equal_nan=True) and not own.strata:
+        return own
+    before = initial.strata or (
+        (ForceStrata.symmetric(initial.magnitude_half_n),) if math.isfinite(initial.magnitude_half_n) else ()
+    )
+    strata = (*own.strata, *before) if own.strata else ()
+    return replace(own, half_n=half, magnitude_half_n=magnitude, basis=basis, strata=strata)

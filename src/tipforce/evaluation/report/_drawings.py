@@ -20,6 +20,7 @@ from ._figures_results import (
     figure_bland_altman,
     figure_coverage,
     figure_residuals,
+    figure_retention,
     figure_scatter,
     figure_sessions,
     figure_splits,
@@ -32,7 +33,8 @@ from ._style import METHOD_COLOURS, WIDE_IN, WIDTH_IN, Drawing, drawing_of, imag
 __all__ = ["HEAD", "head_drawings", "method_drawings", "traces_of", "whole_session"]
 
 HEAD = (
-    "trace", "scatter", "agreement", "coverage_force", "coverage_angle", "splits", "comparison", "bound", "perturbed",
+    "trace", "scatter", "agreement", "coverage_force", "coverage_angle", "retention", "splits", "comparison", "bound",
+    "perturbed",
 )  # fmt: skip
 """Names of the figures before the sections of the methods."""
 
@@ -80,6 +82,8 @@ def head_drawings(evaluation: Evaluation, best: str, traces: Mapping[str, Predic
         drawings["scatter"] = drawing_of("scatter", caption, figure_scatter(strict.predictions))
         drawings["agreement"] = _agreement(strict, "bland-altman")
     drawings |= _coverage(evaluation)
+    if (retained := _retention(evaluation)) is not None:
+        drawings["retention"] = retained
     drawings["splits"] = _splits(evaluation)
     if evaluation.settings.compare:
         caption = (
@@ -131,6 +135,23 @@ def _coverage(evaluation: Evaluation) -> dict[str, Drawing]:
         name = "coverage_force" if key == "coverage_by_force" else "coverage_angle"
         drawings[name] = drawing_of(name.replace("_", "-"), caption, figure)
     return drawings
+
+
+def _retention(evaluation: Evaluation) -> Drawing | None:
+    """Error over the share abstained, all methods under the strictest protocol; None where none gave an estimate."""
+    results = [each for each in evaluation.results if each.protocol == evaluation.strictest]
+    curves = {each.method: (each.truth_metrics or each.metrics)["trust"]["retention"] for each in results}
+    curves = {method: curve for method, curve in curves.items() if curve["mae_n"]}
+    if not curves:
+        return None
+    against = "the truth" if any(each.truth_metrics for each in results) else "the force sensor"
+    caption = (
+        f"Errors of the magnitude against {against}. A line begins (dot) at the share that the method abstained from "
+        "by itself and goes on as if it had also left out what its own 90 % intervals call least certain: one that "
+        "knows when it is wrong falls to the right. Area: mean of the line over the answers."
+    )
+    figure = figure_retention(curves, Constant.name, "Error over the share abstained")
+    return drawing_of("retention", caption, figure)
 
 
 def _splits(evaluation: Evaluation) -> Drawing:

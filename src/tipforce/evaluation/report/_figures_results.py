@@ -32,6 +32,7 @@ __all__ = [
     "figure_bland_altman",
     "figure_coverage",
     "figure_residuals",
+    "figure_retention",
     "figure_scatter",
     "figure_sessions",
     "figure_splits",
@@ -234,6 +235,42 @@ def figure_coverage(
             axes.grid(visible=False, axis="x")
             axes.tick_params(axis="x", length=0)
         legend_above(above)
+
+    return make_figure(draw, title, width_in)
+
+
+def figure_retention(
+    curves: Mapping[str, Mapping[str, Any]], constant: str, title: str, *, width_in: float = WIDE_IN
+) -> Figure:
+    """Mean error of the answers that are kept over the share of the samples left out, the least certain ones first.
+
+    Args:
+        curves: Method -> what `retention` says.
+        constant: Name among them of the constant predictor, which is drawn in grey.
+        title: Of the figure.
+        width_in: Width in inches.
+    """
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        for number, (method, curve) in enumerate(curves.items()):
+            is_constant = method == constant
+            colour = GREY if is_constant else METHOD_COLOURS[number % len(METHOD_COLOURS)]
+            name = "constant predictor" if is_constant else method
+            axes.plot(
+                curve["abstained_share"], curve["mae_n"], color=colour,
+                linestyle=(0, (4, 3)) if is_constant else "-" if number < len(METHOD_COLOURS) else "-.",
+                label=f"{name}: area {1e3 * curve['area_n']:.0f} mN",
+            )  # fmt: skip
+            if curve["mae_n"]:
+                axes.plot(curve["abstained_share"][0], curve["mae_n"][0], "o", color=colour, markersize=6)
+        axes.set_xlim(-0.01, 1.0)
+        axes.set_ylim(bottom=0.0)
+        axes.xaxis.set_major_formatter(PercentFormatter(1.0, 0, " %"))
+        axes.set_xlabel("share of the samples abstained from, the least certain first")
+        axes.set_ylabel("mean error of the rest, N")
+        grams_axis(axes)
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
 
     return make_figure(draw, title, width_in)
 

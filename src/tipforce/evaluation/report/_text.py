@@ -129,6 +129,7 @@ def report_lines(metrics: dict[str, Any]) -> list[str]:
         "",
         *lines,
         "",
+        *_trust_lines(metrics),
         *_comparison_lines(metrics),
         *_bound_lines(metrics),
         *_perturbed_lines(metrics),
@@ -154,6 +155,41 @@ def _comparison_lines(metrics: dict[str, Any]) -> list[str]:
     breaks = [f"{row['method']}: {row['breaks']}" for row in compared["rows"] if row["breaks"]]
     lines = [_line(cells, first, _COMPARED) for cells in (_COMPARED, *table)]
     return ["Methods side by side:", *lines, f"Sensors: {compared['sensor_source']}.", "", *breaks, ""]
+
+
+def _trust_lines(metrics: dict[str, Any]) -> list[str]:
+    """A line a method: wrong answers, area under its error over abstention, coverage by force, the worst stratum."""
+    truth = metrics["data"]["truth"]
+    results = [each for each in metrics["results"] if each["protocol"] == metrics["strictest_protocol"]]
+    trusts = {each["method"]: each["against_truth" if truth else "against_sensor"]["trust"] for each in results}
+    first = next(iter(trusts.values()))
+    strata = list({each["from_n"]: each["below_n"] for trust in trusts.values() for each in trust["by_force"]}.items())
+    mn, share = FILTERS["mn"], FILTERS["share"]
+    heads = tuple(f"{low:g}-{high:g} N" if high is not None else f">{low:g} N" for low, high in sorted(strata))
+    table: list[tuple[str, ...]] = [("", "wrong %", "area mN", *heads, "worst %")]
+    few = False
+    for method, trust in trusts.items():
+        found = {each["from_n"]: each for each in trust["by_force"]}
+        cells: list[str] = []
+        for low, _ in sorted(strata):
+            part = found.get(low)
+            few |= part is not None and part["few"]
+            cells.append("–" if part is None else share(part["coverage"]) + "*" * part["few"])
+        worst = f"{share(trust['worst_coverage'])} ({trust['worst_stratum']})" if trust["worst_stratum"] else "–"
+        name = "constant predictor" if method == Constant.name else method
+        area = mn(trust["retention"]["area_n"])
+        table.append((f"  {name}", share(trust["wrong_share"]), area, *cells, worst))
+    width = max(len(cells[0]) for cells in table)
+    heads_of = tuple(max((row[column] for row in table), key=len) for column in range(len(table[0])))
+    title = (
+        f"Trust, against the {'truth' if truth else 'sensor'}: answers off by more than "
+        f"{1e3 * first['wrong_beyond_n']:.0f} mN, error over abstention, coverage of the 90 % intervals in % by force"
+    )
+    return [
+        f"{title}; * fewer than {first['few_samples']} samples:" if few else f"{title}:",
+        *(_line(cells, width, heads_of) for cells in table),
+        "",
+    ]
 
 
 def _bound_lines(metrics: dict[str, Any]) -> list[str]:

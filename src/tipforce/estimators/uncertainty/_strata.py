@@ -1,0 +1,189 @@
+"""Intervals of the magnitude that hold for small and large forces alike, with an upper end of their own.
+
+One half-width for all forces holds 90 % of all frames and hides that it misses most of the large forces, which are rare
+and which a regression reads too small. Here the magnitude's interval is the hull of two conformal sets. The first holds
+by the force itself (label-conditional, Vovk, Lindsay, Nouretdinov and Gammerman 2003): a force belongs to it where the
+estimate is one that such forces get, so whatever the true force is, its stratum promises the coverage, and nothing of
+the truth is needed to compute it. The second holds by the estimate (Mondrian): what an estimate of this size is worth.
+
+Within a stratum, the lower and the upper end are those of the signed errors' 5 and 95 % quantiles about their median,
+each session weighing the same, times one factor that makes both hold 90 % of a new session (as in `_conformal`). With
+fewer than 9 sessions in a stratum there is no such factor: it is then at least Student's (the prediction of one more
+session from so few) and what holds every frame, and the ends are not nearer than those of the stratum below, or of all
+frames for strata of the estimate.
+"""
+
+import math
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import norm, t
+
+from ...types import FloatArray
+
+__all__ = ["ForceStrata", "fit_strata"]
+
+_TAIL = 0.05
+"""Share of the errors beyond either end."""
+_COVERAGE = 1.0 - 2.0 * _TAIL
+_LEAST_SESSIONS = 9
+"""From so many sessions on the conformal factor is finite, see `sessions_for_guarantee`."""
+_WIDTH_N, _LEAST_STRATA, _MOST_STRATA = 0.1, 3, 8
+"""Width of a stratum: a quarter of the force window, less where forces are small; and how many there are."""
+_LARGEST_SHARE = 0.99
+"""Quantile of the forces up to which there are strata; the last one is open."""
+_MOST_WIDER = 5.0
+"""Largest of Student's factors: two sessions, or one, tell little of a third, and an interval has to end somewhere."""
+_LEAST_RELATIVE = 1e-3
+"""Least distance of an end from the median, over the larger one: errors may all be the same."""
+
+
+@dataclass(frozen=True, eq=False)
+class ForceStrata:
+    """Ends of the magnitude's interval in strata of the force.
+
+    Attributes:
+        edges_n: (k + 1,) edges of the strata in newtons, from 0 to infinity.
+        by_force: (k, 2) least and largest error (force - estimate) of forces in each stratum, in the unit of the
+            intervals: newtons, or standard deviations of the estimate.
+        by_estimate: (k, 2) the same of estimates in each stratum.
+    """
+
+    edges_n: FloatArray
+    by_force: FloatArray
+    by_estimate: FloatArray
+    _rows: tuple[tuple[float, ...], ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        count = len(self.edges_n) - 1
+        for name, ends in (("by_force", self.by_force), ("by_estimate", self.by_estimate)):
+            if ends.shape != (count, 2) or not (np.isfinite(ends).all() and (ends[:, 0] <= ends[:, 1]).all()):
+                raise ValueError(f"strata: {name} must be {count} pairs of ends, got {ends.tolist()}")
+        edges = self.edges_n.tolist()
+        if count < 1 or edges[0] != 0.0 or edges[-1] != math.inf or not (np.diff(self.edges_n) > 0).all():
+            raise ValueError(f"strata: edges must rise from 0 to infinity, got {edges}")
+        columns = (edges[:-1], edges[1:], *self.by_force.T.tolist(), *self.by_estimate.T.tolist())
+        object.__setattr__(self, "_rows", tuple(zip(*columns, strict=True)))
+
+    @classmethod
+    def symmetric(cls, half: float) -> "ForceStrata":
+        """One stratum with the half-width ``half``."""
+        ends = np.array([[-half, half]])
+        return cls(np.array([0.0, math.inf]), ends, ends)
+
+    def interval(self, magnitude_n: float, unit_n: float = 1.0) -> tuple[float, float]:
+        """Returns the interval's ends in newtons for an estimate; the estimate lies within.
+
+        Args:
+            magnitude_n: Estimated magnitude.
+            unit_n: Newtons of the unit of the ends.
+        """
+        low = high = magnitude_n
+        for start, end, least, largest, *_ in self._rows:
+            below, above = magnitude_n + least * unit_n, magnitude_n + largest * unit_n
+            below, above = max(below, start), min(above, end)
+            if below <= above:
+                low, high = min(low, below), max(high, above)
+        row = self._rows[bisect_right(self._rows, magnitude_n, hi=len(self._rows), key=_start) - 1]
+        return max(0.0, min(low, magnitude_n + row[4] * unit_n)), max(high, magnitude_n + row[5] * unit_n)
+
+    def values(self) -> dict[str, Any]:
+        """Returns JSON values; the last edge is left out. Inverse: `of`."""
+        return {
+            "edges_n": self.edges_n[:-1].tolist(),
+            "by_force": self.by_force.tolist(),
+            "by_estimate": self.by_estimate.tolist(),
+        }
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> "ForceStrata":
+        """The inverse of `values`. Raises KeyError, TypeError or ValueError where they are no strata."""
+        edges = np.append(np.array(values["edges_n"], np.float64), math.inf)
+        if len(edges) > _MOST_STRATA + 1:
+            raise ValueError(f"strata: at most {_MOST_STRATA} are expected, got {len(edges) - 1}")
+        return cls(edges, *(np.array(values[name], np.float64) for name in ("by_force", "by_estimate")))
+
+
+def _start(row: Sequence[float]) -> float:
+    return row[0]
+
+
+def fit_strata(
+    estimate_n: FloatArray, force_n: FloatArray, session: npt.NDArray[np.str_], unit_n: FloatArray | None = None
+) -> ForceStrata:
+    """Finds the ends from samples that the method was not trained on.
+
+    Args:
+        estimate_n: (n,) estimated magnitudes.
+        force_n: (n,) measured magnitudes.
+        session: (n,) sessions.
+        unit_n: (n,) unit of the errors, such as each estimate's standard deviation; None: newtons.
+    """
+    error = (force_n - estimate_n) / (1.0 if unit_n is None else unit_n)
+    largest = float(np.quantile(force_n, _LARGEST_SHARE))
+    width = min(_WIDTH_N, max(largest, 1e-6) / _LEAST_STRATA)
+    inner = np.arange(1, min(int(largest / width + 1e-9), _MOST_STRATA - 1) + 1) * width
+    edges = np.concatenate([[0.0], inner, [math.inf]])
+    overall = _ends(error, session)[0]
+    return ForceStrata(
+        edges,
+        _by_stratum(force_n, error, session, edges, None),
+        _by_stratum(estimate_n, error, session, edges, overall),
+    )
+
+
+def _by_stratum(
+    by: FloatArray, error: FloatArray, session: npt.NDArray[np.str_], edges: FloatArray, least: FloatArray | None
+) -> FloatArray:
+    """(k, 2): ends in the strata of ``by``; where sessions are few, not nearer than those below, or than ``least``."""
+    found: list[FloatArray] = []
+    for low, high in pairwise(edges):
+        inside = (by >= low) & (by < high)
+        ends, sessions = _ends(error[inside], session[inside]) if inside.any() else (np.full(2, np.nan), 0)
+        if sessions < _LEAST_SESSIONS:
+            wide = [ends, *found[-1:], *([] if least is None else [least])]
+            if not found and np.isnan(ends).all() and least is None:
+                wide = [_ends(error, session)[0]]
+            ends = np.array([np.nanmin([each[0] for each in wide]), np.nanmax([each[1] for each in wide])])
+        found.append(ends)
+    return np.array(found)
+
+
+def _ends(error: FloatArray, session: npt.NDArray[np.str_]) -> tuple[FloatArray, int]:
+    """(2,) ends that hold the errors (n,) of a new session, and the number of sessions."""
+    _, place, counts = np.unique(session, return_inverse=True, return_counts=True)
+    sessions = len(counts)
+    mass = 1.0 / (sessions * counts[place])
+    order = np.argsort(error)
+    reached = np.cumsum(mass[order])
+    low, median, high = error[order[np.minimum(np.searchsorted(reached, _SHARES), len(error) - 1)]].tolist()
+    below, above = median - low, high - median
+    least = max(_LEAST_RELATIVE * max(below, above), np.finfo(np.float64).tiny)
+    below, above = max(below, least), max(above, least)
+    score = np.where(error > median, (error - median) / above, (median - error) / below)
+    if sessions >= _LEAST_SESSIONS:
+        ranked = np.argsort(score)
+        held = np.cumsum(mass[ranked]) * sessions / (sessions + 1)
+        factor = float(score[ranked[np.searchsorted(held, _COVERAGE - 1e-9)]])
+    else:
+        factor = max(float(score.max()), _student(sessions))
+    return np.array([median - factor * below, median + factor * above]), sessions
+
+
+_SHARES = np.array([_TAIL, 0.5, 1.0 - _TAIL]) - 1e-9
+
+
+def _student(sessions: int) -> float:
+    """How much wider than for many sessions the 90 % prediction of one more normal value is, from so few.
+
+    >>> [round(_student(sessions), 2) for sessions in (1, 3, 8)]
+    [4.7, 2.05, 1.22]
+    """
+    several = max(sessions, 2)
+    wider = float(t.ppf(1.0 - _TAIL, several - 1) / norm.ppf(1.0 - _TAIL)) * math.sqrt(1.0 + 1.0 / several)
+    return min(wider, _MOST_WIDER)
