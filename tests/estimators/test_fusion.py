@@ -1,0 +1,126 @@
+"""`fusion`: how two estimates of one frame become one."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from tipforce.errors import ModelError
+from tipforce.estimators import Fusion, FusionSettings
+from tipforce.estimators.fusion import FusionStream, covariance_intersection
+from tipforce.estimators.uncertainty import Interval
+from tipforce.types import ForceEstimate, Observation, Status
+
+WIDE, NARROW = np.diag([0.04, 0.0004]), np.diag([0.0004, 0.04])
+
+
+def estimate(force: tuple[float, float], covariance: np.ndarray) -> ForceEstimate:
+    full, whole = np.full(3, np.nan), np.full((3, 3), np.nan)
+    full[:2], whole[:2, :2] = force, covariance
+    return ForceEstimate(
+        stamp_ns=0,
+        force_n=full,
+        known=np.array([True, True, False]),
+        covariance_n2=whole,
+        interval_n=np.full((3, 2), np.nan),
+        magnitude_n=float(np.hypot(*force)),
+        magnitude_interval_n=np.array([0.0, 1.0]),
+        contact=0.9,
+    )
+
+
+@dataclass
+class Says:
+    """A member that gives one estimate and remembers what it was given beside."""
+
+    said: ForceEstimate
+    beside: ForceEstimate | None = None
+
+    def update(self, observation: Observation) -> ForceEstimate:
+        return self.said
+
+    def update_beside(self, observation: Observation, beside: ForceEstimate) -> ForceEstimate:
+        self.beside = beside
+        return self.said
+
+
+def interval(half: float) -> Interval:
+    return Interval(np.full(3, half), half, np.full((3, 3), np.nan), False, "", 1, 1)
+
+
+INTERVALS = {"both": interval(1.0), "rod": interval(2.0), "network": interval(3.0)}
+NOTHING = ForceEstimate.invalid(0, Status.NO_CATHETER, "nothing dark at the left border")
+
+
+def joined(rod: ForceEstimate, network: ForceEstimate) -> ForceEstimate:
+    stream = FusionStream(Says(rod), Says(network), 13.8, INTERVALS)  # type: ignore[arg-type]
+    return stream.update(Observation(0, {}, {}))
+
+
+def test_each_gives_the_direction_that_it_knows():
+    found = joined(estimate((0.3, 0.21), WIDE), estimate((0.12, 0.1), NARROW))
+    assert found.valid
+    assert abs(found.force_n[0] - 0.12) < 0.05
+    assert abs(found.force_n[1] - 0.21) < 0.05
+    assert np.isnan(found.force_n[2])
+    assert found.magnitude_interval_n[0] < found.magnitude_n < found.magnitude_interval_n[1]
+
+
+def test_what_both_say_alike_is_not_more_certain_for_that():
+    alike = estimate((0.2, 0.0), WIDE)
+    found = joined(alike, alike)
+    np.testing.assert_allclose(found.covariance_n2[:2, :2], WIDE)
+    np.testing.assert_allclose(found.force_n[:2], [0.2, 0.0])
+
+
+def test_a_contradiction_is_no_estimate():
+    small = 1e-4 * np.eye(2)
+    found = joined(estimate((0.3, 0.0), small), estimate((0.1, 0.0), small))
+    assert found.status is Status.OUT_OF_DISTRIBUTION
+    assert "0.30 N from the shape, 0.10 N from the image" in found.detail
+
+
+@pytest.mark.parametrize(
+    ("rod", "network", "source", "half"),
+    [(estimate((0.2, 0.0), WIDE), NOTHING, "rod", 2.0), (NOTHING, estimate((0.2, 0.0), WIDE), "network", 3.0)],
+    ids=["rod", "network"],
+)
+def test_one_carries_on_with_intervals_of_its_own(rod, network, source, half):
+    found = joined(rod, network)
+    assert found.valid
+    assert found.detail == f"{source} alone"
+    assert found.interval_n[0, 1] - found.force_n[0] == pytest.approx(half * 0.2)
+
+
+def test_where_both_abstain_the_reasons_of_both_are_said():
+    found = joined(NOTHING, ForceEstimate.invalid(0, Status.OUT_OF_DISTRIBUTION, "the catheter lies as nowhere"))
+    assert found.status is Status.NO_CATHETER
+    assert "nothing dark" in found.detail
+    assert "lies as nowhere" in found.detail
+
+
+def test_the_rod_weighs_the_tissue_of_the_network():
+    rod, network = estimate((0.2, 0.0), WIDE), Says(NOTHING)
+    FusionStream(Says(rod), network, 13.8, INTERVALS).update(Observation(0, {}, {}))  # type: ignore[arg-type]
+    assert network.beside is rod
+
+
+def test_the_intersection_is_consistent_for_any_correlation():
+    """The errors' true covariance, for every correlation of the two, is never larger than what is stated."""
+    mean, stated = covariance_intersection(np.zeros(2), WIDE, np.zeros(2), NARROW)
+    draw = np.random.default_rng(0)
+    for share in (-0.95, 0.0, 0.95):
+        common = draw.normal(size=(20000, 2))
+        own = share * common + np.sqrt(1 - share**2) * draw.normal(size=(20000, 2))
+        one, other = common @ np.sqrt(WIDE), own @ np.sqrt(NARROW)
+        zero = np.zeros(2)
+        columns = [covariance_intersection(axis, WIDE, zero, NARROW)[0] for axis in np.eye(2)]
+        others = [covariance_intersection(zero, WIDE, axis, NARROW)[0] for axis in np.eye(2)]
+        error = one @ np.array(columns) + other @ np.array(others)
+        assert (np.linalg.eigvalsh(stated - np.cov(error.T)) > -2e-5).all()
+    assert not mean.any()
+
+
+def test_another_method_is_no_network():
+    with pytest.raises(ModelError, match="is a model of dcfe; fusion needs one of compact"):
+        Fusion(FusionSettings(network="pretrained/dcfe")).members  # noqa: B018 (read for its error)
