@@ -13,6 +13,7 @@ from tipforce.limits import (
     SESSION_NOISE,
     CentrelineNoise,
     CramerRaoBound,
+    DentReading,
     bound_inputs,
     centreline_jacobian,
     describe_nuisances,
@@ -81,6 +82,28 @@ def test_frames_before_help_and_so_does_all_that_is_known(session):
         assert (session.sequential([group]).std_n <= along.std_n * (1 + 1e-9)).all(), group
     finer = replace(session, noise=CentrelineNoise(session.noise.fresh.scaled(0.5), session.noise.lasting))
     assert (finer.single_frame().std_n[touching] < each.std_n[touching]).all()
+
+
+def test_the_indentation_tells_the_force_along_the_normal_where_the_tissue_is_known(session):
+    touching = session.touching & (np.linalg.norm(session.force_n, axis=1) > 0.05)
+    shape = session.single_frame().magnitude_std_n[touching]
+    known, open_, blind = (
+        session.with_dent(DentReading(*each)).single_frame().magnitude_std_n[touching]
+        for each in ((1e-5, 1e-3, 1e-6), (1e-5, 0.8, 1e-6), (1.0, 0.8, 1.0))
+    )
+    stiffness = session.wall.stiffness_n_per_m
+    assert np.median(known) < 0.05 * np.median(shape)
+    assert (known > 0.5 * 1e-5 * stiffness).all(), "not better than the reading itself"
+    assert (open_ > known).all()
+    assert (open_ < shape * (1 + 1e-9)).all()
+    np.testing.assert_allclose(blind, shape, rtol=1e-3)
+    assert (session.with_dent(DentReading(1e-5, 0.8, 1e-6)).sequential().magnitude_std_n[touching] <= open_).all()
+
+
+def test_the_indentation_of_another_law_has_no_bound(session):
+    other = replace(session, wall=replace(session.wall, hertz_depth_m=2e-3))
+    with pytest.raises(ValueError, match="linear tissue"):
+        other.with_dent(DentReading(1e-4, 0.8, 1e-4))
 
 
 def test_the_bound_lies_between_the_noise_and_what_was_known_before(session):

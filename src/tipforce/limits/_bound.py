@@ -1,13 +1,14 @@
 """The posterior Cramer-Rao bound of a session: of each frame alone, and of all frames until then."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Self
 
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 
 from ..mechanics import posterior_covariance, posterior_covariance_along
+from ..mechanics.spatial import SpatialWall
 from ..simulation import SimulatedBench, Truth
 from ..types import BoolArray, FloatArray, IntArray, frozen
 from ._jacobian import bound_inputs, centreline_jacobian
@@ -15,6 +16,7 @@ from ._priors import (
     CENTRELINE_NOISE,
     SESSION_NOISE,
     CentrelineNoise,
+    DentReading,
     Parameter,
     noise_preset,
     unknown_parameters,
@@ -62,7 +64,9 @@ class CramerRaoBound:
     ``jacobian`` (m, rows, parameters): of the detected centreline by ``parameters``, see `centreline_jacobian`;
     ``arc_m`` (points,): positions along it. ``touching``, ``stable`` (m,); ``contact_angle_deg`` (m,): between tip and
     wall's normal. ``play_open`` (m,): whether the knob may not have crossed its backlash yet. ``tare_s``: until when
-    the session's metadata say that nothing touches. ``noise``: of the centreline.
+    the session's metadata say that nothing touches. ``noise``: of the centreline. ``wall``: the tissue. ``dent_rows``
+    (m, parameters): of the indentation, in standard deviations of its reading; None: it is not read, and the bound is
+    the shape's.
     """
 
     session: str
@@ -77,6 +81,8 @@ class CramerRaoBound:
     jacobian: FloatArray
     arc_m: FloatArray
     noise: CentrelineNoise
+    wall: SpatialWall
+    dent_rows: FloatArray | None = None
 
     @classmethod
     def of(cls, source: Truth | SimulatedBench, noise: CentrelineNoise | None = None) -> Self:
@@ -122,6 +128,31 @@ class CramerRaoBound:
             jacobian=jacobian,
             arc_m=arc,
             noise=noise,
+            wall=inputs.bench_model.wall,
+        )
+
+    def with_dent(self, reading: DentReading) -> Self:
+        """Returns the model of an estimator that also reads how deep the tip presses into the tissue.
+
+        Force along the normal = stiffness x depth; the rate of the depth counts as known. Both the tissue's stiffness
+        and where its face lies are unknown, with priors from ``reading``.
+
+        Raises:
+            ValueError: for a tissue that is not linear, or not flat.
+        """
+        wall = self.wall
+        if not (wall.hertz_depth_m is wall.exponential_depth_m is wall.face_radius_m is None):
+            raise ValueError("the bound with the indentation is of a flat face of linear tissue")
+        slope = -wall.normal / wall.stiffness_n_per_m
+        depth = self.force_n @ slope
+        rows = np.zeros((len(self.force_n), len(self.parameters) + 2))
+        rows[:, :3], rows[:, -2], rows[:, -1] = slope, -depth, 1.0
+        rows[~(self.touching & self.stable)] = 0.0
+        return replace(
+            self,
+            parameters=(*self.parameters, *reading.parameters()),
+            jacobian=np.pad(self.jacobian, ((0, 0), (0, 0), (0, 2))),
+            dent_rows=rows / reading.std_m,
         )
 
     def single_frame(self, known: Iterable[str] = (), force_n2: FloatArray | None = None) -> ForceCovarianceBound:
@@ -138,7 +169,7 @@ class CramerRaoBound:
         covariance = self.noise.fresh.covariance_m2(self.arc_m)
         if lasting:
             covariance = covariance + self.noise.lasting.covariance_m2(self.arc_m)
-        white = _whitened(self.jacobian[:, :, free], covariance)
+        white = self._with_dent_row(_whitened(self.jacobian[:, :, free], covariance), free)
         return self._bound(posterior_covariance(white, self._prior(free, force_n2), sum(k < 3 for k in free)))
 
     def sequential(
@@ -178,9 +209,18 @@ class CramerRaoBound:
             shown = np.broadcast_to(np.eye(len(rows)) * self.stable[:, None, None], (len(jacobian), *rows.shape))
             jacobian = np.concatenate([jacobian, shown], axis=2)
         wanted = sum(k < 3 for k in free)
-        found = posterior_covariance_along(_whitened(jacobian, fresh), prior, wanted, time_s, np.array(memory))
+        white = self._with_dent_row(_whitened(jacobian, fresh), free)
+        found = posterior_covariance_along(white, prior, wanted, time_s, np.array(memory))
         found[nothing] = 0.0
         return self._bound(found)
+
+    def _with_dent_row(self, white: FloatArray, free: list[int]) -> FloatArray:
+        """``white`` (m, rows, columns), its first columns ``free``, with a row of the indentation if it is read."""
+        if self.dent_rows is None:
+            return white
+        row = np.zeros((len(white), 1, white.shape[2]))
+        row[:, 0, : len(free)] = self.dent_rows[:, free]
+        return np.concatenate([white, row], axis=1)
 
     def _free(self, known: Iterable[str]) -> tuple[list[int], bool]:
         """Indices of the parameters that are unknown, and whether the session's lasting noise is."""

@@ -18,6 +18,7 @@ __all__ = [
     "CONTACT_FORCE_PRIORS_N2",
     "SESSION_NOISE",
     "CentrelineNoise",
+    "DentReading",
     "Parameter",
     "noise_preset",
     "unknown_parameters",
@@ -178,6 +179,27 @@ class CentrelineNoise:
 
     fresh: LineNoise
     lasting: LineNoise
+
+
+@dataclass(frozen=True, slots=True)
+class DentReading:
+    """How well an estimator reads the indentation of the tissue, and what it knows of the tissue beforehand.
+
+    ``std_m``: of the depth in one frame; ``log_stiffness_std``: of the stiffness's logarithm; ``face_m``: of where the
+    undented face lies, the same all session.
+    """
+
+    std_m: float
+    log_stiffness_std: float
+    face_m: float
+
+    def parameters(self) -> tuple[Parameter, Parameter]:
+        """Returns the unknowns that come with it."""
+        ever = math.inf
+        return (
+            Parameter("stiffness of the tissue, relative", "tissue", self.log_stiffness_std, "1", ever, "prior"),
+            Parameter("place of the tissue's face", "face", self.face_m, "m", ever, "as it is seen"),
+        )
 
 
 _PIXEL_M = 0.2e-3
