@@ -386,7 +386,7 @@ class NetworkEstimator(FineTunable):
         del images  # its window follows from the metadata
         fitted = self._fitted()
         reader = self.reader(info, training=False)
-        return NetworkStream(fitted, reader, self.estimate_builder())
+        return NetworkStream(fitted, reader, self.estimate_builder(), self.required_actuation, info)
 
     def estimate_builder(self) -> BuildEstimate:
         """Returns what makes estimates from the graph's outputs, for one session."""
@@ -515,17 +515,25 @@ class NetworkEstimator(FineTunable):
 
 
 class NetworkStream:
-    """One session, frame after frame; ``build`` keeps what is needed of earlier frames."""
+    """One session, frame after frame; ``build`` keeps what is needed of earlier frames, ``actuation`` is read."""
 
-    def __init__(self, fitted: FittedNetwork, reader: InputReader, build: BuildEstimate) -> None:
+    def __init__(
+        self,
+        fitted: FittedNetwork,
+        reader: InputReader,
+        build: BuildEstimate,
+        actuation: Sequence[str],
+        info: SessionInfo,
+    ) -> None:
         self._fitted, self._reader, self._build = fitted, reader, build
+        self._actuation, self._info = actuation, info
 
     def update(self, observation: Observation) -> ForceEstimate:
         """Returns the estimate for this observation; its status says why where there is no force."""
         fitted = self._fitted
         row = read_inputs(self._reader, fitted.actuation, observation)
         if not isinstance(row, Abstention):
-            row = unlike_training(observation, fitted.actuation_limits) or row
+            row = unlike_training(observation, fitted.actuation_limits, self._actuation, self._info) or row
         if isinstance(row, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail)
         return self._build(observation.stamp_ns, fitted.graph(**{name: value[None] for name, value in row.items()}))
