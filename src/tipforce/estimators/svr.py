@@ -301,6 +301,7 @@ class Svr(Estimator):
             "magnitude_interval_half_width_n": (
                 interval.magnitude_half_n if np.isfinite(interval.magnitude_half_n) else None
             ),
+            "magnitude_interval_n": interval.magnitude_examples(),
             "interval_basis": interval.basis,
             "features": [*fitted.shape, *fitted.actuation],
             "samples": fitted.samples,

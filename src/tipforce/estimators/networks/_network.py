@@ -495,6 +495,7 @@ class NetworkEstimator(FineTunable):
             "input": self.input_text,
             "uses_history": self.uses_history,
             "interval_half_width_n": {name: half if np.isfinite(half) else None for name, half in half_widths.items()},
+            "magnitude_interval_n": fitted.interval.magnitude_examples(self.typical_unit_n()),
             "interval_basis": fitted.interval.basis,
         }
 
@@ -502,6 +503,10 @@ class NetworkEstimator(FineTunable):
         """Returns (t + 1,) typical half-widths of the components' intervals and of the magnitude's, in newtons."""
         fitted = self._fitted()
         return np.append(fitted.interval.half_n[fitted.known], fitted.interval.magnitude_half_n)
+
+    def typical_unit_n(self) -> float:
+        """Returns the newtons that the unit of the magnitude's interval typically has."""
+        return 1.0
 
     @classmethod
     def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:

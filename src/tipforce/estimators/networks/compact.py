@@ -322,6 +322,10 @@ class Compact(NetworkEstimator):
         half_widths = np.append(fitted.interval.half_n[fitted.known], fitted.interval.magnitude_half_n)
         return half_widths * fitted.arrays["typical_sigma_n"]
 
+    def typical_unit_n(self) -> float:
+        """See `NetworkEstimator`: the typical standard deviation of the magnitude."""
+        return float(self._fitted().arrays["typical_sigma_n"][-1])
+
 
 def _rate_compensation(arrays: Arrays) -> RateCompensation:
     return RateCompensation(
