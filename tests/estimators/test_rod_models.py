@@ -175,6 +175,11 @@ def test_a_stiffness_that_nobody_stated_is_learnt(stiffer: Dataset) -> None:
     [
         (Observation(0, {"camera": np.full((240, 320), 215, np.uint8)}, {"knob_deg": 20.0}), Status.NO_CATHETER),
         (Observation(0, {}, {"knob_deg": 20.0}), Status.MISSING_INPUT),
+        (
+            Observation(0, {"camera": np.full((240, 320), 215, np.uint8)}, {"knob_deg": 200.0}),
+            Status.OUT_OF_DISTRIBUTION,
+        ),
+        (Observation(0, {"camera": np.full((240, 320), 215, np.uint8)}, {"knob_deg": 1e3}), Status.OUT_OF_DISTRIBUTION),
         (Observation(0, {"camera": np.full((240, 320), 215, np.uint8)}, {}), Status.MISSING_INPUT),
     ],
 )

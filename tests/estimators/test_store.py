@@ -349,7 +349,11 @@ def test_an_actuation_unlike_the_training_data_is_not_answered(model: Path, data
         assert answer.status == status, (knob, answer.detail)
     assert answer.detail == "the actuation is unlike the training data (knob_deg 1000, the limits are 8.8 and 13.2)"
     signed_again(model, lambda manifest: manifest["state"].pop("actuation_limits"))  # as it was saved before
-    assert load_model(model).start(data.session_info["s0"]).update(replace(first, actuation={"knob_deg": 14.0})).valid
+    stream = load_model(model).start(data.session_info["s0"])
+    assert stream.update(replace(first, actuation={"knob_deg": 14.0})).valid
+    answer = stream.update(replace(first, actuation={"knob_deg": 1e3}))
+    assert answer.status == "out_of_distribution", "what it was trained with is not known, but no knob stands there"
+    assert answer.detail == "knob_deg 1000 is no such reading: expected -720 to 720 degrees"
 
 
 @pytest.mark.parametrize("extra", [{}, {"linear": 1.0, "scaling": "standard"}], ids=["thesis", "linear"])

@@ -328,3 +328,18 @@ def test_the_lines_for_the_terminal_name_every_row(report):
     assert text.startswith("On sessions never seen")
     assert text.count("constant predictor") == 3
     assert "sessions never seen:" in text
+
+
+def test_the_page_and_the_terminal_say_how_far_answers_can_be_trusted(report):
+    _, folder, figures = report
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    section = re.search(r'<section id="trust">(.*?)</section>', page, re.S).group(1)
+    assert "off by more than 50 mN" in section
+    assert "60 to 180° to the shaft" in section, "these forces pull"
+    strict = next(row for row in figures["results"] if row["protocol"] == figures["strictest_protocol"])
+    trust = strict["against_truth"]["trust"]
+    assert f"<td>{trust['by_force'][0]['samples']}{'*' if trust['by_force'][0]['few'] else ''}</td>" in section
+    lines = report_lines(figures)
+    start = next(place for place, line in enumerate(lines) if line.startswith("Trust, against the truth"))
+    assert lines[start + 1].split()[:4] == ["wrong", "%", "area", "mN"]
+    assert [line.split()[0] for line in lines[start + 2 : start + 5]] == ["ridge", "<b>careful</b>", "constant"]

@@ -7,9 +7,17 @@ import numpy as np
 
 from ..datasets import Dataset
 from ..errors import InputError
-from ..types import FloatArray, Observation, Status, View
+from ..types import KNOB, FloatArray, Observation, SessionInfo, Status, View, actuation_range
 
-__all__ = ["Abstention", "actuation_names", "limits_of", "read_actuation", "read_view", "unlike_training"]
+__all__ = [
+    "Abstention",
+    "actuation_names",
+    "implausible_actuation",
+    "limits_of",
+    "read_actuation",
+    "read_view",
+    "unlike_training",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +60,9 @@ def actuation_names(wanted: Sequence[str] | None, dataset: Dataset) -> tuple[str
 
 _MARGIN = 0.1
 
+MAX_PRECURVATURE_PER_M = 60.0
+"""No knob bends a catheter more: the full bend of a 7F ablation catheter, 90 degrees of its knob, is 48 1/m."""
+
 
 def limits_of(names: Iterable[str], dataset: Dataset) -> dict[str, tuple[float, float]]:
     """Smallest and largest value of each actuation that a model trained on ``dataset`` answers to.
@@ -71,13 +82,44 @@ def limits_of(names: Iterable[str], dataset: Dataset) -> dict[str, tuple[float, 
     return limits
 
 
-def unlike_training(observation: Observation, limits: Mapping[str, tuple[float, float]]) -> Abstention | None:
-    """Why there is no estimate for an actuation beyond its ``limits``; None where all lie within."""
+def unlike_training(
+    observation: Observation, limits: Mapping[str, tuple[float, float]], names: Iterable[str], info: SessionInfo
+) -> Abstention | None:
+    """Why there is no estimate for the actuation of ``observation``, or None.
+
+    Args:
+        observation: what is to be estimated.
+        limits: of each actuation value, see `limits_of`.
+        names: actuation that the method reads; what has no limits, as in models that were saved before these were
+            known, has to be plausible at least: see `implausible_actuation`.
+        info: the session's metadata.
+    """
     for name, (low, high) in limits.items():
         value = observation.actuation.get(name)
         if value is not None and not low <= value <= high:
             return Abstention(
                 Status.OUT_OF_DISTRIBUTION,
                 f"the actuation is unlike the training data ({name} {value:g}, the limits are {low:g} and {high:g})",
+            )
+    open_names = [name for name in names if name not in limits and name in observation.actuation]
+    return implausible_actuation({name: observation.actuation[name] for name in open_names}, info)
+
+
+def implausible_actuation(actuation: Mapping[str, float], info: SessionInfo) -> Abstention | None:
+    """Why no catheter is actuated so, whatever a method was trained with; None where it may be.
+
+    Args:
+        actuation: values by name; NaN is none.
+        info: the session's metadata, with the gain of the knob if that is known.
+    """
+    for name, value in actuation.items():
+        expected, gain = actuation_range(name), info.actuation.knob_gain_per_m_deg
+        if expected.outside(np.array([value])) is not None:
+            return Abstention(Status.OUT_OF_DISTRIBUTION, f"{name} {value:g} is no such reading: expected {expected}")
+        if name == KNOB and gain is not None and abs(gain * value) > MAX_PRECURVATURE_PER_M:
+            return Abstention(
+                Status.OUT_OF_DISTRIBUTION,
+                f"the knob at {value:g} degrees asks for a curvature of {gain * value:.3g} 1/m, more than "
+                f"{MAX_PRECURVATURE_PER_M:g} 1/m",
             )
     return None

@@ -16,7 +16,7 @@ from ..vision import (
     for_session,
     session_vision,
 )
-from ._reading import Abstention, read_actuation, read_view
+from ._reading import Abstention, implausible_actuation, read_actuation, read_view
 from ._rod_inverse import line_stations
 
 __all__ = ["RodLine", "RodReader"]
@@ -67,6 +67,8 @@ class RodReader:
             found = read_actuation(observation, (_KNOB,))
             if isinstance(found, Abstention):
                 return replace(found, detail=f"{_KNOB} is absent, and the catheter is bent by it; state it")
+            if (abstention := implausible_actuation({_KNOB: float(found[0])}, self._info)) is not None:
+                return abstention
             knob = found
         self.shape = shape = self._detector.detect(view)
         if self._calibration is not None and (vision := self._calibration.add(view)) is not None:

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..types import BoolArray
 
-__all__ = ["ModelSummary", "count_of", "half_width_text", "left_out_by_session", "left_out_text"]
+__all__ = ["ModelSummary", "count_of", "half_width_text", "left_out_by_session", "left_out_text", "magnitude_intervals"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,3 +71,16 @@ def half_width_text(value: float | None) -> str:
     '± 50.0 mN'
     """
     return "unbounded" if value is None else f"± {value * 1e3:.1f} mN"
+
+
+def magnitude_intervals(facts: Mapping[str, Any]) -> list[str]:
+    """A line on the magnitude's interval at small and large estimates; none for a model that has one for all.
+
+    >>> magnitude_intervals({"magnitude_interval_n": {"0.05": (0.0, 0.08), "0.15": (0.1, 0.25)}})
+    ['90 % interval of the magnitude by the estimate: 50 mN: 0 to 80, 150 mN: 100 to 250 mN']
+    """
+    parts = [
+        f"{1e3 * float(at):.3g} mN: {1e3 * low:.0f} to {1e3 * high:.0f}"
+        for at, (low, high) in facts.get("magnitude_interval_n", {}).items()
+    ]
+    return [f"90 % interval of the magnitude by the estimate: {', '.join(parts)} mN"] if parts else []

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from ._summary import ModelSummary, count_of, half_width_text, left_out_text
+from ._summary import ModelSummary, count_of, half_width_text, left_out_text, magnitude_intervals
 
 __all__ = ["svr_summary"]
 
@@ -30,7 +30,9 @@ def svr_summary(facts: Mapping[str, Any]) -> ModelSummary:
             f"{name}: C {each['c']:.4g}, epsilon {each['epsilon']:g}, sigma {each['sigma']:g}; "
             f"{each['support_vectors']} support vectors; error over folds {rmse}; 90 % interval {half}"
         )
+    training += magnitude_intervals(facts)
     performance += [
+        *(f"\n{line[0].upper()}{line[1:]}." for line in magnitude_intervals(facts)),
         "",
         "The errors are those on samples left out while the constants were chosen, within the training data.",
     ]

@@ -301,6 +301,7 @@ class Svr(Estimator):
             "magnitude_interval_half_width_n": (
                 interval.magnitude_half_n if np.isfinite(interval.magnitude_half_n) else None
             ),
+            "magnitude_interval_n": interval.magnitude_examples(),
             "interval_basis": interval.basis,
             "features": [*fitted.shape, *fitted.actuation],
             "samples": fitted.samples,
@@ -339,12 +340,12 @@ class SvrStream:
 
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
-        row = self._inputs.read(observation)
+        row, fitted = self._inputs.read(observation), self._fitted
         shape = self._inputs.shape
         if self._calibration is not None:
             self._calibrate(observation)
         if not isinstance(row, Abstention):
-            row = unlike_training(observation, self._fitted.actuation_limits) or row
+            row = unlike_training(observation, fitted.actuation_limits, fitted.actuation, self._info) or row
         if isinstance(row, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail, shape)
         if self._window is not None:

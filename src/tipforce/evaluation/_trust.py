@@ -107,7 +107,8 @@ def trust_metrics(
         angle = np.where(predictions.contact, axis_angle_deg(predictions.reference_n), np.nan)
         by_angle = coverage_by_stratum(predictions, angle, AXIS_ANGLE_BINS_DEG, "deg", seed=seed)
     by_group = _by_group(predictions, groups or {}, seed)
-    named = [(_name(each), each["coverage"]) for each in (*by_force, *by_angle, *by_group) if not each["few"]]
+    strata = (*by_force, *by_angle, *(by_group if len(by_group) > 1 else ()))
+    named = [(_name(each), each["coverage"]) for each in strata if not each["few"]]
     named = [(name, coverage) for name, coverage in named if not math.isnan(coverage)]
     worst = min(named, key=lambda each: each[1], default=("", math.nan))
     return {

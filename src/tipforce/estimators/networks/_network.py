@@ -389,7 +389,7 @@ class NetworkEstimator(FineTunable):
         del images  # its window follows from the metadata
         fitted = self._fitted()
         reader = self.reader(info, training=False)
-        return NetworkStream(fitted, reader, self.estimate_builder(info))
+        return NetworkStream(fitted, reader, self.estimate_builder(info), self.required_actuation, info)
 
     def estimate_builder(self, info: SessionInfo) -> BuildEstimate:
         """Returns what makes estimates from the graph's outputs, for one session."""
@@ -499,6 +499,7 @@ class NetworkEstimator(FineTunable):
             "input": self.input_text,
             "uses_history": self.uses_history,
             "interval_half_width_n": {name: half if np.isfinite(half) else None for name, half in half_widths.items()},
+            "magnitude_interval_n": fitted.interval.magnitude_examples(self.typical_unit_n()),
             "interval_basis": fitted.interval.basis,
         }
 
@@ -506,6 +507,10 @@ class NetworkEstimator(FineTunable):
         """Returns (t + 1,) typical half-widths of the components' intervals and of the magnitude's, in newtons."""
         fitted = self._fitted()
         return np.append(fitted.interval.half_n[fitted.known], fitted.interval.magnitude_half_n)
+
+    def typical_unit_n(self) -> float:
+        """Returns the newtons that the unit of the magnitude's interval typically has."""
+        return 1.0
 
     @classmethod
     def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
@@ -519,10 +524,18 @@ class NetworkEstimator(FineTunable):
 
 
 class NetworkStream:
-    """One session, frame after frame; ``build`` keeps what is needed of earlier frames."""
+    """One session, frame after frame; ``build`` keeps what is needed of earlier frames, ``actuation`` is read."""
 
-    def __init__(self, fitted: FittedNetwork, reader: InputReader, build: BuildEstimate) -> None:
+    def __init__(
+        self,
+        fitted: FittedNetwork,
+        reader: InputReader,
+        build: BuildEstimate,
+        actuation: Sequence[str],
+        info: SessionInfo,
+    ) -> None:
         self._fitted, self._reader, self._build = fitted, reader, build
+        self._actuation, self._info = actuation, info
 
     def update(self, observation: Observation) -> ForceEstimate:
         """Returns the estimate for this observation; its status says why where there is no force."""
@@ -534,7 +547,7 @@ class NetworkStream:
         fitted = self._fitted
         row = read_inputs(self._reader, fitted.actuation, observation)
         if not isinstance(row, Abstention):
-            row = unlike_training(observation, fitted.actuation_limits) or row
+            row = unlike_training(observation, fitted.actuation_limits, self._actuation, self._info) or row
         if isinstance(row, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail)
         return fitted.graph(**{name: value[None] for name, value in row.items()})

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...training import duration_text
-from .._summary import ModelSummary, half_width_text, left_out_text
+from .._summary import ModelSummary, half_width_text, left_out_text, magnitude_intervals
 
 __all__ = ["network_summary"]
 
@@ -35,6 +35,7 @@ def network_summary(facts: Mapping[str, Any]) -> ModelSummary:
         "| estimate | 90 % interval |",
         "|---|---|",
         *(f"| {name} | {half} |" for name, half in half_widths.items()),
+        *(f"\n{line[0].upper()}{line[1:]}." for line in magnitude_intervals(facts)),
         "",
         (
             f"Trained for {budget}. The best epoch was number {facts['best_epoch']}, with a mean error of {error} on "
@@ -51,5 +52,6 @@ def network_summary(facts: Mapping[str, Any]) -> ModelSummary:
         f"kept epoch {facts['best_epoch']}: mean error {error} on {held_out}",
         *([f"quantised to 8 bits: error {facts['error_growth_in_8_bits']:+.1%}"] if facts["bits"] == 8 else []),
         "90 % interval: " + ", ".join(f"{name} {half}" for name, half in half_widths.items()),
+        *magnitude_intervals(facts),
     ]
     return ModelSummary(inputs, short, performance, tuple(training))

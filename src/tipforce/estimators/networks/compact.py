@@ -304,7 +304,8 @@ class Compact(NetworkEstimator):
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> "CompactStream":
         """Returns a stream for one session. Raises NotFittedError before ``fit``."""
         del images  # its window follows from the metadata
-        return CompactStream(self._fitted(), self.reader(info, training=False), self.estimate_builder(info))
+        reader, builder = self.reader(info, training=False), self.estimate_builder(info)
+        return CompactStream(self._fitted(), reader, builder, self.required_actuation, info)
 
     def estimate_builder(self, info: SessionInfo) -> CompactEstimateBuilder:
         """See `NetworkEstimator`."""
@@ -367,12 +368,23 @@ class Compact(NetworkEstimator):
         half_widths = np.append(fitted.interval.half_n[fitted.known], fitted.interval.magnitude_half_n)
         return half_widths * fitted.arrays["typical_sigma_n"]
 
+    def typical_unit_n(self) -> float:
+        """See `NetworkEstimator`: the typical standard deviation of the magnitude."""
+        return float(self._fitted().arrays["typical_sigma_n"][-1])
+
 
 class CompactStream(NetworkStream):
     """One session, frame after frame."""
 
-    def __init__(self, fitted: FittedNetwork, reader: InputReader, build: CompactEstimateBuilder) -> None:
-        super().__init__(fitted, reader, build)
+    def __init__(
+        self,
+        fitted: FittedNetwork,
+        reader: InputReader,
+        build: CompactEstimateBuilder,
+        actuation: Sequence[str],
+        info: SessionInfo,
+    ) -> None:
+        super().__init__(fitted, reader, build, actuation, info)
         self._builder = build
 
     def update_beside(self, observation: Observation, beside: ForceEstimate) -> ForceEstimate:
