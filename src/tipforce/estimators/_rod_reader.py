@@ -5,14 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import InputError
 from ..types import DetectedShape, FloatArray, Image, Observation, SessionInfo, Status
 from ..vision import (
     ResolvedVision,
     SessionCalibration,
     ShapeDetector,
     VisionSettings,
-    auto_calibrate,
     for_session,
     session_vision,
 )
@@ -46,7 +44,7 @@ class RodReader:
         self._calibration: SessionCalibration | None = None
         self.vision: ResolvedVision | VisionSettings = settings if shared is None else for_session(shared, info)
         if settings.method == "tracer" and images:
-            self.vision = _resolved(settings, images, info, shared)
+            self.vision = session_vision(settings, images, info, shared)
         elif settings.method == "tracer":
             self._calibration = SessionCalibration(settings, info)
         self._detector = ShapeDetector(self.vision)
@@ -77,14 +75,3 @@ class RodReader:
             return Abstention(shape.status, shape.detail)
         points_m = shape.base.to_base(shape.centreline.points) * scale
         return RodLine(line_stations(points_m), shape, float(knob[0]))
-
-
-def _resolved(
-    settings: VisionSettings, images: Sequence[Image], info: SessionInfo, shared: ResolvedVision | None
-) -> ResolvedVision | VisionSettings:
-    if shared is not None:
-        return session_vision(settings, images, info, shared)
-    try:
-        return auto_calibrate(settings, images, info)
-    except InputError:
-        return settings  # no image shows a catheter: each frame says so

@@ -16,10 +16,10 @@ from ..vision import (
     ShapeFeatureSettings,
     Tally,
     VisionSettings,
-    auto_calibrate,
     figure_17,
     figure_18,
     inspect_image,
+    session_vision,
 )
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def inspect_image_file(
 ) -> InspectionResult:
     """One image file in detail, with what ``info`` states of it. Raises FileFormatError for what is no image."""
     image = read_image(path)
-    resolved = _resolved(vision, [image], info or SessionInfo())
+    resolved = session_vision(vision, [image], info or SessionInfo())
     seen: Inspection = inspect_image(image, ShapeDetector(resolved).detect, resolved, features)
     figures = {"file": str(path), **seen.figures(), "vision": resolved.model_dump()}
     return InspectionResult(f"{_stated(resolved, vision)}\n{seen.text()}", figures, seen.drawing, image, resolved)
@@ -75,7 +75,7 @@ def inspect_frames(
     tally, first = Tally(room), None
     with open_source(path, stated=stated) as source:
         total = frame_count(source, vision.view)
-        resolved = _resolved(vision, spread_images(source, vision.view), source.session_info)
+        resolved = session_vision(vision, spread_images(source, vision.view), source.session_info)
         detect = ShapeDetector(resolved).detect
         for count, frame in enumerate(_frames(source, vision.view)):
             first = frame if first is None else first
@@ -111,7 +111,8 @@ def inspect_sessions(
     for info, session in sessions:
         if not session:
             continue
-        resolved = _resolved(vision, [image for _, image in session[:: -(-len(session) // _CALIBRATION_IMAGES)]], info)
+        some = [image for _, image in session[:: -(-len(session) // _CALIBRATION_IMAGES)]]
+        resolved = session_vision(vision, some, info)
         detect = ShapeDetector(resolved).detect
         for name, image in session:
             first = image if first is None else first
@@ -129,14 +130,6 @@ def _views_in(path: Path) -> str:
     with RecordingReader(path) as reader:
         views = reader.views
     return f"; there is {', '.join(views)}: set vision.view={views[0]}" if views else ""
-
-
-def _resolved(vision: VisionSettings, images: list[Image], info: SessionInfo) -> VisionSettings | ResolvedVision:
-    """``vision`` with what it leaves open decided on ``images``; as it is where they show no catheter."""
-    try:
-        return auto_calibrate(vision, images, info)
-    except InputError:
-        return vision  # to look at a file without a catheter is no mistake: each image says why
 
 
 def _frames(source: Source, view: str) -> Iterator[Frame]:

@@ -73,7 +73,8 @@ class DetectedShape:
     ``centreline`` and ``base`` are None unless ``status`` is valid; ``diameter_px`` is then the shaft's median
     diameter. ``confidence`` in 0..1: share of the shaft's length where both flanks were detected. ``fitted_px`` (k, 2):
     the image points that a polynomial is fitted to where these are not the centreline: the single-pixel line of thesis
-    algorithm 1, one point a column.
+    algorithm 1, one point a column. ``probability_right`` in 0..1: that tip and line are where they were detected; NaN
+    where the method does not tell.
     """
 
     status: Status
@@ -83,6 +84,7 @@ class DetectedShape:
     diameter_px: float = math.nan
     confidence: float = 0.0
     fitted_px: FloatArray | None = None
+    probability_right: float = math.nan
 
     @property
     def found(self) -> bool:

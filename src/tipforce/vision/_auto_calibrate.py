@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..types import DetectedShape, FloatArray, Image, SessionInfo, Status
-from ._doubt import doubt, enough_images
+from ._doubt import doubt, doubting, enough_images
 from ._session_size import for_session, learn_length, learn_tip_template, nominal_px, on_axis, with_nominal, with_view
 from ._settings import BaseSide, Polarity, ResolvedVision, VisionSettings
 from .tracer import Trace, Tracer, base_box, find_mouths
@@ -241,14 +241,14 @@ def auto_calibrate(
         border = _calibrated(settings, stated, frames, each, isinstance(infos, SessionInfo))
         doubts = doubt(border, frames, each[0], whole=whole)[0] if one else ""
         if not doubts:
-            return border
+            return doubting(border) if one else border
         refused = InputError(f"what was found in the first {len(frames)} frames cannot be the catheter: {doubts}")
     except InputError as error:
         refused = error
     mouth = _beyond_mouth(settings, stated, frames, each[0], whole) if one and stated.base_region is None else None
     if mouth is None:
         raise refused
-    return mouth
+    return doubting(mouth)
 
 
 def _beyond_mouth(

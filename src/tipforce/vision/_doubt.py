@@ -17,12 +17,14 @@ from ._settings import ResolvedVision
 from ._tip_consensus import flanks_about_tip
 from .tracer import Trace, Tracer
 
-__all__ = ["doubt", "enough_images"]
+__all__ = ["doubt", "doubting", "enough_images"]
 
 _FRAMES = 3
 """From fewer images of a session nothing is told."""
 _SHARE, _SHARE_STRICT = 1 / 3, 0.45
 """In so large a share of the images the catheter must be found; the second where `doubt` is strict."""
+_SURE = 0.2
+"""In so large a share of the images the line must be right with the least probability of the settings."""
 _THINNER, _THICKER, _DIAMETER_PX = 0.22, 0.3, 0.3
 """The width found may differ from the stated diameter by these shares, and so many px: 5 % of the diameter and 2 % of
 the scale, and what blur, gloss and shadow at the flanks make of a thin tube."""
@@ -49,6 +51,16 @@ _CELL, _CHANGED_GREY, _CHANGED = 8, 8.0, 0.004
 def enough_images(frames: Sequence[Image]) -> bool:
     """Whether `doubt` can tell anything of ``frames``."""
     return len(frames) >= _FRAMES
+
+
+def doubting(vision: ResolvedVision) -> ResolvedVision:
+    """Returns ``vision`` with each frame doubted: refused where its line is not right with the least probability.
+
+    Unchanged where the catheter's size is not stated.
+    """
+    if vision.nominal_px is None:
+        return vision
+    return vision.model_copy(update={"least_probability": vision.settings.least_probability})
 
 
 def doubt(
@@ -86,13 +98,17 @@ def doubt(
     if stays < _STAYS:
         return f"what was found has no base that stays: it stays in {stays:.0%} of the images only: {mark}", count
     if stated and count >= _FRAMES:
-        unclear = _end(found, width, strict)
+        sure = sum(trace.probability >= vision.settings.least_probability for trace in traces)
+        if sure < _SURE * len(frames):
+            return f"its flanks and its tip are clear in only {sure} of {len(frames)} images: {mark}", sure
+        count = sure
+        unclear = _end(found, width, strict) if strict else ""
         length = statistics.median(trace.length_px for trace in traces)
         if length > (1.0 + _LENGTH) * stated[0] or (strict and length < (1.0 - _LENGTH) * stated[0]):
             unclear = "that is not the stated length"
         if unclear:
             return f"what was found ends after {length:.0f} px (stated: {stated[0]:.0f}), but {unclear}: {mark}", count
-    if whole and count >= _FRAMES and _still(lines) and _images_differ(frames):
+    if whole and len(found) >= _FRAMES and _still(lines) and _images_differ(frames):
         end = lines[0, -1]
         return (
             f"what was found, as far as ({end[0]:.0f}, {end[1]:.0f}), neither moves nor bends while the images "

@@ -56,6 +56,7 @@ class Inspection:
             figures["length_px"] = float(np.sum(np.hypot(*np.diff(points, axis=0).T)))
         figures["diameter_px"] = shape.diameter_px if found else None
         figures["confidence"] = shape.confidence if found else None
+        figures["probability_right"] = shape.probability_right if math.isfinite(shape.probability_right) else None
         figures["features"] = None
         if isinstance(self.features, NoFeatures):
             figures["features_refused"] = self.features.detail
@@ -70,8 +71,10 @@ class Inspection:
         if not self.shape.found:
             return f"not found: {figures['status'].replace('_', ' ')}: {figures['detail']}"
         (u, v), (tip_u, tip_v), (x, y) = figures["base"]["origin_px"], figures["tip_px"], figures["tip_in_base_px"]
+        right = figures["probability_right"]
+        right = "" if right is None else f"right with a probability of {right:.0%}, "
         lines = [
-            f"found      seen over {100 * figures['confidence']:.0f} % of the length",
+            f"found      {right}seen over {100 * figures['confidence']:.0f} % of the length",
             f"base       u {u:.1f}, v {v:.1f} px, {figures['base']['angle_deg']:+.1f} deg counter-clockwise from right",
             f"tip        u {tip_u:.1f}, v {tip_v:.1f} px; in the base frame x {x:.1f}, y {y:.1f} px",
             f"length     {figures['length_px']:.1f} px, diameter {figures['diameter_px']:.2f} px",

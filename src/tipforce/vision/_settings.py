@@ -51,6 +51,9 @@ class VisionSettings(BaseModel):
     """Longest stretch of shaft without visible flanks (rings, highlights, gaps) that is bridged."""
     points: Annotated[int, Field(ge=8, le=4096)] = 64
     """Points of the centreline."""
+    least_probability: Annotated[float, Field(ge=0, le=1)] = 0.8
+    """A frame whose centreline is right with less probability is refused, where the length of the catheter was learnt
+    in images of its session. 0: none is."""
 
 
 class ResolvedVision(BaseModel):
@@ -79,6 +82,11 @@ class ResolvedVision(BaseModel):
     tip_template: Annotated[tuple[_GreyLevel, ...], Field(max_length=1000)] | None = None
     """Grey levels of the last stretch of the catheter in the session of the auto-calibration: by rows from the tip
     back, points across and channels. None: unknown."""
+    least_probability: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """A centreline that is right with less probability is refused. 0 where the catheter's size is not stated: then the
+    probability is a rough one."""
+    refused: str = ""
+    """Why nothing that is detected with these settings can be the catheter; "" where nothing says so."""
 
     @classmethod
     def stated(cls, settings: VisionSettings) -> "ResolvedVision":

@@ -6,7 +6,14 @@ import numpy as np
 
 from ...errors import InputError
 from ...types import DetectedShape, Image, Observation, SessionInfo, Status
-from ...vision import ResolvedVision, SessionCalibration, ShapeDetector, VisionSettings, auto_calibrate
+from ...vision import (
+    ResolvedVision,
+    SessionCalibration,
+    ShapeDetector,
+    VisionSettings,
+    auto_calibrate,
+    session_vision,
+)
 from .._reading import Abstention, read_view
 from ._lines import LineFrame
 
@@ -39,10 +46,8 @@ class Detection:
         self._frame: LineFrame | None = None
         if settings.method == "tracer":
             if images:
-                try:
-                    self._resolved = auto_calibrate(settings, images, info)
-                except InputError:
-                    self._resolved = None
+                found = session_vision(settings, images, info)
+                self._resolved = found if isinstance(found, ResolvedVision) else None
             if self._resolved is None:
                 self._calibration = SessionCalibration(settings, info)
         self.shape: DetectedShape | None = None

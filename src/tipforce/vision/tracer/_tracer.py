@@ -8,7 +8,9 @@ import numpy as np
 
 from ...errors import InputError
 from ...types import BasePose, CentrelinePx, DetectedShape, FloatArray, Image, Status
+from .._probability import probability_right
 from .._settings import BaseSide, Box, ResolvedVision, VisionSettings
+from ._evidence import Evidence, line_evidence
 from ._solve import STATIONS, WORK_SIZE, ShaftFit, solve_shaft
 from ._tip_template import TEMPLATE_COLUMNS, TEMPLATE_ROWS
 from ._trace import END_BORDER, END_LOST, END_SHORT, BaseLine, Candidate, find_entries
@@ -28,8 +30,12 @@ _SCATTER, _THIN_PX = 0.026, 6.0
 """The centres may lie off a smooth curve by this share of the diameter; on thinner shafts whole pixels show."""
 _PALE = 40.0
 """While the diameter is open, a shaft of this contrast counts half as much as one of the strongest."""
+_LEARNT = 0.06
+"""A length with a smaller tolerance was learnt in images; metadata alone tell it to 8 %."""
 _LEAST_TOLERANCE = 0.4
 """No length is known better than to this share of the radius."""
+_REFUSED = 0.2
+"""What is refused scores this share: a candidate that is not is preferred."""
 _LEAST_PX = 4
 """Smallest side of the searched region, and shortest base line."""
 _NO_TEMPLATE = np.zeros((0, 0))
@@ -54,6 +60,14 @@ class Trace:
     """Ratio of the widths before and behind the place where it grows thinner most; 1 where that cannot be told."""
     step_at: tuple[float, float] = (0.0, 0.0)
     """That place: u, v in px."""
+    evidence: Evidence | None = None
+    """What the image says of a valid line."""
+    difference: float = 0.0
+    """Mean difference of the tip from its template in grey levels; 0 where it was not compared."""
+    scatter: float = 0.0
+    """Distance of the flanks found from the curve, in diameters."""
+    probability: float = math.nan
+    """That a valid line is right."""
 
 
 def _base_line(box: Box, side: BaseSide) -> tuple[BaseLine, float]:
@@ -116,6 +130,8 @@ class Tracer:
 
     def detect(self, image: Image) -> DetectedShape:
         """Returns the catheter in ``image`` (h, w) or (h, w, 3) RGB, uint8; or the reason why it was not found."""
+        if self.settings.refused:
+            return DetectedShape(Status.NO_CATHETER, self.settings.refused)
         trace, reason = self.best_trace(image)
         if trace is None:
             return DetectedShape(Status.NO_CATHETER, reason)
@@ -129,6 +145,7 @@ class Tracer:
             BasePose(np.array([u, v]), angle),
             trace.diameter_px,
             trace.confidence,
+            probability_right=trace.probability,
         )
 
     def best_trace(self, image: Image) -> tuple[Trace | None, str]:
@@ -223,10 +240,33 @@ class Tracer:
             return Trace(Status.VALID, "", 0.0, diameter, typical, confidence, fit.length)
         status, detail = self._judge(fit, expected, candidate.tolerance)
         if status is not Status.VALID:
-            score *= 0.2
+            score *= _REFUSED
+        where = f"({fit.last_u:.0f}, {fit.last_v:.0f})"
         base = (fit.base_u, fit.base_v, -fit.base_angle)
         step_at = (float(self._stations[fit.step_at, 0]), float(self._stations[fit.step_at, 1]))
-        return Trace(status, detail, score, diameter, typical, confidence, fit.length, base, fit.step, step_at)
+        evidence, probability = None, math.nan
+        scatter = fit.rms / max(diameter, 1.0)
+        if status is Status.VALID:
+            evidence = Evidence(*line_evidence(frame, self._points, 0.5 * diameter))
+            probability = probability_right(
+                *evidence,
+                length_known=bool(expected) and settings.length_tolerance < _LEARNT,
+                difference=fit.difference,
+                scatter=scatter,
+            )
+            if probability < settings.least_probability:
+                status, detail = (
+                    Status.CUT_OFF,
+                    (
+                        f"what ends at {where} is the catheter to its tip with a probability of {probability:.0%} only: "
+                        f"both flanks are visible on {evidence.seen_end:.0%} of its last stretch"
+                    ),
+                )
+                score *= _REFUSED
+        return Trace(
+            status, detail, score, diameter, typical, confidence, fit.length, base, fit.step, step_at, evidence,
+            fit.difference, scatter, probability,
+        )  # fmt: skip
 
     def _judge(self, fit: ShaftFit, expected: float, tolerance: float) -> tuple[Status, str]:
         """Decides whether a traced shaft is the whole catheter; if not, says why."""
