@@ -7,7 +7,7 @@ KERNELS := tests/vision tests/geometry tests/mechanics tests/limits tests/simula
 	tests/estimators/test_rod_track.py
 export NO_MKDOCS_2_WARNING := 1
 
-.PHONY: help setup demo test check docs bench prove clean
+.PHONY: help setup demo test walkthrough check docs bench prove clean
 
 help:            ## what there is
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -21,7 +21,10 @@ demo: $(STAMP)   ## a simulated bench, from recording to report, in minutes
 	$(BIN)/tipforce demo -o $(DEMO)
 
 test: $(STAMP)   ## the tests
-	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow"
+	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow and not walkthrough"
+
+walkthrough: $(STAMP)  ## the pages of the documentation that tests run command by command
+	$(BIN)/python -m pytest -q -n auto --dist loadfile -m walkthrough
 
 check: $(STAMP)  ## lint, format, types, import contracts, docs
 	$(BIN)/ruff check .
@@ -37,10 +40,10 @@ bench: $(STAMP)  ## speed and accuracy, in one run
 	$(BIN)/python -m bench
 
 prove: $(STAMP)  ## the slow tests, the property tests on new examples, kernels with bounds checked, spoiled inputs
-	$(BIN)/python -m pytest -q -n auto --dist loadfile -m slow
-	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow" --hypothesis-profile=explore
+	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "slow or walkthrough"
+	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow and not walkthrough" --hypothesis-profile=explore
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/numba-bounds $(BIN)/python -m pytest -q -n auto --dist loadfile \
-		-m "not slow" $(KERNELS)
+		-m "not slow and not walkthrough" $(KERNELS)
 	$(BIN)/python -m tests.fuzz --cases 2000
 
 clean:           ## remove .venv and what the demo wrote

@@ -1,8 +1,12 @@
 """Settings of all tests, and images of a tube along a curve whose numbers are known."""
 
+import fcntl
 import gc
 import os
+import shutil
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -32,8 +36,9 @@ def _axis(shape: str) -> np.ndarray:
     return BasePose(np.array([-30.0, 340.0]), -0.05).to_image(curve_from_angle(np.array(SHAPES[shape]), length, 200))
 
 
-FIRST = ("tests/contracts/test_tutorial", "tests/mechanics", "tests/contracts", "tests/estimators", "tests/cli")
-"""Files that begin: long ones, and such as compile different parts, each process one of them."""
+FIRST = ("tests/contracts/test_estimators", "tests/mechanics", "tests/contracts", "tests/estimators", "tests/cli")
+"""Files that begin: long ones, and such as compile different parts, each process one of them. The first makes the bench
+that others share, before any other process asks for it."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -50,6 +55,54 @@ def pytest_collection_finish() -> None:
     """What the modules loaded stays: the collector of garbage need not look through it again and again."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], None]], Path]:
+    """(name, what fills a folder) -> the folder, filled by the first process of a run that asks; not to be changed."""
+    base = tmp_path_factory.getbasetemp()
+    root = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+    def folder_of(name: str, fill: Callable[[Path], None]) -> Path:
+        folder = root / name
+        with (root / f"{name}.lock").open("a+") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # another process waits until the folder is whole
+            lock.seek(0)
+            if lock.read() != "whole":
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
+                fill(folder)
+                lock.write("whole")
+        return folder
+
+    return folder_of
+
+
+def _empty_drawing(slug: str) -> Any:
+    from tipforce.evaluation.report._style import Drawing
+
+    return Drawing(slug, "nothing", "<svg></svg>", "<svg></svg>")
+
+
+@pytest.fixture
+def no_method_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports with one empty drawing a method, for tests that look at none: to draw them all takes seconds."""
+    monkeypatch.setattr(
+        "tipforce.evaluation.report._html.method_drawings",
+        lambda _evaluation, method, *_: [_empty_drawing(f"{method}-drawing")],
+    )
+
+
+@pytest.fixture
+def no_head_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports without the figures before the sections of the methods."""
+    empty = {name: _empty_drawing(name) for name in ("splits", "comparison")}
+    monkeypatch.setattr("tipforce.evaluation.report._html.head_drawings", lambda *_: empty)
+
+
+@pytest.fixture
+def no_figures(no_method_figures: None, no_head_figures: None) -> None:
+    """Reports whose drawings are empty."""
 
 
 @pytest.fixture

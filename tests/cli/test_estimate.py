@@ -17,9 +17,11 @@ from typer.testing import CliRunner
 from tipforce.cli import app, main
 from tipforce.cli._facts import stated_info
 from tipforce.errors import InputError
-from tipforce.io import RecordingWriter, open_source
-from tipforce.pipelines import COLUMNS, write_estimates
-from tipforce.types import STAGE, Actuation, ForceEstimate, SessionInfo
+from tipforce.io import RecordingWriter, open_source, write_video
+from tipforce.pipelines import COLUMNS, estimate, write_estimates
+from tipforce.types import STAGE, Actuation, ActuationInfo, Catheter, ForceEstimate, Frame, Image, SessionInfo
+
+from .conftest import bend_at, draw_image  # type: ignore[import-not-found]
 
 KNOB = {"knob_deg": 10.0}
 
@@ -231,3 +233,31 @@ def test_an_interval_without_an_end_is_written_as_nothing(trained, video: Path, 
     row = next(csv.DictReader(io.StringIO(table.getvalue())))
     assert row["magnitude_n"]
     assert row["magnitude_low_n"] == row["magnitude_high_n"] == row["fy_low_n"] == ""
+
+
+@pytest.mark.parametrize("form", ["video", "recording"])
+def test_mirrored_images_are_refused_where_the_knob_tells(model: Path, tmp_path: Path, form: str) -> None:
+    """The shaft rests bent by 0.8 rad, as the knob asks, and is pushed now and then."""
+    images = [draw_image(0.8 if k % 2 else bend_at(k)) for k in range(16)]
+    asked = SessionInfo("run", Catheter(flexible_length_m=0.04), actuation=ActuationInfo(2.0, constant=KNOB))
+
+    def written(name: str, seen: list[Image]) -> Path:
+        frames = [Frame(k * 40_000_000, image) for k, image in enumerate(seen)]
+        if form == "video":
+            write_video(tmp_path / f"{name}.mp4", frames, 25.0)
+            return tmp_path / f"{name}.mp4"
+        with RecordingWriter(tmp_path / f"{name}.mcap", SessionInfo(name)) as writer:
+            for frame in frames:
+                writer.write(Actuation(frame.stamp_ns, KNOB))
+                writer.write(frame)
+        return tmp_path / f"{name}.mcap"
+
+    upright = written("upright", images)
+    mirrored = written("mirrored", [np.ascontiguousarray(image[::-1]) for image in images])
+    assert sum(each.valid for each in estimate(model, upright, bench=asked)) > 8
+    with pytest.raises(InputError, match=r"mirrored.* bends by -\d+ degrees, and the knob asks for \+46"):
+        next(estimate(model, mirrored, bench=asked))
+    # without the knob's gain, or where the shaft never rests, a mirrored catheter is a catheter, too
+    assert next(estimate(model, mirrored, bench=replace(asked, actuation=ActuationInfo(constant=KNOB)))).valid
+    restless = written("restless", [np.ascontiguousarray(draw_image(bend_at(k))[::-1]) for k in range(16)])
+    assert next(estimate(model, restless, bench=asked)).valid

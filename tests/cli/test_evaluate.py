@@ -67,7 +67,7 @@ def test_a_method_is_judged_and_the_report_written(rows, tmp_path, monkeypatch):
     assert page.count('aria-label="shape of') > 0
 
 
-def test_one_protocol_with_drawn_samples(rows, tmp_path):
+def test_one_protocol_with_drawn_samples(rows, tmp_path, no_figures):
     result = run("svr", "--data", rows, "-o", tmp_path / "r", *QUICK, "--protocol", "random", "--samples", 80)
     assert result.exception is None, result.exception
     figures = json.loads((tmp_path / "r" / "metrics.json").read_text(encoding="utf-8"))
@@ -75,7 +75,7 @@ def test_one_protocol_with_drawn_samples(rows, tmp_path):
     assert figures["results"][0]["splits"][0]["train"] == 60
 
 
-def test_a_saved_model_is_also_scored_as_saved_on_new_sessions(rows, tmp_path):
+def test_a_saved_model_is_also_scored_as_saved_on_new_sessions(rows, tmp_path, no_figures):
     from tipforce.datasets import open_dataset
     from tipforce.estimators import create, save_model
 
@@ -136,7 +136,7 @@ def test_truth_of_nothing_is_refused(rows, tmp_path):
     assert "truth" in said
 
 
-def test_the_truth_of_the_simulated_bench_is_scored_beside_the_sensor(rows, tmp_path):
+def test_the_truth_of_the_simulated_bench_is_scored_beside_the_sensor(rows, tmp_path, no_figures):
     from tipforce.datasets import open_dataset
     from tipforce.geometry import Pose
     from tipforce.simulation import Truth, truth_path, write_truth
@@ -186,14 +186,16 @@ def test_the_truth_of_the_simulated_bench_is_scored_beside_the_sensor(rows, tmp_
     assert "Against the truth" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
 
 
-def test_errors_on_the_simulated_bench_are_held_against_the_smallest_possible(tmp_path, monkeypatch):
+def test_errors_on_the_simulated_bench_are_held_against_the_smallest_possible(tmp_path, monkeypatch, no_method_figures):
     from tipforce.simulation import PRESETS, SimulatedBench, collect_truth, truth_path, write_truth
 
     preset = PRESETS["bench-2021"]
     world = preset.world.model_copy(update={"seconds": 9.0})
     lines = ["session,stamp_ns,shape_A1,shape_A2,shape_A3,shape_A4,knob_deg,fx_n,fy_n"]
     (tmp_path / "runs").mkdir()
-    bench = SimulatedBench(preset.model_copy(update={"preset": "bench-2021 changed", "world": world}), 5, 0)
+    bench = SimulatedBench(
+        preset.model_copy(update={"preset": "bench-2021 changed", "world": world, "width": 320, "height": 240}), 5, 0
+    )
     truth = collect_truth(bench, np.arange(0, len(bench.frame_s), 3))
     write_truth(truth, truth_path(tmp_path / "runs" / f"{bench.name}.mcap"))
     for stamp, (fx, fy, _) in zip(truth.stamp_ns, truth.force_n, strict=True):
@@ -224,7 +226,7 @@ def test_weights_to_begin_with_are_for_networks_that_are_named(rows, tmp_path):
     assert "init_from is for a method that is named" in refusal(tmp_path / "model", *common)
 
 
-def test_an_evaluation_that_was_cut_off_goes_on_where_it_stopped(rows, tmp_path, monkeypatch):
+def test_an_evaluation_that_was_cut_off_goes_on_where_it_stopped(rows, tmp_path, monkeypatch, no_figures):
     from tipforce.estimators import Svr
 
     words = ["svr", "--data", rows, *QUICK, "--protocol", "session"]

@@ -13,7 +13,7 @@ from tipforce.io import RecordingReader
 from tipforce.simulation import read_truth, truth_path
 
 SMALL = ["--set", "width=320", "--set", "height=240"]
-ARGUMENTS = ["--sessions", "2", "--seconds", "12", "--set", "world.tare_s=2", "--seed", "4", *SMALL]
+ARGUMENTS = ["--sessions", "2", "--seconds", "9", "--set", "world.tare_s=2", "--seed", "4", *SMALL]
 
 
 def run(*arguments):
@@ -57,7 +57,7 @@ def test_labels_are_the_true_force_but_for_the_sensors_own_errors(runs):
             found = labels(reader)
             offset = reader.info.clock_offset
         assert offset.how == "estimated", offset.detail
-        # the offset at the middle of the log; 20 ppm are nothing in 12 s
+        # the offset at the middle of the log; 20 ppm are nothing in 9 s
         assert offset.offset_ms == pytest.approx(1e3 * truth.clock_offset_s, abs=3.0)
         np.testing.assert_array_equal(found.stamp_ns, truth.stamp_ns)
         known = np.isfinite(found.force_n).all(axis=1)

@@ -20,12 +20,12 @@ from tipforce.simulation import PRESETS, FluoroSettings, SimulatedBench, read_tr
 from tipforce.types import Frame
 
 
-def brief(preset: str, fps: float) -> FluoroSettings:
+def brief(preset: str, fps: float, side: int = 256) -> FluoroSettings:
     settings = PRESETS[preset]
     assert isinstance(settings, FluoroSettings)
     clock = settings.world.clock.model_copy(update={"fps": fps, "dropped_share": 0.1})
     world = settings.world.model_copy(update={"seconds": 8.0, "tare_s": 2.0, "clock": clock})
-    return settings.model_copy(update={"world": world, "width": 256, "height": 256})
+    return settings.model_copy(update={"world": world, "width": side, "height": side})
 
 
 def run(verb, *arguments):
@@ -35,7 +35,7 @@ def run(verb, *arguments):
 @pytest.fixture(scope="module")
 def late() -> SimulatedBench:
     """Its very first image of view b was dropped."""
-    benches = (SimulatedBench(brief("biplane", 3.0), seed, 0) for seed in range(100))
+    benches = (SimulatedBench(brief("biplane", 3.0, 128), seed, 0) for seed in range(100))
     return next(bench for bench in benches if bench.arrived("a")[0] == 0 < bench.arrived("b")[0])
 
 

@@ -3,6 +3,8 @@
 import re
 import shlex
 import shutil
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -29,15 +31,17 @@ def small(preset: str):
 
 
 @pytest.fixture(scope="session")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bench(made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
     """Two sessions as files (session_00, session_01), imported as runs/session_00.mcap, runs/session_01.mcap."""
-    folder = tmp_path_factory.mktemp("bench")
+    return made_once("bench", make_bench)
+
+
+def make_bench(folder: Path) -> None:
     simulate(folder, small("bench-2021"), sessions=2, seed=3, form="files")
     for name in ("session_00", "session_01"):
         session = folder / name
         logs = [session / "force.csv", session / "stage.csv"]
         import_session(session / "video.mp4", logs, folder / "runs" / f"{name}.mcap", bench=session / "bench.toml")
-    return folder
 
 
 @pytest.fixture
@@ -98,9 +102,15 @@ def code_blocks(text: str, language: str = "") -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
 
 
+@pytest.fixture(scope="session")
+def laid_out(bench: Path, made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+    """Files by the names that examples use; see `lay_out`."""
+    return made_once("laid-out", partial(lay_out, bench))
+
+
 @pytest.fixture
-def work_folder(bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None) -> Path:
-    """The current folder, with files by the names that examples use; see `lay_out`."""
-    lay_out(bench, tmp_path)
+def work_folder(laid_out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None) -> Path:
+    """The current folder, with a copy of what is `laid_out`."""
+    shutil.copytree(laid_out, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path

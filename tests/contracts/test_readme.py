@@ -21,6 +21,7 @@ def commands(text: str) -> list[str]:
     return [line for line in lines if line.startswith("tipforce ")]
 
 
+@pytest.mark.walkthrough
 def test_the_commands_for_a_bench_run(work_folder: Path) -> None:
     shutil.copy("video.mp4", "new.mp4")
     shutil.copy("bench.toml", "known.toml")

@@ -24,6 +24,7 @@ def form(line: str) -> str:
     return re.split(r"[-+]?\d", line.strip(), maxsplit=1)[0].rstrip()
 
 
+@pytest.mark.walkthrough
 def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```(\w+)\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)

@@ -126,7 +126,7 @@ def test_every_method_is_held_against_the_bounds_of_the_samples_it_was_scored_on
     assert len(own.contact_angle_deg) == len(judged.dataset) == len(judged.everything) // 2
 
 
-def test_the_report_tells_ratios_with_their_nuisances_in_page_figures_and_terminal(judged, tmp_path):
+def test_the_report_tells_ratios_with_their_nuisances_in_page_figures_and_terminal(judged, tmp_path, no_method_figures):
     figures = write_report(judged, tmp_path / "report")
     stored = json.loads((tmp_path / "report" / "metrics.json").read_text(encoding="utf-8"))
     assert stored["cramer_rao_bound"] == {"kinds": BOUND_KINDS, "nuisances": [SAID]}
@@ -148,7 +148,9 @@ def test_the_report_tells_ratios_with_their_nuisances_in_page_figures_and_termin
     assert SAID in folded[: folded.index("</details>")]
 
 
-def test_a_report_without_bounds_is_silent_about_them_but_for_the_reason(make_bench, make_ridge, tmp_path):
+def test_a_report_without_bounds_is_silent_about_them_but_for_the_reason(
+    make_bench, make_ridge, tmp_path, no_method_figures
+):
     data = make_bench(sessions=2)
     none = CramerRaoBounds({}, np.full(len(data), np.nan), (), ("No bound for 2 sessions: for a reason.",))
     truth = np.nan_to_num(data.force_n)

@@ -123,7 +123,7 @@ class Untrainable:
         raise AssertionError("trained")
 
 
-def test_saved_models_alone_are_scored_without_any_training(make_bench, ridge_class, tmp_path):
+def test_saved_models_alone_are_scored_without_any_training(make_bench, ridge_class, tmp_path, no_head_figures):
     data = make_bench(sessions=4)
     learnt = ridge_class().fit(data.subset(data.session == "s0"))
     kept = type("Kept", (Untrainable, ridge_class), {})()

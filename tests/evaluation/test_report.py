@@ -20,7 +20,6 @@ from tipforce.evaluation import (
     write_report,
 )
 from tipforce.evaluation.report._gallery import worst_frames
-from tipforce.evaluation.report._style import Drawing
 from tipforce.types import BasePose, CentrelinePx, ShapeFeatures, Status
 from tipforce.vision import DetectedShape, VisionSettings
 
@@ -35,16 +34,6 @@ def report(make_bench, make_ridge, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "out"
     figures = write_report(result, folder, "tipforce evaluate ridge --data <runs> -o out")
     return result, folder, figures
-
-
-@pytest.fixture
-def few_figures(monkeypatch):
-    """Reports with one empty drawing a method, for tests of the folder alone."""
-
-    def one(_evaluation, method, *_):
-        return [Drawing(f"{method}-drawing", "nothing", "<svg></svg>", "<svg></svg>")]
-
-    monkeypatch.setattr("tipforce.evaluation.report._html.method_drawings", one)
 
 
 def test_the_page_needs_nothing_from_outside(report):
@@ -144,7 +133,7 @@ def test_a_table_for_each_protocol_gives_confidence_intervals_or_says_why_not(re
     assert any("over 6 sessions: " in sentence for sentence in figures["verdict"])
 
 
-def test_a_report_replaces_an_older_one_whole(make_bench, make_ridge, tmp_path, few_figures):
+def test_a_report_replaces_an_older_one_whole(make_bench, make_ridge, tmp_path, no_figures):
     folder = tmp_path / "report"
     result = evaluate(make_bench(sessions=2), [Method("first", make_ridge())], EvaluationSettings(protocols=["random"]))
     write_report(result, folder)
@@ -164,7 +153,7 @@ def test_a_folder_with_something_else_in_it_is_left_alone(report, tmp_path):
     assert (tmp_path / "thesis.docx").read_text() == "years of work"
 
 
-def test_a_report_that_fails_leaves_nothing_behind(report, tmp_path, monkeypatch, few_figures):
+def test_a_report_that_fails_leaves_nothing_behind(report, tmp_path, monkeypatch, no_figures):
     folder = tmp_path / "report"
     folder.mkdir()
     (folder / "metrics.json").write_text("the last one")
@@ -217,7 +206,7 @@ def test_without_held_out_sessions_the_verdict_says_so(make_bench, make_ridge):
     assert any("No session was held out" in line for line in lines)
 
 
-def test_the_gallery_draws_the_curve_of_ready_made_coefficients(make_bench, make_ridge, tmp_path, few_figures):
+def test_the_gallery_draws_the_curve_of_ready_made_coefficients(make_bench, make_ridge, tmp_path, no_figures):
     draw = np.random.default_rng(1)
     names = ("A1", "A2", "A3", "A4")
     views = [ShapeFeatures(names, draw.normal(0, 0.2, 4)) for _ in range(120)]

@@ -189,8 +189,7 @@ def test_data_without_images_are_refused_before_the_work(make_bench, ridge_class
         evaluate(make_bench(), [Method("ridge", Never())], EvaluationSettings(perturbed_frames=10))
 
 
-def test_the_report_shows_table_and_figure(result, tmp_path, monkeypatch):
-    monkeypatch.setattr("tipforce.evaluation.report._html.method_drawings", lambda *_: [])
+def test_the_report_shows_table_and_figure(result, tmp_path, no_method_figures):
     figures = write_report(result, tmp_path / "r")
     page = (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
     assert "Under perturbations" in page
@@ -202,8 +201,9 @@ def test_the_report_shows_table_and_figure(result, tmp_path, monkeypatch):
     assert "a constant" in said
 
 
-def test_a_method_that_always_abstains_gets_its_table_and_figure(bright, mean_class, make_ridge, tmp_path, monkeypatch):
-    monkeypatch.setattr("tipforce.evaluation.report._html.method_drawings", lambda *_: [])
+def test_a_method_that_always_abstains_gets_its_table_and_figure(
+    bright, mean_class, make_ridge, tmp_path, no_method_figures
+):
     mute = mean_class(make_ridge(refuse_above_deg=-1.0).settings)
     result = evaluate(bright(), [Method("mute", mute)], EvaluationSettings(protocols=["session"], perturbed_frames=10))
     figures = write_report(result, tmp_path / "r")

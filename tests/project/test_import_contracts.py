@@ -142,8 +142,9 @@ NEVER = ("torch", "monai", "onnx", "onnxscript", "onnxruntime", "openvino")
         ("tipforce", (*NEVER, "matplotlib", "sklearn", "av", "starlette", "numba")),
         ("tipforce.cli", (*NEVER, "matplotlib", "sklearn", "av", "starlette", "numba")),
         ("tipforce.training", NEVER),
-        ("tipforce.estimators", NEVER),
-        ("tipforce.evaluation", NEVER),
+        ("tipforce.estimators", (*NEVER, "sklearn", "scipy.signal", "scipy.stats", "matplotlib")),
+        ("tipforce.simulation", (*NEVER, "sklearn", "scipy.signal", "scipy.stats", "matplotlib")),
+        ("tipforce.evaluation", (*NEVER, "sklearn", "scipy.signal", "scipy.stats")),
     ],
 )
 def test_import_is_light(module: str, heavy: tuple[str, ...]) -> None:

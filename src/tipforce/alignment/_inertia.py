@@ -13,7 +13,6 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from ..errors import InputError
 from ..io import Inertia, Tare
@@ -48,6 +47,8 @@ class StageMotion:
         self._grid: FloatArray = np.arange(count, dtype=np.float64) * _GRID_S
         self._values = np.zeros((len(self.names), count))
         if count >= _WINDOW:
+            from scipy.signal import savgol_filter  # a slow import, and most sessions have no stage
+
             for place, (name, values) in enumerate(positions.items()):
                 smooth = np.interp(self._grid, seconds, values) * (1e-3 if name.endswith("_mm") else 1.0)
                 self._values[place] = savgol_filter(smooth, _WINDOW, _DEGREE, deriv=2, delta=_GRID_S)

@@ -62,7 +62,7 @@ class ClinicalState:
     @property
     def known_s(self) -> float:
         """Time with a valid estimate."""
-        return self.elapsed_s - self.unknown_s
+        return max(0.0, self.elapsed_s - self.unknown_s)
 
     @property
     def window_share(self) -> float:

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 from pydantic import Field
-from sklearn.svm import SVR
 
 from ..types import FloatArray, IntArray
 from ._values import stored_array
@@ -154,6 +153,8 @@ def fit_machines(
 
     ``linear`` (k,): weight of each scaled feature's products in the kernel, zeros for the thesis's kernel.
     """
+    from sklearn.svm import SVR  # a slow import, that estimating does without
+
     x = np.ascontiguousarray((raw - shift) * scale)
     unit = largest(targets_n)
     vectors, dual, intercept, weights, found = [], [], [], [], np.empty_like(targets_n)

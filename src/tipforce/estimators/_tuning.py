@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.svm import SVR
 
 from ..errors import InputError
 from ..types import FloatArray, IntArray
@@ -89,6 +88,8 @@ class _Search:
 
     def predictions(self, learn_n: FloatArray, constants: Constants) -> FloatArray:
         """(n,) newtons, each sample by a machine that did not see its fold; NaN where a fold never tests."""
+        from sklearn.svm import SVR  # a slow import, that estimating does without
+
         out = np.full(self.count, np.nan)
         for part in self.parts:
             unit = float(largest(learn_n[part.train][:, None])[0])

@@ -15,6 +15,7 @@ from ._sources import (
     open_source,
     require_actuation,
     spread_images,
+    steady_reading,
 )
 from ._tables import ACTUATION_UNITS, STILL_STEP_NS, Table, check_actuation, is_actuation, is_force, open_table
 from ._video import VideoWriter, write_video
@@ -64,6 +65,7 @@ __all__ = [
     "require_actuation",
     "save_image",
     "spread_images",
+    "steady_reading",
     "write_atomic",
     "write_force_csv",
     "write_video",

@@ -9,14 +9,22 @@ from typing import Protocol, Self, runtime_checkable
 import numpy as np
 
 from ..errors import FileFormatError, InputError
-from ..types import STAGE, Actuation, Event, Frame, Image, SessionInfo, Source
+from ..types import STAGE, Actuation, Event, FloatArray, Frame, Image, SessionInfo, Source
 from ._dicom import dicom_size, is_dicom, read_dicom
 from ._folder import frames_of, read_folder
 from ._images import is_image
 from ._reader import RecordingReader
 from ._video import read_video, video_size
 
-__all__ = ["FileSource", "can_be_read_again", "frame_count", "open_source", "require_actuation", "spread_images"]
+__all__ = [
+    "FileSource",
+    "can_be_read_again",
+    "frame_count",
+    "open_source",
+    "require_actuation",
+    "spread_images",
+    "steady_reading",
+]
 
 
 class FileSource:
@@ -51,6 +59,12 @@ class FileSource:
         """Those of the actuation's ``names`` that never come."""
         columns = self._folder.actuation if self._folder else {}
         return [name for name in names if name not in self._actuation and name not in columns]
+
+    def readings(self, name: str) -> FloatArray:
+        """(n,) all readings of the drive ``name``."""
+        columns = self._folder.actuation if self._folder else {}
+        values = np.asarray(columns[name] if name in columns else self._actuation.get(name, ()), np.float64).ravel()
+        return values[np.isfinite(values)]
 
     def __iter__(self) -> Iterator[Event]:
         if self._folder:
@@ -143,6 +157,23 @@ def spread_images(source: Source, view: str = "camera", count: int = 16) -> list
     return list(islice(frames, 0, step * count, step))
 
 
+_STEADY = 0.1
+"""A reading that changes by no more than this share of itself stands still, but for its noise."""
+
+
+def steady_reading(source: Source, name: str) -> float | None:
+    """Mean reading of the drive ``name`` where it stands still all over a file; None where it moves or is not known."""
+    if isinstance(source, FileSource | _Stated):
+        values = source.readings(name)
+    elif isinstance(source, RecordingReader):
+        values = _readings(source, name)
+    else:
+        return None
+    if not len(values) or float(np.ptp(values)) > _STEADY * abs(float(values.mean())):
+        return None
+    return float(values.mean())
+
+
 def require_actuation(source: Source, names: Iterable[str]) -> None:
     """Raises InputError where ``source`` can tell that one of ``names`` never comes: ask before the work.
 
@@ -162,16 +193,25 @@ def require_actuation(source: Source, names: Iterable[str]) -> None:
         )
 
 
+def _drive_readings(reader: RecordingReader) -> Iterator[Actuation]:
+    """All readings of the catheter's drives in a recording."""
+    streams = [name for name, stream in reader.info.streams.items() if stream.kind == "actuation" and name != STAGE]
+    return (event for event in (reader.events(*streams) if streams else ()) if isinstance(event, Actuation))
+
+
 def _never_read(reader: RecordingReader, names: Iterable[str]) -> list[str]:
     """Those of ``names`` without a reading; what is there is mostly there in the first ones, so few are looked at."""
-    streams = [name for name, stream in reader.info.streams.items() if stream.kind == "actuation" and name != STAGE]
     missing = list(names)
-    for event in reader.events(*streams) if streams else ():
+    for event in _drive_readings(reader):
         if not missing:
             break
-        if isinstance(event, Actuation):
-            missing = [name for name in missing if name not in event.values]
+        missing = [name for name in missing if name not in event.values]
     return missing
+
+
+def _readings(reader: RecordingReader, name: str) -> FloatArray:
+    """(n,) all readings of the drive ``name`` in a recording."""
+    return np.array([event.values[name] for event in _drive_readings(reader) if name in event.values])
 
 
 class _Stated:
@@ -184,6 +224,11 @@ class _Stated:
     def lacks(self, names: Iterable[str]) -> list[str]:
         """Those of the actuation's ``names`` that never come."""
         return _never_read(self.reader, [name for name in names if name not in self._actuation])
+
+    def readings(self, name: str) -> FloatArray:
+        """(n,) all readings of the drive ``name``."""
+        stated = self._actuation.get(name)
+        return _readings(self.reader, name) if stated is None else np.array([stated])
 
     def __iter__(self) -> Iterator[Event]:
         for place, event in enumerate(self.reader):

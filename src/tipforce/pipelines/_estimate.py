@@ -4,7 +4,7 @@ import csv
 import math
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -25,8 +25,10 @@ from ..io import (
     frame_count,
     require_actuation,
     spread_images,
+    steady_reading,
 )
 from ..types import (
+    KNOB,
     Actuation,
     Event,
     FloatArray,
@@ -41,7 +43,7 @@ from ..types import (
     read_bench,
 )
 from ..units import newtons_to_grams
-from ..vision import Reasons, draw_estimate
+from ..vision import Reasons, VisionSettings, auto_calibrate, bends_against_knob, draw_estimate
 
 __all__ = ["COLUMNS", "EstimateReport", "estimate", "write_estimates"]
 
@@ -188,10 +190,38 @@ def check_inputs(estimator: Estimator, source: Source) -> None:
 
 
 def start_stream(estimator: Estimator, source: Source) -> Stream:
-    """A stream for ``source``; a file shows images from all over it beforehand to a method that calibrates on them."""
-    if estimator.calibrates_on_images and can_be_read_again(source):
-        return estimator.start(source.session_info, spread_images(source, estimator.views[0]))
-    return estimator.start(source.session_info)
+    """A stream for ``source``; a file shows images from all over it beforehand to a method that calibrates on them.
+
+    Raises InputError where the shaft at rest bends against the knob whose reading ``estimator`` uses.
+    """
+    if not can_be_read_again(source):
+        return estimator.start(source.session_info)
+    view, info = estimator.views[0], source.session_info
+    asked = _asked_curvature(source, view) if KNOB in estimator.required_actuation else None
+    if asked is None and not estimator.calibrates_on_images:
+        return estimator.start(info)
+    images = spread_images(source, view)
+    if asked is not None and (why := _against_knob(images, info, view, asked)):
+        raise InputError(f"{getattr(source, 'path', info.name)}: {why}")
+    return estimator.start(info, images) if estimator.calibrates_on_images else estimator.start(info)
+
+
+def _asked_curvature(source: Source, view: str) -> float | None:
+    """Curvature in 1/m that a knob asks for which stands still; None where it is unknown, or a projection shows it."""
+    info = source.session_info
+    gain, shown = info.actuation.knob_gain_per_m_deg, info.view(view)
+    if gain is None or shown.projection is not None or shown.modality == "xray":
+        return None
+    knob = steady_reading(source, KNOB)
+    return None if knob is None else gain * knob
+
+
+def _against_knob(images: Sequence[Image], info: SessionInfo, view: str, asked_per_m: float) -> str:
+    try:
+        vision = auto_calibrate(VisionSettings(view=view), images, info)
+    except InputError:
+        return ""  # where no catheter is detected, the images tell nothing of its bending
+    return bends_against_knob(vision, images, info, asked_per_m)
 
 
 class _Given:

@@ -1,6 +1,7 @@
 """Detection of the catheter: image -> ordered centreline -> base frame -> shape features."""
 
 from ..types import DetectedShape
+from ._against_knob import bends_against_knob
 from ._auto_calibrate import auto_calibrate, is_resolved
 from ._classic import ClassicDetector, ClassicSteps
 from ._detector import ShapeDetector
@@ -31,6 +32,7 @@ __all__ = [
     "Tracer",
     "VisionSettings",
     "auto_calibrate",
+    "bends_against_knob",
     "contact_sheet",
     "draw_estimate",
     "draw_shape",

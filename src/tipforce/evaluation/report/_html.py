@@ -1,6 +1,7 @@
 """The report folder: ``report.html`` that needs nothing beside it, ``metrics.json``, figures as SVG."""
 
 import json
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -76,8 +77,9 @@ def _fill(folder: Path, page: str, metrics: dict[str, Any], drawings: list[Drawi
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 
+@cache
 def _environment() -> Environment:
-    """Templates that escape what comes from files, with filters that write numbers."""
+    """Templates that escape what comes from files, with filters that write numbers; compiled once a process."""
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
         autoescape=True,

@@ -2,9 +2,9 @@
 
 import math
 from dataclasses import dataclass, fields
+from itertools import accumulate
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ...mechanics import HeartMotion, Play
 from ...types import FloatArray
@@ -47,7 +47,8 @@ def slow_drift(rms: float, correlation_s: float, time_s: FloatArray, rng: np.ran
     keep = math.exp(-1 / 200)
     kicks = rng.standard_normal(knots.size)
     kicks[1:] *= math.sqrt(1 - keep * keep)
-    return rms * np.interp(time_s, knots, np.asarray(lfilter([1.0], [1.0, -keep], kicks)))
+    course = np.fromiter(accumulate(kicks.tolist(), lambda before, kick: kick + keep * before), np.float64, knots.size)
+    return rms * np.interp(time_s, knots, course)
 
 
 STEP_S = 1e-3
