@@ -15,6 +15,8 @@ from ..io import ClockOffset, Inertia, RecordingReader, Tare, spread_images
 from ..mechanics.planar import Line
 from ..types import (
     KNOB,
+    STAGE_ACROSS,
+    STAGE_FORWARD,
     BasePose,
     DetectedShape,
     FloatArray,
@@ -34,6 +36,8 @@ _AXIS_SHARE = 0.1
 """Of the visible length, next to the tip, that gives the direction of its axis."""
 _RATE_S = 6e-3
 """Half the time over which the force's rate is taken."""
+_STAGE_RATE_S = 10e-3
+"""The same of the stage's speed."""
 _CORRELATED_S = 0.02
 _MOST_FRAMES = 3000
 """Of a longer recording every second, third ... frame is read."""
@@ -48,8 +52,9 @@ class CalibrationSession:
     frame, NaN where there is none; ``rate_n_per_s`` (n, 2): how fast it changes; ``past_n`` (n, 2): its mean over the
     time of creep. ``knob_deg`` (n,), NaN without
     a knob; ``knob_series``: all its readings (stamps, degrees). ``stage_m`` (n, axes): the stage's positions at the
-    frames; ``stage_to_base`` (2, axes): where its axes move the tissue, in the base frame as the sensor's stated pose
-    has it, NaN where the sensor does not show it.
+    frames, ``stage_m_per_s`` their speeds; ``stage_to_base`` (2, axes): where its axes move the tissue, in the base frame as the sensor's stated pose
+    has it, NaN where the sensor does not show it, and ``stage_angle_std_rad``. ``mass_std_kg``: of the carried mass,
+    for each axis of ``inertia``. ``frames``: so many were read.
     """
 
     name: str
@@ -67,11 +72,13 @@ class CalibrationSession:
     knob_series: tuple[IntArray, FloatArray]
     stage_names: tuple[str, ...]
     stage_m: FloatArray
+    stage_m_per_s: FloatArray
     stage_to_base: FloatArray
+    stage_angle_std_rad: float
     clock_offset: ClockOffset
     tare: Tare
     inertia: Inertia
-    mass_std_kg: float
+    mass_std_kg: FloatArray
     frames: int
 
     @property
@@ -103,6 +110,7 @@ class CalibrationSession:
             past_n=self.past_n[rows],
             knob_deg=self.knob_deg[rows],
             stage_m=self.stage_m[rows],
+            stage_m_per_s=self.stage_m_per_s[rows],
         )
 
 
@@ -191,17 +199,22 @@ def _with_streams(
     past = _past(every, force)
     stage = reader.stage_readings()
     names = tuple(stage[0][1]) if stage else ()
-    places = np.full((wanted, len(names)), math.nan)
+    places, speeds = np.full((2, wanted, len(names)), math.nan)
     if names:
         # the stage reaches what it is commanded as much later as its movement shows late in the force
         late_ns = facts.clock_offset.offset_ns - facts.inertia.lag_ns if facts.inertia.axes else 0
         when = np.array([stamp for stamp, _ in stage], np.int64) + late_ns
         for k, name in enumerate(names):
             unit = 1e-3 if name.endswith("_mm") else 1.0
-            places[:, k] = np.interp(every, when, unit * np.array([values[name] for _, values in stage]))
+            course = unit * np.array([values[name] for _, values in stage])
+            places[:, k] = np.interp(every, when, course)
+            ends = [np.interp(every + way * round(_STAGE_RATE_S * 1e9), when, course) for way in (-1, 1)]
+            speeds[:, k] = (ends[1] - ends[0]) / (2.0 * _STAGE_RATE_S)
     knob = reader.actuation_at(every).get(KNOB, np.full(wanted, math.nan))
     if KNOB in info.actuation.constant:
         knob = np.full(wanted, info.actuation.constant[KNOB])
+    mass_std = _mass_std(reader) if facts.inertia.axes else np.zeros(0)
+    directions, angle_std = _directions(facts.inertia, info, names, mass_std)
     return CalibrationSession(
         name=info.name or reader.path.stem,
         info=info,
@@ -218,11 +231,13 @@ def _with_streams(
         knob_series=(every, knob),
         stage_names=names,
         stage_m=places[rows],
-        stage_to_base=_directions(facts.inertia, info, names),
+        stage_m_per_s=speeds[rows],
+        stage_to_base=directions,
+        stage_angle_std_rad=angle_std,
         clock_offset=facts.clock_offset,
         tare=facts.tare,
         inertia=facts.inertia,
-        mass_std_kg=_mass_std(reader) if facts.inertia.axes else math.nan,
+        mass_std_kg=mass_std,
         frames=wanted,
     )
 
@@ -265,19 +280,38 @@ def _domes(shapes: Sequence[DetectedShape], scale: float, info: SessionInfo) -> 
     return np.array(rows)
 
 
-def _directions(inertia: Inertia, info: SessionInfo, names: tuple[str, ...]) -> FloatArray:
-    """(2, axes): unit vectors in the base frame; a sensor under the tissue shows its mass times minus the movement."""
-    found = np.full((2, len(names)), math.nan)
+def _directions(
+    inertia: Inertia, info: SessionInfo, names: tuple[str, ...], mass_std_kg: FloatArray
+) -> tuple[FloatArray, float]:
+    """(2, axes): unit vectors in the base frame, and the standard deviation of their angle.
+
+    A sensor under the tissue shows its mass times minus the acceleration. Axes that stand across one another share what
+    both tell of their angle.
+    """
+    found, spread = np.full((2, len(names)), math.nan), math.inf
     angle = math.radians(info.sensor.angle_deg or 0.0)
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    for axis, gain in zip(inertia.axes, inertia.gain_kg, strict=True):
+    stds: dict[str, float] = {}
+    for axis, gain, std in zip(inertia.axes, inertia.gain_kg, mass_std_kg.tolist(), strict=True):
         if axis in names:
-            found[:, names.index(axis)] = -turn @ gain[:2] / np.linalg.norm(gain[:2])
-    return found
+            size = float(np.linalg.norm(gain[:2]))
+            found[:, names.index(axis)] = -turn @ gain[:2] / size
+            stds[axis] = std / size
+            spread = min(spread, stds[axis])
+    if {STAGE_FORWARD, STAGE_ACROSS} <= set(stds):
+        forward, across = names.index(STAGE_FORWARD), names.index(STAGE_ACROSS)
+        # seen along the tissue's way forward, across is its right: forward is named by where the tip is pressed to
+        other = np.array([-found[1, across], found[0, across]])
+        weights = np.array([stds[STAGE_FORWARD] ** -2, stds[STAGE_ACROSS] ** -2])
+        both = weights[0] * found[:, forward] + weights[1] * other
+        found[:, forward] = both / np.linalg.norm(both)
+        found[:, across] = found[1, forward], -found[0, forward]
+        spread = float(weights.sum() ** -0.5)
+    return found, spread
 
 
-def _mass_std(reader: RecordingReader) -> float:
-    """Standard deviation of the carried mass, kg: from the scatter of the readings in the contact-free stretch."""
+def _mass_std(reader: RecordingReader) -> FloatArray:
+    """(axes,) standard deviation of the carried mass, kg: from the scatter of readings in the contact-free stretch."""
     facts = reader.info
     stamps, force, _ = reader.wrenches(next(s.name for s in facts.streams.values() if s.kind == "wrench"))
     stage = StageMotion.of(reader.stage_readings())
@@ -290,4 +324,4 @@ def _mass_std(reader: RecordingReader) -> float:
     # what is left is not independent within some hundredths of a second
     spread = float(np.nanvar(left)) * _CORRELATED_S * len(left) / max(float(np.ptp(seconds[free])), 1e-9)
     information = moved.T @ moved + 1e-12 * np.eye(moved.shape[1])
-    return math.sqrt(spread * float(np.mean(np.diag(np.linalg.inv(information)))) / len(facts.inertia.axes))
+    return np.sqrt(spread * np.diag(np.linalg.inv(information)))
