@@ -14,11 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import InputError
 from ..estimators.rod import MODES, POINTS, Knowledge, LineError, RodSettings, rod_model
-from ..mechanics.planar import FORCE, UNKNOWNS, Line, Work, make_work, predict_line
-from ..types import FloatArray, SessionInfo
+from ..mechanics.planar import FORCE, UNKNOWNS, Line, Model, Work, fit_line, make_work, predict_line
+from ..types import FloatArray, IntArray, SessionInfo
 
-__all__ = ["RodFit", "fit_rod"]
+__all__ = ["RodFit", "fit_rod", "line_forces"]
 
 _CONSTANTS = len(UNKNOWNS) - FORCE
 _SENSOR = ("turn_rad", "tare_x_n", "tare_y_n", "late_s")
@@ -28,6 +29,8 @@ _K0 = UNKNOWNS.index("precurvature_per_m")
 _BASE = UNKNOWNS.index("base_x_m") - FORCE
 _LOCAL = FORCE + 1
 """Of a frame: its force, and how far its pre-curvature lies off the session's."""
+_Equations = tuple[float, FloatArray, FloatArray, list[tuple[FloatArray, FloatArray, FloatArray]]]
+"""Cost; matrix and right side of the shared unknowns' step; for each frame what its own step follows from."""
 _FORCE_STD_N = 5e-3
 """At least, of a reading at a frame: noise and steps of a sensor of this kind, and what a planar rod leaves out."""
 _ROUNDS, _MORE = 3, 1.1
@@ -38,6 +41,8 @@ _LEAST_DRIFT_PER_M = 0.02
 _HUBER = 4.0
 _EASE = (1.0 / 64.0, 1.0 / 8.0, 1.0)
 """The line's noise is first taken for so much larger."""
+_OUTLIER, _FAR = 16.0, 30.0
+"""A frame is left out whose squares are so many times what is usual, and more than so many variances a point."""
 _STEPS = 12
 _SMALL = 1e-2
 """The fit has converged when the cost falls by less."""
@@ -61,8 +66,11 @@ class RodFit:
     precurvature_per_m: FloatArray
     misfit: float
     force_std_n: float
+    cost: float
     frames: int
     converged: bool
+    kept: IntArray
+    precurvature_std: FloatArray
 
     def value(self, name: str) -> float:
         """Of one of `UNKNOWNS` behind the force."""
@@ -147,7 +155,7 @@ def fit_rod(
         settings: priors and noise.
 
     Raises:
-        InputError: length or stiffness is not stated.
+        InputError: length or stiffness is not stated, or no shape of the rod is found.
     """
     settings = settings or RodSettings()
     model = rod_model(info, settings.segments)
@@ -176,11 +184,43 @@ def fit_rod(
     return problem.solve(start)
 
 
+def line_forces(
+    info: SessionInfo,
+    lines: Sequence[Line],
+    scale_m_per_px: float,
+    precurvature_per_m: FloatArray,
+    fit: RodFit,
+    settings: RodSettings | None = None,
+) -> FloatArray:
+    """(n, 2): the force that each line tells by the calibrated rod, whatever the sensor reads; NaN where none fits.
+
+    ``precurvature_per_m`` (n,): that the knob asks for; the rest as in `fit_rod`.
+    """
+    settings = settings or RodSettings()
+    model, error = rod_model(info, settings.segments), LineError.of(settings.noise, MODES)
+    whiten, modes = error.whiten / scale_m_per_px, error.modes * scale_m_per_px
+    count = _CONSTANTS + MODES
+    work, found = make_work(model, POINTS, FORCE + count), np.full((len(lines), FORCE), math.nan)
+    information = np.zeros((FORCE + count, FORCE + count))
+    information[:FORCE, :FORCE] = np.eye(FORCE) / settings.prior.force_n**2
+    information[FORCE:, FORCE:] = np.linalg.inv(fit.covariance[:count, :count])
+    for k, line in enumerate(lines):
+        mean = np.concatenate([np.zeros(FORCE), fit.mean[:count]])
+        mean[_K0] += precurvature_per_m[k]
+        q, covariance = mean.copy(), np.empty_like(information)
+        result = fit_line(
+            q, mean, information, model, line, modes, whiten, _HUBER, 2 * _STEPS, True, work, covariance
+        )  # fmt: skip
+        if result.converged:
+            found[k] = q[:FORCE]
+    return found
+
+
 class _Problem:
     """The frames of one fit; see `fit_rod`."""
 
     def __init__(
-        self, model: object, lines: Sequence[Line], force: FloatArray, rate: FloatArray, k0: FloatArray,
+        self, model: Model, lines: Sequence[Line], force: FloatArray, rate: FloatArray, k0: FloatArray,
         drift: FloatArray, modes: FloatArray, whiten: FloatArray, work: Work, mean: FloatArray, prior: FloatArray,
     ) -> None:  # fmt: skip
         self._model, self._lines, self._force, self._k0, self._drift = model, lines, force, k0, drift
@@ -189,17 +229,25 @@ class _Problem:
         self._theta = np.zeros((len(lines), work.theta.size))
         self._warm = np.zeros(len(lines), np.bool_)
         self._force_std = _FORCE_STD_N
+        self._kept = np.arange(len(lines))
+        self._squares = np.zeros(len(lines))
         self._misfit = math.nan
 
     def solve(self, start: FloatArray) -> RodFit:
         shared, own = start.copy(), np.zeros((len(self._lines), _LOCAL))
         own[:, :FORCE] = self._read(shared)
+        state, converged = self._normal(shared, own, _EASE[0]), False
         for ease in _EASE:
             shared, own, state, converged = self._descend(shared, own, ease)
+            if ease < 1.0 and state[0] < math.inf:
+                own = self._drop_outliers(own)
+        if state[0] == math.inf:
+            raise InputError("no rod as it is stated bends under the measured forces as in the images")
         for _ in range(_ROUNDS):
             apart = own[:, :FORCE] - self._read(shared)
             # what is left, and what a frame's line leaves open of its force
-            square = float(np.mean(apart**2)) + float(np.mean([inverse[0, 0] + inverse[1, 1] for inverse, *_ in state[3]])) / 2
+            own_variance = [inverse[0, 0] + inverse[1, 1] for inverse, *_ in state[3]]
+            square = float(np.mean(apart**2)) + float(np.mean(own_variance)) / FORCE
             if square < (_MORE * self._force_std) ** 2:
                 break
             self._force_std = math.sqrt(square)
@@ -207,10 +255,23 @@ class _Problem:
         covariance = np.linalg.inv(state[1]) * max(1.0, self._misfit)
         return RodFit(
             shared, 0.5 * (covariance + covariance.T), self._prior, own[:, :FORCE],
-            self._k0 + shared[0] + own[:, FORCE], self._misfit, self._force_std, len(self._lines), converged,
+            self._k0 + shared[0] + own[:, FORCE], self._misfit, self._force_std, state[0],
+            len(self._lines), converged, self._kept, np.sqrt([inverse[FORCE, FORCE] for inverse, *_ in state[3]]),
         )  # fmt: skip
 
-    def _descend(self, shared: FloatArray, own: FloatArray, ease: float):
+    def _drop_outliers(self, own: FloatArray) -> FloatArray:
+        """``own`` of the frames that are kept: elsewhere something else was detected."""
+        usual = float(np.median(self._squares))
+        fine = np.flatnonzero(self._squares <= max(_OUTLIER * usual, _FAR * self._whiten.shape[0]))
+        self._lines = [self._lines[k] for k in fine.tolist()]
+        self._force, self._rate, self._k0 = self._force[fine], self._rate[fine], self._k0[fine]
+        self._drift, self._theta, self._warm = self._drift[fine], self._theta[fine], self._warm[fine]
+        self._kept = self._kept[fine]
+        return own[fine]
+
+    def _descend(
+        self, shared: FloatArray, own: FloatArray, ease: float
+    ) -> tuple[FloatArray, FloatArray, _Equations, bool]:
         """Levenberg-Marquardt from ``shared`` and ``own``; returns where it ends, its equations, and if it converged."""
         state, damping = self._normal(shared, own, ease), 0.0
         for _ in range(_STEPS):
@@ -220,6 +281,7 @@ class _Problem:
             step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), side)
             tried = shared + step
             tried_own = own + np.array([inverse @ (left - cross @ step) for inverse, left, cross in blocks])
+            before = self._theta.copy()
             attempt = self._normal(tried, tried_own, ease)
             if attempt[0] <= cost:
                 shared, own, state = tried, tried_own, attempt
@@ -227,6 +289,7 @@ class _Problem:
                 if cost - attempt[0] < _SMALL:
                     return shared, own, state, True
             else:
+                self._theta = before
                 damping = max(1e-2, 8.0 * damping)
                 if damping > _MOST_DAMPING:
                     return shared, own, state, True
@@ -239,7 +302,7 @@ class _Problem:
         # a force stamp is the frame's minus the offset: with a larger one the frame's force is an earlier one
         return (self._force - shared[_LATE] * self._rate) @ turn + shared[_TARE : _TARE + FORCE]
 
-    def _normal(self, shared: FloatArray, own: FloatArray, ease: float):
+    def _normal(self, shared: FloatArray, own: FloatArray, ease: float) -> _Equations:
         """Cost, and the equations of the next step with each frame's own unknowns eliminated."""
         work, count = self._work, _CONSTANTS + MODES
         information = 1.0 / self._prior**2
@@ -253,7 +316,7 @@ class _Problem:
         q[FORCE:] = shared[:count]
         blocks: list[tuple[FloatArray, FloatArray, FloatArray]] = []
         force_variance = self._force_std**2
-        squares = 0.0
+        frame_squares = np.zeros(len(self._lines))
         rows = self._whiten.shape[0]
         for i, line in enumerate(self._lines):
             q[:FORCE] = own[i, :FORCE]
@@ -269,7 +332,7 @@ class _Problem:
             self._theta[i], self._warm[i] = work.theta, True
             white = ease * (self._whiten @ work.residual)
             slopes = ease * (self._whiten @ work.slopes)
-            squares += float(white @ white)
+            frame_squares[i] = float(white @ white) / ease**2
             size = np.abs(white)
             cost += float(np.sum(np.where(size <= _HUBER, 0.5 * size**2, _HUBER * (size - 0.5 * _HUBER))))
             weight = np.minimum(1.0, _HUBER / np.maximum(size, 1e-12))
@@ -296,5 +359,6 @@ class _Problem:
             matrix -= cross.T @ inverse @ cross
             side += common.T @ (weight * white) - towards.T @ apart / force_variance - cross.T @ (inverse @ left)
             blocks.append((inverse, left, cross))
-        self._misfit = squares / ease**2 / (rows * len(self._lines))
+        self._squares = frame_squares
+        self._misfit = float(np.mean(frame_squares)) / rows
         return cost, matrix, side, blocks
