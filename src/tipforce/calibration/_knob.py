@@ -45,6 +45,7 @@ class KnobFit:
     play_std: float
     curvature_per_m: float
     curvature_std: float
+    start_deg: float
     low_deg: float
     high_deg: float
     residual_per_m: float
@@ -53,6 +54,15 @@ class KnobFit:
     measured_per_m: FloatArray
     turning: FloatArray
     transmitted_deg: FloatArray
+
+    def through(self, series: tuple[IntArray, FloatArray], stamp_ns: IntArray) -> FloatArray:
+        """(n,) what the play lets through at ``stamp_ns`` (n,), each among the stamps of ``series``."""
+        stamps, angle = series
+        known = np.isfinite(angle)
+        stamps, angle = stamps[known], angle[known]
+        if math.isfinite(self.play_deg):
+            angle = Play(self.play_deg, output=float(angle[0]) + self.start_deg).run(angle)
+        return angle[np.clip(np.searchsorted(stamps, stamp_ns), 0, len(stamps) - 1)]
 
     def curvature_at(self, transmitted_deg: FloatArray) -> FloatArray:
         """(n,) of what the play lets through."""
@@ -100,7 +110,7 @@ def fit_knob(
     spread = float(np.std(blocks, ddof=1)) / math.sqrt(len(blocks)) if len(blocks) > 2 else float(np.median(curvature_std))
     if high - low < _LEAST_RANGE_DEG or len(numbers) < 4:
         return KnobFit(
-            nan, nan, nan, nan, nan, nan, mean, math.hypot(spread, common_std_per_m), low, high,
+            nan, nan, nan, nan, nan, nan, mean, math.hypot(spread, common_std_per_m), 0.0, low, high,
             float(np.std(curvature_per_m - mean)), len(told), told, curvature_per_m, np.zeros(len(told)), told,
         )  # fmt: skip
     turns = _turns(angle)
@@ -120,7 +130,7 @@ def fit_knob(
     left = curvature_per_m - offset - gain * through[best]
     return KnobFit(
         gain, float(scatter[:, 1].std()), offset, math.hypot(float(scatter[:, 0].std()), common_std_per_m), play,
-        math.hypot(play_std, _STEP_DEG / math.sqrt(12.0)) if len(widths) > 1 else nan, mean, spread, low, high,
+        math.hypot(play_std, _STEP_DEG / math.sqrt(12.0)) if len(widths) > 1 else nan, mean, spread, cases[best][1], low, high,
         float(np.sqrt(np.average(left**2, weights=weight))), len(told), told, curvature_per_m, going[last][at],
         through[best],
     )  # fmt: skip

@@ -81,6 +81,10 @@ class RodFit:
         at = UNKNOWNS.index(name) - FORCE
         return math.sqrt(self.covariance[at, at])
 
+    def prior(self, name: str) -> float:
+        """Standard deviation beforehand."""
+        return float(self.prior_std[UNKNOWNS.index(name) - FORCE])
+
     def told(self, name: str) -> float:
         """Share of the prior's standard deviation that is left: 1 where the session tells nothing."""
         at = UNKNOWNS.index(name) - FORCE
