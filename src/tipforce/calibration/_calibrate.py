@@ -147,7 +147,9 @@ def _of_session(session: CalibrationSession, settings: RodSettings) -> SessionRe
         rod = _fit(session, rows, curvature, settings, wrong, drift_per_m=drift)
     except InputError as error:
         reasons["rod"] = str(error)
-    if bool((size > _CONTACT_N).any()):
+    if wrong:
+        reasons["tissue"] = "not looked for while the sensor's angle is wrong; calibrate again with the new one"
+    elif bool((size > _CONTACT_N).any()):
         try:
             tissue = fit_tissue(session)
         except InputError as error:
