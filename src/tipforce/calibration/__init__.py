@@ -1,6 +1,7 @@
 """What a bench is, from its own recordings: sensor pose, moving mass, knob map, stiffness, tissue; and its camera."""
 
 from ._calibrate import Calibration, SessionResult, calibrate_sessions
+from ._camera import BoardResult, BoardSettings, calibrate_board, scale_from_diameter, scale_from_ruler
 from ._knob import KnobFit, fit_knob
 from ._quantity import Quantity, combined
 from ._rod_fit import RodFit, fit_rod, line_forces
@@ -8,6 +9,8 @@ from ._session import CalibrationSession, read_session
 from ._tissue import TissueFit, fit_tissue
 
 __all__ = [
+    "BoardResult",
+    "BoardSettings",
     "Calibration",
     "CalibrationSession",
     "KnobFit",
@@ -15,6 +18,7 @@ __all__ = [
     "RodFit",
     "SessionResult",
     "TissueFit",
+    "calibrate_board",
     "calibrate_sessions",
     "combined",
     "fit_knob",
@@ -22,4 +26,6 @@ __all__ = [
     "fit_tissue",
     "line_forces",
     "read_session",
+    "scale_from_diameter",
+    "scale_from_ruler",
 ]
