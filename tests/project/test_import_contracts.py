@@ -29,11 +29,12 @@ ALLOWED: dict[str, set[str]] = {
     "datasets": BASE | {"geometry", "vision", "io", "alignment"},
     "training": BASE | {"geometry"},
     "estimators": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "training"},
+    "calibration": BASE | {"geometry", "vision", "io", "alignment", "mechanics", "estimators"},
     "evaluation": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "estimators", "clinical"},
     "pipelines": BASE
     | {
         *("geometry", "mechanics", "simulation", "limits", "vision", "io", "alignment", "datasets", "training"),
-        *("estimators", "clinical", "evaluation"),
+        *("estimators", "calibration", "clinical", "evaluation"),
     },
 }
 """docs/design.md draws this; what is not listed may not be imported."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,20 +32,26 @@ class Labels:
 
 
 def labels(
-    reader: RecordingReader, *, camera: str | None = None, force: str = "force", max_gap_s: float = MAX_GAP_S
+    reader: RecordingReader,
+    *,
+    camera: str | None = None,
+    force: str = "force",
+    max_gap_s: float = MAX_GAP_S,
+    later_s: float = 0.0,
 ) -> Labels:
     """Force at every frame, linear in time: offset applied, tare and inertia subtracted, turned into the base frame.
 
     ``camera``: None for the first view. NaN where the readings around a frame lie more than ``max_gap_s`` apart or on
-    one side only. The force series is read chunk by chunk. Raises InputError where readings are in the sensor's frame
-    and nobody stated its pose.
+    one side only. ``later_s``: the force so much later than each frame, to tell how fast it changes. The force series
+    is read chunk by chunk. Raises InputError where readings are in the sensor's frame and nobody stated its pose.
     """
     info = reader.info
     stage = StageMotion.of(reader.stage_readings() if info.inertia.axes else [])
     facts = ForceCorrections(info.sensor, info.tare, info.inertia, stage)
     blocks = ((times, wrench[:, :3], frame) for times, wrench, frame in reader.wrench_blocks(force))
     frames = reader.stamps(camera or next(iter(reader.views), "camera"))
-    return _label(frames, blocks, facts, info.clock_offset, max_gap_s, str(reader.path))
+    offset = replace(info.clock_offset, offset_ns=info.clock_offset.offset_ns - round(later_s * 1e9))
+    return _label(frames, blocks, facts, offset, max_gap_s, str(reader.path))
 
 
 def label_log(

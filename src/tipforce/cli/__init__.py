@@ -21,6 +21,7 @@ VERBS: dict[str, str] = {
     "simulate": "simulate",
     "init-bench": "init_bench",
     "import": "import_",
+    "calibrate": "calibrate",
     "train": "train",
     "evaluate": "evaluate",
     "inspect": "inspect",

@@ -270,7 +270,7 @@ class RodModelEstimator(Estimator):
             catheter.flexible_length_m,
             factor * (nominal or _TYPICAL_STIFFNESS_NM2),
             catheter.rigid_length_m or 0.0,
-            (info.actuation.knob_gain_per_m_deg or 0.0) * knob_deg + offset_per_m,
+            (info.actuation.curvature_per_m(knob_deg) or 0.0) + offset_per_m,
             catheter.stiffness_profile,
         )
 

@@ -1,5 +1,6 @@
 """Plain functions, one a job: what the public API offers and the command line calls."""
 
+from ._calibrate import CalibrateReport, calibrate, describe_calibration, plot_calibration
 from ._demo import DemoReport, demo
 from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_estimates
 from ._evaluate import EvaluateReport, evaluate
@@ -14,6 +15,7 @@ from ._train import TrainReport, train
 
 __all__ = [
     "COLUMNS",
+    "CalibrateReport",
     "DemoReport",
     "EstimateReport",
     "EvaluateReport",
@@ -22,8 +24,10 @@ __all__ = [
     "RecordingSummary",
     "SimulateReport",
     "TrainReport",
+    "calibrate",
     "check_inputs",
     "demo",
+    "describe_calibration",
     "describe_recording",
     "estimate",
     "evaluate",
@@ -32,6 +36,7 @@ __all__ = [
     "inspect_frames",
     "inspect_image_file",
     "inspect_sessions",
+    "plot_calibration",
     "plot_summary",
     "preset_settings",
     "record",

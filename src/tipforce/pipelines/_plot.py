@@ -12,10 +12,10 @@ from ..io import RecordingReader, atomic_path
 from ..types import FloatArray, Image
 from ..units import newtons_to_grams
 
-__all__ = ["plot_run"]
+__all__ = ["COLOURS", "GREY", "INK", "plain_axes", "plot_run"]
 
-_INK, _GREY = "#15202b", "#8a939c"
-_COLOURS = ("#0072b2", "#d55e00", "#009e73")
+INK, GREY = "#15202b", "#8a939c"
+COLOURS = ("#0072b2", "#d55e00", "#009e73")
 _POINTS = 4000
 
 
@@ -32,7 +32,7 @@ def plot_run(reader: RecordingReader, found: Labels | None, path: Path) -> None:
         stamps = reader.stamps(reader.views[0])
         middle = len(stamps) // 2
         image_axes.imshow(_together(reader, int(stamps[middle])), cmap="gray", vmin=0, vmax=255)
-        image_axes.set_title(f"frame {middle} of {len(stamps)}", fontsize=9, color=_INK, loc="left")
+        image_axes.set_title(f"frame {middle} of {len(stamps)}", fontsize=9, color=INK, loc="left")
         image_axes.axis("off")
         _intervals(steps, (stamps - stamps[0]) * 1e-9)
     with atomic_path(path) as part:
@@ -51,27 +51,27 @@ def _together(reader: RecordingReader, stamp_ns: int) -> Image:
 
 
 def _force(axes: Axes, reader: RecordingReader, found: Labels | None) -> None:
-    _plain(axes)
-    axes.set_xlabel("time, s", color=_INK)
+    plain_axes(axes)
+    axes.set_xlabel("time, s", color=INK)
     if found is None or np.isnan(found.force_n).all():
-        axes.text(0.5, 0.5, "no force at the frames", ha="center", va="center", color=_GREY, transform=axes.transAxes)
+        axes.text(0.5, 0.5, "no force at the frames", ha="center", va="center", color=GREY, transform=axes.transAxes)
         return
     origin = int(found.stamp_ns[0])
     thin = slice(None, None, max(1, len(found.stamp_ns) // _POINTS))
     seconds = (found.stamp_ns[thin] - origin) * 1e-9
     for axis in np.flatnonzero(found.known).tolist():
-        axes.plot(seconds, found.force_n[thin, axis], color=_COLOURS[axis], lw=1.0, label=f"f{'xyz'[axis]}")
+        axes.plot(seconds, found.force_n[thin, axis], color=COLOURS[axis], lw=1.0, label=f"f{'xyz'[axis]}")
     info = reader.info
     for number, (start, end) in enumerate(info.tare.stretches_s):
         wrench = next(stream for stream in info.streams.values() if stream.kind == "wrench")
         move = (wrench.first_ns + info.clock_offset.offset_ns - origin) * 1e-9
-        axes.axvspan(start + move, end + move, color=_GREY, alpha=0.18, lw=0, label="tare" if number == 0 else None)
-    axes.axhline(0, color=_INK, lw=0.6)
+        axes.axvspan(start + move, end + move, color=GREY, alpha=0.18, lw=0, label="tare" if number == 0 else None)
+    axes.axhline(0, color=INK, lw=0.6)
     axes.set_xlim(seconds[0], seconds[-1])
-    axes.set_ylabel("force of the tissue on the tip, N", color=_INK)
+    axes.set_ylabel("force of the tissue on the tip, N", color=INK)
     grams = axes.secondary_yaxis("right", functions=(_grams, _newtons))
-    grams.set_ylabel("g", color=_INK)
-    grams.tick_params(colors=_INK, labelsize=9)
+    grams.set_ylabel("g", color=INK)
+    grams.tick_params(colors=INK, labelsize=9)
     offset = info.clock_offset
     said = (
         f"clock offset {offset.offset_ms:+.1f} ms"
@@ -80,7 +80,7 @@ def _force(axes: Axes, reader: RecordingReader, found: Labels | None) -> None:
     )
     if offset.how == "estimated":
         said += f" ± {offset.stderr_ms:.1f}"
-    axes.set_title(f"{reader.path.name}   {said}", fontsize=10, color=_INK, loc="left", pad=22)
+    axes.set_title(f"{reader.path.name}   {said}", fontsize=10, color=INK, loc="left", pad=22)
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False, fontsize=9, borderaxespad=0.1)
 
 
@@ -93,15 +93,16 @@ def _newtons(grams: ArrayLike) -> FloatArray:
 
 
 def _intervals(axes: Axes, seconds: FloatArray) -> None:
-    _plain(axes)
+    plain_axes(axes)
     if len(seconds) > 1:
-        axes.plot(seconds[1:], 1e3 * np.diff(seconds), color=_COLOURS[0], lw=0, marker=".", ms=2, rasterized=True)
+        axes.plot(seconds[1:], 1e3 * np.diff(seconds), color=COLOURS[0], lw=0, marker=".", ms=2, rasterized=True)
         axes.set_ylim(0, 1.25 * 1e3 * float(np.max(np.diff(seconds))))
-    axes.set_title("ms between frames", fontsize=9, color=_INK, loc="left")
-    axes.set_xlabel("time, s", color=_INK, fontsize=9)
+    axes.set_title("ms between frames", fontsize=9, color=INK, loc="left")
+    axes.set_xlabel("time, s", color=INK, fontsize=9)
 
 
-def _plain(axes: Axes) -> None:
+def plain_axes(axes: Axes) -> None:
+    """Two spines, a light grid."""
     axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(visible=True, color=_INK, alpha=0.1, lw=0.6)
-    axes.tick_params(colors=_INK, labelsize=9)
+    axes.grid(visible=True, color=INK, alpha=0.1, lw=0.6)
+    axes.tick_params(colors=INK, labelsize=9)

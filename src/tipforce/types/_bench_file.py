@@ -11,7 +11,7 @@ from .._json import check_depth, read_small_text, too_deep
 from ..errors import FileFormatError, InputError
 from ._session import SessionInfo, merged_values
 
-__all__ = ["bench_text", "info_from_facts", "read_bench"]
+__all__ = ["bench_text", "info_from_facts", "read_bench", "toml_key", "toml_value"]
 
 _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
     "catheter": (
@@ -79,6 +79,8 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
         "The catheter's drives.",
         (
             ("knob_gain_per_m_deg", "0.533", "curvature in 1/m for a degree of the knob"),
+            ("knob_offset_per_m", "0.1", "curvature in 1/m with the knob at 0"),
+            ("knob_play_deg", "1.0", "hysteresis of the knob: it turns so far before the catheter follows"),
             ("knob_column", '"knob"', "column of the force log with the knob's angle in degrees"),
             ("constant", "{ knob_deg = 10.0 }", "readings that stay the same and are in no log; names end in the unit"),
         ),
@@ -106,7 +108,7 @@ def bench_text(info: SessionInfo, *, guide: bool = True) -> str:
     """
     values = info.values()
     lines = ["# The bench: everything is optional but what a command asks for. Units are in the names."]
-    lines += [f"{key} = {_toml(values[key])}" for key in _OTHERS if key in values]
+    lines += [f"{key} = {toml_value(values[key])}" for key in _OTHERS if key in values]
     for section, (about, keys) in _GUIDE.items():
         own: Any = values
         for part in section.split("."):
@@ -115,11 +117,11 @@ def bench_text(info: SessionInfo, *, guide: bool = True) -> str:
         for name, table in tables.items():
             if not (table or guide):
                 continue
-            lines += ["", f"# {about}", f"[{section}]" if name is None else f"[{section}.{_key(name)}]"]
+            lines += ["", f"# {about}", f"[{section}]" if name is None else f"[{section}.{toml_key(name)}]"]
             for key, example, meaning in keys:
                 note = f"  # {meaning}" if meaning and guide else ""
                 if key in table:
-                    lines.append(f"{key} = {_toml(table[key])}{note}")
+                    lines.append(f"{key} = {toml_value(table[key])}{note}")
                 elif guide:
                     lines.append(f"#{key} = {example}{note}")
     return "\n".join(lines) + "\n"
@@ -177,17 +179,18 @@ def info_from_facts(facts: list[str]) -> SessionInfo:
     return SessionInfo.from_values(values, "fact " + ", ".join(facts))
 
 
-def _key(name: str) -> str:
+def toml_key(name: str) -> str:
+    """``name`` as a key of TOML."""
     return name if name.replace("_", "").replace("-", "").isalnum() and name.isascii() else _text(name)
 
 
-def _toml(value: Any) -> str:
+def toml_value(value: Any) -> str:
     """A JSON value in TOML."""
     if isinstance(value, dict):
-        inner = ", ".join(f"{_key(key)} = {_toml(each)}" for key, each in value.items())
+        inner = ", ".join(f"{toml_key(key)} = {toml_value(each)}" for key, each in value.items())
         return f"{{ {inner} }}"
     if isinstance(value, list):
-        return f"[{', '.join(_toml(each) for each in value)}]"
+        return f"[{', '.join(toml_value(each) for each in value)}]"
     if isinstance(value, float):
         return repr(value) if math.isfinite(value) else "nan"
     return _text(value) if isinstance(value, str) else json.dumps(value)

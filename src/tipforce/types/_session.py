@@ -141,6 +141,7 @@ class SensorInfo:
 class ActuationInfo:
     """The catheter's drives. ``knob_gain_per_m_deg``: curvature in 1/m that a degree of the knob asks for.
 
+    ``knob_offset_per_m``: curvature with the knob at 0; ``knob_play_deg``: width of its hysteresis.
     ``knob_column``: column of the force log that holds the knob's angle, NAME_UNIT or else in degrees.
     ``constant``: readings that stayed the same all the time and are in no log, as ``{"knob_deg": 10.0}``; every name
     ends in its unit.
@@ -151,6 +152,18 @@ class ActuationInfo:
     knob_gain_per_m_deg: Annotated[float, _within("knob_gain_per_m_deg")] | None = None
     knob_column: str | None = None
     constant: Mapping[str, float] = field(default_factory=dict[str, float])
+    knob_offset_per_m: Annotated[float, _within("knob_offset_per_m")] | None = None
+    knob_play_deg: Annotated[float, _within("knob_play_deg")] | None = None
+
+    def curvature_per_m(self, knob_deg: float) -> float | None:
+        """Of the shaft without load, as the knob asks for it; None where no map of the knob is stated.
+
+        >>> ActuationInfo(0.5, knob_offset_per_m=1.0).curvature_per_m(10.0)
+        6.0
+        """
+        if self.knob_gain_per_m_deg is None or math.isnan(knob_deg):
+            return None
+        return (self.knob_offset_per_m or 0.0) + self.knob_gain_per_m_deg * knob_deg
 
 
 @dataclass(frozen=True, slots=True)

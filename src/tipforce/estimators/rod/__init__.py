@@ -1,7 +1,25 @@
 """Forces by the rod's mechanics: one frame, and all frames so far."""
 
+from ._detection import Detected, Detection
+from ._knowledge import MODES, Knowledge, LineError, rod_model
+from ._lines import POINTS, LineFrame
 from ._settings import NoiseSettings, PriorSettings, RodSettings, RodTrackSettings
 from .rod import Rod
 from .rod_track import RodTrack
 
-__all__ = ["NoiseSettings", "PriorSettings", "Rod", "RodSettings", "RodTrack", "RodTrackSettings"]
+__all__ = [
+    "MODES",
+    "POINTS",
+    "Detected",
+    "Detection",
+    "Knowledge",
+    "LineError",
+    "LineFrame",
+    "NoiseSettings",
+    "PriorSettings",
+    "Rod",
+    "RodSettings",
+    "RodTrack",
+    "RodTrackSettings",
+    "rod_model",
+]

@@ -133,14 +133,16 @@ class ContactFilter:
 
     def _turn_knob(self, knob_deg: float) -> None:
         """The curvature follows the knob once it has crossed its play."""
-        gain, prior = self._info.actuation.knob_gain_per_m_deg, self._settings.prior
+        actuation, prior = self._info.actuation, self._settings.prior
+        gain, asked = actuation.knob_gain_per_m_deg, actuation.curvature_per_m(knob_deg)
         turned = knob_deg - self._knob_deg
-        if gain is None or math.isnan(turned) or turned == 0.0:
+        if gain is None or asked is None or math.isnan(turned) or turned == 0.0:
             self._knob_deg = self._knob_deg if math.isnan(knob_deg) else knob_deg
             return
-        margin = gain * (0.5 * prior.knob_play_deg + prior.knob_gain * abs(knob_deg))
+        play = prior.knob_play_deg if actuation.knob_play_deg is None else actuation.knob_play_deg
+        margin = gain * (0.5 * play + prior.knob_gain * abs(knob_deg))
         for mean, covariance in zip(self._mean, self._covariance, strict=True):
-            followed = min(gain * knob_deg + margin, max(gain * knob_deg - margin, mean[_K0]))
+            followed = min(asked + margin, max(asked - margin, mean[_K0]))
             # how far it follows is known to the gain's error, and where the play ends
             covariance[_K0, _K0] += (prior.knob_gain * gain * turned) ** 2 + 0.1 * (followed - mean[_K0]) ** 2
             mean[_K0] = followed

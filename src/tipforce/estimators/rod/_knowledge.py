@@ -92,15 +92,17 @@ class Knowledge:
     def for_session(self, settings: RodSettings, info: SessionInfo, knob_deg: float) -> tuple[FloatArray, FloatArray]:
         """Mean and covariance of the constants at a knob angle; NaN: there is none."""
         mean, covariance = self.constants.copy(), self.constants_covariance.copy()
-        gain, prior = info.actuation.knob_gain_per_m_deg, settings.prior
-        if gain is None or math.isnan(knob_deg):
+        actuation, prior = info.actuation, settings.prior
+        gain, asked = actuation.knob_gain_per_m_deg, actuation.curvature_per_m(knob_deg)
+        if gain is None or asked is None:
             covariance[0] = covariance[:, 0] = 0.0
             covariance[0, 0] = prior.unknown_precurvature_per_m**2
             mean[0] = 0.0
         else:
-            mean[0] += gain * knob_deg
+            mean[0] += asked
             if not self.sessions:
-                play = gain * prior.knob_play_deg / math.sqrt(12.0)
+                width = prior.knob_play_deg if actuation.knob_play_deg is None else actuation.knob_play_deg
+                play = gain * width / math.sqrt(12.0)
                 covariance[0, 0] += play**2 + (prior.knob_gain * gain * knob_deg) ** 2
         return mean, covariance
 

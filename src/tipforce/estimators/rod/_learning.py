@@ -121,7 +121,7 @@ def _posterior(settings: RodSettings, knowledge: Knowledge, session: _Session) -
             continue
         mean, covariance = q[FORCE:].copy(), 0.5 * (result + result.T)[FORCE:, FORCE:]
     relative = mean[:constants].copy()
-    relative[0] -= gain * float(np.nan_to_num(session.knob_deg[-1]))
+    relative[0] -= session.info.actuation.curvature_per_m(float(session.knob_deg[-1])) or 0.0
     return relative, covariance[:constants, :constants]
 
 

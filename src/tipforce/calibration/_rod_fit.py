@@ -1,0 +1,368 @@
+"""Stiffness and sensor pose from lines and forces: one fit of the rod to all frames of one session at once.
+
+Unknown for the whole session: the constants of the rod, its clamp and the camera (`UNKNOWNS` behind the force, with the
+priors of the rod estimators), what stays of the line's error, and of the sensor its angle about the camera's axis, its
+tare and its clock. Unknown in each frame: the force, which the sensor reads with noise, and a little of the pre-curvature, which
+drifts. Gauss-Newton with Levenberg's damping; a frame's own unknowns are eliminated (Schur complement), and the inverse
+of what is left is the covariance (Laplace). Where the lines are farther off the rod than their noise explains, it is
+widened by as much.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..estimators.rod import MODES, POINTS, Knowledge, LineError, RodSettings, rod_model
+from ..mechanics.planar import FORCE, UNKNOWNS, Line, Model, Work, fit_line, make_work, predict_line
+from ..types import FloatArray, IntArray, SessionInfo
+
+__all__ = ["RodFit", "fit_rod", "line_forces"]
+
+_CONSTANTS = len(UNKNOWNS) - FORCE
+_SENSOR = ("turn_rad", "tare_x_n", "tare_y_n", "late_s")
+_COUNT = _CONSTANTS + MODES + len(_SENSOR)
+_TURN, _TARE, _LATE = _CONSTANTS + MODES, _CONSTANTS + MODES + 1, _CONSTANTS + MODES + 3
+_K0 = UNKNOWNS.index("precurvature_per_m")
+_BASE = UNKNOWNS.index("base_x_m") - FORCE
+_LOCAL = FORCE + 1
+"""Of a frame: its force, and how far its pre-curvature lies off the session's."""
+_Equations = tuple[float, FloatArray, FloatArray, list[tuple[FloatArray, FloatArray, FloatArray]]]
+"""Cost; matrix and right side of the shared unknowns' step; for each frame what its own step follows from."""
+_FORCE_STD_N = 5e-3
+"""At least, of a reading at a frame: noise and steps of a sensor of this kind, and what a planar rod leaves out."""
+_ROUNDS, _MORE = 3, 1.1
+"""So often the readings' standard deviation is found anew from what is left, where that is larger by this factor."""
+_DRIFT = 0.01
+"""Of the pre-curvature that the knob asks for: it drifts by so much of itself."""
+_LEAST_DRIFT_PER_M = 0.02
+_HUBER = 4.0
+_EASE = (1.0 / 64.0, 1.0 / 8.0, 1.0)
+"""The line's noise is first taken for so much larger."""
+_OUTLIER, _FAR = 16.0, 30.0
+"""A frame is left out whose squares are so many times what is usual, and more than so many variances a point."""
+_STEPS = 12
+_SMALL = 1e-2
+"""The fit has converged when the cost falls by less."""
+_MOST_DAMPING = 1e6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RodFit:
+    """``constants``: mean and standard deviation of each of `UNKNOWNS` behind the force, relative to the metadata.
+
+    ``covariance``: of the constants, the line's lasting errors, the turn (rad) and the tare (N). ``turn_rad``: what
+    must be added to the sensor's stated angle; ``tare_n`` (2,): what the forces hold beside the tare that was
+    subtracted, base frame. ``forces_n`` (n, 2), ``precurvature_per_m`` (n,), ``residual`` (n, points + 1) whitened: of
+    each frame. ``misfit``: mean square of the residual; 1 where the lines are as far off as their noise.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    prior_std: FloatArray
+    forces_n: FloatArray
+    precurvature_per_m: FloatArray
+    misfit: float
+    force_std_n: float
+    cost: float
+    frames: int
+    converged: bool
+    kept: IntArray
+    precurvature_std: FloatArray
+
+    def value(self, name: str) -> float:
+        """Of one of `UNKNOWNS` behind the force."""
+        return float(self.mean[UNKNOWNS.index(name) - FORCE])
+
+    def std(self, name: str) -> float:
+        """Its standard deviation."""
+        at = UNKNOWNS.index(name) - FORCE
+        return math.sqrt(self.covariance[at, at])
+
+    def prior(self, name: str) -> float:
+        """Standard deviation beforehand."""
+        return float(self.prior_std[UNKNOWNS.index(name) - FORCE])
+
+    def told(self, name: str) -> float:
+        """Share of the prior's standard deviation that is left: 1 where the session tells nothing."""
+        at = UNKNOWNS.index(name) - FORCE
+        return self.std(name) / float(self.prior_std[at])
+
+    @property
+    def turn_rad(self) -> float:
+        """To be added to the sensor's angle."""
+        return float(self.mean[_TURN])
+
+    @property
+    def turn_std_rad(self) -> float:
+        """Its standard deviation."""
+        return math.sqrt(self.covariance[_TURN, _TURN])
+
+    @property
+    def turn_told(self) -> float:
+        """As `told`."""
+        return self.turn_std_rad / float(self.prior_std[_TURN])
+
+    @property
+    def tare_n(self) -> FloatArray:
+        """(2,): see the class."""
+        return self.mean[_TARE : _TARE + FORCE]
+
+    @property
+    def late_s(self) -> float:
+        """To be added to the clock offset."""
+        return float(self.mean[_LATE])
+
+    @property
+    def late_std_s(self) -> float:
+        """Its standard deviation."""
+        return math.sqrt(self.covariance[_LATE, _LATE])
+
+
+def fit_rod(
+    info: SessionInfo,
+    lines: Sequence[Line],
+    scale_m_per_px: float,
+    force_n: FloatArray,
+    precurvature_per_m: FloatArray,
+    *,
+    past_n: FloatArray | None = None,
+    rate_n_per_s: FloatArray | None = None,
+    precurvature_std_per_m: float | None = None,
+    turn_rad: float = 0.0,
+    turn_std_rad: float = math.radians(2.0),
+    tare_std_n: float = 3e-3,
+    late_std_s: float = 1e-3,
+    drift_per_m: float | None = None,
+    held: Sequence[str] = (),
+    settings: RodSettings | None = None,
+) -> RodFit:
+    """Fits the rod of ``info`` to the lines of one session.
+
+    Args:
+        info: states length and stiffness.
+        lines: (n) detected, in m by ``scale_m_per_px``.
+        scale_m_per_px: stated.
+        force_n: (n, 2) of the tissue on the tip, in the stated base frame.
+        precurvature_per_m: (n,) that the knob asks for; what is found is an offset to all of them.
+        past_n: (n, 2) mean of the forces before, over the time of creep; None: no creep.
+        rate_n_per_s: (n, 2) how fast the force changes; None: not at all.
+        precurvature_std_per_m: of the offset; None: of the rod estimators' prior.
+        turn_rad: of the sensor, where the search begins.
+        turn_std_rad: of the stated angle.
+        tare_std_n: of what is left of the tare.
+        late_std_s: of the clock offset.
+        drift_per_m: how far a frame's pre-curvature lies off the session's; None: a hundredth of it.
+        held: of `UNKNOWNS`, what is not fitted but kept at its prior mean.
+        settings: priors and noise.
+
+    Raises:
+        InputError: length or stiffness is not stated, or no shape of the rod is found.
+    """
+    settings = settings or RodSettings()
+    model = rod_model(info, settings.segments)
+    error = LineError.of(settings.noise, MODES)
+    whiten, modes = error.whiten / scale_m_per_px, error.modes * scale_m_per_px
+    knowledge = Knowledge.stated(settings)
+    mean = np.concatenate([knowledge.constants, np.zeros(MODES + len(_SENSOR))])
+    prior = np.ones(_COUNT)
+    prior[:_CONSTANTS] = np.sqrt(np.diag(knowledge.constants_covariance))
+    prior[_TURN:] = turn_std_rad, tare_std_n, tare_std_n, late_std_s
+    play = abs(info.actuation.knob_gain_per_m_deg or 0.0) * settings.prior.knob_play_deg / math.sqrt(12.0)
+    prior[0] = precurvature_std_per_m or math.hypot(prior[0], play)
+    for name in held:
+        prior[UNKNOWNS.index(name) - FORCE] = 1e-9
+    drift = np.maximum(_LEAST_DRIFT_PER_M, _DRIFT * np.abs(precurvature_per_m))
+    if drift_per_m is not None:
+        drift = np.full(len(lines), drift_per_m)
+    past = np.zeros((len(lines), FORCE)) if past_n is None else past_n
+    lines = [line._replace(past_n=before) for line, before in zip(lines, past, strict=True)]
+    work = make_work(model, POINTS, FORCE + _CONSTANTS + MODES)
+    rate = np.zeros((len(lines), FORCE)) if rate_n_per_s is None else rate_n_per_s
+    problem = _Problem(model, lines, force_n, rate, precurvature_per_m, drift, modes, whiten, work, mean, prior)
+    start = mean.copy()
+    start[_TURN] = turn_rad
+    start[_BASE : _BASE + 2] = np.median([line.points[0] for line in lines], axis=0)
+    return problem.solve(start)
+
+
+def line_forces(
+    info: SessionInfo,
+    lines: Sequence[Line],
+    scale_m_per_px: float,
+    precurvature_per_m: FloatArray,
+    fit: RodFit,
+    settings: RodSettings | None = None,
+) -> FloatArray:
+    """(n, 2): the force that each line tells by the calibrated rod, whatever the sensor reads; NaN where none fits.
+
+    ``precurvature_per_m`` (n,): that the knob asks for; the rest as in `fit_rod`.
+    """
+    settings = settings or RodSettings()
+    model, error = rod_model(info, settings.segments), LineError.of(settings.noise, MODES)
+    whiten, modes = error.whiten / scale_m_per_px, error.modes * scale_m_per_px
+    count = _CONSTANTS + MODES
+    work, found = make_work(model, POINTS, FORCE + count), np.full((len(lines), FORCE), math.nan)
+    information = np.zeros((FORCE + count, FORCE + count))
+    information[:FORCE, :FORCE] = np.eye(FORCE) / settings.prior.force_n**2
+    information[FORCE:, FORCE:] = np.linalg.inv(fit.covariance[:count, :count])
+    for k, line in enumerate(lines):
+        mean = np.concatenate([np.zeros(FORCE), fit.mean[:count]])
+        mean[_K0] += precurvature_per_m[k]
+        q, covariance = mean.copy(), np.empty_like(information)
+        result = fit_line(
+            q, mean, information, model, line, modes, whiten, _HUBER, 2 * _STEPS, True, work, covariance
+        )  # fmt: skip
+        if result.converged:
+            found[k] = q[:FORCE]
+    return found
+
+
+class _Problem:
+    """The frames of one fit; see `fit_rod`."""
+
+    def __init__(
+        self, model: Model, lines: Sequence[Line], force: FloatArray, rate: FloatArray, k0: FloatArray,
+        drift: FloatArray, modes: FloatArray, whiten: FloatArray, work: Work, mean: FloatArray, prior: FloatArray,
+    ) -> None:  # fmt: skip
+        self._model, self._lines, self._force, self._k0, self._drift = model, lines, force, k0, drift
+        self._rate = rate
+        self._modes, self._whiten, self._work, self._mean, self._prior = modes, whiten, work, mean, prior
+        self._theta = np.zeros((len(lines), work.theta.size))
+        self._warm = np.zeros(len(lines), np.bool_)
+        self._force_std = _FORCE_STD_N
+        self._kept = np.arange(len(lines))
+        self._squares = np.zeros(len(lines))
+        self._misfit = math.nan
+
+    def solve(self, start: FloatArray) -> RodFit:
+        shared, own = start.copy(), np.zeros((len(self._lines), _LOCAL))
+        own[:, :FORCE] = self._read(shared)
+        state, converged = self._normal(shared, own, _EASE[0]), False
+        for ease in _EASE:
+            shared, own, state, converged = self._descend(shared, own, ease)
+            if ease < 1.0 and state[0] < math.inf:
+                own = self._drop_outliers(own)
+        if state[0] == math.inf:
+            raise InputError("no rod as it is stated bends under the measured forces as in the images")
+        for _ in range(_ROUNDS):
+            apart = own[:, :FORCE] - self._read(shared)
+            # what is left, and what a frame's line leaves open of its force
+            own_variance = [inverse[0, 0] + inverse[1, 1] for inverse, *_ in state[3]]
+            square = float(np.mean(apart**2)) + float(np.mean(own_variance)) / FORCE
+            if square < (_MORE * self._force_std) ** 2:
+                break
+            self._force_std = math.sqrt(square)
+            shared, own, state, converged = self._descend(shared, own, 1.0)
+        covariance = np.linalg.inv(state[1]) * max(1.0, self._misfit)
+        return RodFit(
+            shared, 0.5 * (covariance + covariance.T), self._prior, own[:, :FORCE],
+            self._k0 + shared[0] + own[:, FORCE], self._misfit, self._force_std, state[0],
+            len(self._lines), converged, self._kept, np.sqrt([inverse[FORCE, FORCE] for inverse, *_ in state[3]]),
+        )  # fmt: skip
+
+    def _drop_outliers(self, own: FloatArray) -> FloatArray:
+        """``own`` of the frames that are kept: elsewhere something else was detected."""
+        usual = float(np.median(self._squares))
+        fine = np.flatnonzero(self._squares <= max(_OUTLIER * usual, _FAR * self._whiten.shape[0]))
+        self._lines = [self._lines[k] for k in fine.tolist()]
+        self._force, self._rate, self._k0 = self._force[fine], self._rate[fine], self._k0[fine]
+        self._drift, self._theta, self._warm = self._drift[fine], self._theta[fine], self._warm[fine]
+        self._kept = self._kept[fine]
+        return own[fine]
+
+    def _descend(
+        self, shared: FloatArray, own: FloatArray, ease: float
+    ) -> tuple[FloatArray, FloatArray, _Equations, bool]:
+        """Levenberg-Marquardt from ``shared`` and ``own``; returns where it ends, its equations, and if it converged."""
+        state, damping = self._normal(shared, own, ease), 0.0
+        for _ in range(_STEPS):
+            cost, matrix, side, blocks = state
+            if cost == math.inf:
+                break
+            step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), side)
+            tried = shared + step
+            tried_own = own + np.array([inverse @ (left - cross @ step) for inverse, left, cross in blocks])
+            before = self._theta.copy()
+            attempt = self._normal(tried, tried_own, ease)
+            if attempt[0] <= cost:
+                shared, own, state = tried, tried_own, attempt
+                damping = 0.0 if damping < 1e-3 else 0.1 * damping
+                if cost - attempt[0] < _SMALL:
+                    return shared, own, state, True
+            else:
+                self._theta = before
+                damping = max(1e-2, 8.0 * damping)
+                if damping > _MOST_DAMPING:
+                    return shared, own, state, True
+        return shared, own, state, False
+
+    def _read(self, shared: FloatArray) -> FloatArray:
+        """(n, 2): what the forces are, if the sensor's readings are exact."""
+        c, s = math.cos(shared[_TURN]), math.sin(shared[_TURN])
+        turn = np.array([[c, s], [-s, c]])
+        # a force stamp is the frame's minus the offset: with a larger one the frame's force is an earlier one
+        return (self._force - shared[_LATE] * self._rate) @ turn + shared[_TARE : _TARE + FORCE]
+
+    def _normal(self, shared: FloatArray, own: FloatArray, ease: float) -> _Equations:
+        """Cost, and the equations of the next step with each frame's own unknowns eliminated."""
+        work, count = self._work, _CONSTANTS + MODES
+        information = 1.0 / self._prior**2
+        cost = 0.5 * float(np.sum(information * (shared - self._mean) ** 2))
+        matrix, side = np.diag(information), -information * (shared - self._mean)
+        read = self._read(shared)
+        c, s = math.cos(shared[_TURN]), math.sin(shared[_TURN])
+        turned = self._force @ np.array([[-s, c], [-c, -s]])
+        rate = self._rate @ np.array([[c, s], [-s, c]])
+        q = np.empty(FORCE + count)
+        q[FORCE:] = shared[:count]
+        blocks: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        force_variance = self._force_std**2
+        frame_squares = np.zeros(len(self._lines))
+        rows = self._whiten.shape[0]
+        for i, line in enumerate(self._lines):
+            q[:FORCE] = own[i, :FORCE]
+            q[_K0] = shared[0] + self._k0[i] + own[i, FORCE]
+            found = (False, False, 0.0)
+            if self._warm[i]:
+                work.theta[:] = self._theta[i]
+                found = predict_line(q, self._model, line, self._modes, work, False)
+            if not (found[0] and found[1]):
+                found = predict_line(q, self._model, line, self._modes, work, True)
+            if not (found[0] and found[1]):
+                return math.inf, matrix, side, blocks
+            self._theta[i], self._warm[i] = work.theta, True
+            white = ease * (self._whiten @ work.residual)
+            slopes = ease * (self._whiten @ work.slopes)
+            frame_squares[i] = float(white @ white) / ease**2
+            size = np.abs(white)
+            cost += float(np.sum(np.where(size <= _HUBER, 0.5 * size**2, _HUBER * (size - 0.5 * _HUBER))))
+            weight = np.minimum(1.0, _HUBER / np.maximum(size, 1e-12))
+            local = np.empty((rows, _LOCAL))
+            local[:, :FORCE], local[:, FORCE] = slopes[:, :FORCE], slopes[:, _K0]
+            common = np.zeros((rows, _COUNT))
+            common[:, :count] = slopes[:, FORCE:]
+            apart = own[i, :FORCE] - read[i]
+            cost += 0.5 * float(apart @ apart) / force_variance + 0.5 * (own[i, FORCE] / self._drift[i]) ** 2
+            # of (own - read): with the frame's force, with the turn and with the tare
+            towards = np.zeros((FORCE, _COUNT))
+            towards[:, _TURN], towards[:, _LATE] = -turned[i], rate[i]
+            towards[:, _TARE : _TARE + FORCE] = -np.eye(FORCE)
+            inner = local.T @ (weight[:, None] * local)
+            inner[:FORCE, :FORCE] += np.eye(FORCE) / force_variance
+            inner[FORCE, FORCE] += self._drift[i] ** -2
+            cross = local.T @ (weight[:, None] * common)
+            cross[:FORCE] += towards / force_variance
+            left = local.T @ (weight * white)
+            left[:FORCE] -= apart / force_variance
+            left[FORCE] -= own[i, FORCE] * self._drift[i] ** -2
+            inverse = np.linalg.inv(inner)
+            matrix += common.T @ (weight[:, None] * common) + towards.T @ towards / force_variance
+            matrix -= cross.T @ inverse @ cross
+            side += common.T @ (weight * white) - towards.T @ apart / force_variance - cross.T @ (inverse @ left)
+            blocks.append((inverse, left, cross))
+        self._squares = frame_squares
+        self._misfit = float(np.mean(frame_squares)) / rows
+        return cost, matrix, side, blocks

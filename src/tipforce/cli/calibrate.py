@@ -1,0 +1,119 @@
+"""``tipforce calibrate``: what recordings, a board or a ruler tell of a bench, written into ``bench.toml``."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import InputError
+from ._common import JsonOption, check_new, check_outputs, progress_bar, say, write_json
+from ._facts import BenchOption, FactOption, number_from, stated_info
+
+__all__ = ["command"]
+
+
+def command(
+    recordings: Annotated[
+        list[Path] | None, typer.Argument(metavar="RECORDING...", help="One minute each, or a folder of them.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="The bench.toml to write the values into.")
+    ] = None,
+    bench: BenchOption = None,
+    fact: FactOption = None,
+    contact_free: Annotated[
+        bool, typer.Option("--contact-free", help="Nothing touches in any frame; no forces are needed.")
+    ] = False,
+    seconds: Annotated[float | None, typer.Option(min=1.0, help="Only so much of each recording's beginning.")] = None,
+    stated_within: Annotated[
+        float, typer.Option(min=0.1, max=45.0, metavar="PERCENT", help="How well the stated stiffness is known.")
+    ] = 10.0,
+    board: Annotated[
+        Path | None,
+        typer.Option(metavar="IMAGES", help="ChArUco board: an image or a folder; the first in the plane of bending."),
+    ] = None,
+    square_mm: Annotated[float | None, typer.Option(help="Side of a square of the board.")] = None,
+    marker_mm: Annotated[float | None, typer.Option(help="Side of a marker; default three quarters of a square.")] = None,
+    squares: Annotated[str, typer.Option(metavar="NxM", help="Squares of the board, across and down.")] = "7x5",
+    dictionary: Annotated[str, typer.Option(help="Of the board's markers, by OpenCV's name.")] = "DICT_4X4_50",
+    ruler: Annotated[
+        str | None, typer.Option(metavar="U0,V0,U1,V1,MM", help="Two image points and the distance between them.")
+    ] = None,
+    view: Annotated[str, typer.Option(help="Whose scale board and ruler give.")] = "camera",
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw the knob's map, the forces and the tissue.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Change a bench.toml that is there already.")] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Find what a bench is: scale, sensor angle, knob map, stiffness and tissue, each with its standard deviation.
+
+    One minute with forces tells it: five seconds without contact, then contact with the wall beating. Poorer, and said
+    so: a recording without contact (--contact-free) and a stated stiffness. With -o the values are written into
+    bench.toml: what stands there stays, a line that is replaced is kept as a comment.
+
+    Example:
+        tipforce calibrate runs/monday.mcap --bench bench.toml -o bench.toml --overwrite --plot calibration.png
+
+        tipforce calibrate --ruler 100,240,500,240,80 -o bench.toml
+
+        tipforce calibrate --board board/ --square-mm 8 --squares 9x6 --bench bench.toml -o new.toml
+    """
+    from ..calibration import BoardSettings
+    from ..io import write_atomic
+    from ..pipelines import calibrate, describe_calibration, plot_calibration
+
+    paths = recordings or []
+    check_outputs(paths, output, plot, json_file)
+    check_new(output, plot, overwrite=overwrite)
+    if board is not None and square_mm is None:
+        raise InputError("--board: state the side of a square with --square-mm")
+    settings = None
+    if square_mm is not None:
+        marker = None if marker_mm is None else 1e-3 * marker_mm
+        settings = BoardSettings(_squares(squares), 1e-3 * square_mm, marker, dictionary)
+    with progress_bar() as report:
+        done = calibrate(
+            paths,
+            bench=stated_info(bench, fact),
+            contact_free=contact_free,
+            seconds=math.inf if seconds is None else seconds,
+            stated_within=0.01 * stated_within,
+            board=board,
+            board_settings=settings,
+            ruler=_ruler(ruler),
+            view=view,
+            progress=report,
+        )
+    text = None
+    if output is not None:
+        base = output if output.exists() else bench
+        text = done.bench_text(None if base is None else base.read_text(encoding="utf-8-sig"), str(base or output))
+    for line in describe_calibration(done):
+        say(line)
+    if output is not None and text is not None:
+        write_atomic(output, text)
+        names = ", ".join(each.key for each in done.changes) or "nothing: no value is good enough"
+        say(f"wrote {output}: {names}")
+    if plot is not None:
+        plot_calibration(done, plot)
+        say(f"wrote {plot}")
+    write_json(done.figures(), json_file)
+
+
+def _squares(text: str) -> tuple[int, int]:
+    across, _, down = text.lower().partition("x")
+    if not (across.strip().isdecimal() and down.strip().isdecimal()):
+        raise InputError(f"--squares {text}: expected squares across and down, as in 7x5")
+    return int(across), int(down)
+
+
+def _ruler(text: str | None) -> tuple[float, float, float, float, float] | None:
+    if text is None:
+        return None
+    expected = "U0,V0,U1,V1,MM: two image points in px and their distance in mm"
+    parts = [number_from(part, f"--ruler {text}", expected) for part in text.split(",")]
+    if len(parts) != 5:
+        raise InputError(f"--ruler {text}: expected {expected}")
+    return parts[0], parts[1], parts[2], parts[3], parts[4]

@@ -1,0 +1,235 @@
+"""Recordings and images of a board -> what they tell of the bench, and its ``bench.toml`` with it."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from ..calibration import (
+    BoardResult,
+    BoardSettings,
+    Calibration,
+    Quantity,
+    calibrate_board,
+    calibrate_sessions,
+    read_session,
+    scale_from_diameter,
+    scale_from_ruler,
+)
+from ..errors import InputError
+from ..io import is_image, read_image
+from ..types import SessionInfo, ViewInfo, bench_text, edited_bench
+from ._estimate import session_info_from
+
+__all__ = ["CalibrateReport", "calibrate", "describe_calibration", "plot_calibration"]
+
+_SPLIT = 0.9
+"""Of the progress: reading the recordings takes longest."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibrateReport:
+    """``quantities``: a table's rows; ``remarks``: what stays unknown. ``info``: the metadata that were used.
+
+    ``calibration``: None without recordings; ``board``: None without a board.
+    """
+
+    quantities: tuple[Quantity, ...]
+    remarks: tuple[str, ...]
+    info: SessionInfo
+    calibration: Calibration | None
+    board: BoardResult | None
+    sources: tuple[str, ...]
+
+    @property
+    def changes(self) -> tuple[Quantity, ...]:
+        """What is good enough to be written."""
+        return tuple(each for each in self.quantities if each.key and each.written and each.known)
+
+    def bench_text(self, text: str | None = None, where: str = "bench.toml") -> str:
+        """``text`` of a ``bench.toml`` with what was found, and its comments; None: that of the recordings' metadata.
+
+        Raises InputError where it cannot be edited.
+        """
+        source = ", ".join(self.sources[:3]) + (f" and {len(self.sources) - 3} more" if len(self.sources) > 3 else "")
+        values: dict[str, tuple[Any, str]] = {}
+        for each in self.changes:
+            scale = 0.01 if each.unit == "%" else 1.0
+            note = f"+- {scale * each.std:.2g}; tipforce calibrate, {date.today().isoformat()}, {source}"
+            value = each.stated if each.stated is not None else _rounded(each.value, each.std)
+            values[each.key] = (value, note)
+        return edited_bench(bench_text(replace(self.info, name="")) if text is None else text, values, where)
+
+    def figures(self) -> dict[str, Any]:
+        """As JSON."""
+        return {
+            "quantities": [each.figures() for each in self.quantities],
+            "remarks": list(self.remarks),
+            "board": None if self.board is None else self.board.figures(),
+            "sources": list(self.sources),
+        }
+
+
+def calibrate(
+    recordings: Path | str | Sequence[Path | str] = (),
+    *,
+    bench: SessionInfo | Path | str | None = None,
+    contact_free: bool = False,
+    seconds: float = math.inf,
+    stated_within: float = 0.1,
+    board: Path | str | Sequence[Path | str] | None = None,
+    board_settings: BoardSettings | None = None,
+    ruler: tuple[float, float, float, float, float] | None = None,
+    view: str = "camera",
+    progress: Callable[[str, float], None] | None = None,
+) -> CalibrateReport:
+    """Finds what recordings, a board or a ruler tell of a bench.
+
+    Args:
+        recordings: .mcap files, or a folder of them; of one bench and one catheter.
+        bench: metadata in place of the recordings' own.
+        contact_free: nothing touches in any of them, and no force is needed.
+        seconds: only so much of the beginning of each.
+        stated_within: standard deviation of the stated stiffness, relative.
+        board: images of a ChArUco board, the first in the plane in which the catheter bends, or a folder of them.
+        board_settings: of the board.
+        ruler: u0, v0, u1, v1 in px, and the distance in mm that they stand for.
+        view: whose scale board and ruler give.
+        progress: called with what is done and its share.
+
+    Returns:
+        The table, and what can be written into ``bench.toml``.
+
+    Raises:
+        FileFormatError: a file cannot be read.
+        InputError: there is nothing to calibrate from, or what was given does not do.
+    """
+    report = progress or (lambda what, share: None)
+    given = [recordings] if isinstance(recordings, str | Path) else list(recordings)
+    paths = [path for each in given for path in _recordings(Path(each))]
+    info = session_info_from(bench)
+    quantities: list[Quantity] = []
+    found: BoardResult | None = None
+    sources = [path.name for path in paths]
+    if board is not None:
+        files = _images([board] if isinstance(board, str | Path) else list(board))
+        found = calibrate_board([read_image(path) for path in files], board_settings or BoardSettings())
+        quantities.append(_scale(found.quantity, view, info))
+        sources.append(files[0].name)
+    if ruler is not None:
+        made = _scale(scale_from_ruler(ruler[:4], ruler[4]), view, info)
+        quantities.append(replace(made, written=found is None))
+        sources.append("ruler")
+    if not (paths or quantities):
+        raise InputError("recordings, board and ruler are all missing: name at least one to calibrate from")
+    if not paths:
+        return CalibrateReport(tuple(quantities), _lens_remarks(found), info, None, found, tuple(sources))
+    if quantities:
+        info = info.updated(SessionInfo(views={view: ViewInfo(metres_per_px=quantities[0].value)}))
+    sessions = []
+    for k, path in enumerate(paths):
+
+        def share(part: float, k: int = k, path: Path = path) -> None:
+            report(f"reading {path.name}", _SPLIT * (k + part) / len(paths))
+
+        sessions.append(
+            read_session(path, bench=info, seconds=seconds, contact_free=contact_free, progress=share)
+        )
+    calibration = calibrate_sessions(
+        sessions, stated_within=stated_within, progress=lambda part: report("fitting", _SPLIT + (1.0 - _SPLIT) * part)
+    )
+    by_shaft = scale_from_diameter(sessions)
+    quantities += [] if by_shaft is None else [by_shaft]
+    return CalibrateReport(
+        (*quantities, *calibration.quantities),
+        (*_lens_remarks(found), *calibration.remarks),
+        sessions[0].info,
+        calibration,
+        found,
+        tuple(sources),
+    )
+
+
+def _recordings(path: Path) -> list[Path]:
+    if path.is_dir():
+        found = sorted(path.glob("*.mcap"))
+        if not found:
+            raise InputError(f"{path}: holds no recording (.mcap); make one with `tipforce import`")
+        return found
+    if path.suffix != ".mcap":
+        raise InputError(f"{path}: is no recording (.mcap); make one of video and logs with `tipforce import`")
+    return [path]
+
+
+def _images(given: Sequence[Path | str]) -> list[Path]:
+    files: list[Path] = []
+    for each in map(Path, given):
+        files += sorted(path for path in each.iterdir() if is_image(path)) if each.is_dir() else [each]
+    if not files:
+        raise InputError(f"board: {given[0]} holds no image")
+    return files
+
+
+def _scale(quantity: Quantity, view: str, info: SessionInfo) -> Quantity:
+    return replace(quantity, key=f"views.{view}.metres_per_px", before=info.view(view).metres_per_px)
+
+
+def _lens_remarks(board: BoardResult | None) -> tuple[str, ...]:
+    if board is None:
+        return ()
+    if board.distortion is None:
+        return (
+            f"the lens is not told by {board.images} image(s) of the board: five more, tilted this way and that, do",
+        )
+    return (
+        f"the lens moves pixels by up to {board.lens_px:.1f} px at the image's edge; detection works on the image as it "
+        "is, with one scale, and does not take that out",
+    )
+
+
+def _rounded(value: float, std: float) -> float:
+    """``value`` to a tenth of its standard deviation."""
+    if not (math.isfinite(std) and std > 0.0 and value):
+        return value
+    digits = max(1, math.ceil(math.log10(abs(value) / std)) + 2)
+    return float(f"{value:.{digits}g}")
+
+
+def _shown(value: float | None, std: float) -> str:
+    if value is None:
+        return "-"
+    if math.isnan(value):
+        return "?"
+    return f"{_rounded(value, std):g}"
+
+
+def describe_calibration(report: CalibrateReport) -> list[str]:
+    """A table, one line a quantity, then the remarks."""
+    rows = [("quantity", "value", "+-", "", "before", "doubt")]
+    for each in report.quantities:
+        std = f"{each.std:.2g}" if math.isfinite(each.std) else "?"
+        mark = each.doubt or ("" if each.written or not each.key else "kept as stated")
+        rows.append((each.name, _shown(each.value, each.std), std, each.unit, _shown(each.before, 0.0), mark))
+    widths = [max(len(row[k]) for row in rows) for k in range(5)]
+    lines = [
+        "  ".join(
+            [row[0].ljust(widths[0]), row[1].rjust(widths[1]), row[2].rjust(widths[2]), row[3].ljust(widths[3]),
+             row[4].rjust(widths[4]), row[5]]
+        ).rstrip()
+        for row in rows
+    ]  # fmt: skip
+    return [*lines, "", *report.remarks] if report.remarks else lines
+
+
+def plot_calibration(report: CalibrateReport, path: Path | str) -> None:
+    """Map of the knob, forces of sensor and rod, and the tissue's law, as a PNG or SVG.
+
+    Raises InputError without recordings, FileFormatError where the file's kind or folder is none.
+    """
+    from ._calibrate_plot import draw_calibration  # matplotlib takes a third of a second to load
+
+    if report.calibration is None:
+        raise InputError("plot: without recordings there is nothing to draw")
+    draw_calibration(report.calibration, Path(path))
