@@ -323,7 +323,9 @@ def _knob(results: Sequence[SessionResult]) -> list[Quantity]:
     low, high = min(knob.low_deg for knob in knobs), max(knob.high_deg for knob in knobs)
     if not maps:
         value, std = combined([k.curvature_per_m for k in knobs], [k.curvature_std for k in knobs])
-        doubt = f"the knob stood at {low:g} deg: neither gain nor hysteresis is told; turn it up and down without contact"
+        doubt = (
+            f"the knob stood at {low:g} deg: neither gain nor hysteresis is told; turn it up and down without contact"
+        )
         expected = info.actuation.curvature_per_m(low)
         return [Quantity(f"pre-curvature at {low:g} deg", value, std, "1/m", frames, before=expected, doubt=doubt)]
     gain, gain_std = combined([k.gain_per_m_deg for k in maps], [k.gain_std for k in maps])
@@ -350,9 +352,7 @@ def _knob(results: Sequence[SessionResult]) -> list[Quantity]:
                      info.actuation.knob_play_deg, fine, doubt)
         )  # fmt: skip
     else:
-        made.append(
-            Quantity("knob hysteresis", math.nan, math.nan, "deg", frames, doubt="the knob never turned back")
-        )
+        made.append(Quantity("knob hysteresis", math.nan, math.nan, "deg", frames, doubt="the knob never turned back"))
     return made
 
 

@@ -207,7 +207,9 @@ def scale_from_ruler(ends_px: tuple[float, float, float, float], length_mm: floa
     """
     apart = math.hypot(ends_px[2] - ends_px[0], ends_px[3] - ends_px[1])
     if not (apart > 10.0 * _CLICK_PX and length_mm > 0.0 and math.isfinite(apart * length_mm)):
-        raise InputError(f"ruler: the points lie {apart:.3g} px apart and stand for {length_mm:g} mm; mark them farther")
+        raise InputError(
+            f"ruler: the points lie {apart:.3g} px apart and stand for {length_mm:g} mm; mark them farther"
+        )
     scale = 1e-3 * length_mm / apart
     std = scale * math.sqrt(2.0) * _CLICK_PX / apart
     doubt = "" if std < 5e-3 * scale else f"the points lie only {apart:.0f} px apart"

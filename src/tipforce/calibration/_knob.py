@@ -106,8 +106,12 @@ def fit_knob(
     low, high = float(told.min()), float(told.max())
     nan = math.nan
     mean = float(np.average(curvature_per_m, weights=weight))
-    blocks = np.array([np.average(curvature_per_m[block == k], weights=weight[block == k]) for k in range(len(numbers))])
-    spread = float(np.std(blocks, ddof=1)) / math.sqrt(len(blocks)) if len(blocks) > 2 else float(np.median(curvature_std))
+    blocks = np.array(
+        [np.average(curvature_per_m[block == k], weights=weight[block == k]) for k in range(len(numbers))]
+    )
+    spread = (
+        float(np.std(blocks, ddof=1)) / math.sqrt(len(blocks)) if len(blocks) > 2 else float(np.median(curvature_std))
+    )
     if high - low < _LEAST_RANGE_DEG or len(numbers) < 4:
         return KnobFit(
             nan, nan, nan, nan, nan, nan, mean, math.hypot(spread, common_std_per_m), 0.0, low, high,

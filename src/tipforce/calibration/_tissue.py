@@ -141,9 +141,7 @@ class _Frames:
         if pressed.sum() > 1:
             slope, level = np.polyfit((stage - across)[pressed], force[pressed], 1)
             stage = stage - (-level / slope if slope > 0 else float(np.min((stage - across)[pressed])))
-        rates = np.vstack(
-            [session.stage_m_per_s[:, forward], np.gradient(np.stack([across, along]), seconds, axis=1)]
-        )
+        rates = np.vstack([session.stage_m_per_s[:, forward], np.gradient(np.stack([across, along]), seconds, axis=1)])
         kept = (np.gradient(seconds) < _MOST_STEP_S) & np.isfinite(rates).all(axis=0)
         return cls(seconds[kept], force[kept], stage[kept], across[kept], along[kept], rates[:, kept])
 

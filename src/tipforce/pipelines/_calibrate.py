@@ -134,9 +134,7 @@ def calibrate(
         def share(part: float, k: int = k, path: Path = path) -> None:
             report(f"reading {path.name}", _SPLIT * (k + part) / len(paths))
 
-        sessions.append(
-            read_session(path, bench=info, seconds=seconds, contact_free=contact_free, progress=share)
-        )
+        sessions.append(read_session(path, bench=info, seconds=seconds, contact_free=contact_free, progress=share))
     calibration = calibrate_sessions(
         sessions, stated_within=stated_within, progress=lambda part: report("fitting", _SPLIT + (1.0 - _SPLIT) * part)
     )

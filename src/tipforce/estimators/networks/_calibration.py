@@ -43,13 +43,18 @@ class CalibrationBatch:
     split: TrainValSplit
     stamp_ns: IntArray
 
+    @property
+    def held_out(self) -> IntArray:
+        """The samples whose outputs are those of the validation split, see `outputs`."""
+        return spread_evenly(self.split.val, _CALIBRATION_SAMPLES)
+
     def outputs(self, *, held_out: bool, augmented: bool) -> Arrays:
         """Returns the outputs for samples spread evenly over the validation split (``held_out``) or the training one.
 
         The images are as they are, or ``augmented`` as in training.
         """
-        index = self.split.val if held_out else self.split.train
-        return self.at(spread_evenly(index, _CALIBRATION_SAMPLES), augmented=augmented)
+        index = self.held_out if held_out else spread_evenly(self.split.train, _CALIBRATION_SAMPLES)
+        return self.at(index, augmented=augmented)
 
     def at(self, index: IntArray, *, augmented: bool = False, names: Sequence[str] | None = None) -> Arrays:
         """Returns the outputs ``names`` (None: all) for the samples at ``index``."""

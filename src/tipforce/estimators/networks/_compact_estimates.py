@@ -19,12 +19,15 @@ __all__ = [
     "component_sigma",
     "fit_abstention_limits",
     "heatmap_pixels",
+    "largest_trusted_sigma",
     "magnitude_sigma",
     "normalised_interval",
 ]
 
 _HEATMAP_SHARE = 0.3
 """A heatmap with less than this share of the smallest usual number of pixels shows no catheter."""
+_WRONG_SHARE = 0.05
+"""Share of the estimates that may be wrong by more than the setting ``max_error_n``."""
 _OOD_QUANTILE = 0.002
 """Share of in-distribution images that may be taken for images of a displaced catheter."""
 
@@ -55,7 +58,12 @@ class AbstentionLimits:
 
 
 def fit_abstention_limits(
-    held_out: Outputs, sigma_n: FloatArray, abstained: float, *, heatmap_trained: bool, ood_trained: bool
+    held_out: Outputs,
+    sigma_n: FloatArray,
+    abstained: float,
+    *,
+    heatmap_trained: bool,
+    ood_trained: bool,
 ) -> AbstentionLimits:
     """Set the limits.
 
@@ -73,6 +81,25 @@ def fit_abstention_limits(
         max_sigma_n=float(np.quantile(sigma_n, 1.0 - abstained)),
         min_in_distribution_logit=logit if ood_trained else -math.inf,
     )
+
+
+def largest_trusted_sigma(sigma_n: FloatArray, error_n: FloatArray, max_error_n: float | None) -> float:
+    """Returns the standard deviation up to which few estimates are wrong.
+
+    Args:
+        sigma_n: (n,) standard deviations of held-out magnitudes.
+        error_n: (n,) their errors.
+        max_error_n: more than this is wrong; None: nothing is.
+
+    >>> largest_trusted_sigma(np.array([0.01, 0.02, 0.03]), np.array([0.0, 0.01, 0.2]), 0.05)
+    0.02
+    """
+    if max_error_n is None:
+        return math.inf
+    order = np.argsort(sigma_n, kind="stable")
+    wrong = np.cumsum(np.abs(error_n[order]) > max_error_n) / np.arange(1, len(order) + 1)
+    trusted = np.flatnonzero(wrong <= _WRONG_SHARE)
+    return float(sigma_n[order[trusted[-1]]]) if len(trusted) else 0.0
 
 
 @dataclass(frozen=True, eq=False)

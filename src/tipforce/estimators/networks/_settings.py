@@ -89,6 +89,9 @@ class CompactSettings(NetworkSettings):
     """Position of the base along that border, as a share from its left or upper end."""
     abstained: Annotated[float, Field(ge=0, lt=1)] = 0.03
     """Share of in-distribution images without an estimate: those with the largest predicted uncertainty."""
+    max_error_n: Annotated[float, Field(gt=0, le=100)] | None = None
+    """No estimate, either, from the predicted uncertainty on up to which a twentieth of the images that were held out
+    are wrong by more than this, in newtons; None: however wrong they may be."""
     augmentation: Augmentation = Augmentation()
     """Data augmentation."""
     epochs: Epochs = 30

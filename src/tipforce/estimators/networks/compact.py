@@ -41,6 +41,7 @@ from ._compact_estimates import (
     component_sigma,
     fit_abstention_limits,
     heatmap_pixels,
+    largest_trusted_sigma,
     magnitude_sigma,
     normalised_interval,
 )
@@ -265,6 +266,8 @@ class Compact(NetworkEstimator):
         heatmap_trained = calibration.samples.heatmap is not None or (
             initial is not None and bool(initial.arrays["min_heatmap_px"] > 0)
         )
+        truth = calibration.samples.force_n[calibration.held_out].astype(np.float64)
+        errors = np.linalg.norm(forces, axis=1) - np.linalg.norm(truth, axis=1)
         limits = fit_abstention_limits(
             held_out,
             magnitude,
@@ -274,6 +277,8 @@ class Compact(NetworkEstimator):
         )
         if initial is not None and still_holds:
             limits = limits.widened(_limits(initial.arrays))
+        trusted_n = largest_trusted_sigma(magnitude, errors, self.settings.max_error_n)
+        limits = replace(limits, max_sigma_n=min(limits.max_sigma_n, trusted_n))
         compensation = rate_compensation_from(
             calibration, None if initial is None else _rate_compensation(initial.arrays)
         )
