@@ -193,9 +193,7 @@ def test_errors_on_the_simulated_bench_are_held_against_the_smallest_possible(tm
     world = preset.world.model_copy(update={"seconds": 9.0})
     lines = ["session,stamp_ns,shape_A1,shape_A2,shape_A3,shape_A4,knob_deg,fx_n,fy_n"]
     (tmp_path / "runs").mkdir()
-    bench = SimulatedBench(
-        preset.model_copy(update={"preset": "bench-2021 changed", "world": world, "width": 320, "height": 240}), 5, 0
-    )
+    bench = SimulatedBench(preset.model_copy(update={"preset": "bench-2021 changed", "world": world}), 5, 0)
     truth = collect_truth(bench, np.arange(0, len(bench.frame_s), 3))
     write_truth(truth, truth_path(tmp_path / "runs" / f"{bench.name}.mcap"))
     for stamp, (fx, fy, _) in zip(truth.stamp_ns, truth.force_n, strict=True):
