@@ -150,8 +150,8 @@ def table(figures: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
     for row, models in figures.items():
         for place, (model, cell) in enumerate(models.items()):
             worst = f"{_share(cell['worst_coverage'])} ({cell['worst_stratum']})" if cell["worst_stratum"] else "-"
-            few = "*" if cell["frames_near_axis"] < FEW_SAMPLES else ""
-            near = f"{_mn(cell['bias_near_axis_n'], '+')}{few}" if cell["frames_near_axis"] else "-"
+            near = _mn(cell["bias_near_axis_n"], "+")
+            near += "*" if near != "-" and cell["frames_near_axis"] < FEW_SAMPLES else ""
             cells = (
                 row if place == 0 else "", f"`{model}`", _mn(cell["mae_n"]), _mn(cell["bias_n"], "+"), near,
                 _share(cell["wrong"]), _share(cell["coverage"]), worst, _share(cell["abstained"]),
