@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from tipforce.cli._settings import settings_from
-from tipforce.datasets import Dataset, every_nth, open_dataset
+from tipforce.datasets import Dataset, every_nth, open_recordings
 from tipforce.estimators import Estimator, load_model
 from tipforce.evaluation import AS_SAVED, FEW_SAMPLES, axis_angle_deg, score, session_groups, stratum_metrics, truth_at
 from tipforce.evaluation._metrics import json_ready
@@ -196,7 +196,8 @@ def main() -> None:
     for row in (*chosen.rows, *([OTHER_ENGINES] if chosen.other_engines else [])):
         other = row == OTHER_ENGINES
         folder = chosen.other_engines if other else simulated(row, chosen.runs, chosen.sessions, chosen.seconds)
-        data = open_dataset(folder)
+        recordings = sorted(folder.glob("session_*.mcap"))[: None if other else chosen.sessions]
+        data = open_recordings(recordings, row)
         if not other:
             data = every_nth(data, chosen.every)
         truth = truth_of(data, folder)
