@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from tipforce.cli._settings import settings_from
-from tipforce.datasets import Dataset, every_nth, open_dataset
+from tipforce.datasets import Dataset, every_nth, open_recordings
 from tipforce.estimators import Estimator, load_model
 from tipforce.evaluation import AS_SAVED, FEW_SAMPLES, axis_angle_deg, score, session_groups, stratum_metrics, truth_at
 from tipforce.evaluation._metrics import json_ready
@@ -150,8 +150,8 @@ def table(figures: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
     for row, models in figures.items():
         for place, (model, cell) in enumerate(models.items()):
             worst = f"{_share(cell['worst_coverage'])} ({cell['worst_stratum']})" if cell["worst_stratum"] else "-"
-            few = "*" if cell["frames_near_axis"] < FEW_SAMPLES else ""
-            near = f"{_mn(cell['bias_near_axis_n'], '+')}{few}" if cell["frames_near_axis"] else "-"
+            near = _mn(cell["bias_near_axis_n"], "+")
+            near += "*" if near != "-" and cell["frames_near_axis"] < FEW_SAMPLES else ""
             cells = (
                 row if place == 0 else "", f"`{model}`", _mn(cell["mae_n"]), _mn(cell["bias_n"], "+"), near,
                 _share(cell["wrong"]), _share(cell["coverage"]), worst, _share(cell["abstained"]),
@@ -196,7 +196,8 @@ def main() -> None:
     for row in (*chosen.rows, *([OTHER_ENGINES] if chosen.other_engines else [])):
         other = row == OTHER_ENGINES
         folder = chosen.other_engines if other else simulated(row, chosen.runs, chosen.sessions, chosen.seconds)
-        data = open_dataset(folder)
+        recordings = sorted(folder.glob("session_*.mcap"))[: None if other else chosen.sessions]
+        data = open_recordings(recordings, row)
         if not other:
             data = every_nth(data, chosen.every)
         truth = truth_of(data, folder)

@@ -315,7 +315,7 @@ def test_truth_of_another_session_of_the_same_name_is_refused(make_bench):
 def test_the_lines_for_the_terminal_name_every_row(report):
     text = "\n".join(report_lines(report[2]))
     assert text.startswith("On sessions never seen")
-    assert text.count("constant predictor") == 3
+    assert text.count("constant predictor") == 4, "two protocols and, under the stricter one, trust"
     assert "sessions never seen:" in text
 
 

@@ -8,9 +8,8 @@ the truth is needed to compute it. The second holds by the estimate (Mondrian): 
 
 Within a stratum, the lower and the upper end are those of the signed errors' 5 and 95 % quantiles about their median,
 each session weighing the same, times one factor that makes both hold 90 % of a new session (as in `_conformal`). With
-fewer than 9 sessions in a stratum there is no such factor: it is then at least Student's (the prediction of one more
-session from so few) and what holds every frame, and the ends are not nearer than those of the stratum below, or of all
-frames for strata of the estimate.
+fewer than 20 sessions in a stratum the factor is Student's (the prediction of one more session from so few), and the
+ends are not nearer than those of the stratum below, or of all frames for strata of the estimate.
 """
 
 import math
@@ -31,8 +30,9 @@ __all__ = ["ForceStrata", "fit_strata"]
 _TAIL = 0.05
 """Share of the errors beyond either end."""
 _COVERAGE = 1.0 - 2.0 * _TAIL
-_LEAST_SESSIONS = 9
-"""From so many sessions on the conformal factor is finite, see `sessions_for_guarantee`."""
+_LEAST_SESSIONS = 20
+"""From so many sessions on the factor is conformal. It is finite from 9 on, but until 19 nearly every session's largest
+error, and Student's factor holds as much with less width (docs/results/trust.md)."""
 _WIDTH_N, _LEAST_STRATA, _MOST_STRATA = 0.1, 3, 8
 """Width of a stratum: a quarter of the force window, less where forces are small; and how many there are."""
 _LARGEST_SHARE = 0.99
@@ -171,7 +171,7 @@ def _ends(error: FloatArray, session: npt.NDArray[np.str_]) -> tuple[FloatArray,
         held = np.cumsum(mass[ranked]) * sessions / (sessions + 1)
         factor = float(score[ranked[np.searchsorted(held, _COVERAGE - 1e-9)]])
     else:
-        factor = max(float(score.max()), _student(sessions))
+        factor = _student(sessions)
     return np.array([median - factor * below, median + factor * above]), sessions
 
 
