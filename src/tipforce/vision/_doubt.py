@@ -42,8 +42,9 @@ _LENGTH = 0.08
 """A length may differ from the stated one by this share: 5 % of the catheter, 2 % of the scale, and the base."""
 _SPREAD = 0.02
 """The lengths found in the images of a session may scatter by this share (standard deviation)."""
-_STILL_PX = 0.5
-"""What moves by less than this in all of its points stands still."""
+_STILL_PX, _STILL_POINTS, _STILL_LINES = 0.5, 90.0, 80.0
+"""What lies nearer to one common curve, in so many percent of its points and of the images, does not bend or move across
+itself: a post, an edge, or a cable that something moves over."""
 _CELL, _CHANGED_GREY, _CHANGED = 8, 8.0, 0.004
 """The images differ where this share of cells of so many px changes by so many grey levels."""
 
@@ -154,7 +155,13 @@ def _stays(traces: Sequence[Trace], width: float) -> float:
 
 
 def _still(lines: FloatArray) -> bool:
-    return float(np.linalg.norm(lines - np.median(lines, axis=0), axis=2).max()) < _STILL_PX
+    """Whether all ``lines`` (n, k, 2) lie on one curve, however far each goes along it."""
+    longest = lines[int(np.argmax(np.linalg.norm(np.diff(lines, axis=1), axis=2).sum(axis=1)))]
+    starts, ways = longest[:-1], np.diff(longest, axis=0)
+    from_start = lines[:, :, None] - starts
+    share = np.clip((from_start * ways).sum(axis=-1) / (ways**2).sum(axis=-1), 0.0, 1.0)
+    off = np.linalg.norm(from_start - share[..., None] * ways, axis=-1).min(axis=-1)
+    return float(np.percentile(np.percentile(off, _STILL_POINTS, axis=1), _STILL_LINES)) < _STILL_PX
 
 
 def _images_differ(frames: Sequence[Image]) -> bool:
