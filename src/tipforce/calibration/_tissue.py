@@ -36,7 +36,7 @@ _MOST_STEP_S = 0.15
 _POSE_STD_RAD = math.radians(0.5)
 """Of the sensor's stated angle."""
 _SLIDE = 0.03
-"""Of what the tip slides along the surface, so much may count as depth: direction, camera, the tip as it is detected."""
+"""Of what the tip slides along the surface, so much may count as depth: direction, camera, detection of the tip."""
 _LATE_STD_S = 6e-3
 """Between the stage's commands and the frames."""
 _SCALE = np.array([1e-4, 0.1, 1.0, 0.2, 0.02, 1e-3])
@@ -141,9 +141,7 @@ class _Frames:
         if pressed.sum() > 1:
             slope, level = np.polyfit((stage - across)[pressed], force[pressed], 1)
             stage = stage - (-level / slope if slope > 0 else float(np.min((stage - across)[pressed])))
-        rates = np.vstack(
-            [session.stage_m_per_s[:, forward], np.gradient(np.stack([across, along]), seconds, axis=1)]
-        )
+        rates = np.vstack([session.stage_m_per_s[:, forward], np.gradient(np.stack([across, along]), seconds, axis=1)])
         kept = (np.gradient(seconds) < _MOST_STEP_S) & np.isfinite(rates).all(axis=0)
         return cls(seconds[kept], force[kept], stage[kept], across[kept], along[kept], rates[:, kept])
 

@@ -34,7 +34,9 @@ def command(
         typer.Option(metavar="IMAGES", help="ChArUco board: an image or a folder; the first in the plane of bending."),
     ] = None,
     square_mm: Annotated[float | None, typer.Option(help="Side of a square of the board.")] = None,
-    marker_mm: Annotated[float | None, typer.Option(help="Side of a marker; default three quarters of a square.")] = None,
+    marker_mm: Annotated[
+        float | None, typer.Option(help="Side of a marker; default three quarters of a square.")
+    ] = None,
     squares: Annotated[str, typer.Option(metavar="NxM", help="Squares of the board, across and down.")] = "7x5",
     dictionary: Annotated[str, typer.Option(help="Of the board's markers, by OpenCV's name.")] = "DICT_4X4_50",
     ruler: Annotated[

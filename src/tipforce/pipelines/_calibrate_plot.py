@@ -46,7 +46,11 @@ def _knob(axes: Axes, results: tuple[SessionResult, ...]) -> None:
 
 
 def _one_knob(axes: Axes, knob: KnobFit, *, first: bool) -> None:
-    for way, name, colour in ((1.0, "turned up", COLOURS[1]), (-1.0, "turned down", COLOURS[0]), (0.0, "at rest", GREY)):
+    for way, name, colour in (
+        (1.0, "turned up", COLOURS[1]),
+        (-1.0, "turned down", COLOURS[0]),
+        (0.0, "at rest", GREY),
+    ):
         rows = knob.turning == way
         if rows.any():
             axes.plot(
