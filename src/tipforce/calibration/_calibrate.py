@@ -33,6 +33,8 @@ _BETTER = 0.6
 """And by another angle readings and lines must come nearer to one another by this factor."""
 _TURNS_RAD = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
 _CLOCK_STD_S = {"estimated": 1e-3, "stated": 1e-3, "none": 1e-3, "stage": 5e-3, "refused": 1e-2}
+_ANGLE_MODEL_RAD = math.radians(0.8)
+"""Of the sensor's angle: the same."""
 _MODEL_SHARE = 0.02
 """Of the stiffness: what a rod in the plane leaves out (depth, friction on the dome), whatever the frames say."""
 _TOLD = 0.6
@@ -257,8 +259,9 @@ def _sensor(results: Sequence[SessionResult]) -> list[Quantity]:
     turn, std = combined([rod.turn_rad for _, rod in rods], [rod.turn_std_rad for _, rod in rods], prior)
     before = stated.angle_deg
     value = math.degrees(math.remainder(math.radians(before or 0.0) + turn, 2.0 * math.pi))
-    told = std / _POSE_STD_RAD < _TOLD
-    doubt = "" if told else "the frames hardly tell it: force and bend keep one direction; the stated angle stays"
+    std = math.hypot(std, _ANGLE_MODEL_RAD)
+    told = std / _POSE_STD_RAD < _TOLD or before is None or abs(turn) > max(_WRONG_RAD, 3.0 * std)
+    doubt = "" if told else "told no better than a person reads it off; the stated angle stays"
     if len({each.session.info.sensor.angle_deg for each, _ in rods}) > 1:
         told, doubt = False, "the recordings state different angles: calibrate them one by one"
     reads = stated.reads or "tip-on-tissue"

@@ -73,7 +73,7 @@ class BoardResult:
         doubts: list[str] = []
         if self.scale_range > _LARGE_SHARE:
             doubts.append(
-                f"it differs by {self.scale_range:.1%} over the board (up to {self.worst_px:.1f} px off a plain scale), "
+                f"it differs by {self.scale_range:.1%} over the board ({self.worst_px:.1f} px off a plain scale), "
                 f"which is up to {FORCE_PER_SCALE * self.scale_range:.1%} of the force; detection does not undistort"
             )
         if self.tilt_deg > _LARGE_TILT_DEG:
@@ -170,8 +170,9 @@ def _plain_scale(flat: FloatArray, seen: FloatArray) -> tuple[float, float, floa
     middle, size = flat.mean(axis=0), float(np.ptp(flat, axis=0).max())
     a = (flat - middle) @ np.array([1.0, 1.0j])
     b = (seen - seen.mean(axis=0)) @ np.array([1.0, 1.0j])
-    ways = [np.vdot(each, b) / np.vdot(each, each).real for each in (a, a.conj())]
-    way, turned = max(zip(ways, (a, a.conj()), strict=True), key=lambda pair: abs(pair[0]))
+    # a board that is seen from above is mirrored in pixels, whose v points down
+    ways = [(complex(np.vdot(each, b)) / float(np.vdot(each, each).real), each) for each in (a, a.conj())]
+    way, turned = ways[0] if abs(ways[0][0]) > abs(ways[1][0]) else ways[1]
     miss = np.abs(b - way * turned)
     x, y = ((flat - middle) / size).T
     powers = [(i, j) for i in range(4) for j in range(4 - i)]

@@ -125,7 +125,7 @@ def fit_knob(
     sums = _sums(through, curvature_per_m, weight, block, len(numbers))
     best, solved = _best(sums.sum(axis=0))
     draws = np.random.default_rng(0).multinomial(len(numbers), np.full(len(numbers), 1.0 / len(numbers)), _REPLICATES)
-    found = [_best(np.tensordot(draw.astype(np.float64), sums, 1)) for draw in draws]
+    found = [_best(np.einsum("b,bcs->cs", draw.astype(np.float64), sums)) for draw in draws]
     scatter = np.array([[*line, cases[k][0]] for k, line in found])
     play, play_std = (cases[best][0], float(scatter[:, 2].std())) if len(widths) > 1 else (nan, nan)
     gain, offset = float(solved[1]), float(solved[0])
@@ -134,7 +134,7 @@ def fit_knob(
     left = curvature_per_m - offset - gain * through[best]
     return KnobFit(
         gain, float(scatter[:, 1].std()), offset, math.hypot(float(scatter[:, 0].std()), common_std_per_m), play,
-        math.hypot(play_std, _STEP_DEG / math.sqrt(12.0)) if len(widths) > 1 else nan, mean, spread, cases[best][1], low, high,
+        math.hypot(play_std, _STEP_DEG / math.sqrt(12.0)), mean, spread, cases[best][1], low, high,
         float(np.sqrt(np.average(left**2, weights=weight))), len(told), told, curvature_per_m, going[last][at],
         through[best],
     )  # fmt: skip

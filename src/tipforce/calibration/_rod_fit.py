@@ -2,10 +2,10 @@
 
 Unknown for the whole session: the constants of the rod, its clamp and the camera (`UNKNOWNS` behind the force, with the
 priors of the rod estimators), what stays of the line's error, and of the sensor its angle about the camera's axis, its
-tare and its clock. Unknown in each frame: the force, which the sensor reads with noise, and a little of the pre-curvature, which
-drifts. Gauss-Newton with Levenberg's damping; a frame's own unknowns are eliminated (Schur complement), and the inverse
-of what is left is the covariance (Laplace). Where the lines are farther off the rod than their noise explains, it is
-widened by as much.
+tare and its clock. Unknown in each frame: the force, which the sensor reads with noise, and a little of the
+pre-curvature, which drifts. Gauss-Newton with Levenberg's damping; a frame's own unknowns are eliminated (Schur
+complement), and the inverse of what is left is the covariance (Laplace). Where the lines are farther off the rod than
+their noise explains, it is widened by as much.
 """
 
 import math
@@ -276,7 +276,7 @@ class _Problem:
     def _descend(
         self, shared: FloatArray, own: FloatArray, ease: float
     ) -> tuple[FloatArray, FloatArray, _Equations, bool]:
-        """Levenberg-Marquardt from ``shared`` and ``own``; returns where it ends, its equations, and if it converged."""
+        """Levenberg-Marquardt from ``shared`` and ``own``: where it ends, its equations, whether it converged."""
         state, damping = self._normal(shared, own, ease), 0.0
         for _ in range(_STEPS):
             cost, matrix, side, blocks = state
@@ -358,7 +358,7 @@ class _Problem:
             left = local.T @ (weight * white)
             left[:FORCE] -= apart / force_variance
             left[FORCE] -= own[i, FORCE] * self._drift[i] ** -2
-            inverse = np.linalg.inv(inner)
+            inverse = np.asarray(np.linalg.inv(inner), np.float64)
             matrix += common.T @ (weight[:, None] * common) + towards.T @ towards / force_variance
             matrix -= cross.T @ inverse @ cross
             side += common.T @ (weight * white) - towards.T @ apart / force_variance - cross.T @ (inverse @ left)

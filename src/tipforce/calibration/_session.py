@@ -1,4 +1,4 @@
-"""A session as calibration needs it: the detected line, tip and width in each frame, force, knob and stage beside it."""
+"""A session as calibration needs it: line, tip and width in each frame, with force, knob and stage beside them."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -50,11 +50,11 @@ class CalibrationSession:
     ``lines``: as the rod is fitted to them, in m; ``scale_m_per_px``: stated. ``dome_m`` (n, 2): middle of the tip's
     dome in the base frame; ``diameter_px`` (n,). ``force_n`` (n, 2): of the tissue on the tip in the stated base
     frame, NaN where there is none; ``rate_n_per_s`` (n, 2): how fast it changes; ``past_n`` (n, 2): its mean over the
-    time of creep. ``knob_deg`` (n,), NaN without
-    a knob; ``knob_series``: all its readings (stamps, degrees). ``stage_m`` (n, axes): the stage's positions at the
-    frames, ``stage_m_per_s`` their speeds; ``stage_to_base`` (2, axes): where its axes move the tissue, in the base frame as the sensor's stated pose
-    has it, NaN where the sensor does not show it, and ``stage_angle_std_rad``. ``mass_std_kg``: of the carried mass,
-    for each axis of ``inertia``. ``frames``: so many were read.
+    time of creep. ``knob_deg`` (n,), NaN without a knob; ``knob_series``: all its readings (stamps, degrees).
+    ``stage_m`` (n, axes): the stage's positions at the frames, ``stage_m_per_s`` their speeds; ``stage_to_base``
+    (2, axes): where its axes move the tissue, in the base frame as the sensor's stated pose has it, NaN where the
+    sensor does not show it, and ``stage_angle_std_rad``. ``mass_std_kg``: of the carried mass, for each axis of
+    ``inertia``. ``frames``: so many were read.
     """
 
     name: str

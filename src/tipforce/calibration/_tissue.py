@@ -36,7 +36,7 @@ _MOST_STEP_S = 0.15
 _POSE_STD_RAD = math.radians(0.5)
 """Of the sensor's stated angle."""
 _SLIDE = 0.03
-"""Of what the tip slides along the surface, so much may count as depth: direction, camera, the tip as it is detected."""
+"""Of what the tip slides along the surface, so much may count as depth: direction, camera, detection of the tip."""
 _LATE_STD_S = 6e-3
 """Between the stage's commands and the frames."""
 _SCALE = np.array([1e-4, 0.1, 1.0, 0.2, 0.02, 1e-3])

@@ -19,6 +19,7 @@ from ..calibration import (
     scale_from_ruler,
 )
 from ..errors import InputError
+from ..estimators import no_progress
 from ..io import is_image, read_image
 from ..types import SessionInfo, ViewInfo, bench_text, edited_bench
 from ._estimate import session_info_from
@@ -106,7 +107,7 @@ def calibrate(
         FileFormatError: a file cannot be read.
         InputError: there is nothing to calibrate from, or what was given does not do.
     """
-    report = progress or (lambda what, share: None)
+    report = progress or no_progress
     given = [recordings] if isinstance(recordings, str | Path) else list(recordings)
     paths = [path for each in given for path in _recordings(Path(each))]
     info = session_info_from(bench)
@@ -182,8 +183,7 @@ def _lens_remarks(board: BoardResult | None) -> tuple[str, ...]:
             f"the lens is not told by {board.images} image(s) of the board: five more, tilted this way and that, do",
         )
     return (
-        f"the lens moves pixels by up to {board.lens_px:.1f} px at the image's edge; detection works on the image as it "
-        "is, with one scale, and does not take that out",
+        f"the lens moves pixels by up to {board.lens_px:.1f} px at the image's edge, and detection does not take it out",
     )
 
 

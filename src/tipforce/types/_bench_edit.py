@@ -12,7 +12,7 @@ __all__ = ["edited_bench"]
 
 
 def edited_bench(text: str, values: Mapping[str, tuple[Any, str]], where: str = "bench.toml") -> str:
-    """``text`` of a ``bench.toml`` with some of its values set.
+    r"""``text`` of a ``bench.toml`` with some of its values set.
 
     A line that is replaced stays as a comment above the new one. A new value stands where the file has its line as a
     comment, as `bench_text` writes them, else at the end of its section.
@@ -25,7 +25,7 @@ def edited_bench(text: str, values: Mapping[str, tuple[Any, str]], where: str = 
     Raises:
         InputError: the file is no TOML, or it states a value in a form that is not edited (an inline table).
 
-    >>> print(edited_bench("[catheter]\\ndiameter_m = 2e-3 # mine", {"catheter.diameter_m": (0.00233, "+- 1 %")}))
+    >>> print(edited_bench("[catheter]\ndiameter_m = 2e-3 # mine", {"catheter.diameter_m": (0.00233, "+- 1 %")}))
     [catheter]
     # before: diameter_m = 2e-3 # mine
     diameter_m = 0.00233  # +- 1 %
