@@ -43,8 +43,8 @@ _LENGTH = 0.08
 _SPREAD = 0.02
 """The lengths found in the images of a session may scatter by this share (standard deviation)."""
 _STILL_PX, _STILL_POINTS, _STILL_LINES = 0.5, 90.0, 80.0
-"""What lies nearer to one common curve, in so many percent of its points and of the images, does not bend or move across
-itself: a post, an edge, or a cable that something moves over."""
+"""What lies nearer to one common curve, in so many percent of its points and of the images, does not bend or move
+across itself: a post, an edge, or a cable that something moves over."""
 _CELL, _CHANGED_GREY, _CHANGED = 8, 8.0, 0.004
 """The images differ where this share of cells of so many px changes by so many grey levels."""
 

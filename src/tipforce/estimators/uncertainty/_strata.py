@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 
 from ...types import FloatArray
 
@@ -185,5 +185,5 @@ def _student(sessions: int) -> float:
     [4.7, 2.05, 1.22]
     """
     several = max(sessions, 2)
-    wider = float(t.ppf(1.0 - _TAIL, several - 1) / norm.ppf(1.0 - _TAIL)) * math.sqrt(1.0 + 1.0 / several)
+    wider = float(stdtrit(several - 1, 1.0 - _TAIL) / ndtri(1.0 - _TAIL)) * math.sqrt(1.0 + 1.0 / several)
     return min(wider, _MOST_WIDER)
