@@ -162,7 +162,7 @@ def test_metadata_unknown_in_training_change_no_estimate(learnt):
         answers = [
             silent.start(info).update(observation)
             for info in (
-                SessionInfo("s0", views={"camera": ViewInfo(base_side="left")}),
+                SessionInfo("s0", views={"camera": ViewInfo(base_side="left")}, tissue=stated_info.tissue),
                 stated_info,
                 stated_info.updated(SessionInfo("s0", views={"camera": ViewInfo(1e-4)})),
             )
@@ -191,13 +191,12 @@ def test_a_model_that_an_earlier_version_made_is_to_be_trained_again(learnt):
 
 
 def test_an_earlier_frame_compensates_the_rate(learnt):
-    assert not learnt.uses_history  # no two of its samples were taken so shortly after each other
-    data = whips(seed=4, sessions=1)
+    assert not learnt.fitted_.arrays["rate_compensation_s"].any()  # no two samples so shortly after each other
+    data = whips(seed=5, sessions=1)
     seconds = np.array([[0.02, 0.0], [0.01, 0.03]])
     leading = learnt.unfitted()
     arrays = {**learnt.fitted_.arrays, "rate_compensation_s": seconds, "sigma_factor_without_history": np.array(2.0)}
     leading.fitted_ = replace(learnt.fitted_, arrays=arrays)
-    assert leading.uses_history
     still, stream = learnt.start(data.session_info["s0"]), leading.start(data.session_info["s0"])
     shown = [replace(each, stamp_ns=42_000_000 * k) for k, each in enumerate(data.observations())][:8]
     alone, led = [still.update(each) for each in shown], [stream.update(each) for each in shown]
