@@ -29,7 +29,7 @@ from ...training import (
     train_network,
     train_val_split,
 )
-from ...types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
+from ...types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
 from .._base import FineTunable, Progress
 from .._builder import AXES, EstimateBuilder
 from .._reading import Abstention, actuation_names, limits_of, unlike_training
@@ -279,6 +279,7 @@ class NetworkEstimator(FineTunable):
             interval=_NO_INTERVAL,
             facts={
                 **result.facts,
+                "modalities": sorted({_modality(info, self.settings.view) for info in dataset.session_info.values()}),
                 "required_metadata": list(required),
                 "known_metadata": list(available),
                 "samples": len(index),
@@ -389,7 +390,7 @@ class NetworkEstimator(FineTunable):
         del images  # its window follows from the metadata
         fitted = self._fitted()
         reader = self.reader(info, training=False)
-        return NetworkStream(fitted, reader, self.estimate_builder(info), self.required_actuation, info)
+        return NetworkStream(fitted, reader, self.estimate_builder(info), self.required_actuation, info, self.views[0])
 
     def estimate_builder(self, info: SessionInfo) -> BuildEstimate:
         """Returns what makes estimates from the graph's outputs, for one session."""
@@ -533,9 +534,12 @@ class NetworkStream:
         build: BuildEstimate,
         actuation: Sequence[str],
         info: SessionInfo,
+        view: str,
     ) -> None:
         self._fitted, self._reader, self._build = fitted, reader, build
         self._actuation, self._info = actuation, info
+        modality, known = _modality(info, view), fitted.facts.get("modalities", _FIRST_MODALITIES)
+        self._unlike = "" if modality in known else _UNLIKE[modality]
 
     def update(self, observation: Observation) -> ForceEstimate:
         """Returns the estimate for this observation; its status says why where there is no force."""
@@ -545,12 +549,26 @@ class NetworkStream:
     def outputs(self, observation: Observation) -> Outputs | ForceEstimate:
         """Returns the graph's outputs, (1, ...) each, or the invalid estimate that says why there are none."""
         fitted = self._fitted
+        if self._unlike:
+            return ForceEstimate.invalid(observation.stamp_ns, Status.OUT_OF_DISTRIBUTION, self._unlike)
         row = read_inputs(self._reader, fitted.actuation, observation)
         if not isinstance(row, Abstention):
             row = unlike_training(observation, fitted.actuation_limits, self._actuation, self._info) or row
         if isinstance(row, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail)
         return fitted.graph(**{name: value[None] for name, value in row.items()})
+
+
+def _modality(info: SessionInfo, view: str) -> str:
+    return info.view(view).modality or "camera"
+
+
+_FIRST_MODALITIES = ("camera",)
+"""Of the training of models that do not say."""
+_UNLIKE = {
+    "camera": "these are images of a camera, and the model was trained on X-ray images",
+    "xray": "these are X-ray images, and the model was trained on those of a camera",
+}
 
 
 def _no_progress(what: str, share: float) -> None:

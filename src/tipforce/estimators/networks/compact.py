@@ -310,7 +310,7 @@ class Compact(NetworkEstimator):
         """Returns a stream for one session. Raises NotFittedError before ``fit``."""
         del images  # its window follows from the metadata
         reader, builder = self.reader(info, training=False), self.estimate_builder(info)
-        return CompactStream(self._fitted(), reader, builder, self.required_actuation, info)
+        return CompactStream(self._fitted(), reader, builder, self.required_actuation, info, self.settings.view)
 
     def estimate_builder(self, info: SessionInfo) -> CompactEstimateBuilder:
         """See `NetworkEstimator`."""
@@ -388,8 +388,9 @@ class CompactStream(NetworkStream):
         build: CompactEstimateBuilder,
         actuation: Sequence[str],
         info: SessionInfo,
+        view: str,
     ) -> None:
-        super().__init__(fitted, reader, build, actuation, info)
+        super().__init__(fitted, reader, build, actuation, info, view)
         self._builder = build
 
     def update_beside(self, observation: Observation, beside: ForceEstimate) -> ForceEstimate:
