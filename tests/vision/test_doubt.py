@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from tipforce.errors import InputError
-from tipforce.types import BaseSide, Catheter, Image, SessionInfo, ViewInfo
-from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
+from tipforce.types import BaseSide, Catheter, Image, SessionInfo, Status, ViewInfo
+from tipforce.vision import ResolvedVision, ShapeDetector, VisionSettings, auto_calibrate, session_vision
 
 SIZE, SCALE = (320, 240), 4
 DIAMETER, LENGTH = 10.0, 180.0
@@ -99,3 +99,55 @@ def test_of_two_shafts_with_sheaths_it_asks_which() -> None:
         images.append(_draw(k, *tubes))
     with pytest.raises(InputError, match=r"two objects could be the catheter.*mark the shaft's base"):
         auto_calibrate(VisionSettings(), images, SESSION)
+
+
+def test_a_cable_that_something_moves_over_is_not_the_catheter() -> None:
+    cable = (_straight(-20.0, 190.0, 60.0), DIAMETER, 60.0)
+    ends = np.linspace(168.0, 182.0, 8)
+    images = [_draw(k, cable, (_straight(end, 230.0, 60.0), 40.0, 200.0)) for k, end in enumerate(ends)]
+    with pytest.raises(InputError, match="neither moves nor bends"):
+        auto_calibrate(VisionSettings(), images, SESSION)
+
+
+def _clamped() -> list[Image]:
+    return [_draw(k, (_arc(np.array([-8.0, 120.0]), turn), DIAMETER, 60.0)) for k, turn in enumerate(BENDS)]
+
+
+def test_a_line_that_the_image_supports_is_probably_right_and_one_that_ends_hidden_is_refused() -> None:
+    images = _clamped()
+    settings = auto_calibrate(VisionSettings(), images, SESSION)
+    plain = ShapeDetector(settings).detect(images[2])
+    assert plain.found
+    assert plain.probability_right > 0.95
+    assert plain.centreline is not None
+    hidden = images[2].copy()
+    u, v = np.rint(plain.centreline.points[-12:]).astype(int).T
+    for a, b in zip(u.tolist(), v.tolist(), strict=True):
+        hidden[b - 8 : b + 9, a - 8 : a + 9] = 200
+    assert not ShapeDetector(settings).detect(hidden).found
+
+
+@pytest.mark.parametrize(("least", "found"), [(0.0, True), (1.0, False)])
+def test_what_is_right_with_less_than_the_least_probability_is_refused(least: float, found: bool) -> None:
+    images = _clamped()
+    settings = auto_calibrate(VisionSettings(), images, SESSION).model_copy(update={"least_probability": least})
+    shape = ShapeDetector(settings).detect(images[2])
+    assert shape.found is found
+    assert found or "probability" in shape.detail
+
+
+def test_a_session_that_is_refused_is_refused_in_each_of_its_images() -> None:
+    post = (_straight(-20.0, 175.0, 60.0), DIAMETER, 60.0)
+    moving = [_draw(k, post, (_straight(200.0 + 8 * k, 240.0 + 8 * k, 180.0), 30.0, 120.0)) for k in range(8)]
+    alone = session_vision(VisionSettings(), moving, SESSION)
+    assert isinstance(alone, ResolvedVision)
+    shape = ShapeDetector(alone).detect(moving[0])
+    assert shape.status is Status.NO_CATHETER
+    assert "neither moves nor bends" in shape.detail
+    shared = auto_calibrate(VisionSettings(), _clamped(), SESSION)
+    assert "neither moves nor bends" in session_vision(VisionSettings(), moving, SESSION, shared).refused
+
+
+def test_where_the_metadata_tell_no_size_each_image_is_looked_at_by_itself() -> None:
+    empty = [_draw(k) for k in range(4)]
+    assert session_vision(VisionSettings(), empty, SessionInfo()) == VisionSettings()

@@ -258,7 +258,7 @@ class Tracer:
                 status, detail = (
                     Status.CUT_OFF,
                     (
-                        f"what ends at {where} is the catheter to its tip with a probability of {probability:.0%}: "
+                        f"what ends at {where} is the catheter with a probability of {probability:.0%} only: "
                         f"both flanks are visible on {evidence.seen_end:.0%} of its last stretch"
                     ),
                 )
