@@ -183,7 +183,7 @@ def _lens_remarks(board: BoardResult | None) -> tuple[str, ...]:
             f"the lens is not told by {board.images} image(s) of the board: five more, tilted this way and that, do",
         )
     return (
-        f"the lens moves pixels by up to {board.lens_px:.1f} px at the image's edge, and detection does not take it out",
+        f"the lens moves pixels by up to {board.lens_px:.1f} px at the image's edge; detection does not undo it",
     )
 
 
