@@ -27,6 +27,8 @@ from tipforce.types import (
 SCALE = 2e-4
 STIFFNESS, GAIN, OFFSET, PLAY, TISSUE = 4.6e-4, 0.55, 0.4, 1.6, 130.0
 """What is true; the metadata state a stiffness of 4.3e-4 N m^2 and a gain of 0.533."""
+DOME = 1.165e-3
+"""Radius of the tip, m."""
 INFO = SessionInfo(
     "made",
     Catheter(diameter_m=2.33e-3, flexible_length_m=0.04, rigid_length_m=0.008, bending_stiffness_nm2=4.3e-4),
@@ -37,10 +39,10 @@ INFO = SessionInfo(
 
 
 def make_session(*, turned_deg: float = 0.0, contact: bool = True, moving_knob: bool = True) -> CalibrationSession:
-    """150 frames in 30 s. ``turned_deg``: by so much the sensor's stated angle is too small."""
+    """150 frames in 19 s. ``turned_deg``: by so much the sensor's stated angle is too small."""
     rng, count = np.random.default_rng(0), 150
-    seconds = np.arange(count) / 5.0
-    knob = 14.0 + 8.0 * np.sin(2 * np.pi * seconds / 15.0) if moving_knob else np.full(count, 10.0)
+    seconds = np.arange(count) / 8.0
+    knob = 14.0 + 8.0 * np.sin(2 * np.pi * seconds / 9.0) if moving_knob else np.full(count, 10.0)
     curvature = OFFSET + GAIN * Play(PLAY, output=float(knob[0])).run(knob)
     normal = np.array([-np.cos(0.7), -np.sin(0.7)])
     depth = np.maximum(0.0, 2.2e-3 * np.sin(2 * np.pi * 1.13 * seconds)) if contact else np.zeros(count)
@@ -50,13 +52,15 @@ def make_session(*, turned_deg: float = 0.0, contact: bool = True, moving_knob: 
     shapes, lines, domes = [], [], []
     base = BasePose(np.array([-0.5, 239.5]), 0.0)
     for k in range(count):
-        rod = Rod(0.04, STIFFNESS, 0.008, curvature[k], stiffening_curvature_per_m=4.5e-4**-0.5, segments=60)
-        points = solve_static(rod, force[k]).centreline_m(np.linspace(0.0, 0.048, 64))
+        rod = Rod(0.04, STIFFNESS, 0.008 - DOME, curvature[k], stiffening_curvature_per_m=4.5e-4**-0.5, segments=60)
+        points = solve_static(rod, force[k]).centreline_m(np.linspace(0.0, 0.048 - DOME, 63))
+        axis = points[-1] - points[-4]
+        axis /= np.linalg.norm(axis)
+        points = np.vstack([points, points[-1] + DOME * axis])  # the wall pushes through the middle of the dome
         image = CentrelinePx(points / SCALE * (1.0, -1.0) + base.origin_px + rng.normal(0.0, 0.02, (64, 2)))
         shapes.append(DetectedShape(Status.VALID, "", image, base, 11.65))
         lines.append(frame.line(image))
-        axis = points[-1] - points[-6]
-        domes.append(points[-1] - 1.165e-3 * axis / np.linalg.norm(axis))
+        domes.append(points[-2])
     dome = np.array(domes)
     # where the wall stands: in contact as deep as it is, else somewhere out of reach
     stage = dome @ normal + np.where(depth > 0.0, depth, -2e-3)
