@@ -157,6 +157,9 @@ def main() -> None:
         rows.append(after_seconds(path) if chosen.seconds else one(path))
         chosen.json.write_text(json.dumps(rows, indent=1))
         print(rows[-1], flush=True)
+    if chosen.seconds:
+        show_seconds(rows)
+        return
     print(
         "| quantity | all: median, largest error | written: median, largest | as stated | stated sd | within 1, 2 sd |"
     )

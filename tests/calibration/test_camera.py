@@ -68,7 +68,7 @@ def test_what_is_no_board_is_refused_in_one_sentence() -> None:
         calibrate_board([blank], BoardSettings((2, 5), 8e-3))
     with pytest.raises(InputError, match="dictionary DICT_9: OpenCV does not know it"):
         calibrate_board([blank], BoardSettings((7, 5), 8e-3, dictionary="DICT_9"))
-    with pytest.raises(InputError, match="need more markers than DICT_4X4_50 has"):
+    with pytest.raises(InputError, match="20 x 20 squares has 200 markers, DICT_4X4_50 50"):
         calibrate_board([blank], BoardSettings((20, 20), 8e-3))
 
 
