@@ -154,11 +154,10 @@ def _detector(settings: BoardSettings) -> tuple[Any, Any]:
         known = ", ".join(sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_"))[:6])
         raise InputError(f"dictionary {settings.dictionary}: OpenCV does not know it; it has {known} and others")
     dictionary = cv2.aruco.getPredefinedDictionary(code)
-    try:
-        board = cv2.aruco.CharucoBoard((across, down), settings.square_m, marker, dictionary)
-    except cv2.error as error:
-        raise InputError(f"no such board: {across} x {down} squares need more markers than {settings.dictionary} has "
-                         f"({str(error).splitlines()[0][:80]})") from None  # fmt: skip
+    needed, there = across * down // 2, len(dictionary.bytesList)
+    if needed > there:
+        raise InputError(f"a board of {across} x {down} squares has {needed} markers, {settings.dictionary} {there}")
+    board = cv2.aruco.CharucoBoard((across, down), settings.square_m, marker, dictionary)
     return cv2.aruco.CharucoDetector(board), board
 
 

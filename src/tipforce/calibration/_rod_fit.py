@@ -143,7 +143,7 @@ def fit_rod(
 
     Args:
         info: states length and stiffness.
-        lines: (n) detected, in m by ``scale_m_per_px``.
+        lines: (n) detected, in m by ``scale_m_per_px``; without any the result is the prior.
         scale_m_per_px: stated.
         force_n: (n, 2) of the tissue on the tip, in the stated base frame.
         precurvature_per_m: (n,) that the knob asks for; what is found is an offset to all of them.
@@ -184,6 +184,10 @@ def fit_rod(
     problem = _Problem(model, lines, force_n, rate, precurvature_per_m, drift, modes, whiten, work, mean, prior)
     start = mean.copy()
     start[_TURN] = turn_rad
+    if not lines:  # what is known beforehand
+        none = np.zeros(0)
+        return RodFit(mean, np.diag(prior**2), prior, np.zeros((0, FORCE)), none, math.nan, _FORCE_STD_N, 0.0, 0, True,
+                      np.zeros(0, np.int64), none)  # fmt: skip
     start[_BASE : _BASE + 2] = np.median([line.points[0] for line in lines], axis=0)
     return problem.solve(start)
 

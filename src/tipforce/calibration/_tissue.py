@@ -85,6 +85,8 @@ def fit_tissue(session: CalibrationSession) -> TissueFit:
         raise InputError(f"{int(usable.sum())} frames have a force, {_LEAST_FRAMES} are needed")
     frames = _Frames.of(session.subset(np.flatnonzero(usable)), forward, normal)
     force = frames.force_n
+    if len(force) < _LEAST_FRAMES:
+        raise InputError(f"the frames lie too far apart to tell a speed: {1.0 / _MOST_STEP_S:.0f} a second are needed")
     if np.percentile(force, 99) < _LEAST_PEAK_N or (force > _CONTACT_N).sum() < _LEAST_FRAMES:
         raise InputError("there is too little contact")
     whole, covariance = _law(frames, session.stage_angle_std_rad)

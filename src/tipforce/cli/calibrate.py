@@ -1,6 +1,5 @@
 """``tipforce calibrate``: what recordings, a board or a ruler tell of a bench, written into ``bench.toml``."""
 
-import math
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +7,7 @@ import typer
 
 from ..errors import InputError
 from ._common import JsonOption, check_new, check_outputs, progress_bar, say, write_json
-from ._facts import BenchOption, FactOption, number_from, stated_info
+from ._facts import BenchOption, number_from, stated_info
 
 __all__ = ["command"]
 
@@ -21,11 +20,9 @@ def command(
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="The bench.toml to write the values into.")
     ] = None,
     bench: BenchOption = None,
-    fact: FactOption = None,
     contact_free: Annotated[
         bool, typer.Option("--contact-free", help="Nothing touches in any frame; no forces are needed.")
     ] = False,
-    seconds: Annotated[float | None, typer.Option(min=1.0, help="Only so much of each recording's beginning.")] = None,
     stated_within: Annotated[
         float, typer.Option(min=0.1, max=45.0, metavar="PERCENT", help="How well the stated stiffness is known.")
     ] = 10.0,
@@ -42,7 +39,6 @@ def command(
     ruler: Annotated[
         str | None, typer.Option(metavar="U0,V0,U1,V1,MM", help="Two image points and the distance between them.")
     ] = None,
-    view: Annotated[str, typer.Option(help="Whose scale board and ruler give.")] = "camera",
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw the knob's map, the forces and the tissue.")
     ] = None,
@@ -78,14 +74,12 @@ def command(
     with progress_bar() as report:
         done = calibrate(
             paths,
-            bench=stated_info(bench, fact),
+            bench=stated_info(bench, None),
             contact_free=contact_free,
-            seconds=math.inf if seconds is None else seconds,
             stated_within=0.01 * stated_within,
             board=board,
             board_settings=settings,
             ruler=_ruler(ruler),
-            view=view,
             progress=report,
         )
     text = None

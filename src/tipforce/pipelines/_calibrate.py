@@ -182,9 +182,7 @@ def _lens_remarks(board: BoardResult | None) -> tuple[str, ...]:
         return (
             f"the lens is not told by {board.images} image(s) of the board: five more, tilted this way and that, do",
         )
-    return (
-        f"the lens moves pixels by up to {board.lens_px:.1f} px at the image's edge, and detection does not take it out",
-    )
+    return (f"the lens moves pixels by up to {board.lens_px:.1f} px at the image's edge; detection does not undo it",)
 
 
 def _rounded(value: float, std: float) -> float:
