@@ -40,8 +40,8 @@ class SessionDetection:
     """Detects the catheter in the frames of one session.
 
     ``images`` of the session resolve the detection beforehand. Without them, or where none of them shows a catheter,
-    ``shared`` is taken, scaled to this session; without that, what the settings leave open is found in each image, until
-    the session's first images have resolved it.
+    ``shared`` is taken, scaled to this session; without that, what the settings leave open is found in each image,
+    until the session's first images have resolved it.
     """
 
     def __init__(
