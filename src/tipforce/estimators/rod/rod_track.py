@@ -17,9 +17,9 @@ from ._calibration import Widths
 from ._detection import Detection
 from ._filter import ContactFilter
 from ._knowledge import Knowledge, rod_model
-from ._posterior import force_over_contact
+from ._outcome import estimate_of
 from ._settings import RodTrackSettings
-from .rod import RodEstimator, actuation_out_of_range, misfit_abstention, unobservable_abstention
+from .rod import RodEstimator, actuation_out_of_range
 
 __all__ = ["RodTrack", "RodTrackStream"]
 
@@ -76,11 +76,6 @@ class RodTrackStream:
             return ForceEstimate.invalid(stamp, found.status, found.detail, shape)
         elapsed_s = 0.0 if self._stamp_ns is None else (stamp - self._stamp_ns) * 1e-9
         line = detected.frame.line(detected.shape.centreline)
-        step = self._filter.step(line, detected.frame.scale_m_per_px, knob, elapsed_s)
+        outcome = self._filter.step(line, detected.frame.scale_m_per_px, knob, elapsed_s)
         self._stamp_ns = stamp
-        if abstention := misfit_abstention(self._settings, step.converged, step.misfit, step.firmness):
-            return ForceEstimate.invalid(stamp, abstention.status, abstention.detail, shape)
-        mixed = force_over_contact(step.force_n, step.covariance_n2, step.angle_rad, step.log_odds)
-        if mixed.contact > 0.5 and (abstention := unobservable_abstention(self._settings, step.open_n)):
-            return ForceEstimate.invalid(stamp, abstention.status, abstention.detail, shape)
-        return self._widths.estimate(stamp, mixed.force_n, mixed.covariance_n2, mixed.contact, shape)
+        return estimate_of(self._settings, self._widths, stamp, outcome, shape)
