@@ -29,7 +29,7 @@ _DRIFTING = np.array([k for k, name in enumerate(UNKNOWNS) if k > _K0 and not na
 _DRIFTS, _DRIFTS_OF_PRIOR = np.ix_(_DRIFTING, _DRIFTING), np.ix_(_DRIFTING - FORCE, _DRIFTING - FORCE)
 _NOTHING = 1e-12
 """Variance of a force that is none, N^2."""
-_STEPS = 20
+_STEPS, _MOST_STEPS = 20, 60
 _WARM_STEPS = (4, 12)
 """Of the two hypotheses. Where the line says contact, no step makes a rod without force fit: it is given up soon."""
 _FREE, _TOUCH = 0, 1
@@ -52,6 +52,7 @@ class ContactFilter:
         self._share = knowledge.contact_share
         self._knob_deg = math.nan
         self._held: tuple[float, FloatArray, FloatArray, FloatArray] | None = None
+        self._unloaded: FloatArray | None = None
         self._cold = True
         self._past_n = np.zeros(FORCE)
         self._lost_s = 0.0
@@ -78,7 +79,7 @@ class ContactFilter:
         self._lost_s += elapsed_s
         if converged and misfit <= self._settings.max_misfit:
             if free.converged:
-                log_odds += evidence - evidence_free
+                log_odds += self._tempered(evidence - evidence_free, covariance)
                 self._mean, self._covariance = [q_free, q], [covariance_free, covariance]
             else:
                 log_odds = math.log((1.0 - _LEAST_SHARE) / _LEAST_SHARE)
@@ -103,6 +104,16 @@ class ContactFilter:
             _open_n(before, covariance[_FORCE, _FORCE]),
             off,
         )
+
+    def _tempered(self, evidence: float, covariance: FloatArray) -> float:
+        """Evidence of contact over none. What speaks against contact counts less where the line hardly tells a force.
+
+        A push along the axis of a straight shaft looks like none: taken for none it would teach wrong constants.
+        """
+        if evidence > 0.0:
+            return evidence
+        widest = float(np.linalg.eigvalsh(covariance[_FORCE, _FORCE])[-1])
+        return evidence / (1.0 + widest / self._settings.sure_n**2)
 
     def _off(self, knob_deg: float) -> float:
         """Distance of the constants from their priors, mean square, of the better hypothesis."""
@@ -233,12 +244,21 @@ class ContactFilter:
         mean, prior = self._mean[which], self._covariance[which]
         information, log_det = _inverse(prior)
         q, covariance = mean.copy(), np.empty((COUNT, COUNT))
-        if self._cold:
-            q[_BASE] = self._start
-        found = self._run(q, mean, information, line, which, covariance, cold=self._cold)
-        if which == _TOUCH and not found.converged and not self._cold:
+        steps = _WARM_STEPS[which]
+        if self._cold and which == _TOUCH and self._unloaded is not None:
+            # the fit without a force is near; from the straight rod the way leads through a long, bent valley
+            q, steps = self._unloaded.copy(), _STEPS
+            self._work[_TOUCH].theta[:] = self._work[_FREE].theta
+        elif self._cold:
+            q[_BASE], steps = self._start, 0
+        found = self._run(q, mean, information, line, which, covariance, steps)
+        if which == _TOUCH and not found.converged:
             q = mean.copy()
-            found = self._run(q, mean, information, line, which, covariance, cold=True)
+            if self._cold:
+                q[_BASE] = self._start
+            found = self._run(q, mean, information, line, which, covariance, 0)
+        if which == _FREE:
+            self._unloaded = q if found.converged else None
         return found, q, covariance, -found.cost - 0.5 * found.log_det - 0.5 * log_det
 
     def _run(
@@ -249,13 +269,12 @@ class ContactFilter:
         line: Line,
         which: int,
         covariance: FloatArray,
-        *,
-        cold: bool,
+        steps: int,
     ) -> Found:
+        """``steps``: at most, from the shape of before; 0: from the straight rod."""
         return fit_line(
             q, mean, information, self._model, line, self._modes, self._whiten, self._settings.huber,
-            _STEPS if cold else _WARM_STEPS[which], cold,
-            self._work[which], covariance,
+            steps or _MOST_STEPS, steps == 0, self._work[which], covariance,
         )  # fmt: skip
 
 

@@ -98,7 +98,7 @@ class RodSettings(BaseModel):
     """Of the flexible length."""
     max_misfit: _Std = 4.0
     """Abstains where the mean square misfit of the rod is larger, in the noise's variances."""
-    max_off: _Std = 6.0
+    max_off: _Std = 5.0
     """Abstains where a session's constants are further from their priors, mean square in the priors' variances. More
     than 1 is usual, since the line's errors last longer than the model of them says."""
     max_std_n: _Std = 1.2
@@ -131,5 +131,7 @@ class RodTrackSettings(RodSettings):
     """How long the lasting error of the line stays: what a planar rod leaves out changes with the load."""
     creep_s: _Std = 2.0
     """Time constant of the shaft's creep."""
+    sure_n: _Std = 1e3
+    """Where the force is known worse than this in some direction, evidence against contact counts less than half."""
     gap_s: _Std = 1.0
     """After so long without a frame nothing is known of the force."""

@@ -32,7 +32,7 @@ from ._settings import RodSettings
 
 __all__ = ["Rod", "RodEstimator", "RodStream"]
 
-_STEPS = 30
+_STEPS = 60
 
 
 @dataclass(frozen=True, eq=False)
