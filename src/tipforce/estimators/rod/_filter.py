@@ -14,7 +14,7 @@ from ...mechanics.planar import FORCE, UNKNOWNS, Found, Line, Model, fit_line, m
 from ...types import FloatArray, SessionInfo
 from ._knowledge import MODES, Knowledge, LineError
 from ._lines import POINTS
-from ._outcome import Outcome
+from ._outcome import Outcome, tempered
 from ._settings import RodTrackSettings
 
 __all__ = ["COUNT", "ContactFilter"]
@@ -79,7 +79,7 @@ class ContactFilter:
         self._lost_s += elapsed_s
         if converged and misfit <= self._settings.max_misfit:
             if free.converged:
-                log_odds += self._tempered(evidence - evidence_free, covariance)
+                log_odds += tempered(evidence - evidence_free, covariance[_FORCE, _FORCE], self._settings.sure_n)
                 self._mean, self._covariance = [q_free, q], [covariance_free, covariance]
             else:
                 log_odds = math.log((1.0 - _LEAST_SHARE) / _LEAST_SHARE)
@@ -104,16 +104,6 @@ class ContactFilter:
             _open_n(before, covariance[_FORCE, _FORCE]),
             off,
         )
-
-    def _tempered(self, evidence: float, covariance: FloatArray) -> float:
-        """Evidence of contact over none. What speaks against contact counts less where the line hardly tells a force.
-
-        A push along the axis of a straight shaft looks like none: taken for none it would teach wrong constants.
-        """
-        if evidence > 0.0:
-            return evidence
-        widest = float(np.linalg.eigvalsh(covariance[_FORCE, _FORCE])[-1])
-        return evidence / (1.0 + widest / self._settings.sure_n**2)
 
     def _off(self, knob_deg: float) -> float:
         """Distance of the constants from their priors, mean square, of the better hypothesis."""

@@ -2,16 +2,22 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from ...types import DetectedShape, FloatArray, ForceEstimate, Status
 from .._reading import Abstention
 from ._calibration import Widths
 from ._posterior import force_over_contact
 from ._settings import RodSettings
 
-__all__ = ["Outcome", "estimate_of"]
+__all__ = ["Outcome", "estimate_of", "tempered"]
 
 _FIRM = 2e-3
 """Softest pivot of the rod's Hessian, over EI / h, below which a fold is near."""
+
+
+_POSSIBLE = 0.05
+"""Contact is possible: the upper end of a 90 % interval is that of the force in contact."""
 
 
 class Outcome(NamedTuple):
@@ -34,6 +40,18 @@ class Outcome(NamedTuple):
     off: float
 
 
+def tempered(evidence: float, covariance: FloatArray, sure_n: float) -> float:
+    """Evidence of contact over none, as logarithm. What speaks against contact counts less where the force is open.
+
+    A push along the axis of a straight shaft looks like none: taken for none it would teach wrong constants.
+    ``covariance`` (2, 2) of the force in contact; ``sure_n``: see `RodSettings`.
+    """
+    if evidence > 0.0:
+        return evidence
+    widest = float(np.linalg.eigvalsh(covariance)[-1])
+    return evidence / (1.0 + widest / sure_n**2)
+
+
 def estimate_of(
     settings: RodSettings, widths: Widths, stamp_ns: int, outcome: Outcome, shape: DetectedShape | None
 ) -> ForceEstimate:
@@ -43,7 +61,7 @@ def estimate_of(
     mixed = force_over_contact(
         outcome.force_n, outcome.covariance_n2, outcome.angle_rad, outcome.log_odds, settings.prior.of_force()
     )
-    if mixed.contact > 0.5 and outcome.open_n > settings.max_std_n:
+    if mixed.contact > _POSSIBLE and outcome.open_n > settings.max_std_n:
         return ForceEstimate.invalid(
             stamp_ns,
             Status.UNOBSERVABLE,

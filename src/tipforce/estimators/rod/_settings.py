@@ -103,6 +103,9 @@ class RodSettings(BaseModel):
     than 1 is usual, since the line's errors last longer than the model of them says."""
     max_std_n: _Std = 1.2
     """Abstains where the image alone leaves a direction of the force open by more than this."""
+    sure_n: _Std = 0.1
+    """Where the force is known worse than this in some direction, evidence against contact counts less than half: a
+    push along the axis of a straight shaft looks like none."""
     max_precurvature_per_m: _Std = 60.0
     """Abstains where the knob asks for more."""
 
@@ -131,7 +134,6 @@ class RodTrackSettings(RodSettings):
     """How long the lasting error of the line stays: what a planar rod leaves out changes with the load."""
     creep_s: _Std = 2.0
     """Time constant of the shaft's creep."""
-    sure_n: _Std = 1e3
-    """Where the force is known worse than this in some direction, evidence against contact counts less than half."""
+    sure_n: _Std = 0.03
     gap_s: _Std = 1.0
     """After so long without a frame nothing is known of the force."""

@@ -27,7 +27,7 @@ from ._detection import Detected, Detection
 from ._knowledge import HELD, NEEDED, Knowledge, LineError, rod_model
 from ._learning import learn
 from ._lines import POINTS
-from ._outcome import Outcome, estimate_of
+from ._outcome import Outcome, estimate_of, tempered
 from ._settings import RodSettings
 
 __all__ = ["Rod", "RodEstimator", "RodStream"]
@@ -252,7 +252,7 @@ class ContactFit:
         return Outcome(
             q[:FORCE].copy(),
             spread,
-            evidence + math.log(share / (1.0 - share)),
+            tempered(evidence, spread, self._settings.sure_n) + math.log(share / (1.0 - share)),
             angle,
             misfit,
             best.firmness,
