@@ -10,7 +10,7 @@ from tipforce.estimators import Rod, RodSettings, load_model
 from tipforce.estimators._reading import Abstention
 from tipforce.estimators.rod._calibration import Widths
 from tipforce.estimators.rod._detection import Detected
-from tipforce.estimators.rod._knowledge import Knowledge
+from tipforce.estimators.rod._knowledge import Knowledge, noise_unit_m, rod_model
 from tipforce.estimators.rod._learning import _maximised, _posterior, _Session
 from tipforce.estimators.rod._lines import LineFrame
 from tipforce.estimators.rod._outcome import Outcome, estimate_of, tempered
@@ -196,3 +196,9 @@ def test_what_speaks_against_contact_counts_less_where_the_force_is_open() -> No
     assert tempered(-4.0, wide, 0.02) > -0.2
     assert tempered(-4.0, narrow, 0.02) == pytest.approx(-4.0, rel=0.01)
     assert tempered(4.0, wide, 0.02) == 4.0
+
+
+def test_a_finer_image_does_not_tell_more_than_the_bench_that_the_noise_was_measured_on() -> None:
+    model = rod_model(INFO, 40)
+    assert noise_unit_m(model, 1e-4) == pytest.approx(2e-4)
+    assert noise_unit_m(model, 3e-4) == pytest.approx(3e-4)

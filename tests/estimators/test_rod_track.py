@@ -8,6 +8,7 @@ from tipforce.estimators.rod._filter import ContactFilter
 from tipforce.estimators.rod._knowledge import Knowledge, rod_model
 from tipforce.estimators.rod._lines import LineFrame
 from tipforce.estimators.rod._outcome import Outcome
+from tipforce.estimators.rod.rod_track import Explained
 from tipforce.mechanics import Rod, solve_static
 from tipforce.types import ActuationInfo, Catheter, CentrelinePx, SessionInfo, ViewInfo
 
@@ -98,3 +99,13 @@ def test_constants_off_their_priors_let_the_session_begin_anew() -> None:
     offs = [see(state, (0.0, 0.0), elapsed_s=0.3).off for _ in range(6)]
     assert min(offs) > settings.max_off
     assert offs[4] == pytest.approx(offs[0], rel=0.01)
+
+
+def test_the_share_of_explained_frames_falls_and_recovers_with_its_memory() -> None:
+    explained = Explained(2.0)
+    for _ in range(24):
+        explained.add(False, FRAME_S)
+    assert explained.share == pytest.approx(np.exp(-0.5), rel=1e-6)
+    for _ in range(240):
+        explained.add(True, FRAME_S)
+    assert explained.share > 0.99

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...mechanics.planar import FORCE, UNKNOWNS, Found, Line, Model, fit_line, make_work
 from ...types import FloatArray, SessionInfo
-from ._knowledge import MODES, Knowledge, LineError
+from ._knowledge import MODES, Knowledge, LineError, noise_unit_m
 from ._lines import POINTS
 from ._outcome import Outcome, tempered
 from ._settings import RodTrackSettings
@@ -114,15 +114,18 @@ class ContactFilter:
 
     def _prior(self, knob_deg: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Mean of the constants beforehand, their covariance and its inverse."""
-        if self._held is None or self._held[0] != knob_deg:
+        held = self._held
+        if held is None or held[0] != knob_deg:
             mean, covariance = self._knowledge.for_session(self._settings, self._info, knob_deg)
-            self._held = (knob_deg, mean, covariance, np.linalg.inv(covariance))
-        return self._held[1:]
+            information = np.asarray(np.linalg.inv(covariance), np.float64)
+            self._held = held = (knob_deg, mean, covariance, information)
+        return held[1:]
 
     def _begin(self, line: Line, scale: float, knob_deg: float) -> None:
         self._scale, self._knob_deg, self._cold = scale, knob_deg, True
-        self._whiten = self._error.whiten / scale
-        self._modes[:, :MODES] = self._error.modes * scale
+        unit = noise_unit_m(self._model, scale)
+        self._whiten = self._error.whiten / unit
+        self._modes[:, :MODES] = self._error.modes * unit
         constants = len(UNKNOWNS) - FORCE
         mean, covariance = np.zeros(COUNT), np.eye(COUNT)
         inner = slice(FORCE, FORCE + constants)

@@ -10,7 +10,7 @@ from ._calibration import Widths
 from ._posterior import force_over_contact
 from ._settings import RodSettings
 
-__all__ = ["Outcome", "estimate_of", "tempered"]
+__all__ = ["Outcome", "estimate_of", "tempered", "unfit"]
 
 _FIRM = 2e-3
 """Softest pivot of the rod's Hessian, over EI / h, below which a fold is near."""
@@ -56,7 +56,7 @@ def estimate_of(
     settings: RodSettings, widths: Widths, stamp_ns: int, outcome: Outcome, shape: DetectedShape | None
 ) -> ForceEstimate:
     """The force over contact and none with its intervals, or why there is none."""
-    if abstention := _unfit(settings, outcome):
+    if abstention := unfit(settings, outcome):
         return ForceEstimate.invalid(stamp_ns, abstention.status, abstention.detail, shape)
     mixed = force_over_contact(
         outcome.force_n, outcome.covariance_n2, outcome.angle_rad, outcome.log_odds, settings.prior.of_force()
@@ -72,7 +72,8 @@ def estimate_of(
     return widths.estimate(stamp_ns, mixed, shape)
 
 
-def _unfit(settings: RodSettings, outcome: Outcome) -> Abstention | None:
+def unfit(settings: RodSettings, outcome: Outcome) -> Abstention | None:
+    """Why the rod does not explain the line, or None."""
     if not (outcome.converged and outcome.misfit <= settings.max_misfit):
         if outcome.firmness < _FIRM:
             return Abstention(Status.FOLD, "no stable shape of the rod fits the centreline: it is near a fold")

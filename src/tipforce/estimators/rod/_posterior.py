@@ -56,15 +56,15 @@ class Mixed(NamedTuple):
 def _quantiles(values: FloatArray, shares: FloatArray) -> tuple[float, float]:
     """5 and 95 % quantiles of ``values`` with ``shares``, whose sum is 1."""
     order = np.argsort(values)
-    below, low, high = 0.0, values[order[0]], values[order[-1]]
-    for k in order:
+    below, first, last = 0.0, 0, -1
+    for place, k in enumerate(order):
         if below <= _TAIL:
-            low = values[k]
+            first = place
         below += shares[k]
         if below >= 1.0 - _TAIL:
-            high = values[k]
+            last = place
             break
-    return low, high
+    return float(values[order[first]]), float(values[order[last]])
 
 
 @njit(cache=True, nogil=True)

@@ -96,14 +96,14 @@ class RodSettings(BaseModel):
     """Misfits count with their square up to so many standard deviations, then with their size."""
     segments: Annotated[int, Field(ge=8, le=400)] = 40
     """Of the flexible length."""
-    max_misfit: _Std = 4.0
+    max_misfit: _Std = 2.0
     """Abstains where the mean square misfit of the rod is larger, in the noise's variances."""
     max_off: _Std = 5.0
     """Abstains where a session's constants are further from their priors, mean square in the priors' variances. More
     than 1 is usual, since the line's errors last longer than the model of them says."""
     max_std_n: _Std = 1.2
     """Abstains where the image alone leaves a direction of the force open by more than this."""
-    sure_n: _Std = 0.1
+    sure_n: _Std = 0.3
     """Where the force is known worse than this in some direction, evidence against contact counts less than half: a
     push along the axis of a straight shaft looks like none."""
     max_precurvature_per_m: _Std = 60.0
@@ -135,5 +135,9 @@ class RodTrackSettings(RodSettings):
     creep_s: _Std = 2.0
     """Time constant of the shaft's creep."""
     sure_n: _Std = 0.03
+    min_explained: Annotated[float, Field(ge=0, le=1)] = 0.8
+    """Abstains where the rod explained a smaller share of the frames so far, remembered for ``explained_s``: what is
+    followed is something else, and a line among many that fits does so by chance."""
+    explained_s: _Std = 2.0
     gap_s: _Std = 1.0
     """After so long without a frame nothing is known of the force."""

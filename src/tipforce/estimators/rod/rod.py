@@ -24,7 +24,7 @@ from .._session_metadata import UninformedStream, missing_metadata
 from .._summary import ModelSummary, count_of
 from ._calibration import Widths, calibrated_widths
 from ._detection import Detected, Detection
-from ._knowledge import HELD, NEEDED, Knowledge, LineError, rod_model
+from ._knowledge import HELD, NEEDED, Knowledge, LineError, noise_unit_m, rod_model
 from ._learning import learn
 from ._lines import POINTS
 from ._outcome import Outcome, estimate_of, tempered
@@ -213,7 +213,7 @@ class ContactFit:
         """What ``line`` says of the force. ``mean``, ``covariance``: of the session's constants."""
         if scale != self._scale:
             self._scale = scale
-            self._whiten = self._error.whiten / scale
+            self._whiten = self._error.whiten / noise_unit_m(self._model, scale)
         if self._held is None or not (np.array_equal(self._held[0], mean)):
             information = np.zeros((self._count, self._count))
             information[FORCE:, FORCE:] = np.linalg.inv(covariance)
