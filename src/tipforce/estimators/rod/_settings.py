@@ -98,9 +98,9 @@ class RodSettings(BaseModel):
     """Of the flexible length."""
     max_misfit: _Std = 2.0
     """Abstains where the mean square misfit of the rod is larger, in the noise's variances."""
-    max_off: _Std = 5.0
-    """Abstains where a session's constants are further from their priors, mean square in the priors' variances. More
-    than 1 is usual, since the line's errors last longer than the model of them says."""
+    max_off: _Std = 2.1
+    """Abstains where a session's constants are further from their priors, mean square in the priors' variances: for 13
+    constants chance exceeds this in 1 % (chi-squared)."""
     max_std_n: _Std = 1.2
     """Abstains where the image alone leaves a direction of the force open by more than this."""
     sure_n: _Std = 0.3
@@ -135,6 +135,8 @@ class RodTrackSettings(RodSettings):
     creep_s: _Std = 2.0
     """Time constant of the shaft's creep."""
     sure_n: _Std = 0.03
+    max_off: _Std = 5.0
+    """As of `RodSettings`; more is usual than by chance, since the line's errors last longer than their model says."""
     min_explained: Annotated[float, Field(ge=0, le=1)] = 0.8
     """Abstains where the rod explained a smaller share of the frames so far, remembered for ``explained_s``: what is
     followed is something else, and a line among many that fits does so by chance."""
