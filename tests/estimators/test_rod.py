@@ -1,5 +1,6 @@
 """`rod`: forces from a stated stiffness, and when it abstains."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,10 +8,13 @@ import pytest
 
 from tipforce.estimators import Rod, RodSettings, load_model
 from tipforce.estimators._reading import Abstention
+from tipforce.estimators.rod._calibration import Widths
 from tipforce.estimators.rod._detection import Detected
-from tipforce.estimators.rod._knowledge import Knowledge
+from tipforce.estimators.rod._knowledge import Knowledge, noise_unit_m, rod_model
 from tipforce.estimators.rod._learning import _maximised, _posterior, _Session
 from tipforce.estimators.rod._lines import LineFrame
+from tipforce.estimators.rod._outcome import Outcome, estimate_of, tempered
+from tipforce.estimators.rod._posterior import ForcePrior, force_over_contact
 from tipforce.estimators.rod.rod import RodStream
 from tipforce.mechanics import Rod as PlanarRod
 from tipforce.mechanics import solve_static
@@ -19,6 +23,7 @@ from tipforce.types import (
     Catheter,
     CentrelinePx,
     DetectedShape,
+    ForceEstimate,
     Observation,
     SessionInfo,
     Status,
@@ -42,6 +47,12 @@ def detected(force: tuple[float, float], knob_deg: float = 10.0, turn: float = 0
     return Detected(DetectedShape(Status.VALID, "", CentrelinePx(image)), FRAME)
 
 
+def answer(found: Detected, knob_deg: float = 10.0) -> ForceEstimate:
+    outcome = stream().fit(found, knob_deg)
+    assert isinstance(outcome, Outcome)
+    return estimate_of(RodSettings(), Widths(), 0, outcome, None)
+
+
 def stream(settings: RodSettings | None = None) -> RodStream:
     made = Rod(settings).start(INFO)
     assert isinstance(made, RodStream)
@@ -50,31 +61,27 @@ def stream(settings: RodSettings | None = None) -> RodStream:
 
 @pytest.mark.parametrize("force", [(-0.12, 0.1), (-0.05, -0.08), (-0.15, 0.2)])
 def test_the_first_frame_gives_the_force_within_its_covariance(force: tuple[float, float]) -> None:
-    found = stream().fit(detected(force, turn=0.01), 10.0)
-    assert not isinstance(found, Abstention)
-    estimate, covariance, contact = found
-    error = estimate - force
+    found = answer(detected(force, turn=0.01))
+    error, covariance = found.force_n[:2] - force, found.covariance_n2[:2, :2]
     assert error @ np.linalg.solve(covariance, error) < 6.0
     assert np.sqrt(covariance[1, 1]) < 0.05
-    assert contact > 0.95
+    assert found.contact > 0.95
+    assert found.magnitude_interval_n[0] < np.hypot(*force) < found.magnitude_interval_n[1]
 
 
 def test_an_unloaded_rod_is_most_likely_without_contact() -> None:
-    found = stream().fit(detected((0.0, 0.0)), 10.0)
-    assert not isinstance(found, Abstention)
-    assert found[2] < 0.2
-    assert np.hypot(*found[0]) < 0.01
+    found = answer(detected((0.0, 0.0)))
+    assert found.contact < 0.35
+    assert found.magnitude_n < 0.03
 
 
 def test_a_push_along_a_straight_shaft_is_unobservable() -> None:
-    found = stream().fit(detected((-0.1, 0.0), knob_deg=0.0), 0.0)
-    assert isinstance(found, Abstention)
+    found = answer(detected((-0.1, 0.0), knob_deg=0.0), knob_deg=0.0)
     assert found.status is Status.UNOBSERVABLE
 
 
 def test_a_shape_that_no_rod_has_is_refused() -> None:
-    found = stream().fit(detected((-0.1, 0.1), bend=1.5e-3), 10.0)
-    assert isinstance(found, Abstention)
+    found = answer(detected((-0.1, 0.1), bend=1.5e-3))
     assert found.status is Status.OUT_OF_DISTRIBUTION
     assert "misfit" in found.detail
 
@@ -91,10 +98,70 @@ def test_the_force_does_not_depend_on_the_side_that_the_shaft_comes_from() -> No
     left = first.shape.centreline.points
     turned = CentrelinePx(np.stack([639.0 - left[:, 0], 479.0 - left[:, 1]], axis=1))
     other = Detected(replace(first.shape, centreline=turned), LineFrame((640, 480), "right", SCALE))
-    forces = [stream().fit(each, 10.0) for each in (first, other)]
-    assert not isinstance(forces[0], Abstention)
-    assert not isinstance(forces[1], Abstention)
-    assert forces[0][0] == pytest.approx(forces[1][0], abs=1e-9)
+    forces = [answer(each).force_n[:2] for each in (first, other)]
+    assert forces[0] == pytest.approx(forces[1], abs=1e-9)
+
+
+def test_a_rod_far_off_what_is_stated_is_refused() -> None:
+    found = stream().fit(detected((-0.12, 0.1)), 10.0)
+    assert isinstance(found, Outcome)
+    off = found._replace(off=1.01 * RodSettings().max_off)
+    assert estimate_of(RodSettings(), Widths(), 0, found, None).valid
+    refused = estimate_of(RodSettings(), Widths(), 0, off, None)
+    assert refused.status is Status.OUT_OF_DISTRIBUTION
+    assert "max_off" in refused.detail
+
+
+def gaussian(std: float) -> ForcePrior:
+    """A prior that is the one of the fit."""
+    return ForcePrior(std, std, 1e6)
+
+
+def test_a_force_that_is_surely_there_keeps_its_gaussian() -> None:
+    force, covariance = np.array([-0.3, 0.1]), np.array([[4e-4, 1e-4], [1e-4, 1e-4]])
+    found = force_over_contact(force, covariance, 0.0, 50.0, gaussian(0.25))
+    assert found.force_n == pytest.approx(force, abs=1e-4)
+    assert found.covariance_n2 == pytest.approx(covariance, rel=0.01, abs=1e-6)
+    assert found.high_n[0] == pytest.approx(-0.3 + 1.645 * 0.02, rel=0.02)
+    assert found.low_n[0] == pytest.approx(-0.3 - 1.645 * 0.02, rel=0.02)
+
+
+def test_a_heavy_tail_draws_a_large_force_less_to_the_usual_ones() -> None:
+    # likelihood: -0.4 +- 0.1 N; the fit's prior has drawn it to -0.345
+    fitted, noise = 0.25, 0.1
+    share = fitted**2 / (fitted**2 + noise**2)
+    force, covariance = np.array([-0.4 * share, 0.0]), np.diag([share * noise**2, 1e-6])
+    light = force_over_contact(force, covariance, 0.0, 50.0, ForcePrior(fitted, 0.12, 1e6))
+    heavy = force_over_contact(force, covariance, 0.0, 50.0, ForcePrior(fitted, 0.12, 3.0))
+    assert -0.4 < heavy.force_n[0] < light.force_n[0]
+    assert heavy.high_n[2] > 0.4
+
+
+def test_no_contact_is_an_atom_of_the_mixture() -> None:
+    force, covariance = np.array([-0.2, 0.0]), np.diag([4e-4, 1e-6])
+    found = force_over_contact(force, covariance, 0.0, -math.log(2.0), gaussian(0.25))
+    assert found.contact == pytest.approx(0.5, abs=1e-6)
+    assert found.force_n[0] == pytest.approx(-0.1, abs=1e-4)
+    assert found.low_n[2] == 0.0
+    assert found.high_n[2] == pytest.approx(0.2 + 1.28 * 0.02, rel=0.03)
+
+
+def test_forces_that_pull_at_the_tip_are_excluded() -> None:
+    covariance = np.diag([1e-2, 1e-6])
+    found = force_over_contact(np.array([0.05, 0.0]), covariance, 0.0, 50.0, gaussian(0.25))
+    assert found.force_n[0] < 0.0
+    assert found.high_n[0] <= 0.0
+    pulled = force_over_contact(np.array([0.5, 0.0]), 1e-4 * np.eye(2), 0.0, 0.0, gaussian(0.25))
+    assert pulled.contact == 0.0
+    assert pulled.force_n == pytest.approx([0.0, 0.0])
+
+
+def test_calibrated_widths_multiply_intervals_and_covariance() -> None:
+    mixed = force_over_contact(np.array([-0.2, 0.1]), np.diag([4e-4, 1e-4]), 0.0, 50.0, gaussian(0.25))
+    one, two = Widths().estimate(0, mixed, None), Widths(2.0, 3.0, 2.0).estimate(0, mixed, None)
+    assert np.ptp(two.interval_n[:2], axis=1) == pytest.approx([2.0, 3.0] * np.ptp(one.interval_n[:2], axis=1))
+    assert np.ptp(two.magnitude_interval_n) == pytest.approx(2.0 * np.ptp(one.magnitude_interval_n))
+    assert two.covariance_n2[1, 1] == pytest.approx(9.0 * one.covariance_n2[1, 1])
 
 
 def test_sessions_with_forces_teach_the_clamp() -> None:
@@ -122,3 +189,16 @@ def test_images_without_a_catheter_have_no_force() -> None:
     found = Rod().start(INFO).update(observation)
     assert not found.valid
     assert found.status is Status.NO_CATHETER
+
+
+def test_what_speaks_against_contact_counts_less_where_the_force_is_open() -> None:
+    wide, narrow = np.diag([0.1**2, 1e-6]), np.diag([1e-6, 1e-6])
+    assert tempered(-4.0, wide, 0.02) > -0.2
+    assert tempered(-4.0, narrow, 0.02) == pytest.approx(-4.0, rel=0.01)
+    assert tempered(4.0, wide, 0.02) == 4.0
+
+
+def test_a_finer_image_does_not_tell_more_than_the_bench_that_the_noise_was_measured_on() -> None:
+    model = rod_model(INFO, 40)
+    assert noise_unit_m(model, 1e-4) == pytest.approx(2e-4)
+    assert noise_unit_m(model, 3e-4) == pytest.approx(3e-4)

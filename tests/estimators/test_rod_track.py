@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from tipforce.estimators.rod import RodTrackSettings
-from tipforce.estimators.rod._filter import ContactFilter, Step
+from tipforce.estimators.rod._filter import ContactFilter
 from tipforce.estimators.rod._knowledge import Knowledge, rod_model
 from tipforce.estimators.rod._lines import LineFrame
+from tipforce.estimators.rod._outcome import Outcome
+from tipforce.estimators.rod.rod_track import Explained
 from tipforce.mechanics import Rod, solve_static
 from tipforce.types import ActuationInfo, Catheter, CentrelinePx, SessionInfo, ViewInfo
 
@@ -26,7 +28,9 @@ def tracker() -> ContactFilter:
     return ContactFilter(SETTINGS, Knowledge.stated(SETTINGS), rod_model(INFO, SETTINGS.segments), INFO)
 
 
-def see(state: ContactFilter, force: tuple[float, float], knob_deg: float = 10.0, elapsed_s: float = FRAME_S) -> Step:
+def see(
+    state: ContactFilter, force: tuple[float, float], knob_deg: float = 10.0, elapsed_s: float = FRAME_S
+) -> Outcome:
     """A frame of a rod whose clamp is turned by a degree and whose knob asks for 0.3 1/m too little."""
     rod = Rod(0.04, 4.3e-4, 0.008, 0.533 * knob_deg + 0.3, stiffening_curvature_per_m=4.5e-4**-0.5, segments=160)
     points = solve_static(rod, np.array(force)).centreline_m(np.linspace(1.5e-3, 0.048, 64))
@@ -37,7 +41,7 @@ def see(state: ContactFilter, force: tuple[float, float], knob_deg: float = 10.0
 
 
 @pytest.fixture(scope="module")
-def zeroed() -> tuple[Step, Step, Step]:
+def zeroed() -> tuple[Outcome, Outcome, Outcome]:
     """The first frame, the last of a second without contact, and the last of half a second in contact."""
     state = tracker()
     free = [see(state, (0.0, 0.0)) for _ in range(24)]
@@ -45,12 +49,12 @@ def zeroed() -> tuple[Step, Step, Step]:
     return free[0], free[-1], pressed[-1]
 
 
-def test_what_stays_as_without_a_force_is_taken_for_the_zero(zeroed: tuple[Step, Step, Step]) -> None:
+def test_what_stays_as_without_a_force_is_taken_for_the_zero(zeroed: tuple[Outcome, Outcome, Outcome]) -> None:
     first, last, _ = zeroed
     assert last.log_odds < min(-3.0, first.log_odds)
 
 
-def test_from_the_zero_the_force_is_known_better_than_from_one_frame(zeroed: tuple[Step, Step, Step]) -> None:
+def test_from_the_zero_the_force_is_known_better_than_from_one_frame(zeroed: tuple[Outcome, Outcome, Outcome]) -> None:
     first, _, pressed = zeroed
     assert pressed.log_odds > 3.0
     assert pressed.force_n == pytest.approx([-0.1, 0.08], abs=0.03)
@@ -87,3 +91,21 @@ def test_a_shape_that_no_rod_has_changes_nothing() -> None:
     assert state.step(FRAME.line(CentrelinePx(wave)), SCALE, 10.0, 1e-9).misfit > SETTINGS.max_misfit
     one, two = see(state, (0.0, 0.0)), see(other, (0.0, 0.0))
     assert one.force_n == pytest.approx(two.force_n, abs=1e-3)
+
+
+def test_constants_off_their_priors_let_the_session_begin_anew() -> None:
+    settings = RodTrackSettings(max_off=1e-9)
+    state = ContactFilter(settings, Knowledge.stated(settings), rod_model(INFO, settings.segments), INFO)
+    offs = [see(state, (0.0, 0.0), elapsed_s=0.3).off for _ in range(6)]
+    assert min(offs) > settings.max_off
+    assert offs[4] == pytest.approx(offs[0], rel=0.01)
+
+
+def test_the_share_of_explained_frames_falls_and_recovers_with_its_memory() -> None:
+    explained = Explained(2.0)
+    for _ in range(24):
+        explained.add(False, FRAME_S)
+    assert explained.share == pytest.approx(np.exp(-0.5), rel=1e-6)
+    for _ in range(240):
+        explained.add(True, FRAME_S)
+    assert explained.share > 0.99

@@ -5,17 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..types import DetectedShape, FloatArray, Image, Observation, SessionInfo, Status
-from ..vision import (
-    ResolvedVision,
-    SessionCalibration,
-    ShapeDetector,
-    VisionSettings,
-    for_session,
-    session_vision,
-)
-from ._reading import Abstention, implausible_actuation, read_actuation, read_view
+from ..types import DetectedShape, FloatArray, Image, Observation, SessionInfo
+from ..vision import ResolvedVision, VisionSettings
+from ._reading import Abstention, implausible_actuation, read_actuation
 from ._rod_inverse import line_stations
+from ._session_detection import SessionDetection
 
 __all__ = ["RodLine", "RodReader"]
 
@@ -32,34 +26,27 @@ class RodLine:
 
 
 class RodReader:
-    """Reads stations of the centreline from observations of one session.
-
-    ``shared``: the detection that is taken, scaled to this session, where none of its ``images`` shows a catheter.
-    """
+    """Reads stations of the centreline from observations of one session; ``shared``: see `SessionDetection`."""
 
     def __init__(
         self, settings: VisionSettings, shared: ResolvedVision | None, info: SessionInfo, images: Sequence[Image] = ()
     ) -> None:
-        self._settings, self._info = settings, info
-        self._calibration: SessionCalibration | None = None
-        self.vision: ResolvedVision | VisionSettings = settings if shared is None else for_session(shared, info)
-        if settings.method == "tracer" and images:
-            self.vision = session_vision(settings, images, info, shared)
-        elif settings.method == "tracer":
-            self._calibration = SessionCalibration(settings, info)
-        self._detector = ShapeDetector(self.vision)
-        self.shape: DetectedShape | None = None
+        self._info = info
+        self._detection = SessionDetection(settings, info, images, shared)
+
+    @property
+    def shape(self) -> DetectedShape | None:
         """Of the last image that was read."""
+        return self._detection.shape
+
+    @property
+    def vision(self) -> ResolvedVision | VisionSettings:
+        """What the next image is read with."""
+        return self._detection.vision
 
     def read(self, observation: Observation) -> RodLine | Abstention:
         """The stations in metres, or why there are none."""
-        self.shape = None
-        view = read_view(observation, self._settings.view, "vision.view")
-        if isinstance(view, Abstention):
-            return view
-        scale = self._info.view(self._settings.view).metres_per_px
-        if not isinstance(view, np.ndarray) or scale is None:
-            return Abstention(Status.MISSING_INPUT, "a rod model needs an image and its scale, and there is none")
+        line = self._detection.read(observation)
         knob = np.zeros(1)
         if self._info.actuation.knob_gain_per_m_deg:
             found = read_actuation(observation, (_KNOB,))
@@ -68,10 +55,9 @@ class RodReader:
             if (abstention := implausible_actuation({_KNOB: float(found[0])}, self._info)) is not None:
                 return abstention
             knob = found
-        self.shape = shape = self._detector.detect(view)
-        if self._calibration is not None and (vision := self._calibration.add(view)) is not None:
-            self._detector = ShapeDetector(vision)
-        if shape.centreline is None or shape.base is None:
-            return Abstention(shape.status, shape.detail)
-        points_m = shape.base.to_base(shape.centreline.points) * scale
-        return RodLine(line_stations(points_m), shape, float(knob[0]))
+        if isinstance(line, Abstention):
+            return line
+        base = line.shape.base
+        assert base is not None
+        points_m = base.to_base(line.centreline.points) * line.scale_m_per_px
+        return RodLine(line_stations(points_m), line.shape, float(knob[0]))

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -12,21 +12,23 @@ from ...errors import InputError
 from ...types import BoolArray, DetectedShape, FloatArray, ForceEstimate, Status
 from .._builder import MAX_FORCE_N, implausible
 from ..uncertainty import ForceStrata, conformal_half_width, fit_strata, interval_basis
+from ._posterior import Mixed
 
 __all__ = ["Widths", "calibrated_widths"]
 
 _GAUSS_90 = 1.6448536269514722
 _KNOWN = np.array([True, True, False])
 _KNOWN.setflags(write=False)
+_Width = TypeVar("_Width", float, FloatArray)
 _LEAST_STD_N = 1e-3
 """Standard deviations below this are taken for it: no model of a rod is better."""
 
 
 @dataclass(frozen=True, slots=True)
 class Widths:
-    """Factors on the half-widths of a Gaussian's 90 % intervals, of fx, fy and the magnitude; what they rest on.
+    """Factors on how far the 90 % intervals of fx, fy and the magnitude reach to either side; what they rest on.
 
-    ``strata``: ends of the magnitude's interval by stratum of the force in standard deviations; None: ``magnitude``
+    ``strata``: ends of the magnitude's interval by stratum of the force, in units of `_unit_n`; None: ``magnitude``
     holds at every force.
     """
 
@@ -50,18 +52,27 @@ class Widths:
         strata = None if values.get("strata") is None else ForceStrata.of(values["strata"])
         return cls(factors[0], factors[1], factors[2], str(values["basis"]), strata)
 
-    def estimate(
-        self, stamp_ns: int, force: FloatArray, covariance: FloatArray, contact: float, shape: DetectedShape | None
-    ) -> ForceEstimate:
-        """The valid estimate of ``force`` (2,) with ``covariance`` (2, 2); invalid where it is implausible."""
+    def estimate(self, stamp_ns: int, mixed: Mixed, shape: DetectedShape | None) -> ForceEstimate:
+        """The valid estimate of ``mixed``; invalid where it is implausible.
+
+        The 90 % intervals are the quantiles of the mixture, their distances from the force times the factors; the
+        covariance is multiplied with the same factors.
+        """
+        force = mixed.force_n
         size = float(math.hypot(force[0], force[1]))
         if not size <= MAX_FORCE_N:
             return implausible(stamp_ns, size, shape)
-        std = _stds(force, covariance)
-        half = _GAUSS_90 * std * (self.fx, self.fy, self.magnitude)
+        factors = np.array([self.fx, self.fy])
         force_n, whole, interval = np.full(3, np.nan), np.full((3, 3), np.nan), np.full((3, 2), np.nan)
-        force_n[:2], whole[:2, :2] = force, covariance
-        interval[:2, 0], interval[:2, 1] = force - half[:2], force + half[:2]
+        force_n[:2] = force
+        whole[:2, :2] = (mixed.covariance_n2 + _LEAST_STD_N**2 * np.eye(2)) * np.outer(factors, factors)
+        least = _GAUSS_90 * _LEAST_STD_N
+        interval[:2, 0] = force - factors * np.maximum(force - mixed.low_n[:2], least)
+        interval[:2, 1] = force + factors * np.maximum(mixed.high_n[:2] - force, least)
+        below, above = max(size - float(mixed.low_n[2]), least), max(float(mixed.high_n[2]) - size, least)
+        ends = max(0.0, size - self.magnitude * below), size + self.magnitude * above
+        if self.strata is not None:
+            ends = self.strata.interval(size, _unit_n(below + above))
         return ForceEstimate(
             stamp_ns=stamp_ns,
             force_n=force_n,
@@ -69,26 +80,22 @@ class Widths:
             covariance_n2=whole,
             interval_n=interval,
             magnitude_n=size,
-            magnitude_interval_n=np.array(
-                (max(0.0, size - half[2]), size + half[2])
-                if self.strata is None
-                else self.strata.interval(size, float(std[2]))
-            ),
+            magnitude_interval_n=np.array(ends),
             status=Status.VALID,
-            contact=contact,
+            contact=mixed.contact,
             shape=shape,
         )
 
 
-def _stds(force: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(3,): of fx, fy and the magnitude, to first order; where there is no force, of the larger axis."""
-    size = math.hypot(force[0], force[1])
-    xx, xy, yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
-    half, apart = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
-    along = half + apart
-    if size * size > along:
-        along = (force[0] ** 2 * xx + 2.0 * force[0] * force[1] * xy + force[1] ** 2 * yy) / size**2
-    return np.sqrt(np.maximum(np.array([xx, yy, along]), _LEAST_STD_N**2))
+def _unit_n(width_n: _Width) -> _Width:
+    """Standard deviation of a Gaussian whose 90 % interval is so wide."""
+    return width_n / (2.0 * _GAUSS_90)
+
+
+def _shares(value: FloatArray, interval: FloatArray, truth: FloatArray) -> FloatArray:
+    """(n,): errors of ``value`` (n,) over how far ``interval`` (n, 2) reaches on the side where the truth lies."""
+    reach = np.where(truth > value, interval[:, 1] - value, value - interval[:, 0])
+    return (value - truth) / np.maximum(reach, _GAUSS_90 * _LEAST_STD_N)
 
 
 def calibrated_widths(found: Sequence[ForceEstimate], dataset: Dataset) -> Widths:
@@ -100,20 +107,20 @@ def calibrated_widths(found: Sequence[ForceEstimate], dataset: Dataset) -> Width
     if not valid.any():
         raise InputError(f"{dataset.title}: no sample has an estimate, so there are no intervals to calibrate")
     estimates = [each for each in found if each.valid]
-    force = np.array([each.force_n[:2] for each in estimates])
-    std = np.array([_stds(each.force_n[:2], each.covariance_n2[:2, :2]) for each in estimates])
     truth, session = dataset.force_n[valid], dataset.session[valid]
     known = dataset.known
     basis = interval_basis(len(set(session.tolist())), held_out=True)
     factors, strata = [1.0, 1.0, 1.0], None
     for axis in range(2):
         if known[axis]:
-            share = (force[:, axis] - truth[:, axis]) / (_GAUSS_90 * std[:, axis])
-            factors[axis] = conformal_half_width(share, session, basis)
+            force = np.array([each.force_n[axis] for each in estimates])
+            interval = np.array([each.interval_n[axis] for each in estimates])
+            factors[axis] = conformal_half_width(_shares(force, interval, truth[:, axis]), session, basis)
     if known[:2].any():
+        force = np.array([each.magnitude_n for each in estimates])
+        interval = np.array([each.magnitude_interval_n for each in estimates])
         size = np.linalg.norm(np.where(known, truth, 0.0), axis=1)
-        estimate = np.linalg.norm(force, axis=1)
-        factors[2] = conformal_half_width((estimate - size) / (_GAUSS_90 * std[:, 2]), session, basis)
-        strata = fit_strata(estimate, size, session, std[:, 2])
+        factors[2] = conformal_half_width(_shares(force, interval, size), session, basis)
+        strata = fit_strata(force, size, session, _unit_n(interval[:, 1] - interval[:, 0]))
     finite = [each if math.isfinite(each) else 1.0 for each in factors]
     return Widths(finite[0], finite[1], finite[2], basis.text, strata)

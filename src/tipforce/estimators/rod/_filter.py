@@ -7,17 +7,17 @@ when nothing but no contact explains it, and the force is zeroed there.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from ...mechanics.planar import FORCE, UNKNOWNS, Found, Line, Model, fit_line, make_work
 from ...types import FloatArray, SessionInfo
-from ._knowledge import MODES, Knowledge, LineError
+from ._knowledge import MODES, Knowledge, LineError, noise_unit_m
 from ._lines import POINTS
+from ._outcome import Outcome, tempered
 from ._settings import RodTrackSettings
 
-__all__ = ["COUNT", "ContactFilter", "Step"]
+__all__ = ["COUNT", "ContactFilter"]
 
 COUNT = len(UNKNOWNS) + MODES + FORCE
 """Unknowns: of the rod, lasting errors of the line, rates of the force."""
@@ -25,33 +25,17 @@ _RATE = slice(COUNT - FORCE, COUNT)
 _FORCE, _MODES = slice(0, FORCE), slice(len(UNKNOWNS), len(UNKNOWNS) + MODES)
 _K0, _ANGLE = UNKNOWNS.index("precurvature_per_m"), UNKNOWNS.index("base_angle_rad")
 _BASE = [UNKNOWNS.index("base_x_m"), UNKNOWNS.index("base_y_m")]
+_DRIFTING = np.array([k for k, name in enumerate(UNKNOWNS) if k > _K0 and not name.startswith("base_")])
+_DRIFTS, _DRIFTS_OF_PRIOR = np.ix_(_DRIFTING, _DRIFTING), np.ix_(_DRIFTING - FORCE, _DRIFTING - FORCE)
 _NOTHING = 1e-12
 """Variance of a force that is none, N^2."""
-_STEPS = 20
+_STEPS, _MOST_STEPS = 20, 60
 _WARM_STEPS = (4, 12)
 """Of the two hypotheses. Where the line says contact, no step makes a rod without force fit: it is given up soon."""
 _FREE, _TOUCH = 0, 1
 _LEAST_SHARE = 1e-6
 """No hypothesis is ever given up."""
 _ONSET_N = 0.01
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One frame: ``force_n`` (2,), ``covariance_n2`` (2, 2), both in contact; ``log_odds`` of contact.
-
-    ``angle_rad``: of the tip's axis; ``misfit``: mean square, of the better hypothesis; ``firmness``: see `Found`;
-    ``open_n``: standard deviation of what the image alone leaves open, with the constants as they are known by now.
-    """
-
-    force_n: FloatArray
-    covariance_n2: FloatArray
-    log_odds: float
-    angle_rad: float
-    misfit: float
-    firmness: float
-    converged: bool
-    open_n: float
 
 
 class ContactFilter:
@@ -67,14 +51,17 @@ class ContactFilter:
         self._covariance: list[FloatArray] = []
         self._share = knowledge.contact_share
         self._knob_deg = math.nan
+        self._held: tuple[float, FloatArray, FloatArray, FloatArray] | None = None
+        self._unloaded: FloatArray | None = None
         self._cold = True
         self._past_n = np.zeros(FORCE)
         self._lost_s = 0.0
 
-    def step(self, line: Line, scale: float, knob_deg: float, elapsed_s: float) -> Step:
+    def step(self, line: Line, scale: float, knob_deg: float, elapsed_s: float) -> Outcome:
         """Predicts by ``elapsed_s`` and fits ``line``.
 
-        A line that no hypothesis explains changes nothing; after ``gap_s`` of such lines the session begins anew.
+        A line that no hypothesis explains changes nothing. After ``gap_s`` of such lines, or of constants that have
+        left their priors, the session begins anew.
         """
         if scale != self._scale or not self._mean or self._lost_s > self._settings.gap_s:
             self._begin(line, scale, knob_deg)
@@ -91,9 +78,8 @@ class ContactFilter:
         log_odds = math.log(self._share / (1.0 - self._share))
         self._lost_s += elapsed_s
         if converged and misfit <= self._settings.max_misfit:
-            self._lost_s = 0.0
             if free.converged:
-                log_odds += evidence - evidence_free
+                log_odds += tempered(evidence - evidence_free, covariance[_FORCE, _FORCE], self._settings.sure_n)
                 self._mean, self._covariance = [q_free, q], [covariance_free, covariance]
             else:
                 log_odds = math.log((1.0 - _LEAST_SHARE) / _LEAST_SHARE)
@@ -104,7 +90,10 @@ class ContactFilter:
             self._cold = False
             forget = math.exp(-elapsed_s / self._settings.creep_s)
             self._past_n = forget * self._past_n + (1.0 - forget) * self._share * q[_FORCE]
-        return Step(
+        off = self._off(knob_deg)
+        if converged and misfit <= self._settings.max_misfit and off <= self._settings.max_off:
+            self._lost_s = 0.0
+        return Outcome(
             q[_FORCE].copy(),
             covariance[_FORCE, _FORCE].copy(),
             log_odds,
@@ -113,12 +102,30 @@ class ContactFilter:
             best.firmness,
             converged,
             _open_n(before, covariance[_FORCE, _FORCE]),
+            off,
         )
+
+    def _off(self, knob_deg: float) -> float:
+        """Distance of the constants from their priors, mean square, of the better hypothesis."""
+        mean, _, information = self._prior(knob_deg)
+        which = _TOUCH if self._share > 0.5 else _FREE
+        apart = self._mean[which][FORCE : len(UNKNOWNS)] - mean
+        return float(apart @ information @ apart) / len(mean)
+
+    def _prior(self, knob_deg: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Mean of the constants beforehand, their covariance and its inverse."""
+        held = self._held
+        if held is None or held[0] != knob_deg:
+            mean, covariance = self._knowledge.for_session(self._settings, self._info, knob_deg)
+            information = np.asarray(np.linalg.inv(covariance), np.float64)
+            self._held = held = (knob_deg, mean, covariance, information)
+        return held[1:]
 
     def _begin(self, line: Line, scale: float, knob_deg: float) -> None:
         self._scale, self._knob_deg, self._cold = scale, knob_deg, True
-        self._whiten = self._error.whiten / scale
-        self._modes[:, :MODES] = self._error.modes * scale
+        unit = noise_unit_m(self._model, scale)
+        self._whiten = self._error.whiten / unit
+        self._modes[:, :MODES] = self._error.modes * unit
         constants = len(UNKNOWNS) - FORCE
         mean, covariance = np.zeros(COUNT), np.eye(COUNT)
         inner = slice(FORCE, FORCE + constants)
@@ -159,6 +166,13 @@ class ContactFilter:
             for at in _BASE:
                 covariance[at, at] += settings.base_walk_m**2 * elapsed_s
             covariance[_ANGLE, _ANGLE] += math.radians(settings.base_walk_deg) ** 2 * elapsed_s
+        keeps = math.exp(-elapsed_s / settings.constants_s)
+        usual, spread, _ = self._prior(self._knob_deg)
+        for mean, covariance in zip(self._mean, self._covariance, strict=True):
+            mean[_DRIFTING] = usual[_DRIFTING - FORCE] + keeps * (mean[_DRIFTING] - usual[_DRIFTING - FORCE])
+            covariance[_DRIFTING] *= keeps
+            covariance[:, _DRIFTING] *= keeps
+            covariance[_DRIFTS] += (1.0 - keeps**2) * spread[_DRIFTS_OF_PRIOR]
         forgets = math.exp(-elapsed_s / settings.line_error_s)
         for mean, covariance in zip(self._mean, self._covariance, strict=True):
             mean[_MODES] *= forgets
@@ -225,12 +239,21 @@ class ContactFilter:
         mean, prior = self._mean[which], self._covariance[which]
         information, log_det = _inverse(prior)
         q, covariance = mean.copy(), np.empty((COUNT, COUNT))
-        if self._cold:
-            q[_BASE] = self._start
-        found = self._run(q, mean, information, line, which, covariance, cold=self._cold)
-        if which == _TOUCH and not found.converged and not self._cold:
+        steps = _WARM_STEPS[which]
+        if self._cold and which == _TOUCH and self._unloaded is not None:
+            # the fit without a force is near; from the straight rod the way leads through a long, bent valley
+            q, steps = self._unloaded.copy(), _STEPS
+            self._work[_TOUCH].theta[:] = self._work[_FREE].theta
+        elif self._cold:
+            q[_BASE], steps = self._start, 0
+        found = self._run(q, mean, information, line, which, covariance, steps)
+        if which == _TOUCH and not found.converged:
             q = mean.copy()
-            found = self._run(q, mean, information, line, which, covariance, cold=True)
+            if self._cold:
+                q[_BASE] = self._start
+            found = self._run(q, mean, information, line, which, covariance, 0)
+        if which == _FREE:
+            self._unloaded = q if found.converged else None
         return found, q, covariance, -found.cost - 0.5 * found.log_det - 0.5 * log_det
 
     def _run(
@@ -241,13 +264,12 @@ class ContactFilter:
         line: Line,
         which: int,
         covariance: FloatArray,
-        *,
-        cold: bool,
+        steps: int,
     ) -> Found:
+        """``steps``: at most, from the shape of before; 0: from the straight rod."""
         return fit_line(
             q, mean, information, self._model, line, self._modes, self._whiten, self._settings.huber,
-            _STEPS if cold else _WARM_STEPS[which], cold,
-            self._work[which], covariance,
+            steps or _MOST_STEPS, steps == 0, self._work[which], covariance,
         )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from ...types import FloatArray, SessionInfo
 from ._lines import POINTS
 from ._settings import NoiseSettings, RodSettings
 
-__all__ = ["HELD", "MODES", "NEEDED", "Knowledge", "LineError", "rod_model"]
+__all__ = ["HELD", "MODES", "NEEDED", "Knowledge", "LineError", "noise_unit_m", "rod_model"]
 
 MODES = 6
 """So many shapes of the error that stays for a session are unknowns of `rod-track`; the rest counts as fresh."""
@@ -137,6 +137,14 @@ class Knowledge:
 def _scaled(covariance: FloatArray) -> FloatArray:
     std = np.sqrt(np.diag(covariance))
     return covariance / np.outer(std, std)
+
+
+def noise_unit_m(model: Model, scale_m_per_px: float) -> float:
+    """Metres of one pixel of `LineError`: those of the image, or of the bench of its figures where these are more.
+
+    Errors of a line grow with blur and diameter in pixels, so that a finer image does not tell more.
+    """
+    return max(scale_m_per_px, (model.flexible_m + model.rigid_m) / _PIXELS)
 
 
 def rod_model(info: SessionInfo, segments: int) -> Model:

@@ -17,7 +17,7 @@ from ...types import FloatArray, SessionInfo
 from .._base import Progress, calibration_images
 from .._reading import Abstention
 from ._detection import Detection
-from ._knowledge import MODES, Knowledge, LineError, rod_model
+from ._knowledge import MODES, Knowledge, LineError, noise_unit_m, rod_model
 from ._lines import POINTS
 from ._settings import RodSettings
 
@@ -94,10 +94,11 @@ def _read(settings: RodSettings, dataset: Dataset, name: str) -> _Session:
 def _posterior(settings: RodSettings, knowledge: Knowledge, session: _Session) -> tuple[FloatArray, FloatArray]:
     """Mean and covariance of a session's constants, relative to its metadata."""
     error = LineError.of(settings.noise, MODES)
-    modes, whiten = error.modes * session.scale, error.whiten / session.scale
     constants = len(UNKNOWNS) - FORCE
     count = len(UNKNOWNS) + MODES
     model = rod_model(session.info, settings.segments)
+    unit = noise_unit_m(model, session.scale)
+    modes, whiten = error.modes * unit, error.whiten / unit
     work = make_work(model, POINTS, count)
     mean, covariance = np.zeros(count - FORCE), np.eye(count - FORCE)
     shift, covariance[:constants, :constants] = knowledge.for_session(settings, session.info, session.knob_deg[0])

@@ -5,6 +5,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from ...vision import VisionSettings
+from ._posterior import ForcePrior
 
 __all__ = ["NoiseSettings", "PriorSettings", "RodSettings", "RodTrackSettings"]
 
@@ -18,8 +19,12 @@ class PriorSettings(BaseModel):
 
     model_config = _FROZEN
 
-    force_n: _Std = 0.15
-    """Of each component of the force in contact. Forces that pull at the tip are excluded."""
+    force_n: _Std = 0.25
+    """Of each component of the force in contact, where the rod is fitted."""
+    force_scale_n: _Std = 0.12
+    """Scale of the force's distribution in contact, a bivariate Student's. Forces that pull at the tip are excluded."""
+    force_freedom: _Std = 3.0
+    """Its degrees of freedom: so few that it has a heavy tail, which draws no large force to the usual ones."""
     contact_share: Annotated[float, Field(gt=0, lt=1)] = 0.5
     """Share of frames in which the tip touches."""
     stiffness: _Share = 0.03
@@ -53,6 +58,10 @@ class PriorSettings(BaseModel):
     """Share by which the bend grows under a steady force; a polymer shaft has some percent."""
     creep_std: _Share = 0.02
 
+    def of_force(self) -> ForcePrior:
+        """The prior of the force."""
+        return ForcePrior(self.force_n, self.force_scale_n, self.force_freedom)
+
 
 class NoiseSettings(BaseModel):
     """Error of the detected centreline in px, see `LineNoise`: measured on simulated images of a camera bench."""
@@ -64,7 +73,7 @@ class NoiseSettings(BaseModel):
     fresh_tip_px: _Std = 0.4
     fresh_along_px: _Std = 0.29
     """Of the tip along the line."""
-    lasting_px: _Std = 0.027
+    lasting_px: _Std = 0.05
     """The same that stay for a session."""
     lasting_tip_px: _Std = 0.25
     lasting_along_px: _Std = 1.02
@@ -87,10 +96,16 @@ class RodSettings(BaseModel):
     """Misfits count with their square up to so many standard deviations, then with their size."""
     segments: Annotated[int, Field(ge=8, le=400)] = 40
     """Of the flexible length."""
-    max_misfit: _Std = 4.0
+    max_misfit: _Std = 2.0
     """Abstains where the mean square misfit of the rod is larger, in the noise's variances."""
+    max_off: _Std = 2.1
+    """Abstains where a session's constants are further from their priors, mean square in the priors' variances: for 13
+    constants chance exceeds this in 1 % (chi-squared)."""
     max_std_n: _Std = 1.2
     """Abstains where the image alone leaves a direction of the force open by more than this."""
+    sure_n: _Std = 0.3
+    """Where the force is known worse than this in some direction, evidence against contact counts less than half: a
+    push along the axis of a straight shaft looks like none."""
     max_precurvature_per_m: _Std = 60.0
     """Abstains where the knob asks for more."""
 
@@ -112,9 +127,19 @@ class RodTrackSettings(RodSettings):
     base_walk_m: Annotated[float, Field(ge=0, le=1)] = 2e-5
     """Random walk of the clamp's position in a second, and, in degrees, of its direction."""
     base_walk_deg: Annotated[float, Field(ge=0, le=90)] = 0.02
+    constants_s: _Std = 50.0
+    """How long stiffness, length, scale, camera and creep are remembered: the line's errors stay alike from frame to
+    frame, so that many frames tell less of them than independent ones would."""
     line_error_s: _Std = 20.0
     """How long the lasting error of the line stays: what a planar rod leaves out changes with the load."""
     creep_s: _Std = 2.0
     """Time constant of the shaft's creep."""
+    sure_n: _Std = 0.03
+    max_off: _Std = 5.0
+    """As of `RodSettings`; more is usual than by chance, since the line's errors last longer than their model says."""
+    min_explained: Annotated[float, Field(ge=0, le=1)] = 0.8
+    """Abstains where the rod explained a smaller share of the frames so far, remembered for ``explained_s``: what is
+    followed is something else, and a line among many that fits does so by chance."""
+    explained_s: _Std = 2.0
     gap_s: _Std = 1.0
     """After so long without a frame nothing is known of the force."""

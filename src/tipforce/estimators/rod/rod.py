@@ -24,17 +24,15 @@ from .._session_metadata import UninformedStream, missing_metadata
 from .._summary import ModelSummary, count_of
 from ._calibration import Widths, calibrated_widths
 from ._detection import Detected, Detection
-from ._knowledge import HELD, NEEDED, Knowledge, LineError, rod_model
+from ._knowledge import HELD, NEEDED, Knowledge, LineError, noise_unit_m, rod_model
 from ._learning import learn
 from ._lines import POINTS
-from ._posterior import force_over_contact
+from ._outcome import Outcome, estimate_of, tempered
 from ._settings import RodSettings
 
 __all__ = ["Rod", "RodEstimator", "RodStream"]
 
-_STEPS = 30
-_FIRM = 2e-3
-"""Softest pivot of the rod's Hessian, over EI / h, below which a fold is near."""
+_STEPS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,11 +167,10 @@ class RodStream:
         found = self.fit(detected, knob)
         if isinstance(found, Abstention):
             return ForceEstimate.invalid(stamp, found.status, found.detail, shape)
-        force, covariance, contact = found
-        return self._widths.estimate(stamp, force, covariance, contact, shape)
+        return estimate_of(self._settings, self._widths, stamp, found, shape)
 
-    def fit(self, detected: Detected, knob_deg: float) -> tuple[FloatArray, FloatArray, float] | Abstention:
-        """Force (2,), covariance (2, 2) and probability of contact, or why there are none."""
+    def fit(self, detected: Detected, knob_deg: float) -> Outcome | Abstention:
+        """What the line says of the force, or why nothing."""
         centreline = detected.shape.centreline
         assert centreline is not None
         if abstention := actuation_out_of_range(self._settings, self._info, knob_deg):
@@ -195,31 +192,6 @@ def actuation_out_of_range(settings: RodSettings, info: SessionInfo, knob_deg: f
     )
 
 
-def misfit_abstention(settings: RodSettings, converged: bool, misfit: float, firmness: float) -> Abstention | None:
-    """Why a fit gives no force, or None. ``misfit``: mean square, in the noise's variances; see `Found`."""
-    if not (converged and misfit <= settings.max_misfit):
-        if firmness < _FIRM:
-            return Abstention(Status.FOLD, "no stable shape of the rod fits the centreline: it is near a fold")
-        return Abstention(
-            Status.OUT_OF_DISTRIBUTION,
-            f"no force at the tip bends the stated rod into this shape: the mean square misfit is {misfit:.1f}, "
-            f"the limit {settings.max_misfit:g}",
-        )
-    if firmness < _FIRM:
-        return Abstention(Status.FOLD, "the rod is about to buckle: a small change of the force bends it far")
-    return None
-
-
-def unobservable_abstention(settings: RodSettings, open_n: float) -> Abstention | None:
-    """Why there is no force where a direction of it is left open by ``open_n``, or None."""
-    if open_n <= settings.max_std_n:
-        return None
-    return Abstention(
-        Status.UNOBSERVABLE,
-        f"the shape leaves a direction of the force open by {open_n:.2g} N: it is pushed along its own axis",
-    )
-
-
 class ContactFit:
     """The two fits of one line, and what is made of them."""
 
@@ -237,13 +209,11 @@ class ContactFit:
         self._held: tuple[FloatArray, FloatArray, FloatArray, FloatArray, float] | None = None
         self._scale, self._whiten = 0.0, self._error.whiten
 
-    def solve(
-        self, line: Line, scale: float, mean: FloatArray, covariance: FloatArray
-    ) -> tuple[FloatArray, FloatArray, float] | Abstention:
-        """Force, covariance, probability of contact. ``mean``, ``covariance``: of the session's constants."""
+    def solve(self, line: Line, scale: float, mean: FloatArray, covariance: FloatArray) -> Outcome:
+        """What ``line`` says of the force. ``mean``, ``covariance``: of the session's constants."""
         if scale != self._scale:
             self._scale = scale
-            self._whiten = self._error.whiten / scale
+            self._whiten = self._error.whiten / noise_unit_m(self._model, scale)
         if self._held is None or not (np.array_equal(self._held[0], mean)):
             information = np.zeros((self._count, self._count))
             information[FORCE:, FORCE:] = np.linalg.inv(covariance)
@@ -273,19 +243,23 @@ class ContactFit:
                 break
         assert best is not None
         misfit = min(best.chi2, without.chi2) / (POINTS + 1)
-        if abstention := misfit_abstention(self._settings, best.converged, misfit, best.firmness):
-            self._last = None
-            return abstention
-        self._last = q
+        self._last = q if best.converged and misfit <= self._settings.max_misfit else None
         # what the image adds to the prior
-        seen = np.linalg.eigvalsh(np.linalg.inv(spread) - self._force_information)
-        worst = 1.0 / math.sqrt(max(seen[0], 1e-12))
-        if abstention := unobservable_abstention(self._settings, worst):
-            return abstention
+        seen = np.linalg.eigvalsh(np.linalg.inv(spread) - self._force_information) if best.converged else np.zeros(2)
         share = self._knowledge.contact_share
         evidence = log_ratio + (without.cost - best.cost) + 0.5 * (without.log_det - best.log_det)
-        mixed = force_over_contact(q[:FORCE].copy(), spread, angle, evidence + math.log(share / (1.0 - share)))
-        return mixed.force_n, mixed.covariance_n2, mixed.contact
+        apart = q[FORCE:] - mean
+        return Outcome(
+            q[:FORCE].copy(),
+            spread,
+            tempered(evidence, spread, self._settings.sure_n) + math.log(share / (1.0 - share)),
+            angle,
+            misfit,
+            best.firmness,
+            best.converged,
+            1.0 / math.sqrt(max(float(seen[0]), 1e-12)),
+            float(apart @ touching[FORCE:, FORCE:] @ apart) / len(mean),
+        )
 
     def _fit(
         self, q: FloatArray, mean: FloatArray, information: FloatArray, line: Line, which: int, covariance: FloatArray,

@@ -17,11 +17,11 @@ from ._calibration import Widths
 from ._detection import Detection
 from ._filter import ContactFilter
 from ._knowledge import Knowledge, rod_model
-from ._posterior import force_over_contact
+from ._outcome import estimate_of, unfit
 from ._settings import RodTrackSettings
-from .rod import RodEstimator, actuation_out_of_range, misfit_abstention, unobservable_abstention
+from .rod import RodEstimator, actuation_out_of_range
 
-__all__ = ["RodTrack", "RodTrackStream"]
+__all__ = ["Explained", "RodTrack", "RodTrackStream"]
 
 
 class RodTrack(RodEstimator):
@@ -58,6 +58,7 @@ class RodTrackStream:
         self._settings, self._widths, self._info = settings, widths, info
         self._detection = Detection(settings.vision, info, images)
         self._filter = ContactFilter(settings, knowledge, rod_model(info, settings.segments), info)
+        self._explained = Explained(settings.explained_s)
         self._stamp_ns: int | None = None
 
     def update(self, observation: Observation) -> ForceEstimate:
@@ -71,16 +72,34 @@ class RodTrackStream:
         found = detected if isinstance(detected, Abstention) else None
         knob = observation.actuation.get("knob_deg", math.nan)
         found = found or actuation_out_of_range(self._settings, self._info, knob)
+        elapsed_s = 0.0 if self._stamp_ns is None else (stamp - self._stamp_ns) * 1e-9
         if found is not None or isinstance(detected, Abstention) or detected.shape.centreline is None:
             assert found is not None
             return ForceEstimate.invalid(stamp, found.status, found.detail, shape)
-        elapsed_s = 0.0 if self._stamp_ns is None else (stamp - self._stamp_ns) * 1e-9
         line = detected.frame.line(detected.shape.centreline)
-        step = self._filter.step(line, detected.frame.scale_m_per_px, knob, elapsed_s)
+        outcome = self._filter.step(line, detected.frame.scale_m_per_px, knob, elapsed_s)
         self._stamp_ns = stamp
-        if abstention := misfit_abstention(self._settings, step.converged, step.misfit, step.firmness):
-            return ForceEstimate.invalid(stamp, abstention.status, abstention.detail, shape)
-        mixed = force_over_contact(step.force_n, step.covariance_n2, step.angle_rad, step.log_odds)
-        if mixed.contact > 0.5 and (abstention := unobservable_abstention(self._settings, step.open_n)):
-            return ForceEstimate.invalid(stamp, abstention.status, abstention.detail, shape)
-        return self._widths.estimate(stamp, mixed.force_n, mixed.covariance_n2, mixed.contact, shape)
+        self._explained.add(unfit(self._settings, outcome) is None, elapsed_s)
+        estimate = estimate_of(self._settings, self._widths, stamp, outcome, shape)
+        if estimate.valid and self._explained.share < self._settings.min_explained:
+            return ForceEstimate.invalid(
+                stamp,
+                Status.OUT_OF_DISTRIBUTION,
+                f"the rod explains {self._explained.share:.0%} of the frames so far, fewer than min_explained = "
+                f"{self._settings.min_explained:.0%}: look with `tipforce inspect` at what is detected",
+                shape,
+            )
+        return estimate
+
+
+class Explained:
+    """Share of the frames so far that the rod explained, each remembered for ``memory_s``; 1 before the first."""
+
+    def __init__(self, memory_s: float) -> None:
+        self._memory_s = memory_s
+        self.share = 1.0
+
+    def add(self, explained: bool, elapsed_s: float) -> None:
+        """The next frame, ``elapsed_s`` after the one before."""
+        forgets = math.exp(-elapsed_s / self._memory_s)
+        self.share = forgets * self.share + (1.0 - forgets) * explained

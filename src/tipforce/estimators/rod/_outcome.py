@@ -1,0 +1,93 @@
+"""What one line says of the force, and when that is no answer."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...types import DetectedShape, FloatArray, ForceEstimate, Status
+from .._reading import Abstention
+from ._calibration import Widths
+from ._posterior import force_over_contact
+from ._settings import RodSettings
+
+__all__ = ["Outcome", "estimate_of", "tempered", "unfit"]
+
+_FIRM = 2e-3
+"""Softest pivot of the rod's Hessian, over EI / h, below which a fold is near."""
+
+
+_POSSIBLE = 0.05
+"""Contact is possible: the upper end of a 90 % interval is that of the force in contact."""
+
+
+class Outcome(NamedTuple):
+    """The fits of one line. ``force_n`` (2,), ``covariance_n2`` (2, 2), both in contact; ``log_odds`` of contact.
+
+    ``angle_rad``: of the tip's axis; ``misfit``: mean square, of the better hypothesis, in the noise's variances;
+    ``firmness``: see `Found`; ``open_n``: standard deviation of what the image alone leaves open of the force, with the
+    constants as they are known by now; ``off``: distance of the session's constants from what is known of them
+    beforehand, mean square in the priors' variances.
+    """
+
+    force_n: FloatArray
+    covariance_n2: FloatArray
+    log_odds: float
+    angle_rad: float
+    misfit: float
+    firmness: float
+    converged: bool
+    open_n: float
+    off: float
+
+
+def tempered(evidence: float, covariance: FloatArray, sure_n: float) -> float:
+    """Evidence of contact over none, as logarithm. What speaks against contact counts less where the force is open.
+
+    A push along the axis of a straight shaft looks like none: taken for none it would teach wrong constants.
+    ``covariance`` (2, 2) of the force in contact; ``sure_n``: see `RodSettings`.
+    """
+    if evidence > 0.0:
+        return evidence
+    widest = float(np.linalg.eigvalsh(covariance)[-1])
+    return evidence / (1.0 + widest / sure_n**2)
+
+
+def estimate_of(
+    settings: RodSettings, widths: Widths, stamp_ns: int, outcome: Outcome, shape: DetectedShape | None
+) -> ForceEstimate:
+    """The force over contact and none with its intervals, or why there is none."""
+    if abstention := unfit(settings, outcome):
+        return ForceEstimate.invalid(stamp_ns, abstention.status, abstention.detail, shape)
+    mixed = force_over_contact(
+        outcome.force_n, outcome.covariance_n2, outcome.angle_rad, outcome.log_odds, settings.prior.of_force()
+    )
+    if mixed.contact > _POSSIBLE and outcome.open_n > settings.max_std_n:
+        return ForceEstimate.invalid(
+            stamp_ns,
+            Status.UNOBSERVABLE,
+            f"the shape leaves a direction of the force open by {outcome.open_n:.2g} N, more than max_std_n = "
+            f"{settings.max_std_n:g}: it is pushed along its own axis",
+            shape,
+        )
+    return widths.estimate(stamp_ns, mixed, shape)
+
+
+def unfit(settings: RodSettings, outcome: Outcome) -> Abstention | None:
+    """Why the rod does not explain the line, or None."""
+    if not (outcome.converged and outcome.misfit <= settings.max_misfit):
+        if outcome.firmness < _FIRM:
+            return Abstention(Status.FOLD, "no stable shape of the rod fits the centreline: it is near a fold")
+        return Abstention(
+            Status.OUT_OF_DISTRIBUTION,
+            f"no force at the tip bends the stated rod into this shape: the mean square misfit is "
+            f"{outcome.misfit:.1f}, the limit {settings.max_misfit:g}",
+        )
+    if outcome.firmness < _FIRM:
+        return Abstention(Status.FOLD, "the rod is about to buckle: a small change of the force bends it far")
+    if outcome.off > settings.max_off:
+        return Abstention(
+            Status.OUT_OF_DISTRIBUTION,
+            f"rod, clamp and camera would have to be unlike what is stated: mean square {outcome.off:.0f} of their "
+            f"priors' variances, the limit is max_off = {settings.max_off:g}",
+        )
+    return None
