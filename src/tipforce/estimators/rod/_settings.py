@@ -113,6 +113,7 @@ class RodSettings(BaseModel):
 class RodTrackSettings(RodSettings):
     """Force by the rod's mechanics from all centrelines so far."""
 
+    prior: PriorSettings = PriorSettings(force_scale_n=0.2)
     force_rate_n_per_s: _Std = 2.0
     """How fast the force changes in contact."""
     force_rate_s: _Std = 0.3
@@ -134,7 +135,7 @@ class RodTrackSettings(RodSettings):
     """How long the lasting error of the line stays: what a planar rod leaves out changes with the load."""
     creep_s: _Std = 2.0
     """Time constant of the shaft's creep."""
-    sure_n: _Std = 0.03
+    sure_n: _Std = 0.1
     max_off: _Std = 5.0
     """As of `RodSettings`; more is usual than by chance, since the line's errors last longer than their model says."""
     min_explained: Annotated[float, Field(ge=0, le=1)] = 0.8
