@@ -329,12 +329,11 @@ class _Problem:
         for i, line in enumerate(self._lines):
             q[:FORCE] = own[i, :FORCE]
             q[_K0] = shared[0] + self._k0[i] + own[i, FORCE]
-            found = (False, False, 0.0)
-            if self._warm[i]:
+            warm = bool(self._warm[i])
+            if warm:
                 work.theta[:] = self._theta[i]
-                found = predict_line(q, self._model, line, self._modes, work, False)
-            if not (found[0] and found[1]):
-                found = predict_line(q, self._model, line, self._modes, work, True)
+            # a step that a warm start cannot follow is too long: it is made shorter, not solved anew from afar
+            found = predict_line(q, self._model, line, self._modes, work, not warm)
             if not (found[0] and found[1]):
                 return math.inf, matrix, side, blocks
             self._theta[i], self._warm[i] = work.theta, True
