@@ -43,6 +43,8 @@ _EASE = (1.0 / 64.0, 1.0 / 8.0, 1.0)
 """The line's noise is first taken for so much larger."""
 _OUTLIER, _FAR = 16.0, 30.0
 """A frame is left out whose squares are so many times what is usual, and more than so many variances a point."""
+_MOST_LOAD, _LEAST_FACTOR, _MOST_TURN_RAD, _MOST_STIFFENING = 10.0, 0.3, 2.0 * math.pi, 3.0
+"""Force x length^2 / EI, four times what buckles the rod; relative changes; turn of the unloaded rod; growth of EI."""
 _STEPS = 12
 _SMALL = 1e-2
 """The fit has converged when the cost falls by less."""
@@ -224,6 +226,17 @@ def line_forces(
     return found
 
 
+def _is_possible(q: FloatArray, model: Model) -> bool:
+    """Whether there is such a rod, under a load that its solver is made for: `fit_line` asks the same of its steps."""
+    load = math.hypot(q[0], q[1]) * model.flexible_m**2 / model.stiffness_nm2
+    factors = [1.0 + float(q[UNKNOWNS.index(name)]) for name in ("stiffness", "proximal_stiffness", "length", "scale")]
+    soft, k0 = float(q[UNKNOWNS.index("stiffening_m2")]), float(q[_K0])
+    return (
+        load < _MOST_LOAD and min(factors) > _LEAST_FACTOR and abs(k0) * model.flexible_m < _MOST_TURN_RAD
+        and soft > 0.0 and soft * k0**2 < _MOST_STIFFENING
+    )  # fmt: skip
+
+
 class _Problem:
     """The frames of one fit; see `fit_rod`."""
 
@@ -329,12 +342,13 @@ class _Problem:
         for i, line in enumerate(self._lines):
             q[:FORCE] = own[i, :FORCE]
             q[_K0] = shared[0] + self._k0[i] + own[i, FORCE]
-            found = (False, False, 0.0)
-            if self._warm[i]:
+            warm = bool(self._warm[i])
+            if warm:
                 work.theta[:] = self._theta[i]
-                found = predict_line(q, self._model, line, self._modes, work, False)
-            if not (found[0] and found[1]):
-                found = predict_line(q, self._model, line, self._modes, work, True)
+            if not _is_possible(q, self._model):
+                return math.inf, matrix, side, blocks
+            # a step that a warm start cannot follow is too long: it is made shorter, not solved anew from afar
+            found = predict_line(q, self._model, line, self._modes, work, not warm)
             if not (found[0] and found[1]):
                 return math.inf, matrix, side, blocks
             self._theta[i], self._warm[i] = work.theta, True
