@@ -73,7 +73,7 @@ def test_a_method_that_needs_no_fit_estimates_learns_and_is_saved(name: str, ben
     data = open_dataset(bench / "runs")
     some = data.subset(np.arange(0, len(data), 12))
     stated = load_model(name).predict(some)
-    assert sum(each.valid for each in stated) > 0.8 * len(stated)
+    assert sum(each.valid for each in stated) > 0.6 * len(stated)
     fitted = create(name).fit(some).calibrate(some)
     save_model(fitted, tmp_path / "model", some)
     again = load_model(tmp_path / "model")

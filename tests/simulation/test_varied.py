@@ -132,7 +132,8 @@ def test_the_tip_is_in_view_and_the_metadata_hold_what_a_bench_knows(varied, tmp
     assert 0.099e-3 <= true <= 0.31e-3
     assert 0 < abs(info.catheter.diameter_m / values["diameter_m"] - 1) <= 0.05
     public = repr(info)
-    for hidden in ("law", "concave", "sheath", "rim", "stiffness_n_per_m", "by hand"):
+    assert info.tissue.stiffness_n_per_m is None
+    for hidden in ("law", "concave", "sheath", "rim", "by hand"):
         assert hidden not in public
     write_truth(collect_truth(varied, np.array([index])), tmp_path / "session_09.truth.npz")
     again = read_truth(tmp_path / "session_09.truth.npz")

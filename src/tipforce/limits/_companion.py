@@ -111,7 +111,7 @@ def describe_nuisances(bounds: Sequence[CompanionBound]) -> list[str]:
             f"measured error; unknown, each a Gaussian of the standard deviation in brackets, are "
             f"{', '.join(described)} and the error of detection that lasts a session; prior of the force: as wide as "
             f"the preset's contact forces "
-            f"({spread} mN along x, y, z), or broad, {1e3 * BROAD_FORCE_STD_N:.0f} mN along x and y. It is the "
+            f"({spread} mN along x, y, z), or broad, {1e3 * BROAD_FORCE_STD_N:.0f} mN along x and y; it is the "
             "shape's bound: a method that also reads how deep the tip presses into the tissue can be below it."
         )
     return sentences

@@ -234,8 +234,8 @@ def tissue_shares(log_stiffness: npt.NDArray[np.floating]) -> npt.NDArray[np.flo
     Args:
         log_stiffness: (n,) logarithms of stiffnesses in N/m; NaN where it is not known, and then in the shares.
 
-    >>> tissue_shares(np.log([36.0, 60.0]))[:, :3].round(2).tolist()
-    [[1.0, 0.0, 0.0], [0.0, 0.54, 0.46]]
+    >>> np.rint(100 * tissue_shares(np.log([36.0, 60.0]))[:, :3]).tolist()
+    [[100.0, 0.0, 0.0], [0.0, 54.0, 46.0]]
     """
     centres = np.log(TISSUE_N_PER_M)
     within = np.clip(log_stiffness, centres[0], centres[-1])[:, None]

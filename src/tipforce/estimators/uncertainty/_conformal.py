@@ -69,11 +69,11 @@ class Interval:
         ends = [each.interval(magnitude_n, unit_n) for each in self.strata]
         return min(low for low, _ in ends), max(high for _, high in ends)
 
-    def magnitude_examples(self, unit_n: float = 1.0) -> dict[str, tuple[float, float]]:
+    def magnitude_examples(self, unit_n: float = 1.0) -> dict[str, list[float]]:
         """Returns the magnitude's interval at an estimate within each of its strata, by the estimate in newtons."""
         edges = self.strata[0].edges_n[:-1].tolist() if self.strata else []
         width = edges[1] if len(edges) > 1 else 0.0
-        return {f"{edge + width / 2:.3g}": self.magnitude_interval(edge + width / 2, unit_n) for edge in edges}
+        return {f"{edge + width / 2:.3g}": list(self.magnitude_interval(edge + width / 2, unit_n)) for edge in edges}
 
     def values(self) -> dict[str, Any]:
         """Returns JSON values: None for NaN, "inf" for an infinite half-width."""
