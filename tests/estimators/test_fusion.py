@@ -1,5 +1,6 @@
 """`fusion`: how two estimates of one frame become one."""
 
+import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -119,6 +120,15 @@ def test_the_intersection_is_consistent_for_any_correlation():
         error = one @ np.array(columns) + other @ np.array(others)
         assert (np.linalg.eigvalsh(stated - np.cov(error.T)) > -2e-5).all()
     assert not mean.any()
+
+
+def test_what_was_never_calibrated_is_saved_and_read():
+    """Its intervals are those of the covariances."""
+    fresh = Fusion()
+    values, arrays = fresh.state()
+    again = Fusion.from_state(fresh.settings.model_dump(), json.loads(json.dumps(values)), arrays, fresh.files())
+    assert again.describe() == fresh.describe()
+    assert again.describe()["interval_basis"]["both"] == "the covariances alone"
 
 
 def test_another_method_is_no_network():

@@ -32,7 +32,7 @@ __all__ = ["Fusion", "FusionSettings"]
 
 _SOURCES = ("both", "rod", "network")
 _GAUSS_90 = 1.6448536269514722
-_ALONE = Interval(np.full(3, _GAUSS_90), _GAUSS_90, np.full((3, 3), np.nan), False, "the covariances alone", 0, 0)
+_ALONE = Interval(np.full(3, _GAUSS_90), _GAUSS_90, np.eye(3), False, "the covariances alone", 0, 0)
 """In standard deviations, as all intervals here."""
 _SHARES = np.linspace(0.0, 1.0, 21)
 """Of the network in the intersection."""
