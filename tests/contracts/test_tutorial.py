@@ -9,7 +9,7 @@ from .conftest import type_command  # type: ignore[import-not-found]
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "tutorial" / "your-bench-in-an-hour.md"
 QUICKER = {
-    "--seconds 20": "--seconds 8",
+    "--seconds 20": "--seconds 12",
     "width=800": "width=320",
     "height=600": "height=240",
     "metres_per_px = 0.00016": "metres_per_px = 0.0004",
