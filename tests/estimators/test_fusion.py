@@ -83,7 +83,7 @@ def test_a_contradiction_is_no_estimate():
 
 @pytest.mark.parametrize(
     ("rod", "network", "source", "half"),
-    [(estimate((0.2, 0.0), WIDE), NOTHING, "rod", 2.0), (NOTHING, estimate((0.2, 0.0), WIDE), "network", 3.0)],
+    [(estimate((0.2, 0.0), WIDE), NOTHING, "rod-track", 2.0), (NOTHING, estimate((0.2, 0.0), WIDE), "network", 3.0)],
     ids=["rod", "network"],
 )
 def test_one_carries_on_with_intervals_of_its_own(rod, network, source, half):

@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..types import ForceEstimate, Image, Observation, SessionInfo
 from ._summary import ModelSummary
 
-__all__ = ["Estimator", "FineTunable", "Progress", "Stream", "calibration_images", "no_progress"]
+__all__ = ["CentrelineEstimator", "Estimator", "FineTunable", "Progress", "Stream", "calibration_images", "no_progress"]
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of it that is done (0..1)."""
@@ -187,6 +187,20 @@ class Estimator(ABC):
         """Returns the summary of a fitted model with these `describe`d facts, in words."""
         del facts
         return ModelSummary()
+
+
+class CentrelineEstimator(Estimator):
+    """A method that reads the centreline detected in one view; its settings have ``vision``."""
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """The view of the vision settings."""
+        return (self.settings.vision.view,)
+
+    @property
+    def calibrates_on_images(self) -> bool:
+        """Length, look of the tip and threshold are each session's own."""
+        return self.settings.vision.method == "tracer"
 
 
 class FineTunable(Estimator):

@@ -24,20 +24,20 @@ from ..types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, 
 from ._base import Estimator, Progress, Stream, no_progress
 from ._builder import MAX_FORCE_N, implausible
 from ._summary import ModelSummary, count_of
-from .networks import Compact, CompactStream, magnitude_sigma, normalised_interval
+from .networks import Compact, CompactStream
 from .rod import RodTrack, RodTrackSettings
-from .uncertainty import Interval
+from .uncertainty import Interval, gaussian_interval, magnitude_sigma, normalised_interval
 
 __all__ = ["Fusion", "FusionSettings"]
 
-_SOURCES = ("both", "rod", "network")
-_GAUSS_90 = 1.6448536269514722
-_ALONE = Interval(np.full(3, _GAUSS_90), _GAUSS_90, np.eye(3), False, "the covariances alone", 0, 0)
-"""In standard deviations, as all intervals here."""
+_DETAILS = {"both": "", "rod": "rod-track alone", "network": "network alone"}
+"""What an estimate says of its source."""
+_KNOWN = np.array([True, True, False])
+_ALONE = gaussian_interval(_KNOWN, "the covariances alone")
 _SHARES = np.linspace(0.0, 1.0, 21)
 """Of the network in the intersection."""
 _LEAST_FRAMES = 200
-"""With fewer frames of one source its intervals are the widest of all."""
+"""With fewer frames of one source its intervals are those of all sources together."""
 
 
 class FusionSettings(BaseModel):
@@ -71,8 +71,7 @@ class Fusion(Estimator):
     def __init__(self, settings: FusionSettings | None = None) -> None:
         super().__init__(settings)
         self._members: _Members | None = None
-        self.intervals_: dict[str, Interval] = dict.fromkeys(_SOURCES, _ALONE)
-        self._learnt_from: frozenset[str] = frozenset()
+        self.intervals_: dict[str, Interval] = dict.fromkeys(_DETAILS, _ALONE)
 
     @property
     def members(self) -> _Members:
@@ -85,6 +84,10 @@ class Fusion(Estimator):
                 raise ModelError(
                     f"network={self.settings.network}: is a model of {network.name}; fusion needs one of compact"
                 )
+            if network.fitted_ is None or not network.fitted_.known[:2].all():
+                raise ModelError(
+                    f"network={self.settings.network}: does not estimate both fx and fy; fusion needs them"
+                )
             self._members = _Members(RodTrack(self.settings.rod), network)
         return self._members
 
@@ -94,16 +97,14 @@ class Fusion(Estimator):
         Raises InputError as `RodTrack.fit` does.
         """
         self.members.rod.fit(dataset, progress)
-        self._learnt_from = frozenset(dataset.session_fingerprints.values())
         return self
 
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
         """Finds the intervals of each source on sessions apart; raises InputError where no sample has an estimate."""
         report = progress or no_progress
-        known = np.array([True, True, False]) & dataset.known
-        if not known[:2].all():
+        if not dataset.known[:2].all():
             raise InputError(f"{dataset.title}: fusion needs fx and fy of the base frame to calibrate its intervals")
-        self.intervals_ = dict.fromkeys(_SOURCES, _ALONE)
+        self.intervals_ = dict.fromkeys(_DETAILS, _ALONE)
         found = self.predict(dataset, lambda share: report("calibrating", share))
         rows = [(row, each) for row, each in enumerate(found) if each.valid]
         if not rows:
@@ -114,13 +115,12 @@ class Fusion(Estimator):
             force = np.array([each.force_n[:2] for _, each in kept])
             covariance = np.array([each.covariance_n2[:2, :2] for _, each in kept])
             truth, session = dataset.force_n[index][:, :2], dataset.session[index]
-            return normalised_interval(known, force, covariance, truth, session, "")
+            return normalised_interval(_KNOWN, force, covariance, truth, session, "")
 
         every = interval(rows)
-        for source in _SOURCES:
-            kept = [pair for pair in rows if _source(pair[1]) == source]
-            own = interval(kept) if len(kept) >= _LEAST_FRAMES else every
-            self.intervals_[source] = own
+        for source, detail in _DETAILS.items():
+            kept = [pair for pair in rows if pair[1].detail == detail]
+            self.intervals_[source] = interval(kept) if len(kept) >= _LEAST_FRAMES else every
         return self
 
     @property
@@ -140,8 +140,8 @@ class Fusion(Estimator):
 
     @property
     def training_sessions(self) -> frozenset[str]:
-        """Of the network, and those that the rod's priors are from."""
-        return self.members.network.training_sessions | self._learnt_from
+        """The network's, as of a model that it began with."""
+        return self.members.network.training_sessions
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
         """A stream for one session; see `Estimator.start`. What a member lacks makes that member abstain."""
@@ -169,7 +169,6 @@ class Fusion(Estimator):
             "network": network,
             "network_settings": self.members.network.settings.model_dump(mode="json"),
             "intervals": {source: each.values() for source, each in self.intervals_.items()},
-            "learnt_from": sorted(self._learnt_from),
         }
         arrays = {f"rod.{name}": each for name, each in rod_arrays.items()}
         return values, arrays | {f"network.{name}": each for name, each in network_arrays.items()}
@@ -197,9 +196,7 @@ class Fusion(Estimator):
             RodTrack.from_state(rod, values["rod"], of("rod.")),
             Compact.from_state(values["network_settings"], values["network"], of("network."), files),
         )
-        known = np.array([True, True, False])
-        made.intervals_ = {source: Interval.of(values["intervals"][source], known) for source in _SOURCES}
-        made._learnt_from = frozenset(map(str, values["learnt_from"]))
+        made.intervals_ = {source: Interval.of(values["intervals"][source], _KNOWN) for source in _DETAILS}
         return made
 
     def describe(self) -> dict[str, Any]:
@@ -274,19 +271,15 @@ class FusionStream:
         return ForceEstimate(
             stamp_ns=found.stamp_ns,
             force_n=full,
-            known=np.array([True, True, False]),
+            known=_KNOWN,
             covariance_n2=whole,
             interval_n=interval,
             magnitude_n=size,
             magnitude_interval_n=np.array(widths.magnitude_interval(size, magnitude_sigma(force, covariance))),
-            detail="" if source == "both" else f"{source} alone",
+            detail=_DETAILS[source],
             contact=found.contact,
             shape=found.shape,
         )
-
-
-def _source(estimate: ForceEstimate) -> str:
-    return estimate.detail.removesuffix(" alone") or "both"
 
 
 def covariance_intersection(

@@ -35,7 +35,7 @@ from ..vision import (
     VisionSettings,
     auto_calibrate,
 )
-from ._base import Estimator, Progress, Stream, calibration_images, no_progress
+from ._base import CentrelineEstimator, Progress, Stream, calibration_images, no_progress
 from ._builder import MAX_FORCE_N, implausible
 from ._reading import Abstention
 from ._rod_inverse import STATIONS, ForceFit, StationNoise, fit_force, model_stations
@@ -43,7 +43,7 @@ from ._rod_reader import RodLine, RodReader
 from ._session_metadata import UninformedStream, missing_metadata
 from ._summary import ModelSummary, left_out_by_session, left_out_text
 from ._values import LARGEST, stored_array
-from .uncertainty import Interval, interval_from_errors
+from .uncertainty import Interval, gaussian_interval, magnitude_sigma, normalised_interval
 
 __all__ = ["Arcs", "Beam", "Elastica", "Links", "MassSprings", "PseudoRigid", "RodModelSettings", "StrainArcs"]
 
@@ -58,14 +58,9 @@ _TYPICAL_STIFFNESS_NM2 = 4.3e-4
 _STATED_WITHIN, _TYPICAL_WITHIN = 2.0, 10.0
 """Factors within which a stated stiffness is right, and the typical one where none is stated."""
 _MOST_OFFSET_PER_M = 20.0
-_GAUSSIAN = Interval(
-    half_n=np.array([1.6449, 1.6449, np.nan]),
-    magnitude_half_n=1.6449,
-    covariance_n2=np.diag([1.0, 1.0, np.nan]),
-    by_session=False,
-    basis="stated uncertainties of detection and pre-curvature, as normal distributions; never compared with forces",
-    sessions=0,
-    samples=0,
+_GAUSSIAN = gaussian_interval(
+    _KNOWN,
+    "stated uncertainties of detection and pre-curvature, as normal distributions; never compared with forces",
 )
 """In standard deviations: 90 % of a normal distribution."""
 
@@ -112,7 +107,7 @@ class _Fitted:
     vision: ResolvedVision | None
 
 
-class RodModelEstimator(Estimator):
+class RodModelEstimator(CentrelineEstimator):
     """One rod model as a method; see the module. ``fitted_`` is None where it was not fitted."""
 
     settings_type = RodModelSettings
@@ -125,16 +120,6 @@ class RodModelEstimator(Estimator):
     def __init__(self, settings: RodModelSettings | None = None) -> None:
         super().__init__(settings)
         self.fitted_: _Fitted | None = None
-
-    @property
-    def views(self) -> tuple[str, ...]:
-        """The view of the vision settings."""
-        return (self.settings.vision.view,)
-
-    @property
-    def calibrates_on_images(self) -> bool:
-        """Length, look of the tip and threshold are each session's own."""
-        return self.settings.vision.method == "tracer"
 
     @property
     def required_metadata(self) -> tuple[str, ...]:
@@ -238,6 +223,7 @@ class RodModelEstimator(Estimator):
         if not magnitude <= MAX_FORCE_N:
             return implausible(stamp_ns, magnitude, line.shape)
         half = fitted.interval.half_n[:2] * sigma
+        sigma_n = magnitude_sigma(found.force_n, found.covariance_n2)
         covariance = np.full((3, 3), np.nan)
         covariance[:2, :2] = found.covariance_n2
         interval = np.full((3, 2), np.nan)
@@ -249,7 +235,7 @@ class RodModelEstimator(Estimator):
             covariance_n2=covariance,
             interval_n=interval,
             magnitude_n=magnitude,
-            magnitude_interval_n=np.array(fitted.interval.magnitude_interval(magnitude, _magnitude_sigma(found))),
+            magnitude_interval_n=np.array(fitted.interval.magnitude_interval(magnitude, sigma_n)),
             shape=line.shape,
         )
 
@@ -447,27 +433,14 @@ def _unfitted(settings: RodModelSettings, stations: int) -> _Fitted:
     return _Fitted(1.0, True, 0.0, covariance, 2 * stations * settings.max_misfit, _GAUSSIAN, 0, {}, None)
 
 
-def _magnitude_sigma(found: ForceFit) -> float:
-    """Standard deviation of the force's length; for a force near zero that of any direction."""
-    force, covariance = found.force_n, found.covariance_n2
-    mean = 0.5 * float(np.trace(covariance))
-    return float(np.sqrt((force @ covariance @ force + mean**2) / (force @ force + mean)))
-
-
 def _interval(fits: Sequence[ForceFit], force: FloatArray, session: npt.NDArray[np.str_], sampling: str) -> Interval:
     """Conformal half-widths in standard deviations; ``sampling``: empty where the sessions were held out."""
     use = np.array([fit.converged for fit in fits], np.bool_)
     if not use.any():
         return replace(_GAUSSIAN, half_n=np.array([np.inf, np.inf, np.nan]), magnitude_half_n=np.inf)
     kept = [fit for fit in fits if fit.converged]
-    found = np.array([fit.force_n for fit in kept])
-    sigma = np.array([np.sqrt(np.diag(fit.covariance_n2)) for fit in kept])
-    unit = np.array([_magnitude_sigma(fit) for fit in kept])
-    estimate, truth = np.hypot(*found.T), np.hypot(*force[use].T)
-    return interval_from_errors(
-        _KNOWN, (found - force[use]) / sigma, estimate, truth, unit, session[use],
-        held_out=not sampling, sampling=sampling,
-    )  # fmt: skip
+    found, covariance = np.array([fit.force_n for fit in kept]), np.array([fit.covariance_n2 for fit in kept])
+    return normalised_interval(_KNOWN, found, covariance, force[use], session[use], sampling)
 
 
 _Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]

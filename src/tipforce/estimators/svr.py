@@ -16,7 +16,7 @@ from ..datasets import Dataset
 from ..errors import InputError, ModelError, NotFittedError
 from ..types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
 from ..vision import ResolvedVision, SessionCalibration, ShapeDetector, auto_calibrate, session_vision
-from ._base import Estimator, Progress, no_progress
+from ._base import CentrelineEstimator, Progress, no_progress
 from ._builder import AXES, EstimateBuilder
 from ._inputs import Inputs
 from ._machine import Constants, Machines, fit_machines
@@ -65,7 +65,7 @@ class _Fitted:
         return tuple(AXES[axis] for axis in np.flatnonzero(self.known)) or ("magnitude",)
 
 
-class Svr(Estimator):
+class Svr(CentrelineEstimator):
     """Method 1; see the module. ``fitted_`` is None before ``fit``."""
 
     name: ClassVar[str] = "svr"
@@ -75,16 +75,6 @@ class Svr(Estimator):
     def __init__(self, settings: SvrSettings | None = None) -> None:
         super().__init__(settings)
         self.fitted_: _Fitted | None = None
-
-    @property
-    def views(self) -> tuple[str, ...]:
-        """The view of the vision settings."""
-        return (self.settings.vision.view,)
-
-    @property
-    def calibrates_on_images(self) -> bool:
-        """Length, look of the tip and threshold are each session's own."""
-        return self.settings.vision.method == "tracer"
 
     @property
     def uses_history(self) -> bool:

@@ -1,6 +1,5 @@
 """Methods that are networks: trained by the package `training`, run on their ONNX graph without torch."""
 
-from ._compact_estimates import magnitude_sigma, normalised_interval
 from ._graph import Graph
 from ._graph_file import check_graph_file
 from ._network import GRAPH_FILE, NetworkEstimator
@@ -21,7 +20,5 @@ __all__ = [
     "Graph",
     "NetworkEstimator",
     "check_graph_file",
-    "magnitude_sigma",
-    "normalised_interval",
     "try_graph",
 ]

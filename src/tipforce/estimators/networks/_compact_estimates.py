@@ -4,11 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from ...types import BoolArray, FloatArray, ForceEstimate, Status
 from .._builder import MAX_FORCE_N, implausible
-from ..uncertainty import Interval, LastLayerLaplace, OodDetector, interval_from_errors
+from ..uncertainty import Interval, LastLayerLaplace, OodDetector, magnitude_sigma
 from ._calibration import Outputs
 from ._rate_compensation import History, RateCompensation
 from ._tissue import TissueBelief
@@ -20,8 +19,6 @@ __all__ = [
     "fit_abstention_limits",
     "heatmap_pixels",
     "largest_trusted_sigma",
-    "magnitude_sigma",
-    "normalised_interval",
 ]
 
 _HEATMAP_SHARE = 0.3
@@ -211,40 +208,11 @@ def _log_likelihoods(beside: ForceEstimate, forces: FloatArray, variances: Float
     return -0.5 * (distance + np.log(np.linalg.det(covariance)))
 
 
-def normalised_interval(
-    known: BoolArray,
-    predicted: FloatArray,
-    covariance: FloatArray,
-    truth: FloatArray,
-    session: npt.NDArray[np.str_],
-    sampling: str,
-) -> Interval:
-    """As `conformal_interval`, in standard deviations: errors (n, t) by those of ``covariance`` (n, t, t)."""
-    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    unit = np.array([magnitude_sigma(f, c) for f, c in zip(predicted, covariance, strict=True)])
-    estimate, force = np.linalg.norm(predicted, axis=1), np.linalg.norm(truth, axis=1)
-    components = (predicted - truth) / sigma
-    return interval_from_errors(
-        known, components, estimate, force, unit, session, held_out=not sampling, sampling=sampling
-    )
-
-
 def component_sigma(outputs: Outputs, laplace: LastLayerLaplace, unit_n: float) -> FloatArray:
     """Returns (n, t) standard deviations of the components in newtons, aleatoric and epistemic together."""
     log_variance = outputs["log_variance"].astype(np.float64)
     epistemic = 1.0 + laplace.variance(outputs["features"].astype(np.float64))
     return unit_n * np.exp(0.5 * log_variance) * np.sqrt(epistemic)[:, None]
-
-
-def magnitude_sigma(force: FloatArray, covariance: FloatArray) -> float:
-    """Returns the standard deviation of the length of ``force`` (t,) from its ``covariance`` (t, t).
-
-    For a force near zero it is that of any direction.
-    """
-    any_direction = float(np.trace(covariance)) / len(force)
-    square = float(force @ force) + any_direction
-    along = float(force @ covariance @ force) + any_direction * float(np.trace(covariance)) / len(force)
-    return math.sqrt(along / square)
 
 
 def heatmap_pixels(outputs: Outputs) -> FloatArray:

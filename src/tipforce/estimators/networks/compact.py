@@ -33,7 +33,16 @@ from ...vision import VisionSettings, auto_calibrate
 from .._reading import Abstention, read_actuation, read_view
 from .._session_metadata import missing_metadata
 from .._values import stored_array, stored_number
-from ..uncertainty import Interval, LastLayerLaplace, OodDetector, fit_laplace, fit_ood_detector, wider_interval
+from ..uncertainty import (
+    Interval,
+    LastLayerLaplace,
+    OodDetector,
+    fit_laplace,
+    fit_ood_detector,
+    magnitude_sigma,
+    normalised_interval,
+    wider_interval,
+)
 from ._calibration import CalibrationBatch, Outputs, spread_evenly
 from ._compact_estimates import (
     AbstentionLimits,
@@ -42,11 +51,9 @@ from ._compact_estimates import (
     fit_abstention_limits,
     heatmap_pixels,
     largest_trusted_sigma,
-    magnitude_sigma,
-    normalised_interval,
 )
 from ._image_input import BASE_SIDES, Window, catheter_window, crop_window, enlarged
-from ._network import FittedNetwork, NetworkEstimator, NetworkStream
+from ._network import NetworkEstimator, NetworkStream
 from ._preparation import Arrays, InputReader, Spec, Specs
 from ._rate_compensation import History, RateCompensation, rate_compensation_from
 from ._settings import CompactSettings
@@ -381,24 +388,13 @@ class Compact(NetworkEstimator):
 class CompactStream(NetworkStream):
     """One session, frame after frame."""
 
-    def __init__(
-        self,
-        fitted: FittedNetwork,
-        reader: InputReader,
-        build: CompactEstimateBuilder,
-        actuation: Sequence[str],
-        info: SessionInfo,
-        view: str,
-    ) -> None:
-        super().__init__(fitted, reader, build, actuation, info, view)
-        self._builder = build
-
     def update_beside(self, observation: Observation, beside: ForceEstimate) -> ForceEstimate:
         """As `update`; ``beside``, the estimate of a method that knows no tissue, weighs the classes of tissue."""
         outputs = self.outputs(observation)
         if isinstance(outputs, ForceEstimate):
             return outputs
-        return self._builder(observation.stamp_ns, outputs, beside if beside.valid else None)
+        assert isinstance(self._build, CompactEstimateBuilder)
+        return self._build(observation.stamp_ns, outputs, beside if beside.valid else None)
 
 
 def _rate_compensation(arrays: Arrays) -> RateCompensation:

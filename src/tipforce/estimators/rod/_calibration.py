@@ -11,12 +11,11 @@ from ...datasets import Dataset
 from ...errors import InputError
 from ...types import BoolArray, DetectedShape, FloatArray, ForceEstimate, Status
 from .._builder import MAX_FORCE_N, implausible
-from ..uncertainty import ForceStrata, conformal_half_width, fit_strata, interval_basis
+from ..uncertainty import GAUSS_90, ForceStrata, conformal_half_width, fit_strata, interval_basis
 from ._posterior import Mixed
 
 __all__ = ["Widths", "calibrated_widths"]
 
-_GAUSS_90 = 1.6448536269514722
 _KNOWN = np.array([True, True, False])
 _KNOWN.setflags(write=False)
 _Width = TypeVar("_Width", float, FloatArray)
@@ -66,7 +65,7 @@ class Widths:
         force_n, whole, interval = np.full(3, np.nan), np.full((3, 3), np.nan), np.full((3, 2), np.nan)
         force_n[:2] = force
         whole[:2, :2] = (mixed.covariance_n2 + _LEAST_STD_N**2 * np.eye(2)) * np.outer(factors, factors)
-        least = _GAUSS_90 * _LEAST_STD_N
+        least = GAUSS_90 * _LEAST_STD_N
         interval[:2, 0] = force - factors * np.maximum(force - mixed.low_n[:2], least)
         interval[:2, 1] = force + factors * np.maximum(mixed.high_n[:2] - force, least)
         below, above = max(size - float(mixed.low_n[2]), least), max(float(mixed.high_n[2]) - size, least)
@@ -89,13 +88,13 @@ class Widths:
 
 def _unit_n(width_n: _Width) -> _Width:
     """Standard deviation of a Gaussian whose 90 % interval is so wide."""
-    return width_n / (2.0 * _GAUSS_90)
+    return width_n / (2.0 * GAUSS_90)
 
 
 def _shares(value: FloatArray, interval: FloatArray, truth: FloatArray) -> FloatArray:
     """(n,): errors of ``value`` (n,) over how far ``interval`` (n, 2) reaches on the side where the truth lies."""
     reach = np.where(truth > value, interval[:, 1] - value, value - interval[:, 0])
-    return (value - truth) / np.maximum(reach, _GAUSS_90 * _LEAST_STD_N)
+    return (value - truth) / np.maximum(reach, GAUSS_90 * _LEAST_STD_N)
 
 
 def calibrated_widths(found: Sequence[ForceEstimate], dataset: Dataset) -> Widths:

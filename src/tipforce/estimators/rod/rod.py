@@ -18,7 +18,7 @@ from ...datasets import Dataset
 from ...errors import ModelError
 from ...mechanics.planar import FORCE, UNKNOWNS, Found, Line, Work, fit_line, make_work
 from ...types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
-from .._base import Estimator, Progress, Stream, no_progress
+from .._base import CentrelineEstimator, Progress, Stream, no_progress
 from .._reading import Abstention
 from .._session_metadata import UninformedStream, missing_metadata
 from .._summary import ModelSummary, count_of
@@ -41,7 +41,7 @@ class _Fitted:
     widths: Widths
 
 
-class RodEstimator(Estimator):
+class RodEstimator(CentrelineEstimator):
     """What `rod` and `rod-track` share: everything but the stream. ``fitted_`` holds the settings' own before `fit`."""
 
     settings_type = RodSettings
@@ -51,16 +51,6 @@ class RodEstimator(Estimator):
     def __init__(self, settings: RodSettings | None = None) -> None:
         super().__init__(settings)
         self.fitted_ = _Fitted(Knowledge.stated(self.settings), Widths())
-
-    @property
-    def views(self) -> tuple[str, ...]:
-        """The view of the vision settings."""
-        return (self.settings.vision.view,)
-
-    @property
-    def calibrates_on_images(self) -> bool:
-        """Length and look of the tip are each session's own."""
-        return self.settings.vision.method == "tracer"
 
     @property
     def required_metadata(self) -> tuple[str, ...]:

@@ -1,0 +1,50 @@
+"""Intervals in standard deviations, of methods that state a covariance with each force."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from ...types import BoolArray, FloatArray
+from ._conformal import Interval, interval_from_errors
+
+__all__ = ["GAUSS_90", "gaussian_interval", "magnitude_sigma", "normalised_interval"]
+
+GAUSS_90 = 1.6448536269514722
+"""Half the 90 % interval of a Gaussian, in standard deviations."""
+
+
+def gaussian_interval(known: BoolArray, basis: str) -> Interval:
+    """Returns a Gaussian's interval for the ``known`` (3,) components, not yet compared with forces; see ``basis``."""
+    one = np.where(known, 1.0, np.nan)
+    covariance = np.where(np.eye(3, dtype=np.bool_) & known, 1.0, np.where(np.outer(known, known), 0.0, np.nan))
+    return Interval(GAUSS_90 * one, GAUSS_90, covariance, False, basis, 0, 0)
+
+
+def normalised_interval(
+    known: BoolArray,
+    predicted: FloatArray,
+    covariance: FloatArray,
+    truth: FloatArray,
+    session: npt.NDArray[np.str_],
+    sampling: str,
+) -> Interval:
+    """As `conformal_interval`, in standard deviations: errors (n, t) by those of ``covariance`` (n, t, t)."""
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    unit = np.array([magnitude_sigma(f, c) for f, c in zip(predicted, covariance, strict=True)])
+    estimate, force = np.linalg.norm(predicted, axis=1), np.linalg.norm(truth, axis=1)
+    components = (predicted - truth) / sigma
+    return interval_from_errors(
+        known, components, estimate, force, unit, session, held_out=not sampling, sampling=sampling
+    )
+
+
+def magnitude_sigma(force: FloatArray, covariance: FloatArray) -> float:
+    """Returns the standard deviation of the length of ``force`` (t,) from its ``covariance`` (t, t).
+
+    For a force near zero it is that of any direction.
+    """
+    any_direction = float(np.trace(covariance)) / len(force)
+    square = float(force @ force) + any_direction
+    along = float(force @ covariance @ force) + any_direction**2
+    return math.sqrt(along / square)
