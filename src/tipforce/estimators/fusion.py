@@ -1,7 +1,7 @@
 """Method `fusion`: `rod-track` and a `compact` network joined by their covariances, frame by frame.
 
 The rod reads the shape alone and needs no tissue; the network reads the tissue's indentation, too, and does not know
-the tissue at first. What the rod says weighs the network's classes of tissue, so that the session learns its tissue.
+the tissue at first. What the rod says is evidence of the network's classes of tissue, with the weight of an image.
 Both read the same image, so their errors are not independent: they are joined by covariance intersection (Julier and
 Uhlmann 1997), which is never more certain than either allows, whatever the errors have in common. Where they
 contradict each other by more than their covariances allow there is no estimate. Where one abstains the other carries
