@@ -53,9 +53,18 @@ INTERVALS = {"both": interval(1.0), "rod": interval(2.0), "network": interval(3.
 NOTHING = ForceEstimate.invalid(0, Status.NO_CATHETER, "nothing dark at the left border")
 
 
-def joined(rod: ForceEstimate, network: ForceEstimate) -> ForceEstimate:
-    stream = FusionStream(Says(rod), Says(network), 13.8, INTERVALS)  # type: ignore[arg-type]
+def joined(rod: ForceEstimate, network: ForceEstimate, max_error_n: float | None = None) -> ForceEstimate:
+    stream = FusionStream(Says(rod), Says(network), 13.8, INTERVALS, max_error_n)  # type: ignore[arg-type]
     return stream.update(Observation(0, {}, {}))
+
+
+def test_an_interval_that_reaches_too_far_is_no_answer() -> None:
+    both = estimate((0.3, 0.21), WIDE), estimate((0.28, 0.2), NARROW)
+    reach = float(joined(*both).magnitude_interval_n[1]) - joined(*both).magnitude_n
+    assert joined(*both, max_error_n=1.01 * reach).valid
+    refused = joined(*both, max_error_n=0.99 * reach)
+    assert refused.status is Status.UNOBSERVABLE
+    assert "max_error_n" in refused.detail
 
 
 def test_each_gives_the_direction_that_it_knows():
@@ -102,7 +111,7 @@ def test_where_both_abstain_the_reasons_of_both_are_said():
 
 def test_the_rod_weighs_the_tissue_of_the_network():
     rod, network = estimate((0.2, 0.0), WIDE), Says(NOTHING)
-    FusionStream(Says(rod), network, 13.8, INTERVALS).update(Observation(0, {}, {}))  # type: ignore[arg-type]
+    FusionStream(Says(rod), network, 13.8, INTERVALS, None).update(Observation(0, {}, {}))  # type: ignore[arg-type]
     assert network.beside is rod
 
 

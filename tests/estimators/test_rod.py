@@ -86,6 +86,32 @@ def test_a_shape_that_no_rod_has_is_refused() -> None:
     assert "misfit" in found.detail
 
 
+def test_a_rough_line_is_answered_with_a_wider_interval() -> None:
+    clean, rough = (stream().fit(detected((-0.1, 0.1), bend=bend), 10.0) for bend in (0.0, 6e-5))
+    assert isinstance(clean, Outcome)
+    assert isinstance(rough, Outcome)
+    assert clean.level == 1.0
+    assert 1.5 < rough.level < RodSettings().noise.max_level
+    assert np.trace(rough.covariance_n2) > 1.2 * np.trace(clean.covariance_n2)
+    widths = [estimate_of(RodSettings(), Widths(), 0, each, None).magnitude_interval_n for each in (clean, rough)]
+    assert np.diff(widths[1]) > np.diff(widths[0])
+
+
+def test_a_level_beyond_its_limit_is_refused() -> None:
+    found = stream().fit(detected((-0.1, 0.1)), 10.0)
+    assert isinstance(found, Outcome)
+    refused = estimate_of(RodSettings(), Widths(), 0, found._replace(level=11.0), None)
+    assert refused.status is Status.OUT_OF_DISTRIBUTION
+    assert "noise.max_level" in refused.detail
+
+
+def test_an_interval_that_reaches_too_far_is_no_answer() -> None:
+    found = stream().fit(detected((-0.1, 0.1)), 10.0)
+    assert isinstance(found, Outcome)
+    refused = estimate_of(RodSettings(max_error_n=1e-3), Widths(), 0, found, None)
+    assert refused.status is Status.UNOBSERVABLE
+
+
 def test_a_knob_beyond_its_range_is_refused() -> None:
     found = stream().fit(detected((0.0, 0.0)), 1000.0)
     assert isinstance(found, Abstention)

@@ -7,10 +7,11 @@ from tipforce.estimators.rod import RodTrackSettings
 from tipforce.estimators.rod._filter import ContactFilter
 from tipforce.estimators.rod._knowledge import Knowledge, rod_model
 from tipforce.estimators.rod._lines import LineFrame
+from tipforce.estimators.rod._noise_level import NoiseLevel
 from tipforce.estimators.rod._outcome import Outcome
 from tipforce.estimators.rod.rod_track import Explained
 from tipforce.mechanics import Rod, solve_static
-from tipforce.types import ActuationInfo, Catheter, CentrelinePx, SessionInfo, ViewInfo
+from tipforce.types import ActuationInfo, Catheter, CentrelinePx, FloatArray, SessionInfo, ViewInfo
 
 SCALE = 2e-4
 INFO = SessionInfo(
@@ -29,14 +30,20 @@ def tracker() -> ContactFilter:
 
 
 def see(
-    state: ContactFilter, force: tuple[float, float], knob_deg: float = 10.0, elapsed_s: float = FRAME_S
+    state: ContactFilter,
+    force: tuple[float, float],
+    knob_deg: float = 10.0,
+    elapsed_s: float = FRAME_S,
+    across_px: float | FloatArray = 0.0,
 ) -> Outcome:
     """A frame of a rod whose clamp is turned by a degree and whose knob asks for 0.3 1/m too little."""
     rod = Rod(0.04, 4.3e-4, 0.008, 0.533 * knob_deg + 0.3, stiffening_curvature_per_m=4.5e-4**-0.5, segments=160)
     points = solve_static(rod, np.array(force)).centreline_m(np.linspace(1.5e-3, 0.048, 64))
     c, s = np.cos(0.017), np.sin(0.017)
     points = points @ np.array([[c, s], [-s, c]]) - (1.5e-3, 0.0)
-    line = FRAME.line(CentrelinePx(points / SCALE * (1.0, -1.0) + (-0.5, 239.5)))
+    image = points / SCALE * (1.0, -1.0) + (-0.5, 239.5)
+    image[:, 1] += across_px
+    line = FRAME.line(CentrelinePx(image))
     return state.step(line, SCALE, knob_deg, elapsed_s)
 
 
@@ -99,6 +106,31 @@ def test_constants_off_their_priors_let_the_session_begin_anew() -> None:
     offs = [see(state, (0.0, 0.0), elapsed_s=0.3).off for _ in range(6)]
     assert min(offs) > settings.max_off
     assert offs[4] == pytest.approx(offs[0], rel=0.01)
+
+
+def test_the_level_of_the_noise_is_learnt_and_one_outlier_is_not_it() -> None:
+    usual, outlier, rough = (NoiseLevel(SETTINGS.noise) for _ in range(3))
+    for k in range(240):
+        usual.add(0.1, FRAME_S)
+        outlier.add(1e6 if k == 200 else 0.1, FRAME_S)
+        rough.add(0.15 * 9.0 / rough.factor**2, FRAME_S)
+    assert usual.factor == 1.0
+    assert outlier.factor < 1.2
+    assert rough.factor == pytest.approx(3.0, rel=0.1)
+
+
+def test_a_noisier_session_is_followed_with_wider_intervals() -> None:
+    found: dict[float, Outcome] = {}
+    for noise_px in (0.0, 0.4):
+        state, rng = tracker(), np.random.default_rng(3)
+        for _ in range(30):
+            wave = noise_px * np.sin(np.linspace(0, 12, 64) + rng.uniform(0, 6.3))
+            found[noise_px] = see(state, (-0.1, 0.08), across_px=wave)
+    clean, rough = found.values()
+    assert clean.level == 1.0
+    assert 2.0 < rough.level < SETTINGS.noise.max_level
+    assert rough.misfit < SETTINGS.max_misfit
+    assert np.trace(rough.covariance_n2) > np.trace(clean.covariance_n2)
 
 
 def test_the_share_of_explained_frames_falls_and_recovers_with_its_memory() -> None:

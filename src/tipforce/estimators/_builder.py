@@ -7,7 +7,7 @@ import numpy as np
 from ..types import BoolArray, DetectedShape, FloatArray, ForceEstimate, Status
 from .uncertainty import Interval
 
-__all__ = ["AXES", "MAX_FORCE_N", "EstimateBuilder", "implausible"]
+__all__ = ["AXES", "MAX_FORCE_N", "EstimateBuilder", "implausible", "within_error"]
 
 AXES = ("fx", "fy", "fz")
 """Names of the force components."""
@@ -23,6 +23,23 @@ def implausible(stamp_ns: int, magnitude_n: float, shape: DetectedShape | None =
     found = f"{magnitude_n:.3g} N, more than {MAX_FORCE_N:g} N" if math.isfinite(magnitude_n) else "no finite number"
     detail = f"the model answers with {found}: the image or the actuation is unlike the training data, or the model is"
     return ForceEstimate.invalid(stamp_ns, Status.OUT_OF_DISTRIBUTION, f"{detail} damaged", shape)
+
+
+def within_error(estimate: ForceEstimate, max_error_n: float | None) -> ForceEstimate:
+    """``estimate``, or an abstention where its magnitude's 90 % interval reaches further than ``max_error_n``."""
+    if max_error_n is None or not estimate.valid:
+        return estimate
+    low, high = (float(end) for end in estimate.magnitude_interval_n)
+    reach = max(estimate.magnitude_n - low, high - estimate.magnitude_n)
+    if reach <= max_error_n:
+        return estimate
+    return ForceEstimate.invalid(
+        estimate.stamp_ns,
+        Status.UNOBSERVABLE,
+        f"the force lies between {low:.2f} and {high:.2f} N with 90 %, further from its estimate than max_error_n = "
+        f"{max_error_n:g}",
+        estimate.shape,
+    )
 
 
 class EstimateBuilder:

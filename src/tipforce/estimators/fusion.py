@@ -22,7 +22,7 @@ from ..datasets import Dataset
 from ..errors import InputError, ModelError
 from ..types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
 from ._base import Estimator, Progress, Stream, no_progress
-from ._builder import MAX_FORCE_N, implausible
+from ._builder import MAX_FORCE_N, implausible, within_error
 from ._summary import ModelSummary, count_of
 from .networks import Compact, CompactStream
 from .rod import RodTrack, RodTrackSettings
@@ -51,6 +51,8 @@ class FusionSettings(BaseModel):
     """Of `rod-track`."""
     max_distance: Annotated[float, Field(gt=0, le=1e6)] = 13.8
     """Largest squared Mahalanobis distance of the two forces; a Gaussian's exceeds 13.8 once in 1,000."""
+    max_error_n: Annotated[float, Field(gt=0, le=100)] | None = None
+    """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +153,7 @@ class Fusion(Estimator):
             members.network.start(info, images),
             self.settings.max_distance,
             self.intervals_,
+            self.settings.max_error_n,
         )
 
     def unfitted(self) -> Self:
@@ -224,10 +227,15 @@ class FusionStream:
     """One session, frame after frame."""
 
     def __init__(
-        self, rod: Stream, network: CompactStream, max_distance: float, intervals: Mapping[str, Interval]
+        self,
+        rod: Stream,
+        network: CompactStream,
+        max_distance: float,
+        intervals: Mapping[str, Interval],
+        max_error_n: float | None,
     ) -> None:
         self._rod, self._network = rod, network
-        self._max_distance, self._intervals = max_distance, intervals
+        self._max_distance, self._intervals, self._max_error_n = max_distance, intervals, max_error_n
 
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
@@ -268,7 +276,7 @@ class FusionStream:
         widths = self._intervals[source]
         half = widths.half_n[:2] * np.sqrt(np.diag(covariance))
         interval[:2, 0], interval[:2, 1] = force - half, force + half
-        return ForceEstimate(
+        estimate = ForceEstimate(
             stamp_ns=found.stamp_ns,
             force_n=full,
             known=_KNOWN,
@@ -280,6 +288,7 @@ class FusionStream:
             contact=found.contact,
             shape=found.shape,
         )
+        return within_error(estimate, self._max_error_n)
 
 
 def covariance_intersection(

@@ -14,6 +14,7 @@ from ...mechanics.planar import FORCE, UNKNOWNS, Found, Line, Model, fit_line, m
 from ...types import FloatArray, SessionInfo
 from ._knowledge import MODES, Knowledge, LineError, noise_unit_m
 from ._lines import POINTS
+from ._noise_level import NoiseLevel
 from ._outcome import Outcome, tempered
 from ._settings import RodTrackSettings
 
@@ -36,6 +37,8 @@ _FREE, _TOUCH = 0, 1
 _LEAST_SHARE = 1e-6
 """No hypothesis is ever given up."""
 _ONSET_N = 0.01
+_GROWN = 1.5
+"""The session begins anew where the noise has turned out to be so many times larger."""
 
 
 class ContactFilter:
@@ -43,10 +46,10 @@ class ContactFilter:
 
     def __init__(self, settings: RodTrackSettings, knowledge: Knowledge, model: Model, info: SessionInfo) -> None:
         self._settings, self._knowledge, self._model, self._info = settings, knowledge, model, info
-        self._error = LineError.of(settings.noise, MODES)
+        self._level = NoiseLevel(settings.noise)
         self._work = [make_work(model, POINTS, COUNT) for _ in range(2)]
-        self._scale = 0.0
-        self._whiten, self._modes = self._error.whiten, np.zeros((POINTS + 1, MODES + FORCE))
+        self._scale = self._factor = self._begun_factor = 0.0
+        self._whiten, self._modes = np.empty(0), np.zeros((POINTS + 1, MODES + FORCE))
         self._mean: list[FloatArray] = []
         self._covariance: list[FloatArray] = []
         self._share = knowledge.contact_share
@@ -60,12 +63,14 @@ class ContactFilter:
     def step(self, line: Line, scale: float, knob_deg: float, elapsed_s: float) -> Outcome:
         """Predicts by ``elapsed_s`` and fits ``line``.
 
-        A line that no hypothesis explains changes nothing. After ``gap_s`` of such lines, or of constants that have
-        left their priors, the session begins anew.
+        A line that no hypothesis explains changes nothing but the level of the noise. After ``gap_s`` of such lines,
+        or of constants that have left their priors, the session begins anew; so it does where the noise turns out to
+        be far larger than it was taken for when the constants were learnt.
         """
         if scale != self._scale or not self._mean or self._lost_s > self._settings.gap_s:
             self._begin(line, scale, knob_deg)
         else:
+            self._follow_level()
             self._turn_knob(knob_deg)
             self._predict(elapsed_s)
         line = line._replace(past_n=self._past_n)
@@ -90,9 +95,13 @@ class ContactFilter:
             self._cold = False
             forget = math.exp(-elapsed_s / self._settings.creep_s)
             self._past_n = forget * self._past_n + (1.0 - forget) * self._share * q[_FORCE]
+        if converged:
+            self._level.add(misfit, elapsed_s)
+        if self._level.factor > _GROWN * self._begun_factor:
+            self._lost_s = math.inf
         off = self._off(knob_deg)
         if converged and misfit <= self._settings.max_misfit and off <= self._settings.max_off:
-            self._lost_s = 0.0
+            self._lost_s = 0.0 if math.isfinite(self._lost_s) else self._lost_s
         return Outcome(
             q[_FORCE].copy(),
             covariance[_FORCE, _FORCE].copy(),
@@ -103,6 +112,7 @@ class ContactFilter:
             converged,
             _open_n(before, covariance[_FORCE, _FORCE]),
             off,
+            self._factor,
         )
 
     def _off(self, knob_deg: float) -> float:
@@ -123,9 +133,8 @@ class ContactFilter:
 
     def _begin(self, line: Line, scale: float, knob_deg: float) -> None:
         self._scale, self._knob_deg, self._cold = scale, knob_deg, True
-        unit = noise_unit_m(self._model, scale)
-        self._whiten = self._error.whiten / unit
-        self._modes[:, :MODES] = self._error.modes * unit
+        self._begun_factor = self._level.factor
+        self._lay_out_noise()
         constants = len(UNKNOWNS) - FORCE
         mean, covariance = np.zeros(COUNT), np.eye(COUNT)
         inner = slice(FORCE, FORCE + constants)
@@ -137,6 +146,24 @@ class ContactFilter:
         self._share, self._lost_s = self._knowledge.contact_share, 0.0
         self._past_n = np.zeros(FORCE)
         self._start = line.points[0]
+
+    def _lay_out_noise(self) -> None:
+        self._factor = self._level.factor
+        error, unit = LineError.of(self._settings.noise, MODES, self._factor), noise_unit_m(self._model, self._scale)
+        self._whiten = error.whiten / unit
+        self._modes[:, :MODES] = error.modes * unit
+
+    def _follow_level(self) -> None:
+        """Where the level of the noise has changed the errors that stay are said in the new modes."""
+        if self._level.factor == self._factor:
+            return
+        before = self._modes[:, :MODES].copy()
+        self._lay_out_noise()
+        turn = np.linalg.lstsq(self._modes[:, :MODES], before, rcond=None)[0]
+        for mean, covariance in zip(self._mean, self._covariance, strict=True):
+            mean[_MODES] = turn @ mean[_MODES]
+            covariance[_MODES] = turn @ covariance[_MODES]
+            covariance[:, _MODES] = covariance[:, _MODES] @ turn.T
 
     def _turn_knob(self, knob_deg: float) -> None:
         """The curvature follows the knob once it has crossed its play."""

@@ -42,14 +42,32 @@ class LineError:
     modes: FloatArray
 
     @classmethod
-    def of(cls, noise: NoiseSettings, modes: int) -> Self:
-        """``modes``: so many of the lasting errors are unknowns of their own; 0: all are noise."""
+    def of(cls, noise: NoiseSettings, modes: int, level: float = 1.0) -> Self:
+        """``modes``: so many of the lasting errors are unknowns of their own; 0: all are noise.
+
+        ``level``: of the errors across the shaft; the tip's own stay as they are stated.
+        """
         arc = np.linspace(0.0, _PIXELS, POINTS)
         fresh = LineNoise(
-            noise.fresh_px, 14.0, noise.fresh_along_px, noise.fresh_px, 2.3, noise.fresh_tip_px, 18.0, 0.1, 0.05
+            level * noise.fresh_px,
+            14.0,
+            noise.fresh_along_px,
+            level * noise.fresh_px,
+            2.3,
+            noise.fresh_tip_px,
+            18.0,
+            0.1,
+            0.05,
         ).covariance_m2(arc)
         lasting = LineNoise(
-            noise.lasting_px, 70.0, noise.lasting_along_px, noise.lasting_px, 2.3, noise.lasting_tip_px, 14.0, 0.14
+            level * noise.lasting_px,
+            70.0,
+            noise.lasting_along_px,
+            level * noise.lasting_px,
+            2.3,
+            noise.lasting_tip_px,
+            14.0,
+            0.14,
         ).covariance_m2(arc)
         fresh, lasting = noise.factor**2 * fresh, noise.factor**2 * lasting
         values, vectors = np.linalg.eigh(lasting)

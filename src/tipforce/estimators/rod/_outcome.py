@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...types import DetectedShape, FloatArray, ForceEstimate, Status
+from .._builder import within_error
 from .._reading import Abstention
 from ._calibration import Widths
 from ._posterior import force_over_contact
@@ -26,7 +27,7 @@ class Outcome(NamedTuple):
     ``angle_rad``: of the tip's axis; ``misfit``: mean square, of the better hypothesis, in the noise's variances;
     ``firmness``: see `Found`; ``open_n``: standard deviation of what the image alone leaves open of the force, with the
     constants as they are known by now; ``off``: distance of the session's constants from what is known of them
-    beforehand, mean square in the priors' variances.
+    beforehand, mean square in the priors' variances; ``level``: of the line's noise, in what is stated.
     """
 
     force_n: FloatArray
@@ -38,6 +39,7 @@ class Outcome(NamedTuple):
     converged: bool
     open_n: float
     off: float
+    level: float
 
 
 def tempered(evidence: float, covariance: FloatArray, sure_n: float) -> float:
@@ -69,7 +71,7 @@ def estimate_of(
             f"{settings.max_std_n:g}: it is pushed along its own axis",
             shape,
         )
-    return widths.estimate(stamp_ns, mixed, shape)
+    return within_error(widths.estimate(stamp_ns, mixed, shape), settings.max_error_n)
 
 
 def unfit(settings: RodSettings, outcome: Outcome) -> Abstention | None:
@@ -84,6 +86,12 @@ def unfit(settings: RodSettings, outcome: Outcome) -> Abstention | None:
         )
     if outcome.firmness < _FIRM:
         return Abstention(Status.FOLD, "the rod is about to buckle: a small change of the force bends it far")
+    if outcome.level > settings.noise.max_level:
+        return Abstention(
+            Status.OUT_OF_DISTRIBUTION,
+            f"the stated rod explains the detected line only with {outcome.level:.0f} times the noise that is stated, "
+            f"more than noise.max_level = {settings.noise.max_level:g}",
+        )
     if outcome.off > settings.max_off:
         return Abstention(
             Status.OUT_OF_DISTRIBUTION,

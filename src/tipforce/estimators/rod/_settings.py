@@ -79,6 +79,12 @@ class NoiseSettings(BaseModel):
     lasting_along_px: _Std = 1.02
     factor: Annotated[float, Field(ge=0.1, le=100)] = 1.2
     """All of them times this: what the planar rod leaves out (depth, creep) shows as noise."""
+    max_level: Annotated[float, Field(ge=1, le=100)] = 10.0
+    """Noise across the line may be so many times larger than stated: the session tells. Beyond it, abstains."""
+    level_s: _Std = 5.0
+    """How long the level of the noise is remembered (`rod-track`)."""
+    level_frames: _Std = 5.0
+    """The stated level counts as so many frames."""
 
 
 class RodSettings(BaseModel):
@@ -103,6 +109,8 @@ class RodSettings(BaseModel):
     constants chance exceeds this in 1 % (chi-squared)."""
     max_std_n: _Std = 1.2
     """Abstains where the image alone leaves a direction of the force open by more than this."""
+    max_error_n: Annotated[float, Field(gt=0, le=100)] | None = None
+    """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate."""
     sure_n: _Std = 0.3
     """Where the force is known worse than this in some direction, evidence against contact counts less than half: a
     push along the axis of a straight shaft looks like none."""
@@ -128,10 +136,10 @@ class RodTrackSettings(RodSettings):
     base_walk_m: Annotated[float, Field(ge=0, le=1)] = 2e-5
     """Random walk of the clamp's position in a second, and, in degrees, of its direction."""
     base_walk_deg: Annotated[float, Field(ge=0, le=90)] = 0.02
-    constants_s: _Std = 50.0
+    constants_s: _Std = 20.0
     """How long stiffness, length, scale, camera and creep are remembered: the line's errors stay alike from frame to
     frame, so that many frames tell less of them than independent ones would."""
-    line_error_s: _Std = 20.0
+    line_error_s: _Std = 10.0
     """How long the lasting error of the line stays: what a planar rod leaves out changes with the load."""
     creep_s: _Std = 2.0
     """Time constant of the shaft's creep."""

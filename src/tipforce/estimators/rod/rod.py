@@ -27,12 +27,15 @@ from ._detection import Detected, Detection
 from ._knowledge import HELD, NEEDED, Knowledge, LineError, noise_unit_m, rod_model
 from ._learning import learn
 from ._lines import POINTS
+from ._noise_level import noisier
 from ._outcome import Outcome, estimate_of, tempered
 from ._settings import RodSettings
 
 __all__ = ["Rod", "RodEstimator", "RodStream"]
 
 _STEPS = 60
+_NOISIER, _MISFITS = 2, 1.5
+"""So often at most a line is fitted again with more noise, where the mean square misfit is more than this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +191,7 @@ class ContactFit:
     def __init__(self, settings: RodSettings, knowledge: Knowledge, model: Any) -> None:
         self._settings, self._knowledge, self._model = settings, knowledge, model
         self._count = len(UNKNOWNS)
-        self._error = LineError.of(settings.noise, 0)
+        self._whiteners: dict[float, FloatArray] = {}
         self._none = np.zeros((POINTS + 1, 0))
         self._work = [make_work(model, POINTS, self._count) for _ in range(2)]
         self._covariance = np.zeros((self._count, self._count))
@@ -197,13 +200,27 @@ class ContactFit:
         self._last: FloatArray | None = None
         self._last_free: FloatArray | None = None
         self._held: tuple[FloatArray, FloatArray, FloatArray, FloatArray, float] | None = None
-        self._scale, self._whiten = 0.0, self._error.whiten
+        self._whiten = np.empty(0)
 
     def solve(self, line: Line, scale: float, mean: FloatArray, covariance: FloatArray) -> Outcome:
-        """What ``line`` says of the force. ``mean``, ``covariance``: of the session's constants."""
-        if scale != self._scale:
-            self._scale = scale
-            self._whiten = self._error.whiten / noise_unit_m(self._model, scale)
+        """What ``line`` says of the force. ``mean``, ``covariance``: of the session's constants.
+
+        A line that the rod explains badly is fitted again with as much more noise as it shows.
+        """
+        outcome = self._solve(line, scale, mean, covariance, 1.0)
+        for _ in range(_NOISIER):
+            if outcome.misfit <= _MISFITS or not outcome.converged or outcome.level > self._settings.noise.max_level:
+                break
+            outcome = self._solve(line, scale, mean, covariance, noisier(outcome.level, outcome.misfit))
+        return outcome
+
+    def _whitener(self, level: float) -> FloatArray:
+        if level not in self._whiteners:
+            self._whiteners[level] = LineError.of(self._settings.noise, 0, level).whiten
+        return self._whiteners[level]
+
+    def _solve(self, line: Line, scale: float, mean: FloatArray, covariance: FloatArray, level: float) -> Outcome:
+        self._whiten = self._whitener(level) / noise_unit_m(self._model, scale)
         if self._held is None or not (np.array_equal(self._held[0], mean)):
             information = np.zeros((self._count, self._count))
             information[FORCE:, FORCE:] = np.linalg.inv(covariance)
@@ -249,6 +266,7 @@ class ContactFit:
             best.converged,
             1.0 / math.sqrt(max(float(seen[0]), 1e-12)),
             float(apart @ touching[FORCE:, FORCE:] @ apart) / len(mean),
+            level,
         )
 
     def _fit(

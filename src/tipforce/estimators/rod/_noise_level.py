@@ -1,0 +1,51 @@
+"""How much larger than stated a session's line noise is, learnt from how well the rod explains the lines.
+
+The noise of a detected centreline differs between sessions by more than any constant allows: on `generalise` from a
+third of what is stated to ten times as much (blur, light, what lies behind the shaft, stretches that are hidden). Taken
+too small it is explained by forces and constants instead, and the answers are wrong and sure.
+"""
+
+import math
+
+from ._settings import NoiseSettings
+
+__all__ = ["NoiseLevel", "noisier"]
+
+_USUAL_MISFIT = 0.15
+"""Mean square misfit of a rod whose noise is as stated: less than 1, for each fit has some freedom."""
+_CLIP = 6.0
+"""A frame counts with at most so many times the variance so far: an outlier is not the level."""
+
+
+class NoiseLevel:
+    """``factor``, at least 1: of the standard deviations across the line that are stated.
+
+    Each misfit is an estimate of the variance; they are averaged with the memory ``level_s`` of the settings and with
+    the stated level as ``level_frames`` frames beside them (scaled inverse chi-squared, its mode).
+    """
+
+    def __init__(self, settings: NoiseSettings) -> None:
+        self._settings = settings
+        self._weight, self._sum = float(settings.level_frames), float(settings.level_frames)
+        self.factor = 1.0
+
+    def add(self, misfit: float, elapsed_s: float) -> None:
+        """``misfit``: mean square, in the variances of the noise at the present ``factor``."""
+        variance = self.factor**2
+        seen = variance * min(_CLIP, misfit / _USUAL_MISFIT)
+        keep = math.exp(-elapsed_s / self._settings.level_s)
+        self._weight, self._sum = keep * self._weight + 1.0, keep * self._sum + seen
+        first = self._settings.level_frames
+        level = math.sqrt(max(1.0, (self._sum + first) / (self._weight + first)))
+        self.factor = _in_steps(level)
+
+
+def noisier(level: float, misfit: float) -> float:
+    """The level at which a line whose ``misfit`` is this at ``level`` would be usual."""
+    return _in_steps(level * math.sqrt(max(1.0, misfit / _USUAL_MISFIT)))
+
+
+def _in_steps(level: float) -> float:
+    """Of a twentieth: the noise is laid out anew at each."""
+    step = math.log(1.05)
+    return math.exp(step * round(math.log(level) / step))
