@@ -1,11 +1,11 @@
 """Method `fusion`: `rod-track` and a `compact` network joined by their covariances, frame by frame.
 
-The rod reads the shape alone and needs no tissue; the network reads the tissue's indentation, too, and does not know
-the tissue at first. What the rod says is evidence of the network's classes of tissue, with the weight of an image.
-Both read the same image, so their errors are not independent: they are joined by covariance intersection (Julier and
-Uhlmann 1997), which is never more certain than either allows, whatever the errors have in common. Where they
-contradict each other by more than their covariances allow there is no estimate. Where one abstains the other carries
-on, with the intervals of its own.
+The rod reads the shape alone and needs no tissue; the network reads the tissue's indentation, too, and knows the tissue
+as classes only. What limits them is not the same (the rod: a push along its axis, and what was stated wrongly of
+catheter and camera; the network: the tissue, and images unlike its training), so they are joined as independent
+Gaussians, their informations added; also where the network's own answer would be too uncertain to stand alone. Where
+they contradict each other by more than their covariances allow there is no estimate. Where one abstains the other
+carries on, with the intervals of its own.
 """
 
 import math
@@ -34,8 +34,6 @@ _DETAILS = {"both": "", "rod": "rod-track alone", "network": "network alone"}
 """What an estimate says of its source."""
 _KNOWN = np.array([True, True, False])
 _ALONE = gaussian_interval(_KNOWN, "the covariances alone")
-_SHARES = np.linspace(0.0, 1.0, 21)
-"""Of the network in the intersection."""
 _LEAST_FRAMES = 200
 """With fewer frames of one source its intervals are those of all sources together."""
 
@@ -240,7 +238,7 @@ class FusionStream:
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
         by_rod = self._rod.update(observation)
-        by_network = replace(self._network.update_beside(observation, by_rod), shape=by_rod.shape)
+        by_network = replace(self._network.update(observation, unsure=by_rod.valid), shape=by_rod.shape)
         if not by_rod.valid and not by_network.valid:
             detail = f"rod-track: {by_rod.detail}; network: {by_network.detail}"
             return replace(by_network, status=by_rod.status, detail=detail)
@@ -263,7 +261,9 @@ class FusionStream:
                 f"{by_network.magnitude_n:.2f} N from the image",
                 by_rod.shape,
             )
-        force, covariance = covariance_intersection(forces[0], covariances[0], forces[1], covariances[1])
+        information = [np.linalg.inv(each) for each in covariances]
+        covariance = np.asarray(np.linalg.inv(information[0] + information[1]), np.float64)
+        force = covariance @ (information[0] @ forces[0] + information[1] @ forces[1])
         return self._estimate(force, covariance, by_network, "both")
 
     def _estimate(self, force: FloatArray, covariance: FloatArray, found: ForceEstimate, source: str) -> ForceEstimate:
@@ -289,22 +289,3 @@ class FusionStream:
             shape=found.shape,
         )
         return within_error(estimate, self._max_error_n)
-
-
-def covariance_intersection(
-    one: FloatArray, its: FloatArray, other: FloatArray, others: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Join two estimates (2,) with covariances (2, 2) whose errors have something unknown in common.
-
-    Returns:
-        Mean (2,) and covariance (2, 2) of the convex combination of their informations that has the smallest trace.
-
-    >>> mean, spread = covariance_intersection(np.zeros(2), np.diag([1.0, 4.0]), np.ones(2), np.diag([4.0, 1.0]))
-    >>> mean.round(2).tolist(), np.diag(spread).round(2).tolist()
-    ([0.2, 0.8], [1.6, 1.6])
-    """
-    first, second = np.linalg.inv(its), np.linalg.inv(others)
-    spreads = np.linalg.inv((1.0 - _SHARES)[:, None, None] * first + _SHARES[:, None, None] * second)
-    best = int(np.argmin(np.trace(spreads, axis1=1, axis2=2)))
-    share, spread = float(_SHARES[best]), spreads[best]
-    return spread @ ((1.0 - share) * first @ one + share * second @ other), spread

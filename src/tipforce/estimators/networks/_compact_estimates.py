@@ -125,12 +125,8 @@ class CompactEstimateBuilder:
     history: History
     tissue: TissueBelief | None = None
 
-    def __call__(self, stamp_ns: int, outputs: Outputs, beside: ForceEstimate | None = None) -> ForceEstimate:
-        """Returns one estimate, from outputs (1, ...).
-
-        ``beside``: the valid estimate of fx and fy by a method that knows no tissue; it weighs the classes of tissue
-        from the next frame on.
-        """
+    def __call__(self, stamp_ns: int, outputs: Outputs, *, unsure: bool = False) -> ForceEstimate:
+        """Returns one estimate, from outputs (1, ...); ``unsure``: however uncertain it is."""
         pixels = heatmap_pixels(outputs)[0]
         if pixels < self.limits.min_heatmap_px:
             return ForceEstimate.invalid(
@@ -147,11 +143,11 @@ class CompactEstimateBuilder:
         abstention = self.ood.abstention(stamp_ns, outputs["grid"])
         if abstention is not None:
             return abstention
-        force, spread = self._mean_and_spread(stamp_ns, outputs, beside)
+        force, spread = self._mean_and_spread(stamp_ns, outputs)
         if not (size := math.hypot(*force.tolist())) <= MAX_FORCE_N:
             return implausible(stamp_ns, size)
         sigma_n = magnitude_sigma(force, spread)
-        if not sigma_n <= self.limits.max_sigma_n:
+        if not (unsure or sigma_n <= self.limits.max_sigma_n):
             return ForceEstimate.invalid(
                 stamp_ns,
                 Status.UNOBSERVABLE,
@@ -183,9 +179,7 @@ class CompactEstimateBuilder:
             contact=1.0 / (1.0 + math.exp(-float(outputs["contact_logit"][0]))),
         )
 
-    def _mean_and_spread(
-        self, stamp_ns: int, outputs: Outputs, beside: ForceEstimate | None
-    ) -> tuple[FloatArray, FloatArray]:
+    def _mean_and_spread(self, stamp_ns: int, outputs: Outputs) -> tuple[FloatArray, FloatArray]:
         """Returns force (t,) and covariance (t, t), over the classes of tissue as the session weighs them."""
         epistemic = 1.0 + float(self.laplace.variance(outputs["features"].astype(np.float64))[0])
         if self.tissue is None:
@@ -193,19 +187,10 @@ class CompactEstimateBuilder:
             return outputs["force_n"][0].astype(np.float64), np.diag(variance * epistemic)
         forces = outputs["tissue_force_n"][0].astype(np.float64)
         variances = np.exp(outputs["tissue_log_variance"][0].astype(np.float64)) * self.unit_n**2 * epistemic
-        told = None if beside is None else _log_likelihoods(beside, forces[:, :2], variances[:, :2])
-        share = self.tissue.shares(stamp_ns, outputs["tissue_logits"][0], told)
+        share = self.tissue.shares(stamp_ns, outputs["tissue_logits"][0])
         force = share @ forces
         apart = forces - force
         return force, np.diag(share @ variances) + (share[:, None] * apart).T @ apart
-
-
-def _log_likelihoods(beside: ForceEstimate, forces: FloatArray, variances: FloatArray) -> FloatArray:
-    """Returns (c,) log-likelihoods of ``beside`` if the force were that of each class (c, 2), with its variances."""
-    covariance = beside.covariance_n2[:2, :2] + variances[:, :, None] * np.eye(2)
-    apart = (beside.force_n[:2] - forces)[:, :, None]
-    distance = (apart * np.linalg.solve(covariance, apart)).sum(axis=(1, 2))
-    return -0.5 * (distance + np.log(np.linalg.det(covariance)))
 
 
 def component_sigma(outputs: Outputs, laplace: LastLayerLaplace, unit_n: float) -> FloatArray:

@@ -74,11 +74,8 @@ class TissueBelief:
             self._prior = log_softmax(-0.5 * apart * apart)
         self._log, self._before_ns = self._prior, None
 
-    def shares(self, stamp_ns: int, logits: npt.NDArray[np.floating], beside: FloatArray | None = None) -> FloatArray:
-        """Returns (c,) the shares, with an image of ``logits`` (c,) counted in full, and earlier ones as they count.
-
-        ``beside`` (c,): log-likelihoods by another method, which count for later images.
-        """
+    def shares(self, stamp_ns: int, logits: npt.NDArray[np.floating]) -> FloatArray:
+        """Returns (c,) the shares, with an image of ``logits`` (c,) counted in full, and earlier ones as they count."""
         before = self._before_ns
         if before is None or stamp_ns > before:
             step = SPACING_S if before is None else 1e-9 * (stamp_ns - before)
@@ -86,8 +83,7 @@ class TissueBelief:
             told = log_softmax(logits) - self._evidence.log_share
             now = log_softmax(self._log + told)
             known = np.logaddexp(np.log(kept) + log_softmax(self._log), np.log1p(-kept) + self._prior)
-            more = told if beside is None else told + beside
-            self._log = log_softmax(known + self._evidence.weight * min(1.0, step / SPACING_S) * more)
+            self._log = log_softmax(known + self._evidence.weight * min(1.0, step / SPACING_S) * told)
             self._before_ns = stamp_ns
         else:  # a late frame adds nothing
             now = log_softmax(self._log)

@@ -388,13 +388,13 @@ class Compact(NetworkEstimator):
 class CompactStream(NetworkStream):
     """One session, frame after frame."""
 
-    def update_beside(self, observation: Observation, beside: ForceEstimate) -> ForceEstimate:
-        """As `update`; ``beside``, the estimate of a method that knows no tissue, weighs the classes of tissue."""
+    def update(self, observation: Observation, *, unsure: bool = False) -> ForceEstimate:
+        """See `Stream`; ``unsure``: also where the force is too uncertain to stand alone."""
         outputs = self.outputs(observation)
         if isinstance(outputs, ForceEstimate):
             return outputs
         assert isinstance(self._build, CompactEstimateBuilder)
-        return self._build(observation.stamp_ns, outputs, beside if beside.valid else None)
+        return self._build(observation.stamp_ns, outputs, unsure=unsure)
 
 
 def _rate_compensation(arrays: Arrays) -> RateCompensation:
