@@ -1,7 +1,7 @@
 """Method 1: the thesis's method, what goes beyond it, and how it refuses."""
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,38 @@ def test_it_learns_a_smooth_law(world: World) -> None:
     assert np.sqrt(np.mean(error**2)) < 0.012
     assert answers[0].known.tolist() == [True, True, False]
     assert np.isnan(answers[0].force_n[2])
+
+
+@dataclass
+class Blind:
+    """A store of which some rows have no shape."""
+
+    store: Any
+    lost: np.ndarray
+
+    def read(self, rows: np.ndarray) -> Iterator[Observation]:
+        for row, seen in zip(rows.tolist(), self.store.read(rows), strict=True):
+            shape = seen.views["camera"]
+            yield (
+                replace(seen, views={"camera": replace(shape, values=shape.values * np.nan)})
+                if self.lost[row]
+                else seen
+            )
+
+
+def test_training_stops_where_a_whole_session_would_be_left_out(world: World) -> None:
+    data = world(sessions=2, frames=60)
+    first, lost = data.sessions
+    whole = np.array([name == lost for name in data.session])
+    blind = replace(data, store=Blind(data.store, whole))
+    with pytest.raises(InputError, match=f"of 120 samples training would leave out 60: all 60 of {lost}"):
+        fitted(blind)
+    assert fitted(blind, max_left_out=1.0).describe()["left_out"] == {lost: [60, 60]}
+    other = world(sessions=2, frames=60, seed=1)
+    some = replace(other, store=Blind(other.store, np.arange(120) % 8 == 0))
+    with pytest.raises(InputError, match="of 120 samples training would leave out 15: 8 of 60 of"):
+        fitted(some)
+    assert fitted(some, max_left_out=0.2).describe()["left_out"] == {first: [8, 60], lost: [7, 60]}
 
 
 def test_the_default_is_the_thesis_s_method_done_by_hand(world: World) -> None:

@@ -54,6 +54,8 @@ class SvrSettings(BaseModel):
 
     vision: VisionSettings = VisionSettings()
     """How the catheter is looked for; ``vision.method=classic`` is the thesis's own algorithm 1."""
+    max_left_out: Annotated[float, Field(ge=0, le=1)] = 0.1
+    """Training stops where a larger share of the samples, or a whole session, cannot be learnt from; 1: never."""
     features: ShapeFeatureSettings = ShapeFeatureSettings()
     """The shape's numbers: five coefficients of a polynomial of degree 4 (thesis eq. 2)."""
     actuation: tuple[str, ...] | None = None

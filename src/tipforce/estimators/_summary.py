@@ -7,9 +7,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import InputError
 from ..types import BoolArray
 
-__all__ = ["ModelSummary", "count_of", "half_width_text", "left_out_by_session", "left_out_text", "magnitude_intervals"]
+__all__ = [
+    "ModelSummary",
+    "count_of",
+    "half_width_text",
+    "left_out_by_session",
+    "left_out_text",
+    "magnitude_intervals",
+    "refuse_left_out",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +71,28 @@ def left_out_text(left_out: Mapping[str, Sequence[int]], shown: int = 8) -> str:
     parts = [f"all {n} of {name}" if lost == n else f"{lost} of {n} of {name}" for name, (lost, n) in worst[:shown]]
     more = f" and some of {len(worst) - shown} more sessions" if len(worst) > shown else ""
     return f"{sum(lost for lost, _ in left_out.values())} left out: {', '.join(parts)}{more}"
+
+
+def refuse_left_out(title: str, left_out: Mapping[str, Sequence[int]], samples: int, max_left_out: float) -> None:
+    """Stops a training that would learn from another bench than the one it was given.
+
+    Args:
+        title: of the dataset.
+        left_out: see `left_out_by_session`.
+        samples: of the dataset.
+        max_left_out: share of them that may be left out, and no whole session; 1: any.
+
+    Raises:
+        InputError: more would be.
+    """
+    lost = sum(count for count, _ in left_out.values())
+    whole = any(count == of for count, of in left_out.values())
+    if max_left_out < 1.0 and (whole or lost > max_left_out * samples):
+        raise InputError(
+            f"{title}: of {samples} samples training would leave out {left_out_text(left_out).replace(' left out', '')}"
+            "; look at them with `tipforce inspect`, leave sessions out (without=NAME), or train on the rest "
+            "with max_left_out=1"
+        )
 
 
 def half_width_text(value: float | None) -> str:

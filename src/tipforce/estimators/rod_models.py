@@ -41,7 +41,7 @@ from ._reading import Abstention
 from ._rod_inverse import STATIONS, ForceFit, StationNoise, fit_force, model_stations
 from ._rod_reader import RodLine, RodReader
 from ._session_metadata import UninformedStream, missing_metadata
-from ._summary import ModelSummary, left_out_by_session, left_out_text
+from ._summary import ModelSummary, left_out_by_session, left_out_text, refuse_left_out
 from ._values import LARGEST, stored_array
 from .uncertainty import Interval, gaussian_interval, magnitude_sigma, normalised_interval
 
@@ -72,6 +72,8 @@ class RodModelSettings(BaseModel):
 
     vision: VisionSettings = VisionSettings()
     """How the catheter is looked for."""
+    max_left_out: Annotated[float, Field(ge=0, le=1)] = 0.1
+    """Training stops where a larger share of the samples, or a whole session, cannot be learnt from; 1: never."""
     stiffness_nm2: Annotated[float, Field(ge=1e-8, le=10)] | None = None
     """Bending stiffness in place of the one that the session's metadata state."""
     force_std_n: Annotated[float, Field(gt=0, le=10)] = 0.2
@@ -152,6 +154,8 @@ class RodModelEstimator(CentrelineEstimator):
                 f"{dataset.title}: the centreline is known in {kept.sum()} of {len(dataset)} samples, {self.name} "
                 f"needs {MIN_SAMPLES} to be fitted{'; ' if why else ''}{why}"
             )
+        left_out = left_out_by_session(dataset.session, kept)
+        refuse_left_out(dataset.title, left_out, len(dataset), self.settings.max_left_out)
         found = [line for line in lines if isinstance(line, RodLine)]
         infos = [dataset.session_info[name] for name in dataset.session[kept].tolist()]
         force = dataset.force_n[kept][:, :2]
@@ -169,7 +173,7 @@ class RodModelEstimator(CentrelineEstimator):
             covariance_m2=covariance,
             largest_misfit=np.inf,
             samples=len(found),
-            left_out=left_out_by_session(dataset.session, kept),
+            left_out=left_out,
         )
         report("intervals", 0.9)
         fits = [self._force(line, info) for line, info in zip(found, infos, strict=True)]

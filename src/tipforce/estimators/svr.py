@@ -23,7 +23,7 @@ from ._machine import Constants, Machines, fit_machines
 from ._onnx import PARITY_N, regression_graph
 from ._reading import Abstention, actuation_names, limits_of, unlike_training
 from ._settings import SvrSettings
-from ._summary import ModelSummary
+from ._summary import ModelSummary, refuse_left_out
 from ._svr_state import SvrState
 from ._svr_summary import svr_summary
 from ._training import Rows, gather_rows, warn_of_sizes
@@ -107,6 +107,7 @@ class Svr(CentrelineEstimator):
                 f"{MIN_SAMPLES}; the first other one says: {rows.why_not}; look at an image with `tipforce inspect`"
             )
         left_out = rows.left_out
+        refuse_left_out(dataset.title, left_out, count, settings.max_left_out)
         if settings.training_samples is not None:
             rows = rows.at(_drawn(len(rows.features), settings.training_samples, settings.seed))
         known = dataset.known.copy() if settings.force == "components" else np.zeros(3, np.bool_)

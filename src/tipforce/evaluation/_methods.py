@@ -65,7 +65,7 @@ def methods_from(
         if located(model).is_dir():
             made.append(_saved(model))
         elif model in ESTIMATORS:
-            estimator = create(model, (settings or {}).get(model))
+            estimator = _learning_from_the_rest(create(model, (settings or {}).get(model)))
             begin = load_initial_model(estimator, init_from)
             if isinstance(estimator, FineTunable) and begin is not None:
                 estimator = estimator.fine_tuned_from(begin)
@@ -88,6 +88,14 @@ def methods_from(
         # Two folders of the same name: their whole paths tell them apart.
         made = [replace(method, label=str(Path(model))) for model, method in zip(models, made, strict=True)]
     return made
+
+
+def _learning_from_the_rest(estimator: Estimator) -> Estimator:
+    """``estimator``, which does not stop at samples that it cannot learn from: a judgement counts them as abstained."""
+    settings = estimator.settings
+    if "max_left_out" not in type(settings).model_fields or "max_left_out" in settings.model_fields_set:
+        return estimator
+    return estimator.with_settings(settings.model_copy(update={"max_left_out": 1.0}))
 
 
 def _sha256_of(folder: str) -> str:

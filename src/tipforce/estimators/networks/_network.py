@@ -33,7 +33,7 @@ from ...types import BoolArray, FloatArray, ForceEstimate, Image, Observation, S
 from .._base import FineTunable, Progress
 from .._builder import AXES, EstimateBuilder
 from .._reading import Abstention, actuation_names, limits_of, unlike_training
-from .._summary import ModelSummary, left_out_by_session
+from .._summary import ModelSummary, left_out_by_session, refuse_left_out
 from ..uncertainty import Interval, conformal_interval
 from ._calibration import CalibrationBatch, Outputs, quantise_checked, spread_evenly
 from ._graph import Graph
@@ -229,6 +229,8 @@ class NetworkEstimator(FineTunable):
         with contextlib.ExitStack() as stack:
             work = folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tipforce-")))
             prepared = self._prepared(dataset, names, work, lambda share: report("preparing images", 0.1 * share))
+            left_out = left_out_by_session(dataset.session, np.isin(np.arange(len(dataset)), prepared.index))
+            refuse_left_out(dataset.title, left_out, len(dataset), self.settings.max_left_out)
             samples = training_samples(dataset, prepared, known)
             split = train_val_split(samples.session, self.settings)
             task = self.task(known, dataset.force_frames == {"base"}, standardisation(samples.inputs.get("actuation")))
@@ -283,7 +285,7 @@ class NetworkEstimator(FineTunable):
                 "required_metadata": list(required),
                 "known_metadata": list(available),
                 "samples": len(index),
-                "left_out": left_out_by_session(dataset.session, np.isin(np.arange(len(dataset)), index)),
+                "left_out": left_out,
                 "parity_with_network_n": deviation_n,
                 "bits": 32 if quantised is None else 8,
                 "error_growth_in_8_bits": growth,
@@ -326,7 +328,8 @@ class NetworkEstimator(FineTunable):
         if heatmap is not None and dataset.has_masks(view):
             specs["heatmap"], masks = heatmap, dataset.masks(view)
         sessions = [repr(dataset.session_info[name]) for name in sorted(dataset.session_info)]
-        key = "\n".join([self.name, self.settings.model_dump_json(exclude=set(TrainConfig.model_fields)), *sessions])
+        elsewhere = {*TrainConfig.model_fields, "max_left_out"}  # these change nothing in what is prepared
+        key = "\n".join([self.name, self.settings.model_dump_json(exclude=elsewhere), *sessions])
         prepared = prepare(dataset, masks, specs, read, folder, key, dataset.names_of(view), report)
         if len(prepared.index) < MIN_SAMPLES:
             raise InputError(

@@ -32,6 +32,8 @@ class NetworkSettings(TrainConfig):
     bits: Literal[32, 8] = 32
     """8: the graph is quantised to 8 bits, two to four times faster, if its validation error grows by less than 5 %;
     else the model runs in 32 bits, with a warning."""
+    max_left_out: Annotated[float, Field(ge=0, le=1)] = 0.1
+    """Training stops where a larger share of the samples, or a whole session, cannot be learnt from; 1: never."""
 
 
 class DcfeSettings(NetworkSettings):
