@@ -1,12 +1,22 @@
 """Detection that doubts itself, on drawn sessions: sheaths, posts, two objects."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
 
 from tipforce.errors import InputError
 from tipforce.types import BaseSide, Catheter, Image, SessionInfo, Status, ViewInfo
-from tipforce.vision import ResolvedVision, ShapeDetector, VisionSettings, auto_calibrate, session_vision
+from tipforce.vision import (
+    ResolvedVision,
+    ShapeDetector,
+    VisionSettings,
+    _auto_calibrate,
+    auto_calibrate,
+    session_vision,
+)
+from tipforce.vision._doubt import doubt
 
 SIZE, SCALE = (320, 240), 4
 DIAMETER, LENGTH = 10.0, 180.0
@@ -71,6 +81,24 @@ def test_the_base_lies_at_the_mouth_of_a_sheath(side: BaseSide, light: bool) -> 
         assert line is not None
         assert np.linalg.norm(line.points[0] - at(shaft)[0]) < 3.0
         assert np.linalg.norm(line.points[-1] - at(shaft)[-1]) < 2.0
+
+
+def test_a_shaft_out_of_a_sheath_is_preferred_to_what_begins_at_the_border(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the sheath is of the shaft's kind, and a ring lies at the stated length, nothing speaks against it."""
+    images, _ = _sheathed()
+    beyond_mouth = auto_calibrate(VisionSettings(), images, SESSION)
+    at_border = beyond_mouth.model_copy(update={"base_region": None})
+    calibrated = _auto_calibrate._calibrated
+
+    def or_at_border(*given: Any) -> ResolvedVision:
+        return calibrated(*given) if given[1].base_region else at_border
+
+    def trusting(vision: ResolvedVision, *given: Any, strict: bool = False, **more: Any) -> tuple[str, int]:
+        return doubt(vision, *given, strict=strict, **more) if strict else ("", len(images))
+
+    monkeypatch.setattr(_auto_calibrate, "_calibrated", or_at_border)
+    monkeypatch.setattr(_auto_calibrate, "doubt", trusting)
+    assert auto_calibrate(VisionSettings(), images, SESSION).base_region == beyond_mouth.base_region is not None
 
 
 def test_a_sheath_without_a_shaft_of_the_stated_length_is_not_taken() -> None:

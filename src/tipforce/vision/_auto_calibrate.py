@@ -222,8 +222,9 @@ def auto_calibrate(
     Returns:
         The settings with all values, stated or found.
 
-    Of three images or more of one session what was found is doubted: see `doubt`. Where nothing at the border can be
-    the catheter and its size is stated, it is searched from the mouth of a sheath on.
+    Of three images or more of one session what was found is doubted: see `doubt`. Where its size is stated, a catheter
+    that comes out of a sheath in view is preferred to what begins at the border; where nothing at the border can be the
+    catheter, it is searched from wherever a thin tube begins.
 
     Raises:
         InputError: no frame shows a catheter, what was found cannot be it, or two objects could be it.
@@ -237,26 +238,33 @@ def auto_calibrate(
     each = each[: len(frames)]
     one = isinstance(infos, SessionInfo) and enough_images(frames)
     stated = with_view(settings, each[0])
+    searched = one and stated.base_region is None
+    border: ResolvedVision | None = None
+    refused: InputError | None = None
     try:
         border = _calibrated(settings, stated, frames, each, isinstance(infos, SessionInfo))
         doubts = doubt(border, frames, each[0], whole=whole)[0] if one else ""
-        if not doubts:
-            return doubting(border) if one else border
-        refused = InputError(f"what was found in the first {len(frames)} frames cannot be the catheter: {doubts}")
+        if doubts:
+            refused = InputError(f"what was found in the first {len(frames)} frames cannot be the catheter: {doubts}")
     except InputError as error:
         refused = error
-    mouth = _beyond_mouth(settings, stated, frames, each[0], whole) if one and stated.base_region is None else None
-    if mouth is None:
+    mouth = _beyond_mouth(settings, stated, frames, each[0], whole, sheathed=refused is None) if searched else None
+    if mouth is not None:
+        return doubting(mouth)
+    if border is None or refused is not None:
+        assert refused is not None
         raise refused
-    return doubting(mouth)
+    return doubting(border) if one else border
 
 
 def _beyond_mouth(
-    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], info: SessionInfo, whole: bool
-) -> ResolvedVision | None:
+    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], info: SessionInfo, whole: bool, *,
+    sheathed: bool,
+) -> ResolvedVision | None:  # fmt: skip
     """Returns the detection of a shaft that comes out of a sheath, calibrated from its mouth on; None without one.
 
-    The sheath's length in view is unknown, so the stated size is needed. Raises InputError where it could be one of
+    The sheath's length in view is unknown, so the stated size is needed. ``sheathed``: only out of a sheath that is
+    seen. Raises InputError where it could be one of
     two.
     """
     nominal = nominal_px(info, stated.view)
@@ -267,7 +275,7 @@ def _beyond_mouth(
         mouths = find_mouths(frames, side, nominal[1])
         with_sheath = [mouth for mouth in mouths if mouth.sheath > 0.0][:_MOUTHS]
         for mouth in with_sheath + [mouth for mouth in mouths if mouth.sheath == 0.0][:_MOUTHS]:
-            if mouth.sheath == 0.0 and passed:
+            if mouth.sheath == 0.0 and (passed or sheathed):
                 break
             if stated.polarity not in ("auto", mouth.polarity):
                 continue
