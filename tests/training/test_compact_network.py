@@ -1,10 +1,13 @@
 """The network of `compact`: its output for a mirrored image."""
 
+import math
+
 import numpy as np
 import pytest
 
 from tipforce.training._augmentation import CURVATURE, Augmentation
-from tipforce.training._compact import CompactTask
+from tipforce.training._compact import COMPACT_OUTPUTS, TISSUE_N_PER_M, TISSUE_OUTPUTS, CompactTask
+from tipforce.training._task import load_weights, network_weights
 
 torch = pytest.importorskip("torch", reason="networks need the extra [train]")
 
@@ -73,3 +76,20 @@ def test_out_of_distribution_images_train_their_detection_alone():
     plain = torch.linalg.vector_norm(outputs[0] - batch["force_n"], dim=1)
     assert float(error.mean()) == pytest.approx(float(plain[[0, 2]].mean()))
     assert not task.error_n(outputs, {**batch, "in_distribution": torch.zeros(4)}).any()
+
+
+def test_a_network_without_classes_of_tissue_becomes_one_with_that_knows_the_usual_tissue():
+    """Its force is then that of bending plus that of the indentation in proportion to the stiffness."""
+    before, after = CompactTask(2, 4, SIZE), CompactTask(2, 4, SIZE, tissue=True)
+    torch.manual_seed(0)
+    old, new = before.build(), after.build()
+    assert load_weights(new, after.adapted(network_weights(old)), after.head) == []
+    image, metadata = torch.randint(0, 256, (3, SIZE, SIZE), dtype=torch.uint8), 0.1 * torch.randn(3, 4)
+    with torch.no_grad():
+        force_n = old.eval()(image, metadata)[0]
+        outputs = dict(zip((*COMPACT_OUTPUTS, *TISSUE_OUTPUTS), new.eval()(image, metadata), strict=True))
+    by_class_n = outputs["tissue_force_n"]
+    ratio = torch.tensor(TISSUE_N_PER_M)[:, None] / math.sqrt(TISSUE_N_PER_M[0] * TISSUE_N_PER_M[-1])
+    pressing_n = (by_class_n[:, 1] - by_class_n[:, 0]) / (ratio[1] - ratio[0])
+    assert torch.allclose(by_class_n, force_n[:, None] + (ratio - 1.0) * pressing_n[:, None], atol=1e-6)
+    assert float(pressing_n.abs().max()) > 1e-3

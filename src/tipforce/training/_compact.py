@@ -23,7 +23,7 @@ from ..errors import InputError
 from ..types import IntArray
 from ._augmentation import CURVATURE, Augmentation, augment_image, centre_crop
 from ._data import HEATMAP_UNKNOWN, TrainingSamples
-from ._task import Batch
+from ._task import Batch, Weights
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
@@ -58,6 +58,9 @@ class, logits of the classes (n, c). "force_n" and "log_variance" are then mean 
 
 TISSUE_N_PER_M = tuple(np.geomspace(36.0, 418.0, 8).tolist())
 """Stiffness of each class of tissue, in newtons per metre of indentation: neighbours differ by 42 %."""
+
+_USUAL_TISSUE_N_PER_M = float(np.sqrt(TISSUE_N_PER_M[0] * TISSUE_N_PER_M[-1]))
+"""The tissue of a network that knows none: near the 120 N/m of `bench-2021`."""
 
 COMPACT_UNIT_N = 0.1
 """Unit of the network's force, in newtons: in it forces are of order one."""
@@ -135,6 +138,18 @@ class CompactTask:
         """Whether training mirrors images: how other actuation than the knob changes in a mirror is not known."""
         wanted = self.augmentation is not None and self.augmentation.mirror > 0
         return wanted and self.planar is not None and not self.actuation
+
+    def adapted(self, weights: Weights) -> Weights:
+        """See `Task`: a network without classes of tissue becomes one with, which knows its tissue as the usual one."""
+        head = {name: np.asarray(weights[name]) for name in ("output_head.weight", "output_head.bias")}
+        t, classes = self.outputs, len(TISSUE_N_PER_M)
+        if not self.tissue or any(len(rows) != _head_rows(t, 1) for rows in head.values()):
+            return weights
+        made: dict[str, npt.NDArray[Any]] = {}
+        for name, rows in head.items():
+            variance = np.concatenate([np.zeros_like(rows[:t]), rows[2 * t : 3 * t], np.zeros_like(rows[:1])])
+            made[name] = np.concatenate([rows[: 2 * t], *[variance] * classes, rows[3 * t :]])
+        return {**weights, **made}
 
     def build(self) -> "nn.Module":
         """See `build_compact`."""
@@ -243,6 +258,15 @@ def tissue_shares(log_stiffness: npt.NDArray[np.floating]) -> npt.NDArray[np.flo
     return shares.astype(np.float32)
 
 
+def _head_rows(outputs: int, classes: int) -> int:
+    """Returns the rows of the output head: parts in the units of bending and indentation, classes, contact.
+
+    With one class: bending, indentation and variance of each component. With more: bending and indentation, then of
+    each class its own indentation, its variance and its logit.
+    """
+    return 3 * outputs + 1 if classes == 1 else 2 * outputs + classes * (2 * outputs + 1) + 1
+
+
 def build_compact(
     outputs: int,
     metadata: int,
@@ -299,6 +323,7 @@ def build_compact(
         actuation_deviation: Tensor
         force_signs: Tensor
         metadata_signs: Tensor
+        tissue_ratio: Tensor
 
         def __init__(self) -> None:
             super().__init__()
@@ -313,10 +338,13 @@ def build_compact(
             self.dense = nn.Linear(grid, FEATURES)
             self.film = nn.Sequential(nn.Linear(metadata + len(actuation), 32), nn.ReLU(), nn.Linear(32, 2 * FEATURES))
             self.hidden = nn.Linear(FEATURES, FEATURES)
-            self.output_head = nn.Linear(FEATURES, outputs + classes * (2 * outputs + (classes > 1)) + 1)
+            self.output_head = nn.Linear(FEATURES, _head_rows(outputs, classes))
             self.heatmap_head = nn.Conv2d(_CHANNELS[1], 1, 1)
             self.distribution_head = nn.Sequential(nn.Linear(grid, 32), nn.ReLU(), nn.Linear(32, 1))
             self.register_buffer("unit_n", torch.tensor(unit_n))
+            if classes > 1:
+                ratio = np.array(TISSUE_N_PER_M, np.float32) / _USUAL_TISSUE_N_PER_M
+                self.register_buffer("tissue_ratio", torch.from_numpy(ratio)[:, None], persistent=False)
             if actuation:
                 self.register_buffer("actuation_mean", torch.tensor([mean for mean, _ in actuation]))
                 self.register_buffer("actuation_deviation", torch.tensor([deviation for _, deviation in actuation]))
@@ -373,8 +401,13 @@ def build_compact(
             output = self.output_head(features).float()
             bending = self.unit_n * torch.exp(metadata[:, :1] - 2.0 * metadata[:, 1:2])
             indentation = self.unit_n * torch.exp(metadata[:, 1:2])
-            by_class = output[:, outputs:-1].unflatten(1, (classes, -1))
-            force = (output[:, :outputs] * bending)[:, None] + by_class[:, :, :outputs] * indentation[:, None]
+            shared = outputs if classes == 1 else 2 * outputs
+            by_class = output[:, shared:-1].unflatten(1, (classes, -1))
+            pressing = by_class[:, :, :outputs]
+            if classes > 1:
+                # an indentation takes force in proportion to the stiffness; what each class has beside that is its own
+                pressing = pressing + output[:, None, outputs:shared] * self.tissue_ratio
+            force = (output[:, :outputs] * bending)[:, None] + pressing * indentation[:, None]
             log_variance = by_class[:, :, outputs : 2 * outputs].clamp(*_LOG_VARIANCE_RANGE)
             logits, contact = by_class[:, :, 2 * outputs :].sum(dim=2), output[:, -1]
             in_distribution = self.distribution_head(grid)[:, 0].float()

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..types import IntArray
 from ._data import TrainingSamples
-from ._task import Batch
+from ._task import Batch, Weights
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
@@ -54,6 +54,10 @@ class ResnetTask:
     def head(self) -> tuple[str, ...]:
         """The dense layer, and the standardisation of the actuation."""
         return ("dense.", "actuation_")
+
+    def adapted(self, weights: Weights) -> Weights:
+        """See `Task`: there is no earlier layout."""
+        return weights
 
     def build(self) -> "nn.Module":
         """Returns the network: 64 filters 7 x 7, max pooling 3 x 3, four stages to 512 filters, mean pooling, dense."""

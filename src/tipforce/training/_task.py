@@ -43,6 +43,10 @@ class Task(Protocol):
         """Prefixes of the parameters that may be re-initialised where fine-tuning changes the inputs or outputs."""
         ...
 
+    def adapted(self, weights: Weights) -> Weights:
+        """Returns initial weights of an earlier layout in this task's; others as they are."""
+        ...
+
     def build(self) -> "nn.Module":
         """Returns the network with initial weights from torch's generator."""
         ...

@@ -99,7 +99,9 @@ class Trainer:
         self._task, self._config, self._device = task, config, device
         torch.manual_seed(config.seed)
         self.network: Any = task.build()
-        self.reinitialised = load_weights(self.network, init_from, task.head) if init_from is not None else []
+        self.reinitialised = []
+        if init_from is not None:
+            self.reinitialised = load_weights(self.network, task.adapted(init_from), task.head)
         self.network = self.network.to(device.kind, memory_format=torch.channels_last)
         self._optimiser = _optimiser(self.network, config)
         self._averaged: dict[str, Any] | None = self._weights() if config.average else None
