@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from tipforce.estimators.rod._lines import LineFrame
 from tipforce.estimators.rod._outcome import Outcome, estimate_of, tempered
 from tipforce.estimators.rod._posterior import ForcePrior, force_over_contact
 from tipforce.estimators.rod.rod import RodStream
+from tipforce.evaluation._methods import methods_from
 from tipforce.mechanics import Rod as PlanarRod
 from tipforce.mechanics import solve_static
 from tipforce.types import (
@@ -208,6 +210,13 @@ def test_sessions_with_forces_teach_the_clamp() -> None:
 
 def test_the_name_alone_is_a_model() -> None:
     assert isinstance(load_model("rod"), Rod)
+
+
+def test_a_folder_of_the_same_name_that_holds_no_model_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "rod").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert isinstance(load_model("rod"), Rod)
+    assert [type(method.estimator) for method in methods_from(["rod"])] == [Rod]
 
 
 def test_images_without_a_catheter_have_no_force() -> None:

@@ -138,7 +138,7 @@ def load_model(folder: str | Path) -> Estimator:
     """
     folder = located(folder)
     named = ESTIMATORS.get(str(folder))
-    if named is not None and not named.needs_fit and not folder.exists():
+    if named is not None and not named.needs_fit and not (folder / MANIFEST).exists():
         return named()
     manifest = read_manifest(folder)
     sums = manifest["sha256"]

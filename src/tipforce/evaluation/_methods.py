@@ -62,7 +62,8 @@ def methods_from(
     """
     made: list[Method] = []
     for model in models:
-        if located(model).is_dir():
+        folder = located(model)
+        if folder.is_dir() and (model not in ESTIMATORS or (folder / "model.json").is_file()):
             made.append(_saved(model))
         elif model in ESTIMATORS:
             estimator = _learning_from_the_rest(create(model, (settings or {}).get(model)))
