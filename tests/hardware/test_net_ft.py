@@ -120,9 +120,9 @@ def test_an_error_status_is_never_a_force_and_is_said():
         box.faults.status = 0
         events += readings(driver, 10)
         driver.close()
-    assert {float(event.force_n[0]) for event in events} == {0.1}
+    assert {round(float(event.force_n[0]), 9) for event in events} == {0.1}
     assert driver.counts["status"] > 20
-    assert driver.counts["status_word"] == 0x80020000
+    assert "0x80020000" in driver.remark
 
 
 def test_silence_is_asked_about_then_the_box_counts_as_lost_and_is_found_again(monkeypatch):

@@ -94,17 +94,19 @@ class NetFtConfig(DeviceConfig):
 class RdtCheck:
     """Holds every packet to its sequence numbers and status; only what is new and sound becomes a reading.
 
-    ``counts``: "lost" packets; "late", which came behind a later one (and count as lost no more); "duplicate"; "status",
-    refused for a status word that is not 0; "frozen", with a new RDT sequence but the F/T sequence of before; "malformed".
+    ``counts``: "lost" packets; "late", which came behind a later one (and count as lost no more); "duplicate";
+    "status", refused for a status word that is not 0; "frozen", with a new RDT sequence but the F/T sequence of before;
+    "malformed". ``status``: the last status word that was not 0.
     """
 
     def __init__(self, counts: dict[str, int]) -> None:
         self._counts = counts
+        self.status = 0
         self._last: tuple[int, int] | None = None
         self._missing: set[int] = set()
 
     def take(self, packet: bytes) -> tuple[int, tuple[int, ...]] | None:
-        """RDT sequence, unwrapped by nobody, and the six counts; None where the packet gives no reading.
+        """RDT sequence and the six counts; None where the packet gives no reading.
 
         Raises DeviceError where the box began to count anew.
         """
@@ -140,9 +142,6 @@ class RdtCheck:
             self._count("frozen")
             return None
         return rdt, tuple(counts)
-
-    status = 0
-    """The last status word that was not 0."""
 
     def _count(self, what: str, by: int = 1) -> None:
         self._counts[what] = self._counts.get(what, 0) + by
@@ -239,10 +238,9 @@ class NetFt(Driver):
             raise DeviceError(f"{self._where}: {error.strerror or error}") from None
 
     def _wrench(self, packet: bytes, arrival_ns: int) -> Wrench | None:
-        before = self.counts["status"]
         taken = self._check.take(packet)
-        if self.counts["status"] > before and before % 1000 == 0:
-            self.counts["status_word"] = self._check.status
+        if self._check.status:
+            self.remark = f"{self._where}: refused readings with the status word 0x{self._check.status:08x}"
         if taken is None:
             return None
         rdt, counts = taken

@@ -276,7 +276,7 @@ class HardwareSource:
             for stream in (self._streams[declared.name],)
         )
         return DeviceHealth(
-            driver.name, device.state, device.connections, device.settings, Counter(driver.counts), device.message,
+            driver.name, device.state, device.connections, device.settings, Counter(driver.counts), device.message or driver.remark,
             streams,
         )  # fmt: skip
 

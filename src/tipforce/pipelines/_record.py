@@ -80,7 +80,7 @@ def record(
     analysis: Analysis = "afterwards",
     ended: Callable[[], Ended] | None = None,
 ) -> RecordingReport:
-    """Write all events of ``source`` to ``target`` (.mcap) as they come, then what is found of offset, tare and inertia.
+    """Write all events of ``source`` to ``target`` (.mcap) as they come; then find offset, tare and inertia.
 
     Args:
         source: what is recorded; it is entered here.
@@ -130,8 +130,9 @@ def record(
                 writer.note(name, dict(values))
             try:
                 sight = _Sight(info, settings) if offset_ms == "auto" and len(run.force[0]) else None
-                for frame in writer.written_frames() if sight else ():
-                    sight.take(frame)
+                if sight:
+                    for frame in writer.written_frames():
+                        sight.take(frame)
                 remarks = _state_facts(writer, run, sight, info, sensor, end.tare or tare, offset_ms)
             except BaseException as error:  # what was written is the only copy of the run; facts can be found again
                 writer.close()
