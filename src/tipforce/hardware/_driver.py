@@ -150,8 +150,8 @@ class ClockMap:
 class Driver(ABC):
     """One device. All calls come from one thread, but for ``counts``, ``clocks`` and what a driver adds to them.
 
-    ``name``: its table in ``bench.toml``, as "force" or "cameras.a". ``counts``: what went wrong so often, by name, over
-    all connections. ``remark``: one sentence on what is wrong with a device that answers, or empty.
+    ``name``: its table in ``bench.toml``, as "force" or "cameras.a". ``counts``: what went wrong how often, by name,
+    over all connections. ``remark``: one sentence on what is wrong with a device that answers, or empty.
     """
 
     def __init__(self, name: str) -> None:

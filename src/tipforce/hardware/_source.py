@@ -7,7 +7,7 @@ from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from ..errors import DeviceError
 from ..types import Clock, Event, SessionInfo, SystemClock
@@ -157,6 +157,7 @@ class HardwareSource:
         info: what is publicly known of the session.
         newest_only: only the newest frame of a view waits, for who shows or estimates; else 64 do, for a recording.
         clock: the host's; by default a monotonic one that begins at 2 s.
+        described: the devices as ``bench.toml`` describes them, for `record`.
 
     Raises ValueError where two drivers declare the same stream.
     """
@@ -168,8 +169,10 @@ class HardwareSource:
         *,
         newest_only: bool = False,
         clock: Clock | None = None,
+        described: Mapping[str, Any] | None = None,
     ) -> None:
         self.session_info = info or SessionInfo()
+        self.described = dict(described or {})
         self.clock: Clock = clock or SystemClock(START_NS)
         self.stopped = threading.Event()
         self._changed = threading.Condition()
@@ -276,8 +279,8 @@ class HardwareSource:
             for stream in (self._streams[declared.name],)
         )
         return DeviceHealth(
-            driver.name, device.state, device.connections, device.settings, Counter(driver.counts), device.message or driver.remark,
-            streams,
+            driver.name, device.state, device.connections, device.settings, Counter(driver.counts),
+            device.message or driver.remark, streams,
         )  # fmt: skip
 
     def __enter__(self) -> Self:
