@@ -195,7 +195,7 @@ class DaqForce(Driver):
         self._samples += len(volts)
         period_ns = 1e9 / self._rate_hz
         last_ns = self._map.host_ns(round((self._samples - 1) * period_ns), arrival)
-        if len(self._at_zero) * count < self.config.zero_s * self._rate_hz:
+        if len(self._at_zero) < round(self.config.zero_s / _BLOCK_S):
             self._at_zero.append(volts)
             self._zero = np.concatenate(self._at_zero).mean(axis=0)
             return ()

@@ -27,9 +27,9 @@ class OpenCvCameraConfig(DeviceConfig):
     """``[hardware.cameras.VIEW]`` with ``driver = "opencv"``.
 
     ``device``: a number, a path as "/dev/video0", or an address. ``fourcc``: pixel format, as "MJPG".
-    ``auto_exposure``, ``exposure`` and ``gain``: numbers of the driver. ``latency_ms``: from mid-exposure to the image's arrival, taken
-    from the arrival where the driver gives no stamps; ``stamp_latency_ms``: from mid-exposure to the driver's stamp
-    (negative where it stamps the start of the exposure).
+    ``auto_exposure``, ``exposure`` and ``gain``: numbers of the driver. ``latency_ms``: from mid-exposure to the
+    image's arrival, taken from the arrival where the driver gives no stamps; ``stamp_latency_ms``: from mid-exposure to
+    the driver's stamp (negative where it stamps the start of the exposure).
     """
 
     driver: Literal["opencv"] = "opencv"
@@ -80,8 +80,8 @@ class OpenCvCamera(Driver):
         """The view."""
         config = self.config
         clock = (
-            f"the driver's (V4L2, monotonic) minus stamp_latency_ms = {config.stamp_latency_ms:g} where it gives stamps, "
-            f"else the arrival minus latency_ms = {config.latency_ms:g}"
+            f"the driver's (V4L2, monotonic) minus stamp_latency_ms = {config.stamp_latency_ms:g}, or where it gives "
+            f"none the arrival minus latency_ms = {config.latency_ms:g}"
         )
         return (DeclaredStream(self.view, "frame", config.fps, clock),)
 

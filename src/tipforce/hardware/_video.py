@@ -51,11 +51,10 @@ class Video(Driver):
     @property
     def streams(self) -> tuple[DeclaredStream, ...]:
         """The view."""
-        clock = (
-            "the file's, from when the source began"
-            if self.config.is_file
-            else f"the stream's, brought to the host's by the least delay, minus latency_ms = {self.config.latency_ms:g}"
-        )
+        clock = "the file's, from when the source began"
+        if not self.config.is_file:
+            late = f"minus latency_ms = {self.config.latency_ms:g}"
+            clock = f"the stream's, brought to the host's by the least delay, {late}"
         return (DeclaredStream(self.view, "frame", None, clock),)
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
