@@ -20,6 +20,7 @@ VERBS: dict[str, str] = {
     "demo": "demo",
     "simulate": "simulate",
     "init-bench": "init_bench",
+    "record": "record",
     "import": "import_",
     "calibrate": "calibrate",
     "train": "train",
@@ -59,7 +60,7 @@ for _verb, _module in VERBS.items():
 
 
 _OPTIONS = (
-    (r"\b(overwrite|resume)=True\b", r"--\1"),
+    (r"\b(overwrite|resume|partial)=True\b", r"--\1"),
     (r"\binit_from=(\S+)", r"--from \1"),
     (r"\binit_from\b", "--from"),
     (r'\bprotocol="(\w+)"', r"--protocol \1"),

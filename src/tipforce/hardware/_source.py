@@ -177,6 +177,7 @@ class HardwareSource:
         self.stopped = threading.Event()
         self._changed = threading.Condition()
         self._order = 0
+        self._ends_ns: int | None = None
         self._streams: dict[str, _Stream] = {}
         for driver in drivers:
             for declared in driver.streams:
@@ -233,6 +234,14 @@ class HardwareSource:
         """End the iteration after what has arrived; from any thread, or a signal's handler."""
         self.stopped.set()
 
+    def begin(self, seconds: float | None = None) -> None:
+        """Forget what has waited, count drops anew, and end the iteration after ``seconds`` from now."""
+        with self._changed:
+            for stream in self._streams.values():
+                stream.waiting.clear()
+                stream.dropped = stream.unsorted = 0
+        self._ends_ns = None if seconds is None else self.clock.now_ns() + round(seconds * 1e9)
+
     def __iter__(self) -> Iterator[Event]:
         while (event := self._next()) is not None:
             yield event
@@ -244,6 +253,8 @@ class HardwareSource:
                     if device.bug is not None:
                         raise device.bug
                 ready = [stream for stream in self._streams.values() if stream.waiting]
+                if self._ends_ns is not None and self.clock.now_ns() >= self._ends_ns:
+                    self.stop()
                 if ready:
                     return min(ready, key=lambda stream: stream.waiting[0][0]).waiting.popleft()[1]
                 if self.stopped.is_set() or self._cameras_ended():
