@@ -105,6 +105,7 @@ def main() -> None:
     warnings.showwarning = _say_warning
     # read when OpenCV is first imported: what it finds wrong with an image is said by our own sentence
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # the same of what FFmpeg says of a camera
     try:
         with signals_end_the_program():
             app()

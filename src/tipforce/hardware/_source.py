@@ -3,7 +3,7 @@
 import logging
 import math
 import threading
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
@@ -290,7 +290,7 @@ class HardwareSource:
             for stream in (self._streams[declared.name],)
         )
         return DeviceHealth(
-            driver.name, device.state, device.connections, device.settings, Counter(driver.counts),
+            driver.name, device.state, device.connections, device.settings, dict(driver.counts),
             device.message or driver.remark, streams,
         )  # fmt: skip
 

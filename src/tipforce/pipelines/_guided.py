@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..io import RecordingReader, spread_images
-from ..types import Actuation, Event, FloatArray, Frame, Image, Wrench
+from ..types import Event, FloatArray, Frame, Image, Wrench
 from ..vision import ShapeDetector, VisionSettings, auto_calibrate
 from ._summary import RecordingSummary
 
@@ -64,8 +64,8 @@ class Guide:
     _began_ns: int | None = None
     _first_force_ns: int | None = None
     _tries: int = 0
-    _stamps: array[int] = field(default_factory=lambda: array("q"))
-    _force: array[float] = field(default_factory=lambda: array("d"))
+    _stamps: "array[int]" = field(default_factory=lambda: array("q"))
+    _force: "array[float]" = field(default_factory=lambda: array("d"))
     _image: Image | None = None
     _now_ns: int = 0
     _spread_n: float = math.nan
@@ -92,7 +92,7 @@ class Guide:
             self._take_force(event, name)
         elif isinstance(event, Frame):
             self._take_image(event.image)
-        elif isinstance(event, Actuation):
+        else:
             for key, value in event.values.items():
                 low, high = self.moved.get(key, (value, value))
                 self.moved[key] = min(low, value), max(high, value)

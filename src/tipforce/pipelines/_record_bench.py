@@ -189,20 +189,19 @@ class _Watched:
             self._source.stop()
 
     def seconds(self) -> float:
-        """Since the first event."""
+        """Since the first event's stamp."""
         return 0.0 if self._began_ns is None else (self.clock.now_ns() - self._began_ns) * 1e-9
 
     def __iter__(self) -> Iterator[Event]:
         for event in self._source:
-            now = self.clock.now_ns()
             if self._began_ns is None:
-                self._began_ns = now
+                self._began_ns = event.stamp_ns
             name, kind = _stream(event)
-            self._meters.setdefault((name, kind), StreamMeter()).add(now)
+            self._meters.setdefault((name, kind), StreamMeter()).add(self.clock.now_ns())
             yield event
             if self._guide is not None:
                 self._guide.take(event)
-            over = self._seconds is not None and now - self._began_ns >= self._seconds * 1e9
+            over = self._seconds is not None and event.stamp_ns - self._began_ns >= self._seconds * 1e9
             if over or self._stopped or (self._guide is not None and self._guide.done):
                 self.stop()
                 if not isinstance(self._source, HardwareSource):  # which gives what has arrived, then ends
