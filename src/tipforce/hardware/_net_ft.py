@@ -7,6 +7,7 @@ the counts of Fx, Fy, Fz, Tx, Ty, Tz. How many counts a unit has, and which unit
 import math
 import socket
 import struct
+import sys
 import urllib.error
 import urllib.request
 from collections.abc import Mapping, Sequence
@@ -41,8 +42,8 @@ _TORQUE_UNITS = {
 _HTTP_S = 2.0
 _ASK_AGAIN_S, _LOST_S = 0.25, 1.0
 """Silence after which the stream is asked for again, and after which the box counts as lost."""
-_BUFFER_BYTES = 1 << 20
-"""For a host that is busy for a second: some 15,000 packets."""
+_BUFFER_BYTES = 4 << 20
+"""For a host that is busy: some 5000 packets, which take 768 bytes each in Linux; less may be granted."""
 _BEHIND = 1000
 """A packet further behind than this comes from a box that began to count anew."""
 _RATE = (1.0, 7000.0)
@@ -208,7 +209,14 @@ class NetFt(Driver):
             Setting("torque_unit", None, facts["scfgtu"]),
             Setting("calibration", None, facts.get("calsn", "")),
             Setting("filter", None, facts.get("setuserfilter", "")),
+            Setting("buffer_bytes", _BUFFER_BYTES, min(self._buffer_bytes(), _BUFFER_BYTES)),
         )
+
+    def _buffer_bytes(self) -> int:
+        """What the operating system grants; Linux says twice of it, and holds it below net.core.rmem_max."""
+        assert self._socket is not None
+        granted = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        return granted // 2 if sys.platform == "linux" else granted
 
     def bias(self) -> None:
         """Make what the sensor shows now the box's zero."""
