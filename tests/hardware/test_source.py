@@ -152,6 +152,15 @@ def test_the_least_delay_of_late_tells_the_clocks_apart():
     assert report.delay_s == pytest.approx(2.2e-3, abs=1e-3)
 
 
+def test_a_device_whose_clock_stood_still_is_found_within_two_seconds():
+    device = np.arange(0, 8_000_000_000, 10_000_000)
+    arrival = device + 1_000_000_000 + 400_000_000 * (device > 4_000_000_000)
+    clock = ClockMap()
+    stamps = np.array([clock.host_ns(int(d), int(a)) for d, a in zip(device, arrival, strict=True)])
+    assert np.all(np.diff(stamps) > 0)
+    assert (arrival - stamps)[device > 6_500_000_000].max() == 0
+
+
 BENCH = """
 [views.camera]
 metres_per_px = 2.0e-4

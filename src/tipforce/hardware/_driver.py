@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from ..types import Clock, Event, Frame, Wrench
 
@@ -19,6 +19,7 @@ __all__ = [
     "DeviceConfig",
     "Driver",
     "EndOfStream",
+    "Number",
     "Setting",
     "StreamKind",
     "monotonic_to",
@@ -26,6 +27,8 @@ __all__ = [
 ]
 
 StreamKind = Literal["frame", "wrench", "actuation"]
+Number = Annotated[float, Field(ge=-1e12, le=1e12)]
+"""A number in the units of a device."""
 
 
 class DeviceConfig(BaseModel):
@@ -89,6 +92,7 @@ class ClockReport:
 _BUCKET_NS = 1_000_000_000
 _BUCKETS = 10
 """The least delay of the last ten seconds counts: a drift of 50 ppm then moves a stamp by half a millisecond."""
+_STOOD_NS = 100_000_000
 _DRIFT_AFTER_S = 20.0
 _SHARE = 0.02
 """Of a new reading in the mean delay."""
@@ -118,6 +122,10 @@ class ClockMap:
         else:
             if self._first is None and len(self._least) == 2:
                 self._first = self._least[1]  # the first whole second
+            if len(self._least) > 1 and self._least[-1][1] > self._offset_ns + _STOOD_NS:
+                self._least = deque(
+                    [self._least[-1]]
+                )  # for a whole second nothing came as fast: that clock stood still
             self._least.append((bucket, delay))
             while self._least[0][0] <= bucket - _BUCKETS:
                 self._least.popleft()

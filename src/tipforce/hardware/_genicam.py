@@ -9,7 +9,7 @@ from pydantic import Field
 
 from ..errors import DeviceError, MissingExtraError
 from ..types import Clock, Event, Frame, Image
-from ._driver import ClockMap, ClockReport, DeclaredStream, DeviceConfig, Driver, Setting
+from ._driver import ClockMap, ClockReport, DeclaredStream, DeviceConfig, Driver, Number, Setting
 
 __all__ = ["GenICamCamera", "GenICamCameraConfig"]
 
@@ -29,8 +29,8 @@ class GenICamCameraConfig(DeviceConfig):
     driver: Literal["genicam"] = "genicam"
     producer: Path
     serial_number: str | None = None
-    fps: Annotated[float, Field(gt=0)] | None = None
-    nodes: dict[str, float | int | str | bool] = Field(default_factory=dict)
+    fps: Annotated[float, Field(gt=0, le=10_000)] | None = None
+    nodes: dict[str, Number | str | bool] = Field(default_factory=dict)
     grey: bool = False
     latency_ms: Annotated[float, Field(ge=0.0, le=900.0)] = 0.0
 

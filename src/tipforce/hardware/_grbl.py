@@ -17,7 +17,7 @@ from pydantic import Field
 
 from ..errors import DeviceError
 from ..types import JOINTS, STAGE, Actuation, AxisLimits, Clock, Commanded, Event, refuse_unknown
-from ._driver import DeclaredStream, DeviceConfig, Driver, Setting
+from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting
 from ._serial import LinePort
 
 __all__ = ["CANCEL", "HOLD", "RESET", "STATUS", "AxisConfig", "GrblActuators", "GrblConfig", "GrblStage"]
@@ -48,10 +48,10 @@ class AxisConfig(DeviceConfig):
     """
 
     axis: Literal["X", "Y", "Z", "A", "B", "C"]
-    low: float
-    high: float
-    max_speed: Annotated[float, Field(gt=0)] | None = None
-    max_acceleration: Annotated[float, Field(gt=0)] | None = None
+    low: Number
+    high: Number
+    max_speed: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    max_acceleration: Annotated[float, Field(gt=0, le=1e9)] | None = None
     scale: Annotated[float, Field(ge=-1e6, le=1e6)] = 1.0
 
 
@@ -64,9 +64,9 @@ class GrblConfig(DeviceConfig):
 
     driver: Literal["grbl"] = "grbl"
     port: str
-    baud: Annotated[int, Field(gt=0)] = 115200
+    baud: Annotated[int, Field(gt=0, le=10_000_000)] = 115200
     axes: dict[str, AxisConfig]
-    settings: dict[str, float] = Field(default_factory=dict)
+    settings: dict[str, Number] = Field(default_factory=dict)
     zero: bool = False
     status_hz: Annotated[float, Field(gt=0, le=200)] = 50.0
     latency_ms: Annotated[float, Field(ge=0.0, le=900.0)] = 5.0

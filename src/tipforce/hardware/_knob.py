@@ -11,7 +11,7 @@ from pydantic import Field
 from ..errors import DeviceError
 from ..io import read_knob_log
 from ..types import KNOB, Actuation, Clock, Event, actuation_range
-from ._driver import DeclaredStream, DeviceConfig, Driver, Setting
+from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting
 from ._serial import LinePort
 
 __all__ = ["ConstantKnob", "ConstantKnobConfig", "LogKnob", "LogKnobConfig", "SerialKnob", "SerialKnobConfig"]
@@ -32,11 +32,11 @@ class SerialKnobConfig(DeviceConfig):
 
     driver: Literal["serial"] = "serial"
     port: str
-    baud: Annotated[int, Field(gt=0)] = 115200
+    baud: Annotated[int, Field(gt=0, le=10_000_000)] = 115200
     quantity: str = KNOB
-    scale: float = 1.0
-    offset: float = 0.0
-    rate_hz: Annotated[float, Field(gt=0)] | None = None
+    scale: Number = 1.0
+    offset: Number = 0.0
+    rate_hz: Annotated[float, Field(gt=0, le=100_000)] | None = None
     latency_ms: Annotated[float, Field(ge=0.0, le=900.0)] = 0.0
 
 
@@ -51,7 +51,7 @@ class ConstantKnobConfig(DeviceConfig):
     """``[hardware.knob]`` with ``driver = "constant"``: an angle that a person has set."""
 
     driver: Literal["constant"] = "constant"
-    value: float
+    value: Number
     quantity: str = KNOB
 
 

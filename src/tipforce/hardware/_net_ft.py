@@ -97,13 +97,14 @@ class RdtCheck:
 
     ``counts``: "lost" packets; "late", which came behind a later one (and count as lost no more); "duplicate";
     "status", refused for a status word that is not 0; "frozen", with a new RDT sequence but the F/T sequence of before;
-    "malformed". ``status``: the last status word that was not 0.
+    "malformed"; "restarts" of the count after it was asked for a new stream. ``status``: the last status word but 0.
     """
 
     def __init__(self, counts: dict[str, int]) -> None:
         self._counts = counts
         self.status = 0
         self._last: tuple[int, int] | None = None
+        self._asked_anew = False
         self._missing: set[int] = set()
 
     def take(self, packet: bytes) -> tuple[int, tuple[int, ...]] | None:
@@ -115,8 +116,13 @@ class RdtCheck:
             self._count("malformed")
             return None
         rdt, ft, status, *counts = RDT_REPLY.unpack(packet)
+        if self._last is not None and self._asked_anew and self._step(rdt) <= 0:
+            self._last = None
+            self._missing.clear()
+            self._count("restarts")
+        self._asked_anew = False
         if self._last is not None:
-            step = (rdt - self._last[0] + (1 << 31)) % (1 << 32) - (1 << 31)  # uint32 that wraps round
+            step = self._step(rdt)
             if step < -_BEHIND:
                 self._last = None
                 raise DeviceError("the Net F/T box counts its packets anew: it was restarted, or somebody else uses it")
@@ -143,6 +149,15 @@ class RdtCheck:
             self._count("frozen")
             return None
         return rdt, tuple(counts)
+
+    def restart(self) -> None:
+        """The box was asked for a new stream, whose packets may count from anywhere."""
+        self._asked_anew = True
+
+    def _step(self, rdt: int) -> int:
+        """How far ``rdt`` lies ahead of the last one: 32 bits that wrap round."""
+        assert self._last is not None
+        return (rdt - self._last[0] + (1 << 31)) % (1 << 32) - (1 << 31)
 
     def _count(self, what: str, by: int = 1) -> None:
         self._counts[what] = self._counts.get(what, 0) + by
@@ -266,6 +281,8 @@ class NetFt(Driver):
         if now_ns - max(self._asked_ns, self._heard_ns) > _ASK_AGAIN_S * 1e9:
             self._asked_ns = now_ns
             self._send(STREAM)
+            self._check.restart()
+            self._map = ClockMap()  # its count may have stood still, too
 
     def close(self) -> None:
         """Ask the box to stop, and let go of it."""

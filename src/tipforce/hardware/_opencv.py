@@ -11,7 +11,7 @@ from pydantic import Field
 
 from ..errors import DeviceError
 from ..types import Clock, Event, Frame, Image
-from ._driver import ClockReport, DeclaredStream, DeviceConfig, Driver, Setting, monotonic_to
+from ._driver import ClockReport, DeclaredStream, DeviceConfig, Driver, Number, Setting, monotonic_to
 
 __all__ = ["OpenCvCamera", "OpenCvCameraConfig", "upright_image"]
 
@@ -33,14 +33,14 @@ class OpenCvCameraConfig(DeviceConfig):
     """
 
     driver: Literal["opencv"] = "opencv"
-    device: int | str
-    width: Annotated[int, Field(gt=0)] | None = None
-    height: Annotated[int, Field(gt=0)] | None = None
-    fps: Annotated[float, Field(gt=0)] | None = None
+    device: Annotated[int, Field(ge=0, le=1000)] | str
+    width: Annotated[int, Field(gt=0, le=65_535)] | None = None
+    height: Annotated[int, Field(gt=0, le=65_535)] | None = None
+    fps: Annotated[float, Field(gt=0, le=10_000)] | None = None
     fourcc: Annotated[str, Field(min_length=4, max_length=4)] | None = None
-    auto_exposure: float | None = None
-    exposure: float | None = None
-    gain: float | None = None
+    auto_exposure: Number | None = None
+    exposure: Number | None = None
+    gain: Number | None = None
     grey: bool = False
     latency_ms: Annotated[float, Field(ge=0.0, le=900.0)] = 0.0
     stamp_latency_ms: Annotated[float, Field(ge=-500.0, le=900.0)] = 0.0

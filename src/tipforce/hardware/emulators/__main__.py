@@ -1,9 +1,8 @@
 """A bench of emulated devices: a camera, a Net F/T box, a GRBL stage and an encoder, with a ``bench.toml`` for them.
 
-python -m tipforce.hardware.emulators FOLDER [--loss 0.01] [--reorder 0.01] [--seconds S]
+python -m tipforce.hardware.emulators FOLDER [--loss 0.01] [--reorder 0.01] [--fps 30] [--seconds S]
 """
 
-import argparse
 import math
 import sys
 import time
@@ -11,6 +10,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
+import typer
 
 from ...types import Image
 from . import CameraEmulator, EncoderEmulator, GrblEmulator, NetFtEmulator, NetFtFaults
@@ -68,21 +68,17 @@ def _image(bend: float) -> Image:
     return image
 
 
-def main() -> int:
-    """Run until Ctrl-C, or for so long as the command line says."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--loss", type=float, default=0.0, help="share of the force packets that are lost")
-    parser.add_argument("--reorder", type=float, default=0.0, help="share of them that come late")
-    parser.add_argument("--fps", type=float, default=30.0)
-    parser.add_argument("--seconds", type=float, default=math.inf)
-    options = parser.parse_args()
-    folder: Path = options.folder.absolute()
+def main(folder: Path, loss: float = 0.0, reorder: float = 0.0, fps: float = 30.0, seconds: float = math.inf) -> None:
+    """Start a camera, a Net F/T box, a GRBL stage and an encoder, and write FOLDER/bench.toml for them.
+
+    LOSS and REORDER are shares of the force packets that get lost or come late. It runs until Ctrl-C, or for SECONDS.
+    """
+    folder = folder.absolute()
     folder.mkdir(parents=True, exist_ok=True)
     zero = time.monotonic()
-    faults = NetFtFaults(options.loss, options.reorder)
+    faults = NetFtFaults(loss, reorder)
     with ExitStack() as stack:
-        camera = stack.enter_context(CameraEmulator(lambda _: _image(_push(time.monotonic() - zero)), fps=options.fps))
+        camera = stack.enter_context(CameraEmulator(lambda _: _image(_push(time.monotonic() - zero)), fps=fps))
         box = stack.enter_context(
             NetFtEmulator(lambda _: (0.0, _PEAK_N * _push(time.monotonic() - zero), 0.0, 0.0, 0.0, 0.0), faults=faults)
         )
@@ -92,13 +88,12 @@ def main() -> int:
         bench.write_text(
             _BENCH.format(url=camera.url, port=box.port, http_port=box.http_port, stage=stage.path, knob=knob.path)
         )
-        sys.stdout.write(f"next, in another terminal: tipforce record --bench {bench} -o run.mcap --seconds 20\n")
+        sys.stdout.write(f"next, in another terminal: tipforce record -o run.mcap --seconds 20 --bench {bench}\n")
         sys.stdout.flush()
         with suppress(KeyboardInterrupt):
-            while time.monotonic() - zero < options.seconds:
-                time.sleep(min(0.2, max(0.0, options.seconds - (time.monotonic() - zero))))
-    return 0
+            while time.monotonic() - zero < seconds:
+                time.sleep(min(0.2, max(0.0, seconds - (time.monotonic() - zero))))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    typer.run(main)
