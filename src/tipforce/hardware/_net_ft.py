@@ -261,7 +261,10 @@ class NetFt(Driver):
             raise DeviceError(f"{self._where}: {error.strerror or error}") from None
 
     def _wrench(self, packet: bytes, arrival_ns: int) -> Wrench | None:
+        restarts = self.counts["restarts"]
         taken = self._check.take(packet)
+        if self.counts["restarts"] > restarts:
+            self._map, self._zero = ClockMap(), None
         if self._check.status:
             self.remark = f"{self._where}: refused readings with the status word 0x{self._check.status:08x}"
         if taken is None:
@@ -282,7 +285,6 @@ class NetFt(Driver):
             self._asked_ns = now_ns
             self._send(STREAM)
             self._check.restart()
-            self._map = ClockMap()  # its count may have stood still, too
 
     def close(self) -> None:
         """Ask the box to stop, and let go of it."""

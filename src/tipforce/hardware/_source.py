@@ -23,8 +23,8 @@ START_NS = 2_000_000_000
 _POLL_S = 0.1
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 5.0
 """Between attempts to connect: doubled each time, up to the latter."""
-_ROOM = {"frame": 64, "wrench": 8192, "actuation": 2048}
-"""Readings that wait for whoever takes them: a second of images, some of the rest."""
+_ROOM = {"frame": 64, "wrench": 65_536, "actuation": 2048}
+"""Readings that wait for whoever takes them: a second of images, a minute of force."""
 _RATE_OVER_NS = 2_000_000_000
 _LEAVE_S = 2.0
 """A camera that hangs in its driver is left behind; its thread ends with the program."""
