@@ -20,6 +20,7 @@ VERBS: dict[str, str] = {
     "demo": "demo",
     "simulate": "simulate",
     "init-bench": "init_bench",
+    "record": "record",
     "import": "import_",
     "calibrate": "calibrate",
     "train": "train",
@@ -59,7 +60,7 @@ for _verb, _module in VERBS.items():
 
 
 _OPTIONS = (
-    (r"\b(overwrite|resume)=True\b", r"--\1"),
+    (r"\b(overwrite|resume|partial)=True\b", r"--\1"),
     (r"\binit_from=(\S+)", r"--from \1"),
     (r"\binit_from\b", "--from"),
     (r'\bprotocol="(\w+)"', r"--protocol \1"),
@@ -104,6 +105,7 @@ def main() -> None:
     warnings.showwarning = _say_warning
     # read when OpenCV is first imported: what it finds wrong with an image is said by our own sentence
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # the same of what FFmpeg says of a camera
     try:
         with signals_end_the_program():
             app()

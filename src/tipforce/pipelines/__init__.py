@@ -4,10 +4,12 @@ from ._calibrate import CalibrateReport, calibrate, describe_calibration, plot_c
 from ._demo import DemoReport, demo
 from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_estimates
 from ._evaluate import EvaluateReport, evaluate
+from ._guided import Guide, missing_for_training
 from ._import_session import import_session
 from ._inspect import inspect
 from ._inspect_images import InspectionResult, inspect_frames, inspect_image_file, inspect_sessions
 from ._record import RecordingReport, record
+from ._record_bench import BenchRecording, describe_health
 from ._simulate import SimulateReport, preset_settings, simulate, simulate_dataset
 from ._simulate_samples import write_samples
 from ._summary import RecordingSummary, describe_recording, plot_summary, summarise_recording
@@ -15,10 +17,12 @@ from ._train import TrainReport, train
 
 __all__ = [
     "COLUMNS",
+    "BenchRecording",
     "CalibrateReport",
     "DemoReport",
     "EstimateReport",
     "EvaluateReport",
+    "Guide",
     "InspectionResult",
     "RecordingReport",
     "RecordingSummary",
@@ -28,6 +32,7 @@ __all__ = [
     "check_inputs",
     "demo",
     "describe_calibration",
+    "describe_health",
     "describe_recording",
     "estimate",
     "evaluate",
@@ -36,6 +41,7 @@ __all__ = [
     "inspect_frames",
     "inspect_image_file",
     "inspect_sessions",
+    "missing_for_training",
     "plot_calibration",
     "plot_summary",
     "preset_settings",

@@ -1,0 +1,294 @@
+"""A bench of devices, or a simulated one in real time, into one recording, with all that is known of its health."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from ..alignment import OffsetChoice, TareChoice
+from ..errors import DeviceError, InputError
+from ..hardware import (
+    ClockReport,
+    DeclaredStream,
+    DeviceHealth,
+    HardwareSource,
+    StreamHealth,
+    StreamMeter,
+    open_bench,
+)
+from ..simulation import LiveSimulation
+from ..types import Clock, Event, Frame, SessionInfo, Source, Wrench
+from ._guided import Guide, missing_for_training
+from ._record import Ended, RecordingReport, record
+from ._simulate import preset_settings
+
+__all__ = ["BenchRecording", "describe_health"]
+
+_CONNECT_S = 10.0
+"""For all devices to answer."""
+
+
+class BenchRecording:
+    """A recording that is made while it is looked at: ``health`` and ``prompt`` may be asked from another thread.
+
+    Args:
+        bench: ``bench.toml`` with its devices.
+        simulated: preset of a simulated bench, in place of devices, in real time.
+        stated: metadata in place of those of ``bench``.
+        seconds: how long; else until `stop`, the end of the guide, or of a simulated session.
+        guide: a guided first session, or None.
+        partial: record also where a device does not answer.
+        seed: of the simulated bench.
+
+    Raises:
+        InputError: neither or both of ``bench`` and ``simulated`` are given, or the bench is refused.
+    """
+
+    def __init__(
+        self,
+        bench: Path | None = None,
+        *,
+        simulated: str | None = None,
+        stated: SessionInfo | None = None,
+        seconds: float | None = None,
+        guide: Guide | None = None,
+        partial: bool = False,
+        seed: int = 0,
+    ) -> None:
+        if (bench is None) == (simulated is None):
+            raise InputError("state either a bench.toml with its devices, or the preset of a simulated bench")
+        if seconds is not None and not seconds > 0:
+            raise InputError(f"seconds = {seconds:g} is refused: expected more than 0")
+        self.guide, self._seconds, self._partial = guide, seconds, partial
+        self._stated = stated or SessionInfo()
+        self._hardware = None if bench is None else open_bench(bench)
+        self._simulation = (
+            None if simulated is None else LiveSimulation(preset_settings(simulated), seed, real_time=True)
+        )
+        self._watched: _Watched | None = None
+        self._stopped = False
+        self.health_at_end: tuple[DeviceHealth, ...] = ()
+
+    def stop(self) -> None:
+        """End the recording after what has arrived; from any thread, or a signal's handler."""
+        self._stopped = True
+        if self._watched is not None:
+            self._watched.stop()
+
+    def health(self) -> tuple[DeviceHealth, ...]:
+        """How the devices do now."""
+        if self._hardware is not None:
+            return self._hardware.health()
+        return self._watched.health() if self._watched is not None else ()
+
+    def seconds_so_far(self) -> float:
+        """Of recording; 0 before it has begun."""
+        return self._watched.seconds() if self._watched is not None else 0.0
+
+    def connect(self) -> list[str]:
+        """Wait for the devices; returns remarks on settings that differ from what was asked for.
+
+        Raises:
+            DeviceError: a device does not answer, unless ``partial``; all of them are named.
+        """
+        if self._hardware is None:
+            return []
+        self._hardware.__enter__()
+        missing = self._hardware.wait_connected(_CONNECT_S)
+        said = [device.message or f"hardware.{device.name} does not answer" for device in missing]
+        if said and not self._partial:
+            self._hardware.__exit__(None, None, None)
+            raise DeviceError(f"{'; '.join(said)}; to record without, state partial=True")
+        return said + [
+            f"hardware.{device.name}: {setting.name} is {_shown(setting.actual)}, not {_shown(setting.requested)} as "
+            "asked for"
+            for device in self._hardware.health()
+            for setting in device.settings
+            if setting.differs
+        ]
+
+    def run(
+        self,
+        target: Path,
+        *,
+        tare: TareChoice = "auto",
+        offset_ms: OffsetChoice = "auto",
+        lossless: bool = False,
+        overwrite: bool = False,
+    ) -> RecordingReport:
+        """Record to ``target`` until the end; see `record` for what it raises.
+
+        With a guide the remarks end with what is missing to train on it, or say that it can be trained on.
+        """
+        if self._hardware is not None:
+            with self._hardware as source:
+                source.begin(self._seconds)
+                return self._run(source, source.clock, target, tare, offset_ms, lossless, overwrite)
+        assert self._simulation is not None
+        with self._simulation as simulation:
+            return self._run(simulation.source, simulation.clock, target, tare, offset_ms, lossless, overwrite)
+
+    def _run(
+        self,
+        source: Source,
+        clock: Clock,
+        target: Path,
+        tare: TareChoice,
+        offset_ms: OffsetChoice,
+        lossless: bool,
+        overwrite: bool,
+    ) -> RecordingReport:
+        info = source.session_info.updated(self._stated)
+        self._watched = _Watched(source, clock, info, self._seconds, self.guide)
+        if self._stopped:
+            self._watched.stop()
+        report = record(
+            self._watched, target, tare=tare, offset_ms=offset_ms, lossless=lossless, overwrite=overwrite,
+            ended=self._ended,
+        )  # fmt: skip
+        said = describe_health(self.health_at_end)
+        if self.guide is not None:
+            missing = missing_for_training(report.summary, self.guide)
+            said += [f"missing: {each}" for each in missing] or [
+                f"you can train now: `tipforce train {target} -o models/svr`; record more sessions to judge it by"
+            ]
+        return RecordingReport(report.summary, (*report.remarks, *said))
+
+    def _ended(self) -> Ended:
+        assert self._watched is not None
+        self.health_at_end = self.health()
+        notes = {
+            "tipforce.clock": _clock_statement(self._watched.clock, self.health_at_end),
+            "tipforce.devices": {"json": _json([_health_values(device) for device in self.health_at_end])},
+        }
+        if self._hardware is not None:
+            notes["tipforce.hardware"] = {"json": _json(self._hardware.described)}
+        return Ended(notes, None if self.guide is None else self.guide.tare_s)
+
+
+class _Watched:
+    """A source with its meters, a guide, and an end."""
+
+    def __init__(
+        self, source: Source, clock: Clock, info: SessionInfo, seconds: float | None, guide: Guide | None
+    ) -> None:
+        self._source, self.clock, self.session_info = source, clock, info
+        self._seconds, self._guide = seconds, guide
+        self._stopped = False
+        self._began_ns: int | None = None
+        self._meters: dict[tuple[str, str], StreamMeter] = {}
+
+    def stop(self) -> None:
+        """End after the event that comes next."""
+        self._stopped = True
+        if isinstance(self._source, HardwareSource):
+            self._source.stop()
+
+    def seconds(self) -> float:
+        """Since the first event's stamp."""
+        return 0.0 if self._began_ns is None else (self.clock.now_ns() - self._began_ns) * 1e-9
+
+    def __iter__(self) -> Iterator[Event]:
+        for event in self._source:
+            if self._began_ns is None:
+                self._began_ns = event.stamp_ns
+            name, kind = _stream(event)
+            self._meters.setdefault((name, kind), StreamMeter()).add(self.clock.now_ns())
+            yield event
+            if self._guide is not None:
+                self._guide.take(event)
+            over = self._seconds is not None and event.stamp_ns - self._began_ns >= self._seconds * 1e9
+            if over or self._stopped or (self._guide is not None and self._guide.done):
+                self.stop()
+                if not isinstance(self._source, HardwareSource):  # which gives what has arrived, then ends
+                    return
+
+    def health(self) -> tuple[DeviceHealth, ...]:
+        """Of a source without devices: as one."""
+        now = self.clock.now_ns()
+        streams = tuple(
+            StreamHealth(
+                DeclaredStream(name, kind, None, "simulated"),  # type: ignore[arg-type]
+                meter.rate_hz(now), meter.count, 0, 0, meter.age_s(now), ClockReport(),
+            )
+            for (name, kind), meter in tuple(self._meters.items())
+        )  # fmt: skip
+        return (DeviceHealth("simulated bench", "connected", 1, (), {}, "", streams),)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """The source is closed by whoever opened it."""
+
+
+def _stream(event: Event) -> tuple[str, Any]:
+    if isinstance(event, Frame):
+        return event.view, "frame"
+    return ("force", "wrench") if isinstance(event, Wrench) else (event.stream, "actuation")
+
+
+def describe_health(devices: tuple[DeviceHealth, ...]) -> list[str]:
+    """What went wrong on the way, one line for each device or stream with something to say."""
+    said: list[str] = []
+    for device in devices:
+        found = [f"{count} {what}" for what, count in sorted(device.counts.items()) if count]
+        if device.connections > 1:
+            found.append(f"connected {device.connections} times")
+        for stream in device.streams:
+            if stream.dropped:
+                found.append(f"{stream.dropped} of {stream.stream.name} dropped, for the writing was behind")
+            if stream.unsorted:
+                found.append(f"{stream.unsorted} of {stream.stream.name} refused, for their stamps did not rise")
+            if not stream.count:
+                found.append(f"nothing came of {stream.stream.name}")
+        if found:
+            said.append(f"{device.name}: {', '.join(found)}" + (f" ({device.message})" if device.message else ""))
+    return said
+
+
+def _shown(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float | int) else str(value)
+
+
+def _json(value: object) -> str:
+    return json.dumps(_finite(value), ensure_ascii=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _finite(each) for key, each in value.items()}  # pyright: ignore[reportUnknownArgumentType]
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]  # pyright: ignore[reportUnknownVariableType]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _health_values(device: DeviceHealth) -> dict[str, Any]:
+    return asdict(device) | {"settings": [asdict(setting) for setting in device.settings]}
+
+
+def _clock_statement(clock: Clock, devices: tuple[DeviceHealth, ...]) -> dict[str, str]:
+    """What the stamps of each stream are, and when their zero was."""
+    zero = datetime.now(UTC) - timedelta(microseconds=clock.now_ns() / 1000)
+    return {
+        "zero_utc": zero.isoformat(timespec="milliseconds"),
+        "meaning": "all stamps are nanoseconds on the recording machine's monotonic clock since zero_utc",
+        "streams": _json(
+            {
+                stream.stream.name: {
+                    "stamps": stream.stream.clock,
+                    "offset_s": stream.clock.offset_s,
+                    "mean_delay_s": stream.clock.delay_s,
+                    "drift_ppm": stream.clock.drift_ppm,
+                }
+                for device in devices
+                for stream in device.streams
+            }
+        ),
+    }
