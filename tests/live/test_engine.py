@@ -54,7 +54,7 @@ def test_every_update_comes_in_order_with_image_age_and_health(engine):
     assert report.valid == len(good)
     assert report.notices + report.estimated == len(notes.updates) == report.sinks["notes"].taken
     assert 0 < report.latency_p50_s <= report.latency_p99_s
-    assert 100 < notes.updates[-2].health.frames_per_s <= 300 or report.dropped
+    assert 50 < notes.updates[-2].health.frames_per_s <= 300
 
 
 def test_a_slow_method_gets_the_newest_frame(engine):
@@ -62,8 +62,8 @@ def test_a_slow_method_gets_the_newest_frame(engine):
     report = engine(Camera(100), method, notes).run()
     assert report.dropped > 50
     assert report.estimated + report.dropped == 100
-    late = [each.latency_s for each in notes.updates if each.frames]
-    assert np.median(late) < 0.02 + 0.02
+    ages_s = [each.latency_s for each in notes.updates if each.frames]
+    assert np.median(ages_s) < 0.06  # a queue would let them grow to 1.6 s
 
 
 @pytest.mark.parametrize("keeps_all", [False, True])
@@ -101,7 +101,7 @@ def test_a_sink_that_cannot_start_is_tried_again_later_and_later(engine):
 
     refuses = Refuses("refuses")
     report = engine(Camera(60), Method(), refuses).run()
-    assert 2 <= refuses.started <= 10  # 20, 40, 40, ... ms in 240 ms
+    assert 2 <= refuses.started <= 2 + report.seconds / 0.04  # after 20, 40, 40, ... ms
     assert report.sinks["refuses"].failures == refuses.started
     assert not refuses.updates
 
