@@ -108,11 +108,9 @@ class EncodedUpdate:
 def _jpeg(image: Image, width: int, quality: int) -> bytes:
     """``image`` (h, w) grey or (h, w, 3) RGB as JPEG, ``width`` pixels wide."""
     height = max(1, round(image.shape[0] * width / image.shape[1]))
-    if width < image.shape[1]:
-        image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
-    if image.ndim == 3:
-        image = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) if width < image.shape[1] else image
+    coloured = cv2.cvtColor(small, cv2.COLOR_RGB2BGR) if small.ndim == 3 else small
+    done, data = cv2.imencode(".jpg", coloured, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not done:
         raise RuntimeError(f"an image of {image.shape} could not be written as JPEG")
     return data.tobytes()

@@ -74,10 +74,9 @@ class PageServer:
     """
 
     def __init__(
-        self, address: str, sink: PageSink, hub: Hub, server: uvicorn.Server, thread: threading.Thread
+        self, address: str, port: int, sink: PageSink, hub: Hub, server: uvicorn.Server, thread: threading.Thread
     ) -> None:
-        self.address = address
-        self.sink = sink
+        self.address, self.port, self.sink = address, port, sink
         self._hub, self._server, self._thread = hub, server, thread
 
     @property

@@ -62,9 +62,11 @@ def _tip_axis(shape: DetectedShape) -> FloatArray | None:
     assert shape.base is not None
     points = shape.centreline.points
     back = max(1, round(TIP_SHARE * (len(points) - 1)))
-    along = shape.base.axes_px @ (points[-1] - points[-1 - back]) if len(points) > back else np.zeros(2)
-    length = float(np.hypot(*along))
-    return np.array([*along, 0.0]) / length if length > 0.0 else None
+    if len(points) <= back:
+        return None
+    along = shape.base.axes_px @ (points[-1] - points[-1 - back])
+    length = float(np.linalg.norm(along))
+    return np.append(along, 0.0) / length if length > 0.0 else None
 
 
 def _angle_error_deg(estimate: ForceEstimate, axis: FloatArray, across: FloatArray, size: float) -> float:
