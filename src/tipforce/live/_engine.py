@@ -22,7 +22,7 @@ from ._report import LiveReport
 from ._runner import SinkRunner
 from ._settings import LiveSettings
 from ._sinks import Sink
-from ._update import LiveHealth, LiveUpdate
+from ._update import LiveHealth, LiveUpdate, SinkHealth
 from ._watchdog import Fault
 from ._zero import ZeroButton
 
@@ -73,14 +73,14 @@ class Engine:
         self.settings = settings or LiveSettings()
         self.clock = clock or SystemClock()
         self._estimator, self._info = estimator, source.session_info
-        name = model or estimator.name
+        self._model = model or estimator.name
         self._stop, self._done, self._wake = threading.Event(), threading.Event(), threading.Event()
         same_clock = isinstance(source, _Clocked) and source.clock is self.clock
         self._intake = Intake(
             estimator.views, self._info, self.settings, same_clock=same_clock, on_fault=self._wake.set
         )
         self._reader = SourceReader(source, self._intake, self.settings, self.clock, self._stop, tap)
-        self._runners = [SinkRunner(sink, self._info, name, self.settings, self.clock) for sink in sinks]
+        self._runners: tuple[SinkRunner, ...] = ()
         self._publishing = threading.RLock()
         self._contact, self._zero = ContactTotals(self.settings.contact), ZeroButton(self.settings)
         self._recent, self._all = RecentDelays(), Histogram()
@@ -90,11 +90,13 @@ class Engine:
         self._report = LiveReport()
         self._began_ns = 0
         self._threads: list[threading.Thread] = []
+        for sink in sinks:
+            self.add_sink(sink)
 
     def run(self) -> LiveReport:
         """Runs until the source ends or `stop` is called. Raises RuntimeError the second time."""
         with self.running():
-            while not self._done.wait(_IDLE_S):
+            while not self.wait(_IDLE_S):
                 pass
         return self._report
 
@@ -104,8 +106,6 @@ class Engine:
         if self._threads:
             raise RuntimeError("an engine runs once; make another one")
         self._began_ns, cpu_s = self.clock.now_ns(), time.process_time()
-        for runner in self._runners:
-            runner.start()
         loops = {"live-source": self._reader.run, "live-estimator": self._estimate, "live-watchdog": self._watch}
         self._threads = [threading.Thread(target=loop, name=name, daemon=True) for name, loop in loops.items()]
         for thread in self._threads:
@@ -120,15 +120,35 @@ class Engine:
             self._close_sinks()
             self._finish_report(time.process_time() - cpu_s)
 
+    def add_sink(self, sink: Sink) -> None:
+        """One more sink, also while it runs."""
+        runner = SinkRunner(sink, self._info, self._model, self.settings, self.clock)
+        runner.start()
+        with self._publishing:
+            self._runners = (*self._runners, runner)
+
+    def remove_sink(self, sink: Sink) -> SinkHealth:
+        """Ends a sink while the others go on: it takes what waits for it and is closed. Returns how it did.
+
+        Raises KeyError for a sink that is not there.
+        """
+        with self._publishing:
+            runner = next((each for each in self._runners if each.sink is sink), None)
+            if runner is None:
+                raise KeyError(sink.name)
+            self._runners = tuple(each for each in self._runners if each is not runner)
+        runner.ask_to_close()
+        runner.wait_closed()
+        return runner.health(self.clock.now_ns())
+
     @property
     def report(self) -> LiveReport:
         """What the run came to; complete when it has ended."""
         return self._report
 
-    @property
-    def ended(self) -> bool:
-        """Whether the source has ended, or `stop` was called."""
-        return self._done.is_set()
+    def wait(self, timeout_s: float) -> bool:
+        """Waits for the end of the run; True where the source has ended, or `stop` was called."""
+        return self._done.wait(timeout_s)
 
     def stop(self) -> None:
         """Ends the run; may be called from any thread, and more than once."""

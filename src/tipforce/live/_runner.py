@@ -21,7 +21,8 @@ class SinkRunner:
     """Feeds one sink. ``offer`` never waits."""
 
     def __init__(self, sink: Sink, info: SessionInfo, model: str, settings: LiveSettings, clock: Clock) -> None:
-        self._sink, self._info, self._model, self._settings, self._clock = sink, info, model, settings, clock
+        self.sink = sink
+        self._info, self._model, self._settings, self._clock = info, model, settings, clock
         self._queue: deque[LiveUpdate] = deque()
         self._most = settings.queue if sink.keeps_all else 1
         self._new = threading.Condition()
@@ -34,7 +35,7 @@ class SinkRunner:
     @property
     def name(self) -> str:
         """Of the sink."""
-        return self._sink.name
+        return self.sink.name
 
     def start(self) -> None:
         """Begin to feed the sink."""
@@ -45,7 +46,7 @@ class SinkRunner:
         with self._new:
             if len(self._queue) >= self._most:
                 self._dropped += 1
-                if self._sink.keeps_all:
+                if self.sink.keeps_all:
                     return
                 self._queue.clear()
             self._queue.append(update)
@@ -75,14 +76,14 @@ class SinkRunner:
             try:
                 if not started:
                     self._busy_since_ns = self._clock.now_ns()
-                    self._sink.start(self._info, self._model)
+                    self.sink.start(self._info, self._model)
                     started, self._message = True, ""
                 self._busy_since_ns = None
                 update = self._next()
                 if update is None:
                     break
                 self._busy_since_ns = self._clock.now_ns()
-                self._sink.put(update)
+                self.sink.put(update)
                 self._taken += 1
                 wait_s = self._settings.reconnect_s
             except Exception as error:  # a sink is other people's code: whatever it raises, the others go on
@@ -113,6 +114,6 @@ class SinkRunner:
     def _close(self) -> None:
         self._busy_since_ns = self._clock.now_ns()
         try:
-            self._sink.close()
+            self.sink.close()
         except Exception as error:
             _log.warning("sink %s did not close: %s: %s", self.name, type(error).__name__, error)
