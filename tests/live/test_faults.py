@@ -62,7 +62,8 @@ def assert_no_value_stands_too_long(updates):
 )
 def test_a_camera_at_fault_makes_the_output_invalid_in_time_and_recovers(engine, change, state, words):
     notes, camera = Notes(), Camera(90, faulty(20, 50, change))
-    engine(camera, Method(), notes).run()
+    report = engine(camera, Method(), notes).run()
+    assert report.estimated + report.dropped + report.unusable == report.frames_in
     later = [each for each in notes.updates if each.published_ns >= camera.stamps_ns[20]]
     told = next(each for each in later if each.health.camera == state)
     assert (told.published_ns - camera.stamps_ns[19]) * 1e-9 <= FAST.stale_s + SLACK_S

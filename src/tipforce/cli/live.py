@@ -75,7 +75,7 @@ def command(
         write_json(found.figures(), json_file)
 
     with open_live_source(
-        frames, preset=simulated, stated=stated_info(bench, fact, knob_deg), settings=chosen, seconds=seconds
+        frames, preset=simulated, stated=stated_info(bench, fact, knob_deg), settings=chosen
     ) as source:
         live(
             estimator,

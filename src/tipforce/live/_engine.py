@@ -364,6 +364,7 @@ class Engine:
             seconds=seconds,
             frames_in=self._intake.frames_in,
             dropped=self._intake.dropped,
+            unusable=self._intake.unusable,
             reconnects=self._reader.reconnects,
             latency_p50_s=self._all.percentile(50),
             latency_p99_s=self._all.percentile(99),

@@ -63,7 +63,7 @@ class Intake:
         self._source: Fault | None = None
         self._others: deque[str] = deque(maxlen=8)
         self._rate = Rate()
-        self.frames_in = self.dropped = self._run = 0
+        self.frames_in = self.dropped = self.unusable = self._run = 0
         self._begin_run()
 
     def _begin_run(self) -> None:
@@ -176,6 +176,8 @@ class Intake:
             good = self._watches[view].see(frame.image, frame.stamp_ns, captured_ns, now_ns) == "running"
             if good:
                 self._wait_for_partners(frame, captured_ns)
+            else:
+                self.unusable += first
         if not good:
             self._on_fault()
 

@@ -20,19 +20,20 @@ class PacedSource:
     Each event comes when the time since the first one has passed, its stamp moved to ``clock``: mid-exposure is when
     it comes. ``rate_hz`` replaces the stamps of a file whose images have none, or are to come faster or slower; other
     events then come with the frame before them. ``loop``: the file begins again at its end, the stamps go on.
+    ``file``: what is played.
     """
 
     def __init__(
         self, source: Source, *, clock: Clock | None = None, rate_hz: float | None = None, loop: bool = False
     ) -> None:
-        self._source, self._loop = source, loop
+        self.file, self._loop = source, loop
         self.clock: Clock = clock or SystemClock()
         self._period_ns = None if rate_hz is None else round(1e9 / rate_hz)
 
     @property
     def session_info(self) -> SessionInfo:
         """That of the file."""
-        return self._source.session_info
+        return self.file.session_info
 
     def __iter__(self) -> Iterator[Event]:
         start_ns = self.clock.now_ns()
@@ -48,13 +49,13 @@ class PacedSource:
             if not self._loop:
                 return
             if last_ns is None:
-                raise InputError(f"{getattr(self._source, 'path', self.session_info.name)}: holds no frame to loop")
+                raise InputError(f"{getattr(self.file, 'path', self.session_info.name)}: holds no frame to loop")
             start_ns = max(start_ns + last_ns + (step_ns or _GAP_NS), self.clock.now_ns())
 
     def _timed(self) -> Iterator[tuple[Event, int]]:
         """Events with the time since the first of them."""
         first_ns, frames = None, dict[str, int]()
-        for event in self._source:
+        for event in self.file:
             if self._period_ns is not None:
                 if isinstance(event, Frame):
                     frames[event.view] = frames.get(event.view, -1) + 1
@@ -65,10 +66,10 @@ class PacedSource:
             yield event, at_ns
 
     def __enter__(self) -> Self:
-        self._source.__enter__()
+        self.file.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._source.__exit__(kind, error, trace)
+        self.file.__exit__(kind, error, trace)

@@ -16,7 +16,8 @@ class LiveReport:
     """What a run came to.
 
     ``estimated``: frames with an answer, valid or not; ``valid``: of these; ``notices``: updates of the watchdog;
-    ``dropped``: frames that gave way to newer ones. Latencies from mid-exposure to the estimate, to within 2 %.
+    ``dropped``: frames that gave way to newer ones; ``unusable``: that were black, of another size, or the same as the
+    one before. Latencies from mid-exposure to the estimate, to within 2 %.
     ``cpu_share``: of one core. ``end``: why the source ended, empty where the run was stopped.
     """
 
@@ -26,6 +27,7 @@ class LiveReport:
     valid: int = 0
     notices: int = 0
     dropped: int = 0
+    unusable: int = 0
     reconnects: int = 0
     latency_p50_s: float = math.nan
     latency_p99_s: float = math.nan
@@ -39,7 +41,7 @@ class LiveReport:
         p50, p99 = 1e3 * self.latency_p50_s, 1e3 * self.latency_p99_s
         counts = (
             f"{self.seconds:.1f} s: {self.frames_in} frames, {self.estimated} estimated, {self.valid} with a force, "
-            f"{self.dropped} dropped for newer ones, {self.notices} notices of the watchdog"
+            f"{self.dropped} dropped for newer ones, {self.unusable} unusable, {self.notices} notices of the watchdog"
         )
         lines = [
             counts,

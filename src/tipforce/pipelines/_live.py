@@ -1,21 +1,23 @@
 """Live estimation: a source that happens now, the engine, the page, and whatever else takes the estimates."""
 
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from types import TracebackType
+from typing import Annotated, Self
 
 from pydantic import Field
 
 from ..datasets import open_source
 from ..errors import InputError
 from ..estimators import Estimator
+from ..io import FileSource
 from ..live import Engine, LiveReport, LiveSettings, LiveUpdate, PacedSource, Sink
 from ..live.streams import open_sink
 from ..simulation import LiveSimulation
-from ..types import Clock, SessionInfo, Source, SystemClock
+from ..types import Clock, Event, SessionInfo, Source, SystemClock
 from ..units import newtons_to_grams
 from ._estimate import check_inputs
 from ._simulate import preset_settings
@@ -34,7 +36,7 @@ class LiveRunSettings(LiveSettings):
     loop: bool = False
     """A file begins again at its end."""
     seed: Annotated[int, Field(ge=0)] = 0
-    """Which session of the simulated bench."""
+    """Of the simulated bench's session."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,16 +55,14 @@ def open_live_source(
     preset: str | None = None,
     stated: SessionInfo | None = None,
     settings: LiveRunSettings | None = None,
-    seconds: float | None = None,
 ) -> Generator[Source]:
     """A source that happens now; its ``clock`` is what the engine should run on.
 
     Args:
         frames: a video, DICOM file, folder of images, recording or dataset, played at the pace of its stamps.
-        preset: a simulated bench in real time instead.
+        preset: a simulated bench in real time instead; its session begins anew when it ends.
         stated: metadata in place of those that the file holds.
         settings: rate, loop and seed.
-        seconds: length of the simulated session; else the preset's.
 
     Raises:
         InputError: neither or both are stated, the file cannot be read, or there is no such preset.
@@ -71,14 +71,41 @@ def open_live_source(
     if (frames is None) == (preset is None):
         raise InputError("expected one source: a file or folder with images, or the preset of a simulated bench")
     if frames is not None:
-        yield PacedSource(open_source(frames, stated=stated), rate_hz=settings.rate_hz, loop=settings.loop)
+        file = open_source(frames, stated=stated)
+        if settings.rate_hz is None and isinstance(file, FileSource) and file.numbered:
+            raise InputError(f"{frames}: nothing tells when its images were taken; state rate_hz, as in set rate_hz=30")
+        yield PacedSource(file, rate_hz=settings.rate_hz, loop=settings.loop)
         return
     assert preset is not None
     if stated not in (None, SessionInfo()):
         raise InputError("a simulated bench has metadata of its own; leave bench and fact out")
     changes = {} if settings.rate_hz is None else {"world": {"clock": {"fps": settings.rate_hz}}}
-    with LiveSimulation(preset_settings(preset, seconds, changes), settings.seed, real_time=True) as bench:
-        yield bench.source
+    yield _BenchInRealTime(LiveSimulation(preset_settings(preset, None, changes), settings.seed, real_time=True))
+
+
+class _BenchInRealTime:
+    """A simulated session over and over, on one clock."""
+
+    def __init__(self, simulation: LiveSimulation) -> None:
+        self.clock: Clock = SystemClock()
+        self._simulation = simulation
+        with simulation as bench:  # the session is drawn now, which takes seconds
+            self.session_info = bench.source.session_info
+
+    def __iter__(self) -> Iterator[Event]:
+        while True:
+            with self._simulation as bench:
+                ahead_ns = self.clock.now_ns() - bench.clock.now_ns()
+                for event in bench.source:
+                    yield replace(event, stamp_ns=event.stamp_ns + ahead_ns)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """The session ends with the iteration."""
 
 
 def live(
@@ -111,8 +138,8 @@ def live(
     Raises:
         InputError: readings or metadata that ``estimator`` needs are missing, or an output or the page cannot start.
     """
-    check_inputs(estimator, source)
     settings = settings or LiveSettings()
+    check_inputs(estimator, source.file if isinstance(source, PacedSource) else source)
     if isinstance(source, PacedSource):
         settings = settings.model_copy(update={"max_reconnects": 0})
     clock = getattr(source, "clock", None) or SystemClock()
