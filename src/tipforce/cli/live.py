@@ -48,7 +48,8 @@ def command(
 ) -> None:
     """Estimate the force while it happens: newest image first, and NOT VALID with the reason where there is no force.
 
-    The source is a file played at its own pace, or with --simulated a bench that does not exist. Ctrl-C ends it.
+    The source is a file played at its own pace, with --simulated a bench that does not exist, and without either the
+    devices that bench.toml describes. Ctrl-C ends it.
 
     --set changes rate_hz and loop of a file, seed of the simulated bench, contact.window_n, contact.limit_n, and how
     long a value counts (stale_s). docs/live.md explains each reason of NOT VALID; docs/streams.md the outputs.
@@ -57,6 +58,8 @@ def command(
         tipforce live pretrained/compact --simulated bench-2021 --seconds 20
 
         tipforce live pretrained/compact video.mp4 --bench bench.toml --no-page --set rate_hz=60
+
+        tipforce live fusion --bench bench.toml --record run.mcap
     """
     from ..estimators import load_model
     from ..pipelines import LiveRunSettings, PageAddress, live, live_line, open_live_source
@@ -75,7 +78,7 @@ def command(
         write_json(found.figures(), json_file)
 
     with open_live_source(
-        frames, preset=simulated, stated=stated_info(bench, fact, knob_deg), settings=chosen
+        frames, preset=simulated, bench=bench, stated=stated_info(bench, fact, knob_deg), settings=chosen
     ) as source:
         live(
             estimator,

@@ -43,13 +43,18 @@ class _Clocked(Protocol):
     def clock(self) -> Clock: ...
 
 
+@runtime_checkable
+class _Stoppable(Protocol):
+    def stop(self) -> None: ...
+
+
 class Engine:
     """Estimates live. One run an engine.
 
     Args:
         source: yields events as they happen. Each image is an array of its own, which nobody changes afterwards. The
             stamps of a source whose ``clock`` is this ``clock`` count as they are; those of any other are brought to
-            it by the smallest delay of arrival.
+            it by the smallest delay of arrival. One that may wait for events for long has a method ``stop``.
         estimator: a fitted one. It is started with the session's metadata alone, so a method that resolves its
             detection on images does so on the first ones.
         sinks: get every update, each at its own pace.
@@ -72,7 +77,7 @@ class Engine:
     ) -> None:
         self.settings = settings or LiveSettings()
         self.clock = clock or SystemClock()
-        self._estimator, self._info = estimator, source.session_info
+        self._source, self._estimator, self._info = source, estimator, source.session_info
         self._model = model or estimator.name
         self._stop, self._done, self._wake = threading.Event(), threading.Event(), threading.Event()
         same_clock = isinstance(source, _Clocked) and source.clock is self.clock
@@ -155,6 +160,8 @@ class Engine:
         self._stop.set()
         self._done.set()
         self._wake.set()
+        if isinstance(self._source, _Stoppable):
+            self._source.stop()
 
     def zero(self) -> None:
         """The operator's zero button: what is read now is 0 from now on; `LiveUpdate.zero` tells what that hides.

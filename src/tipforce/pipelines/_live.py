@@ -53,6 +53,7 @@ def open_live_source(
     frames: str | Path | None = None,
     *,
     preset: str | None = None,
+    bench: str | Path | None = None,
     stated: SessionInfo | None = None,
     settings: LiveRunSettings | None = None,
 ) -> Generator[Source]:
@@ -61,22 +62,34 @@ def open_live_source(
     Args:
         frames: a video, DICOM file, folder of images, recording or dataset, played at the pace of its stamps.
         preset: a simulated bench in real time instead; its session begins anew when it ends.
-        stated: metadata in place of those that the file holds.
+        bench: a ``bench.toml`` whose devices are the source where there is neither of the two.
+        stated: metadata in place of those that the file, or the bench, holds.
         settings: rate, loop and seed.
 
     Raises:
-        InputError: neither or both are stated, the file cannot be read, or there is no such preset.
+        InputError: there is no source or more than one, the file cannot be read, the bench has no device, or there is
+            no such preset.
     """
     settings = settings or LiveRunSettings()
-    if (frames is None) == (preset is None):
-        raise InputError("expected one source: a file or folder with images, or the preset of a simulated bench")
+    if (frames is not None and preset is not None) or (frames, preset, bench) == (None, None, None):
+        raise InputError(
+            "expected one source: a file or folder with images, the preset of a simulated bench, or a bench.toml with "
+            "devices"
+        )
     if frames is not None:
         file = open_source(frames, stated=stated)
         if settings.rate_hz is None and isinstance(file, FileSource) and file.numbered:
             raise InputError(f"{frames}: nothing tells when its images were taken; state rate_hz, as in set rate_hz=30")
         yield PacedSource(file, rate_hz=settings.rate_hz, loop=settings.loop)
         return
-    assert preset is not None
+    if preset is None:
+        from ..hardware import open_bench  # drivers are loaded where there are devices
+
+        assert bench is not None
+        devices = open_bench(bench, newest_only=True)
+        devices.session_info = stated or devices.session_info
+        yield devices
+        return
     if stated not in (None, SessionInfo()):
         raise InputError("a simulated bench has metadata of its own; leave bench and fact out")
     changes = {} if settings.rate_hz is None else {"world": {"clock": {"fps": settings.rate_hz}}}
