@@ -25,13 +25,11 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from tipforce.estimators import load_model
-from tipforce.io import write_video
 from tipforce.live import Engine, LiveReport
 from tipforce.live.server import PageSettings, serve
 from tipforce.live.server._messages import HEADER
-from tipforce.pipelines import LiveRunSettings, open_live_source, preset_settings
-from tipforce.simulation import SimulatedBench
-from tipforce.types import Frame, SessionInfo
+from tipforce.pipelines import LiveRunSettings, open_live_source, preset_settings, simulate
+from tipforce.types import SessionInfo, read_bench
 
 RATE_HZ = 60.0
 WARM_S = 10.0
@@ -125,12 +123,12 @@ class Memory:
         return {"first_mib": round(first, 1), "last_mib": round(last, 1), "growth": round(last / first - 1.0, 4)}
 
 
-def write_input(path: Path, seconds: float) -> SessionInfo:
-    """A video of the simulated bench at 60 Hz; returns the session's metadata with its knob."""
-    changes = {"world": {"clock": {"fps": RATE_HZ}}, "width": 640, "height": 480}
-    bench = SimulatedBench(preset_settings("bench-2021", max(8.0, seconds), changes), seed=5)
-    write_video(path, (event for event in bench if isinstance(event, Frame)), RATE_HZ)
-    return bench.session_info
+def write_input(folder: Path, seconds: float) -> tuple[Path, SessionInfo]:
+    """A video of the simulated bench at 60 Hz, and what its bench.toml states."""
+    chosen = preset_settings("bench-2021", max(8.0, seconds), {"world": {"clock": {"fps": RATE_HZ}}})
+    simulate(folder, chosen, sessions=1, seed=5, form="files")
+    session = folder / "session_00"
+    return session / "video.mp4", read_bench(session / "bench.toml")
 
 
 @contextmanager
@@ -197,8 +195,9 @@ def main() -> None:
     chosen = parser.parse_args()
     figures: dict[str, Any] = {"machine": machine(), "runs": []}
     with TemporaryDirectory() as folder:
-        path = Path(folder) / "video.mp4"
-        info = write_input(path, chosen.video_seconds) if "video" in chosen.source else SessionInfo()
+        path, info = Path(), SessionInfo()
+        if "video" in chosen.source:
+            path, info = write_input(Path(folder), chosen.video_seconds)
         for kind in chosen.source:
             for model in chosen.models:
                 with loop_of(path, info) if kind == "video" else bench_in_real_time() as source:

@@ -15,7 +15,7 @@ from tipforce.types import Event, ForceEstimate, Frame, SessionInfo, Source, Sta
 
 FAST = LiveSettings(
     stale_s=0.06, stale_periods=2.5, lost_s=0.3, notice_s=0.02, reconnect_s=0.02, reconnect_max_s=0.04, hung_s=0.1,
-    zero_s=0.3,
+    zero_s=0.3, detect=False,
 )  # fmt: skip
 """An image is stale after 60 ms in place of 200 ms, and all else in proportion."""
 PERIOD_S = 0.004

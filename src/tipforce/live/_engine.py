@@ -21,6 +21,7 @@ from ._reader import SourceReader
 from ._report import LiveReport
 from ._runner import SinkRunner
 from ._settings import LiveSettings
+from ._shape import ShapeFinder
 from ._sinks import Sink
 from ._update import LiveHealth, LiveUpdate, SinkHealth
 from ._watchdog import Fault
@@ -89,6 +90,7 @@ class Engine:
         self._publishing = threading.RLock()
         self._contact, self._zero = ContactTotals(self.settings.contact), ZeroButton(self.settings)
         self._recent, self._all = RecentDelays(), Histogram()
+        self._shapes = ShapeFinder(estimator.views[0], self._info) if self.settings.detect else None
         self._latest: LiveUpdate | None = None
         self._answered_ns: int | None = None
         self._trouble = ""
@@ -214,7 +216,7 @@ class Engine:
             try:
                 if stream is None or instant.run != run:
                     stream, run = self._start_stream(), instant.run
-                found = stream.update(instant.observation)
+                found = self._with_shape(stream.update(instant.observation), instant)
                 self._trouble, wait_s = "", self.settings.reconnect_s
             except Exception as error:  # a method should never raise: the run goes on, and says that it did
                 _log.exception("the method failed")
@@ -224,8 +226,23 @@ class Engine:
             if self._trouble:
                 self._stop.wait(wait_s)
                 wait_s = min(2.0 * wait_s, self.settings.reconnect_max_s)
+        if self._shapes is not None:
+            self._shapes.close()
         self._done.set()
         self._wake.set()
+
+    def _with_shape(self, found: ForceEstimate, instant: Instant) -> ForceEstimate:
+        """``found``, with the shape for page and recording where the method detects none."""
+        image = instant.observation.views.get(self._estimator.views[0])
+        if self._shapes is None or found.shape is not None or not isinstance(image, np.ndarray):
+            return found
+        try:
+            shape = self._shapes.find(image)
+        except Exception:  # a drawing is missing then; the force is none the worse
+            _log.exception("the catheter is not detected for display any more")
+            self._shapes = None
+            return found
+        return found if shape is None else replace(found, shape=shape)
 
     def _start_stream(self) -> Stream:
         with self._publishing:

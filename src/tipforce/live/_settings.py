@@ -44,5 +44,7 @@ class LiveSettings(BaseModel):
     """The zero button takes the mean over so many last seconds."""
     zero_max_n: Annotated[float, Field(gt=0, le=10)] = 0.1
     """More than this (the lower end of the force window) is no zero error but a contact: the button refuses it."""
+    detect: bool = True
+    """Whether the catheter is detected for page and recording where the method detects none."""
     contact: ContactSettings = ContactSettings()
     """Force window, limit, and what counts as contact."""
