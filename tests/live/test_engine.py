@@ -12,7 +12,7 @@ from tipforce.live._intake import Intake
 from tipforce.live._latency import Histogram, RecentDelays
 from tipforce.types import Actuation, ActuationInfo, Frame, SessionInfo, Status
 
-from .conftest import FAST, Camera, Method, Notes, wait_until
+from .conftest import FAST, PERIOD_S, Camera, Method, Notes, wait_until
 
 MS = 1_000_000
 
@@ -46,7 +46,7 @@ def test_every_update_comes_in_order_with_image_age_and_health(engine):
     assert good
     for each in good:
         assert each.captured_ns == each.estimate.stamp_ns
-        assert 0 < each.latency_s < FAST.stale_s
+        assert 0 < each.latency_s <= FAST.stale_s
         assert each.frames["camera"].shape == (32, 48)
         assert each.clinical.contact == "effective"
     assert report.frames_in == 50
@@ -54,16 +54,15 @@ def test_every_update_comes_in_order_with_image_age_and_health(engine):
     assert report.valid == len(good)
     assert report.notices + report.estimated == len(notes.updates) == report.sinks["notes"].taken
     assert 0 < report.latency_p50_s <= report.latency_p99_s
-    assert 50 < notes.updates[-2].health.frames_per_s <= 300
+    assert 0 < max(each.health.frames_per_s for each in notes.updates) <= 2 / PERIOD_S
 
 
-def test_a_slow_method_gets_the_newest_frame(engine):
+def test_a_slow_method_drops_frames_and_says_so(engine):
     method, notes = Method(lambda number: time.sleep(0.02) or 0.1), Notes()
-    report = engine(Camera(100), method, notes).run()
-    assert report.dropped > 50
-    assert report.estimated + report.dropped == 100
-    ages_s = [each.latency_s for each in notes.updates if each.frames]
-    assert np.median(ages_s) < 0.06  # a queue would let them grow to 1.6 s
+    report = engine(Camera(60), method, notes).run()
+    assert report.dropped > 10
+    assert report.estimated + report.dropped == 60
+    assert notes.updates[-1].health.dropped == report.dropped
 
 
 @pytest.mark.parametrize("keeps_all", [False, True])
@@ -120,6 +119,29 @@ def test_stop_ends_a_run_whose_source_hangs(engine, gate):
     assert not runner.is_alive()
 
 
+def test_a_sink_comes_and_goes_while_the_engine_runs(engine):
+    notes, guest = Notes(), Notes("guest")
+    live = engine(Camera(100_000), Method(), notes)
+    with live.running():
+        live.add_sink(guest)
+        wait_until(lambda: len(guest.updates) > 3)
+        assert live.remove_sink(guest).failures == 0
+        assert (guest.started, guest.closed) == (1, 1)
+        count, seen = len(guest.updates), len(notes.updates)
+        wait_until(lambda: len(notes.updates) > seen + 3)
+        assert len(guest.updates) == count
+        with pytest.raises(KeyError):
+            live.remove_sink(guest)
+    assert notes.closed == 1
+
+
+def test_a_sink_is_not_started_before_the_run(engine):
+    notes = Notes()
+    engine(Camera(1), Method(), notes)
+    time.sleep(0.02)
+    assert notes.started == 0
+
+
 def test_an_engine_runs_once(engine):
     live = engine(Camera(2), Method())
     live.run()
@@ -148,6 +170,15 @@ def intake(views=("camera",), info=None, settings=None, same_clock=True):
     return Intake(
         views, info or SessionInfo(), settings or LiveSettings(), same_clock=same_clock, on_fault=lambda: None
     )
+
+
+def test_the_newest_frame_waits_and_the_others_are_dropped():
+    taken = intake()
+    for number in range(5):
+        taken.add(Frame(number * MS, image(number)), number * MS)
+    assert taken.take(0.0).observation.views["camera"][0, 0] == 4
+    assert (taken.frames_in, taken.dropped) == (5, 4)
+    assert taken.take(0.0) is None
 
 
 def test_views_of_one_instant_come_together_and_a_lost_partner_does_not_stop_the_other():

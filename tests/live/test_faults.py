@@ -11,7 +11,7 @@ from tipforce.types import Status
 
 from .conftest import FAST, Camera, Method, Notes, wait_until
 
-SLACK_S = 0.5
+SLACK_S = 2.0
 """A busy machine wakes a thread late; the rule itself is exact (tests/live/test_watchdog.py)."""
 
 
@@ -205,3 +205,13 @@ def test_before_the_first_image_it_says_what_it_waits_for(engine):
     assert notes.updates[0].estimate.detail == "no image of the view a has come yet"
     assert notes.told("the source sends camera")
     assert not any(each.estimate.valid for each in notes.updates)
+
+
+def test_what_the_source_knows_of_it_is_told(engine):
+    class Telling(Camera):
+        def trouble(self):
+            return "" if self.number < 20 else "cameras.camera is lost: no such device"
+
+    notes = Notes()
+    engine(Telling(60, faulty(20, 40, silent)), Method(), notes).run()
+    assert notes.told("ms old; cameras.camera is lost: no such device").health.camera == "late"

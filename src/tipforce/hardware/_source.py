@@ -256,6 +256,11 @@ class HardwareSource:
         ]
         return bool(states) and all(state == "ended" for state in states)
 
+    def trouble(self) -> str:
+        """Which devices are not connected, and why; empty where all are."""
+        missing = [device for device in self._devices if device.state != "connected"]
+        return "; ".join(f"{device.driver.name} is {device.state}: {device.message}".removesuffix(": ") for device in missing)
+
     def health(self) -> tuple[DeviceHealth, ...]:
         """How each device and its streams do now."""
         now = self.clock.now_ns()

@@ -49,13 +49,19 @@ class _Stoppable(Protocol):
     def stop(self) -> None: ...
 
 
+@runtime_checkable
+class _Telling(Protocol):
+    def trouble(self) -> str: ...
+
+
 class Engine:
     """Estimates live. One run an engine.
 
     Args:
         source: yields events as they happen. Each image is an array of its own, which nobody changes afterwards. The
             stamps of a source whose ``clock`` is this ``clock`` count as they are; those of any other are brought to
-            it by the smallest delay of arrival. One that may wait for events for long has a method ``stop``.
+            it by the smallest delay of arrival. One that may wait for events for long has a method ``stop``; one that
+            knows why nothing comes has a method ``trouble``, which returns a sentence or nothing.
         estimator: a fitted one. It is started with the session's metadata alone, so a method that resolves its
             detection on images does so on the first ones.
         sinks: get every update, each at its own pace.
@@ -114,9 +120,10 @@ class Engine:
             raise RuntimeError("an engine runs once; make another one")
         self._began_ns, cpu_s = self.clock.now_ns(), time.process_time()
         loops = {"live-source": self._reader.run, "live-estimator": self._estimate, "live-watchdog": self._watch}
-        self._threads = [threading.Thread(target=loop, name=name, daemon=True) for name, loop in loops.items()]
-        for thread in self._threads:
-            thread.start()
+        with self._publishing:
+            self._threads = [threading.Thread(target=loop, name=name, daemon=True) for name, loop in loops.items()]
+            for each in (*self._runners, *self._threads):
+                each.start()
         try:
             yield
         finally:
@@ -128,11 +135,12 @@ class Engine:
             self._finish_report(time.process_time() - cpu_s)
 
     def add_sink(self, sink: Sink) -> None:
-        """One more sink, also while it runs."""
+        """One more sink, also while the engine runs; it is started when that does."""
         runner = SinkRunner(sink, self._info, self._model, self.settings, self.clock)
-        runner.start()
         with self._publishing:
             self._runners = (*self._runners, runner)
+            if self._threads:
+                runner.start()
 
     def remove_sink(self, sink: Sink) -> SinkHealth:
         """Ends a sink while the others go on: it takes what waits for it and is closed. Returns how it did.
@@ -263,11 +271,18 @@ class Engine:
             self._report.statuses[found.status.value] += 1
             self._report.valid += found.valid
             frames = {view: image for view, image in instant.observation.views.items() if isinstance(image, np.ndarray)}
-            self._publish(found, MappingProxyType(frames), instant.captured_ns, now_ns, self._intake.fault(now_ns))
+            self._publish(found, MappingProxyType(frames), instant.captured_ns, now_ns, self._camera_fault(now_ns))
+
+    def _camera_fault(self, now_ns: int) -> Fault | None:
+        """What is wrong with the cameras, with what the source knows of it."""
+        fault = self._intake.fault(now_ns)
+        if fault is None or not isinstance(self._source, _Telling) or not (why := self._source.trouble()):
+            return fault
+        return Fault(fault.camera, f"{fault.message}; {why}")
 
     def _refused(self, instant: Instant, now_ns: int) -> tuple[Status, str] | None:
         """Why the answer to ``instant`` does not count, whatever it is."""
-        fault = self._intake.fault(now_ns)
+        fault = self._camera_fault(now_ns)
         if fault is not None:
             return Status.STALE, fault.message
         age_ns, limit_ns = now_ns - instant.captured_ns, self._intake.limit_ns
@@ -301,7 +316,7 @@ class Engine:
 
     def _fault(self, now_ns: int) -> Fault | None:
         """What is wrong with the camera, or with the method while the camera is well."""
-        fault = self._intake.fault(now_ns)
+        fault = self._camera_fault(now_ns)
         if fault is not None:
             return fault
         if self._answered_ns is None:
