@@ -259,7 +259,8 @@ class HardwareSource:
     def trouble(self) -> str:
         """Which devices are not connected, and why; empty where all are."""
         missing = [device for device in self._devices if device.state != "connected"]
-        return "; ".join(f"{device.driver.name} is {device.state}: {device.message}".removesuffix(": ") for device in missing)
+        told = (f"{device.driver.name} is {device.state}: {device.message}" for device in missing)
+        return "; ".join(each.removesuffix(": ") for each in told)
 
     def health(self) -> tuple[DeviceHealth, ...]:
         """How each device and its streams do now."""
