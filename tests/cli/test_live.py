@@ -105,3 +105,13 @@ def test_images_without_times_need_a_rate(tmp_path: Path):
         pass
     with open_live_source(tmp_path, settings=LiveRunSettings(rate_hz=100)) as source:
         assert sum(isinstance(event, Frame) for event in source) == 3
+
+
+def test_the_devices_of_a_bench_are_the_source_where_there_is_no_other(trained, video: Path, tmp_path: Path):
+    bench = tmp_path / "bench.toml"
+    bench.write_text(f'[hardware.cameras.camera]\ndriver = "video"\nsource = "{video}"\n')
+    reports: list[LiveReport] = []
+    with open_live_source(bench=bench, stated=stated_knob(), settings=LiveRunSettings(stale_s=5)) as source:
+        live(trained, source, settings=LiveRunSettings(stale_s=5), seconds=20.0, on_report=reports.append)
+    assert reports[0].end == "the source has ended"
+    assert reports[0].valid > 3
