@@ -64,3 +64,19 @@ def test_a_loop_goes_on_with_the_same_period_and_later_stamps():
 def test_a_file_without_frames_is_not_looped():
     with pytest.raises(InputError, match="holds no frame"):
         taken(PacedSource(File(), clock=SimulatedClock(), loop=True), 1)
+
+
+def test_a_file_that_is_read_too_slowly_plays_slower():
+    """Its images are late where they are read late, but not for ever."""
+    source = PacedSource(File(frame(0), frame(40), frame(80), frame(120)), clock=SimulatedClock())
+    stamps = []
+    for event in source:
+        stamps.append(event.stamp_ns // MS)
+        source.clock.sleep_until_ns(event.stamp_ns + (30 if len(stamps) != 2 else 300) * MS)
+    assert stamps == [0, 40, 340, 380]
+
+
+def test_a_reading_that_stands_behind_a_later_frame_does_not_hold_the_file_up():
+    knob = [Actuation(at * MS, {"knob_deg": 1.0}) for at in (10, 110)]
+    source = PacedSource(File(frame(0), frame(100), knob[0], frame(200), knob[1], frame(300)), clock=SimulatedClock())
+    assert [stamp for kind, stamp, _ in taken(source, 9) if kind == "Frame"] == [0, 100, 200, 300]

@@ -10,6 +10,9 @@ from ..types import Clock, Event, Frame, SessionInfo, Source, SystemClock
 
 __all__ = ["PacedSource"]
 
+_BEHIND_NS = 50_000_000
+"""Who reads a file this much too late plays it slower from then on: a camera that is read too late sends on, a file
+waits."""
 _GAP_NS = 33_000_000
 """Time between the last frame of a file and the first one of the next round, where the file does not tell its rate."""
 
@@ -18,9 +21,9 @@ class PacedSource:
     """A video, a folder of images or a recording as a live source.
 
     Each event comes when the time since the first one has passed, its stamp moved to ``clock``: mid-exposure is when
-    it comes. ``rate_hz`` replaces the stamps of a file whose images have none, or are to come faster or slower; other
-    events then come with the frame before them. ``loop``: the file begins again at its end, the stamps go on.
-    ``file``: what is played.
+    it comes. On a computer that is too slow for it the file plays slower. ``rate_hz`` replaces the stamps of a file
+    whose images have none, or are to come faster or slower; other events then come with the frame before them.
+    ``loop``: the file begins again at its end, the stamps go on. ``file``: what is played.
     """
 
     def __init__(
@@ -39,10 +42,14 @@ class PacedSource:
         start_ns = self.clock.now_ns()
         while True:
             last_ns = step_ns = None
+            newest_ns = 0
             for event, at_ns in self._timed():
                 if isinstance(event, Frame) and last_ns is not None and at_ns > last_ns:
                     step_ns = at_ns - last_ns
                 last_ns = at_ns if isinstance(event, Frame) else last_ns
+                newest_ns = max(newest_ns, at_ns)  # streams of a recording are in order each, not together
+                behind_ns = self.clock.now_ns() - (start_ns + newest_ns)
+                start_ns += behind_ns if behind_ns > _BEHIND_NS else 0
                 stamp_ns = start_ns + at_ns
                 self.clock.sleep_until_ns(stamp_ns)
                 yield replace(event, stamp_ns=stamp_ns)
