@@ -63,17 +63,19 @@ async function take(buffer) {
     return;
   }
   try {
-    app.update = update;
-    trace.add(update);
-    await scene.show(update, app.state.contact.limit_n);
-    if (update.jpeg) imageAt = update.capturedMs;
+    if (update.jpeg) {
+      await scene.load(update.jpeg);
+      imageAt = update.capturedMs;
+    }
   } catch (error) {
-    console.warn("the image could not be drawn:", error);
-  } finally {
-    present();
-    app.connection.acknowledge(update.number, clock.age(update.capturedMs));
-    app.connection.display(app.view, scene.widthPx);
+    console.warn("the image could not be read:", error);
   }
+  app.update = update; // its numbers and its image appear together
+  trace.add(update);
+  scene.draw(update.values, app.state.contact.limit_n);
+  present();
+  app.connection.acknowledge(update.number, clock.age(update.capturedMs));
+  app.connection.display(app.view, scene.widthPx);
 }
 
 /** Shows what is true now; called with every frame, and often without. */
@@ -99,7 +101,7 @@ function present() {
 
   const imageAge = clock.age(imageAt, now);
   if (connection?.open && imageAge <= OLDEST_MS) veils.scene.hold(OLDEST_MS - imageAge);
-  else veils.scene.fall(verdict.kind === "invalid" ? "STALE" : verdict.title, "");
+  else veils.scene.fall(veilTitle(verdict), "");
 
   drawGauge($("gauge"), state.contact, values);
   if (told && (now - digitsAt >= DIGITS_MS || !digits || !values)) {
@@ -107,13 +109,17 @@ function present() {
     digits = values ? update : null;
     digitsAt = now;
   }
-  if (!told) veils.force.fall(verdict.kind === "stale" ? "STALE" : verdict.title, "");
+  if (!told) veils.force.fall(veilTitle(verdict), "");
   else veils.force.hold(values ? OLDEST_MS - clock.age(digits.capturedMs, now) : holds(verdict, age));
 
   const paused = app.alarm.pausedFor(now) > 0;
   if (values) app.sound.force(values.magnitude_n, state.contact, OLDEST_MS - age.frame);
   else app.sound.nothing(now);
   app.sound.alarm(app.alarm.on, paused);
+}
+
+function veilTitle(verdict) {
+  return ["disconnected", "waiting"].includes(verdict.kind) ? verdict.title : "STALE";
 }
 
 /** The numbers of a live update; null: there is none. */
@@ -189,7 +195,7 @@ async function stayLit() {
 }
 
 new ResizeObserver(() => {
-  scene.draw();
+  scene.redraw();
   app.connection.display(app.view, scene.widthPx);
 }).observe($("scene"));
 document.addEventListener("visibilitychange", stayLit);
