@@ -8,6 +8,7 @@ stops, "disconnected" a server that ends.
 """
 
 import argparse
+import base64
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -27,13 +28,15 @@ from tipforce.live import LiveHealth, LiveUpdate, Zero
 from tipforce.live.server import PageServer, PageSettings, serve
 from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.types import ForceEstimate, Image, Observation, SessionInfo, Status, SystemClock
+from tipforce.vision import shaft_mask
 
 CHROMIUM = "/usr/bin/chromium"
 SIZES = {"desktop": (1600, 900), "tablet": (1024, 768), "upright": (800, 1280)}
 LATENCY_NS = 14_000_000
 """From mid-exposure to the estimate, as a fast method has it; the replay estimates nothing anew."""
 TRIES = 40
-SHOWN = "[document.body.dataset.kind, getComputedStyle(document.querySelector('#force .veil')).opacity !== '0']"
+VEIL_BGR = (0x4D, 0x42, 0x39)
+"""One of the two colours of the veil of the strip."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +58,12 @@ def estimated(seconds: float) -> tuple[SessionInfo, list[Shown], ForceEstimate, 
     images = [np.asarray(each.views["camera"], np.uint8) for each in seen]
     stream = fusion.start(info, images[:: max(1, len(images) // 20)])
     shown = [Shown(image, stream.update(each)) for image, each in zip(images, seen, strict=True)]
-    # The ground without the shaft: the median over the session, with the shaft's part painted over from beneath.
-    empty = cv2.GaussianBlur(
-        np.broadcast_to(np.median(images[0], axis=(0, 1)), images[0].shape).astype(np.uint8), (5, 5), 0
+    # The bench without its catheter: painted over from both sides, in an image in which it touches nothing.
+    free = next(each for each in shown if each.estimate.shape is not None and each.estimate.magnitude_n < 0.002)
+    assert free.estimate.shape is not None
+    mask = shaft_mask(free.estimate.shape, free.image.shape[:2]).astype(np.uint8)
+    empty = cv2.inpaint(free.image, cv2.dilate(mask, np.ones((23, 23), np.uint8)), 9, cv2.INPAINT_TELEA).astype(
+        np.uint8
     )
     last = seen[-1]
     nothing = stream.update(Observation(last.stamp_ns + 40_000_000, {"camera": empty}, last.actuation))
@@ -174,18 +180,23 @@ def take(
 
     def shot(state: str, kind: str, wait_s: float = 0.6) -> None:
         time.sleep(wait_s)
+        veiled = kind in ("stale", "disconnected")
         for _ in range(TRIES):  # on a busy machine the page may be stale for a moment, and then says so
-            page.wait_for_selector(f"body[data-kind='{kind}']")
-            page.screenshot(path=output / f"{size}-{state}.png")
-            if page.evaluate(SHOWN) == [kind, kind in ("stale", "disconnected")]:
+            page.wait_for_selector(f"body[data-kind='{kind}']", timeout=120_000)
+            taken = base64.b64decode(devtools.send("Page.captureScreenshot", {"optimizeForSpeed": True})["data"])
+            image = cv2.imdecode(np.frombuffer(taken, np.uint8), cv2.IMREAD_COLOR)
+            if is_veiled(image) == veiled and page.evaluate("document.body.dataset.kind") == kind:
                 break
-        print(f"{size}-{state}.png", *page.evaluate(SHOWN), flush=True)
+        cv2.imwrite(str(output / f"{size}-{state}.png"), image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+        print(f"{size}-{state}.png", "as wanted" if is_veiled(image) == veiled else "NOT AS WANTED", flush=True)
 
+    devtools = page.context.new_cdp_session(page)
     settings = PageSettings(clock=engine.clock, on_contact=set_contact, on_record=lambda _: None)
     with serve(engine, settings=settings) as server:
         start(server, engine, info)
         page.goto(server.address)
         page.mouse.click(5, 5)
+        page.wait_for_selector("body[data-kind='no_contact']", timeout=120_000)
         page.keyboard.press("z")
         page.keyboard.press("i")
         time.sleep(11.0)  # a whole trace
@@ -229,6 +240,12 @@ def take(
         shot("help", "in_window")
         page.keyboard.press("Escape")
     shot("disconnected", "disconnected", 1.0)
+
+
+def is_veiled(image: Image) -> bool:
+    """Whether the strip is under its veil: the colours of the hatching are nowhere else."""
+    strip = image[50:120, -200:].reshape(-1, 3)
+    return bool((np.abs(strip.astype(int) - VEIL_BGR) <= 2).all(axis=1).mean() > 0.2)
 
 
 def start(server: PageServer, engine: Replay, info: SessionInfo) -> None:

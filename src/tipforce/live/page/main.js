@@ -15,6 +15,7 @@ import { Trace } from "./trace.js";
 
 const DIGITS_MS = 100; // digits that change more often cannot be read
 const TRACE_MS = 33;
+const LONG_DETAIL = 45; // letters; more are set smaller
 const UNCLEAR_DEG = 45; // an angle that is less certain is not shown
 
 const $ = (id) => document.getElementById(id);
@@ -96,6 +97,7 @@ function present() {
   set("sign", verdict.sign);
   set("title", verdict.title);
   set("detail", verdict.detail);
+  $("detail").classList.toggle("long", verdict.detail.length > LONG_DETAIL);
   if (told) veils.strip.hold(holds(verdict, age));
   else veils.strip.fall(verdict.title, verdict.detail);
 
@@ -104,7 +106,8 @@ function present() {
   else veils.scene.fall(veilTitle(verdict), "");
 
   drawGauge($("gauge"), state.contact, values);
-  if (told && (now - digitsAt >= DIGITS_MS || !digits || !values)) {
+  const due = !digits || now - digitsAt >= DIGITS_MS || clock.age(digits.capturedMs, now) > OLDEST_MS / 2;
+  if (told && (due || !values)) {
     showDigits(values);
     digits = values ? update : null;
     digitsAt = now;
@@ -125,7 +128,8 @@ function veilTitle(verdict) {
 /** The numbers of a live update; null: there is none. */
 function showDigits(values) {
   set("grams", values ? inGrams(values.magnitude_n) : "– –");
-  set("newtons", values ? inNewtons(values.magnitude_n) : NOTHING);
+  set("newtons", values ? `${inNewtons(values.magnitude_n)} N` : "no valid force");
+  $("force").classList.toggle("none", !values);
   const [low, high] = values?.interval_n ?? [null, null];
   const known = low !== null && high !== null;
   set("interval", known ? `${inGrams(low)} – ${inGrams(high)} g` : NOTHING);
@@ -147,8 +151,7 @@ function showSums() {
   const clinical = values?.clinical;
   set("class", clinical ? clinical.contact_class : NOTHING);
   set("share", clinical && clinical.window_share !== null ? `${Math.round(100 * clinical.window_share)} %` : NOTHING);
-  const unknown = clinical?.unknown_s >= 1 ? `, ${duration(clinical.unknown_s)} not known` : "";
-  set("share-note", clinical ? `of ${duration(clinical.elapsed_s)}${unknown}` : "");
+  set("share-note", clinical ? `of ${duration(clinical.elapsed_s - clinical.unknown_s)} known` : "");
   set("integral", clinical ? `${clinical.integral_g_s.toFixed(0)} g s` : NOTHING);
   const [low, high] = clinical?.integral_interval_g_s ?? [null, null];
   set("integral-note", low === null || high === null ? "" : `${low.toFixed(0)} – ${high.toFixed(0)}`);

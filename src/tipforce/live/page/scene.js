@@ -53,9 +53,6 @@ export class Scene {
     // Pixel centres lie at integers, so the image begins half a pixel before 0.
     const at = ([u, v]) => [left + perPixel * (u + 0.5), top + perPixel * (v + 0.5)];
     context.save();
-    context.beginPath();
-    context.rect(left, top, scale * bitmap.width, scale * bitmap.height);
-    context.clip();
     context.lineCap = context.lineJoin = "round";
     const unit = Math.max(1, Math.min(width, height) / 480);
     this.#shape(context, values.shape, at, unit);
