@@ -38,6 +38,7 @@ class OpenPage:
 
     def __init__(self, page: Page) -> None:
         self.page = page
+        self.patient: bool | None = None
         self.errors: list[str] = []
         self.requests: list[str] = []
         page.on("pageerror", lambda error: self.errors.append(str(error)))
@@ -53,21 +54,16 @@ class OpenPage:
 
 
 @pytest.fixture(scope="module")
-def _pages(browser: Browser, _running: tuple[PageServer, FakeEngine]) -> Iterator[dict[str, OpenPage]]:
-    """The page as it is, and one that lets frames grow old: there a busy machine changes nothing that is shown."""
-    pages = {name: OpenPage(browser.new_page(viewport={"width": 640, "height": 480})) for name in ("live", "patient")}
+def _tab(browser: Browser) -> Iterator[OpenPage]:
+    tab = OpenPage(browser.new_page(viewport={"width": 640, "height": 480}))
+    yield tab
+    tab.page.close()
 
-    def patient(route: Route) -> None:
-        text = route.fetch().text()
-        assert "OLDEST_MS = 300;" in text
-        route.fulfill(body=text.replace("OLDEST_MS = 300;", "OLDEST_MS = 30_000;"), content_type="text/javascript")
 
-    pages["patient"].page.route("**/freshness.js", patient)
-    for page in pages.values():
-        page.page.goto(_running[0].address)
-    yield pages
-    for page in pages.values():
-        page.page.close()
+def _patient(route: Route) -> None:
+    text = route.fetch().text()
+    assert "OLDEST_MS = 300;" in text
+    route.fulfill(body=text.replace("OLDEST_MS = 300;", "OLDEST_MS = 30_000;"), content_type="text/javascript")
 
 
 @pytest.fixture
@@ -80,21 +76,27 @@ def server(_running: tuple[PageServer, FakeEngine], engine: FakeEngine, monkeypa
 
 
 @pytest.fixture
-def page(_pages: dict[str, OpenPage], publisher: Publisher) -> OpenPage:
-    """The patient one."""
-    return _fresh(_pages["patient"], publisher)
+def page(_tab: OpenPage, server: PageServer, publisher: Publisher) -> OpenPage:
+    """A page that lets frames grow old: a busy machine then changes nothing of what it shows."""
+    return _opened(_tab, server, publisher, patient=True)
 
 
 @pytest.fixture
-def live(_pages: dict[str, OpenPage], publisher: Publisher) -> OpenPage:
+def live(_tab: OpenPage, server: PageServer, publisher: Publisher) -> OpenPage:
     """The page as it is."""
-    return _fresh(_pages["live"], publisher)
+    return _opened(_tab, server, publisher, patient=False)
 
 
-def _fresh(page: OpenPage, publisher: Publisher) -> OpenPage:
+def _opened(tab: OpenPage, server: PageServer, publisher: Publisher, *, patient: bool) -> OpenPage:
+    if tab.patient is not patient:
+        tab.page.unroute_all()
+        if patient:
+            tab.page.route("**/freshness.js", _patient)
+        tab.page.goto(server.address)
+        tab.patient = patient
     publisher.number = time.monotonic_ns() // 1_000_000 % (1 << 31)  # beyond those of the tests before
-    page.errors.clear()
-    return page
+    tab.errors.clear()
+    return tab
 
 
 @contextmanager
@@ -147,89 +149,6 @@ def test_an_invalid_estimate_shows_its_reason_and_no_number(page: OpenPage, publ
         assert page.text("#detail") == "nothing dark enters at the left border"
         assert page.text("#newtons") == "no valid force"
         assert page.text("#axial") == "–"
-
-
-def test_a_notice_without_an_image_says_why_although_the_last_image_is_old(
-    live: OpenPage, publisher: Publisher
-) -> None:
-    with feeding(lambda: publisher.put_invalid(Status.STALE, "the camera is silent", age_s=0.6, views={})):
-        live.wait("invalid")
-        assert live.text("#detail") == "the camera is silent"
-        eventually(lambda: _opacity(live, "#scene") == 1.0)
-
-
-def test_what_is_captured_too_long_ago_is_stale_however_fast_it_comes(live: OpenPage, publisher: Publisher) -> None:
-    with feeding(lambda: publisher.put(0.2, age_s=0.35)):
-        live.wait("stale")
-        eventually(lambda: _opacity(live, "#force") == 1.0)
-        for _ in range(10):
-            assert live.page.get_attribute("body", "data-kind") == "stale"
-
-
-WATCH = """() => {
-  const samples = (globalThis.samples = []);
-  const veil = (id) => Number(getComputedStyle(document.querySelector(`${id} .veil`)).opacity);
-  const sample = () => {
-    const live = Math.min(veil('#force'), veil('#strip')) < 0.5 && document.body.dataset.kind !== 'invalid';
-    samples.push([Date.now(), live, Number(document.querySelector('#newtons').innerText.split(' ')[0])]);
-    globalThis.watching = requestAnimationFrame(sample);
-  };
-  globalThis.watching = requestAnimationFrame(sample);
-}"""
-BLOCK = "(ms) => { const end = performance.now() + ms; while (performance.now() < end); }"
-
-
-def test_a_page_that_is_held_up_never_shows_a_frame_older_than_300_ms_as_live(
-    live: OpenPage, publisher: Publisher
-) -> None:
-    """Each frame's force tells when it was captured: what the page shows is judged by the wall clock alone."""
-    captured: dict[float, float] = {}
-
-    def put() -> None:
-        force = round(0.101 + 0.001 * (len(captured) % 250), 3)
-        captured[force] = time.time()
-        publisher.put(force)
-
-    with feeding(put):
-        live.wait("in_window")
-        live.page.evaluate(WATCH)
-        for _ in range(2):
-            live.page.evaluate(BLOCK, 1000)
-            time.sleep(0.4)
-        live.wait("in_window")
-        samples = live.page.evaluate("() => { cancelAnimationFrame(globalThis.watching); return globalThis.samples; }")
-    shown = [(at * 1e-3 - captured[force]) for at, is_live, force in samples if is_live and force in captured]
-    assert shown
-    assert max(shown) <= OLDEST_S + SLACK_S
-    assert any(not is_live for _, is_live, _ in samples)  # of the frames that came while it was held up
-
-
-def test_the_veil_falls_while_the_script_is_held_up(live: OpenPage, publisher: Publisher, image: Image) -> None:
-    """What is on the display, as the compositor hands it out, during a second without any script."""
-    devtools = live.page.context.new_cdp_session(live.page)
-    frames: list[tuple[float, str]] = []
-
-    def keep(frame: dict[str, Any]) -> None:
-        frames.append((frame["metadata"]["timestamp"], frame["data"]))
-        devtools.send("Page.screencastFrameAck", {"sessionId": frame["sessionId"]})
-
-    devtools.on("Page.screencastFrame", keep)
-    with feeding(lambda: publisher.put(0.2)):
-        live.wait("in_window")
-        devtools.send("Page.startScreencast", {"format": "png"})
-        live.page.wait_for_timeout(200)
-        begin = time.time()
-        live.page.evaluate(BLOCK, 1000)
-        end = time.time()
-        devtools.send("Page.stopScreencast")
-    devtools.detach()
-    during = [_strip(data) for at, data in frames if begin + OLDEST_S + SLACK_S < at < end - SLACK_S]
-    before = [_strip(data) for at, data in frames if at < begin]
-    assert any(blue > 100 and blue > 2 * red for blue, _, red in before)  # IN WINDOW on blue
-    if not during:  # nothing moved any more: what was drawn last stayed
-        during = [_strip(data) for at, data in frames if begin + OLDEST_S < at < end][-1:]
-    assert during
-    assert all(blue < 100 for blue, _, red in during), during  # STALE on grey
 
 
 def test_the_clock_of_the_engine_is_never_taken_for_older_than_it_may_be(page: OpenPage) -> None:
@@ -349,6 +268,7 @@ def test_nothing_is_asked_for_elsewhere(page: OpenPage, server: PageServer) -> N
 def test_a_server_that_ends_is_told_and_one_that_comes_back_is_found(browser: Browser, image: Image) -> None:
     engine = FakeEngine()
     page = OpenPage(browser.new_page())
+    page.page.route("**/freshness.js", _patient)
     with serve(engine, settings=engine.settings()) as server:
         page.page.goto(server.address)
         publisher = Publisher(server, image)
@@ -367,8 +287,100 @@ def test_a_server_that_ends_is_told_and_one_that_comes_back_is_found(browser: Br
     page.page.close()
 
 
+# The page as it is: what is never shown as live
+
+
+def test_a_notice_without_an_image_says_why_although_the_last_image_is_old(
+    live: OpenPage, publisher: Publisher
+) -> None:
+    with feeding(lambda: publisher.put_invalid(Status.STALE, "the camera is silent", age_s=0.6, views={})):
+        live.wait("invalid")
+        assert live.text("#detail") == "the camera is silent"
+        eventually(lambda: _opacity(live, "#scene") == 1.0)
+
+
+def test_what_is_captured_too_long_ago_is_stale_however_fast_it_comes(live: OpenPage, publisher: Publisher) -> None:
+    with feeding(lambda: publisher.put(0.2, age_s=0.35)):
+        live.wait("stale")
+        eventually(lambda: _opacity(live, "#force") == 1.0)
+        for _ in range(10):
+            assert live.page.get_attribute("body", "data-kind") == "stale"
+
+
+WATCH = """() => {
+  const samples = (globalThis.samples = []);
+  // By the time that the compositor goes by: that of the script's frames stands still while the script does.
+  const veil = (id) => document.querySelector(`${id} .veil`).getAnimations()[0];
+  const young = (id) => veil(id).startTime === null || performance.now() - veil(id).startTime < 300;
+  const sample = () => {
+    const live = young('#force') && young('#strip') && document.body.dataset.kind !== 'invalid';
+    samples.push([Date.now(), live, Number(document.querySelector('#newtons').innerText.split(' ')[0])]);
+    globalThis.watching = requestAnimationFrame(sample);
+  };
+  globalThis.watching = requestAnimationFrame(sample);
+}"""
+BLOCK = "(ms) => { const end = performance.now() + ms; while (performance.now() < end); }"
+
+
+def test_a_page_that_is_held_up_never_shows_a_frame_older_than_300_ms_as_live(
+    live: OpenPage, publisher: Publisher
+) -> None:
+    """Each frame's force tells when it was captured: what the page shows is judged by the wall clock alone."""
+    captured: dict[float, float] = {}
+
+    def put() -> None:
+        force = round(0.101 + 0.001 * (len(captured) % 250), 3)
+        captured[force] = time.time()
+        publisher.put(force)
+
+    with feeding(put):
+        live.wait("in_window")
+        live.page.evaluate(WATCH)
+        for _ in range(2):
+            live.page.evaluate(BLOCK, 1000)
+            time.sleep(0.4)
+        live.wait("in_window")
+        samples = live.page.evaluate("() => { cancelAnimationFrame(globalThis.watching); return globalThis.samples; }")
+    shown = [(at * 1e-3 - captured[force]) for at, is_live, force in samples if is_live and force in captured]
+    assert shown
+    assert max(shown) <= OLDEST_S + SLACK_S
+    assert any(not is_live for _, is_live, _ in samples)  # of the frames that came while it was held up
+
+
+def test_the_veil_falls_while_the_script_is_held_up(live: OpenPage, publisher: Publisher) -> None:
+    """What is on the display, as the compositor hands it out, during a second without any script."""
+    devtools = live.page.context.new_cdp_session(live.page)
+    frames: list[tuple[float, str]] = []
+
+    def keep(frame: dict[str, Any]) -> None:
+        frames.append((frame["metadata"]["timestamp"], frame["data"]))
+        devtools.send("Page.screencastFrameAck", {"sessionId": frame["sessionId"]})
+
+    devtools.on("Page.screencastFrame", keep)
+    with feeding(lambda: publisher.put(0.2)):
+        live.wait("in_window")
+        devtools.send("Page.startScreencast", {"format": "png"})
+        live.page.wait_for_timeout(200)
+        begin = time.time()
+        live.page.evaluate(BLOCK, 1000)
+        end = time.time()
+        devtools.send("Page.stopScreencast")
+    devtools.detach()
+    before = [_strip(data) for at, data in frames if at < begin]
+    during = [(at - begin, _strip(data)) for at, data in frames if begin <= at < end]
+    assert _blue(before[-1])  # IN WINDOW
+    assert during
+    assert not _blue(during[-1][1])  # STALE; where nothing moves any more no further frame is handed out
+    assert not [at for at, colour in during if at > OLDEST_S + SLACK_S and _blue(colour)]
+
+
 def _opacity(page: OpenPage, selector: str) -> float:
     return float(page.page.evaluate(f"getComputedStyle(document.querySelector('{selector} .veil')).opacity"))
+
+
+def _blue(colour: tuple[int, int, int]) -> bool:
+    blue, _, red = colour
+    return blue > 100 and blue > 2 * red
 
 
 def _strip(png: str) -> tuple[int, int, int]:
