@@ -102,9 +102,10 @@ class Replay:
         """The integral is shown as stopped."""
         self.running = False
 
-    def hold(self, wanted: Callable[[ForceEstimate], bool]) -> None:
-        """Goes on with the frames around the first one whose estimate is as ``wanted``."""
-        self._hold = next(k for k, each in enumerate(self.shown) if each.estimate.valid and wanted(each.estimate))
+    def hold(self, wanted: Callable[[ForceEstimate], bool] | None) -> None:
+        """Goes on with the first frame alone whose estimate is as ``wanted``; None: with all again."""
+        fitting = (k for k, each in enumerate(self.shown) if wanted and each.estimate.valid and wanted(each.estimate))
+        self._hold = next(fitting, None)
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -200,8 +201,7 @@ def take(
         page.keyboard.press("z")
         page.keyboard.press("i")
         time.sleep(11.0)  # a whole trace
-        engine.hold(lambda found: 0.18 < found.magnitude_n < 0.24)
-        shot("in-window", "in_window", 0.15)
+        shot("in-window", "in_window")
         engine.hold(lambda found: 0.03 < found.magnitude_n < 0.08)
         shot("too-light", "too_light")
         engine.hold(lambda found: found.magnitude_n < 0.002)
@@ -211,9 +211,9 @@ def take(
         for name, value in (("window-low", 0.05), ("window-high", 0.15), ("limit", 0.2)):
             page.fill(f"#{name}", str(value))
         page.keyboard.press("Enter")
-        engine.hold(lambda found: found.magnitude_n > 0.25)
+        engine.hold(None)
         page.keyboard.press("r")
-        shot("too-hard", "too_hard", 0.75)
+        shot("too-hard", "too_hard", 8.0)
         page.keyboard.press("r")
         engine.hold(lambda found: 0.17 < found.magnitude_n < 0.19 and found.magnitude_interval_n[1] > 0.2)
         shot("may-be-too-hard", "may_be_too_hard", 1.2)

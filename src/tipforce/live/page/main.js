@@ -15,6 +15,7 @@ import { Trace } from "./trace.js";
 
 const DIGITS_MS = 100; // digits that change more often cannot be read
 const TRACE_MS = 33;
+const TITLE_SHARE = 0.6; // of the strip at most, where there is a detail beside it
 const LONG_DETAIL = 45; // letters; more are set smaller
 const UNCLEAR_DEG = 45; // an angle that is less certain is not shown
 
@@ -92,10 +93,13 @@ function present() {
   const values = verdict.live ? update.values : null;
   app.alarm.update(values, state.contact.limit_n, now);
   document.body.dataset.kind = verdict.kind;
-  document.body.dataset.alarm = app.alarm.on ? (app.alarm.held ? "held" : "on") : "off";
+  showAlarm(app.alarm.on ? (app.alarm.held ? "held" : "on") : "off");
   const told = verdict.live || verdict.kind === "invalid";
   set("sign", verdict.sign);
-  set("title", verdict.title);
+  if ($("title").textContent !== verdict.title || Boolean($("detail").textContent) !== Boolean(verdict.detail)) {
+    set("title", verdict.title);
+    fitTitle(Boolean(verdict.detail));
+  }
   set("detail", verdict.detail);
   $("detail").classList.toggle("long", verdict.detail.length > LONG_DETAIL);
   if (told) veils.strip.hold(holds(verdict, age));
@@ -119,6 +123,24 @@ function present() {
   if (values) app.sound.force(values.magnitude_n, state.contact, OLDEST_MS - age.frame);
   else app.sound.nothing(now);
   app.sound.alarm(app.alarm.on, paused);
+}
+
+/** Makes the title of the strip as small as it has to be, so that nothing of it is cut off. */
+function fitTitle(hasDetail) {
+  const strip = $("strip");
+  strip.style.setProperty("--fit", 1);
+  const beside = hasDetail && innerWidth > innerHeight; // upright the detail stands below
+  const needed = $("title").getBoundingClientRect().right - strip.getBoundingClientRect().left;
+  const room = (beside ? TITLE_SHARE : 0.97) * strip.clientWidth;
+  strip.style.setProperty("--fit", Math.min(1, room / needed).toFixed(3));
+}
+
+function showAlarm(alarm) {
+  if (document.body.dataset.alarm === alarm) return;
+  document.body.dataset.alarm = alarm;
+  for (const element of document.querySelectorAll("#alarm-frame, #strip .flash")) {
+    for (const animation of element.getAnimations()) animation.startTime = 0; // strip and border flash together
+  }
 }
 
 function veilTitle(verdict) {
@@ -198,6 +220,7 @@ async function stayLit() {
 }
 
 new ResizeObserver(() => {
+  fitTitle(Boolean($("detail").textContent));
   scene.redraw();
   app.connection.display(app.view, scene.widthPx);
 }).observe($("scene"));
