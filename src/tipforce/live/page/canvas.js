@@ -31,7 +31,7 @@ export function forgetColours() {
 export const font = (pixels, weight = 500) => `${weight} ${pixels}px system-ui, "DejaVu Sans", sans-serif`;
 
 /** Diagonal hatching over a rectangle: "not known" without a colour. */
-export function hatch(context, left, top, width, height, colour, step = 9) {
+export function hatch(context, left, top, width, height, colour, step) {
   if (width <= 0) return;
   context.save();
   context.beginPath();
@@ -39,6 +39,7 @@ export function hatch(context, left, top, width, height, colour, step = 9) {
   context.clip();
   context.strokeStyle = colour;
   context.lineWidth = 1.5;
+  context.globalAlpha = 0.6;
   context.beginPath();
   const first = Math.floor((left - height) / step) * step; // the hatching moves with what it lies on, not with its edge
   for (let x = first; x < left + width; x += step) {

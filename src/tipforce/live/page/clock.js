@@ -1,6 +1,7 @@
 // The engine's clock as this page knows it, from pings. Ages are upper ends: never younger than the truth.
 
 const KEPT_MS = 30_000; // an older ping says little: clocks drift by some 50 ms in a thousand seconds
+const EARLIEST_MS = 20; // rounding, and what clocks drift between pings
 const TRUSTED_MS = 4_000; // after so long without an answer nothing is known of the engine's clock
 
 export class EngineClock {
@@ -30,7 +31,7 @@ export class EngineClock {
 
   /** The oldest that what was captured then can be now, in ms; Infinity while that is not known. */
   age(capturedMs, nowMs = performance.now(), wallMs = Date.now()) {
-    const latest = this.latest(nowMs, wallMs);
-    return Number.isNaN(latest) ? Infinity : latest - capturedMs;
+    const age = this.latest(nowMs, wallMs) - capturedMs;
+    return age >= -EARLIEST_MS ? age : Infinity; // nothing comes from the future: the clock is not understood
   }
 }

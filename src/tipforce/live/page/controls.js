@@ -1,7 +1,7 @@
 // Buttons, keys and dialogs: what an operator may do, and what came of it.
 
 import { forgetColours } from "./canvas.js";
-import { ago, duration, grams, inGrams } from "./numbers.js";
+import { duration, grams, inGrams, roughly } from "./numbers.js";
 
 const CONFIRM_MS = 3000; // zero is pressed a second time within this, where the tip is in contact
 const NOTICE_MS = 4000;
@@ -66,10 +66,10 @@ export class Controls {
     press($("pause"), paused > 0);
     $("pause").classList.toggle("warn", !sound.unlocked || paused > 0);
     const calm = sound.unlocked ? "sound on" : "touch to hear it";
-    say($("pause"), paused ? `sound paused ${duration(paused / 1000)}` : alarm.held ? "held: force unknown" : calm);
+    say($("pause"), paused ? `sound paused ${duration(paused / 1000)}` : alarm.held ? "held: not known" : calm);
     const { window_n: window, limit_n: limit } = state.contact;
     const [low, high, most] = [...window, limit].map((value) => grams(value).toFixed(0));
-    say($("set-limits"), `${low}–${high} g, alarm ${most} g`);
+    say($("set-limits"), `${low}–${high}, alarm ${most} g`);
     $("set-limits").disabled = !state.can_set_limits;
     const views = values?.views ?? [];
     $("switch-view").hidden = views.length < 2;
@@ -175,8 +175,8 @@ export class Controls {
 
 function zeroText(zero) {
   if (!zero) return "not zeroed";
-  const drift = zero.drift_n === null ? "" : `, drift ${inGrams(zero.drift_n)} g`;
-  return `${ago(zero.age_s)}${drift}`;
+  const since = roughly(zero.age_s);
+  return zero.drift_n === null ? `${since} ago` : `drift ${inGrams(zero.drift_n)} g, ${since}`;
 }
 
 function press(button, on) {

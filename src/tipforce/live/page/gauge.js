@@ -54,16 +54,19 @@ export function drawGauge(canvas, contact, values) {
   context.setLineDash([]);
   context.font = font(text, 600);
   context.textBaseline = "bottom";
-  label(context, `${grams(contact.window_n[0]).toFixed(0)}`, low, height, paint.window, width);
+  const end = label(context, grams(contact.window_n[0]).toFixed(0), low, height, paint.window, width, 0);
   const same = contact.window_n[1] === contact.limit_n;
-  if (!same) label(context, grams(contact.window_n[1]).toFixed(0), high, height, paint.window, width);
-  label(context, `limit ${grams(contact.limit_n).toFixed(0)} g`, at(contact.limit_n), height, paint.limit, width);
-  label(context, "0", left, height, paint.dim, width);
+  const next = same ? end : label(context, grams(contact.window_n[1]).toFixed(0), high, height, paint.window, width, end);
+  label(context, `limit ${grams(contact.limit_n).toFixed(0)} g`, at(contact.limit_n), height, paint.limit, width, next);
+  label(context, "0", left, height, paint.dim, width, 0);
 }
 
-function label(context, text, x, y, colour, width) {
+/** A word below `x`, not before `from`. @returns where the next one may begin */
+function label(context, text, x, y, colour, width, from) {
   const half = context.measureText(text).width / 2;
+  const middle = Math.min(Math.max(x, from + half), width - half);
   context.textAlign = "center";
   context.fillStyle = colour;
-  context.fillText(text, Math.min(Math.max(x, half), width - half), y);
+  context.fillText(text, middle, y);
+  return middle + half + 8;
 }

@@ -15,6 +15,8 @@ import { Trace } from "./trace.js";
 
 const DIGITS_MS = 100; // digits that change more often cannot be read
 const TRACE_MS = 33;
+const TITLE_SHARE = 0.6; // of the strip at most, where there is a detail beside it
+const LONG_DETAIL = 45; // letters; more are set smaller
 const UNCLEAR_DEG = 45; // an angle that is less certain is not shown
 
 const $ = (id) => document.getElementById(id);
@@ -63,17 +65,19 @@ async function take(buffer) {
     return;
   }
   try {
-    app.update = update;
-    trace.add(update);
-    await scene.show(update, app.state.contact.limit_n);
-    if (update.jpeg) imageAt = update.capturedMs;
+    if (update.jpeg) {
+      await scene.load(update.jpeg);
+      imageAt = update.capturedMs;
+    }
   } catch (error) {
-    console.warn("the image could not be drawn:", error);
-  } finally {
-    present();
-    app.connection.acknowledge(update.number, clock.age(update.capturedMs));
-    app.connection.display(app.view, scene.widthPx);
+    console.warn("the image could not be read:", error);
   }
+  app.update = update; // its numbers and its image appear together
+  trace.add(update);
+  scene.draw(update.values, app.state.contact.limit_n);
+  present();
+  app.connection.acknowledge(update.number, clock.age(update.capturedMs));
+  app.connection.display(app.view, scene.widthPx);
 }
 
 /** Shows what is true now; called with every frame, and often without. */
@@ -89,25 +93,30 @@ function present() {
   const values = verdict.live ? update.values : null;
   app.alarm.update(values, state.contact.limit_n, now);
   document.body.dataset.kind = verdict.kind;
-  document.body.dataset.alarm = app.alarm.on ? (app.alarm.held ? "held" : "on") : "off";
+  showAlarm(app.alarm.on ? (app.alarm.held ? "held" : "on") : "off");
   const told = verdict.live || verdict.kind === "invalid";
   set("sign", verdict.sign);
-  set("title", verdict.title);
+  if ($("title").textContent !== verdict.title || Boolean($("detail").textContent) !== Boolean(verdict.detail)) {
+    set("title", verdict.title);
+    fitTitle(Boolean(verdict.detail));
+  }
   set("detail", verdict.detail);
+  $("detail").classList.toggle("long", verdict.detail.length > LONG_DETAIL);
   if (told) veils.strip.hold(holds(verdict, age));
   else veils.strip.fall(verdict.title, verdict.detail);
 
   const imageAge = clock.age(imageAt, now);
   if (connection?.open && imageAge <= OLDEST_MS) veils.scene.hold(OLDEST_MS - imageAge);
-  else veils.scene.fall(verdict.kind === "invalid" ? "STALE" : verdict.title, "");
+  else veils.scene.fall(veilTitle(verdict), "");
 
   drawGauge($("gauge"), state.contact, values);
-  if (told && (now - digitsAt >= DIGITS_MS || !digits || !values)) {
+  const due = !digits || now - digitsAt >= DIGITS_MS || clock.age(digits.capturedMs, now) > OLDEST_MS / 2;
+  if (told && (due || !values)) {
     showDigits(values);
     digits = values ? update : null;
     digitsAt = now;
   }
-  if (!told) veils.force.fall(verdict.kind === "stale" ? "STALE" : verdict.title, "");
+  if (!told) veils.force.fall(veilTitle(verdict), "");
   else veils.force.hold(values ? OLDEST_MS - clock.age(digits.capturedMs, now) : holds(verdict, age));
 
   const paused = app.alarm.pausedFor(now) > 0;
@@ -116,10 +125,33 @@ function present() {
   app.sound.alarm(app.alarm.on, paused);
 }
 
+/** Makes the title of the strip as small as it has to be, so that nothing of it is cut off. */
+function fitTitle(hasDetail) {
+  const strip = $("strip");
+  strip.style.setProperty("--fit", 1);
+  const beside = hasDetail && innerWidth > innerHeight; // upright the detail stands below
+  const needed = $("title").getBoundingClientRect().right - strip.getBoundingClientRect().left;
+  const room = (beside ? TITLE_SHARE : 0.97) * strip.clientWidth;
+  strip.style.setProperty("--fit", Math.min(1, room / needed).toFixed(3));
+}
+
+function showAlarm(alarm) {
+  if (document.body.dataset.alarm === alarm) return;
+  document.body.dataset.alarm = alarm;
+  for (const element of document.querySelectorAll("#alarm-frame, #strip .flash")) {
+    for (const animation of element.getAnimations()) animation.startTime = 0; // strip and border flash together
+  }
+}
+
+function veilTitle(verdict) {
+  return ["disconnected", "waiting"].includes(verdict.kind) ? verdict.title : "STALE";
+}
+
 /** The numbers of a live update; null: there is none. */
 function showDigits(values) {
   set("grams", values ? inGrams(values.magnitude_n) : "– –");
-  set("newtons", values ? inNewtons(values.magnitude_n) : NOTHING);
+  set("newtons", values ? `${inNewtons(values.magnitude_n)} N` : "no valid force");
+  $("force").classList.toggle("none", !values);
   const [low, high] = values?.interval_n ?? [null, null];
   const known = low !== null && high !== null;
   set("interval", known ? `${inGrams(low)} – ${inGrams(high)} g` : NOTHING);
@@ -141,8 +173,7 @@ function showSums() {
   const clinical = values?.clinical;
   set("class", clinical ? clinical.contact_class : NOTHING);
   set("share", clinical && clinical.window_share !== null ? `${Math.round(100 * clinical.window_share)} %` : NOTHING);
-  const unknown = clinical?.unknown_s >= 1 ? `, ${duration(clinical.unknown_s)} not known` : "";
-  set("share-note", clinical ? `of ${duration(clinical.elapsed_s)}${unknown}` : "");
+  set("share-note", clinical ? `of ${duration(clinical.elapsed_s - clinical.unknown_s)} known` : "");
   set("integral", clinical ? `${clinical.integral_g_s.toFixed(0)} g s` : NOTHING);
   const [low, high] = clinical?.integral_interval_g_s ?? [null, null];
   set("integral-note", low === null || high === null ? "" : `${low.toFixed(0)} – ${high.toFixed(0)}`);
@@ -189,7 +220,8 @@ async function stayLit() {
 }
 
 new ResizeObserver(() => {
-  scene.draw();
+  fitTitle(Boolean($("detail").textContent));
+  scene.redraw();
   app.connection.display(app.view, scene.widthPx);
 }).observe($("scene"));
 document.addEventListener("visibilitychange", stayLit);

@@ -31,9 +31,9 @@ export function duration(totalSeconds) {
   return h ? `${h}:${two(m)}:${two(s)}` : `${m}:${two(s)}`;
 }
 
-/** "12 s ago", "3 min ago", "2 h ago". */
-export function ago(totalSeconds) {
-  if (totalSeconds < 60) return `${Math.floor(totalSeconds)} s ago`;
-  if (totalSeconds < 3600) return `${Math.floor(totalSeconds / 60)} min ago`;
-  return `${Math.floor(totalSeconds / 3600)} h ago`;
+/** "12 s", "3 min", "2 h". */
+export function roughly(totalSeconds) {
+  if (totalSeconds < 60) return `${Math.floor(totalSeconds)} s`;
+  if (totalSeconds < 3600) return `${Math.floor(totalSeconds / 60)} min`;
+  return `${Math.floor(totalSeconds / 3600)} h`;
 }

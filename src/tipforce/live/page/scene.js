@@ -26,20 +26,22 @@ export class Scene {
     return this.#canvas.clientWidth * (window.devicePixelRatio || 1);
   }
 
-  /** Draws an update; without an image of its own over the one that is there. */
-  async show(update, limitN) {
-    if (update.jpeg) {
-      const bitmap = await createImageBitmap(new Blob([update.jpeg], { type: "image/jpeg" }));
-      this.#bitmap?.close();
-      this.#bitmap = bitmap;
-    }
-    this.#last = { values: update.values, limitN };
-    this.draw();
+  /** Takes the next image, which is shown from the next `draw` on. */
+  async load(jpeg) {
+    const bitmap = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
+    this.#bitmap?.close();
+    this.#bitmap = bitmap;
   }
 
-  draw() {
+  /** Draws the image with what `values` tell of it. */
+  draw(values, limitN) {
+    this.#last = { values, limitN };
+    this.redraw();
+  }
+
+  redraw() {
     const { context, width, height } = fit(this.#canvas);
-    if (!this.#bitmap) return;
+    if (!this.#bitmap || !this.#last) return;
     const bitmap = this.#bitmap;
     const scale = Math.min(width / bitmap.width, height / bitmap.height);
     const [left, top] = [(width - scale * bitmap.width) / 2, (height - scale * bitmap.height) / 2];
@@ -51,9 +53,6 @@ export class Scene {
     // Pixel centres lie at integers, so the image begins half a pixel before 0.
     const at = ([u, v]) => [left + perPixel * (u + 0.5), top + perPixel * (v + 0.5)];
     context.save();
-    context.beginPath();
-    context.rect(left, top, scale * bitmap.width, scale * bitmap.height);
-    context.clip();
     context.lineCap = context.lineJoin = "round";
     const unit = Math.max(1, Math.min(width, height) / 480);
     this.#shape(context, values.shape, at, unit);

@@ -31,7 +31,7 @@ export class Trace {
     const text = Math.max(12, Math.min(16, 0.09 * height));
     const [left, right, top, bottom] = [3.2 * text, width - 6, 6, height - 1.7 * text];
     const points = this.#points.filter((point) => point.at >= nowMs - SPAN_MS - GAP_MS);
-    const most = Math.max(fullScale(contact), ...points.map((point) => 1.1 * (point.force ?? 0)));
+    const most = Math.max(fullScale(contact), ...points.map((point) => 1.05 * (point.high ?? 0)));
     const x = (at) => right - ((right - left) * (nowMs - at)) / SPAN_MS;
     const y = (newtons) => bottom - ((bottom - top) * newtons) / most;
     const low = y(Math.min(contact.window_n[1], most));
@@ -96,7 +96,7 @@ export class Trace {
   #unknown(context, points, x, nowMs, left, right, top, bottom, paint) {
     let from = null;
     const until = (at) => {
-      if (from !== null) hatch(context, x(from), top, x(at) - x(from), bottom - top, paint.invalid);
+      if (from !== null) hatch(context, x(from), top, x(at) - x(from), bottom - top, paint.invalid, 12);
       from = null;
     };
     let before = null;
