@@ -267,6 +267,12 @@ class HardwareSource:
         ]
         return bool(states) and all(state == "ended" for state in states)
 
+    def trouble(self) -> str:
+        """Which devices are not connected, and why; empty where all are."""
+        missing = [device for device in self._devices if device.state != "connected"]
+        told = (f"{device.driver.name} is {device.state}: {device.message}" for device in missing)
+        return "; ".join(each.removesuffix(": ") for each in told)
+
     def health(self) -> tuple[DeviceHealth, ...]:
         """How each device and its streams do now."""
         now = self.clock.now_ns()

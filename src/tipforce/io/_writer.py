@@ -15,12 +15,26 @@ from mcap.writer import CompressionType, Writer
 
 from .._atomic import atomic_text, part_of, writing
 from ..errors import FileFormatError, OutputError, TimeError
-from ..types import Clock, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, SystemClock, Wrench
+from ..types import (
+    Clock,
+    Event,
+    FloatArray,
+    ForceEstimate,
+    Frame,
+    IntArray,
+    SensorInfo,
+    SessionInfo,
+    SystemClock,
+    Wrench,
+)
 from ._cdr import (
     COMPRESSED_IMAGE,
+    ESTIMATE,
+    FORCE_ESTIMATE,
     JOINT_STATE,
     SCHEMAS,
     WRENCH_STAMPED,
+    pack_estimate,
     pack_image,
     pack_joints,
     pack_wrench,
@@ -102,12 +116,7 @@ class RecordingWriter:
 
     def write(self, event: Event) -> None:
         """One event; frames are compressed here. Raises TimeError for a stamp below zero or beyond `MAX_STAMP_S`."""
-        if event.stamp_ns >= MAX_STAMP_S * 1_000_000_000:
-            raise TimeError(f"{self.path}: the stamp {event.stamp_ns} ns lies beyond the year 2038; check its unit")
-        if event.stamp_ns < 0:
-            raise TimeError(
-                f"{self.path}: the stamp {event.stamp_ns} ns lies before zero, which the format cannot hold"
-            )
+        self._check_stamp(event.stamp_ns)
         if isinstance(event, Frame):
             encoding, data = encode_image(event.image, lossless=self._lossless, jpeg_quality=self._quality)
             message = pack_image(event.stamp_ns, event.view, encoding, data)
@@ -117,6 +126,12 @@ class RecordingWriter:
             self._add("/force", WRENCH_STAMPED, event.stamp_ns, message)
         else:
             self._add(f"/{event.stream}", JOINT_STATE, event.stamp_ns, pack_joints(event.stamp_ns, event.values))
+
+    def write_estimate(self, estimate: ForceEstimate) -> None:
+        """One estimate, into the stream "estimate". Raises TimeError as `write`."""
+        self._check_stamp(estimate.stamp_ns)
+        message = pack_estimate(estimate.stamp_ns, estimate)
+        self._add(f"/{ESTIMATE}", FORCE_ESTIMATE, estimate.stamp_ns, message)
 
     def state(self, fact: ClockOffset | Inertia | Tare | SensorInfo) -> None:
         """A fact about the run; the last one of its kind holds. A sensor stands in place of that of the metadata."""
@@ -202,6 +217,12 @@ class RecordingWriter:
         self._closed = True
         self._stop.set()
         self._flusher.join()
+
+    def _check_stamp(self, stamp_ns: int) -> None:
+        if stamp_ns >= MAX_STAMP_S * 1_000_000_000:
+            raise TimeError(f"{self.path}: the stamp {stamp_ns} ns lies beyond the year 2038; check its unit")
+        if stamp_ns < 0:
+            raise TimeError(f"{self.path}: the stamp {stamp_ns} ns lies before zero, which the format cannot hold")
 
     def _add(self, topic: str, schema: str, stamp_ns: int, message: bytes) -> None:
         with self._lock:

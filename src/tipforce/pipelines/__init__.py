@@ -8,6 +8,7 @@ from ._guided import Guide, missing_for_training
 from ._import_session import import_session
 from ._inspect import inspect
 from ._inspect_images import InspectionResult, inspect_frames, inspect_image_file, inspect_sessions
+from ._live import LiveRunSettings, PageAddress, live, live_line, open_live_source
 from ._record import RecordingReport, record
 from ._record_bench import BenchRecording, describe_health
 from ._simulate import SimulateReport, preset_settings, simulate, simulate_dataset
@@ -24,6 +25,8 @@ __all__ = [
     "EvaluateReport",
     "Guide",
     "InspectionResult",
+    "LiveRunSettings",
+    "PageAddress",
     "RecordingReport",
     "RecordingSummary",
     "SimulateReport",
@@ -42,6 +45,9 @@ __all__ = [
     "inspect_image_file",
     "inspect_sessions",
     "missing_for_training",
+    "live",
+    "live_line",
+    "open_live_source",
     "plot_calibration",
     "plot_summary",
     "preset_settings",

@@ -1,0 +1,99 @@
+"""What the live engine publishes: an estimate with its images, its age, the contact and the health of the run."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal
+
+from ..clinical import ClinicalState
+from ..types import FloatArray, ForceEstimate, Image, frozen
+
+__all__ = ["CAMERA_STATES", "CameraState", "LiveHealth", "LiveUpdate", "SinkHealth", "Zero"]
+
+CameraState = Literal["waiting", "running", "late", "frozen", "black", "wrong_size", "lost"]
+CAMERA_STATES: tuple[CameraState, ...] = ("waiting", "running", "late", "frozen", "black", "wrong_size", "lost")
+"""No image yet; images come; they are too old; the same one comes again and again; nothing is on them; their size
+changed; the source ended, failed or is silent for seconds. Of several cameras the state is that of the worst."""
+
+
+@dataclass(frozen=True, slots=True)
+class SinkHealth:
+    """How one sink does: ``failures`` counts what it raised; ``hung``: it has been busy with one update for seconds."""
+
+    taken: int = 0
+    dropped: int = 0
+    failures: int = 0
+    hung: bool = False
+    message: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LiveHealth:
+    """How the run does.
+
+    ``frames_per_s``: of the first view, as they arrive, over the last second. ``frames_in``: so many arrived.
+    ``dropped``: so many gave way to a newer one before the estimator took them. ``latency_p50_s`` and
+    ``latency_p99_s``: from mid-exposure to the estimate, over the last 10 s; NaN without any. ``reconnects``: so often
+    the source was opened again. ``message``: one sentence where something is not as it should be, else empty.
+    """
+
+    frames_per_s: float = 0.0
+    frames_in: int = 0
+    dropped: int = 0
+    latency_p50_s: float = math.nan
+    latency_p99_s: float = math.nan
+    camera: CameraState = "waiting"
+    reconnects: int = 0
+    message: str = ""
+    sinks: Mapping[str, SinkHealth] = field(default_factory=lambda: MappingProxyType({}))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Zero:
+    """What the operator's zero button subtracts from every estimate since.
+
+    ``offset_n`` (3,): force that was read then, base frame; components that the method leaves unknown are NaN.
+    ``magnitude_n``: its magnitude. ``since_ns``: when, on the engine's clock. ``contact``: probability of contact that
+    the method stated then, NaN from methods that state none. ``drift_n``: magnitude that is read now at moments
+    without contact, NaN while there was none since; only a method that states the probability of contact knows such
+    moments. ``drift_ns``: the last of them.
+    """
+
+    offset_n: FloatArray
+    magnitude_n: float
+    since_ns: int
+    contact: float = math.nan
+    drift_n: float = math.nan
+    drift_ns: int | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "offset_n", frozen("offset_n", self.offset_n, (3,)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveUpdate:
+    """One output of the engine: of a frame, or a notice of the watchdog.
+
+    ``number`` counts from 0 and never goes back. ``estimate``: invalid where the camera is late, lost, frozen or black.
+    ``clinical``: the contact with it. ``frames``: view -> image that the estimate is of; empty for a notice. Its shape
+    is ``estimate.shape``. ``captured_ns``: mid-exposure, of a notice that of the last image; ``published_ns``: when the
+    estimate was ready; both on the engine's clock. ``zero``: what was subtracted, None before the button is pressed.
+    ``integral_running``: whether the force-time integral of ``clinical`` counts; before its start it is 0, after its
+    stop it stays. Read-only, and shared by all sinks.
+    """
+
+    number: int
+    estimate: ForceEstimate
+    clinical: ClinicalState | None
+    frames: Mapping[str, Image]
+    captured_ns: int
+    published_ns: int
+    health: LiveHealth
+    zero: Zero | None = None
+    integral_running: bool = False
+
+    @property
+    def latency_s(self) -> float:
+        """From mid-exposure to the output; of a notice, the age of the last image."""
+        return (self.published_ns - self.captured_ns) * 1e-9
