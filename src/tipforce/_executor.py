@@ -33,6 +33,7 @@ class Executor(Protocol):
         items: Sequence[_Item],
         *,
         steps: int = 1,
+        alone: bool = False,
         shared: Path | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> list[_Result]:
@@ -43,6 +44,7 @@ class Executor(Protocol):
                 it writes has to appear whole or not at all.
             items: one call each.
             steps: how often ``task`` calls its function for an item.
+            alone: an item takes all cores of a machine, and a GPU where there is one.
             shared: a folder that ``task`` reads or writes, which all machines must have.
             progress: called with the share done.
 
@@ -67,6 +69,7 @@ class LocalExecutor:
         items: Sequence[_Item],
         *,
         steps: int = 1,
+        alone: bool = False,
         shared: Path | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> list[_Result]:
@@ -83,7 +86,7 @@ class LocalExecutor:
             count += 1
             report(count)
 
-        worker_count = min(len(items), self.workers or cores())
+        worker_count = 1 if alone else min(len(items), self.workers or cores())
         if worker_count <= 1:
             return [task(item, one_more) for item in items]
         counter = multiprocessing.get_context("spawn").Value("q", 0)

@@ -4,6 +4,7 @@ import importlib
 import os
 import secrets
 import socket
+import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ ADDRESS = "RAY_ADDRESS"
 _RETRIES = 5
 """So often an item is done again that was lost with its process or node; then it is the item that kills them."""
 _POLL_S = 0.2
+_TELL_S = 0.5
 _MARK = ".node-check-"
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -48,47 +50,92 @@ class RayExecutor:
         items: Sequence[_Item],
         *,
         steps: int = 1,
+        alone: bool = False,
         shared: Path | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> list[_Result]:
-        """See `Executor`. Progress counts whole items.
+        """See `Executor`.
 
         Raises:
             InputError: a node lacks the folders or has another version of this program, or an item was lost again and
                 again.
         """
-        del steps
         if not items:
             return []
         with _connected(self.address) as ray, _mark(shared) as mark:
-            work = ray.remote(_work).options(num_cpus=1, max_retries=_RETRIES)
-            setup = ray.put(_Setup(task, str(Path.cwd()), None if mark is None else str(mark.absolute()), _version()))
-            refs = [work.remote(setup, item) for item in items]
-            pending = list(refs)
+            counter = _counter_here(ray)
+            needs = _largest_node(ray) if alone else {"num_cpus": 1}
+            work = ray.remote(_work).options(max_retries=_RETRIES, **needs)
+            seen = None if mark is None else str(mark.absolute())
+            setup = ray.put(_Setup(task, str(Path.cwd()), seen, _version(), needs["num_cpus"], counter))
+            refs = [work.remote(setup, number, item) for number, item in enumerate(items)]
+            pending, share = list(refs), 0.0
             try:
                 while pending:
                     done, pending = ray.wait(pending, num_returns=len(pending), timeout=_POLL_S)
                     for ref in done:
                         _result(ray, ref)
+                    share = max(share, 1.0 - len(pending) / len(items), _counted(ray, counter) / (len(items) * steps))
                     if progress:
-                        progress(1.0 - len(pending) / len(items))
+                        progress(min(1.0, share))
                 return [_result(ray, ref) for ref in refs]
             finally:
                 for ref in pending:
                     ray.cancel(ref, force=True)
+                ray.kill(counter)
+
+
+class _Counter:
+    """Where nodes tell how many steps they have done; of an item that is done again, those of the last time."""
+
+    def __init__(self) -> None:
+        self._steps: dict[int, int] = {}
+
+    def put(self, item: int, steps: int) -> None:
+        """Steps of an item so far."""
+        self._steps[item] = steps
+
+    def total(self) -> int:
+        """Steps of all items."""
+        return sum(self._steps.values())
+
+
+def _counter_here(ray: Any) -> Any:
+    """A counter on the node of this process, which lives as long as it is needed."""
+    node = ray.get_runtime_context().get_node_id()
+    here = importlib.import_module("ray.util.scheduling_strategies").NodeAffinitySchedulingStrategy(node, soft=True)
+    return ray.remote(_Counter).options(num_cpus=0, scheduling_strategy=here).remote()
+
+
+def _counted(ray: Any, counter: Any) -> int:
+    """Steps done so far; 0 where the counter is busy or lost: progress then counts whole items."""
+    try:
+        return ray.get(counter.total.remote(), timeout=_POLL_S)
+    except ray.exceptions.RayError:
+        return 0
+
+
+def _largest_node(ray: Any) -> dict[str, int]:
+    """What the largest node has: one with a GPU before one with more cores."""
+    nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+    best = max(nodes, key=lambda has: (has.get("GPU", 0) > 0, has.get("CPU", 0)))
+    needs = {"num_cpus": max(1, int(best.get("CPU", 1)))}
+    return needs | {"num_gpus": 1} if best.get("GPU", 0) >= 1 else needs
 
 
 @dataclass(frozen=True)
 class _Setup:
-    """What each item needs: the task, the folder to work in, a file that all nodes must have, and the version."""
+    """What each item needs: the task, the folder to work in, a file that all nodes must have, version, cores."""
 
     task: "Task[Any, Any]"
     folder: str
     mark: str | None
     version: str
+    cores: int = 1
+    counter: Any = None
 
 
-def _work(setup: _Setup, item: Any) -> Any:
+def _work(setup: _Setup, number: int, item: Any) -> Any:
     """On a node: one item."""
     node = socket.gethostname()
     if setup.version != _version():
@@ -100,12 +147,17 @@ def _work(setup: _Setup, item: Any) -> Any:
                 "nodes have at the same path"
             )
     os.chdir(setup.folder)  # as relative paths were meant
-    limit_threads(1)
-    return setup.task(item, _nothing)
+    limit_threads(setup.cores)
+    steps, told_s = 0, 0.0
 
+    def step() -> None:
+        nonlocal steps, told_s
+        steps += 1
+        if setup.counter is not None and time.monotonic() - told_s >= _TELL_S:
+            told_s = time.monotonic()
+            setup.counter.put.remote(number, steps)
 
-def _nothing() -> None:
-    """Ray counts whole items."""
+    return setup.task(item, step)
 
 
 def _result(ray: Any, ref: Any) -> Any:

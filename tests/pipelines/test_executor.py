@@ -50,7 +50,7 @@ def test_a_node_works_in_the_same_folder(tmp_path: Path, monkeypatch: pytest.Mon
     shared = tmp_path / "shared"
     shared.mkdir()
     with _ray._mark(shared) as mark:
-        assert _ray._work(setup_of(shared, mark), 4) == 8
+        assert _ray._work(setup_of(shared, mark), 0, 4) == 8
         assert Path.cwd() == shared
     assert not list(shared.iterdir())
 
@@ -58,9 +58,9 @@ def test_a_node_works_in_the_same_folder(tmp_path: Path, monkeypatch: pytest.Mon
 def test_a_node_without_the_folder_is_refused(tmp_path: Path) -> None:
     for setup in (setup_of(tmp_path / "elsewhere"), setup_of(tmp_path, tmp_path / "mark of another folder")):
         with pytest.raises(InputError, match="on a file system that all nodes have at the same path"):
-            _ray._work(setup, 4)
+            _ray._work(setup, 0, 4)
 
 
 def test_a_node_with_another_version_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"the others have 0\.0\.0; install the same"):
-        _ray._work(setup_of(tmp_path, version="0.0.0"), 4)
+        _ray._work(setup_of(tmp_path, version="0.0.0"), 0, 4)

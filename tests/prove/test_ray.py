@@ -14,7 +14,7 @@ import pytest
 from tipforce._executor import Executor, LocalExecutor
 from tipforce._ray import RayExecutor
 from tipforce.errors import InputError
-from tipforce.pipelines import preset_settings, simulate_dataset
+from tipforce.pipelines import preset_settings, simulate_dataset, train
 
 ray = pytest.importorskip("ray", reason="no ray: pip install -e '.[cluster]'")
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")]
@@ -65,6 +65,21 @@ def test_a_set_has_the_same_bytes_on_two_nodes_one_of_which_dies(cluster: Any, t
     assert finished
     assert files(tmp_path / "ray") == files(tmp_path / "local")
     assert not ray.is_initialized()
+
+
+def test_a_training_there_gives_the_model_of_one_here(cluster: Any, tmp_path: Path) -> None:
+    make(tmp_path / "set", LocalExecutor(workers=1))
+    shares: list[float] = []
+    here = train(tmp_path / "set", tmp_path / "here")
+    there = train(
+        tmp_path / "set", tmp_path / "there", executor=RayExecutor(cluster.address),
+        progress=lambda what, share: shares.append(share),
+    )  # fmt: skip
+    assert (tmp_path / "there" / "arrays.npz").read_bytes() == (tmp_path / "here" / "arrays.npz").read_bytes()
+    assert there.metrics == here.metrics
+    assert there.lines == here.lines
+    assert shares[-1] == 1.0
+    assert shares == sorted(shares)
 
 
 def killed_once(folder: Path, item: int, step: Callable[[], None]) -> int:
