@@ -54,15 +54,15 @@ def test_a_set_has_the_same_bytes_on_two_nodes_one_of_which_dies(cluster: Any, t
     finished: dict[Path, int] = {}
 
     def progress(what: str, share: float) -> None:
-        if share > 0.0 and not finished:  # the first session is whole: take a node away
-            parts = (tmp_path / "ray" / ".parts").glob("*.json")
+        parts = list((tmp_path / "ray" / ".parts").glob("*.json"))
+        if parts and not finished:  # a session is whole, others are on their way: take a node away
             finished.update({path: path.stat().st_mtime_ns for path in parts})
             cluster.remove_node(second, allow_graceful=False)
         elif share < 1.0:
             assert all(path.stat().st_mtime_ns == at for path, at in finished.items())
 
     make(tmp_path / "ray", RayExecutor(cluster.address), progress)
-    assert finished
+    assert 0 < len(finished) < 4
     assert files(tmp_path / "ray") == files(tmp_path / "local")
     assert not ray.is_initialized()
 
