@@ -3,16 +3,18 @@
 import contextlib
 import os
 import threading
+from collections.abc import Generator, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
 import numpy as np
+from mcap.records import Channel, Message
 from mcap.writer import CompressionType, Writer
 
-from .._atomic import atomic_text, part_of
-from ..errors import FileFormatError, TimeError
+from .._atomic import atomic_text, part_of, writing
+from ..errors import FileFormatError, OutputError, TimeError
 from ..types import (
     Clock,
     Event,
@@ -36,10 +38,11 @@ from ._cdr import (
     pack_image,
     pack_joints,
     pack_wrench,
+    unpack_image,
 )
 from ._facts import ClockOffset, Inertia, Tare, session_record
-from ._images import encode_image
-from ._recover import check_target, lock
+from ._images import decode_image, encode_image
+from ._recover import check_target, lock, whole_records
 from ._tables import MAX_STAMP_S
 
 __all__ = ["RecordingWriter", "write_force_csv"]
@@ -50,6 +53,8 @@ _FLUSH_NS = 250_000_000
 _CHUNK_NS = 500_000_000
 """Longest stretch of recorded time in one chunk: what reading one moment costs."""
 _CHUNK_BYTES = 4 << 20
+_COMPRESSED = "/compressed"
+"""How the topic of a stream of images ends."""
 
 
 class RecordingWriter:
@@ -97,9 +102,13 @@ class RecordingWriter:
         self._pending_since: int | None = None
         self._span: tuple[int, int] | None = None
         self._closed = False
+        self._failed: OutputError | None = None
+        self._whole = 0
+        """Bytes of the ``.part`` that end with a whole record."""
         self._info, self._origin = info, origin
         self._mcap.add_metadata("tipforce.session", {"origin": origin, **session_record(info)})
-        self._stream.flush()
+        with self._keeping_what_is_whole():
+            self._stream.flush()
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._flusher = threading.Thread(target=self._flush_while_idle, name="recording-flush", daemon=True)
@@ -111,7 +120,7 @@ class RecordingWriter:
         if isinstance(event, Frame):
             encoding, data = encode_image(event.image, lossless=self._lossless, jpeg_quality=self._quality)
             message = pack_image(event.stamp_ns, event.view, encoding, data)
-            self._add(f"/{event.view}/compressed", COMPRESSED_IMAGE, event.stamp_ns, message)
+            self._add(f"/{event.view}{_COMPRESSED}", COMPRESSED_IMAGE, event.stamp_ns, message)
         elif isinstance(event, Wrench):
             message = pack_wrench(event.stamp_ns, event.frame, event.force_n, event.torque_nm)
             self._add("/force", WRENCH_STAMPED, event.stamp_ns, message)
@@ -137,16 +146,31 @@ class RecordingWriter:
         """A metadata record of any name; the last one of a name holds."""
         with self._lock:
             self._mcap.add_metadata(name, record)
-            self._stream.flush()
+            with self._keeping_what_is_whole():
+                self._stream.flush()
+
+    def written_frames(self) -> Iterator[Frame]:
+        """The frames written so far, in that order, as they are kept: with what compression left of them."""
+        with self._lock:
+            self._flush()
+        with self.part.open("rb") as stream:
+            views: dict[int, str] = {}
+            for record in whole_records(stream):
+                if isinstance(record, Channel) and record.topic.endswith(_COMPRESSED):
+                    views[record.id] = record.topic[1 : -len(_COMPRESSED)]
+                elif isinstance(record, Message) and record.channel_id in views:
+                    data = unpack_image(record.data)[2]
+                    yield Frame(record.log_time, decode_image(data, str(self.part)), views[record.channel_id])
 
     def close(self) -> None:
         """Finish the file and give it its name."""
         if self._closed:
             return
         self._halt()
-        self._mcap.finish()
-        self._stream.flush()
-        os.fsync(self._stream.fileno())
+        with self._keeping_what_is_whole():
+            self._mcap.finish()
+            self._stream.flush()
+            os.fsync(self._stream.fileno())
         self.part.replace(self.path)
         self._stream.close()
 
@@ -167,9 +191,27 @@ class RecordingWriter:
             self.close()
         elif not self._closed:
             self._halt()
-            with contextlib.suppress(OSError):  # a full disk is why we are here; the first error is the one to show
-                self._mcap.flush()
+            with contextlib.suppress(OSError, OutputError):  # the first error is the one to show
+                if not self._failed:
+                    with self._keeping_what_is_whole():
+                        self._mcap.flush()
                 self._stream.close()
+
+    @contextlib.contextmanager
+    def _keeping_what_is_whole(self) -> Generator[None]:
+        """Around what writes to the file: where the disk is full, half a record must not stay at its end."""
+        if self._failed:
+            raise self._failed
+        try:
+            with writing(self.part):
+                yield
+        except OutputError as error:
+            self._failed = OutputError(f"{error}; what was recorded until then is kept in {self.part}")
+            with contextlib.suppress(OSError):  # its buffer cannot be written, either
+                self._stream.close()
+            os.truncate(self.part, self._whole)
+            raise self._failed from error
+        self._whole = self._stream.tell()
 
     def _halt(self) -> None:
         self._closed = True
@@ -186,6 +228,8 @@ class RecordingWriter:
         with self._lock:
             if self._closed:
                 raise FileFormatError(f"{self.path}: the recording is closed")
+            if self._failed:
+                raise self._failed
             channel = self._channels.get(topic) or self._register(topic, schema)
             sequence = self._sequence.get(channel, 0)
             self._sequence[channel] = sequence + 1
@@ -205,14 +249,16 @@ class RecordingWriter:
         return self._channels[topic]
 
     def _flush(self) -> None:
-        self._mcap.flush()
+        with self._keeping_what_is_whole():
+            self._mcap.flush()
         self._pending_since, self._span = None, None
 
     def _flush_while_idle(self) -> None:
         while not self._stop.wait(_FLUSH_NS * 1e-9):
             with self._lock:
                 if self._pending_since is not None and self._clock.now_ns() - self._pending_since >= _FLUSH_NS:
-                    self._flush()
+                    with contextlib.suppress(OutputError):  # kept, and raised where the next event is written
+                        self._flush()
 
 
 def write_force_csv(path: Path | str, stamps_ns: IntArray, force_n: FloatArray) -> None:

@@ -1,0 +1,70 @@
+// What an update amounts to: the one word of the strip. Pure functions, without a page.
+
+import { OLDEST_MS } from "./freshness.js";
+import { seconds } from "./numbers.js";
+
+const NOTICE_MS = 1000; // a reason for "not valid" is shown for so long after it was published
+
+const REASONS = {
+  no_catheter: "no catheter",
+  cut_off: "catheter cut off",
+  not_a_function: "shape not described",
+  missing_input: "missing input",
+  out_of_distribution: "unlike the training images",
+  unobservable: "force cannot be told from the shape",
+  fold: "catheter folds",
+  stale: "no new image",
+};
+
+const KINDS = {
+  no_contact: ["○", "NO CONTACT", ""],
+  too_light: ["▼", "TOO LIGHT", "below the window"],
+  in_window: ["●", "IN WINDOW", ""],
+  above_window: ["▲", "ABOVE WINDOW", "below the limit"],
+  may_be_too_hard: ["▲", "MAY BE TOO HARD", "the interval passes the limit"],
+  too_hard: ["▲", "TOO HARD", "above the limit"],
+};
+
+/** Whether the upper end of the interval passes the limit; without an interval the estimate itself decides. */
+export function passesLimit(values, limitN) {
+  return (values.interval_n[1] ?? values.magnitude_n) > limitN;
+}
+
+function kindOf(values, contact) {
+  const force = values.magnitude_n;
+  if (force > contact.limit_n) return "too_hard";
+  if (passesLimit(values, contact.limit_n)) return "may_be_too_hard";
+  if (force > contact.window_n[1]) return "above_window";
+  if (force >= contact.window_n[0]) return "in_window";
+  return force > contact.contact_n ? "too_light" : "no_contact";
+}
+
+/**
+ * @param {object|null} update the newest one, as readMessage gives it
+ * @param {object} contact window and limit
+ * @param {boolean} connected
+ * @param {{frame: number, notice: number}} age ms since capture and since publication
+ * @returns {{kind: string, sign: string, title: string, detail: string, live: boolean}} live: numbers may be shown
+ */
+export function judge(update, contact, connected, age) {
+  const dead = (kind, sign, title, detail) => ({ kind, sign, title, detail, live: false });
+  if (!connected) return dead("disconnected", "✕", "DISCONNECTED", "trying to reach the server again");
+  if (!update) return dead("waiting", "…", "WAITING", "for the first frame");
+  const { values } = update;
+  if (values.status !== "valid" && age.notice <= NOTICE_MS) {
+    const reason = REASONS[values.status] ?? values.status.replaceAll("_", " ");
+    return dead("invalid", "✕", `NOT VALID: ${reason}`, values.detail);
+  }
+  if (!(age.frame <= OLDEST_MS) || values.status !== "valid") {
+    const told = Number.isFinite(age.frame) ? `the newest frame is ${seconds(age.frame)} old` : "age not known";
+    return dead("stale", "✕", "STALE", told);
+  }
+  const kind = kindOf(values, contact);
+  const [sign, title, detail] = KINDS[kind];
+  return { kind, sign, title, detail, live: true };
+}
+
+/** For how long, in ms, what `judge` said stays true if nothing more arrives. */
+export function holds(verdict, age) {
+  return verdict.kind === "invalid" ? NOTICE_MS - age.notice : OLDEST_MS - age.frame;
+}

@@ -1,0 +1,144 @@
+// The image with what was detected in it: centreline, base frame, tip, force.
+
+import { fit, font } from "./canvas.js";
+import { inGrams } from "./numbers.js";
+
+// The image is what it is in any theme, so these colours are fixed: told apart by lightness and by letters too.
+const CENTRELINE = "#ffd60a";
+const AXIS_X = "#ff9f43";
+const AXIS_Y = "#6ec8ff";
+const TIP = "#ffffff";
+const FORCE = "#00e5ff";
+const RIM = "rgba(0, 0, 0, 0.75)";
+const LEAST_ARROW_PX = 12;
+
+export class Scene {
+  #canvas;
+  #bitmap = null;
+  #last = null;
+
+  constructor(canvas) {
+    this.#canvas = canvas;
+  }
+
+  /** The width, in pixels of the screen, that an image is shown with. */
+  get widthPx() {
+    return this.#canvas.clientWidth * (window.devicePixelRatio || 1);
+  }
+
+  /** Takes the next image, which is shown from the next `draw` on. */
+  async load(jpeg) {
+    const bitmap = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
+    this.#bitmap?.close();
+    this.#bitmap = bitmap;
+  }
+
+  /** Draws the image with what `values` tell of it. */
+  draw(values, limitN) {
+    this.#last = { values, limitN };
+    this.redraw();
+  }
+
+  redraw() {
+    const { context, width, height } = fit(this.#canvas);
+    if (!this.#bitmap || !this.#last) return;
+    const bitmap = this.#bitmap;
+    const scale = Math.min(width / bitmap.width, height / bitmap.height);
+    const [left, top] = [(width - scale * bitmap.width) / 2, (height - scale * bitmap.height) / 2];
+    context.imageSmoothingQuality = "high";
+    context.drawImage(bitmap, left, top, scale * bitmap.width, scale * bitmap.height);
+    const { values, limitN } = this.#last;
+    if (!values.size || !values.shape || values.view !== values.views[0]) return;
+    const perPixel = (scale * bitmap.width) / values.size[0];
+    // Pixel centres lie at integers, so the image begins half a pixel before 0.
+    const at = ([u, v]) => [left + perPixel * (u + 0.5), top + perPixel * (v + 0.5)];
+    context.save();
+    context.lineCap = context.lineJoin = "round";
+    const unit = Math.max(1, Math.min(width, height) / 480);
+    this.#shape(context, values.shape, at, unit);
+    if (values.status === "valid") {
+      this.#force(context, values, at, unit, (0.25 * scale * Math.min(bitmap.width, bitmap.height)) / limitN);
+    }
+    context.restore();
+  }
+
+  #shape(context, shape, at, unit) {
+    const points = shape.centreline_px.map(at);
+    for (const [colour, line] of [[RIM, 5.5], [CENTRELINE, 3]]) {
+      context.strokeStyle = colour;
+      context.lineWidth = line * unit;
+      context.beginPath();
+      points.forEach(([x, y], k) => (k ? context.lineTo(x, y) : context.moveTo(x, y)));
+      context.stroke();
+    }
+    const origin = at(shape.origin_px);
+    for (const [axis, colour, letter] of [[shape.axes_px[0], AXIS_X, "x"], [shape.axes_px[1], AXIS_Y, "y"]]) {
+      const head = [origin[0] + 46 * unit * axis[0], origin[1] + 46 * unit * axis[1]];
+      arrow(context, origin, head, colour, 2.5 * unit);
+      write(context, letter, head[0] + 12 * unit * axis[0], head[1] + 12 * unit * axis[1], colour, 15 * unit);
+    }
+    const [x, y] = points.at(-1);
+    context.beginPath();
+    context.arc(x, y, 4.5 * unit, 0, 2 * Math.PI);
+    context.fillStyle = TIP;
+    context.strokeStyle = RIM;
+    context.lineWidth = 2 * unit;
+    context.fill();
+    context.stroke();
+  }
+
+  /** What the tissue does to the tip: the head lies on the tip. The limit is as long as a quarter of the image. */
+  #force(context, values, at, unit, pxPerN) {
+    const [fx, fy] = values.force_n;
+    if (fx === null || fy === null) return;
+    const [ax, ay] = values.shape.axes_px;
+    const direction = [fx * ax[0] + fy * ay[0], fx * ax[1] + fy * ay[1]];
+    const size = Math.hypot(...direction);
+    const length = Math.min(size * pxPerN, 1.6 * 0.25 * Math.min(context.canvas.width, context.canvas.height));
+    if (!(length >= LEAST_ARROW_PX * unit)) return;
+    const [dx, dy] = [direction[0] / size, direction[1] / size];
+    const tip = at(values.shape.centreline_px.at(-1));
+    const head = [tip[0] - 7 * unit * dx, tip[1] - 7 * unit * dy];
+    const tail = [head[0] - length * dx, head[1] - length * dy];
+    arrow(context, tail, head, FORCE, 5 * unit);
+    write(context, `${inGrams(values.magnitude_n)} g`, tail[0] - 24 * unit * dx, tail[1] - 16 * unit * dy, FORCE, 19 * unit);
+  }
+}
+
+function arrow(context, tail, head, colour, width) {
+  const [dx, dy] = [head[0] - tail[0], head[1] - tail[1]];
+  const length = Math.hypot(dx, dy);
+  if (length < 1) return;
+  const [ux, uy] = [dx / length, dy / length];
+  const size = Math.min(0.6 * length, 3.2 * width + 3);
+  const neck = [head[0] - size * ux, head[1] - size * uy];
+  for (const [paint, more] of [[RIM, 2.5], [colour, 0]]) {
+    context.strokeStyle = context.fillStyle = paint;
+    context.lineWidth = width + more;
+    context.beginPath();
+    context.moveTo(...tail);
+    context.lineTo(...neck);
+    context.stroke();
+    context.beginPath();
+    context.moveTo(...head);
+    context.lineTo(neck[0] - 0.5 * size * uy, neck[1] + 0.5 * size * ux);
+    context.lineTo(neck[0] + 0.5 * size * uy, neck[1] - 0.5 * size * ux);
+    context.closePath();
+    if (more) {
+      context.lineWidth = more;
+      context.stroke();
+    }
+    context.fill();
+  }
+}
+
+function write(context, text, x, y, colour, pixels) {
+  context.font = font(pixels, 700);
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  context.lineWidth = pixels / 4;
+  context.strokeStyle = RIM;
+  context.strokeText(text, x, y);
+  context.fillStyle = colour;
+  context.fillText(text, x, y);
+}

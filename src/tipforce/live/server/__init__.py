@@ -1,0 +1,18 @@
+"""The live page's server: one small web server, one message a frame, never more than one on its way to a page."""
+
+from ._hub import PageState
+from ._server import LOCAL_HOST, PageServer, PageSink, serve
+from ._settings import Commands, PageSettings
+from ._tip_force import TipForce, tip_force
+
+__all__ = [
+    "LOCAL_HOST",
+    "Commands",
+    "PageServer",
+    "PageSettings",
+    "PageSink",
+    "PageState",
+    "TipForce",
+    "serve",
+    "tip_force",
+]

@@ -1,0 +1,104 @@
+"""What a page may ask for: small JSON texts, checked before anything is done."""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from ...errors import InputError
+
+__all__ = [
+    "LONGEST",
+    "Acknowledge",
+    "Command",
+    "Display",
+    "Integral",
+    "Limits",
+    "Ping",
+    "Record",
+    "ZeroForce",
+    "read_command",
+]
+
+LONGEST = 4096
+"""Bytes of a command at most; all that a page sends is far shorter."""
+_Id = Annotated[int, Field(ge=0, lt=1 << 53)]
+_Milliseconds = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Command(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Acknowledge(_Command):
+    """The page has drawn update ``number``; ``age_ms``: how old its image then was, as the page measured it."""
+
+    command: Literal["ack"]
+    number: Annotated[int, Field(ge=0, lt=1 << 32)]
+    age_ms: _Milliseconds | None = None
+
+
+class Ping(_Command):
+    """Answered with the engine's clock; ``sent_ms`` comes back as it was."""
+
+    command: Literal["ping"]
+    sent_ms: _Milliseconds
+
+
+class Display(_Command):
+    """Which view the page shows, and how many pixels wide."""
+
+    command: Literal["display"]
+    view: Annotated[str, Field(max_length=100)] = ""
+    width_px: Annotated[int, Field(ge=1, le=16384)]
+
+
+class ZeroForce(_Command):
+    """What is read now is 0 from now on."""
+
+    command: Literal["zero"]
+    id: _Id
+
+
+class Integral(_Command):
+    """Starts or stops the force-time integral."""
+
+    command: Literal["integral"]
+    id: _Id
+    on: bool
+
+
+class Record(_Command):
+    """Begins or ends a recording."""
+
+    command: Literal["record"]
+    id: _Id
+    on: bool
+
+
+class Limits(_Command):
+    """Sets window and limit, in newtons."""
+
+    command: Literal["limits"]
+    id: _Id
+    window_n: tuple[float, float]
+    limit_n: float
+
+
+Command = Annotated[
+    Acknowledge | Ping | Display | ZeroForce | Integral | Record | Limits, Field(discriminator="command")
+]
+_ADAPTER: TypeAdapter[Command] = TypeAdapter(Command)
+
+
+def read_command(text: str) -> Command:
+    """The command in ``text``.
+
+    Raises:
+        InputError: it is none; the message says why, and repeats little of it.
+    """
+    try:
+        return _ADAPTER.validate_json(text)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False, include_context=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"not a command: {where + ': ' if where else ''}{first['msg'][:200]}") from None

@@ -1,0 +1,135 @@
+"""Who may speak to the server: the right host name, the right origin, the right token.
+
+A page somewhere on the web must not reach a server on this machine through the operator's own browser: neither by a
+name of its own that points here (DNS rebinding: the Host header), nor by a socket or form of its own (the Origin
+header). On another address than this machine's own a token is needed beside.
+"""
+
+import ipaddress
+import secrets
+from collections.abc import Iterable
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import parse_qs, urlsplit
+
+from starlette.datastructures import Headers
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketClose
+
+__all__ = ["Guard"]
+
+_FOREIGN = 1008
+"""WebSocket close code: policy violation."""
+
+
+class Guard:
+    """ASGI middleware in front of everything.
+
+    Args:
+        app: what is guarded.
+        names: host names that this server goes by, beside ``localhost``; an address in numbers is always taken, for
+            no name can be bound to it by somebody else.
+        token: that every request must show, in the query or the cookie; None: none is needed.
+        cookie: name of the cookie, of this server alone.
+    """
+
+    def __init__(self, app: ASGIApp, names: Iterable[str], token: str | None, cookie: str) -> None:
+        self._app, self._token, self._cookie = app, token, cookie
+        self._names = {"localhost", *(name.lower() for name in names)}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        host = headers.get("host", "")
+        shown = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+        refusal: Response | None = None
+        if not self._known(host):
+            refusal = PlainTextResponse("this server does not go by that name; use its address in numbers", 421)
+        elif not self._own_origin(scope, headers, host):
+            refusal = PlainTextResponse("requests from other pages are refused", 403)
+        elif not (self._right(shown) or self._right(self._cookie_of(headers))):
+            refusal = PlainTextResponse("the token is missing or wrong: open the address that the program printed", 403)
+        elif shown and scope["type"] == "http" and scope["path"] == "/" and self._token is not None:
+            refusal = RedirectResponse("/", 303)  # the token leaves the address line, and with it the history
+            refusal.set_cookie(self._cookie, self._token, httponly=True, samesite="lax")
+        if scope["type"] == "websocket":
+            await (self._app if refusal is None else WebSocketClose(_FOREIGN))(scope, receive, send)
+            return
+
+        async def hardened(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message = {**message, "headers": [*message["headers"], *_security_headers(host)]}
+            await send(message)
+
+        await (self._app if refusal is None else refusal)(scope, receive, hardened)
+
+    def _known(self, host: str) -> bool:
+        name = _host_name(host)
+        if name is None:
+            return False
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            return name in self._names
+        return True
+
+    @staticmethod
+    def _own_origin(scope: Scope, headers: Headers, host: str) -> bool:
+        """A browser names the origin on every socket and on all that changes something; other programs name none."""
+        origin = headers.get("origin")
+        harmless = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
+        if origin is None or harmless:
+            return True
+        parts = urlsplit(origin)
+        return parts.scheme in ("http", "https") and parts.netloc.lower() == host.lower()
+
+    def _right(self, shown: str) -> bool:
+        return self._token is None or secrets.compare_digest(shown.encode(), self._token.encode())
+
+    def _cookie_of(self, headers: Headers) -> str:
+        cookies: SimpleCookie = SimpleCookie()
+        try:
+            cookies.load(headers.get("cookie", ""))
+        except CookieError:
+            return ""
+        found = cookies.get(self._cookie)
+        return "" if found is None else found.value
+
+
+def _host_name(host: str) -> str | None:
+    """The name or address of a Host header, without its port; None where it is not one.
+
+    >>> _host_name("[::1]:8000"), _host_name("A.local"), _host_name("x y"), _host_name("a@b")
+    ('::1', 'a.local', None, None)
+    """
+    if not (host and host.isascii()) or not all(letter.isalnum() or letter in ".-_:[]" for letter in host):
+        return None
+    try:
+        parts = urlsplit(f"//{host}")
+        _ = parts.port  # raises where it is no number
+    except ValueError:
+        return None
+    return parts.hostname
+
+
+def _security_headers(host: str) -> list[tuple[bytes, bytes]]:
+    """Nothing from elsewhere, no inline script, no frame; ``host`` is one that was accepted, or is left out."""
+    # Older Safari does not count a socket to the own host as "self".
+    sockets = f" ws://{host} wss://{host}" if _host_name(host) else ""
+    policy = (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
+        f"connect-src 'self'{sockets}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+    named = {
+        "content-security-policy": policy,
+        "cross-origin-opener-policy": "same-origin",
+        "cross-origin-resource-policy": "same-origin",
+        "referrer-policy": "no-referrer",
+        "x-content-type-options": "nosniff",
+        "x-frame-options": "DENY",
+        "cache-control": "no-store",
+        "permissions-policy": "camera=(), microphone=(), geolocation=()",
+    }
+    return [(name.encode(), value.encode("latin-1")) for name, value in named.items()]

@@ -1,0 +1,101 @@
+"""Between the engine's thread and the pages: the newest update, and what all pages share."""
+
+import asyncio
+import json
+from collections import deque
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from ...clinical import ContactSettings
+from ...types import Clock
+from ._messages import EncodedUpdate
+
+__all__ = ["Hub", "PageState"]
+
+_KEPT = 1000
+"""Latencies and frame ages that are kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class PageState:
+    """What all pages show alike, and hear of when it changes.
+
+    ``recording_message``: why there is no recording although one was wanted, else empty.
+    """
+
+    model: str = ""
+    session: str = ""
+    simulated: bool = False
+    contact: ContactSettings = field(default_factory=ContactSettings)
+    can_record: bool = False
+    can_set_limits: bool = False
+    recording: bool = False
+    recording_message: str = ""
+
+    def text(self) -> str:
+        """As the JSON text that pages get."""
+        values: dict[str, Any] = asdict(self) | {
+            "answer": "state",
+            "contact": self.contact.model_dump(mode="json", include={"contact_n", "window_n", "limit_n"}),
+        }
+        return json.dumps(values)
+
+
+class Hub:
+    """Holds the newest update and the pages' common state; wakes the pages. ``loop`` is that of the server.
+
+    `publish` and `change` may be called from any thread, all else belongs to the loop's own.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, clock: Clock, state: PageState) -> None:
+        self.clock = clock
+        self.state = state
+        self.newest: EncodedUpdate | None = None
+        self.latencies_s: deque[float] = deque(maxlen=_KEPT)
+        """From mid-exposure until the message was handed to a socket."""
+        self.page_ages_s: deque[float] = deque(maxlen=_KEPT)
+        """Ages of images when they were drawn, as the pages measured them."""
+        self.closing = False
+        self._loop = loop
+        self._pages: set[asyncio.Event] = set()
+
+    @property
+    def pages(self) -> int:
+        """So many are open."""
+        return len(self._pages)
+
+    def publish(self, update: EncodedUpdate) -> None:
+        """``update`` takes the place of the one before it."""
+        self.newest = update
+        self.wake()
+
+    def change(self, state: PageState) -> None:
+        """All pages hear of ``state``."""
+        self.state = state
+        self.wake()
+
+    def close(self) -> None:
+        """All pages are told to go."""
+        self.closing = True
+        self.wake()
+
+    def wake(self) -> None:
+        """Every page looks for what is new; from any thread."""
+        with suppress(RuntimeError):  # the loop has ended, and all pages with it
+            self._loop.call_soon_threadsafe(self._wake)
+
+    def _wake(self) -> None:
+        for event in self._pages:
+            event.set()
+
+    def join(self) -> asyncio.Event:
+        """One more page: the event that is set when there is something new."""
+        event = asyncio.Event()
+        event.set()
+        self._pages.add(event)
+        return event
+
+    def leave(self, event: asyncio.Event) -> None:
+        """One page fewer."""
+        self._pages.discard(event)

@@ -1,0 +1,214 @@
+"""What goes over the page's socket: one binary message a frame, short JSON texts for the rest.
+
+A binary message is a header of 36 bytes, little endian, then JSON (UTF-8), then a JPEG image::
+
+    offset  size  type    what
+         0     4  bytes   "TIPF"
+         4     2  uint16  version of this layout: 1
+         6     2  uint16  bytes of this header: 36
+         8     4  uint32  number of the update, to be acknowledged
+        12     8  int64   captured: mid-exposure, ns on the engine's clock
+        20     8  int64   published: when the estimate was ready, ns on the same clock
+        28     4  uint32  bytes of the JSON
+        32     4  uint32  bytes of the JPEG; 0: there is no image
+
+In the JSON a number that is not known is null. Coordinates are in pixels of the image as the camera took it, u right, v
+down, whatever the size of the JPEG.
+"""
+
+import json
+import math
+import struct
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ...types import DetectedShape, FloatArray, Image
+from .._update import LiveUpdate, Zero
+from ._tip_force import tip_force
+
+__all__ = ["HEADER", "MAGIC", "VERSION", "WIDTHS", "EncodedUpdate", "Wanted", "display_width"]
+
+HEADER = struct.Struct("<4sHHIqqII")
+MAGIC = b"TIPF"
+VERSION = 1
+
+WIDTHS = (320, 480, 640, 800, 960, 1280, 1920)
+"""Images are scaled to one of these widths, so that pages of nearly the same size share one encoding."""
+CENTRELINE_POINTS = 64
+"""Of the centreline so many points are sent: more than a display shows apart."""
+
+Wanted = tuple[str, int]
+"""The view, and the width of the image in pixels."""
+
+
+def display_width(pixels: int) -> int:
+    """The smallest of `WIDTHS` that is not below ``pixels``, or the largest.
+
+    >>> display_width(500), display_width(4000)
+    (640, 1920)
+    """
+    return next((width for width in WIDTHS if width >= pixels), WIDTHS[-1])
+
+
+class EncodedUpdate:
+    """One update as messages: its numbers once, its image once for each size that somebody asks for.
+
+    May be asked from several threads at once.
+    """
+
+    def __init__(self, update: LiveUpdate, quality: int) -> None:
+        self.update = update
+        self._quality = quality
+        self._lock = threading.Lock()
+        self._numbers: bytes | None = None
+        self._messages: dict[Wanted, bytes] = {}
+
+    @property
+    def number(self) -> int:
+        """Of the update."""
+        return self.update.number
+
+    def message(self, view: str, pixels: int) -> bytes:
+        """The binary message with the image of ``view``, about ``pixels`` wide but never enlarged.
+
+        A view that there is none of gives the first one.
+        """
+        view, image = self._view(view)
+        wanted = (view, 0 if image is None else min(display_width(pixels), image.shape[1]))
+        with self._lock:
+            if wanted not in self._messages:
+                self._messages[wanted] = self._encode(image, wanted)
+            return self._messages[wanted]
+
+    def _view(self, name: str) -> tuple[str, Image | None]:
+        frames = self.update.frames
+        if not frames:
+            return "", None
+        view = name if name in frames else next(iter(frames))
+        return view, frames[view]
+
+    def _encode(self, image: Image | None, wanted: Wanted) -> bytes:
+        jpeg = b"" if image is None else _jpeg(image, wanted[1], self._quality)
+        if self._numbers is None:
+            self._numbers = json.dumps(update_values(self.update), separators=(",", ":"), allow_nan=False).encode()
+        about = {"view": wanted[0], "size": None if image is None else [image.shape[1], image.shape[0]]}
+        numbers = self._numbers[:-1] + b"," + json.dumps(about, separators=(",", ":")).encode()[1:]
+        update = self.update
+        header = HEADER.pack(
+            MAGIC, VERSION, HEADER.size, update.number & 0xFFFFFFFF, update.captured_ns, update.published_ns,
+            len(numbers), len(jpeg),
+        )  # fmt: skip
+        return header + numbers + jpeg
+
+
+def _jpeg(image: Image, width: int, quality: int) -> bytes:
+    """``image`` (h, w) grey or (h, w, 3) RGB as JPEG, ``width`` pixels wide."""
+    height = max(1, round(image.shape[0] * width / image.shape[1]))
+    small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) if width < image.shape[1] else image
+    coloured = cv2.cvtColor(small, cv2.COLOR_RGB2BGR) if small.ndim == 3 else small
+    done, data = cv2.imencode(".jpg", coloured, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not done:
+        raise RuntimeError(f"an image of {image.shape} could not be written as JPEG")
+    return data.tobytes()
+
+
+def update_values(update: LiveUpdate) -> dict[str, Any]:
+    """The numbers of an update as JSON values; keys end in the unit."""
+    estimate, tip = update.estimate, tip_force(update.estimate)
+    return {
+        "status": estimate.status.value,
+        "detail": estimate.detail,
+        "magnitude_n": _number(estimate.magnitude_n),
+        "interval_n": _numbers(estimate.magnitude_interval_n),
+        "force_n": _numbers(estimate.force_n),
+        "tip": None
+        if tip is None
+        else {
+            "axial_n": _number(tip.axial_n),
+            "lateral_n": _number(tip.lateral_n),
+            "angle_deg": _number(tip.angle_deg, 1),
+            "angle_error_deg": _number(tip.angle_error_deg, 1),
+        },
+        "clinical": _clinical(update),
+        "integral_running": update.integral_running,
+        "zero": None if update.zero is None else _zero(update.zero, update.published_ns),
+        "shape": None if estimate.shape is None else _shape(estimate.shape),
+        "views": list(update.frames),
+        "health": _health(update),
+    }
+
+
+def _clinical(update: LiveUpdate) -> dict[str, Any] | None:
+    state = update.clinical
+    if state is None:
+        return None
+    return {
+        "contact": state.contact.value,
+        "contact_class": state.contact_class.value,
+        "in_contact": _number(state.in_contact),
+        "above_limit": _number(state.above_limit),
+        "elapsed_s": _number(state.elapsed_s, 2),
+        "unknown_s": _number(state.unknown_s, 2),
+        "window_share": _number(state.window_share, 3),
+        "integral_g_s": _number(state.integral_g_s, 1),
+        "integral_interval_g_s": [_number(end, 1) for end in state.integral_interval_g_s],
+    }
+
+
+def _zero(zero: Zero, now_ns: int) -> dict[str, Any]:
+    return {
+        "offset_n": _number(zero.magnitude_n),
+        "age_s": _number((now_ns - zero.since_ns) * 1e-9, 1),
+        "contact": _number(zero.contact, 2),
+        "drift_n": _number(zero.drift_n),
+        "drift_age_s": None if zero.drift_ns is None else _number((now_ns - zero.drift_ns) * 1e-9, 1),
+    }
+
+
+def _shape(shape: DetectedShape) -> dict[str, Any] | None:
+    if shape.centreline is None or shape.base is None:
+        return None
+    points = shape.centreline.points
+    rows = np.unique(np.round(np.linspace(0, len(points) - 1, CENTRELINE_POINTS)).astype(int))
+    return {
+        "centreline_px": _pixels(points[rows]),
+        "origin_px": _pixels(shape.base.origin_px),
+        "axes_px": np.round(shape.base.axes_px, 4).tolist(),
+        "diameter_px": _number(shape.diameter_px, 1),
+    }
+
+
+def _health(update: LiveUpdate) -> dict[str, Any]:
+    health = update.health
+    failing: Mapping[str, str] = {
+        name: "does not answer" if sink.hung else sink.message
+        for name, sink in health.sinks.items()
+        if sink.hung or sink.message
+    }
+    return {
+        "frames_per_s": _number(health.frames_per_s, 1),
+        "dropped": health.dropped,
+        "latency_p50_ms": _number(1e3 * health.latency_p50_s, 1),
+        "latency_p99_ms": _number(1e3 * health.latency_p99_s, 1),
+        "camera": health.camera,
+        "reconnects": health.reconnects,
+        "message": health.message,
+        "sinks": failing,
+    }
+
+
+def _number(value: float, digits: int = 5) -> float | None:
+    """Rounded, or None where it is not finite."""
+    return round(float(value), digits) + 0.0 if math.isfinite(value) else None
+
+
+def _numbers(values: FloatArray) -> list[float | None]:
+    return [_number(value) for value in values.tolist()]
+
+
+def _pixels(points: FloatArray) -> list[Any]:
+    return np.round(points, 1).tolist()

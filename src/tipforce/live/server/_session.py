@@ -1,0 +1,189 @@
+"""One open page: frames to it, one at a time, and its commands."""
+
+import asyncio
+import json
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from ...clinical import ContactSettings
+from ...errors import InputError, TipforceError
+from ._commands import (
+    LONGEST,
+    Acknowledge,
+    Command,
+    Display,
+    Integral,
+    Limits,
+    Ping,
+    Record,
+    ZeroForce,
+    read_command,
+)
+from ._hub import Hub
+from ._messages import WIDTHS, EncodedUpdate
+from ._settings import Commands, PageSettings
+
+__all__ = ["PageSession"]
+
+_log = logging.getLogger(__name__)
+
+_MOST_WAITING = 4
+"""Commands of one page that may wait for the engine at a time."""
+_GOING_AWAY = 1001
+_BAD_DATA = 1003
+
+
+class PageSession:
+    """Serves one page.
+
+    No frame is sent before the page has acknowledged the one before it: a socket alone cannot tell that the browser
+    behind it is slow, and what it has not yet drawn would grow older in the buffers between.
+    """
+
+    def __init__(self, socket: WebSocket, hub: Hub, commands: Commands, settings: PageSettings) -> None:
+        self._socket, self._hub, self._commands, self._settings = socket, hub, commands, settings
+        self._sending = asyncio.Lock()
+        self._view, self._width = "", WIDTHS[2]
+        self._in_flight: int | None = None
+        self._waiting: set[asyncio.Task[None]] = set()
+
+    async def run(self) -> None:
+        """Until the page goes, or the server."""
+        await self._socket.accept()
+        self._news = self._hub.join()
+        sender = asyncio.create_task(self._send_news())
+        receiver = asyncio.create_task(self._receive())
+        try:
+            done, _ = await asyncio.wait((sender, receiver), return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        except (WebSocketDisconnect, OSError):
+            pass  # the page has gone, which is no error
+        finally:
+            self._hub.leave(self._news)
+            for task in (sender, receiver, *self._waiting):
+                task.cancel()
+            await asyncio.gather(sender, receiver, *self._waiting, return_exceptions=True)
+
+    async def _send_news(self) -> None:
+        state, last = None, -1
+        while not self._hub.closing:
+            await self._news.wait()
+            self._news.clear()
+            if self._hub.state is not state:
+                state = self._hub.state
+                await self._send_text(state.text())
+            newest = self._hub.newest
+            if newest is not None and newest.number != last and self._in_flight is None:
+                last = newest.number
+                await self._send_frame(newest)
+        await self._socket.close(_GOING_AWAY, "the server has ended")
+
+    async def _send_frame(self, encoded: EncodedUpdate) -> None:
+        message = await asyncio.to_thread(encoded.message, self._view, self._width)
+        self._in_flight = encoded.number & 0xFFFFFFFF
+        self._hub.latencies_s.append((self._hub.clock.now_ns() - encoded.update.captured_ns) * 1e-9)
+        async with self._sending:
+            await self._socket.send_bytes(message)
+
+    async def _send_text(self, text: str) -> None:
+        async with self._sending:
+            await self._socket.send_text(text)
+
+    async def _answer(self, number: int, message: str = "", *, ok: bool) -> None:
+        await self._send_text(json.dumps({"answer": "command", "id": number, "ok": ok, "message": message}))
+
+    async def _receive(self) -> None:
+        while True:
+            received = await self._socket.receive()
+            if received["type"] == "websocket.disconnect":
+                return
+            text = received.get("text")
+            if text is None or len(text) > LONGEST:
+                await self._socket.close(_BAD_DATA, "commands are short JSON texts")
+                return
+            try:
+                command = read_command(text)
+            except InputError as error:
+                await self._send_text(json.dumps({"answer": "refused", "message": str(error)}))
+                continue
+            await self._take(command)
+
+    async def _take(self, command: Command) -> None:
+        match command:
+            case Acknowledge():
+                if command.number == self._in_flight:
+                    self._in_flight = None
+                    if command.age_ms is not None:
+                        self._hub.page_ages_s.append(command.age_ms * 1e-3)
+                    self._news.set()
+            case Ping():
+                now_ms = self._hub.clock.now_ns() * 1e-6
+                await self._send_text(
+                    json.dumps({"answer": "pong", "sent_ms": command.sent_ms, "clock_ms": round(now_ms, 4)})
+                )
+            case Display():
+                self._view, self._width = command.view, command.width_px
+            case ZeroForce() | Integral() | Record() | Limits():
+                if len(self._waiting) >= _MOST_WAITING:
+                    await self._answer(command.id, "still busy with what was asked before", ok=False)
+                    return
+                task = asyncio.create_task(self._execute(command))
+                self._waiting.add(task)
+                task.add_done_callback(self._waiting.discard)
+
+    async def _execute(self, command: ZeroForce | Integral | Record | Limits) -> None:
+        """On a thread of its own, so that frames and pings go on while the engine is busy."""
+        _log.info("from a page: %s", command)
+        try:
+            await asyncio.to_thread(self._job(command))
+        except TipforceError as error:
+            await self._answer(command.id, str(error), ok=False)
+        except Exception:
+            _log.exception("%s failed", command)
+            await self._answer(command.id, "failed; the program's log says why", ok=False)
+        else:
+            await self._answer(command.id, ok=True)
+
+    def _job(self, command: ZeroForce | Integral | Record | Limits) -> Callable[[], None]:
+        match command:
+            case ZeroForce():
+                return self._commands.zero
+            case Integral():
+                return self._commands.start_integral if command.on else self._commands.stop_integral
+            case Record():
+                return lambda: self._record(command.on)
+            case Limits():
+                return lambda: self._set_limits(command)
+
+    def _record(self, on: bool) -> None:
+        if self._settings.on_record is None:
+            raise InputError("nothing can be recorded in this run")
+        try:
+            self._settings.on_record(on)
+        except TipforceError as error:
+            self._hub.change(replace(self._hub.state, recording=False, recording_message=str(error)))
+            raise
+        self._hub.change(replace(self._hub.state, recording=on, recording_message=""))
+
+    def _set_limits(self, command: Limits) -> None:
+        if self._settings.on_contact is None:
+            raise InputError("window and limit cannot be set in this run")
+        before = self._hub.state.contact
+        try:
+            contact = ContactSettings.model_validate(
+                before.model_dump() | {"window_n": command.window_n, "limit_n": command.limit_n}
+            )
+        except ValueError as error:
+            raise InputError(_first_line(error)) from None
+        self._settings.on_contact(contact)
+        self._hub.change(replace(self._hub.state, contact=contact))
+
+
+def _first_line(error: ValueError) -> str:
+    """What pydantic found first, without the value and the address of its manual."""
+    lines = [line.strip() for line in str(error).splitlines()]
+    return lines[-2].partition(" [")[0].removeprefix("Value error, ") if len(lines) > 2 else lines[0]

@@ -1,0 +1,401 @@
+"""The live page in a browser: what it shows, what it never shows as live, and what its buttons do."""
+
+import base64
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page, Route, sync_playwright
+
+from tipforce.live.server import PageServer, PageState, serve
+from tipforce.types import Image, Status
+
+from .updates import CLOCK, FakeEngine, Publisher, eventually  # type: ignore[import-not-found]
+
+OLDEST_S = 0.3
+SLACK_S = 0.1
+"""The veil falls in 20 ms, a browser draws every 16 ms, and a busy machine lets both wait."""
+PERIOD_S = 0.05
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: str) -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        arguments = ["--no-sandbox", "--autoplay-policy=no-user-gesture-required"]
+        browser = playwright.chromium.launch(executable_path=chromium, args=arguments)
+        yield browser
+        browser.close()
+
+
+class OpenPage:
+    """A page that is open, and what went wrong in it."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+        self.patient: bool | None = None
+        self.errors: list[str] = []
+        self.requests: list[str] = []
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on("console", lambda line: self.errors.append(line.text) if line.type in ("error", "warning") else None)
+        page.on("request", lambda request: self.requests.append(request.url))
+
+    def text(self, selector: str) -> str:
+        return self.page.inner_text(selector)
+
+    def wait(self, kind: str) -> None:
+        """Until the strip says so."""
+        self.page.wait_for_selector(f"body[data-kind={kind}]", timeout=10_000)
+
+
+@pytest.fixture(scope="module")
+def _tab(browser: Browser) -> Iterator[OpenPage]:
+    tab = OpenPage(browser.new_page(viewport={"width": 640, "height": 480}))
+    yield tab
+    tab.page.close()
+
+
+def _patient(route: Route) -> None:
+    text = route.fetch().text()
+    assert "OLDEST_MS = 300;" in text
+    route.fulfill(body=text.replace("OLDEST_MS = 300;", "OLDEST_MS = 30_000;"), content_type="text/javascript")
+
+
+@pytest.fixture
+def server(_running: tuple[PageServer, FakeEngine], engine: FakeEngine, monkeypatch: pytest.MonkeyPatch) -> PageServer:
+    """The one that the pages are open on."""
+    server, pressed = _running
+    monkeypatch.setattr(pressed, "__dict__", engine.__dict__)
+    server._hub.change(PageState(can_record=True, can_set_limits=True))
+    return server
+
+
+@pytest.fixture
+def page(_tab: OpenPage, server: PageServer, publisher: Publisher) -> OpenPage:
+    """A page that lets frames grow old: a busy machine then changes nothing of what it shows."""
+    return _opened(_tab, server, publisher, patient=True)
+
+
+@pytest.fixture
+def live(_tab: OpenPage, server: PageServer, publisher: Publisher) -> OpenPage:
+    """The page as it is."""
+    return _opened(_tab, server, publisher, patient=False)
+
+
+def _opened(tab: OpenPage, server: PageServer, publisher: Publisher, *, patient: bool) -> OpenPage:
+    if tab.patient is not patient:
+        tab.page.unroute_all()
+        if patient:
+            tab.page.route("**/freshness.js", _patient)
+        tab.page.goto(server.address)
+        tab.patient = patient
+    publisher.number = time.monotonic_ns() // 1_000_000 % (1 << 31)  # beyond those of the tests before
+    tab.errors.clear()
+    return tab
+
+
+@contextmanager
+def feeding(put: Callable[[], Any], period_s: float = PERIOD_S) -> Iterator[None]:
+    """``put`` is called again and again while the block lasts."""
+    stop = threading.Event()
+
+    def run() -> None:
+        while not stop.is_set():
+            put()
+            stop.wait(period_s)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+@pytest.mark.parametrize(
+    ("force_n", "half_n", "kind", "word", "alarm"),
+    [
+        (0.005, 0.004, "no_contact", "NO CONTACT", "off"),
+        (0.05, 0.02, "too_light", "TOO LIGHT", "off"),
+        (0.2, 0.02, "in_window", "IN WINDOW", "off"),
+        (0.39, 0.02, "may_be_too_hard", "MAY BE TOO HARD", "on"),
+        (0.45, 0.02, "too_hard", "TOO HARD", "on"),
+    ],
+)
+def test_the_strip_says_what_the_force_amounts_to(
+    page: OpenPage, publisher: Publisher, force_n: float, half_n: float, kind: str, word: str, alarm: str
+) -> None:
+    with feeding(lambda: publisher.put(force_n, half_n=half_n)):
+        page.wait(kind)
+        page.page.wait_for_selector(f"body[data-alarm={alarm}]", timeout=5_000)
+        eventually(lambda: page.text("#newtons") == f"{force_n:.3f} N")
+        assert page.text("#title") == word
+        assert page.text("#grams") == f"{force_n / 9.80665e-3:.1f}"
+        assert page.text("#axial").startswith("+")
+    assert not page.errors
+
+
+def test_an_invalid_estimate_shows_its_reason_and_no_number(page: OpenPage, publisher: Publisher) -> None:
+    with feeding(lambda: publisher.put_invalid(Status.NO_CATHETER, "nothing dark enters at the left border")):
+        page.wait("invalid")
+        eventually(lambda: page.text("#grams") == "– –")
+        assert page.text("#title") == "NOT VALID: no catheter"
+        assert page.text("#detail") == "nothing dark enters at the left border"
+        assert page.text("#newtons") == "no valid force"
+        assert page.text("#axial") == "–"
+
+
+def test_the_clock_of_the_engine_is_never_taken_for_older_than_it_may_be(page: OpenPage) -> None:
+    found = page.page.evaluate("""async () => {
+      const { EngineClock } = await import('/clock.js');
+      const clock = new EngineClock();
+      const unknown = clock.age(0, 0, 0);
+      clock.answered(0, 40, 1020, 0);      // engine time minus page time: 980 to 1020
+      clock.answered(100, 104, 1101, 104);  // 997 to 1001
+      const known = clock.age(1050, 110, 110);
+      const silent = clock.age(1050, 9000, 9000);   // no answer for long
+      const asleep = clock.age(1050, 120, 60_000);  // the page's clock stood still
+      clock.answered(200, 204, 5000, 204);  // the engine's clock has jumped
+      return [unknown, known, silent, asleep, clock.latest(204, 204)];
+    }""")
+    assert found[1] == 61.0
+    assert (found[0], found[2], found[3]) == (float("inf"),) * 3
+    assert found[4] == 5004.0
+
+
+def test_the_alarm_keeps_to_the_habits_of_iec_60601_1_8(page: OpenPage) -> None:
+    pulses, period, hertz, harmonics = page.page.evaluate("""async () => {
+      const alarm = await import('/alarm.js');
+      return [alarm.burst(), alarm.burstPeriod(), alarm.FUNDAMENTAL_HZ, alarm.HARMONICS];
+    }""")
+    length = pulses[0]["length"]
+    gaps = [after["start"] - before["start"] - length for before, after in pairwise(pulses)]
+    assert len(pulses) == 10
+    assert 0.075 <= length <= 0.2
+    x = gaps[0]
+    assert 0.05 <= x <= 0.125
+    long = 2 * x + length
+    assert gaps[:4] + gaps[5:] == pytest.approx([x, x, long, x] * 2)
+    assert 0.35 <= gaps[4] <= 1.3
+    assert 2.5 <= period - (pulses[-1]["start"] + length) <= 15.0
+    assert 150 <= hertz <= 1000
+    audible = [level for k, level in enumerate(harmonics) if 300 <= k * hertz <= 4000]
+    assert len(audible) >= 4
+    assert min(audible) >= 10 ** (-15 / 20) * max(audible)
+    flash = page.page.evaluate("""() => {
+      document.body.dataset.alarm = 'on';
+      return getComputedStyle(document.querySelector('#alarm-frame')).animationDuration;
+    }""")
+    assert 1.4 <= 1.0 / float(flash.removesuffix("s")) <= 2.8
+
+
+def test_an_alarm_stays_a_moment_outlasts_a_lost_force_and_is_paused_for_two_minutes(page: OpenPage) -> None:
+    found = page.page.evaluate("""async () => {
+      const { Alarm } = await import('/alarm.js');
+      const alarm = new Alarm();
+      const at = (high, ms) => {
+        alarm.update(high === null ? null : { magnitude_n: 0.3, interval_n: [0.2, high] }, 0.4, ms);
+        return alarm.on;
+      };
+      const seen = [at(0.39, 0), at(0.41, 100), at(0.35, 900), at(0.35, 1200), at(0.41, 2000), at(null, 30_000)];
+      seen.push(alarm.held, at(null, 70_000), at(0.41, 80_000), at(0.2, 82_000));
+      alarm.togglePause(0);
+      seen.push(alarm.pausedFor(1000), alarm.pausedFor(120_000));
+      alarm.update({ magnitude_n: 0.5, interval_n: [null, null] }, 0.4, 90_000);
+      return [...seen, alarm.on];
+    }""")
+    assert found == [False, True, True, False, True, True, True, False, True, False, 119_000, 0, True]
+
+
+def test_keys_press_buttons_and_zero_in_contact_asks_twice(
+    page: OpenPage, publisher: Publisher, engine: FakeEngine
+) -> None:
+    press = page.page.keyboard.press
+    with feeding(lambda: publisher.put(0.2)):
+        page.wait("in_window")
+        press("z")
+        eventually(lambda: page.text("#zero small") == "in contact: press again")
+        assert not engine.pressed
+        press("z")
+        eventually(lambda: engine.pressed == ["zero"])
+        press("i")
+        press("r")
+        eventually(lambda: engine.pressed == ["zero", "start", "record True"])
+        page.page.wait_for_selector("#recording:visible", timeout=5_000)
+        press("r")
+        eventually(lambda: engine.pressed[-1] == "record False")
+        press("s")
+        assert page.page.get_attribute("#tone", "aria-pressed") in ("true", "false")
+        page.page.wait_for_selector("#tone[aria-pressed=true]", timeout=5_000)
+        press("s")
+        press("a")
+        page.page.wait_for_selector("#pause[aria-pressed=true]", timeout=5_000)
+        assert page.text("#pause small").startswith("sound paused 1:5")
+        press("a")
+
+
+def test_limits_are_set_in_a_dialog_which_shows_why_they_are_refused(
+    page: OpenPage, publisher: Publisher, engine: FakeEngine
+) -> None:
+    with feeding(lambda: publisher.put(0.2)):
+        page.wait("in_window")
+        page.page.keyboard.press("l")
+        page.page.fill("#window-low", "0,3")
+        assert page.page.inner_text("label[for=window-low] + input + span") == "N = 30.6 g"
+        page.page.fill("#window-high", "0.2")
+        page.page.keyboard.press("Enter")
+        eventually(lambda: "window_n[0] < window_n[1]" in page.text("#limits .error"))
+        page.page.fill("#window-low", "0.05")
+        page.page.fill("#window-high", "0.1")
+        page.page.fill("#limit", "0.15")
+        page.page.keyboard.press("Enter")
+        page.wait("too_hard")
+        assert engine.contact.limit_n == 0.15
+        page.page.wait_for_selector("#limits", state="hidden", timeout=5_000)
+
+
+def test_nothing_is_asked_for_elsewhere(page: OpenPage, server: PageServer) -> None:
+    assert page.requests
+    assert {url.split("/")[2] for url in page.requests if not url.startswith("blob:")} == {f"127.0.0.1:{server.port}"}
+
+
+def test_a_server_that_ends_is_told_and_one_that_comes_back_is_found(browser: Browser, image: Image) -> None:
+    engine = FakeEngine()
+    page = OpenPage(browser.new_page())
+    page.page.route("**/freshness.js", _patient)
+    with serve(engine, settings=engine.settings()) as server:
+        page.page.goto(server.address)
+        publisher = Publisher(server, image)
+        with feeding(lambda: publisher.put(0.2)):
+            page.wait("in_window")
+    page.wait("disconnected")
+    assert page.text("#force .veil-title") == "DISCONNECTED"
+    eventually(lambda: _opacity(page, "#force") == 1.0)
+    with serve(engine, port=server.port, settings=engine.settings()) as server:
+        publisher = Publisher(server, image)
+        with feeding(lambda: publisher.put(0.2)):
+            page.wait("in_window")
+            assert server.page_ages_s()
+            assert max(server.page_ages_s()) < 5.0
+            assert CLOCK.now_ns() > 0
+    page.page.close()
+
+
+# The page as it is: what is never shown as live
+
+
+def test_a_notice_without_an_image_says_why_although_the_last_image_is_old(
+    live: OpenPage, publisher: Publisher
+) -> None:
+    with feeding(lambda: publisher.put_invalid(Status.STALE, "the camera is silent", age_s=0.6, views={})):
+        live.wait("invalid")
+        assert live.text("#detail") == "the camera is silent"
+        eventually(lambda: _opacity(live, "#scene") == 1.0)
+
+
+def test_what_is_captured_too_long_ago_is_stale_however_fast_it_comes(live: OpenPage, publisher: Publisher) -> None:
+    with feeding(lambda: publisher.put(0.2, age_s=0.35)):
+        live.wait("stale")
+        eventually(lambda: _opacity(live, "#force") == 1.0)
+        for _ in range(10):
+            assert live.page.get_attribute("body", "data-kind") == "stale"
+
+
+WATCH = """() => {
+  const samples = (globalThis.samples = []);
+  // By the time that the compositor goes by: that of the script's frames stands still while the script does.
+  const veil = (id) => document.querySelector(`${id} .veil`).getAnimations()[0];
+  const young = (id) => {
+    const { startTime, effect } = veil(id);
+    return startTime === null || performance.now() - startTime < effect.getComputedTiming().duration;
+  };
+  const sample = () => {
+    const live = young('#force') && young('#strip') && document.body.dataset.kind !== 'invalid';
+    samples.push([Date.now(), live, Number(document.querySelector('#newtons').innerText.split(' ')[0])]);
+    globalThis.watching = requestAnimationFrame(sample);
+  };
+  globalThis.watching = requestAnimationFrame(sample);
+}"""
+BLOCK = "(ms) => { const end = performance.now() + ms; while (performance.now() < end); }"
+
+
+def test_a_page_that_is_held_up_never_shows_a_frame_older_than_300_ms_as_live(
+    live: OpenPage, publisher: Publisher
+) -> None:
+    """Each frame's force tells when it was captured: what the page shows is judged by the wall clock alone."""
+    captured: dict[float, float] = {}
+
+    def put() -> None:
+        force = round(0.101 + 0.001 * (len(captured) % 250), 3)
+        captured[force] = time.time()
+        publisher.put(force)
+
+    with feeding(put):
+        live.wait("in_window")
+        live.page.evaluate(WATCH)
+        for _ in range(2):
+            live.page.evaluate(BLOCK, 1000)
+            time.sleep(0.4)
+        live.wait("in_window")
+        samples = live.page.evaluate("() => { cancelAnimationFrame(globalThis.watching); return globalThis.samples; }")
+    shown = [(at * 1e-3 - captured[force]) for at, is_live, force in samples if is_live and force in captured]
+    assert shown
+    assert max(shown) <= OLDEST_S + SLACK_S
+    assert any(not is_live for _, is_live, _ in samples)  # of the frames that came while it was held up
+
+
+def test_the_veil_falls_while_the_script_is_held_up(live: OpenPage, publisher: Publisher) -> None:
+    """What is on the display, as the compositor hands it out, during a second without any script."""
+    with feeding(lambda: publisher.put(0.2)):
+        # A busy machine may keep the compositor waiting, too: that it once went on alone is proof enough.
+        assert any(_falls_in_time(live) for _ in range(3))
+
+
+def _falls_in_time(live: OpenPage) -> bool:
+    devtools = live.page.context.new_cdp_session(live.page)
+    frames: list[tuple[float, str]] = []
+
+    def keep(frame: dict[str, Any]) -> None:
+        frames.append((frame["metadata"]["timestamp"], frame["data"]))
+        devtools.send("Page.screencastFrameAck", {"sessionId": frame["sessionId"]})
+
+    devtools.on("Page.screencastFrame", keep)
+    live.wait("in_window")
+    devtools.send("Page.startScreencast", {"format": "png"})
+    live.page.wait_for_timeout(200)
+    begin = time.time()
+    live.page.evaluate(BLOCK, 1000)
+    end = time.time()
+    devtools.send("Page.stopScreencast")
+    devtools.detach()
+    blue = [(at - begin, _blue(_strip(data))) for at, data in frames if at < end]
+    before = [is_blue for at, is_blue in blue if at < 0.0]
+    during = [(at, is_blue) for at, is_blue in blue if at >= 0.0]
+    if not (before and before[-1] and during):
+        return False  # not IN WINDOW at the beginning, or nothing was handed out
+    late = [at for at, is_blue in during if is_blue and at > OLDEST_S + SLACK_S]
+    return not during[-1][1] and not late  # where nothing moves any more no further frame is handed out
+
+
+def _opacity(page: OpenPage, selector: str) -> float:
+    return float(page.page.evaluate(f"getComputedStyle(document.querySelector('{selector} .veil')).opacity"))
+
+
+def _blue(colour: tuple[int, int, int]) -> bool:
+    blue, _, red = colour
+    return blue > 100 and blue > 2 * red
+
+
+def _strip(png: str) -> tuple[int, int, int]:
+    """Mean blue, green, red near the right end of the strip."""
+    shown = cv2.imdecode(np.frombuffer(base64.b64decode(png), np.uint8), cv2.IMREAD_COLOR)
+    height, width = shown.shape[:2]
+    patch = shown[round(0.125 * height) : round(0.155 * height), round(0.8 * width) : round(0.95 * width)]
+    blue, green, red = patch.reshape(-1, 3).mean(axis=0)
+    return round(blue), round(green), round(red)

@@ -1,0 +1,112 @@
+"""Updates as an engine publishes them, and the buttons of a fake engine."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tipforce.clinical import ContactMonitor, ContactSettings
+from tipforce.live import LiveHealth, LiveUpdate
+from tipforce.live.server import PageServer, PageSettings
+from tipforce.types import BasePose, CentrelinePx, DetectedShape, ForceEstimate, Image, Status, SystemClock
+
+CLOCK = SystemClock()
+
+
+class FakeEngine:
+    """The buttons of an engine: counts what was pressed; raises ``error`` where there is one; waits for ``free``."""
+
+    def __init__(self) -> None:
+        self.pressed: list[str] = []
+        self.contact = ContactSettings()
+        self.error: Exception | None = None
+        self.free = threading.Event()
+        self.free.set()
+
+    def _press(self, name: str) -> None:
+        self.free.wait(10.0)
+        if self.error is not None:
+            raise self.error
+        self.pressed.append(name)
+
+    def zero(self) -> None:
+        self._press("zero")
+
+    def start_integral(self) -> None:
+        self._press("start")
+
+    def stop_integral(self) -> None:
+        self._press("stop")
+
+    def record(self, on: bool) -> None:
+        self._press(f"record {on}")
+
+    def set_contact(self, contact: ContactSettings) -> None:
+        self._press("contact")
+        self.contact = contact
+
+    def settings(self, **more: Any) -> PageSettings:
+        return PageSettings(clock=CLOCK, on_contact=self.set_contact, on_record=self.record, **more)
+
+
+def shape_along(angle_rad: float = 0.0) -> DetectedShape:
+    """A straight catheter from (40, 120) px, in the base frame's x direction turned by ``angle_rad`` in the image."""
+    base = BasePose(np.array([40.0, 120.0]), angle_rad)
+    points = base.to_image(np.column_stack([np.linspace(0.0, 150.0, 61), np.zeros(61)]))
+    return DetectedShape(Status.VALID, centreline=CentrelinePx(points), base=base, diameter_px=8.0, confidence=1.0)
+
+
+def estimate_of(
+    force_n: tuple[float, float], half_n: float = 0.02, shape: DetectedShape | None = None
+) -> ForceEstimate:
+    """A valid one, in the plane, with a magnitude known to +- ``half_n``."""
+    x, y = force_n
+    size = float(np.hypot(x, y))
+    ends = np.array([[x - half_n, x + half_n], [y - half_n, y + half_n], [np.nan, np.nan]])
+    covariance = np.full((3, 3), np.nan)
+    covariance[:2, :2] = np.eye(2) * (half_n / 1.645) ** 2
+    return ForceEstimate(
+        CLOCK.now_ns(), np.array([x, y, np.nan]), np.array([True, True, False]), covariance, ends, size,
+        np.array([max(0.0, size - half_n), size + half_n]), shape=shape,
+    )  # fmt: skip
+
+
+class Publisher:
+    """Makes updates with rising numbers, and puts them into the sink of ``server``."""
+
+    def __init__(self, server: PageServer, image: Image) -> None:
+        self.server, self.image, self.number = server, image, 0
+        self._monitor = ContactMonitor()
+
+    def update(
+        self, estimate: ForceEstimate, *, age_s: float = 0.0, image: Image | None = None, views: Any = None
+    ) -> LiveUpdate:
+        now = CLOCK.now_ns()
+        frames = {"camera": self.image if image is None else image} if views is None else views
+        self.number += 1
+        return LiveUpdate(
+            self.number, estimate, self._monitor.update(estimate), frames, now - round(age_s * 1e9), now,
+            LiveHealth(20.0, self.number, 0, 0.012, 0.015, "running"),
+        )  # fmt: skip
+
+    def put(self, force_n: float = 0.2, **more: Any) -> int:
+        """The number of an update of a force along -x, which was put."""
+        half_n = more.pop("half_n", 0.02)
+        update = self.update(estimate_of((-force_n, 0.0), half_n, shape_along()), **more)
+        self.server.sink.put(update)
+        return update.number
+
+    def put_invalid(self, status: Status, detail: str, **more: Any) -> int:
+        update = self.update(ForceEstimate.invalid(CLOCK.now_ns(), status, detail), **more)
+        self.server.sink.put(update)
+        return update.number
+
+
+def eventually(true: Callable[[], Any], seconds: float = 5.0) -> None:
+    """Waits until ``true()``; fails when it does not come true in time."""
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end, "it did not come true in time"
+        time.sleep(0.005)
