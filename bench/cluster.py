@@ -1,6 +1,6 @@
 """Samples a second, here and on a Ray cluster of this machine, and whether the bytes are the same.
 
-    python -m bench.cluster [--samples N] [--json FILE]
+    python -m bench.cluster [--samples N] [--only WAY] [--json FILE]
 
 The same set of labelled images (bench-2021, 640x480) is made in 1 and 2 processes, on one Ray node with 1 and 2
 workers, on two nodes with one worker each, and on two nodes where a worker is killed once. Needs the extra [cluster].
@@ -83,6 +83,7 @@ def seconds(executor: Executor, folder: Path, samples: int, kill: bool) -> tuple
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--samples", type=int, default=400)
+    parser.add_argument("--only", choices=list(WAYS))
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     import ray
@@ -90,6 +91,8 @@ def main() -> None:
 
     figures: dict[str, dict[str, object]] = {}
     for way, (nodes, cores) in WAYS.items():
+        if chosen.only not in (None, way):
+            continue
         cluster = None
         if nodes:
             cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": cores, "include_dashboard": False})
