@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 from ._cores import cores
 
-__all__ = ["Interrupted", "run_child", "signals_end_the_program", "worker_pool"]
+__all__ = ["Interrupted", "limit_threads", "run_child", "signals_end_the_program", "worker_pool"]
 
 _ENDING = (signal.SIGINT, signal.SIGTERM)
 _GRACE_S, _CHILD_GRACE_S = 0.8, 1.5
@@ -289,12 +289,12 @@ def _start_worker(
 ) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Windows; elsewhere it is held back
     _end_with(parent)
-    _limit_threads(threads)
+    limit_threads(threads)
     if initializer is not None:
         initializer(*initargs)
 
 
-def _limit_threads(threads: int) -> None:
+def limit_threads(threads: int) -> None:
     """Gives the libraries of this process its share of the cores: more threads than cores only wait for each other."""
     import cv2
     import numba

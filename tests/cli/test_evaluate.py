@@ -1,14 +1,17 @@
 """The verb evaluate, from a folder of rows to a report."""
 
 import json
+import pickle
 import sys
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tipforce._executor import LocalExecutor
 from tipforce.cli import app
 from tipforce.errors import TipforceError
+from tipforce.pipelines import evaluate
 
 QUICK = ["--set", "c=[10]", "--set", "epsilon=[0.01]", "--set", "sigma=[1]"]
 
@@ -252,3 +255,27 @@ def test_an_evaluation_that_was_cut_off_goes_on_where_it_stopped(rows, tmp_path,
     )
     assert [row["against_sensor"] for row in whole] == [row["against_sensor"] for row in resumed]
     assert whole[0]["splits"][0].keys() == resumed[0]["splits"][0].keys()
+
+
+class Elsewhere:
+    """Another executor than the local one, as a cluster is."""
+
+    def __init__(self) -> None:
+        self.items = 0
+
+    def run(self, task, items, *, steps=1, alone=False, shared=None, progress=None):
+        assert shared.is_dir()
+        assert not alone  # it is for networks
+        self.items += len(items)
+        return LocalExecutor(workers=1).run(task, pickle.loads(pickle.dumps(items)), steps=steps, progress=progress)
+
+
+def test_fits_that_were_made_elsewhere_give_the_same_figures(rows, tmp_path, no_figures):
+    found, elsewhere = [], Elsewhere()
+    for name, executor in (("here", "local"), ("there", elsewhere)):
+        settings = {"c": [10.0], "epsilon": [0.01], "sigma": [1.0]}
+        done = evaluate("svr", rows, tmp_path / name, protocol="session", settings=settings, executor=executor)
+        found.append([row["against_sensor"] for row in done.metrics["results"]])
+        assert not (tmp_path / f"{name}.evaluating").exists()
+    assert elsewhere.items == 3
+    assert found[0] == found[1]

@@ -117,3 +117,14 @@ def test_nothing_belongs_to_one_machine() -> None:
         if path == Path(__file__) or not path.is_file() or path.suffix in {".png", ".mp4", ".npz", ".onnx"}:
             continue
         assert not forbidden.search(path.read_text(encoding="utf-8", errors="replace")), name
+
+
+@pytest.mark.skipif(
+    not all((ROOT / "src" / "tipforce" / part).is_dir() for part in ("live", "hardware", "control")),
+    reason="what the page of hazards names is not all here",
+)
+def test_each_test_that_the_hazards_name_exists() -> None:
+    named = set(re.findall(r"`(test_\w+)`", (ROOT / "docs" / "hazards.md").read_text(encoding="utf-8")))
+    tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
+    assert len(named) > 40
+    assert not named - set(re.findall(r"^def (test_\w+)\(", tests, flags=re.M))

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.console import Console
@@ -17,8 +17,8 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from ..errors import InputError
 
 __all__ = [
-    "JsonOption", "check_new", "check_outputs", "console", "in_one_line", "progress_bar", "say", "shown",
-    "write_json",
+    "ExecutorOption", "JsonOption", "check_new", "check_outputs", "console", "in_one_line", "progress_bar", "say",
+    "shown", "write_json",
 ]  # fmt: skip
 
 console = Console(stderr=True, highlight=False, markup=False, emoji=False)
@@ -29,6 +29,15 @@ What is in brackets or between colons is printed as it is: columns are called "T
 
 JsonOption = Annotated[
     str | None, typer.Option("--json", metavar="FILE", help="Also write the figures as JSON; - is standard output.")
+]
+
+
+ExecutorOption = Annotated[
+    Literal["local", "ray"],
+    typer.Option(
+        "--executor",
+        help="Where it is done: local, on all cores of this machine; ray, on the nodes of the cluster at RAY_ADDRESS.",
+    ),
 ]
 
 

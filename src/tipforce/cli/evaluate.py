@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from ._common import JsonOption, check_outputs, progress_bar, say, write_json
+from ._common import ExecutorOption, JsonOption, check_outputs, progress_bar, say, write_json
 from ._facts import BenchOption
 from ._settings import SetOption, settings_from
 
@@ -68,6 +68,7 @@ def command(
             "--compare", help="Also print and draw the methods side by side over the load, beside sensors in the tip."
         ),
     ] = False,
+    executor: ExecutorOption = "local",
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -116,6 +117,7 @@ def command(
             compare=compare,
             seed=seed,
             command=shlex.join(["tipforce", *sys.argv[1:]]),
+            executor=executor,
             progress=report,
         )  # fmt: skip
     for line in done.lines:

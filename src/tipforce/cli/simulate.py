@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from ..errors import InputError
-from ._common import JsonOption, check_outputs, progress_bar, say, write_json
+from ._common import ExecutorOption, JsonOption, check_outputs, progress_bar, say, write_json
 from ._settings import SetOption, settings_from
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ def command(
         typer.Option("--samples-per-session", min=1, help="Of a dataset: images of each session; default 80."),
     ] = None,
     masks: Annotated[bool, typer.Option("--masks", help="Of a dataset: the true masks too, in masks/.")] = False,
+    executor: ExecutorOption = "local",
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -90,7 +91,8 @@ def command(
         with progress_bar() as report:
             done = simulate_dataset(
                 output, chosen, samples=samples or 1000, samples_per_session=per_session or 80, seconds=seconds,
-                seed=seed, shards=form == "parquet", masks=masks, lossless=lossless, say=say, progress=report,
+                seed=seed, shards=form == "parquet", masks=masks, lossless=lossless, executor=executor, say=say,
+                progress=report,
             )  # fmt: skip
         say(f"{done.frames} samples of {done.sessions} sessions in {output} ({done.seconds:.0f} s)")
         view = f" --set vision.view={done.views[0]}" if len(done.views) > 1 else ""
@@ -101,7 +103,7 @@ def command(
     with progress_bar() as report:
         done = simulate(
             output, _of_seconds(chosen, seconds), sessions=sessions or 8, seed=seed, form=form,
-            lossless=lossless, progress=report,
+            lossless=lossless, executor=executor, progress=report,
         )  # fmt: skip
     say(f"{done.sessions} sessions, {done.frames} frames in {output} ({done.seconds:.0f} s)")
     first = done.paths[0]

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ._common import JsonOption, check_outputs, progress_bar, say, write_json
+from ._common import ExecutorOption, JsonOption, check_outputs, progress_bar, say, write_json
 from ._facts import BenchOption
 from ._settings import SetOption, settings_from
 
@@ -52,6 +52,7 @@ def command(
     onnx: Annotated[
         Path | None, typer.Option(help="Also write the regression, or the network, as an ONNX graph.")
     ] = None,
+    executor: ExecutorOption = "local",
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -94,6 +95,7 @@ def command(
             holdout=holdout,
             resume=resume,
             overwrite=overwrite,
+            executor=executor,
             progress=report,
         )  # fmt: skip
     figures = {"model": str(output), "facts": done.manifest["facts"], "metrics": done.metrics}

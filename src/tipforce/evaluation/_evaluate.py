@@ -9,9 +9,10 @@ from typing import Protocol as Interface
 
 import numpy as np
 
+from .._executor import Executor
 from ..datasets import Dataset, Protocol, Split, every_nth, random_subset, splits
 from ..errors import InputError
-from ..estimators import Estimator, Progress
+from ..estimators import Estimator, Progress, no_progress
 from ..types import FloatArray
 from ._constant import Constant
 from ._ground_truth import CramerRaoBounds
@@ -128,6 +129,7 @@ def evaluate(
     bounds: CramerRaoBounds | None = None,
     progress: Progress | None = None,
     fits: KeptFits | None = None,
+    executor: Executor | None = None,
 ) -> Evaluation:
     """Trains and scores every method under every protocol, the constant predictor beside them.
 
@@ -140,6 +142,7 @@ def evaluate(
         bounds: Cramer-Rao bounds of all samples of ``dataset``; errors against ``truth_n`` are compared with them.
         progress: Is told what is done and which share.
         fits: Keeps the fits on disk until all is done, see `kept_fits`; None: nothing is kept.
+        executor: Where ``fits`` are made first, side by side; None: here, one after the other.
 
     Returns:
         The predictions, their metrics and all that a report needs (see `write_report`).
@@ -163,7 +166,7 @@ def evaluate(
     if settings.as_saved:
         results = run_saved_alone(methods, data, notes)
     else:
-        results = _run_protocols(methods, settings, data, notes, progress, fits)
+        results = _run_protocols(methods, settings, data, notes, progress, fits, executor)
         results += filter(None, [run_saved(method, data, notes) for method in methods])
     fitted: dict[str, Predictions] = {}
     timing: dict[str, dict[str, Any]] = {}
@@ -224,6 +227,7 @@ def _run_protocols(
     notes: list[str],
     progress: Progress | None,
     fits: KeptFits | None,
+    executor: Executor | None,
 ) -> list[MethodResult]:
     """The results of all protocols that the data and methods allow; ``notes`` gets those that were left out."""
     thesis_samples = settings.samples or max(method.estimator.thesis_samples for method in methods)
@@ -248,6 +252,9 @@ def _run_protocols(
         alone = len(data.dataset) - sum(len(split.train) + len(split.test) for split in plans[protocol])
         if protocol == "catheter" and alone:
             notes.append(f"Protocol catheter passes over {alone} samples of catheters with a single session.")
+    if executor is not None and fits is not None:
+        jobs = [(method, split) for plan in plans.values() for method in methods for split in plan]
+        fits.fit_elsewhere(jobs, data.dataset, executor, progress or no_progress)
     total = sum(len(plan) for plan in plans.values()) * len(methods)
     done = 0
     results: list[MethodResult] = []

@@ -1,21 +1,27 @@
 """Fits of an evaluation on disk, so that one that was cut off need not train them again."""
 
+import contextlib
 import hashlib
 import json
 import shutil
 import time
 import warnings
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+from .._executor import Executor
 from .._locks import output_lock
 from ..datasets import Dataset, Split
+from ..errors import InputError
 from ..estimators import (
     Estimator,
     FineTunable,
     Progress,
     load_model,
+    no_progress,
     read_manifest,
     run_directory,
     save_model,
@@ -69,6 +75,31 @@ class KeptFits:
             seconds = time.perf_counter() - began
             save_model(fitted, model, training, {"seconds": seconds}, calibration=apart)
         return fitted, seconds
+
+    def fit_elsewhere(
+        self, jobs: Sequence[tuple[Method, Split]], dataset: Dataset, executor: Executor, progress: Progress
+    ) -> None:
+        """Fits on ``executor`` what is not kept yet, so that `fit` only has to load it; nothing without a folder.
+
+        What a method refuses is passed over: `fit` says it in its place.
+        """
+        if self.folder is None:
+            return
+        self.folder.mkdir(parents=True, exist_ok=True)
+        executor.run(
+            partial(_fit_there, self.folder, dataset),
+            [(replace(method, saved=None), split) for method, split in jobs],
+            alone=any(isinstance(method.estimator, FineTunable) for method, _ in jobs),
+            shared=self.folder,
+            progress=partial(progress, f"{len(jobs)} fits"),
+        )
+
+
+def _fit_there(folder: Path, dataset: Dataset, job: tuple[Method, Split], step: Callable[[], None]) -> None:
+    """One fit, into ``folder``."""
+    with contextlib.suppress(InputError):
+        KeptFits(folder).fit(*job, dataset, no_progress)
+    step()
 
 
 @contextmanager

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
+from .._executor import Executor, ExecutorName, LocalExecutor, executor_of
 from ..errors import InputError
 from ..estimators import ESTIMATORS, Progress, no_progress
 from ..evaluation import (
@@ -63,6 +64,7 @@ def evaluate(
     compare: bool = False,
     seed: int = 0,
     command: str = "",
+    executor: Executor | ExecutorName = "local",
     progress: Progress | None = None,
 ) -> EvaluateReport:
     """Judges methods on held-out data and writes a report.
@@ -88,6 +90,7 @@ def evaluate(
         compare: the report also holds the methods side by side over the load, beside sensors in the tip.
         seed: of drawn samples and splits.
         command: what a person typed, for the report.
+        executor: "local": one fit after the other, here; "ray": side by side on the cluster at RAY_ADDRESS.
         progress: called with what is done and its share.
 
     Raises:
@@ -107,6 +110,7 @@ def evaluate(
     methods = methods_from(names, chosen, None if init_from is None else str(init_from))
     dataset = data_of(data, session_info_from(bench))
     report = progress or no_progress
+    where = executor_of(executor)
     true_n = None if truth is None else truth_at(dataset, _truths(truth))
     with kept_fits(output.with_name(f"{output.name}.evaluating")) as fits:
         result = evaluate_methods(
@@ -126,6 +130,7 @@ def evaluate(
             bounds=bounds_from(dataset, truth, report) if truth is not None and bound is not False else None,
             progress=report,
             fits=fits,
+            executor=None if isinstance(where, LocalExecutor) else where,
         )
         report("report", 1.0)
         metrics = write_report(result, output, command)

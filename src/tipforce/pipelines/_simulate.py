@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from .._executor import Executor, ExecutorName, executor_of
 from ..errors import InputError
 from ..estimators import Progress, no_progress
 from ..simulation import PRESETS, AnySimulationSettings, read_truth, sample_set
@@ -65,6 +66,7 @@ def simulate(
     seed: int = 0,
     form: Literal["recording", "files", "dicom"] = "recording",
     lossless: bool = False,
+    executor: Executor | ExecutorName = "local",
     progress: Progress | None = None,
 ) -> SimulateReport:
     """Simulates sessions as a real bench leaves them, with the truth in a file beside each.
@@ -78,11 +80,12 @@ def simulate(
         seed: the same seed gives the same sessions.
         form: one recording a session; or a folder of video (or DICOM), logs and bench.toml, to be imported.
         lossless: keep every pixel as it is rendered.
+        executor: "local": all cores of this machine; "ray": the nodes of the cluster at RAY_ADDRESS.
         progress: called with what is done and its share.
 
     Raises:
         InputError: no such preset, or sessions of other settings in ``output``.
-        MissingExtraError: DICOM without pydicom.
+        MissingExtraError: DICOM without pydicom, the cluster without Ray.
     """
     started, chosen = time.monotonic(), preset_settings(preset, seconds)
     refuse_form(form, chosen)
@@ -94,6 +97,7 @@ def simulate(
         suffix=suffix,
         sessions=sessions,
         seed=seed,
+        executor=executor_of(executor),
         progress=progress,
     )
     frames = sum(len(read_truth(path).stamp_ns) for path in paths)
@@ -111,6 +115,7 @@ def simulate_dataset(
     shards: bool = False,
     masks: bool = False,
     lossless: bool = False,
+    executor: Executor | ExecutorName = "local",
     say: Callable[[str], None] | None = None,
     progress: Progress | None = None,
 ) -> SimulateReport:
@@ -126,17 +131,19 @@ def simulate_dataset(
         shards: Parquet files instead of a folder of images.
         masks: the true masks of the catheter, too, in masks/.
         lossless: keep every pixel as it is rendered.
+        executor: "local": all cores of this machine; "ray": the nodes of the cluster at RAY_ADDRESS.
         say: called with a line for people, such as a warning about disk space.
         progress: called with what is done and its share.
 
     Raises:
         InputError: no such preset, other samples in ``output``, too little disk.
+        MissingExtraError: the cluster without Ray.
     """
     started, chosen = time.monotonic(), preset_settings(preset)
     wanted = sample_set(chosen, seed=seed, samples=samples, per_session=samples_per_session, seconds=seconds)
     write_samples(
         Path(output), wanted, shards=shards, masks=masks, lossless=lossless,
-        say=say or _silent, progress=progress or no_progress,
+        say=say or _silent, progress=progress or no_progress, executor=executor_of(executor),
     )  # fmt: skip
     return SimulateReport((Path(output),), samples, wanted.sessions, tuple(wanted.views), time.monotonic() - started)
 

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from .._executor import Executor, LocalExecutor
 from .._json import read_json
 from ..alignment import label_log, observations
 from ..datasets import Growing, GrowingImages, GrowingShards, SessionSamples
@@ -22,7 +23,6 @@ from ..simulation import (
     collect_truth,
     require_same_settings,
     truth_path,
-    write_sessions,
     write_truth,
 )
 from ..types import Actuation, Frame, IntArray, Observation
@@ -44,8 +44,11 @@ def write_samples(
     say: Callable[[str], None],
     progress: Callable[[str, float], None],
     workers: int | None = None,
+    executor: Executor | None = None,
 ) -> None:
     """``wanted`` as a dataset in ``folder``, the truth in ``folder / "truth"``; finished sessions are kept.
+
+    ``executor``: where it is done; by default in ``workers`` processes, as many as there are cores.
 
     Raises InputError where something else is in ``folder``, or the disk has too little room.
     """
@@ -66,7 +69,9 @@ def write_samples(
     (folder / "truth").mkdir(parents=True, exist_ok=True)
     manifest.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     work = partial(_write_session, wanted, into, masks, lossless)
-    write_sessions(work, todo, wanted.per_session, workers=workers, progress=progress)
+    what = f"simulating {len(todo)} sessions"
+    chosen = executor or LocalExecutor(workers)
+    chosen.run(work, todo, steps=wanted.per_session, shared=folder, progress=partial(progress, what))
     settings = wanted.settings
     into.finish(f"{settings.preset}, seed {wanted.seed}, {wanted.samples} simulated samples")
 

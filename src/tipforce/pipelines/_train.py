@@ -1,12 +1,14 @@
 """From labelled samples to a model folder."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 
+from .._executor import Executor, ExecutorName, LocalExecutor, executor_of
 from ..datasets import Dataset, join, open_dataset, without_sessions
 from ..estimators import (
     Estimator,
@@ -14,10 +16,12 @@ from ..estimators import (
     check_target,
     create,
     load_initial_model,
+    load_model,
     read_manifest,
     run_directory,
     save_model,
     training_lines,
+    training_started,
 )
 from ..estimators import train as fit
 from ..types import SessionInfo
@@ -27,6 +31,8 @@ __all__ = ["Data", "TrainReport", "data_of", "train"]
 
 Data = str | Path | Dataset | Sequence[str | Path | Dataset]
 """Labelled samples: a dataset, or recordings, a dataset folder, Parquet shards or a published layout; or several."""
+_STEPS = 1000
+"""In which a training on a cluster tells how far it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +65,7 @@ def train(
     seed: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
+    executor: Executor | ExecutorName = "local",
     progress: Progress | None = None,
 ) -> TrainReport:
     """Trains a method on labelled samples and saves it as a model folder.
@@ -77,30 +84,89 @@ def train(
         seed: of drawing, holding out, cross-validation and training; by default that of the settings.
         resume: networks only: go on with a training that was cut off.
         overwrite: replace a model that is there already.
+        executor: "local": here; "ray": in one piece on the largest node of the cluster at RAY_ADDRESS. A network whose
+            node is lost goes on from its last checkpoint on another.
         progress: called with what is done and its share.
 
     Raises:
         InputError: the data or settings cannot be used, or ``output`` is there already.
-        MissingExtraError: a network without torch.
+        MissingExtraError: a network without torch, the cluster without Ray.
         ModelError: the exported model answers otherwise than the trained one.
     """
-    output, stated = Path(output), session_info_from(bench)
-    method = create(estimator, settings)
-    check_target(output, overwrite=overwrite)
-    start = load_initial_model(method, None if init_from is None else str(init_from), resume=resume)
-    dataset = without_sessions(data_of(data, stated), without)
-    apart = None if calibrate is None else data_of(calibrate, stated)
+    output = Path(output)
+    asked = _Asked(
+        data, output, estimator, settings, session_info_from(bench), init_from, tuple(without), calibrate, samples,
+        holdout, seed, resume, overwrite, begun=training_started(output),
+    )  # fmt: skip
+    chosen = executor_of(executor)
+    if isinstance(chosen, LocalExecutor):
+        fitted, metrics, remarks = _train_here(asked, progress)
+    else:
+        tell = None if progress is None else partial(progress, "training on the cluster")
+        task = partial(_train_there, asked)
+        ((metrics, remarks),) = chosen.run(
+            task, [0], steps=_STEPS, alone=True, shared=output.absolute().parent, progress=tell
+        )
+        fitted = load_model(output)
+    manifest = read_manifest(output)
+    return TrainReport(output, fitted, manifest, metrics, (*remarks, *training_lines(manifest)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What `train` was asked for. ``begun``: whether a training of ``output`` was cut off before."""
+
+    data: Data
+    output: Path
+    estimator: str
+    settings: BaseModel | Mapping[str, Any] | None
+    stated: SessionInfo
+    init_from: str | Path | None
+    without: tuple[str, ...]
+    calibrate: Data | None
+    samples: int | None
+    holdout: float
+    seed: int | None
+    resume: bool
+    overwrite: bool
+    begun: bool
+
+
+def _train_here(asked: _Asked, progress: Progress | None) -> tuple[Estimator, Mapping[str, Any], tuple[str, ...]]:
+    """The fitted method, its metrics, and what a person should know of the data."""
+    output, resume = asked.output, asked.resume
+    method = create(asked.estimator, asked.settings)
+    check_target(output, overwrite=asked.overwrite)
+    start = load_initial_model(method, None if asked.init_from is None else str(asked.init_from), resume=resume)
+    dataset = without_sessions(data_of(asked.data, asked.stated), asked.without)
+    apart = None if asked.calibrate is None else data_of(asked.calibrate, asked.stated)
     with run_directory(method, output, resume=resume) as folder:
         done = fit(
-            method, dataset, samples=samples, holdout=holdout,
-            seed=getattr(method.settings, "seed", 0) if seed is None else seed,
+            method, dataset, samples=asked.samples, holdout=asked.holdout,
+            seed=getattr(method.settings, "seed", 0) if asked.seed is None else asked.seed,
             start=start, folder=folder, resume=resume, calibrate=apart, progress=progress,
         )  # fmt: skip
         save_model(
-            done.estimator, output, done.dataset, done.metrics, calibration=done.calibration, overwrite=overwrite
+            done.estimator, output, done.dataset, done.metrics, calibration=done.calibration, overwrite=asked.overwrite
         )
-    manifest = read_manifest(output)
-    return TrainReport(output, done.estimator, manifest, done.metrics, (*dataset.remarks, *training_lines(manifest)))
+    return done.estimator, done.metrics, dataset.remarks
+
+
+def _train_there(asked: _Asked, item: int, step: Callable[[], None]) -> tuple[Mapping[str, Any], tuple[str, ...]]:
+    """On a node; what a node before it left when it was lost is gone on with."""
+    del item
+    taken = 0
+
+    def progress(what: str, share: float) -> None:
+        nonlocal taken
+        del what
+        while taken < round(share * _STEPS):
+            taken += 1
+            step()
+
+    left = not asked.begun and training_started(asked.output)
+    _, metrics, remarks = _train_here(replace(asked, resume=asked.resume or left), progress)
+    return metrics, remarks
 
 
 def data_of(data: Data, stated: SessionInfo | None = None) -> Dataset:

@@ -6,7 +6,7 @@ from ._imaging import CameraImaging
 from ._live import LiveSimulation
 from ._logs import write_logs
 from ._sample_set import SampleSet, sample_set
-from ._session_files import WriteSession, require_same_settings, simulate, write_sessions
+from ._session_files import WriteSession, require_same_settings, simulate
 from ._settings import PRESETS, AnySimulationSettings, FluoroSettings, SimulationSettings
 
 __all__ = [
@@ -28,6 +28,5 @@ __all__ = [
     "simulate",
     "truth_path",
     "write_logs",
-    "write_sessions",
     "write_truth",
 ]

@@ -1,17 +1,13 @@
 """Many sessions as files with the ground truth of each: in all cores at once, and none of them twice."""
 
 import json
-import multiprocessing
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from collections.abc import Callable, Mapping
 from functools import partial
-from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from typing import Any
 
-from .._cores import cores
+from .._executor import Executor, LocalExecutor
 from .._locks import output_lock
-from .._processes import worker_pool
 from ..errors import InputError
 from ._bench import SimulatedBench
 from ._ground_truth import collect_truth, read_truth, settings_record, truth_path, write_truth
@@ -19,27 +15,7 @@ from ._imaging import view_names
 from ._settings import AnySimulationSettings, SimulationSettings
 from .world import require_long_enough
 
-__all__ = ["WriteSession", "require_same_settings", "simulate", "write_sessions"]
-
-Work = Callable[[int, Callable[[], None]], None]
-"""Writes the session of a number and calls the function after every frame. Must be importable by another process."""
-_counter: "Synchronized[int] | None" = None
-"""In a worker process: frames drawn so far, over all workers."""
-
-
-def _share_counter(counter: "Synchronized[int]") -> None:
-    global _counter
-    _counter = counter
-
-
-def _count() -> None:
-    if _counter is not None:
-        with _counter.get_lock():
-            _counter.value += 1
-
-
-def _call(work: Work, number: int) -> None:
-    work(number, _count)
+__all__ = ["WriteSession", "require_same_settings", "simulate"]
 
 
 def require_same_settings(place: Path, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
@@ -50,44 +26,6 @@ def require_same_settings(place: Path, found: Mapping[str, Any], wanted: Mapping
             raise InputError(
                 f"{place}: was simulated with {difference}; choose another folder with -o or delete this one"
             )
-
-
-def write_sessions(
-    work: Work,
-    numbers: Sequence[int],
-    frames: int,
-    *,
-    workers: int | None = None,
-    progress: Callable[[str, float], None] | None = None,
-) -> None:
-    """``work`` for each of ``numbers``, in ``workers`` processes: as many as there are cores by default.
-
-    A single one is this process. ``frames``: of a session, for ``progress``.
-    """
-    total, done_frames = max(1, len(numbers) * frames), 0
-
-    def report(count: int) -> None:
-        if progress:
-            progress(f"simulating {len(numbers)} sessions", min(1.0, count / total))
-
-    def one_more() -> None:
-        nonlocal done_frames
-        done_frames += 1
-        report(done_frames)
-
-    worker_count = min(len(numbers), workers or cores())
-    if worker_count <= 1:
-        for number in numbers:
-            work(number, one_more)
-        return
-    counter = multiprocessing.get_context("spawn").Value("q", 0)
-    with worker_pool(worker_count, _share_counter, (counter,)) as pool:
-        pending: set[Future[None]] = {pool.submit(_call, work, number) for number in numbers}
-        while pending:
-            done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
-            for future in done:
-                future.result()
-            report(counter.value)
 
 
 WriteSession = Callable[[SimulatedBench, Path, Callable[[], None]], None]
@@ -130,14 +68,15 @@ def simulate(
     sessions: int = 8,
     seed: int = 0,
     workers: int | None = None,
+    executor: Executor | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> list[Path]:
     """Simulates ``sessions`` sessions into ``folder``: what ``write`` makes of each, with its ground truth.
 
     ``suffix``: of the paths that ``write`` gets, as in ``session_00.mcap``; empty for a session that is a folder. Those
-    that stand there already are kept. Works in ``workers`` processes, as many as there are cores by default; a
-    single one is this process. Returns the paths, old and new. Raises InputError where a file holds a session of other
-    settings, or a session is too short.
+    that stand there already are kept. ``executor``: where it is done; by default in ``workers`` processes, as many as
+    there are cores, a single one is this process. Returns the paths, old and new. Raises InputError where a file holds
+    a session of other settings, or a session is too short.
     """
     settings = settings or SimulationSettings()
     require_long_enough(settings.world)
@@ -148,5 +87,8 @@ def simulate(
     work = partial(_work, settings, seed, root, suffix, write)
     root.mkdir(parents=True, exist_ok=True)
     with output_lock(root):
-        write_sessions(work, wanted, frames, workers=workers, progress=progress)
+        what = f"simulating {len(wanted)} sessions"
+        (executor or LocalExecutor(workers)).run(
+            work, wanted, steps=frames, shared=root, progress=None if progress is None else partial(progress, what)
+        )
     return places

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
 from tipforce.live import LiveUpdate, Sink
@@ -45,20 +45,36 @@ def served(info: SessionInfo, free_port: int) -> Iterator[tuple[Sink, str]]:
     sink.close()
 
 
-def put_when_connected(sink: Sink, update: LiveUpdate) -> None:
-    """A client's thread may not wait yet when the client believes to be connected: what came before it is not sent."""
-    time.sleep(0.05)
-    sink.put(update)
+def join(sink: Sink, update: LiveUpdate, *clients: ClientConnection) -> None:
+    """Until each client has had ``update``: what came before its thread waits is not sent to it."""
+    deadline = time.monotonic() + 4 * WAIT_S
+    for client in clients:
+        while True:
+            sink.put(update)
+            try:
+                client.recv(0.05)
+                break
+            except TimeoutError:
+                assert time.monotonic() < deadline
+
+
+def number_after(client: ClientConnection, first: int) -> int:
+    """Number of the next message from ``first`` on; what joined is passed over."""
+    while (values := json.loads(client.recv(WAIT_S)))["number"] < first:
+        pass
+    return values["number"]
 
 
 def test_each_client_gets_what_is_new(served: tuple[Sink, str], update: Callable[..., LiveUpdate]) -> None:
     sink, url = served
     sink.put(update(0))  # nobody is there
     with connect(url) as one, connect(url) as two:
-        put_when_connected(sink, update(1, valid=False))
+        join(sink, update(1), one, two)
+        sink.put(update(2, valid=False))
         for client in (one, two):
-            values = json.loads(client.recv(WAIT_S))
-            assert (values["number"], values["status"], values["magnitude_n"]) == (1, "stale", None)
+            while (values := json.loads(client.recv(WAIT_S)))["number"] < 2:
+                assert values["number"] == 1
+            assert (values["status"], values["magnitude_n"]) == ("stale", None)
         sink.close()
         with pytest.raises(ConnectionClosed):
             one.recv(WAIT_S)
@@ -69,11 +85,11 @@ def test_a_slow_client_gets_the_newest_and_holds_nobody_up(
 ) -> None:
     sink, url = served
     with connect(url, max_queue=1) as slow, connect(url) as fast:
-        time.sleep(0.05)
         base, count = update(0), 3000
+        join(sink, base, slow, fast)
         updates = [
             LiveUpdate(n, base.estimate, base.clinical, {}, base.captured_ns, base.published_ns, base.health)
-            for n in range(count)
+            for n in range(1, count)
         ]
         start = time.monotonic()
         for each in updates:
@@ -81,10 +97,10 @@ def test_a_slow_client_gets_the_newest_and_holds_nobody_up(
         assert time.monotonic() - start < WAIT_S
         last = 0
         while last < count - 1:
-            number = json.loads(fast.recv(WAIT_S))["number"]
-            assert number >= last
+            number = number_after(fast, 1)
+            assert number > last
             last = number
-        seen = [json.loads(slow.recv(WAIT_S))["number"]]
+        seen = [number_after(slow, 1)]
         while seen[-1] < count - 1:
             seen.append(json.loads(slow.recv(WAIT_S))["number"])
         assert seen == sorted(set(seen))

@@ -56,6 +56,12 @@ def test_messages_keep_to_the_documented_schema(update: Callable[..., LiveUpdate
         assert set(values) == set(schema["properties"]) == set(schema["required"])
 
 
+def test_the_documented_example_is_a_message() -> None:
+    found = re.search(r"```json\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert found
+    assert LiveMessage.model_validate_json(found[1]).magnitude_n == 0.25
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

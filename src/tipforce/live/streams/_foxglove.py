@@ -1,27 +1,19 @@
 """A live Foxglove server: images and estimates as in our recordings, and the whole message as JSON."""
 
-import contextlib
 import secrets
 import sys
-import threading
 from typing import Any
-
-from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
-from websockets.sync.connection import Connection
-from websockets.sync.server import ServerConnection
 
 from ...io import COMPRESSED_IMAGE, ESTIMATE, FORCE_ESTIMATE, SCHEMAS, encode_image, pack_estimate, pack_image
 from ...types import Image, SessionInfo
 from .._update import LiveUpdate
 from ._address import Address, import_extra
 from ._message import LiveMessage, message_of, wall_ns
-from ._server import OriginServer
+from ._server import OriginDoor
 
 __all__ = ["FoxgloveServer"]
 
 PORT = 8765
-SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 APP = "https://app.foxglove.dev"
 """The page that shows such streams; the desktop program has an origin of its own."""
 DESKTOP = "foxglove://"
@@ -35,7 +27,7 @@ class FoxgloveServer:
 
     Stamps are mid-exposure in nanoseconds since 1970. Images are encoded only while somebody looks. foxglove-sdk lets
     every web page in; so it listens on an address of this machine that nobody knows, and clients come through an
-    `OriginServer`.
+    `OriginDoor`.
     """
 
     keeps_all = False
@@ -50,8 +42,8 @@ class FoxgloveServer:
         self._session, self._model = SessionInfo(), ""
         self._context: Any = None
         self._server: Any = None
-        self._door: OriginServer | None = None
-        self._upstream = ""
+        self._door: OriginDoor | None = None
+        self._behind = "", 0
         self._channels: dict[str, Any] = {}
 
     def start(self, info: SessionInfo, model: str) -> None:
@@ -67,8 +59,8 @@ class FoxgloveServer:
             context=self._context,
             message_backlog_size=_BACKLOG,
         )
-        self._upstream = f"ws://{host}:{self._server.port}"
-        self._door = OriginServer(*self._target, self._relay, origins=self._origins, subprotocols=SUBPROTOCOLS)
+        self._behind = host, self._server.port
+        self._door = OriginDoor(*self._target, self._behind, origins=self._origins)
         self._live = foxglove.Channel("/live", schema=LiveMessage.model_json_schema(), context=self._context)
         self._estimate = self._ros2(f"/{ESTIMATE}", FORCE_ESTIMATE)
 
@@ -101,25 +93,6 @@ class FoxgloveServer:
     def _ros2(self, topic: str, schema: str) -> Any:
         described = self._foxglove.Schema(name=schema, encoding="ros2msg", data=SCHEMAS[schema].encode())
         return self._foxglove.Channel(topic, schema=described, message_encoding="cdr", context=self._context)
-
-    def _relay(self, client: ServerConnection) -> None:
-        """Join a client with the server behind."""
-        chosen = [client.subprotocol] if client.subprotocol else None
-        with connect(self._upstream, subprotocols=chosen, compression=None, max_size=None, max_queue=1) as server:
-            back = threading.Thread(target=_pump, args=(client, server), name="foxglove-requests", daemon=True)
-            back.start()
-            _pump(server, client)
-            client.close()
-            back.join()
-
-
-def _pump(source: Connection, target: Connection) -> None:
-    """All messages of ``source`` to ``target``, until one of them ends."""
-    with contextlib.suppress(ConnectionClosed):
-        for message in source:
-            target.send(message)
-    source.close()
-    target.close()
 
 
 def _unknown_loopback() -> str:

@@ -1,0 +1,223 @@
+"""Work on the nodes of a Ray cluster. All of them need this program, and the folders that are worked in."""
+
+import importlib
+import os
+import secrets
+import socket
+import time
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ._cores import cores
+from ._executor import Task
+from ._processes import limit_threads
+from .errors import InputError, MissingExtraError
+
+__all__ = ["ADDRESS", "RayExecutor"]
+
+ADDRESS = "RAY_ADDRESS"
+"""Environment variable: where the cluster is, as in ``10.0.0.1:6379``; without it Ray is started on this machine."""
+_RETRIES = 5
+"""So often an item is done again that was lost with its process or node; then it is the item that kills them."""
+_POLL_S = 0.2
+_TELL_S = 0.5
+_MARK = ".node-check-"
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+
+@dataclass(frozen=True)
+class RayExecutor:
+    """Each item is a task of Ray with one core. What was lost with a process or node is done again elsewhere.
+
+    ``address``: of the cluster, None for one on this machine that ends with the work.
+    """
+
+    address: str | None = None
+
+    @classmethod
+    def from_environment(cls) -> "RayExecutor":
+        """With the address that `ADDRESS` states. Raises MissingExtraError where Ray is not installed."""
+        _import_ray()
+        return cls(os.environ.get(ADDRESS) or None)
+
+    def run(
+        self,
+        task: "Task[_Item, _Result]",
+        items: Sequence[_Item],
+        *,
+        steps: int = 1,
+        alone: bool = False,
+        shared: Path | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> list[_Result]:
+        """See `Executor`.
+
+        Raises:
+            InputError: a node lacks the folders or has another version of this program, or an item was lost again and
+                again.
+        """
+        if not items:
+            return []
+        with _connected(self.address) as ray, _mark(shared) as mark:
+            counter = _counter_here(ray)
+            needs = _largest_node(ray) if alone else {"num_cpus": 1}
+            work = ray.remote(_work).options(max_retries=_RETRIES, **needs)
+            seen = None if mark is None else str(mark.absolute())
+            setup = ray.put(_Setup(task, str(Path.cwd()), seen, _version(), needs["num_cpus"], counter))
+            refs = [work.remote(setup, number, item) for number, item in enumerate(items)]
+            pending, share = list(refs), 0.0
+            try:
+                while pending:
+                    done, pending = ray.wait(pending, num_returns=len(pending), timeout=_POLL_S)
+                    for ref in done:
+                        _result(ray, ref)
+                    share = max(share, 1.0 - len(pending) / len(items), _counted(ray, counter) / (len(items) * steps))
+                    if progress:
+                        progress(min(1.0, share))
+                return [_result(ray, ref) for ref in refs]
+            finally:
+                for ref in pending:
+                    ray.cancel(ref, force=True)
+                ray.kill(counter)
+
+
+class _Counter:
+    """Where nodes tell how many steps they have done; of an item that is done again, those of the last time."""
+
+    def __init__(self) -> None:
+        self._steps: dict[int, int] = {}
+
+    def put(self, item: int, steps: int) -> None:
+        """Steps of an item so far."""
+        self._steps[item] = steps
+
+    def total(self) -> int:
+        """Steps of all items."""
+        return sum(self._steps.values())
+
+
+def _counter_here(ray: Any) -> Any:
+    """A counter on the node of this process, which lives as long as it is needed."""
+    node = ray.get_runtime_context().get_node_id()
+    here = importlib.import_module("ray.util.scheduling_strategies").NodeAffinitySchedulingStrategy(node, soft=True)
+    return ray.remote(_Counter).options(num_cpus=0, scheduling_strategy=here).remote()
+
+
+def _counted(ray: Any, counter: Any) -> int:
+    """Steps done so far; 0 where the counter is busy or lost: progress then counts whole items."""
+    try:
+        return ray.get(counter.total.remote(), timeout=_POLL_S)
+    except ray.exceptions.RayError:
+        return 0
+
+
+def _largest_node(ray: Any) -> dict[str, int]:
+    """What the largest node has: one with a GPU before one with more cores."""
+    nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+    best = max(nodes, key=lambda has: (has.get("GPU", 0) > 0, has.get("CPU", 0)))
+    needs = {"num_cpus": max(1, int(best.get("CPU", 1)))}
+    return needs | {"num_gpus": 1} if best.get("GPU", 0) >= 1 else needs
+
+
+@dataclass(frozen=True)
+class _Setup:
+    """What each item needs: the task, the folder to work in, a file that all nodes must have, version, cores."""
+
+    task: "Task[Any, Any]"
+    folder: str
+    mark: str | None
+    version: str
+    cores: int = 1
+    counter: Any = None
+
+
+def _work(setup: _Setup, number: int, item: Any) -> Any:
+    """On a node: one item."""
+    node = socket.gethostname()
+    if setup.version != _version():
+        raise InputError(f"node {node}: has tipforce {_version()}, the others have {setup.version}; install the same")
+    for path in (setup.folder, setup.mark):
+        if path is not None and not Path(path).exists():
+            raise InputError(
+                f"node {node}: there is no {path}; the folder that is worked in must be on a file system that all "
+                "nodes have at the same path"
+            )
+    os.chdir(setup.folder)  # as relative paths were meant
+    limit_threads(setup.cores)
+    steps, told_s = 0, 0.0
+
+    def step() -> None:
+        nonlocal steps, told_s
+        steps += 1
+        if setup.counter is not None and time.monotonic() - told_s >= _TELL_S:
+            told_s = time.monotonic()
+            setup.counter.put.remote(number, steps)
+
+    return setup.task(item, step)
+
+
+def _result(ray: Any, ref: Any) -> Any:
+    try:
+        return ray.get(ref)
+    except ray.exceptions.RayTaskError as error:
+        raise error.cause from None
+    except ray.exceptions.RayError as error:
+        raise InputError(
+            f"Ray lost a part of the work {1 + _RETRIES} times ({type(error).__name__}); what is finished is kept: "
+            "the same command goes on with it"
+        ) from error
+
+
+def _version() -> str:
+    from . import __version__
+
+    return __version__
+
+
+def _import_ray() -> Any:
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent to anybody
+    try:
+        return importlib.import_module("ray")
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("ray", extra="cluster") from error
+
+
+@contextmanager
+def _connected(address: str | None) -> Generator[Any]:
+    """Ray, connected. A connection that stood before stays."""
+    ray = _import_ray()
+    if ray.is_initialized():
+        yield ray
+        return
+    quiet = {"log_to_driver": False, "logging_level": "ERROR"}
+    try:
+        if address is None:
+            ray.init(address="local", num_cpus=cores(), include_dashboard=False, **quiet)
+        else:
+            ray.init(address=address, **quiet)
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        raise InputError(f"{ADDRESS}={address}: Ray cannot be reached there ({error})") from error
+    try:
+        yield ray
+    finally:
+        ray.shutdown()
+
+
+@contextmanager
+def _mark(shared: Path | None) -> Generator[Path | None]:
+    """A file in ``shared`` by which a node knows that it has the same folder, and not one of the same name."""
+    if shared is None:
+        yield None
+        return
+    for left in shared.glob(f"{_MARK}*"):  # of a run that was killed
+        left.unlink(missing_ok=True)
+    mark = shared / f"{_MARK}{secrets.token_hex(4)}"
+    mark.touch()
+    try:
+        yield mark
+    finally:
+        mark.unlink(missing_ok=True)

@@ -1,0 +1,66 @@
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tipforce import _ray
+from tipforce._executor import Executor, LocalExecutor, executor_of
+from tipforce.errors import InputError, MissingExtraError
+
+
+def doubled(item: int, step: Callable[[], None]) -> int:
+    step()
+    step()
+    if item == 13:
+        raise InputError("13 is refused")
+    return 2 * item
+
+
+def test_results_come_in_the_order_of_the_items() -> None:
+    shares: list[float] = []
+    executor = LocalExecutor(workers=1)
+    assert executor.run(doubled, [3, 1, 2], steps=2, progress=shares.append) == [6, 2, 4]
+    assert shares == pytest.approx([k / 6 for k in range(1, 7)])
+    assert executor.run(doubled, []) == []
+    with pytest.raises(InputError, match="13 is refused"):
+        executor.run(doubled, [1, 13])
+
+
+def test_an_executor_is_chosen_by_name_or_given() -> None:
+    assert executor_of("local") == LocalExecutor()
+    mine = LocalExecutor(1)
+    assert executor_of(mine) is mine
+    assert isinstance(_ray.RayExecutor(), Executor)
+
+
+def test_without_ray_the_install_line_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(MissingExtraError, match=r"ray is not installed; .*\[cluster\]"):
+        executor_of("ray")
+
+
+def setup_of(folder: Path, mark: Path | None = None, version: str = _ray._version()) -> _ray._Setup:
+    return _ray._Setup(doubled, str(folder), None if mark is None else str(mark), version)
+
+
+def test_a_node_works_in_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # and back afterwards
+    monkeypatch.setattr(_ray, "limit_threads", lambda threads: None)
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    with _ray._mark(shared) as mark:
+        assert _ray._work(setup_of(shared, mark), 0, 4) == 8
+        assert Path.cwd() == shared
+    assert not list(shared.iterdir())
+
+
+def test_a_node_without_the_folder_is_refused(tmp_path: Path) -> None:
+    for setup in (setup_of(tmp_path / "elsewhere"), setup_of(tmp_path, tmp_path / "mark of another folder")):
+        with pytest.raises(InputError, match="on a file system that all nodes have at the same path"):
+            _ray._work(setup, 0, 4)
+
+
+def test_a_node_with_another_version_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"the others have 0\.0\.0; install the same"):
+        _ray._work(setup_of(tmp_path, version="0.0.0"), 0, 4)

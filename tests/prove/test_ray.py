@@ -1,0 +1,114 @@
+"""A Ray cluster of two nodes on this machine: the same bytes as locally, and nothing is lost with a process or node."""
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tipforce._executor import Executor, LocalExecutor
+from tipforce._ray import RayExecutor
+from tipforce.errors import InputError
+from tipforce.pipelines import preset_settings, simulate_dataset, train
+
+ray = pytest.importorskip("ray", reason="no ray: pip install -e '.[cluster]'")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def functions_travel() -> None:
+    """The functions of this module as they are: no node can import a test."""
+    ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
+
+
+@pytest.fixture
+def cluster() -> Iterator[Any]:
+    from ray.cluster_utils import Cluster
+
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    yield made
+    ray.shutdown()
+    made.shutdown()
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def make(folder: Path, executor: Executor, progress: Callable[[str, float], None] | None = None) -> None:
+    settings = preset_settings("bench-2021", None, {"width": 320, "height": 240, "world": {"tare_s": 2.0}})
+    simulate_dataset(
+        folder, settings, samples=40, samples_per_session=10, seconds=8, seed=3, executor=executor, progress=progress
+    )
+
+
+def test_a_set_has_the_same_bytes_on_two_nodes_one_of_which_dies(cluster: Any, tmp_path: Path) -> None:
+    second = cluster.add_node(num_cpus=1)
+    make(tmp_path / "local", LocalExecutor(workers=1))
+    finished: dict[Path, int] = {}
+
+    def progress(what: str, share: float) -> None:
+        parts = list((tmp_path / "ray" / ".parts").glob("*.json"))
+        if parts and not finished:  # a session is whole, others are on their way: take a node away
+            finished.update({path: path.stat().st_mtime_ns for path in parts})
+            cluster.remove_node(second, allow_graceful=False)
+        elif share < 1.0:
+            assert all(path.stat().st_mtime_ns == at for path, at in finished.items())
+
+    make(tmp_path / "ray", RayExecutor(cluster.address), progress)
+    assert 0 < len(finished) < 4
+    assert files(tmp_path / "ray") == files(tmp_path / "local")
+    assert not ray.is_initialized()
+
+
+def test_a_training_there_gives_the_model_of_one_here(cluster: Any, tmp_path: Path) -> None:
+    make(tmp_path / "set", LocalExecutor(workers=1))
+    shares: list[float] = []
+    here = train(tmp_path / "set", tmp_path / "here")
+    there = train(
+        tmp_path / "set", tmp_path / "there", executor=RayExecutor(cluster.address),
+        progress=lambda what, share: shares.append(share),
+    )  # fmt: skip
+    assert (tmp_path / "there" / "arrays.npz").read_bytes() == (tmp_path / "here" / "arrays.npz").read_bytes()
+    assert there.metrics == here.metrics
+    assert there.lines == here.lines
+    assert shares[-1] == 1.0
+    assert shares == sorted(shares)
+
+
+def killed_once(folder: Path, item: int, step: Callable[[], None]) -> int:
+    with (folder / f"{item}.txt").open("a") as seen:
+        seen.write(f"{os.getpid()}\n")
+    if item == 1 and (folder / "1.txt").read_text().count("\n") == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return item * item
+
+
+def test_what_was_lost_with_a_killed_worker_is_done_again(cluster: Any, tmp_path: Path) -> None:
+    shares: list[float] = []
+    found = RayExecutor(cluster.address).run(
+        partial(killed_once, tmp_path), range(4), shared=tmp_path, progress=shares.append
+    )
+    assert found == [0, 1, 4, 9]
+    assert shares[-1] == 1.0
+    assert [(tmp_path / f"{item}.txt").read_text().count("\n") for item in range(4)] == [1, 2, 1, 1]
+
+
+def refused(item: int, step: Callable[[], None]) -> int:
+    if item == 1:
+        raise InputError("1 is refused")
+    time.sleep(30.0 * (item > 1))
+    return item
+
+
+def test_what_a_task_raises_arrives_and_the_others_are_given_up(cluster: Any) -> None:
+    begun = time.monotonic()
+    with pytest.raises(InputError, match="1 is refused"):
+        RayExecutor(cluster.address).run(refused, range(4))
+    assert time.monotonic() - begun < 25.0
