@@ -9,6 +9,7 @@
     │   ├── TimeError            stamps are unsorted, repeated, or do not overlap
     │   ├── ModelError           a model folder is incomplete, altered, or newer than this program
     │   └── OutputError          a file or folder cannot be written
+    ├── DeviceError              a device does not answer, or answers what it must not
     ├── NotFittedError           an estimator was used before ``fit`` or ``load``
     └── MissingExtraError        an optional package is needed; the message holds the install line
 
@@ -16,6 +17,7 @@ The command line prints the message and ends with exit code 2; anything else tha
 """
 
 __all__ = [
+    "DeviceError",
     "FileFormatError",
     "InputError",
     "MissingExtraError",
@@ -54,6 +56,10 @@ class ModelError(InputError):
 
 class OutputError(InputError):
     """A file or folder cannot be written: no space, no permission, in use, or no regular file."""
+
+
+class DeviceError(TipforceError):
+    """A device does not answer, refuses what it is asked for, or answers what it must not."""
 
 
 class NotFittedError(TipforceError):

@@ -1,5 +1,5 @@
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,18 @@ from mcap_ros2.decoder import DecoderFactory
 from tipforce.errors import FileFormatError, InputError, TimeError
 from tipforce.io import ClockOffset, RecordingReader, RecordingWriter, Tare
 from tipforce.io import _cdr as cdr
-from tipforce.types import Actuation, Catheter, Frame, SensorInfo, SessionInfo, SimulatedClock, ViewInfo, Wrench
+from tipforce.types import (
+    Actuation,
+    Catheter,
+    ForceEstimate,
+    Frame,
+    SensorInfo,
+    SessionInfo,
+    SimulatedClock,
+    Status,
+    ViewInfo,
+    Wrench,
+)
 
 numbers = st.floats(allow_nan=True, allow_infinity=False, width=64)
 names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)
@@ -51,6 +62,44 @@ def test_a_joint_state_is_what_the_ros2_decoder_reads(stamp: int, values: dict[s
     found = cdr.unpack_joints(raw)
     assert found[0] == stamp
     np.testing.assert_equal(found[1], values)
+
+
+def assert_same_estimate(found: ForceEstimate, estimate: ForceEstimate) -> None:
+    for field in fields(ForceEstimate):
+        np.testing.assert_equal(getattr(found, field.name), getattr(estimate, field.name))
+
+
+@given(stamps, names, st.lists(numbers, min_size=20, max_size=20), st.sampled_from(list(Status)))
+def test_an_estimate_is_what_the_ros2_decoder_reads(stamp: int, detail: str, n: list[float], status: Status) -> None:
+    estimate = ForceEstimate.invalid(stamp, status, detail) if status is not Status.VALID else ForceEstimate(
+        stamp, np.array(n[:3]), np.array([True, False, True]), np.array(n[3:12]).reshape(3, 3),
+        np.array(n[12:18]).reshape(3, 2), 0.25, np.array(n[18:]), detail=detail, contact=0.5,
+    )  # fmt: skip
+    raw = cdr.pack_estimate(stamp, estimate)
+    message = decoded(cdr.FORCE_ESTIMATE, raw)
+    assert (message.status, message.detail, message.header.frame_id) == (status.value, detail, "base")
+    np.testing.assert_array_equal(message.force_n, estimate.force_n)
+    np.testing.assert_array_equal(message.covariance_n2, estimate.covariance_n2.ravel())
+    np.testing.assert_array_equal(message.interval_n, estimate.interval_n.ravel())
+    np.testing.assert_array_equal(message.magnitude_interval_n, estimate.magnitude_interval_n)
+    np.testing.assert_array_equal([message.magnitude_n, message.contact], [estimate.magnitude_n, estimate.contact])
+    assert list(message.known) == estimate.known.tolist()
+    assert_same_estimate(cdr.unpack_estimate(raw), estimate)
+
+
+def test_estimates_are_a_stream_of_their_own(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    estimates = [ForceEstimate.invalid(at, Status.STALE, "the camera is late") for at in (1_000, 2_000)]
+    with RecordingWriter(path, SessionInfo()) as writer:
+        writer.write(Frame(1_000, np.zeros((4, 4), np.uint8)))
+        for estimate in estimates:
+            writer.write_estimate(estimate)
+    with RecordingReader(path) as reader:
+        assert reader.info.streams["estimate"].kind == "estimate"
+        assert [type(event) for event in reader] == [Frame]
+        for found, estimate in zip(reader.estimates(), estimates, strict=True):
+            assert_same_estimate(found, estimate)
+        assert not list(reader.estimates("camera"))
 
 
 @given(stamps, names, st.binary(max_size=50))

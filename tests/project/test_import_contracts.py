@@ -31,10 +31,12 @@ ALLOWED: dict[str, set[str]] = {
     "estimators": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "training"},
     "calibration": BASE | {"geometry", "vision", "io", "alignment", "mechanics", "estimators"},
     "evaluation": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "estimators", "clinical"},
+    "hardware": BASE | {"io"},
+    "live": BASE | {"clinical", "estimators", "io", "vision", "alignment"},
     "pipelines": BASE
     | {
         *("geometry", "mechanics", "simulation", "limits", "vision", "io", "alignment", "datasets", "training"),
-        *("estimators", "calibration", "clinical", "evaluation"),
+        *("estimators", "calibration", "clinical", "evaluation", "live", "hardware"),
     },
 }
 """docs/design.md draws this; what is not listed may not be imported."""

@@ -3,15 +3,17 @@
 from ._find import ForceCorrections, OffsetChoice, TareChoice, find_offset, find_tare_and_inertia
 from ._inertia import StageMotion, fit_inertia
 from ._labels import MAX_GAP_S, Labels, covered_frames, label_log, labels
-from ._observations import nearest_frames, observations
+from ._observations import PAIR_S, Pairing, nearest_frames, observations
 from ._tare import find_tare, stated_tare
 from ._timing import estimate_offset, shape_coordinates
 
 __all__ = [
     "MAX_GAP_S",
+    "PAIR_S",
     "ForceCorrections",
     "Labels",
     "OffsetChoice",
+    "Pairing",
     "StageMotion",
     "TareChoice",
     "covered_frames",

@@ -26,6 +26,7 @@ VERBS: dict[str, str] = {
     "evaluate": "evaluate",
     "inspect": "inspect",
     "estimate": "estimate",
+    "live": "live",
 }
 """Verb -> module of this package that holds its ``command`` function, in the order of a working day."""
 
@@ -95,6 +96,7 @@ _KEPT = {
     "import": "; no recording was written, run the import again",
     "estimate": "; no table was written, run the command again",
     "inspect": "; nothing was written",
+    "live": "; what was recorded is kept",
 }
 """What an interrupted verb leaves; train and evaluate say it themselves."""
 

@@ -2,6 +2,7 @@
 
 from .._atomic import atomic_path, atomic_text, check_folder, check_output_file, replacing_folder, write_atomic
 from ._actuation import WAIT_S, ActuationSeries
+from ._cdr import COMPRESSED_IMAGE, ESTIMATE, FORCE_ESTIMATE, SCHEMAS, pack_estimate, pack_image, unpack_estimate
 from ._facts import ClockOffset, Inertia, Tare
 from ._folder import InFolder
 from ._force_log import ForceLog, logs_by_kind, read_force_log, read_knob_log
@@ -23,6 +24,10 @@ from ._writer import RecordingWriter, write_force_csv
 
 __all__ = [
     "ACTUATION_UNITS",
+    "COMPRESSED_IMAGE",
+    "ESTIMATE",
+    "FORCE_ESTIMATE",
+    "SCHEMAS",
     "STILL_STEP_NS",
     "WAIT_S",
     "ActuationSeries",
@@ -57,6 +62,8 @@ __all__ = [
     "open_recording",
     "open_source",
     "open_table",
+    "pack_estimate",
+    "pack_image",
     "read_force_log",
     "read_image",
     "read_knob_log",
@@ -66,6 +73,7 @@ __all__ = [
     "save_image",
     "spread_images",
     "steady_reading",
+    "unpack_estimate",
     "write_atomic",
     "write_force_csv",
     "write_video",

@@ -18,6 +18,7 @@ from ..types import (
     Actuation,
     Event,
     FloatArray,
+    ForceEstimate,
     Frame,
     IntArray,
     Range,
@@ -29,8 +30,11 @@ from ..types import (
 from ._actuation import WAIT_S, ActuationSeries
 from ._cdr import (
     COMPRESSED_IMAGE,
+    ESTIMATE,
+    FORCE_ESTIMATE,
     JOINT_STATE,
     WRENCH_STAMPED,
+    unpack_estimate,
     unpack_image,
     unpack_joints,
     unpack_wrench,
@@ -44,14 +48,15 @@ from ._recover import resolve
 __all__ = ["RecordingInfo", "RecordingReader", "StreamInfo", "open_recording"]
 
 _T = TypeVar("_T")
-_KINDS = {COMPRESSED_IMAGE: "frame", WRENCH_STAMPED: "wrench", JOINT_STATE: "actuation"}
+_KINDS = {COMPRESSED_IMAGE: "frame", WRENCH_STAMPED: "wrench", JOINT_STATE: "actuation", FORCE_ESTIMATE: "estimate"}
+_EVENTS = ("frame", "wrench", "actuation")
 
 
 @dataclass(frozen=True, slots=True)
 class StreamInfo:
     """One stream: its ROS topic, what it carries, and how regularly.
 
-    ``kind``: "frame", "wrench", "actuation", or "other" (carried by the file, not read by this program).
+    ``kind``: "frame", "wrench", "actuation", "estimate", or "other" (carried by the file, not read by this program).
     ``dropped``: readings that a regular stream should have had in between; ``rate_hz`` counts them.
     """
 
@@ -165,7 +170,7 @@ class RecordingReader:
     def events(self, *streams: str) -> Iterator[Event]:
         """Events of the named streams (all where none is named), in the order of their stamps."""
         chosen = {name: self._topics[self._known(name)] for name in streams} if streams else self._topics
-        names = {channel: (name, kind) for name, (channel, kind) in chosen.items() if kind != "other"}
+        names = {channel: (name, kind) for name, (channel, kind) in chosen.items() if kind in _EVENTS}
         for time_ns, channel, raw in self._file.in_time_order(set(names)):
             name, kind = names[channel]
             if kind == "frame":
@@ -182,6 +187,14 @@ class RecordingReader:
                     if value < limits.low or value > limits.high:
                         raise self._implausible(key, time_ns, value, limits)
                 yield Actuation(time_ns, values, name)
+
+    def estimates(self, stream: str = ESTIMATE) -> Iterator[ForceEstimate]:
+        """What was estimated while the recording was made, in the order of the stamps; nothing where it was not."""
+        channel, kind = self._topics.get(stream, (0, ""))
+        if kind != "estimate":
+            return
+        for time_ns, _, raw in self._file.in_time_order({channel}):
+            yield self._unpacked(unpack_estimate, raw, time_ns)
 
     def _implausible(self, what: str, time_ns: int, value: float, limits: Range) -> FileFormatError:
         return FileFormatError(

@@ -22,7 +22,7 @@ from .._atomic import check_folder, part_of
 from ..errors import FileFormatError
 from ._container import frame_is_whole, recovered_name, whole_summary
 
-__all__ = ["check_target", "lock", "recover", "recover_recording", "resolve"]
+__all__ = ["check_target", "lock", "recover", "recover_recording", "resolve", "whole_records"]
 
 _HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of the compression's name
@@ -202,6 +202,11 @@ def recover(part: Path, target: Path, *, keep: bool = False) -> str:
     if not keep:
         part.unlink()
     return said
+
+
+def whole_records(stream: IO[bytes]) -> Iterator[object]:
+    """Whole records of a recording, in the order in which they were written, also while it is being written."""
+    return _records(stream, _Findings())
 
 
 def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:

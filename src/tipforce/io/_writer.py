@@ -3,29 +3,46 @@
 import contextlib
 import os
 import threading
+from collections.abc import Generator, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
 import numpy as np
+from mcap.records import Channel, Message
 from mcap.writer import CompressionType, Writer
 
-from .._atomic import atomic_text, part_of
-from ..errors import FileFormatError, TimeError
-from ..types import Clock, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, SystemClock, Wrench
+from .._atomic import atomic_text, part_of, writing
+from ..errors import FileFormatError, OutputError, TimeError
+from ..types import (
+    Clock,
+    Event,
+    FloatArray,
+    ForceEstimate,
+    Frame,
+    IntArray,
+    SensorInfo,
+    SessionInfo,
+    SystemClock,
+    Wrench,
+)
 from ._cdr import (
     COMPRESSED_IMAGE,
+    ESTIMATE,
+    FORCE_ESTIMATE,
     JOINT_STATE,
     SCHEMAS,
     WRENCH_STAMPED,
+    pack_estimate,
     pack_image,
     pack_joints,
     pack_wrench,
+    unpack_image,
 )
 from ._facts import ClockOffset, Inertia, Tare, session_record
-from ._images import encode_image
-from ._recover import check_target, lock
+from ._images import decode_image, encode_image
+from ._recover import check_target, lock, whole_records
 from ._tables import MAX_STAMP_S
 
 __all__ = ["RecordingWriter", "write_force_csv"]
@@ -36,6 +53,8 @@ _FLUSH_NS = 250_000_000
 _CHUNK_NS = 500_000_000
 """Longest stretch of recorded time in one chunk: what reading one moment costs."""
 _CHUNK_BYTES = 4 << 20
+_COMPRESSED = "/compressed"
+"""How the topic of a stream of images ends."""
 
 
 class RecordingWriter:
@@ -83,9 +102,13 @@ class RecordingWriter:
         self._pending_since: int | None = None
         self._span: tuple[int, int] | None = None
         self._closed = False
+        self._failed: OutputError | None = None
+        self._whole = 0
+        """Bytes of the ``.part`` that end with a whole record."""
         self._info, self._origin = info, origin
         self._mcap.add_metadata("tipforce.session", {"origin": origin, **session_record(info)})
-        self._stream.flush()
+        with self._keeping_what_is_whole():
+            self._stream.flush()
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._flusher = threading.Thread(target=self._flush_while_idle, name="recording-flush", daemon=True)
@@ -93,21 +116,22 @@ class RecordingWriter:
 
     def write(self, event: Event) -> None:
         """One event; frames are compressed here. Raises TimeError for a stamp below zero or beyond `MAX_STAMP_S`."""
-        if event.stamp_ns >= MAX_STAMP_S * 1_000_000_000:
-            raise TimeError(f"{self.path}: the stamp {event.stamp_ns} ns lies beyond the year 2038; check its unit")
-        if event.stamp_ns < 0:
-            raise TimeError(
-                f"{self.path}: the stamp {event.stamp_ns} ns lies before zero, which the format cannot hold"
-            )
+        self._check_stamp(event.stamp_ns)
         if isinstance(event, Frame):
             encoding, data = encode_image(event.image, lossless=self._lossless, jpeg_quality=self._quality)
             message = pack_image(event.stamp_ns, event.view, encoding, data)
-            self._add(f"/{event.view}/compressed", COMPRESSED_IMAGE, event.stamp_ns, message)
+            self._add(f"/{event.view}{_COMPRESSED}", COMPRESSED_IMAGE, event.stamp_ns, message)
         elif isinstance(event, Wrench):
             message = pack_wrench(event.stamp_ns, event.frame, event.force_n, event.torque_nm)
             self._add("/force", WRENCH_STAMPED, event.stamp_ns, message)
         else:
             self._add(f"/{event.stream}", JOINT_STATE, event.stamp_ns, pack_joints(event.stamp_ns, event.values))
+
+    def write_estimate(self, estimate: ForceEstimate) -> None:
+        """One estimate, into the stream "estimate". Raises TimeError as `write`."""
+        self._check_stamp(estimate.stamp_ns)
+        message = pack_estimate(estimate.stamp_ns, estimate)
+        self._add(f"/{ESTIMATE}", FORCE_ESTIMATE, estimate.stamp_ns, message)
 
     def state(self, fact: ClockOffset | Inertia | Tare | SensorInfo) -> None:
         """A fact about the run; the last one of its kind holds. A sensor stands in place of that of the metadata."""
@@ -122,16 +146,31 @@ class RecordingWriter:
         """A metadata record of any name; the last one of a name holds."""
         with self._lock:
             self._mcap.add_metadata(name, record)
-            self._stream.flush()
+            with self._keeping_what_is_whole():
+                self._stream.flush()
+
+    def written_frames(self) -> Iterator[Frame]:
+        """The frames written so far, in that order, as they are kept: with what compression left of them."""
+        with self._lock:
+            self._flush()
+        with self.part.open("rb") as stream:
+            views: dict[int, str] = {}
+            for record in whole_records(stream):
+                if isinstance(record, Channel) and record.topic.endswith(_COMPRESSED):
+                    views[record.id] = record.topic[1 : -len(_COMPRESSED)]
+                elif isinstance(record, Message) and record.channel_id in views:
+                    data = unpack_image(record.data)[2]
+                    yield Frame(record.log_time, decode_image(data, str(self.part)), views[record.channel_id])
 
     def close(self) -> None:
         """Finish the file and give it its name."""
         if self._closed:
             return
         self._halt()
-        self._mcap.finish()
-        self._stream.flush()
-        os.fsync(self._stream.fileno())
+        with self._keeping_what_is_whole():
+            self._mcap.finish()
+            self._stream.flush()
+            os.fsync(self._stream.fileno())
         self.part.replace(self.path)
         self._stream.close()
 
@@ -152,19 +191,45 @@ class RecordingWriter:
             self.close()
         elif not self._closed:
             self._halt()
-            with contextlib.suppress(OSError):  # a full disk is why we are here; the first error is the one to show
-                self._mcap.flush()
+            with contextlib.suppress(OSError, OutputError):  # the first error is the one to show
+                if not self._failed:
+                    with self._keeping_what_is_whole():
+                        self._mcap.flush()
                 self._stream.close()
+
+    @contextlib.contextmanager
+    def _keeping_what_is_whole(self) -> Generator[None]:
+        """Around what writes to the file: where the disk is full, half a record must not stay at its end."""
+        if self._failed:
+            raise self._failed
+        try:
+            with writing(self.part):
+                yield
+        except OutputError as error:
+            self._failed = OutputError(f"{error}; what was recorded until then is kept in {self.part}")
+            with contextlib.suppress(OSError):  # its buffer cannot be written, either
+                self._stream.close()
+            os.truncate(self.part, self._whole)
+            raise self._failed from error
+        self._whole = self._stream.tell()
 
     def _halt(self) -> None:
         self._closed = True
         self._stop.set()
         self._flusher.join()
 
+    def _check_stamp(self, stamp_ns: int) -> None:
+        if stamp_ns >= MAX_STAMP_S * 1_000_000_000:
+            raise TimeError(f"{self.path}: the stamp {stamp_ns} ns lies beyond the year 2038; check its unit")
+        if stamp_ns < 0:
+            raise TimeError(f"{self.path}: the stamp {stamp_ns} ns lies before zero, which the format cannot hold")
+
     def _add(self, topic: str, schema: str, stamp_ns: int, message: bytes) -> None:
         with self._lock:
             if self._closed:
                 raise FileFormatError(f"{self.path}: the recording is closed")
+            if self._failed:
+                raise self._failed
             channel = self._channels.get(topic) or self._register(topic, schema)
             sequence = self._sequence.get(channel, 0)
             self._sequence[channel] = sequence + 1
@@ -184,14 +249,16 @@ class RecordingWriter:
         return self._channels[topic]
 
     def _flush(self) -> None:
-        self._mcap.flush()
+        with self._keeping_what_is_whole():
+            self._mcap.flush()
         self._pending_since, self._span = None, None
 
     def _flush_while_idle(self) -> None:
         while not self._stop.wait(_FLUSH_NS * 1e-9):
             with self._lock:
                 if self._pending_since is not None and self._clock.now_ns() - self._pending_since >= _FLUSH_NS:
-                    self._flush()
+                    with contextlib.suppress(OutputError):  # kept, and raised where the next event is written
+                        self._flush()
 
 
 def write_force_csv(path: Path | str, stamps_ns: IntArray, force_n: FloatArray) -> None:

@@ -1,6 +1,25 @@
 """Live: a source pushes frames, an estimator answers, sinks get the answers, each at its own pace."""
 
+from ._engine import Engine
+from ._paced import PacedSource
+from ._report import LiveReport
+from ._settings import LiveSettings
 from ._sinks import Sink
 from ._update import CAMERA_STATES, CameraState, LiveHealth, LiveUpdate, SinkHealth, Zero
+from ._watchdog import CameraWatch, Fault
 
-__all__ = ["CAMERA_STATES", "CameraState", "LiveHealth", "LiveUpdate", "Sink", "SinkHealth", "Zero"]
+__all__ = [
+    "CAMERA_STATES",
+    "CameraState",
+    "CameraWatch",
+    "Engine",
+    "Fault",
+    "LiveHealth",
+    "LiveReport",
+    "LiveSettings",
+    "LiveUpdate",
+    "PacedSource",
+    "Sink",
+    "SinkHealth",
+    "Zero",
+]

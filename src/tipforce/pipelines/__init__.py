@@ -7,6 +7,7 @@ from ._evaluate import EvaluateReport, evaluate
 from ._import_session import import_session
 from ._inspect import inspect
 from ._inspect_images import InspectionResult, inspect_frames, inspect_image_file, inspect_sessions
+from ._live import LiveRunSettings, PageAddress, live, live_line, open_live_source
 from ._record import RecordingReport, record
 from ._simulate import SimulateReport, preset_settings, simulate, simulate_dataset
 from ._simulate_samples import write_samples
@@ -20,6 +21,8 @@ __all__ = [
     "EstimateReport",
     "EvaluateReport",
     "InspectionResult",
+    "LiveRunSettings",
+    "PageAddress",
     "RecordingReport",
     "RecordingSummary",
     "SimulateReport",
@@ -36,6 +39,9 @@ __all__ = [
     "inspect_frames",
     "inspect_image_file",
     "inspect_sessions",
+    "live",
+    "live_line",
+    "open_live_source",
     "plot_calibration",
     "plot_summary",
     "preset_settings",

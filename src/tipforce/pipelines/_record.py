@@ -2,10 +2,10 @@
 
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from itertools import chain
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -19,13 +19,15 @@ from ..alignment import (
     find_offset,
     find_tare_and_inertia,
 )
-from ..errors import InputError, TimeError
+from ..errors import InputError, TimeError, TipforceError
 from ..io import RecordingWriter, check_target
 from ..types import STAGE, Clock, Event, FloatArray, Frame, Image, IntArray, SensorInfo, SessionInfo, Source, Wrench
 from ..vision import DetectedShape, ShapeDetector, VisionSettings, auto_calibrate
 from ._summary import RecordingSummary, summarise_recording
 
-__all__ = ["RecordingReport", "record", "refuse_target", "write_run"]
+__all__ = ["Analysis", "Ended", "RecordingReport", "record", "refuse_target", "write_run"]
+
+Analysis = Literal["afterwards", "along"]
 
 _COVERED = 0.9
 """Share of the images that usually have a force; with less a person is told."""
@@ -45,6 +47,14 @@ class RecordingReport:
 
     summary: RecordingSummary
     remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """What is known once a source has ended: metadata records by name, and a stretch without contact, or None."""
+
+    notes: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
+    tare: tuple[float, float] | None = None
 
 
 def refuse_target(target: Path, *, overwrite: bool, origin: str) -> None:
@@ -67,28 +77,68 @@ def record(
     overwrite: bool = False,
     clock: Clock | None = None,
     progress: Callable[[int], None] | None = None,
+    analysis: Analysis = "afterwards",
+    ended: Callable[[], Ended] | None = None,
 ) -> RecordingReport:
-    """Write all events of ``source`` to ``target`` (.mcap), then what is found of offset, tare and inertia.
+    """Write all events of ``source`` to ``target`` (.mcap) as they come; then find offset, tare and inertia.
 
-    ``progress`` gets the number of frames so far; ``clock`` is `RecordingWriter`'s. What was recorded before a kill is
-    kept in ``target``'s ``.part``. Raises InputError, FileFormatError, TimeError.
+    Args:
+        source: what is recorded; it is entered here.
+        target: the recording (.mcap).
+        sensor: pose of the force sensor, in place of that of the source's metadata.
+        tare: see `import_session`.
+        offset_ms: see `import_session`.
+        vision: how the catheter is detected for the clock offset.
+        lossless: keep images as PNG.
+        jpeg_quality: of images that are kept as JPEG.
+        overwrite: replace a recording that is there already.
+        clock: `RecordingWriter`'s.
+        progress: gets the number of frames so far.
+        analysis: "afterwards": the catheter is detected in the images as they are kept, once the source has ended, so
+            that nothing keeps the writing waiting; "along": in the images as they came, for a source that waits.
+        ended: called when the source has ended.
+
+    Raises:
+        InputError: ``target`` is no name for a recording, or ``tare`` does not fit the force; what the source gave is
+            kept in ``target``, without tare and clock offset.
+        FileFormatError: ``target`` stands already.
+        TimeError: force and images do not overlap; kept likewise.
+        OutputError: the disk is full; what was written until then is kept in ``target``'s ``.part``, as after a kill.
     """
     target = Path(target)
     refuse_target(target, overwrite=overwrite, origin="record")
-    with source as events:
-        writer = RecordingWriter(
-            target,
-            source.session_info,
-            lossless=lossless,
-            jpeg_quality=jpeg_quality,
-            clock=clock,
-            overwrite=overwrite,
-            origin="record",
-        )
-        with writer:
-            remarks = write_run(
-                writer, events, source.session_info, sensor, tare, offset_ms, vision or VisionSettings(), progress
-            )
+    info, settings = source.session_info, vision or VisionSettings()
+    writer = RecordingWriter(
+        target,
+        info,
+        lossless=lossless,
+        jpeg_quality=jpeg_quality,
+        clock=clock,
+        overwrite=overwrite,
+        origin="record",
+    )
+    with writer, source as events:
+        if analysis == "along":
+            remarks = write_run(writer, events, info, sensor, tare, offset_ms, settings, progress)
+        else:
+            run = _Run(progress)
+            for event in events:
+                writer.write(event)
+                run.add(event)
+            end = ended() if ended else Ended()
+            for name, values in end.notes.items():
+                writer.note(name, dict(values))
+            try:
+                sight = _Sight(info, settings) if offset_ms == "auto" and len(run.force[0]) else None
+                if sight:
+                    for frame in writer.written_frames():
+                        sight.take(frame)
+                remarks = _state_facts(writer, run, sight, info, sensor, end.tare or tare, offset_ms)
+            except BaseException as error:  # what was written is the only copy of the run; facts can be found again
+                writer.close()
+                if isinstance(error, TipforceError):
+                    raise type(error)(f"{error}; {target} is kept, without tare and clock offset") from None
+                raise
     return RecordingReport(summarise_recording(target), tuple(remarks))
 
 
@@ -103,15 +153,39 @@ def write_run(
     progress: Callable[[int], None] | None,
     names: tuple[str, str] = ("the images", "the force"),
 ) -> list[str]:
-    """Write ``events`` and the facts found; returns remarks. ``names`` of images and force log, for TimeError."""
-    remarks: list[str] = []
-    run = _Run(events, info, vision, look=offset_ms == "auto", progress=progress)
-    for event in run:
+    """Write ``events`` and the facts found; returns remarks. ``names`` of images and force log, for TimeError.
+
+    The catheter is detected in the images as they come: for sources that wait, such as files.
+    """
+    run, sight = _Run(progress), _Sight(info, vision) if offset_ms == "auto" else None
+    for event in events:
         writer.write(event)
+        if sight and isinstance(event, Frame):
+            sight.take(event)
+        run.add(event)
+    return _state_facts(writer, run, sight, info, sensor, tare, offset_ms, names)
+
+
+def _state_facts(
+    writer: RecordingWriter,
+    run: "_Run",
+    sight: "_Sight | None",
+    info: SessionInfo,
+    sensor: SensorInfo | None,
+    tare: TareChoice,
+    offset_ms: OffsetChoice,
+    names: tuple[str, str] = ("the images", "the force"),
+) -> list[str]:
+    """Find pose, tare, inertia and clock offset, and store them; returns remarks."""
+    remarks: list[str] = []
     stamps, force = run.force
     if not len(stamps):
         return remarks
-    _check_overlap(names, run.stamp_ns, stamps)
+    if sight:
+        sight.finish()
+    view, shapes, blind = (sight.view, sight.shapes, sight.blind) if sight else ("camera", [], "")
+    frames = run.stamps(view if sight and not blind else None)
+    _check_overlap(names, frames, stamps)
     pose = sensor or info.sensor
     if pose.angle_deg is None or pose.reads is None:
         remarks.append(
@@ -130,70 +204,96 @@ def write_run(
     if most_n > _LARGE_N:
         remarks.append(f"the force log holds up to {most_n:.3g} N: check sensor.log.force_unit and its rows")
     found = ForceCorrections(pose, level, inertia, stage)
-    offset = find_offset(run.stamp_ns, run.shapes, info, run.view, stamps, force, found, offset_ms, remarks, run.blind)
+    offset = find_offset(frames, shapes, info, view, stamps, force, found, offset_ms, remarks, blind)
     writer.state(offset)
-    return [*remarks, *_check_cover(names, run.stamp_ns, stamps, offset.offset_ns)]
+    return [*remarks, *_check_cover(names, frames, stamps, offset.offset_ns)]
 
 
 class _Run:
-    """Passes events on; remembers the frames' stamps, readings, the stage, and, where asked, the catheter's shape."""
+    """What is remembered of the events that were written: stamps of the frames, readings of the force, the stage."""
 
-    def __init__(
-        self,
-        events: Iterable[Event],
-        info: SessionInfo,
-        settings: VisionSettings,
-        *,
-        look: bool,
-        progress: Callable[[int], None] | None,
-    ) -> None:
-        self._events, self._context, self._settings, self._look, self._progress = (
-            events, info, settings, look, progress,
-        )  # fmt: skip
-        self.blind = ""
-        """Why no catheter is detected at all, or empty."""
-        self.shapes: list[DetectedShape] = []
-        self.view = settings.view
-        self._kept: list[Image] = []
-        self._every = _EVERY
-        self._frames: list[int] = []
-        self._count = 0
+    def __init__(self, progress: Callable[[int], None] | None) -> None:
+        self._progress, self._count = progress, 0
+        self._frames: list[tuple[int, str]] = []
         self._force_ns, self._force_n = array("q"), array("d")  # an hour at 1 kHz takes 115 MB
         self._stage: list[tuple[int, Mapping[str, float]]] = []
 
-    def __iter__(self) -> Iterator[Event]:
-        events, detect = iter(self._events), None
-        if self._look:
-            head = _head(events)
-            try:
-                self.view = _view_among(head, self._settings.view)
-                images = [event.image for event in head if isinstance(event, Frame) and event.view == self.view]
-                detect = ShapeDetector(
-                    auto_calibrate(self._settings, images[::_EVERY], self._context, whole=False)
-                ).detect
-            except InputError as error:  # the recording is worth having without its clock offset
-                self.blind = str(error)
-            events = chain(head, events)
-        for event in events:
-            yield event
-            if isinstance(event, Frame):
-                self._add_frame(event, detect)
-                if detect is not None and event.view == self.view:
-                    detect = self._calibrated_again(event.image) or detect
-            elif isinstance(event, Wrench):
-                self._force_ns.append(event.stamp_ns)
-                self._force_n.extend(event.force_n)
-            elif event.stream == STAGE:
-                self._stage.append((event.stamp_ns, event.values))
+    def add(self, event: Event) -> None:
+        """Remember ``event``."""
+        if isinstance(event, Frame):
+            self._frames.append((event.stamp_ns, event.view))
+            self._count += 1
+            if self._progress:
+                self._progress(self._count)
+        elif isinstance(event, Wrench):
+            self._force_ns.append(event.stamp_ns)
+            self._force_n.extend(event.force_n)
+        elif event.stream == STAGE:
+            self._stage.append((event.stamp_ns, event.values))
 
-    def _add_frame(self, frame: Frame, detect: Callable[[Image], DetectedShape] | None) -> None:
-        self._count += 1
-        if detect is None or frame.view == self.view:
-            self._frames.append(frame.stamp_ns)
-        if detect is not None and frame.view == self.view:
-            self.shapes.append(detect(frame.image))
-        if self._progress:
-            self._progress(self._count)
+    def stamps(self, view: str | None) -> IntArray:
+        """(n,) stamps of the frames of ``view``, or of all."""
+        return np.array([stamp for stamp, name in self._frames if view in (None, name)], dtype=np.int64)
+
+    @property
+    def force(self) -> tuple[IntArray, FloatArray]:
+        """(n,) stamps and (n, 3) readings."""
+        return np.frombuffer(self._force_ns, np.int64), np.frombuffer(self._force_n).reshape(-1, 3)
+
+    @property
+    def stage(self) -> StageMotion:
+        """How the stage moved, as far as it said so."""
+        return StageMotion.of(self._stage)
+
+
+class _Sight:
+    """The catheter's shape in each frame of one view: the view that is asked for, or else that which comes first."""
+
+    def __init__(self, info: SessionInfo, settings: VisionSettings) -> None:
+        self._context, self._settings = info, settings
+        self.blind = ""
+        """Why no catheter is detected at all, or empty."""
+        self.view = settings.view
+        self.shapes: list[DetectedShape] = []
+        self._detect: Callable[[Image], DetectedShape] | None = None
+        self._head: list[Frame] | None = []
+        self._counts: Counter[str] = Counter()
+        self._kept: list[Image] = []
+        self._every = _EVERY
+
+    def take(self, frame: Frame) -> None:
+        """The next frame; the first ones wait until there are enough to calibrate vision on."""
+        if self._head is None:
+            self._look(frame)
+            return
+        self._head.append(frame)
+        self._counts[frame.view] += 1
+        if self._counts[frame.view] == _FIRST:
+            self.finish()
+
+    def finish(self) -> None:
+        """Look at the first frames, however few there are."""
+        head, self._head = self._head, None
+        if head is None:
+            return
+        if self.view not in self._counts:
+            self.view = next((frame.view for frame in head), self.view)
+        try:
+            images = [frame.image for frame in head if frame.view == self.view]
+            self._detect = self._calibrated(images[::_EVERY])
+        except InputError as error:  # the recording is worth having without its clock offset
+            self.blind = str(error)
+        for frame in head:
+            self._look(frame)
+
+    def _calibrated(self, images: list[Image]) -> Callable[[Image], DetectedShape]:
+        return ShapeDetector(auto_calibrate(self._settings, images, self._context, whole=False)).detect
+
+    def _look(self, frame: Frame) -> None:
+        if self._detect is None or frame.view != self.view:
+            return
+        self.shapes.append(self._detect(frame.image))
+        self._detect = self._calibrated_again(frame.image) or self._detect
 
     def _calibrated_again(self, image: Image) -> Callable[[Image], DetectedShape] | None:
         """A way of looking that knows more of the run: while the catheter stands still, what lies beneath it does."""
@@ -203,43 +303,9 @@ class _Run:
             return None
         self._kept, self._every = self._kept[::2], 2 * self._every
         try:
-            return ShapeDetector(auto_calibrate(self._settings, self._kept, self._context, whole=False)).detect
+            return self._calibrated(self._kept)
         except InputError:
             return None
-
-    @property
-    def stamp_ns(self) -> IntArray:
-        """(n,) stamps of the frames so far: of those that were looked at, or of all."""
-        return np.array(self._frames, dtype=np.int64)
-
-    @property
-    def force(self) -> tuple[IntArray, FloatArray]:
-        """(n,) stamps and (n, 3) readings so far."""
-        return np.frombuffer(self._force_ns, np.int64), np.frombuffer(self._force_n).reshape(-1, 3)
-
-    @property
-    def stage(self) -> StageMotion:
-        """How the stage moved, as far as it said so."""
-        return StageMotion.of(self._stage)
-
-
-def _head(events: Iterator[Event]) -> list[Event]:
-    """Events up to the frame that completes those on which vision is calibrated, of whatever view."""
-    head: list[Event] = []
-    counts: Counter[str] = Counter()
-    for event in events:
-        head.append(event)
-        if isinstance(event, Frame):
-            counts[event.view] += 1
-            if counts[event.view] == _FIRST:
-                break
-    return head
-
-
-def _view_among(head: Iterable[Event], wanted: str) -> str:
-    """The view that is looked at: ``wanted``, or where no image is of it the one that came first."""
-    views = dict.fromkeys(event.view for event in head if isinstance(event, Frame))
-    return wanted if wanted in views else next(iter(views), wanted)
 
 
 def _check_overlap(names: tuple[str, str], frames: IntArray, force: IntArray) -> None:

@@ -24,6 +24,7 @@ def record_session(bench: SimulatedBench, target: Path, tick: Callable[[], None]
         overwrite=True,
         clock=SimulatedClock(),  # stands still: nothing in the file hangs on how fast this machine is
         progress=lambda _: tick(),
+        analysis="along",  # it waits: nothing is lost, and no image is decoded again
     )
 
 

@@ -188,7 +188,7 @@ def describe_recording(summary: RecordingSummary) -> list[str]:
     return lines
 
 
-_NOUNS = {"frame": "frames", "wrench": "readings", "actuation": "readings"}
+_NOUNS = {"frame": "frames", "wrench": "readings", "actuation": "readings", "estimate": "estimates"}
 
 
 def _offset(offset: ClockOffset) -> str:

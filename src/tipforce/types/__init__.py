@@ -8,7 +8,7 @@ Force = what the tissue does to the tip, in the base frame.
 from ._arrays import BoolArray, FloatArray, Image, IntArray, frozen
 from ._axes import ADVANCE, KNOB, STAGE_ACROSS, STAGE_FORWARD, AxisLimits, Commanded, refuse_unknown
 from ._bench_edit import edited_bench
-from ._bench_file import bench_text, info_from_facts, read_bench
+from ._bench_file import bench_text, bench_values, info_from_facts, read_bench
 from ._estimate import ForceEstimate
 from ._ranges import FORCE_RANGE, RANGES, Range, actuation_range
 from ._seams import Actuators, Clock, SimulatedClock, Source, SystemClock
@@ -77,6 +77,7 @@ __all__ = [
     "Wrench",
     "actuation_range",
     "bench_text",
+    "bench_values",
     "edited_bench",
     "frozen",
     "info_from_facts",

@@ -11,7 +11,7 @@ from .._json import check_depth, read_small_text, too_deep
 from ..errors import FileFormatError, InputError
 from ._session import SessionInfo, merged_values
 
-__all__ = ["bench_text", "info_from_facts", "read_bench", "toml_key", "toml_value"]
+__all__ = ["bench_text", "bench_values", "info_from_facts", "read_bench", "toml_key", "toml_value"]
 
 _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
     "catheter": (
@@ -93,6 +93,8 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
 """Section -> what it is; its keys, each with an example and its meaning."""
 
 _MAX_BYTES = 1 << 20
+_DEVICES = ("hardware",)
+"""Tables that describe devices, which no session's metadata hold."""
 _OTHERS = ("force_frame", "simulated", "preset", "remarks")
 
 
@@ -128,12 +130,18 @@ def bench_text(info: SessionInfo, *, guide: bool = True) -> str:
 
 
 def read_bench(path: Path | str) -> SessionInfo:
-    """The metadata that ``bench.toml`` at ``path`` states.
+    """The metadata that ``bench.toml`` at ``path`` states; its devices are `tipforce.hardware.read_hardware`'s.
 
     Raises:
         FileFormatError: there is no such file, or it is no TOML.
         InputError: a key is unknown or a value refused; the message names file, key and what is expected.
     """
+    values = bench_values(path)
+    return SessionInfo.from_values({key: value for key, value in values.items() if key not in _DEVICES}, str(path))
+
+
+def bench_values(path: Path | str) -> dict[str, Any]:
+    """All that ``bench.toml`` at ``path`` states, as TOML has it. Raises FileFormatError."""
     path = Path(path)
     if path.is_dir():
         raise FileFormatError(f"{path}: is a folder; state the bench.toml in it")
@@ -146,7 +154,7 @@ def read_bench(path: Path | str) -> SessionInfo:
     except ValueError as error:  # no TOML, or a number of thousands of digits
         raise FileFormatError(f"{path}: is no TOML: {error}") from None
     check_depth(values, str(path))
-    return SessionInfo.from_values(values, str(path))
+    return values
 
 
 def info_from_facts(facts: list[str]) -> SessionInfo:

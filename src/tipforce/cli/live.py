@@ -1,0 +1,118 @@
+"""``tipforce live``: the force while it happens, on a page, on the terminal and to other programs."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ._common import JsonOption, check_outputs, console, say, shown, write_json
+from ._facts import BenchOption, FactOption, KnobOption, stated_info
+from ._settings import SetOption, settings_from
+
+if TYPE_CHECKING:
+    from ..live import LiveReport, LiveUpdate
+
+__all__ = ["command"]
+
+_LINE_EVERY_S = 10.0
+"""Where nobody looks at a terminal, as in a log, there is a line this often."""
+
+
+def command(
+    model: Annotated[Path, typer.Argument(help="A model folder of `tipforce train`, pretrained/NAME, fusion or rod.")],
+    frames: Annotated[
+        Path | None, typer.Argument(metavar="[VIDEO|FOLDER|RUN.MCAP]", help="A file, played as if it happened now.")
+    ] = None,
+    simulated: Annotated[
+        str | None, typer.Option(metavar="PRESET", help="A simulated bench in real time; see `tipforce simulate`.")
+    ] = None,
+    host: Annotated[
+        str, typer.Option(help="Address that the page listens on; another one than 127.0.0.1 asks for a token.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 takes any that is free.")] = 8770,
+    no_page: Annotated[bool, typer.Option("--no-page", help="No page.")] = False,
+    record: Annotated[
+        Path | None, typer.Option(metavar="FILE.mcap", help="Also a recording of the estimates and their images.")
+    ] = None,
+    out: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ADDRESS", help="Also to another program, e.g. igtl://HOST:18944; may be repeated."),
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after so long.")] = None,
+    bench: BenchOption = None,
+    fact: FactOption = None,
+    knob_deg: KnobOption = None,
+    settings: SetOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Estimate the force while it happens: newest image first, and NOT VALID with the reason where there is no force.
+
+    The source is a file played at its own pace, with --simulated a bench that does not exist, and without either the
+    devices that bench.toml describes. Ctrl-C ends it.
+
+    --set changes rate_hz and loop of a file, seed of the simulated bench, contact.window_n, contact.limit_n, and how
+    long a value counts (stale_s). docs/live.md explains each reason of NOT VALID; docs/streams.md the outputs.
+
+    Example:
+        tipforce live pretrained/compact --simulated bench-2021 --seconds 20
+
+        tipforce live pretrained/compact video.mp4 --bench bench.toml --no-page --set rate_hz=60
+
+        tipforce live fusion --bench bench.toml --record run.mcap
+    """
+    from ..estimators import load_model
+    from ..pipelines import LiveRunSettings, PageAddress, live, live_line, open_live_source
+
+    check_outputs([] if frames is None else [frames], json_file, record)
+    chosen = settings_from(LiveRunSettings, settings)
+    estimator = load_model(model)
+    line = _Line()
+
+    def update(latest: "LiveUpdate") -> None:
+        line.show(live_line(latest))
+
+    def report(found: "LiveReport") -> None:
+        line.end()
+        say(found.text())
+        write_json(found.figures(), json_file)
+
+    with open_live_source(
+        frames, preset=simulated, bench=bench, stated=stated_info(bench, fact, knob_deg), settings=chosen
+    ) as source:
+        live(
+            estimator,
+            source,
+            model=str(model),
+            outputs=[*(out or ()), *([] if record is None else [f"recording:{record}"])],
+            page=None if no_page else PageAddress(host, port),
+            settings=chosen,
+            seconds=seconds,
+            on_page=lambda address: say(f"page: {address}"),
+            on_update=update,
+            on_report=report,
+        )
+    if record is not None:
+        say(f"wrote {record}")
+
+
+class _Line:
+    """One line that changes on a terminal; elsewhere a line now and then."""
+
+    def __init__(self) -> None:
+        self._shown = False
+        self._next_s = time.monotonic()
+
+    def show(self, text: str) -> None:
+        """The newest."""
+        if console.is_terminal:
+            console.print(shown(text)[: console.width - 1].ljust(console.width - 1), end="\r", soft_wrap=True)
+            self._shown = True
+        elif time.monotonic() >= self._next_s:
+            self._next_s = time.monotonic() + _LINE_EVERY_S
+            say(text)
+
+    def end(self) -> None:
+        """What follows begins on a line of its own."""
+        if self._shown:
+            console.print()

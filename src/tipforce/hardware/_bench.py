@@ -1,0 +1,161 @@
+"""``[hardware]`` of ``bench.toml``: which devices a bench has, each with the config of its driver."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from ..errors import InputError
+from ..types import Clock, bench_values, read_bench
+from ._daq import DaqForce, DaqForceConfig
+from ._driver import DeviceConfig, Driver
+from ._genicam import GenICamCamera, GenICamCameraConfig
+from ._grbl import AxisConfig, GrblConfig, GrblStage
+from ._knob import ConstantKnob, ConstantKnobConfig, LogKnob, LogKnobConfig, SerialKnob, SerialKnobConfig
+from ._net_ft import NetFt, NetFtConfig
+from ._opencv import OpenCvCamera, OpenCvCameraConfig
+from ._source import HardwareSource
+from ._video import Video, VideoConfig
+
+__all__ = ["BenchDevices", "open_bench", "read_devices"]
+
+_Make = Callable[[Any, str], Driver]
+_DRIVERS: dict[str, dict[str, tuple[type[DeviceConfig], _Make]]] = {
+    "cameras": {
+        "opencv": (OpenCvCameraConfig, OpenCvCamera),
+        "genicam": (GenICamCameraConfig, GenICamCamera),
+        "video": (VideoConfig, Video),
+    },
+    "force": {"net-ft": (NetFtConfig, NetFt), "daq": (DaqForceConfig, DaqForce)},
+    "stage": {"grbl": (GrblConfig, GrblStage)},
+    "knob": {
+        "serial": (SerialKnobConfig, SerialKnob),
+        "log": (LogKnobConfig, LogKnob),
+        "constant": (ConstantKnobConfig, ConstantKnob),
+    },
+}
+"""Table of ``[hardware]`` -> driver -> its config, and what makes it of that and a name."""
+
+
+@dataclass(frozen=True, slots=True)
+class BenchDevices:
+    """The devices of a bench, described: by view the cameras; each of the others, or None."""
+
+    cameras: Mapping[str, DeviceConfig] = field(default_factory=dict[str, DeviceConfig])
+    force: DeviceConfig | None = None
+    stage: DeviceConfig | None = None
+    knob: DeviceConfig | None = None
+
+    def drivers(self) -> list[Driver]:
+        """A driver of each, not yet connected. Raises FileFormatError for a calibration file that cannot be read."""
+        made = [_driver("cameras", config, view) for view, config in self.cameras.items()]
+        made += [
+            _driver(name, config, name)
+            for name, config in (("force", self.force), ("stage", self.stage), ("knob", self.knob))
+            if config is not None
+        ]
+        return made
+
+    def values(self) -> dict[str, Any]:
+        """As JSON values, in the form of ``bench.toml``."""
+        single = {"force": self.force, "stage": self.stage, "knob": self.knob}
+        return {
+            "cameras": {view: config.model_dump(mode="json") for view, config in self.cameras.items()},
+            **{name: config.model_dump(mode="json") for name, config in single.items() if config is not None},
+        }
+
+
+def _driver(table: str, config: DeviceConfig, name: str) -> Driver:
+    return next(make for kind, make in _DRIVERS[table].values() if type(config) is kind)(config, name)
+
+
+def read_devices(path: Path | str) -> BenchDevices:
+    """The devices that ``bench.toml`` at ``path`` describes; files are named relative to it.
+
+    Raises:
+        FileFormatError: there is no such file, or it is no TOML.
+        InputError: a key is unknown, or a value refused; the message names it.
+    """
+    values = bench_values(path).get("hardware", {})
+    where = str(path)
+    if not isinstance(values, dict):
+        raise InputError(f"{where}: hardware is no table")
+    table: dict[str, Any] = dict(values)  # pyright: ignore[reportUnknownArgumentType]
+    _refuse_strangers(where, "hardware", table, tuple(_DRIVERS))
+    cameras = table.pop("cameras", {})
+    if not isinstance(cameras, dict):
+        raise InputError(f"{where}: hardware.cameras is no table of views, as [hardware.cameras.camera]")
+    folder = Path(path).parent
+    return BenchDevices(
+        {
+            str(view): _config(where, "cameras", f"hardware.cameras.{view}", each, folder)
+            for view, each in cameras.items()  # pyright: ignore[reportUnknownVariableType]
+        },
+        **{name: _config(where, name, f"hardware.{name}", each, folder) for name, each in table.items()},
+    )
+
+
+def _config(where: str, section: str, key: str, values: object, folder: Path) -> DeviceConfig:
+    known = _DRIVERS[section]
+    if not isinstance(values, dict):
+        raise InputError(f"{where}: {key} is no table")
+    stated: dict[str, Any] = dict(values)  # pyright: ignore[reportUnknownArgumentType]
+    driver = stated.get("driver")
+    if driver not in known:
+        raise InputError(f"{where}: {key}.driver = {driver!r} is refused: expected one of {', '.join(known)}")
+    kind, _ = known[driver]
+    for name, about in kind.model_fields.items():
+        if about.annotation is Path and isinstance(stated.get(name), str):
+            stated[name] = folder / stated[name]
+    if kind is VideoConfig and isinstance(stated.get("source"), str) and "://" not in stated["source"]:
+        stated["source"] = str(folder / stated["source"])
+    try:
+        return kind.model_validate(stated)
+    except ValidationError as error:
+        first = error.errors()[0]
+        names = [str(part) for part in first["loc"]]
+        if first["type"] == "extra_forbidden":
+            inner = _fields_at(kind, names[:-1])
+            table = ".".join([key, *names[:-1]])
+            raise InputError(
+                f"{where}: {table}.{names[-1]} is not known; {table} may hold {', '.join(inner)}"
+            ) from None
+        if first["type"] == "missing":
+            raise InputError(f"{where}: {key}.{'.'.join(names)} is missing") from None
+        message = str(first["msg"])
+        raise InputError(
+            f"{where}: {key}.{'.'.join(names)} = {repr(first['input'])[:200]} is refused: "
+            f"{message[0].lower()}{message[1:]}"
+        ) from None
+
+
+def _fields_at(kind: type[DeviceConfig], path: list[str]) -> tuple[str, ...]:
+    """What the table at ``path`` within a config may hold."""
+    return tuple((AxisConfig if path[:1] == ["axes"] else kind).model_fields)
+
+
+def _refuse_strangers(where: str, key: str, values: Mapping[str, Any], known: tuple[str, ...]) -> None:
+    for name in values:
+        if name not in known:
+            raise InputError(f"{where}: {key}.{name} is not known; {key} may hold {', '.join(known)}")
+
+
+def open_bench(path: Path | str, *, newest_only: bool = False, clock: Clock | None = None) -> HardwareSource:
+    """The devices that ``bench.toml`` describes as a source of their events, not yet entered.
+
+    Args:
+        path: the ``bench.toml``; its other tables become the session's metadata.
+        newest_only: see `HardwareSource`.
+        clock: see `HardwareSource`.
+
+    Raises:
+        FileFormatError, InputError: as `read_devices`; also where the bench has no device.
+    """
+    devices = read_devices(path)
+    drivers = devices.drivers()
+    if not drivers:
+        raise InputError(f'{path}: describes no device; add [hardware.cameras.camera] with driver = "opencv"')
+    info = read_bench(path)
+    return HardwareSource(drivers, info, newest_only=newest_only, clock=clock, described=devices.values())

@@ -1,0 +1,241 @@
+"""ATI force sensors whose gauges are read by a data acquisition card (NI-DAQmx), with the sensor's calibration file."""
+
+import importlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+from xml.etree import ElementTree
+
+import numpy as np
+from pydantic import Field
+
+from ..errors import DeviceError, FileFormatError, MissingExtraError
+from ..types import Clock, Event, FloatArray, Wrench
+from ._driver import ClockMap, ClockReport, DeclaredStream, DeviceConfig, Driver, Setting
+from ._net_ft import unit_in_newton_metres, unit_in_newtons
+
+__all__ = ["DaqCalibration", "DaqForce", "DaqForceConfig", "read_calibration"]
+
+_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+_GAUGES = 6
+_MAX_BYTES = 1 << 20
+_SILENT_S = 1.0
+_BLOCK_S = 0.01
+"""Samples are fetched in blocks of so long."""
+_SATURATED = 0.999
+"""Share of the input range from which on a gauge counts as saturated: the force is then anything."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DaqCalibration:
+    """What a sensor's ``.cal`` says: ``matrix`` (6, 6), volts of the gauges to N and N m; ``range_v``: of each."""
+
+    matrix: FloatArray
+    range_v: tuple[float, float]
+    serial: str
+    part: str
+
+    def wrench(self, volts: FloatArray, zero_v: FloatArray) -> FloatArray:
+        """(n, 6) N and N m of ``volts`` (n, 6), with ``zero_v`` (6,) as the gauges without a load."""
+        return (volts - zero_v) @ self.matrix.T
+
+
+def read_calibration(path: Path | str) -> DaqCalibration:
+    """An ATI calibration file (FTSensor, Family "DAQ").
+
+    Its ``UserAxis`` rows hold the matrix from volts to the stated units. Older files have ``Axis`` rows only: the same
+    times ``scale``, before the tool transform (after ATI's DAQ F/T C library, ``BasicMatrix = values / scale``).
+
+    Raises FileFormatError.
+    """
+    path = Path(path)
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read: {error.strerror}") from None
+    if len(raw) > _MAX_BYTES:
+        raise FileFormatError(f"{path}: is too large for a calibration file")
+    try:
+        root = ElementTree.fromstring(raw)
+    except ElementTree.ParseError as error:
+        raise FileFormatError(f"{path}: is no XML: {error}") from None
+    calibration = root.find("Calibration")
+    if root.tag != "FTSensor" or calibration is None:
+        raise FileFormatError(f"{path}: is no calibration of an ATI sensor: expected FTSensor with Calibration in it")
+    if root.get("Family", "DAQ") != "DAQ" or root.get("NumGages", "6") != str(_GAUGES):
+        raise FileFormatError(
+            f"{path}: is of family {root.get('Family')} with {root.get('NumGages')} gauges; expected DAQ with {_GAUGES}"
+        )
+    rows = {node.get("Name"): _row(node, path, scaled=False) for node in calibration.iter("UserAxis")}
+    if not rows:
+        turned = calibration.find("BasicTransform")
+        if turned is not None and any(float(turned.get(key, "0")) for key in ("Dx", "Dy", "Dz", "Rx", "Ry", "Rz")):
+            raise FileFormatError(f"{path}: has a tool transform but no UserAxis rows; ask ATI for a newer file")
+        rows = {node.get("Name"): _row(node, path, scaled=True) for node in calibration.iter("Axis")}
+    missing = [name for name in _AXES if name not in rows]
+    if missing:
+        raise FileFormatError(f"{path}: has no row of {', '.join(missing)}")
+    try:
+        units = [unit_in_newtons(calibration.get("ForceUnits", ""))] * 3
+        units += [unit_in_newton_metres(calibration.get("TorqueUnits", ""))] * 3
+        whole = float(calibration.get("OutputRange", "20"))
+    except (DeviceError, ValueError) as error:
+        raise FileFormatError(f"{path}: {error}") from None
+    bipolar = calibration.get("OutputBipolar", "True").lower() == "true"
+    limits = (-whole / 2, whole / 2) if bipolar else (0.0, whole)
+    matrix = np.array([rows[name] for name in _AXES]) * np.array(units)[:, None]
+    return DaqCalibration(matrix, limits, root.get("Serial", ""), calibration.get("PartNumber", ""))
+
+
+def _row(node: ElementTree.Element, path: Path, *, scaled: bool) -> list[float]:
+    try:
+        values = [float(word) for word in node.get("values", "").split()]
+        scale = float(node.get("scale", "1")) if scaled else 1.0
+    except ValueError as error:
+        raise FileFormatError(f"{path}: {node.get('Name')}: {error}") from None
+    if len(values) != _GAUGES or not scale or not np.isfinite(values).all():
+        raise FileFormatError(f"{path}: {node.get('Name')}: expected {_GAUGES} numbers, got {node.get('values')!r}")
+    return [value / scale for value in values]
+
+
+class DaqForceConfig(DeviceConfig):
+    """``[hardware.force]`` with ``driver = "daq"``.
+
+    ``channels``: the six gauges in order, as "Dev1/ai0:5". ``zero_s``: so long after connecting nothing touches the
+    sensor, and the mean of the gauges becomes 0; 0 for none (a tare is found in any case).
+    """
+
+    driver: Literal["daq"] = "daq"
+    channels: str
+    calibration: Path
+    rate_hz: Annotated[float, Field(ge=10.0, le=100_000.0)] = 1000.0
+    terminal: Literal["DIFF", "RSE", "NRSE", "DEFAULT"] = "DIFF"
+    zero_s: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0
+    latency_ms: Annotated[float, Field(ge=0.0, le=900.0)] = 0.0
+
+
+class DaqForce(Driver):
+    """One sensor. ``nidaqmx``: in place of the package of this name."""
+
+    def __init__(self, config: DaqForceConfig, name: str = "force", nidaqmx: Any = None) -> None:
+        super().__init__(name)
+        self.config = config
+        self.calibration = read_calibration(config.calibration)
+        self._nidaqmx = nidaqmx
+        self._task: Any = None
+        self._clock: Clock | None = None
+        self._map = ClockMap()
+        self._rate_hz = config.rate_hz
+        self._samples = 0
+        self._heard_ns = 0
+        self._zero = np.zeros(_GAUGES)
+        self._at_zero: list[FloatArray] = []
+
+    @property
+    def streams(self) -> tuple[DeclaredStream, ...]:
+        """The force."""
+        late = f"minus latency_ms = {self.config.latency_ms:g}"
+        clock = f"the card's sample count, brought to the host's by the least delay, {late}"
+        return (DeclaredStream("force", "wrench", self.config.rate_hz, clock),)
+
+    def connect(self, clock: Clock) -> tuple[Setting, ...]:
+        """Start to sample the gauges without end."""
+        module = self._nidaqmx or _nidaqmx()
+        low, high = self.calibration.range_v
+        kinds = module.constants
+        try:
+            self._task = module.Task()
+            self._task.ai_channels.add_ai_voltage_chan(
+                self.config.channels,
+                terminal_config=getattr(kinds.TerminalConfiguration, self.config.terminal),
+                min_val=low,
+                max_val=high,
+            )
+            count = len(self._task.ai_channels)
+            if count != _GAUGES:
+                raise DeviceError(
+                    f"{self._where}: channels name {count} inputs; expected the {_GAUGES} gauges in order"
+                )
+            self._task.timing.cfg_samp_clk_timing(
+                self.config.rate_hz,
+                sample_mode=kinds.AcquisitionType.CONTINUOUS,
+                samps_per_chan=int(self.config.rate_hz),
+            )
+            self._rate_hz = float(self._task.timing.samp_clk_rate)
+            self._task.start()
+        except (module.errors.Error, OSError) as error:
+            raise DeviceError(f"{self._where}: {str(error).splitlines()[0]}") from None
+        self._clock, self._map, self._samples = clock, ClockMap(), 0
+        self._heard_ns = clock.now_ns()
+        self._zero, self._at_zero = np.zeros(_GAUGES), []
+        return (
+            Setting("rate_hz", self.config.rate_hz, self._rate_hz),
+            Setting("range_v", None, high - low),
+            Setting("sensor", None, f"{self.calibration.serial} {self.calibration.part}".strip()),
+        )
+
+    def read(self, timeout_s: float) -> Sequence[Event]:
+        """A block of samples. Those with a saturated gauge give no force and are counted."""
+        assert self._clock is not None
+        module = self._nidaqmx or _nidaqmx()
+        count = max(1, round(_BLOCK_S * self._rate_hz))
+        try:
+            rows = self._task.read(number_of_samples_per_channel=count, timeout=max(timeout_s, 2 * _BLOCK_S))
+        except module.errors.DaqReadError as error:
+            if self._clock.now_ns() - self._heard_ns <= _SILENT_S * 1e9:
+                return ()
+            raise DeviceError(f"{self._where}: has given no samples for {_SILENT_S:g} s: {error}") from None
+        except (module.errors.Error, OSError) as error:
+            raise DeviceError(f"{self._where}: is lost: {str(error).splitlines()[0]}") from None
+        arrival = self._heard_ns = self._clock.now_ns()
+        volts = np.asarray(rows, np.float64).T
+        if volts.ndim != 2 or volts.shape[1] != _GAUGES:
+            raise DeviceError(f"{self._where}: gave samples of shape {volts.shape}; expected (n, {_GAUGES})")
+        self._samples += len(volts)
+        period_ns = 1e9 / self._rate_hz
+        last_ns = self._map.host_ns(round((self._samples - 1) * period_ns), arrival)
+        if len(self._at_zero) * count < self.config.zero_s * self._rate_hz:
+            self._at_zero.append(volts)
+            self._zero = np.concatenate(self._at_zero).mean(axis=0)
+            return ()
+        return self._wrenches(volts, last_ns - round((len(volts) - 1) * period_ns), period_ns)
+
+    def _wrenches(self, volts: FloatArray, first_ns: int, period_ns: float) -> Sequence[Event]:
+        low, high = self.calibration.range_v
+        middle, half = (low + high) / 2, (high - low) / 2
+        sound = (np.abs(volts - middle) < _SATURATED * half).all(axis=1)
+        if not sound.all():
+            self.counts["saturated"] += int((~sound).sum())
+            self.remark = f"{self._where}: a gauge was saturated: the sensor is overloaded, or a cable is broken"
+        values = self.calibration.wrench(volts, self._zero)
+        late = round(self.config.latency_ms * 1e6)
+        return [
+            Wrench(first_ns + round(row * period_ns) - late, values[row, :3], values[row, 3:], "sensor")
+            for row in np.flatnonzero(sound).tolist()
+        ]
+
+    def close(self) -> None:
+        """Let go of the card."""
+        if self._task is not None:
+            module = self._nidaqmx or _nidaqmx()
+            try:
+                self._task.close()
+            except module.errors.Error as error:  # it was pulled out
+                self.remark = f"{self._where}: {error}"
+            self._task = None
+
+    def clocks(self) -> Mapping[str, ClockReport]:
+        """The card's sample count against the host's clock."""
+        return {"force": self._map.report()}
+
+    @property
+    def _where(self) -> str:
+        return f"hardware.{self.name}: {self.config.channels}"
+
+
+def _nidaqmx() -> Any:
+    try:
+        return importlib.import_module("nidaqmx")  # brings its constants and errors along
+    except ModuleNotFoundError:
+        raise MissingExtraError("nidaqmx", extra="hardware") from None

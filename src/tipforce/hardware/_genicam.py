@@ -1,0 +1,183 @@
+"""GenICam cameras (GigE Vision, USB3 Vision) through harvesters and the GenTL producer of the camera's maker."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from ..errors import DeviceError, MissingExtraError
+from ..types import Clock, Event, Frame, Image
+from ._driver import ClockMap, ClockReport, DeclaredStream, DeviceConfig, Driver, Setting
+
+__all__ = ["GenICamCamera", "GenICamCameraConfig"]
+
+_SILENT_S = 2.0
+_BAYER = {"BayerRG8": "BayerRGGB", "BayerGB8": "BayerGBRG", "BayerGR8": "BayerGRBG", "BayerBG8": "BayerBGGR"}
+"""Name of the first two rows' colours -> OpenCV's."""
+
+
+class GenICamCameraConfig(DeviceConfig):
+    """``[hardware.cameras.VIEW]`` with ``driver = "genicam"``.
+
+    ``producer``: the GenTL producer (.cti) of the camera's maker. ``serial_number``: which camera; else the first one.
+    ``nodes``: features to be set, by their GenICam names, as { ExposureTime = 4000.0 }; they are read back.
+    ``latency_ms``: from mid-exposure to the arrival of the image that arrives fastest.
+    """
+
+    driver: Literal["genicam"] = "genicam"
+    producer: Path
+    serial_number: str | None = None
+    fps: Annotated[float, Field(gt=0)] | None = None
+    nodes: dict[str, float | int | str | bool] = Field(default_factory=dict)
+    grey: bool = False
+    latency_ms: Annotated[float, Field(ge=0.0, le=900.0)] = 0.0
+
+
+class GenICamCamera(Driver):
+    """One camera."""
+
+    def __init__(self, config: GenICamCameraConfig, view: str = "camera") -> None:
+        super().__init__(f"cameras.{view}")
+        self.config, self.view = config, view
+        self._harvester: Any = None
+        self._acquirer: Any = None
+        self._clock: Clock | None = None
+        self._map = ClockMap()
+        self._stamped = True
+        self._heard_ns = 0
+
+    @property
+    def streams(self) -> tuple[DeclaredStream, ...]:
+        """The view."""
+        clock = (
+            f"the camera's, brought to the host's by the least delay, minus latency_ms = {self.config.latency_ms:g}; "
+            "the arrival where it gives no stamps"
+        )
+        return (DeclaredStream(self.view, "frame", self.config.fps, clock),)
+
+    def connect(self, clock: Clock) -> tuple[Setting, ...]:
+        """Find the camera, set and read back its features, and start it."""
+        try:
+            from harvesters.core import Harvester  # pyright: ignore[reportMissingImports]
+        except ModuleNotFoundError:
+            raise MissingExtraError("harvesters", extra="hardware") from None
+        config = self.config
+        if not config.producer.is_file():
+            raise DeviceError(f"{self._where}: there is no GenTL producer {config.producer}")
+        self._clock, self._map, self._stamped = clock, ClockMap(), True
+        self._heard_ns = clock.now_ns()
+        try:
+            self._harvester = Harvester()
+            self._harvester.add_file(str(config.producer))
+            self._harvester.update()
+            numbers = [info.serial_number for info in self._harvester.device_info_list]
+            if config.serial_number is not None and config.serial_number not in numbers:
+                raise DeviceError(f"{self._where}: is not there; there are {', '.join(map(str, numbers)) or 'none'}")
+            if not numbers:
+                raise DeviceError(f"{self._where}: the producer finds no camera")
+            wanted = 0 if config.serial_number is None else {"serial_number": config.serial_number}
+            self._acquirer = self._harvester.create(wanted)
+            settings = self._set_nodes(self._acquirer.remote_device.node_map)
+            self._acquirer.start()
+        except DeviceError:
+            raise
+        except Exception as error:  # each producer raises its own kinds
+            raise DeviceError(f"{self._where}: {error}") from None
+        return settings
+
+    def _set_nodes(self, nodes: Any) -> tuple[Setting, ...]:
+        wanted = dict(self.config.nodes)
+        if self.config.fps is not None:
+            wanted.setdefault("AcquisitionFrameRate", self.config.fps)
+        found: list[Setting] = []
+        for name, value in wanted.items():
+            node = getattr(nodes, name, None)
+            if node is None:
+                raise DeviceError(f"{self._where}: has no feature {name}; see nodes")
+            node.value = value
+            found.append(Setting(name, _plain(value), _plain(node.value)))
+        for name in ("Width", "Height", "PixelFormat"):
+            node = getattr(nodes, name, None)
+            if node is not None and name not in wanted:
+                found.append(Setting(name, None, _plain(node.value)))
+        return tuple(found)
+
+    def read(self, timeout_s: float) -> Sequence[Event]:
+        """The next whole image, copied out of the producer's buffer."""
+        assert self._clock is not None
+        try:
+            buffer = self._acquirer.try_fetch(timeout=timeout_s)
+            arrival = self._clock.now_ns()
+            if buffer is None:
+                if arrival - self._heard_ns > _SILENT_S * 1e9:
+                    raise DeviceError(f"{self._where}: has given no image for {_SILENT_S:g} s")
+                return ()
+            self._heard_ns = arrival
+            with buffer:
+                if not buffer.payload.components:
+                    self.counts["incomplete"] += 1
+                    return ()
+                part = buffer.payload.components[0]
+                image = self._image(part.data, int(part.width), int(part.height), str(part.data_format))
+                stamp = self._stamp_ns(buffer, arrival)
+        except DeviceError:
+            raise
+        except Exception as error:  # each producer raises its own kinds
+            raise DeviceError(f"{self._where}: is lost: {error}") from None
+        return (Frame(stamp - round(self.config.latency_ms * 1e6), image, self.view),)
+
+    def _stamp_ns(self, buffer: Any, arrival_ns: int) -> int:
+        if self._stamped:
+            try:
+                return self._map.host_ns(int(buffer.timestamp_ns), arrival_ns)
+            except Exception:  # the producer's own kind of "not available"
+                self._stamped = False
+                self.remark = f"{self._where}: gives no stamps; those of the arrival are taken"
+        return arrival_ns
+
+    def _image(self, data: Any, width: int, height: int, form: str) -> Image:
+        import cv2
+
+        if data.dtype != np.uint8:
+            raise DeviceError(f"{self._where}: gives {form}; set PixelFormat to one of 8 bits in nodes")
+        if form == "Mono8":
+            return data.reshape(height, width).copy()
+        if form in _BAYER:
+            to = "GRAY" if self.config.grey else "RGB"
+            return cv2.cvtColor(data.reshape(height, width), getattr(cv2, f"COLOR_{_BAYER[form]}2{to}"))
+        channels = {"RGB8": 3, "BGR8": 3, "RGBa8": 4, "BGRa8": 4}.get(form)
+        if channels is None:
+            raise DeviceError(
+                f"{self._where}: gives {form}; expected Mono8, RGB8, BGR8, RGBa8, BGRa8 or an 8-bit Bayer"
+            )
+        whole = data.reshape(height, width, channels)
+        order = ("RGB" if form.startswith("RGB") else "BGR") + ("A" if channels == 4 else "")
+        to = "GRAY" if self.config.grey else "RGB"
+        return whole.copy() if order == to else cv2.cvtColor(whole, getattr(cv2, f"COLOR_{order}2{to}"))
+
+    def close(self) -> None:
+        """Stop the camera and let go of the producer."""
+        acquirer, self._acquirer = self._acquirer, None
+        harvester, self._harvester = self._harvester, None
+        try:
+            if acquirer is not None:
+                acquirer.stop()
+                acquirer.destroy()
+            if harvester is not None:
+                harvester.reset()
+        except Exception as error:  # a camera that was pulled out cannot be stopped
+            self.remark = f"{self._where}: {error}"
+
+    def clocks(self) -> Mapping[str, ClockReport]:
+        """The camera's stamps against the host's clock."""
+        return {self.view: self._map.report()} if self._stamped else {}
+
+    @property
+    def _where(self) -> str:
+        return f"hardware.{self.name}: GenICam camera {self.config.serial_number or ''}".rstrip()
+
+
+def _plain(value: object) -> float | str:
+    return float(value) if isinstance(value, int | float) else str(value)

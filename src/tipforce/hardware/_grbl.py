@@ -1,0 +1,415 @@
+"""A motion stage (or the catheter's own drives) behind a GRBL 1.1 controller at a serial port.
+
+Spoken send-response: one line waits for its ``ok`` before the next is sent. Moves are jogs (``$J=``), which keep to the
+controller's soft limits and can be cancelled (0x85) without losing the position; ``?`` asks for the status at any time.
+Source: the GRBL v1.1 wiki, "Interface" and "Jogging".
+"""
+
+import math
+import re
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from types import TracebackType
+from typing import Annotated, Literal, Self
+
+from pydantic import Field
+
+from ..errors import DeviceError
+from ..types import JOINTS, STAGE, Actuation, AxisLimits, Clock, Commanded, Event, refuse_unknown
+from ._driver import DeclaredStream, DeviceConfig, Driver, Setting
+from ._serial import LinePort
+
+__all__ = ["CANCEL", "HOLD", "RESET", "STATUS", "AxisConfig", "GrblActuators", "GrblConfig", "GrblStage"]
+
+STATUS, HOLD, RESET, CANCEL = b"?", b"!", b"\x18", b"\x85"
+"""Real-time commands: answered or obeyed at once, wherever in a line they come."""
+_LETTERS = "XYZABC"
+_SPEED, _ACCELERATION, _TRAVEL = 110, 120, 130
+"""First number of the settings of each axis: mm/min, mm/s^2, mm."""
+_INCHES = "13"
+_WAKE_S, _ANSWER_S, _SILENT_S = 3.0, 1.0, 1.0
+_WAIT_S = 0.005
+"""For an answer: how soon a command goes out at the latest."""
+_STATUS = re.compile(r"<(\w+)(?::\d+)?\|(.*)>")
+
+_ALARMS = {
+    "1": "a hard limit was hit: the position may be lost", "2": "the target lies beyond the soft limits",
+    "3": "a reset while it moved: the position may be lost", "8": "homing failed", "9": "homing failed",
+    "at power-up": "the controller is locked until it is homed or unlocked",
+}  # fmt: skip
+
+
+class AxisConfig(DeviceConfig):
+    """``[hardware.stage.axes.NAME_UNIT]``: one axis.
+
+    ``axis``: the controller's letter. ``low`` and ``high``: how far it may go. ``max_speed`` and ``max_acceleration``:
+    at most; else the controller's. ``scale``: the controller's units for one of ours; negative turns it round.
+    """
+
+    axis: Literal["X", "Y", "Z", "A", "B", "C"]
+    low: float
+    high: float
+    max_speed: Annotated[float, Field(gt=0)] | None = None
+    max_acceleration: Annotated[float, Field(gt=0)] | None = None
+    scale: Annotated[float, Field(ge=-1e6, le=1e6)] = 1.0
+
+
+class GrblConfig(DeviceConfig):
+    """``[hardware.stage]`` with ``driver = "grbl"``; positions are the controller's work coordinates.
+
+    ``settings``: of the controller, by number, as { "120" = 500.0 }: held against what ``$$`` reads back, never set.
+    ``zero``: where the axes stand when connected is 0. ``status_hz``: how often the position is asked for.
+    """
+
+    driver: Literal["grbl"] = "grbl"
+    port: str
+    baud: Annotated[int, Field(gt=0)] = 115200
+    axes: dict[str, AxisConfig]
+    settings: dict[str, float] = Field(default_factory=dict)
+    zero: bool = False
+    status_hz: Annotated[float, Field(gt=0, le=200)] = 50.0
+    latency_ms: Annotated[float, Field(ge=0.0, le=900.0)] = 5.0
+
+
+class GrblStage(Driver):
+    """One controller. ``actuators`` commands it, from any thread, while a source reads it."""
+
+    def __init__(self, config: GrblConfig, name: str = "stage") -> None:
+        super().__init__(name)
+        self.config = config
+        self.actuators = GrblActuators(self)
+        self.lock = threading.RLock()
+        self.state = ""
+        """As the controller says: "Idle", "Jog", "Run", "Hold", "Alarm", ..."""
+        self.alarm = ""
+        self.limits: dict[str, AxisLimits] = {}
+        self._port: LinePort | None = None
+        self._clock: Clock | None = None
+        self._wanted: dict[str, float] = {}
+        self._sent: dict[str, float] = {}
+        self._places: dict[str, float] = {}
+        self._read_ns = 0
+        self._offset: list[float] = []
+        self._waiting_for: str | None = None
+        self._sent_s = self._asked_s = self._heard_s = 0.0
+        self._cancelled = self._stopping = False
+
+    @property
+    def streams(self) -> tuple[DeclaredStream, ...]:
+        """The stage, the catheter's own drives, or both."""
+        clock = f"the host's, on arrival of the status, minus latency_ms = {self.config.latency_ms:g}"
+        names = dict.fromkeys(_stream(name) for name in self.config.axes)
+        return tuple(DeclaredStream(name, "actuation", self.config.status_hz, clock) for name in names)
+
+    def connect(self, clock: Clock) -> tuple[Setting, ...]:
+        """Reset the controller, which forgets what it was doing, and read its settings back."""
+        port = self._port = LinePort(self.config.port, self.config.baud, self._where)
+        self._clock = clock
+        port.write(RESET)
+        self._await(lambda line: line.startswith("Grbl "), _WAKE_S, "its greeting")
+        found = self._settings_read()
+        if found.get(_INCHES):
+            raise DeviceError(f"{self._where}: reports inches; send $13=0 to it")
+        settings: list[Setting] = []
+        limits: dict[str, AxisLimits] = {}
+        for name, axis in self.config.axes.items():
+            limits[name] = self._limits_of(name, axis, found, settings)
+        settings += [Setting(f"${number}", value, found.get(number, math.nan))
+                     for number, value in self.config.settings.items()]  # fmt: skip
+        with self.lock:
+            self._wanted, self._sent, self._waiting_for = {}, {}, None
+            self._cancelled = self._stopping = False
+            self.limits = limits
+            self.state = self.alarm = ""
+            self._heard_s = time.monotonic()
+        self._ask()
+        self._await(lambda _: bool(self.state), _ANSWER_S, "its status")
+        if self.config.zero and not self.alarm:
+            letters = "".join(f" {axis.axis}0" for axis in self.config.axes.values())
+            port.write(f"G10 L20 P1{letters}\n".encode())
+            self._await(lambda line: line == "ok", _ANSWER_S, "ok to the new zero")
+            self._offset = []
+        return tuple(settings)
+
+    def _limits_of(
+        self, name: str, axis: AxisConfig, found: Mapping[str, float], settings: list[Setting]
+    ) -> AxisLimits:
+        """What an axis keeps to: the lower of what is stated and what the controller has."""
+        place, per_unit = _LETTERS.index(axis.axis), abs(axis.scale)
+        values: list[float] = []
+        for key, first, per_s, stated in (
+            ("max_speed", _SPEED, 60.0, axis.max_speed),
+            ("max_acceleration", _ACCELERATION, 1.0, axis.max_acceleration),
+        ):
+            number = str(first + place)
+            if number not in found:
+                raise DeviceError(f"{self._where}: has no setting ${number}, so no axis {axis.axis}")
+            has = found[number] / per_s / per_unit
+            settings.append(Setting(f"{name}.{key}", stated, has))
+            values.append(has if stated is None else min(stated, has))
+        travel = found.get(str(_TRAVEL + place), math.inf) / per_unit
+        settings.append(
+            Setting(f"{name}.travel", axis.high - axis.low if axis.high - axis.low > travel else None, travel)
+        )
+        try:
+            return AxisLimits(axis.low, axis.high, *values)
+        except ValueError as error:
+            raise DeviceError(f"{self._where}: {name}: {error}") from None
+
+    def _settings_read(self) -> dict[str, float]:
+        assert self._port is not None
+        found: dict[str, float] = {}
+
+        def take(line: str) -> bool:
+            if match := re.fullmatch(r"\$(\d+)=([-\d.]+)(?: .*)?", line):
+                found[match[1]] = float(match[2])
+            return line == "ok"
+
+        self._port.write(b"$$\n")
+        self._await(take, _ANSWER_S, "its settings")
+        return found
+
+    def _await(self, done: Callable[[str], bool], seconds: float, what: str) -> None:
+        assert self._port is not None
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            for line in self._port.lines(0.05):
+                self._take(line)
+                if done(line):
+                    return
+        raise DeviceError(f"{self._where}: {self.config.port} does not answer ({what}); check baud and power")
+
+    def read(self, timeout_s: float) -> Sequence[Event]:
+        """Ask for the status in time, hear the answers, and send what waits."""
+        assert self._port is not None
+        end = time.monotonic() + timeout_s
+        while True:
+            now = time.monotonic()
+            if now - self._asked_s >= (_WAIT_S if self._cancelled else 1.0 / self.config.status_hz):
+                self._ask()
+            events = [event for line in self._port.lines(_WAIT_S) for event in self._take(line)]
+            self._send_what_waits()
+            now = time.monotonic()
+            if now - self._heard_s > _SILENT_S:
+                raise DeviceError(f"{self._where}: {self.config.port} has not answered for {_SILENT_S:g} s")
+            if events or now >= end:
+                return events
+
+    def _ask(self) -> None:
+        assert self._port is not None
+        self._asked_s = time.monotonic()
+        self._port.write(STATUS)
+
+    def _take(self, line: str) -> Sequence[Event]:
+        """Understand one line."""
+        self._heard_s = time.monotonic()
+        with self.lock:
+            if match := _STATUS.fullmatch(line):
+                return self._take_status(match[1], match[2])
+            if line == "ok":
+                self._waiting_for = None
+            elif line.startswith("error:"):
+                self.counts["errors"] += 1
+                self.remark = f"{self._where}: refused {self._waiting_for or 'a line'} with {line}"
+                self._waiting_for = None
+                self._wanted, self._sent = {}, {}
+            elif line.startswith("ALARM:"):
+                self.counts["alarms"] += 1
+                self._alarmed(line.removeprefix("ALARM:"))
+            elif line.startswith("Grbl ") and self.limits:
+                self.counts["resets"] += 1  # somebody pressed its button: it has forgotten what it was doing
+                self._wanted, self._sent, self._waiting_for = {}, {}, None
+        return ()
+
+    def _alarmed(self, number: str) -> None:
+        self.alarm = f"alarm {number}: {_ALARMS.get(number, 'see the manual of GRBL')}"
+        self.remark = f"{self._where}: {self.alarm}; look at the stage, then unlock it"
+        self.state = "Alarm"
+        self._wanted, self._sent, self._waiting_for = {}, {}, None
+
+    def _take_status(self, state: str, fields: str) -> Sequence[Event]:
+        values: dict[str, list[float]] = {}
+        for part in fields.split("|"):
+            key, colon, numbers = part.partition(":")
+            if colon and key in ("MPos", "WPos", "WCO"):
+                try:
+                    values[key] = [float(number) for number in numbers.split(",")]
+                except ValueError:
+                    self.counts["malformed"] += 1
+                    return ()
+        if state == "Alarm" and not self.alarm:
+            self._alarmed("at power-up")
+        if state != "Alarm":
+            self.alarm = ""
+        self.state = state
+        self._offset = values.get("WCO", self._offset)
+        place = values.get("WPos")
+        if place is None and "MPos" in values:
+            offset = self._offset or [0.0] * len(values["MPos"])
+            place = [m - o for m, o in zip(values["MPos"], offset, strict=False)]
+        if place is None or len(place) <= max(_LETTERS.index(axis.axis) for axis in self.config.axes.values()):
+            self.counts["malformed"] += 1
+            return ()
+        assert self._clock is not None
+        self._read_ns = self._clock.now_ns() - round(self.config.latency_ms * 1e6)
+        self._places = {name: place[_LETTERS.index(axis.axis)] / axis.scale for name, axis in self.config.axes.items()}
+        by_stream: dict[str, dict[str, float]] = {}
+        for name, value in self._places.items():
+            by_stream.setdefault(_stream(name), {})[name] = value
+        return [Actuation(self._read_ns, each, stream) for stream, each in by_stream.items()]
+
+    def _send_what_waits(self) -> None:
+        """Send the newest targets: at once where all axes go on as they go, else once what moves is at rest."""
+        assert self._port is not None
+        with self.lock:
+            if self._waiting_for is not None and time.monotonic() - self._sent_s > _SILENT_S:
+                raise DeviceError(f"{self._where}: has not answered {self._waiting_for} for {_SILENT_S:g} s")
+            if self._stopping and self.state == "Jog" and not self._cancelled:
+                self._cancel()  # a jog that was on its way when it was told to stop
+            if self._waiting_for is not None:
+                return
+            if self.state == "Idle":
+                self._cancelled = self._stopping = False
+            if not self._wanted or self.state not in ("Idle", "Jog") or self._cancelled or self._stopping:
+                return
+            if self.state == "Jog" and not self._goes_on():
+                self._cancel()
+                return
+            self._jog()
+
+    def _goes_on(self) -> bool:
+        """Whether every axis of the new targets only goes further the way that it goes."""
+        for name, target in self._wanted.items():
+            going = self._sent.get(name, self._places[name])
+            if (target - going) * (going - self._places[name]) < 0:
+                return False
+        return True
+
+    def _jog(self) -> None:
+        assert self._port is not None
+        ends = {**self._places, **self._sent}
+        steps = {name: abs(target - ends[name]) for name, target in self._wanted.items()}
+        moving = {name: step for name, step in steps.items() if step > 0}
+        self._sent |= self._wanted
+        words = [
+            f"{self.config.axes[name].axis}{target * self.config.axes[name].scale:.4f}"
+            for name, target in self._wanted.items()
+        ]
+        self._wanted = {}
+        if not moving:
+            return
+        # along the straight line each axis gets its share of the feed rate: the slowest decides
+        machine = {name: step * abs(self.config.axes[name].scale) for name, step in moving.items()}
+        whole = math.hypot(*machine.values())
+        feed = 60.0 * min(
+            self.limits[name].max_speed * abs(self.config.axes[name].scale) * whole / machine[name] for name in moving
+        )
+        line = f"$J=G90 G21 {' '.join(words)} F{feed:.1f}"
+        self._waiting_for, self._sent_s = line, time.monotonic()
+        self._port.write(line.encode() + b"\n")
+
+    def _cancel(self) -> None:
+        assert self._port is not None
+        self._port.write(CANCEL)
+        self._cancelled, self._sent = True, {}
+        self.state = "Jog"  # until a status that was asked for after this says that it stands
+
+    def want(self, targets: Mapping[str, float]) -> None:
+        """Of `GrblActuators`: new targets of some axes."""
+        with self.lock:
+            self._need_ready()
+            self._wanted |= targets
+
+    def halt(self, axes: Sequence[str]) -> None:
+        """Of `GrblActuators`: cancel the jog now; axes that are not to stop go on to their targets afterwards."""
+        with self.lock:
+            if self._port is None:
+                return
+            going = {**self._sent, **self._wanted}
+            self._wanted = {name: target for name, target in going.items() if name not in axes}
+            self._stopping = not self._wanted
+            if self.state in ("Run", "Hold"):  # somebody else's G-code: only a hold and a reset end it
+                self._port.write(HOLD)
+            else:
+                self._cancel()
+
+    def position(self) -> Actuation:
+        """Of `GrblActuators`: the last status."""
+        with self.lock:
+            self._need_ready(moving=False)
+            return Actuation(self._read_ns, dict(self._places))
+
+    def unlock(self) -> None:
+        """``$X``: take a controller out of its alarm, after a person has looked at the stage."""
+        with self.lock:
+            if self._port is None:
+                raise DeviceError(f"{self._where}: is not connected")
+            self._port.write(b"$X\n")
+
+    def now_ns(self) -> int:
+        """On the clock of the source. Raises DeviceError before it is connected."""
+        if self._clock is None:
+            raise DeviceError(f"{self._where}: is not connected")
+        return self._clock.now_ns()
+
+    def _need_ready(self, *, moving: bool = True) -> None:
+        if self._port is None or not self.state:
+            raise DeviceError(f"{self._where}: is not connected")
+        if moving and self.alarm:
+            raise DeviceError(f"{self._where}: {self.alarm}; look at the stage, then unlock it")
+
+    def close(self) -> None:
+        """Cancel what moves, and let go of the port."""
+        with self.lock:
+            port, self._port, self.state = self._port, None, ""
+        if port is not None:
+            try:
+                port.write(CANCEL)
+            except DeviceError as error:  # it was pulled out
+                self.remark = str(error)
+            port.close()
+
+    @property
+    def _where(self) -> str:
+        return f"hardware.{self.name}"
+
+
+class GrblActuators:
+    """The `Actuators` of a controller that a `HardwareSource` reads. Calls raise DeviceError while it is not there."""
+
+    def __init__(self, stage: GrblStage) -> None:
+        self._stage = stage
+
+    @property
+    def limits(self) -> Mapping[str, AxisLimits]:
+        """What each axis keeps to, in the unit of its name; empty before the controller was read."""
+        return dict(self._stage.limits)
+
+    def command(self, targets: Mapping[str, float]) -> Commanded:
+        """Send axes on their way; see `Actuators.command`."""
+        taken = Commanded.of(self._stage.now_ns(), targets, self._stage.limits)
+        self._stage.want(taken.targets)
+        return taken
+
+    def read(self) -> Actuation:
+        """Where the axes were at the last status."""
+        return self._stage.position()
+
+    def stop(self, *axes: str) -> None:
+        """Bring these axes, or all, to rest; see `Actuators.stop`."""
+        refuse_unknown(axes, self._stage.limits)
+        self._stage.halt(axes or tuple(self._stage.limits))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stage.halt(tuple(self._stage.limits))
+
+
+def _stream(name: str) -> str:
+    """The stream of an axis: what moves the tissue is no drive of the catheter."""
+    return STAGE if name.startswith(f"{STAGE}_") else JOINTS

@@ -1,0 +1,190 @@
+"""Cameras through OpenCV: V4L2, DirectShow, AVFoundation, or an address that OpenCV opens."""
+
+import os
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from ..errors import DeviceError
+from ..types import Clock, Event, Frame, Image
+from ._driver import ClockReport, DeclaredStream, DeviceConfig, Driver, Setting, monotonic_to
+
+__all__ = ["OpenCvCamera", "OpenCvCameraConfig", "upright_image"]
+
+_WAIT_MS = 2000
+"""For a camera to open or to give an image, where OpenCV can be told."""
+_STAMP_NEWEST_S, _STAMP_OLDEST_S = 1e-3, 1.0
+"""A stamp of the driver is believed where it lies so little in the future or in the past of the monotonic clock."""
+_TRIALS = 5
+"""Images of which each has to have a believable stamp, before stamps are the driver's."""
+
+
+class OpenCvCameraConfig(DeviceConfig):
+    """``[hardware.cameras.VIEW]`` with ``driver = "opencv"``.
+
+    ``device``: a number, a path as "/dev/video0", or an address. ``fourcc``: pixel format, as "MJPG".
+    ``auto_exposure``, ``exposure`` and ``gain``: numbers of the driver. ``latency_ms``: from mid-exposure to the image's arrival, taken
+    from the arrival where the driver gives no stamps; ``stamp_latency_ms``: from mid-exposure to the driver's stamp
+    (negative where it stamps the start of the exposure).
+    """
+
+    driver: Literal["opencv"] = "opencv"
+    device: int | str
+    width: Annotated[int, Field(gt=0)] | None = None
+    height: Annotated[int, Field(gt=0)] | None = None
+    fps: Annotated[float, Field(gt=0)] | None = None
+    fourcc: Annotated[str, Field(min_length=4, max_length=4)] | None = None
+    auto_exposure: float | None = None
+    exposure: float | None = None
+    gain: float | None = None
+    grey: bool = False
+    latency_ms: Annotated[float, Field(ge=0.0, le=900.0)] = 0.0
+    stamp_latency_ms: Annotated[float, Field(ge=-500.0, le=900.0)] = 0.0
+
+
+def upright_image(image: Any, grey: bool, where: str) -> Image:
+    """An image of OpenCV, grey or BGR, 8 bits, as (h, w) grey or (h, w, 3) RGB. Raises DeviceError."""
+    import cv2
+
+    if image.dtype != np.uint8 or image.ndim not in (2, 3):
+        raise DeviceError(f"{where}: gives {image.dtype} {image.shape}; expected 8 bits, grey or colour; set fourcc")
+    if image.ndim == 2 or image.shape[2] == 1:
+        return np.ascontiguousarray(image.reshape(image.shape[:2]))
+    return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY if grey else cv2.COLOR_BGR2RGB)  # type: ignore[return-value]
+
+
+class OpenCvCamera(Driver):
+    """One camera. ``open_capture``: in place of ``cv2.VideoCapture``.
+
+    OpenCV's own queue holds stale images: the driver's thread takes each as soon as it is there, and who is slow finds
+    the newest one (`HardwareSource`).
+    """
+
+    def __init__(self, config: OpenCvCameraConfig, view: str = "camera", open_capture: Any = None) -> None:
+        super().__init__(f"cameras.{view}")
+        self.config, self.view = config, view
+        self._open = open_capture
+        self._capture: Any = None
+        self._clock: Clock | None = None
+        self._shape: tuple[int, ...] = ()
+        self._stamped = 0
+        """Images in a row with a believable stamp; below 0 where one had none."""
+        self._delay_s = 0.0
+
+    @property
+    def streams(self) -> tuple[DeclaredStream, ...]:
+        """The view."""
+        config = self.config
+        clock = (
+            f"the driver's (V4L2, monotonic) minus stamp_latency_ms = {config.stamp_latency_ms:g} where it gives stamps, "
+            f"else the arrival minus latency_ms = {config.latency_ms:g}"
+        )
+        return (DeclaredStream(self.view, "frame", config.fps, clock),)
+
+    def connect(self, clock: Clock) -> tuple[Setting, ...]:
+        """Open the camera, set what is asked for, take an image, and read back."""
+        import cv2
+
+        config = self.config
+        self._capture = self._opened()
+        if not self._capture.isOpened():
+            raise DeviceError(f"{self._where}: cannot be opened; is it there, and does nobody else use it?")
+        wanted: list[tuple[str, int, float | None]] = [
+            ("fourcc", cv2.CAP_PROP_FOURCC, None if config.fourcc is None else _code(config.fourcc)),
+            ("width", cv2.CAP_PROP_FRAME_WIDTH, config.width),
+            ("height", cv2.CAP_PROP_FRAME_HEIGHT, config.height),
+            ("fps", cv2.CAP_PROP_FPS, config.fps),
+            ("auto_exposure", cv2.CAP_PROP_AUTO_EXPOSURE, config.auto_exposure),
+            ("exposure", cv2.CAP_PROP_EXPOSURE, config.exposure),
+            ("gain", cv2.CAP_PROP_GAIN, config.gain),
+        ]
+        for _, number, value in wanted:
+            if value is not None:
+                self._capture.set(number, value)
+        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        self._clock, self._stamped = clock, 0
+        whole, image = self._capture.read()
+        if not whole:
+            raise DeviceError(f"{self._where}: gives no image")
+        self._shape = image.shape
+        found: list[Setting] = []
+        for name, number, value in wanted:
+            actual = float(self._capture.get(number))
+            if name == "fourcc":
+                found.append(Setting(name, config.fourcc, _letters(actual)))
+            elif name in ("width", "height"):  # what the image has, whatever the driver says
+                found.append(Setting(name, value, float(image.shape[1 if name == "width" else 0])))
+            else:
+                found.append(Setting(name, value, actual))
+        return tuple(found)
+
+    def read(self, timeout_s: float) -> Sequence[Event]:
+        """The next image; waits for as long as OpenCV does."""
+        del timeout_s
+        assert self._clock is not None
+        whole, image = self._capture.read()
+        arrival = self._clock.now_ns()
+        if not whole:
+            raise DeviceError(f"{self._where}: gives no image any more")
+        if image.shape != self._shape:
+            raise DeviceError(f"{self._where}: the size of its images changed from {self._shape} to {image.shape}")
+        stamp = self._stamp_ns(arrival)
+        return (Frame(stamp, upright_image(image, self.config.grey, self._where), self.view),)
+
+    def _stamp_ns(self, arrival_ns: int) -> int:
+        """The driver's stamp where it can be believed: V4L2 tells the monotonic clock at which the image was taken."""
+        import cv2
+
+        taken_s = 1e-3 * float(self._capture.get(cv2.CAP_PROP_POS_MSEC))
+        assert self._clock is not None
+        age_s = time.monotonic() - taken_s
+        believable = -_STAMP_NEWEST_S <= age_s <= _STAMP_OLDEST_S
+        if self._stamped >= _TRIALS and not believable:
+            self.counts["stampless"] += 1
+            self._stamped = -1  # for this connection the arrival is more to be trusted
+        elif 0 <= self._stamped < _TRIALS:
+            self._stamped = self._stamped + 1 if believable else -1
+        if self._stamped >= _TRIALS:
+            self._delay_s += 0.02 * (age_s - self._delay_s)
+            return round(taken_s * 1e9) + monotonic_to(self._clock) - round(self.config.stamp_latency_ms * 1e6)
+        return arrival_ns - round(self.config.latency_ms * 1e6)
+
+    def close(self) -> None:
+        """Let go of the camera."""
+        if self._capture is not None:
+            self._capture.release()
+            self._capture = None
+
+    def clocks(self) -> Mapping[str, ClockReport]:
+        """The driver's stamps are on the host's own monotonic clock."""
+        return {self.view: ClockReport(0.0, self._delay_s)} if self._stamped >= _TRIALS else {}
+
+    @property
+    def _where(self) -> str:
+        return f"hardware.{self.name}: camera {self.config.device}"
+
+    def _opened(self) -> Any:
+        import cv2
+
+        device = self.config.device
+        if self._open is not None:
+            return self._open(device)
+        if isinstance(device, str) and "://" in device:
+            limits = (cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _WAIT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _WAIT_MS)
+            return cv2.VideoCapture(device, cv2.CAP_FFMPEG, limits)
+        if sys.platform == "linux":
+            os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", str(_WAIT_MS // 1000))
+            return cv2.VideoCapture(device, cv2.CAP_V4L2)
+        return cv2.VideoCapture(device)
+
+
+def _code(letters: str) -> float:
+    return float(sum(ord(letter) << 8 * place for place, letter in enumerate(letters)))
+
+
+def _letters(code: float) -> str:
+    return "".join(chr(int(code) >> 8 * place & 0xFF) for place in range(4)).strip("\0")

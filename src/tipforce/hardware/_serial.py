@@ -1,0 +1,63 @@
+"""Serial ports: bytes and lines with a time-out, and one sentence for whatever the port refuses."""
+
+from typing import Any, Self
+
+from ..errors import DeviceError, MissingExtraError
+
+__all__ = ["LinePort"]
+
+_LONGEST_LINE = 1024
+"""What is longer is noise, or another baud rate."""
+
+
+class LinePort:
+    """A serial port that is read line by line. Raises DeviceError, and MissingExtraError without pyserial."""
+
+    def __init__(self, port: str, baud: int, where: str) -> None:
+        try:
+            import serial
+        except ModuleNotFoundError:
+            raise MissingExtraError("pyserial", extra="hardware") from None
+        self._lost: tuple[type[Exception], ...] = (serial.SerialException, OSError)
+        self._where = f"{where}: {port}"
+        self._rest = b""
+        self.overlong = 0
+        try:
+            self._port: Any = serial.Serial(port, baud, timeout=0, write_timeout=1.0)
+        except (*self._lost, ValueError) as error:
+            raise DeviceError(f"{self._where} cannot be opened: {error}") from None
+
+    def write(self, data: bytes) -> None:
+        """Write all of ``data``."""
+        try:
+            self._port.write(data)
+        except self._lost as error:
+            raise DeviceError(f"{self._where} is lost: {error}") from None
+
+    def lines(self, timeout_s: float) -> list[str]:
+        """Whole lines that have come, or that come within ``timeout_s``, without their ends; may be none."""
+        try:
+            self._port.timeout = timeout_s
+            data: bytes = self._port.read(1)
+            if data:
+                data += self._port.read(self._port.in_waiting)
+        except (*self._lost, TypeError) as error:  # pyserial reads from a port that was closed beside it
+            raise DeviceError(f"{self._where} is lost: {error}") from None
+        *whole, self._rest = (self._rest + data).split(b"\n")
+        if len(self._rest) > _LONGEST_LINE:
+            self._rest = b""
+            self.overlong += 1
+        return [line.decode("ascii", "replace").strip() for line in whole if line.strip()]
+
+    def close(self) -> None:
+        """Let go of the port."""
+        try:
+            self._port.close()
+        except self._lost:  # it was pulled out
+            self._port = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,156 @@
+"""A video file in its own time, or a stream from the network (RTSP and whatever else FFmpeg opens), as a camera."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from ..errors import DeviceError
+from ..io import open_source
+from ..types import Clock, Event, Frame
+from ._driver import ClockMap, ClockReport, DeclaredStream, DeviceConfig, Driver, EndOfStream, Setting
+
+__all__ = ["Video", "VideoConfig"]
+
+_TIMEOUT_S = 2.0
+
+
+class VideoConfig(DeviceConfig):
+    """``[hardware.cameras.VIEW]`` with ``driver = "video"``.
+
+    ``source``: a file, or an address as "rtsp://10.0.0.7/stream". ``latency_ms``: of a stream, from mid-exposure to the
+    arrival of the image that arrives fastest. ``options``: of FFmpeg, as { rtsp_transport = "udp" }.
+    """
+
+    driver: Literal["video"] = "video"
+    source: str
+    grey: bool = False
+    latency_ms: Annotated[float, Field(ge=0.0, le=900.0)] = 0.0
+    options: dict[str, str] = Field(default_factory=dict)
+
+    @property
+    def is_file(self) -> bool:
+        """Whether it is a file, which ends."""
+        return "://" not in self.source
+
+
+class Video(Driver):
+    """A file or a stream."""
+
+    def __init__(self, config: VideoConfig, view: str = "camera") -> None:
+        super().__init__(f"cameras.{view}")
+        self.config, self.view = config, view
+        self._container: Any = None
+        self._frames: Iterator[tuple[int, Any]] = iter(())
+        self._pending: tuple[int, Any] | None = None
+        self._clock: Clock | None = None
+        self._zero_ns = 0
+        self._map = ClockMap()
+
+    @property
+    def streams(self) -> tuple[DeclaredStream, ...]:
+        """The view."""
+        clock = (
+            "the file's, from when the source began"
+            if self.config.is_file
+            else f"the stream's, brought to the host's by the least delay, minus latency_ms = {self.config.latency_ms:g}"
+        )
+        return (DeclaredStream(self.view, "frame", None, clock),)
+
+    def connect(self, clock: Clock) -> tuple[Setting, ...]:
+        """Open it."""
+        self._clock, self._map, self._pending = clock, ClockMap(), None
+        if self.config.is_file:
+            file = open_source(Path(self.config.source))
+            frames = (event for event in file if isinstance(event, Frame))
+            first = next(frames, None)
+            if first is None:
+                raise DeviceError(f"{self._where}: holds no image")
+            self._zero_ns = clock.now_ns() - first.stamp_ns
+            self._pending = first.stamp_ns, first.image
+            self._frames = ((frame.stamp_ns, frame.image) for frame in frames)
+            height, width = first.image.shape[:2]
+            return (Setting("width", None, width), Setting("height", None, height))
+        return self._connect_stream()
+
+    def _connect_stream(self) -> tuple[Setting, ...]:
+        import av
+        import av.error
+
+        options = {"fflags": "nobuffer", "flags": "low_delay"}
+        if self.config.source.startswith("rtsp"):
+            options["rtsp_transport"] = "tcp"
+        try:
+            self._container = av.open(
+                self.config.source, options=options | self.config.options, timeout=(_TIMEOUT_S, _TIMEOUT_S)
+            )
+        except (av.error.FFmpegError, OSError) as error:
+            raise DeviceError(f"{self._where}: cannot be opened: {error}") from None
+        streams = self._container.streams.video
+        if not streams:
+            raise DeviceError(f"{self._where}: holds no video")
+        self._frames = self._decoded(streams[0])
+        context = streams[0].codec_context
+        return (
+            Setting("codec", None, str(context.name)),
+            Setting("width", None, context.width),
+            Setting("height", None, context.height),
+        )
+
+    def _decoded(self, stream: Any) -> Iterator[tuple[int, Any]]:
+        import av.error
+
+        try:
+            for frame in self._container.decode(stream):
+                if frame.pts is None:
+                    self.counts["stampless"] += 1
+                    continue
+                image = frame.to_ndarray(format="gray" if self.config.grey else "rgb24")
+                yield round(frame.pts * frame.time_base * 1_000_000_000), image
+        except (av.error.FFmpegError, OSError) as error:
+            raise DeviceError(f"{self._where}: is lost: {error}") from None
+
+    def read(self, timeout_s: float) -> Sequence[Event]:
+        """The next image; of a file when its time has come."""
+        assert self._clock is not None
+        if self.config.is_file:
+            return self._played(timeout_s)
+        following = next(self._frames, None)
+        if following is None:
+            raise DeviceError(f"{self._where}: has ended")
+        stamp, image = following
+        arrival = self._clock.now_ns()
+        return (Frame(self._map.host_ns(stamp, arrival) - round(self.config.latency_ms * 1e6), image, self.view),)
+
+    def _played(self, timeout_s: float) -> Sequence[Event]:
+        assert self._clock is not None
+        if self._pending is None:
+            self._pending = next(self._frames, None)
+        if self._pending is None:
+            raise EndOfStream
+        stamp, image = self._pending
+        due_ns, end_ns = self._zero_ns + stamp, self._clock.now_ns() + round(timeout_s * 1e9)
+        self._clock.sleep_until_ns(min(due_ns, end_ns))
+        if due_ns > end_ns:
+            return ()
+        self._pending = None
+        if self.config.grey and image.ndim == 3:
+            import cv2
+
+            image = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        return (Frame(due_ns, image, self.view),)
+
+    def close(self) -> None:
+        """Let go of it."""
+        if self._container is not None:
+            self._container.close()
+            self._container = None
+
+    def clocks(self) -> Mapping[str, ClockReport]:
+        """The stream's stamps against the host's clock."""
+        return {} if self.config.is_file else {self.view: self._map.report()}
+
+    @property
+    def _where(self) -> str:
+        return f"hardware.{self.name}: {self.config.source}"

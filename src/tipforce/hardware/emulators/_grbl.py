@@ -1,0 +1,178 @@
+"""A GRBL 1.1 controller at a serial port: jogs with ramps, status, feed hold, cancel, reset, limits and alarms."""
+
+import math
+import time
+from collections import deque
+from pathlib import Path
+from typing import ClassVar
+
+from .._grbl import CANCEL, HOLD, RESET, STATUS
+from ._pty import PtyDevice
+
+__all__ = ["GrblEmulator"]
+
+_LETTERS = "XYZ"
+_WCO_EVERY = 10
+"""The work offset comes with every tenth status, as GRBL sends it while idle."""
+
+
+class GrblEmulator(PtyDevice):
+    """Three axes. ``mute``: it answers nothing. Moves are straight, one after the other, each from rest to rest.
+
+    ``heard``: the lines that it was sent; ``place``: where the axes are, in machine coordinates.
+    """
+
+    DEFAULTS: ClassVar[dict[str, float]] = {
+        "10": 1.0, "13": 0.0, "20": 0.0, "21": 0.0,
+        "110": 6000.0, "111": 6000.0, "112": 3000.0,
+        "120": 2000.0, "121": 2000.0, "122": 1000.0,
+        "130": 200.0, "131": 200.0, "132": 100.0,
+    }  # fmt: skip
+
+    def __init__(self, path: Path, settings: dict[str, float] | None = None, *, alarm: bool = False) -> None:
+        super().__init__(path)
+        self.settings = {**self.DEFAULTS, **(settings or {})}
+        self.place = [0.0, 0.0, 0.0]
+        self.heard: list[str] = []
+        self.mute = False
+        self.peak_mm_s = 0.0
+        self._offset = [0.0, 0.0, 0.0]
+        self._state = "Alarm" if alarm else "Idle"
+        self._queue: deque[tuple[list[float], float]] = deque()
+        self._speed = 0.0
+        self._braking = False
+        self._reports = 0
+        self._line = b""
+        self._last_s = time.monotonic()
+
+    def trigger_limit(self) -> None:
+        """A limit switch is hit: GRBL stops at once and is locked."""
+        self._alarm(1)
+
+    def _alarm(self, number: int) -> None:
+        self._queue.clear()
+        self._speed, self._state = 0.0, "Alarm"
+        self._say(f"ALARM:{number}")
+
+    def _say(self, line: str) -> None:
+        if not self.mute:
+            self.send(line + "\r\n")
+
+    def received(self, data: bytes) -> None:
+        """Real-time commands are picked out of the bytes wherever they stand; the rest is lines."""
+        for value in data:
+            byte = bytes([value])
+            if byte == STATUS:
+                self._report()
+            elif byte == RESET:
+                self._reset()
+            elif byte == CANCEL:
+                if self._state == "Jog":
+                    self._braking = True
+            elif byte == HOLD:
+                if self._state == "Jog":
+                    self._braking = True
+                elif self._state == "Idle":
+                    self._state = "Hold"
+            elif byte == b"~":
+                self._state = "Idle" if self._state == "Hold" else self._state
+            elif byte in b"\r\n":
+                line, self._line = self._line.decode("ascii", "replace").strip(), b""
+                if line:
+                    self.heard.append(line)
+                    self._obey(line)
+            else:
+                self._line += byte
+
+    def _reset(self) -> None:
+        moving = self._state == "Jog"
+        self._queue.clear()
+        self._line, self._speed, self._braking = b"", 0.0, False
+        self._say("\r\nGrbl 1.1h ['$' for help]")
+        if moving:
+            self._alarm(3)
+        elif self._state != "Alarm":
+            self._state = "Idle"
+        else:
+            self._say("[MSG:'$H'|'$X' to unlock]")
+
+    def _obey(self, line: str) -> None:
+        if line == "$$":
+            for number, value in self.settings.items():
+                self._say(f"${number}={value:g}" if float(value).is_integer() else f"${number}={value:.3f}")
+        elif line == "$X":
+            self._state = "Idle"
+            self._say("[MSG:Caution: Unlocked]")
+        elif self._state == "Alarm":
+            self._say("error:9")
+            return
+        elif line.startswith("$J="):
+            if (refused := self._jog(line[3:])) is not None:
+                self._say(f"error:{refused}")
+                return
+        elif line.startswith("G10 L20 P1"):
+            for word in line.split()[3:]:
+                axis = _LETTERS.index(word[0])
+                self._offset[axis] = self.place[axis] - float(word[1:])
+            self._reports = 0
+        else:
+            self._say("error:20")
+            return
+        self._say("ok")
+
+    def _jog(self, words: str) -> int | None:
+        target = list(self._queue[-1][0] if self._queue else self.place)
+        feed = 0.0
+        for word in words.split():
+            if word[0] in _LETTERS:
+                axis = _LETTERS.index(word[0])
+                target[axis] = float(word[1:]) + self._offset[axis]
+            elif word[0] == "F":
+                feed = float(word[1:])
+        if feed <= 0:
+            return 22
+        if self.settings["20"] and any(abs(target[k]) > self.settings[str(130 + k)] for k in range(3)):
+            return 15
+        self._queue.append((target, feed / 60.0))
+        self._state = "Jog"
+        return None
+
+    def step(self) -> None:
+        """Move for the time that has passed."""
+        now = time.monotonic()
+        left_s, self._last_s = now - self._last_s, now
+        while left_s > 0 and self._state == "Jog":
+            step_s = min(left_s, 1e-3)
+            left_s -= step_s
+            self._move(step_s)
+
+    def _move(self, seconds: float) -> None:
+        target, feed = self._queue[0]
+        way = [end - here for end, here in zip(target, self.place, strict=True)]
+        length = math.hypot(*way)
+        share = [abs(each) / length if length else 0.0 for each in way]
+        brake = min((self.settings[str(120 + k)] / share[k] for k in range(3) if share[k]), default=1e9)
+        top = min([feed, *(self.settings[str(110 + k)] / 60.0 / share[k] for k in range(3) if share[k])])
+        stopping = 0.0 if self._braking else math.sqrt(2 * brake * length)
+        self._speed = max(min(self._speed + brake * seconds, top, stopping), self._speed - brake * seconds, 0.0)
+        self.peak_mm_s = max(self.peak_mm_s, self._speed)
+        ahead = min(self._speed * seconds, length)
+        if length:
+            self.place = [here + each * ahead / length for here, each in zip(self.place, way, strict=True)]
+        if self._braking and self._speed <= 0:
+            self._queue.clear()
+            self._braking, self._state = False, "Idle"
+        elif length - ahead < 1e-3:
+            self.place, self._speed = list(target), 0.0
+            self._queue.popleft()
+            if not self._queue:
+                self._state, self._braking = "Idle", False
+
+    def _report(self) -> None:
+        numbers = ",".join(f"{value:.3f}" for value in self.place)
+        state = "Hold:0" if self._state == "Hold" else self._state
+        extra = ""
+        if self._reports % _WCO_EVERY == 0:
+            extra = "|WCO:" + ",".join(f"{value:.3f}" for value in self._offset)
+        self._reports += 1
+        self._say(f"<{state}|MPos:{numbers}|FS:{60 * self._speed:.0f},0{extra}>")

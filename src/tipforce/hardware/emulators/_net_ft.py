@@ -1,0 +1,176 @@
+"""A Net F/T box on this machine: RDT by UDP and ``netftapi2.xml`` by HTTP, with every fault that a network has."""
+
+import random
+import socket
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import TracebackType
+from typing import Self
+
+from .._net_ft import BIAS, HEADER, RDT_REPLY, RDT_REQUEST, STOP, STREAM
+
+__all__ = ["NetFtEmulator", "NetFtFaults"]
+
+_POLL_S = 0.02
+
+
+@dataclass
+class NetFtFaults:
+    """What goes wrong; may be changed while it runs.
+
+    ``loss`` and ``reorder``: shares of the packets that are lost, or sent behind a later one; ``skip``: packets that
+    the box itself leaves out next; ``status``: its status word; ``silent``: it sends nothing; ``frozen``: its F/T
+    sequence stands still; ``deaf``: it takes no request.
+    """
+
+    loss: float = 0.0
+    reorder: float = 0.0
+    skip: int = 0
+    status: int = 0
+    silent: bool = False
+    frozen: bool = False
+    deaf: bool = False
+
+
+@dataclass
+class NetFtEmulator:
+    """``force``: seconds -> six values in the box's units. ``sent``: counts of packets by what became of them.
+
+    ``garbage_while_faulty``: what the counts are while the status word is not 0, so that a false force is seen.
+    """
+
+    force: Callable[[float], tuple[float, ...]] = lambda _: (0.0,) * 6
+    rate_hz: float = 1000.0
+    counts_per_force: float = 1_000_000.0
+    counts_per_torque: float = 1_000_000.0
+    force_unit: str = "N"
+    torque_unit: str = "Nm"
+    faults: NetFtFaults = field(default_factory=NetFtFaults)
+    seed: int = 0
+    port: int = 0
+    http_port: int = 0
+    garbage_while_faulty: int = 2_000_000_000
+
+    def __enter__(self) -> Self:
+        self.sent = {"made": 0, "lost": 0, "reordered": 0, "skipped": 0, "requests": 0}
+        self.biased = 0
+        self.rdt, self._ft = 0, 0
+        self._random = random.Random(self.seed)
+        self._stopped = threading.Event()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", self.port))
+        self._socket.settimeout(_POLL_S)
+        self.port = self._socket.getsockname()[1]
+        emulator = self
+
+        class Page(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                body = emulator.configuration().encode()
+                self.send_response(200 if self.path == "/netftapi2.xml" else 404)
+                self.end_headers()
+                self.wfile.write(body)
+
+            def log_message(self, format: str, *args: object) -> None:
+                del format, args
+
+        self._http = ThreadingHTTPServer(("127.0.0.1", self.http_port), Page)
+        self.http_port = self._http.server_address[1]
+        self._peer: tuple[str, int] | None = None
+        self._threads = [
+            threading.Thread(target=self._http.serve_forever, kwargs={"poll_interval": _POLL_S}, daemon=True),
+            threading.Thread(target=self._listen, daemon=True),
+            threading.Thread(target=self._send, daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stopped.set()
+        self._http.shutdown()
+        for thread in self._threads:
+            thread.join()
+        self._http.server_close()
+        self._socket.close()
+
+    def configuration(self) -> str:
+        """What its page of the active configuration states, as far as a driver reads it."""
+        return (
+            '<?xml version="1.0" encoding="utf-8"?><netft><runstat>0x00000000</runstat><runrate>7000</runrate>'
+            f"<setuserfilter>0</setuserfilter><cfgnam>Configuration #1</cfgnam><scfgfu>{self.force_unit}</scfgfu>"
+            f"<scfgtu>{self.torque_unit}</scfgtu><cfgcpf>{self.counts_per_force:g}</cfgcpf>"
+            f"<cfgcpt>{self.counts_per_torque:g}</cfgcpt><calsn>FT00000</calsn><comrdte>Enabled</comrdte>"
+            f"<comrdtrate>{self.rate_hz:g}</comrdtrate></netft>"
+        )
+
+    def restart(self) -> None:
+        """Begin to count packets anew, as after a loss of power; somebody has to ask again."""
+        self.rdt, self._ft, self._peer = 0, 0, None
+
+    def _listen(self) -> None:
+        while not self._stopped.is_set():
+            try:
+                request, peer = self._socket.recvfrom(64)
+            except OSError:  # nobody asked; or the last one who did is gone
+                continue
+            if self.faults.deaf or len(request) != RDT_REQUEST.size:
+                continue
+            header, command, _ = RDT_REQUEST.unpack(request)
+            if header != HEADER:
+                continue
+            self.sent["requests"] += 1
+            if command == STREAM:
+                self._peer = peer
+            elif command == STOP:
+                self._peer = None
+            elif command == BIAS:
+                self.biased += 1
+
+    def _send(self) -> None:
+        held: bytes | None = None
+        zero, done = time.monotonic(), 0
+        while not self._stopped.is_set():
+            due = int((time.monotonic() - zero) * self.rate_hz)
+            if due <= done:
+                time.sleep(0.5 / self.rate_hz)
+                continue
+            done += 1
+            peer = self._peer
+            if peer is None or self.faults.silent:
+                continue
+            self.rdt = (self.rdt + 1) % (1 << 32)
+            self.sent["made"] += 1
+            if self.faults.skip:
+                self.faults.skip -= 1
+                self.sent["skipped"] += 1
+                continue
+            packet = self._packet(done / self.rate_hz)
+            if self._random.random() < self.faults.loss:
+                self.sent["lost"] += 1
+                continue
+            if held is None and self._random.random() < self.faults.reorder:
+                held = packet
+                self.sent["reordered"] += 1
+                continue
+            for each in (packet, held) if held else (packet,):
+                try:
+                    self._socket.sendto(each, peer)
+                except OSError:  # nobody listens there any more
+                    self._peer = None
+            held = None
+
+    def _packet(self, seconds: float) -> bytes:
+        if not self.faults.frozen:
+            self._ft = (self._ft + round(7000 / self.rate_hz)) % (1 << 32)
+        if self.faults.status:
+            counts = [self.garbage_while_faulty] * 6
+        else:
+            units = self.force(seconds)
+            counts = [round(value * self.counts_per_force) for value in units[:3]]
+            counts += [round(value * self.counts_per_torque) for value in units[3:]]
+        return RDT_REPLY.pack(self.rdt, self._ft, self.faults.status, *counts)

@@ -1,0 +1,84 @@
+"""A serial port on this machine: a pseudo-terminal whose other end a thread answers."""
+
+import os
+import select
+import threading
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+__all__ = ["PtyDevice"]
+
+_POLL_S = 0.002
+
+
+class PtyDevice:
+    """Base of what answers at a serial port. ``path``: a link to the port, the same after it was plugged in again."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._stopped = threading.Event()
+        self._lock = threading.Lock()
+        self._master: int | None = None
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def received(self, data: bytes) -> None:
+        """The driver has sent ``data``."""
+
+    def step(self) -> None:
+        """Called every few milliseconds."""
+
+    def send(self, text: str) -> None:
+        """Write ``text`` to the driver; nowhere while the port is unplugged."""
+        with self._lock:
+            if self._master is not None:
+                os.write(self._master, text.encode())
+
+    def plug_in(self) -> None:
+        """Make the port."""
+        import tty
+
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        beside = self.path.with_name(self.path.name + ".new")
+        beside.unlink(missing_ok=True)
+        beside.symlink_to(os.ttyname(slave))
+        beside.replace(self.path)
+        with self._lock:
+            self._master, self._slave = master, slave
+
+    def unplug(self) -> None:
+        """Take the port away while it is in use."""
+        with self._lock:
+            master, self._master = self._master, None
+        if master is not None:
+            os.close(master)
+            os.close(self._slave)
+            self.path.unlink(missing_ok=True)
+
+    def _run(self) -> None:
+        while not self._stopped.is_set():
+            with self._lock:
+                data = b""
+                if self._master is not None and select.select([self._master], [], [], 0)[0]:
+                    try:
+                        data = os.read(self._master, 4096)
+                    except OSError:  # nobody has it open
+                        data = b""
+            if data:
+                self.received(data)
+            self.step()
+            self._stopped.wait(_POLL_S)
+
+    def __enter__(self) -> Self:
+        self.plug_in()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stopped.set()
+        self._thread.join()
+        self.unplug()

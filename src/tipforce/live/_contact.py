@@ -1,0 +1,51 @@
+"""Contact of the run, with a force-time integral that a person starts and stops."""
+
+from dataclasses import replace
+
+from ..clinical import ClinicalState, ContactMonitor, ContactSettings
+from ..types import ForceEstimate
+
+__all__ = ["ContactTotals"]
+
+
+class ContactTotals:
+    """`ContactMonitor` with buttons. ``start`` begins times and integral anew; ``stop`` holds the integral."""
+
+    def __init__(self, settings: ContactSettings) -> None:
+        self._monitor = ContactMonitor(settings)
+        self._held: tuple[float, tuple[float, float]] | None = (0.0, (0.0, 0.0))
+        self._last: ClinicalState | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether the integral counts."""
+        return self._held is None
+
+    @property
+    def settings(self) -> ContactSettings:
+        """Window, limit and what counts as contact."""
+        return self._monitor.settings
+
+    @settings.setter
+    def settings(self, settings: ContactSettings) -> None:
+        """Other thresholds, from the next estimate on; the times so far stay."""
+        self._monitor.settings = settings
+
+    def start(self) -> None:
+        """Begin times and integral anew."""
+        self._monitor.reset()
+        self._held = None
+
+    def stop(self) -> None:
+        """Hold the integral as it is."""
+        if self.running:
+            last = self._last
+            self._held = (0.0, (0.0, 0.0)) if last is None else (last.integral_n_s, last.integral_interval_n_s)
+
+    def update(self, estimate: ForceEstimate) -> ClinicalState:
+        """Takes the next estimate; returns the state with it."""
+        state = self._monitor.update(estimate)
+        if self._held is not None:
+            state = replace(state, integral_n_s=self._held[0], integral_interval_n_s=self._held[1])
+        self._last = state
+        return state

@@ -1,0 +1,413 @@
+"""Source -> newest frame -> estimator -> sinks, each on a thread of its own, and a watchdog beside them."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from ..clinical import ContactSettings
+from ..estimators import Estimator, Stream
+from ..types import Clock, Event, ForceEstimate, Image, Source, Status, SystemClock
+from ._contact import ContactTotals
+from ._intake import Instant, Intake
+from ._latency import Histogram, RecentDelays
+from ._reader import SourceReader
+from ._report import LiveReport
+from ._runner import SinkRunner
+from ._settings import LiveSettings
+from ._shape import ShapeFinder
+from ._sinks import Sink
+from ._update import LiveHealth, LiveUpdate, SinkHealth
+from ._watchdog import Fault
+from ._zero import ZeroButton
+
+__all__ = ["Engine"]
+
+_log = logging.getLogger(__name__)
+
+_IDLE_S = 0.1
+"""So often threads that wait look whether the run has ended."""
+_JUST_AFTER_NS = 500_000
+"""The watchdog wakes up when a deadline has passed, not at it."""
+_NO_FRAMES: Mapping[str, Image] = MappingProxyType({})
+
+
+@runtime_checkable
+class _Clocked(Protocol):
+    @property
+    def clock(self) -> Clock: ...
+
+
+@runtime_checkable
+class _Stoppable(Protocol):
+    def stop(self) -> None: ...
+
+
+@runtime_checkable
+class _Telling(Protocol):
+    def trouble(self) -> str: ...
+
+
+class Engine:
+    """Estimates live. One run an engine.
+
+    Args:
+        source: yields events as they happen. Each image is an array of its own, which nobody changes afterwards. The
+            stamps of a source whose ``clock`` is this ``clock`` count as they are; those of any other are brought to
+            it by the smallest delay of arrival. One that may wait for events for long has a method ``stop``; one that
+            knows why nothing comes has a method ``trouble``, which returns a sentence or nothing.
+        estimator: a fitted one. It is started with the session's metadata alone, so a method that resolves its
+            detection on images does so on the first ones.
+        sinks: get every update, each at its own pace.
+        settings: how long a value counts, and what is done where something fails.
+        clock: the engine's; by default the machine's monotonic clock.
+        model: what the model is called.
+        tap: gets every event of the source, on the source's thread; it must not wait.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        estimator: Estimator,
+        sinks: Sequence[Sink] = (),
+        *,
+        settings: LiveSettings | None = None,
+        clock: Clock | None = None,
+        model: str = "",
+        tap: Callable[[Event], None] | None = None,
+    ) -> None:
+        self.settings = settings or LiveSettings()
+        self.clock = clock or SystemClock()
+        self._source, self._estimator, self._info = source, estimator, source.session_info
+        self._model = model or estimator.name
+        self._stop, self._done, self._wake = threading.Event(), threading.Event(), threading.Event()
+        same_clock = isinstance(source, _Clocked) and source.clock is self.clock
+        self._intake = Intake(
+            estimator.views, self._info, self.settings, same_clock=same_clock, on_fault=self._wake.set
+        )
+        self._reader = SourceReader(source, self._intake, self.settings, self.clock, self._stop, tap)
+        self._runners: tuple[SinkRunner, ...] = ()
+        self._publishing = threading.RLock()
+        self._contact, self._zero = ContactTotals(self.settings.contact), ZeroButton(self.settings)
+        self._recent, self._all = RecentDelays(), Histogram()
+        self._shapes = ShapeFinder(estimator.views[0], self._info) if self.settings.detect else None
+        self._latest: LiveUpdate | None = None
+        self._answered_ns: int | None = None
+        self._trouble = ""
+        self._report = LiveReport()
+        self._began_ns = 0
+        self._threads: list[threading.Thread] = []
+        for sink in sinks:
+            self.add_sink(sink)
+
+    def run(self) -> LiveReport:
+        """Runs until the source ends or `stop` is called. Raises RuntimeError the second time."""
+        with self.running():
+            while not self.wait(_IDLE_S):
+                pass
+        return self._report
+
+    @contextmanager
+    def running(self) -> Generator[None]:
+        """The engine at work beside the caller; leaving the block ends the run, and then `report` is complete."""
+        if self._threads:
+            raise RuntimeError("an engine runs once; make another one")
+        self._began_ns, cpu_s = self.clock.now_ns(), time.process_time()
+        loops = {"live-source": self._reader.run, "live-estimator": self._estimate, "live-watchdog": self._watch}
+        with self._publishing:
+            self._threads = [threading.Thread(target=loop, name=name, daemon=True) for name, loop in loops.items()]
+            for each in (*self._runners, *self._threads):
+                each.start()
+        try:
+            yield
+        finally:
+            self.stop()
+            for thread in self._threads:  # one that hangs in a driver or a method ends with the program
+                thread.join(self.settings.hung_s)
+            self._say_last(self._reader.end or "the run was stopped")
+            self._close_sinks()
+            self._finish_report(time.process_time() - cpu_s)
+
+    def add_sink(self, sink: Sink) -> None:
+        """One more sink, also while the engine runs; it is started when that does."""
+        runner = SinkRunner(sink, self._info, self._model, self.settings, self.clock)
+        with self._publishing:
+            self._runners = (*self._runners, runner)
+            if self._threads:
+                runner.start()
+
+    def remove_sink(self, sink: Sink) -> SinkHealth:
+        """Ends a sink while the others go on: it takes what waits for it and is closed. Returns how it did.
+
+        Raises KeyError for a sink that is not there.
+        """
+        with self._publishing:
+            runner = next((each for each in self._runners if each.sink is sink), None)
+            if runner is None:
+                raise KeyError(sink.name)
+            self._runners = tuple(each for each in self._runners if each is not runner)
+        runner.ask_to_close()
+        runner.wait_closed()
+        return runner.health(self.clock.now_ns())
+
+    @property
+    def report(self) -> LiveReport:
+        """What the run came to; complete when it has ended."""
+        return self._report
+
+    def wait(self, timeout_s: float) -> bool:
+        """Waits for the end of the run; True where the source has ended, or `stop` was called."""
+        return self._done.wait(timeout_s)
+
+    def stop(self) -> None:
+        """Ends the run; may be called from any thread, and more than once."""
+        self._stop.set()
+        self._done.set()
+        self._wake.set()
+        if isinstance(self._source, _Stoppable):
+            self._source.stop()
+
+    def zero(self) -> None:
+        """The operator's zero button: what is read now is 0 from now on; `LiveUpdate.zero` tells what that hides.
+
+        Raises InputError where nothing valid was read in the last second, or too much to be an error of the zero.
+        """
+        with self._publishing:
+            self._zero.press(self.clock.now_ns())
+
+    def clear_zero(self) -> None:
+        """Nothing is subtracted any more."""
+        with self._publishing:
+            self._zero.clear()
+
+    def start_integral(self) -> None:
+        """The force-time integral, and the times beside it, count from now on."""
+        with self._publishing:
+            self._contact.start()
+
+    def stop_integral(self) -> None:
+        """The force-time integral stays as it is."""
+        with self._publishing:
+            self._contact.stop()
+
+    @property
+    def contact(self) -> ContactSettings:
+        """Force window, limit and what counts as contact; may be set while it runs."""
+        return self._contact.settings
+
+    @contact.setter
+    def contact(self, settings: ContactSettings) -> None:
+        with self._publishing:
+            self._contact.settings = settings
+
+    def latest(self) -> LiveUpdate | None:
+        """The last update; None before the first one. Where the camera is at fault it is the watchdog's."""
+        return self._latest
+
+    def _estimate(self) -> None:
+        """The estimator's thread."""
+        stream: Stream | None = None
+        run, wait_s = 0, self.settings.reconnect_s
+        while not self._stop.is_set():
+            last = not self._threads[0].is_alive()
+            instant = self._intake.take(_IDLE_S)
+            if instant is None:
+                if last:
+                    break
+                continue
+            try:
+                if stream is None or instant.run != run:
+                    stream, run = self._start_stream(), instant.run
+                found = self._with_shape(stream.update(instant.observation), instant)
+                self._trouble, wait_s = "", self.settings.reconnect_s
+            except Exception as error:  # a method should never raise: the run goes on, and says that it did
+                _log.exception("the method failed")
+                stream, self._trouble = None, f"the method failed: {type(error).__name__}: {error}"
+                found = ForceEstimate.invalid(instant.observation.stamp_ns, Status.STALE, self._trouble)
+            self._publish_frame(instant, found)
+            if self._trouble:
+                self._stop.wait(wait_s)
+                wait_s = min(2.0 * wait_s, self.settings.reconnect_max_s)
+        if self._shapes is not None:
+            self._shapes.close()
+        self._done.set()
+        self._wake.set()
+
+    def _with_shape(self, found: ForceEstimate, instant: Instant) -> ForceEstimate:
+        """``found``, with the shape for page and recording where the method detects none."""
+        image = instant.observation.views.get(self._estimator.views[0])
+        if self._shapes is None or found.shape is not None or not isinstance(image, np.ndarray):
+            return found
+        try:
+            shape = self._shapes.find(image)
+        except Exception:  # a drawing is missing then; the force is none the worse
+            _log.exception("the catheter is not detected for display any more")
+            self._shapes = None
+            return found
+        return found if shape is None else replace(found, shape=shape)
+
+    def _start_stream(self) -> Stream:
+        with self._publishing:
+            self._zero.clear()  # the method's own zero begins anew, too
+        return self._estimator.start(self._info)
+
+    def _publish_frame(self, instant: Instant, found: ForceEstimate) -> None:
+        with self._publishing:
+            now_ns = self.clock.now_ns()
+            self._answered_ns = instant.captured_ns
+            refused = self._refused(instant, now_ns)
+            if refused is not None:
+                found = ForceEstimate.invalid(found.stamp_ns, *refused, found.shape)
+            delay_s = (now_ns - instant.captured_ns) * 1e-9
+            self._recent.add(now_ns, delay_s)
+            self._all.add(delay_s)
+            self._report.estimated += 1
+            self._report.statuses[found.status.value] += 1
+            self._report.valid += found.valid
+            frames = {view: image for view, image in instant.observation.views.items() if isinstance(image, np.ndarray)}
+            self._publish(found, MappingProxyType(frames), instant.captured_ns, now_ns, self._camera_fault(now_ns))
+
+    def _camera_fault(self, now_ns: int) -> Fault | None:
+        """What is wrong with the cameras, with what the source knows of it."""
+        fault = self._intake.fault(now_ns)
+        if fault is None or not isinstance(self._source, _Telling) or not (why := self._source.trouble()):
+            return fault
+        return Fault(fault.camera, f"{fault.message}; {why}")
+
+    def _refused(self, instant: Instant, now_ns: int) -> tuple[Status, str] | None:
+        """Why the answer to ``instant`` does not count, whatever it is."""
+        fault = self._camera_fault(now_ns)
+        if fault is not None:
+            return Status.STALE, fault.message
+        age_ns, limit_ns = now_ns - instant.captured_ns, self._intake.limit_ns
+        if age_ns > limit_ns:
+            return Status.STALE, (
+                f"the image was {age_ns * 1e-6:.0f} ms old when its force was ready; "
+                f"at most {limit_ns * 1e-6:.0f} ms are allowed"
+            )
+        for name in self._estimator.required_actuation:
+            if name in instant.too_old_s:
+                return Status.MISSING_INPUT, (
+                    f"{name} was read {instant.too_old_s[name]:.1f} s before the image; "
+                    f"at most {self.settings.actuation_age_s:g} s are allowed"
+                )
+        return None
+
+    def _watch(self) -> None:
+        """The watchdog's thread: says that there is no valid force, whatever the others are busy with."""
+        while not self._done.is_set():
+            self._wake.clear()
+            with self._publishing:
+                now_ns = self.clock.now_ns()
+                fault = self._fault(now_ns)
+                if fault is not None and self._notice_due(fault, now_ns):
+                    self._notify(fault, now_ns)
+            deadline_ns = self._deadline_ns() if fault is None else None
+            wait_s = self.settings.notice_s
+            if deadline_ns is not None:
+                wait_s = (deadline_ns + _JUST_AFTER_NS - now_ns) * 1e-9
+            self._wake.wait(max(0.0, wait_s))
+
+    def _fault(self, now_ns: int) -> Fault | None:
+        """What is wrong with the camera, or with the method while the camera is well."""
+        fault = self._camera_fault(now_ns)
+        if fault is not None:
+            return fault
+        if self._answered_ns is None:
+            return Fault("running", self._trouble or "the method has not answered yet")
+        age_ns = now_ns - self._answered_ns
+        if age_ns <= self._intake.limit_ns:
+            return None
+        return Fault("running", self._trouble or f"the method has not answered for {age_ns * 1e-9:.1f} s")
+
+    def _deadline_ns(self) -> int | None:
+        """When the value that holds now is stale."""
+        camera_ns = self._intake.deadline_ns
+        if camera_ns is None or self._answered_ns is None:
+            return None
+        return min(camera_ns, self._answered_ns + self._intake.limit_ns)
+
+    def _notice_due(self, fault: Fault, now_ns: int) -> bool:
+        latest = self._latest
+        if latest is None or latest.estimate.valid or latest.health.camera != fault.camera:
+            return True
+        return now_ns - latest.published_ns >= self.settings.notice_s * 1e9
+
+    def _notify(self, fault: Fault, now_ns: int) -> None:
+        estimate = ForceEstimate.invalid(self._intake.stamp_at(now_ns), Status.STALE, fault.message)
+        captured_ns = self._intake.last_captured_ns
+        self._report.notices += 1
+        self._publish(estimate, _NO_FRAMES, self._began_ns if captured_ns is None else captured_ns, now_ns, fault)
+
+    def _publish(
+        self,
+        estimate: ForceEstimate,
+        frames: Mapping[str, Image],
+        captured_ns: int,
+        now_ns: int,
+        fault: Fault | None,
+    ) -> None:
+        estimate = self._zero.apply(estimate, now_ns)
+        clinical = self._contact.update(estimate)
+        number = 0 if self._latest is None else self._latest.number + 1
+        self._latest = LiveUpdate(
+            number,
+            estimate,
+            clinical,
+            frames,
+            captured_ns,
+            now_ns,
+            self._health(fault, now_ns),
+            self._zero.zero,
+            self._contact.running,
+        )
+        for runner in self._runners:
+            runner.offer(self._latest)
+
+    def _health(self, fault: Fault | None, now_ns: int) -> LiveHealth:
+        p50_s, p99_s = self._recent.percentiles(now_ns)
+        return LiveHealth(
+            frames_per_s=self._intake.frames_per_s(now_ns),
+            frames_in=self._intake.frames_in,
+            dropped=self._intake.dropped,
+            latency_p50_s=p50_s,
+            latency_p99_s=p99_s,
+            camera="running" if fault is None else fault.camera,
+            reconnects=self._reader.reconnects,
+            message=self._trouble if fault is None else fault.message,
+            sinks=MappingProxyType({runner.name: runner.health(now_ns) for runner in self._runners}),
+        )
+
+    def _say_last(self, why: str) -> None:
+        """The last word of a run is that its force is not valid any more."""
+        with self._publishing:
+            self._notify(Fault("lost", why), self.clock.now_ns())
+
+    def _close_sinks(self) -> None:
+        for runner in self._runners:
+            runner.ask_to_close()
+        for runner in self._runners:
+            runner.wait_closed()
+
+    def _finish_report(self, cpu_s: float) -> None:
+        now_ns = self.clock.now_ns()
+        seconds = (now_ns - self._began_ns) * 1e-9
+        self._report = replace(
+            self._report,
+            seconds=seconds,
+            frames_in=self._intake.frames_in,
+            dropped=self._intake.dropped,
+            unusable=self._intake.unusable,
+            reconnects=self._reader.reconnects,
+            latency_p50_s=self._all.percentile(50),
+            latency_p99_s=self._all.percentile(99),
+            cpu_share=cpu_s / seconds if seconds > 0 else 0.0,
+            sinks={runner.name: runner.health(now_ns) for runner in self._runners},
+            end=self._reader.end,
+        )

@@ -1,0 +1,212 @@
+"""From the source's thread to the estimator's: the newest images of one instant, with the actuation at it."""
+
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..alignment import PAIR_S, Pairing
+from ..io import ActuationSeries
+from ..types import STAGE, Actuation, Event, Frame, Observation, SessionInfo
+from ._latency import ClockMap, Rate
+from ._settings import LiveSettings
+from ._watchdog import CameraWatch, Fault, worst
+
+__all__ = ["Instant", "Intake"]
+
+_PAIR_NS = round(PAIR_S * 1e9)
+_BACK_NS = 1_000_000_000
+"""A stamp that goes back by more is one of a clock that began anew; by less, of a frame that comes too late."""
+_KEPT_NS = 2_000_000_000
+"""So long readings and images of further views wait for a frame that they belong to."""
+_WAITING = 16
+"""Most frames that wait for their partners, in two thirds of `PAIR_S` each at 1 kHz."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instant:
+    """What the estimator is to see next. ``observation`` is on the source's clock, ``captured_ns`` on the engine's.
+
+    ``run`` changes where the source's clock began anew. ``too_old_s``: drives whose last reading is too old, and the
+    age of it; they are absent from the observation.
+    """
+
+    observation: Observation
+    captured_ns: int
+    run: int
+    too_old_s: Mapping[str, float] = field(default_factory=dict[str, float])
+
+
+class Intake:
+    """Takes events as they arrive; the newest complete instant waits for the estimator, older ones are dropped.
+
+    May be used from several threads. ``on_fault`` is called, on the source's thread, for an image that is no good.
+    ``same_clock``: the stamps of the source are on the engine's clock already. Nothing here grows with time.
+    """
+
+    def __init__(
+        self,
+        views: Sequence[str],
+        info: SessionInfo,
+        settings: LiveSettings,
+        *,
+        same_clock: bool,
+        on_fault: Callable[[], None],
+    ) -> None:
+        self._views, self._settings, self._on_fault = tuple(views), settings, on_fault
+        self._constant = dict(info.actuation.constant)
+        self._same_clock = same_clock
+        self._watches = {view: CameraWatch(view, settings) for view in self._views}
+        self._new = threading.Condition()
+        self._source: Fault | None = None
+        self._others: deque[str] = deque(maxlen=8)
+        self._rate = Rate()
+        self.frames_in = self.dropped = self.unusable = self._run = 0
+        self._begin_run()
+
+    def _begin_run(self) -> None:
+        self._clock = ClockMap()
+        self._series, self._read_ns = ActuationSeries(), dict[str, int]()
+        self._pairing = Pairing(self._views)
+        self._waiting: deque[tuple[Frame, int]] = deque(maxlen=_WAITING)
+        self._slot: tuple[Frame, int] | None = None
+        self._stamps: dict[str, int] = {}
+
+    def add(self, event: Event, now_ns: int) -> None:
+        """An event that arrives at ``now_ns`` of the engine's clock."""
+        if isinstance(event, Frame):
+            self._add_frame(event, now_ns)
+        elif isinstance(event, Actuation) and event.stream != STAGE:
+            with self._new:
+                self._series.add(event)
+                self._series.forget_before(event.stamp_ns - _KEPT_NS)
+                for name in event.values:
+                    self._read_ns[name] = event.stamp_ns
+
+    def restart(self) -> None:
+        """The source was opened again."""
+        with self._new:
+            self._source = None
+            self._clock = ClockMap()
+            for watch in self._watches.values():
+                watch.restart()
+
+    def fail(self, message: str) -> None:
+        """The source failed or ended; images count again after `restart`."""
+        with self._new:
+            self._source = Fault("lost", message)
+        self._on_fault()
+
+    def take(self, timeout_s: float) -> Instant | None:
+        """The newest instant that was not taken yet; None where none comes in time."""
+        with self._new:
+            if self._slot is None:
+                self._new.wait(timeout_s)
+            taken, self._slot = self._slot, None
+            return None if taken is None else self._instant(*taken)
+
+    @property
+    def empty(self) -> bool:
+        """Whether no instant waits."""
+        return self._slot is None
+
+    def fault(self, now_ns: int) -> Fault | None:
+        """What is wrong with source or cameras at this time; None where every view has a valid image."""
+        with self._new:
+            if self._source is not None:
+                return self._source
+            faults = [fault for watch in self._watches.values() if (fault := watch.fault(now_ns))]
+            found = worst(faults)
+            if found is not None and found.camera == "waiting" and self._others:
+                sent = ", ".join(sorted(self._others))
+                return Fault("waiting", f"{found.message}; the source sends {sent}")
+            return found
+
+    @property
+    def limit_ns(self) -> int:
+        """Age at which the image of a view is stale: that of the slowest."""
+        return max(watch.limit_ns for watch in self._watches.values())
+
+    @property
+    def deadline_ns(self) -> int | None:
+        """When the first of the views is stale; None where one is at fault."""
+        deadlines = [watch.deadline_ns for watch in self._watches.values()]
+        known = [each for each in deadlines if each is not None]
+        return min(known) if len(known) == len(deadlines) else None
+
+    @property
+    def last_captured_ns(self) -> int | None:
+        """Mid-exposure of the last good image of the first view, on the engine's clock."""
+        return self._watches[self._views[0]].fresh_ns
+
+    def stamp_at(self, now_ns: int) -> int:
+        """A time of the engine's clock on the source's clock."""
+        return max(0, now_ns - (0 if self._same_clock else self._clock.offset_ns))
+
+    def frames_per_s(self, now_ns: int) -> float:
+        """Rate at which images of the first view arrive."""
+        with self._new:
+            return self._rate.per_s(now_ns)
+
+    def _add_frame(self, frame: Frame, now_ns: int) -> None:
+        view = frame.view
+        if view not in self._watches:
+            if view not in self._others:
+                self._others.append(view)
+            return
+        good = True
+        with self._new:
+            first = view == self._views[0]
+            if first:
+                self.frames_in += 1
+                self._rate.add(now_ns)
+            last_ns = self._stamps.get(view)
+            if last_ns is not None and frame.stamp_ns <= last_ns:
+                if last_ns - frame.stamp_ns <= _BACK_NS:
+                    self.dropped += first
+                    return
+                self._run += 1
+                self._begin_run()
+            self._stamps[view] = frame.stamp_ns
+            captured_ns = self._clock.add(frame.stamp_ns, now_ns)
+            if self._same_clock:
+                captured_ns = frame.stamp_ns
+            good = self._watches[view].see(frame.image, frame.stamp_ns, captured_ns, now_ns) == "running"
+            if good:
+                self._wait_for_partners(frame, captured_ns)
+            else:
+                self.unusable += first
+        if not good:
+            self._on_fault()
+
+    def _wait_for_partners(self, frame: Frame, captured_ns: int) -> None:
+        """A frame of the first view is complete with its partners, or once none can come any more."""
+        if frame.view == self._views[0]:
+            self._waiting.append((frame, captured_ns))
+        else:
+            self._pairing.add(frame)
+        while self._waiting:
+            stamp_ns = self._waiting[0][0].stamp_ns
+            if not (self._pairing.final_at(stamp_ns) or frame.stamp_ns - stamp_ns > _PAIR_NS):
+                break
+            self.dropped += self._slot is not None
+            self._slot = self._waiting.popleft()
+            self._new.notify()
+        self._pairing.forget_before(frame.stamp_ns - _KEPT_NS)
+
+    def _instant(self, frame: Frame, captured_ns: int) -> Instant:
+        stamp_ns = frame.stamp_ns
+        views = self._pairing.views_of(frame)
+        self._pairing.forget_before(stamp_ns - _PAIR_NS)
+        read = self._series.at(np.array([stamp_ns]))
+        known = {name: float(value[0]) for name, value in read.items() if not np.isnan(value[0])}
+        ages = {name: (stamp_ns - at_ns) * 1e-9 for name, at_ns in self._read_ns.items()}
+        too_old = {
+            name: age
+            for name, age in ages.items()
+            if age > self._settings.actuation_age_s and known.get(name) != self._constant.get(name)
+        }
+        current = {name: value for name, value in known.items() if name not in too_old}
+        return Instant(Observation(stamp_ns, views, {**self._constant, **current}), captured_ns, self._run, too_old)

@@ -1,0 +1,117 @@
+"""Time in a live run: clocks brought together, delays and rates, all of it in rings of fixed size."""
+
+from bisect import bisect_left
+from collections import deque
+
+import numpy as np
+
+__all__ = ["ClockMap", "Histogram", "Rate", "RecentDelays"]
+
+_SECOND_NS = 1_000_000_000
+
+
+class ClockMap:
+    """Stamps of a source -> the engine's clock, by the smallest delay of arrival seen in the last ``window_s``.
+
+    The smallest delay itself cannot be known and counts as none. Two crystals differ by some 50 ppm at most, which
+    shifts the map by 1.5 ms over 30 s.
+
+    >>> clock = ClockMap()
+    >>> clock.add(0, 1_000), clock.add(500, 1_200), clock.add(900, 1_950)
+    (1000, 1200, 1600)
+    """
+
+    def __init__(self, window_s: int = 30) -> None:
+        self._least: deque[tuple[int, int]] = deque(maxlen=window_s)
+        """(second of arrival, smallest arrival - stamp in it)."""
+        self._window_s = window_s
+
+    def add(self, stamp_ns: int, arrived_ns: int) -> int:
+        """A stamp and when it arrived; returns the stamp on the engine's clock."""
+        second, delay = arrived_ns // _SECOND_NS, arrived_ns - stamp_ns
+        if self._least and self._least[-1][0] == second:
+            self._least[-1] = (second, min(delay, self._least[-1][1]))
+        else:
+            self._least.append((second, delay))
+        while self._least[0][0] <= second - self._window_s:
+            self._least.popleft()
+        return stamp_ns + self.offset_ns
+
+    @property
+    def offset_ns(self) -> int:
+        """What is added to a stamp; 0 before the first one."""
+        return min((delay for _, delay in self._least), default=0)
+
+
+class Rate:
+    """Events per second over the last ``window_s``; up to ``most`` events are remembered."""
+
+    def __init__(self, window_s: float = 1.0, most: int = 512) -> None:
+        self._window_ns = round(window_s * 1e9)
+        self._at: deque[int] = deque(maxlen=most)
+
+    def add(self, now_ns: int) -> None:
+        """One event."""
+        self._at.append(now_ns)
+
+    def per_s(self, now_ns: int) -> float:
+        """Rate at ``now_ns``; 0 with fewer than two events in the window."""
+        while self._at and self._at[0] < now_ns - self._window_ns:
+            self._at.popleft()
+        span = self._at[-1] - self._at[0] if self._at else 0
+        return (len(self._at) - 1) * 1e9 / span if span > 0 else 0.0
+
+
+class RecentDelays:
+    """Percentiles of delays of the last ``window_s``, computed at most every ``every_s``."""
+
+    def __init__(self, window_s: float = 10.0, most: int = 2048, every_s: float = 0.25) -> None:
+        self._at_ns, self._delay_s = np.zeros(most, np.int64), np.zeros(most)
+        self._count, self._window_ns = 0, round(window_s * 1e9)
+        self._next_ns, self._every_ns = 0, round(every_s * 1e9)
+        self._found = (float("nan"), float("nan"))
+
+    def add(self, now_ns: int, delay_s: float) -> None:
+        """One delay."""
+        place = self._count % len(self._at_ns)
+        self._at_ns[place], self._delay_s[place] = now_ns, delay_s
+        self._count += 1
+
+    def percentiles(self, now_ns: int) -> tuple[float, float]:
+        """p50 and p99 in seconds; NaN without any."""
+        if self._count and now_ns >= self._next_ns:
+            self._next_ns = now_ns + self._every_ns
+            filled = slice(0, min(self._count, len(self._at_ns)))
+            recent = self._delay_s[filled][self._at_ns[filled] >= now_ns - self._window_ns]
+            p50, p99 = np.percentile(recent, [50, 99]).tolist() if len(recent) else (float("nan"),) * 2
+            self._found = (p50, p99)
+        return self._found
+
+
+class Histogram:
+    """Percentiles of all delays of a run of any length, to within 2 %.
+
+    >>> delays = Histogram()
+    >>> for milliseconds in range(1, 101):
+    ...     delays.add(milliseconds * 1e-3)
+    >>> [round(1e3 * delays.percentile(p)) for p in (50, 99)]
+    [50, 99]
+    """
+
+    _EDGES_S = np.geomspace(1e-5, 100.0, 814).tolist()
+    """2 % from one to the next."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(len(self._EDGES_S) + 1, np.int64)
+
+    def add(self, delay_s: float) -> None:
+        """One delay."""
+        self._counts[bisect_left(self._EDGES_S, delay_s)] += 1
+
+    def percentile(self, p: float) -> float:
+        """Seconds; NaN without any."""
+        total = int(self._counts.sum())
+        if not total:
+            return float("nan")
+        place = int(np.searchsorted(np.cumsum(self._counts), p / 100.0 * total))
+        return self._EDGES_S[min(place, len(self._EDGES_S) - 1)]

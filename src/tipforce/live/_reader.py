@@ -1,0 +1,76 @@
+"""The source's thread: reads events, and opens a source again that failed."""
+
+import logging
+import threading
+from collections.abc import Callable
+
+from ..types import Clock, Event, Source
+from ._intake import Intake
+from ._settings import LiveSettings
+
+__all__ = ["SourceReader"]
+
+_log = logging.getLogger(__name__)
+
+
+class SourceReader:
+    """Passes events to an intake until the source ends for good; ``end`` says why, ``reconnects`` how often it failed.
+
+    ``tap``: gets every event, too, as a recording wants them; it must not wait.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        intake: Intake,
+        settings: LiveSettings,
+        clock: Clock,
+        stop: threading.Event,
+        tap: Callable[[Event], None] | None = None,
+    ) -> None:
+        self._source, self._intake, self._settings, self._clock, self._stop = source, intake, settings, clock, stop
+        self._tap = tap
+        self.reconnects = 0
+        self.end = ""
+
+    def run(self) -> None:
+        """Returns when the source has ended and is not opened again, or at ``stop``."""
+        first_wait_s, most = self._settings.reconnect_s, self._settings.max_reconnects
+        wait_s, in_a_row = first_wait_s, 0
+        while not self._stop.is_set():
+            why, worked = self._read()
+            if self._stop.is_set():
+                return
+            if worked:
+                wait_s, in_a_row = first_wait_s, 0
+            failed = self._settings.reopen_ended or why != _ENDED
+            if not failed or (most is not None and in_a_row >= most):
+                self.end = why
+                self._intake.fail(why)
+                return
+            _log.warning(why)
+            self._intake.fail(f"{why}; it is opened again in {wait_s:g} s")
+            self._stop.wait(wait_s)
+            wait_s, in_a_row = min(2.0 * wait_s, self._settings.reconnect_max_s), in_a_row + 1
+            self.reconnects += 1
+
+    def _read(self) -> tuple[str, bool]:
+        """Reads until the source ends or fails; returns why, and whether any event came."""
+        worked = False
+        try:
+            with self._source as events:
+                for event in events:
+                    if self._stop.is_set():
+                        break
+                    if not worked:
+                        worked = True
+                        self._intake.restart()
+                    self._intake.add(event, self._clock.now_ns())
+                    if self._tap is not None:
+                        self._tap(event)
+        except Exception as error:  # a driver is other people's code: whatever it raises is told, and it is tried again
+            return f"the source failed: {type(error).__name__}: {error}", worked
+        return _ENDED, worked
+
+
+_ENDED = "the source has ended"

@@ -1,0 +1,119 @@
+"""One thread a sink: what hangs or raises there stops nobody else."""
+
+import logging
+import threading
+from collections import deque
+
+from ..types import Clock, SessionInfo
+from ._settings import LiveSettings
+from ._sinks import Sink
+from ._update import LiveUpdate, SinkHealth
+
+__all__ = ["SinkRunner"]
+
+_log = logging.getLogger(__name__)
+
+_LOOK_S = 0.05
+"""So often it is looked whether a sink that is closing still gets on."""
+
+
+class SinkRunner:
+    """Feeds one sink. ``offer`` never waits."""
+
+    def __init__(self, sink: Sink, info: SessionInfo, model: str, settings: LiveSettings, clock: Clock) -> None:
+        self.sink = sink
+        self._info, self._model, self._settings, self._clock = info, model, settings, clock
+        self._queue: deque[LiveUpdate] = deque()
+        self._most = settings.queue if sink.keeps_all else 1
+        self._new = threading.Condition()
+        self._closing = False
+        self._busy_since_ns: int | None = None
+        self._taken = self._dropped = self._failures = 0
+        self._message = ""
+        self._thread = threading.Thread(target=self._serve, name=f"sink-{sink.name}", daemon=True)
+
+    @property
+    def name(self) -> str:
+        """Of the sink."""
+        return self.sink.name
+
+    def start(self) -> None:
+        """Begin to feed the sink."""
+        self._thread.start()
+
+    def offer(self, update: LiveUpdate) -> None:
+        """An update for the sink. A full slot gives way to the newest; of a full queue the newest is dropped."""
+        with self._new:
+            if len(self._queue) >= self._most:
+                self._dropped += 1
+                if self.sink.keeps_all:
+                    return
+                self._queue.clear()
+            self._queue.append(update)
+            self._new.notify()
+
+    def health(self, now_ns: int) -> SinkHealth:
+        """How the sink does."""
+        since = self._busy_since_ns
+        hung = since is not None and now_ns - since > self._settings.hung_s * 1e9
+        return SinkHealth(self._taken, self._dropped, self._failures, hung, self._message)
+
+    def ask_to_close(self) -> None:
+        """The sink takes what waits for it, then ends."""
+        with self._new:
+            self._closing = True
+            self._new.notify()
+
+    def wait_closed(self) -> bool:
+        """Waits for the end as long as the sink gets on; False where it hangs."""
+        while self._thread.is_alive() and not self.health(self._clock.now_ns()).hung:
+            self._thread.join(_LOOK_S)
+        return not self._thread.is_alive()
+
+    def _serve(self) -> None:
+        wait_s, started = self._settings.reconnect_s, False
+        while True:
+            try:
+                if not started:
+                    self._busy_since_ns = self._clock.now_ns()
+                    self.sink.start(self._info, self._model)
+                    started, self._message = True, ""
+                self._busy_since_ns = None
+                update = self._next()
+                if update is None:
+                    break
+                self._busy_since_ns = self._clock.now_ns()
+                self.sink.put(update)
+                self._taken += 1
+                wait_s = self._settings.reconnect_s
+            except Exception as error:  # a sink is other people's code: whatever it raises, the others go on
+                self._failures += 1
+                self._message = f"{type(error).__name__}: {error}"
+                _log.warning("sink %s failed: %s", self.name, self._message)
+                started = False
+                self._close()
+                if self._pause(wait_s):
+                    break
+                wait_s = min(2.0 * wait_s, self._settings.reconnect_max_s)
+        self._close()
+
+    def _next(self) -> LiveUpdate | None:
+        with self._new:
+            while not self._queue:
+                if self._closing:
+                    return None
+                self._new.wait()
+            return self._queue.popleft()
+
+    def _pause(self, seconds: float) -> bool:
+        """Waits; True where the run ends meanwhile. What came during the wait is old, and only a queue keeps it."""
+        self._busy_since_ns = None
+        with self._new:
+            return self._new.wait_for(lambda: self._closing, seconds)
+
+    def _close(self) -> None:
+        self._busy_since_ns = self._clock.now_ns()
+        try:
+            self.sink.close()
+        except Exception as error:
+            _log.warning("sink %s did not close: %s: %s", self.name, type(error).__name__, error)

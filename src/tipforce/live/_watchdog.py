@@ -1,0 +1,128 @@
+"""The one rule by which an image, and with it a force, is no longer valid."""
+
+import statistics
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..types import Image
+from ._settings import LiveSettings
+from ._update import CAMERA_STATES, CameraState
+
+__all__ = ["CameraWatch", "Fault", "worst"]
+
+_INTERVALS = 16
+"""So many intervals between images say how fast a camera is. A camera that grows slower later is late, not slow."""
+_SAMPLE = 8
+"""Every eighth row and column tell whether an image is black, and mostly whether it differs from the one before."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Why there is no valid force: the state of a camera and one sentence."""
+
+    camera: CameraState
+    message: str
+
+
+def worst(faults: list[Fault]) -> Fault | None:
+    """Of several faults the one that is told; None without any."""
+    return max(faults, key=lambda fault: CAMERA_STATES.index(fault.camera), default=None)
+
+
+class CameraWatch:
+    """Watches one view. Only an image that is new, not black and of the right size keeps its value valid.
+
+    Times are on the engine's clock. A single image twice is no fault yet: the value before it stays valid as long as
+    its own age allows. A black image, or one of another size, ends it at once.
+    """
+
+    def __init__(self, view: str, settings: LiveSettings) -> None:
+        self.view, self._settings = view, settings
+        self._last: Image | None = None
+        self._verdict: CameraState = "waiting"
+        self._arrived_ns: int | None = None
+        self._fresh_ns: int | None = None
+        self._shape: tuple[int, ...] = ()
+        self._got = ""
+        self._stamp_ns: int | None = None
+        self._intervals: deque[int] = deque(maxlen=_INTERVALS)
+
+    def restart(self) -> None:
+        """The source was opened again: its rate and stamps are unknown; the size must be what it was."""
+        self._stamp_ns, self._last = None, None
+        self._intervals.clear()
+
+    def see(self, image: Image, stamp_ns: int, captured_ns: int, now_ns: int) -> CameraState:
+        """An image that arrives now; returns "running", or what is wrong with it."""
+        self._arrived_ns = now_ns
+        if self._stamp_ns is not None and len(self._intervals) < _INTERVALS and stamp_ns > self._stamp_ns:
+            self._intervals.append(stamp_ns - self._stamp_ns)
+        self._stamp_ns = stamp_ns
+        self._verdict = self._judge(image)
+        self._last = image
+        if self._verdict == "running":
+            self._fresh_ns = captured_ns
+        return self._verdict
+
+    @property
+    def limit_ns(self) -> int:
+        """Age at which an image is stale."""
+        period_ns = statistics.median(self._intervals) if self._intervals else 0
+        return round(max(self._settings.stale_s * 1e9, self._settings.stale_periods * period_ns))
+
+    @property
+    def fresh_ns(self) -> int | None:
+        """Mid-exposure of the last image that was good."""
+        return self._fresh_ns
+
+    @property
+    def deadline_ns(self) -> int | None:
+        """When the last good image is stale; None where there is none, or a fault that ends it already."""
+        if self._fresh_ns is None or self._verdict in ("black", "wrong_size"):
+            return None
+        return self._fresh_ns + self.limit_ns
+
+    def fault(self, now_ns: int) -> Fault | None:
+        """What is wrong at this time."""
+        view = self.view
+        if self._arrived_ns is None:
+            return Fault("waiting", f"no image of the view {view} has come yet")
+        if self._verdict == "black":
+            silent = Fault("black", f"the view {view} is black: lens cap, light or exposure")
+        elif self._verdict == "wrong_size":
+            silent = Fault("wrong_size", f"the view {view} sends {self._got}; it began with {_size(self._shape)}")
+        elif self._fresh_ns is not None and now_ns - self._fresh_ns <= self.limit_ns:
+            return None
+        else:
+            silent = None
+        silence_ns = now_ns - self._arrived_ns
+        if silence_ns > self._settings.lost_s * 1e9:
+            return Fault("lost", f"the view {view} has sent nothing for {silence_ns * 1e-9:.0f} s")
+        if silent is not None:
+            return silent
+        if self._verdict == "frozen" and silence_ns <= self.limit_ns:
+            return Fault("frozen", f"the view {view} sends the same image again and again")
+        assert self._fresh_ns is not None
+        age_ms = (now_ns - self._fresh_ns) * 1e-6
+        return Fault("late", f"the last image of the view {view} is {age_ms:.0f} ms old")
+
+    def _judge(self, image: Image) -> CameraState:
+        if not self._shape:
+            self._shape = image.shape
+        if image.shape != self._shape:
+            self._got = _size(image.shape)
+            return "wrong_size"
+        few = image[::_SAMPLE, ::_SAMPLE]
+        if float(np.percentile(few, 99)) <= self._settings.black_level:
+            return "black"
+        last = self._last
+        if last is None or last.shape != image.shape or not np.array_equal(last[::_SAMPLE, ::_SAMPLE], few):
+            return "running"
+        return "frozen" if np.array_equal(last, image) else "running"
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    height, width, *colours = shape
+    return f"{'colour' if colours else 'grey'} images of {width}x{height}"

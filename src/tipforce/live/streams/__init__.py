@@ -1,0 +1,9 @@
+"""Estimates to other programs: OpenIGTLink, Foxglove, Lab Streaming Layer, JSON, a recording; see docs/streams.md.
+
+Each is a `Sink`. An invalid estimate goes out as NaN (JSON: null) with its status and reason, never as an old number.
+"""
+
+from ._message import SCHEMA_VERSION, LiveMessage
+from ._open import KINDS, open_sink
+
+__all__ = ["KINDS", "SCHEMA_VERSION", "LiveMessage", "open_sink"]

@@ -1,0 +1,87 @@
+"""OpenIGTLink client: pose of the tip and force to 3D Slicer, PLUS or any OpenIGTLink server.
+
+The messages are packed by pyigtl. Its client is not used: it polls every 10 ms, keeps a hundred old messages for a
+server that comes back, and prints tracebacks.
+"""
+
+import json
+import math
+import socket
+
+import numpy as np
+
+from ...types import FloatArray, SessionInfo
+from .._update import LiveUpdate
+from ._address import Address, import_extra
+from ._message import message_of, wall_ns
+from ._tip import tip_pose
+
+__all__ = ["FORCE_DEVICE", "TIP_DEVICE", "OpenIGTLink"]
+
+TIP_DEVICE, FORCE_DEVICE = "TipToBase", "TipForce"
+"""Names of the transform and of the string, which become names of nodes in Slicer."""
+PORT = 18944
+_TIMEOUT_S = 2.0
+_ROOM = 1 << 16
+_SENT = ("status", "detail", "force_n", "magnitude_n", "magnitude_interval_n", "interval_n", "magnitude_g")
+"""What of the JSON message goes into the string."""
+_UNKNOWN = np.array([[math.nan] * 4] * 3 + [[0.0, 0.0, 0.0, 1.0]])
+
+
+class OpenIGTLink:
+    """A TRANSFORM and a STRING (JSON) an update, of the same time stamp. The transform is NaN where there is no pose.
+
+    NaN, for the last pose would look like a live one. Not `keeps_all`: Slicer shows the newest.
+    """
+
+    keeps_all = False
+
+    def __init__(self, address: Address) -> None:
+        """Raises MissingExtraError without pyigtl."""
+        address.only()
+        self.name = address.text
+        self._target = address.with_port(PORT)
+        self._igtl = import_extra("pyigtl")
+        self._session, self._model = SessionInfo(), ""
+        self._socket: socket.socket | None = None
+
+    def start(self, info: SessionInfo, model: str) -> None:
+        """Connect. Raises OSError where no server answers."""
+        self._session, self._model = info, model
+        self._socket = socket.create_connection(self._target, _TIMEOUT_S)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def put(self, update: LiveUpdate) -> None:
+        """Send both messages. Raises OSError where the server is gone, or takes nothing for two seconds."""
+        assert self._socket is not None
+        self._refuse_end(self._socket)
+        message = message_of(update, self._session, self._model).model_dump(mode="json")
+        text = json.dumps({name: message[name] for name in _SENT})  # ASCII: pyigtl packs nothing else
+        pose = tip_pose(update, self._session)
+        stamp_s = wall_ns(update) * 1e-9
+        self._socket.sendall(
+            self._transform(_UNKNOWN if pose is None else pose.matrix, stamp_s)
+            + self._igtl.StringMessage(text, timestamp=stamp_s, device_name=FORCE_DEVICE).pack()
+        )
+
+    def _transform(self, matrix: FloatArray, stamp_s: float) -> bytes:
+        return self._igtl.TransformMessage(matrix, timestamp=stamp_s, device_name=TIP_DEVICE).pack()
+
+    @staticmethod
+    def _refuse_end(connection: socket.socket) -> None:
+        """Read away what the server says. Raises ConnectionError where it closed: the first send would not tell."""
+        connection.setblocking(False)
+        try:
+            while said := connection.recv(_ROOM):
+                del said
+            raise ConnectionError("the OpenIGTLink server closed the connection")
+        except BlockingIOError:
+            pass  # nothing more to read: it is there
+        finally:
+            connection.settimeout(_TIMEOUT_S)
+
+    def close(self) -> None:
+        """Close the connection."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None

@@ -1,0 +1,91 @@
+"""Lab Streaming Layer: one irregular stream of doubles, its channels described with their units."""
+
+from collections.abc import Iterable
+from typing import Any
+
+from ...errors import InputError
+from ...types import SessionInfo, Status
+from .._update import LiveUpdate
+from ._address import Address, import_extra
+
+__all__ = ["CHANNELS", "STATUS_CODES", "LabStreamingLayer"]
+
+STATUS_CODES = {status: number for number, status in enumerate(Status)}
+"""A number for each status: 0 is valid. The stream's description states them."""
+CHANNELS: tuple[tuple[str, str, str], ...] = (
+    *((f"f{axis}_n", "N", "Force") for axis in "xyz"),
+    *((f"f{axis}_{end}_n", "N", "ForceInterval90") for axis in "xyz" for end in ("low", "high")),
+    ("magnitude_n", "N", "Force"),
+    ("magnitude_low_n", "N", "ForceInterval90"),
+    ("magnitude_high_n", "N", "ForceInterval90"),
+    ("contact", "probability", "Probability"),
+    ("status", "code", "Status"),
+    ("latency_s", "s", "Latency"),
+)
+"""Label, unit and type of each channel."""
+_DEFAULT_NAME = "tipforce"
+
+
+class LabStreamingLayer:
+    """An outlet; a sample an update, stamped with mid-exposure on LSL's clock. NaN where unknown or not valid.
+
+    Keeps all: the programs that read LSL record.
+    """
+
+    keeps_all = True
+
+    def __init__(self, address: Address) -> None:
+        """Raises MissingExtraError without pylsl."""
+        address.only()
+        if address.port is not None or address.path not in ("", "/"):
+            raise InputError(f"out={address.text}: expected lsl://NAME, as in lsl://{_DEFAULT_NAME}")
+        self.name = address.text
+        self._stream = address.place or _DEFAULT_NAME
+        self._lsl = import_extra("pylsl")
+        self._outlet: Any = None
+
+    def start(self, info: SessionInfo, model: str) -> None:
+        """Announce the stream."""
+        lsl = self._lsl
+        described = lsl.StreamInfo(
+            self._stream, "Force", len(CHANNELS), lsl.IRREGULAR_RATE, "double64", source_id=f"tipforce-{self._stream}"
+        )
+        about = described.desc()
+        for name, value in _facts(info, model):
+            about.append_child_value(name, value)
+        channels = about.append_child("channels")
+        for label, unit, kind in CHANNELS:
+            channel = channels.append_child("channel")
+            for name, value in (("label", label), ("unit", unit), ("type", kind)):
+                channel.append_child_value(name, value)
+        codes = about.append_child("status_codes")
+        for status, number in STATUS_CODES.items():
+            codes.append_child_value(status.value, str(number))
+        self._outlet = lsl.StreamOutlet(described)
+
+    def put(self, update: LiveUpdate) -> None:
+        """Push one sample."""
+        estimate = update.estimate
+        sample = [
+            *estimate.force_n.tolist(),
+            *estimate.interval_n.ravel().tolist(),
+            estimate.magnitude_n,
+            *estimate.magnitude_interval_n.tolist(),
+            estimate.contact,
+            float(STATUS_CODES[estimate.status]),
+            update.latency_s,
+        ]
+        self._outlet.push_sample(sample, self._lsl.local_clock() - update.latency_s)
+
+    def close(self) -> None:
+        """Withdraw the stream."""
+        self._outlet = None
+
+
+def _facts(info: SessionInfo, model: str) -> Iterable[tuple[str, str]]:
+    return (
+        ("manufacturer", "tipforce, research use only"),
+        ("session", info.name),
+        ("model", model),
+        ("quantity", "force of the tissue on the catheter's tip, base frame; intervals hold 90 %"),
+    )

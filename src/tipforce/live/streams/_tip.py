@@ -1,0 +1,50 @@
+"""Where the tip is in the base frame, in millimetres, for programs that draw it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...types import FloatArray, SessionInfo
+from .._update import LiveUpdate
+
+__all__ = ["TipPose", "tip_pose"]
+
+_STRETCH = 0.05
+"""Share of the catheter's detected length that the direction of the tip is taken from: one point is too noisy."""
+
+
+@dataclass(frozen=True, slots=True)
+class TipPose:
+    """``position_mm``: x, y of the tip; ``direction``: unit vector toward it; both in the base frame."""
+
+    position_mm: tuple[float, float]
+    direction: tuple[float, float]
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(4, 4): from the tip's frame to the base frame, in mm; the tip's x axis points along the tip, z as there."""
+        (x, y), (c, s) = self.position_mm, self.direction
+        return np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+def tip_pose(update: LiveUpdate, info: SessionInfo) -> TipPose | None:
+    """The pose of the tip that ``update`` detected.
+
+    None where the estimate is not valid, no shape was detected, or the session does not state the scale of the image;
+    also for a projection, which has not one scale.
+    """
+    shape = update.estimate.shape
+    if not update.estimate.valid or shape is None or shape.centreline is None or shape.base is None:
+        return None
+    view = info.view(next(iter(update.frames), "camera"))
+    if view.metres_per_px is None or view.projection is not None:
+        return None
+    points = shape.base.to_base(shape.centreline.points)
+    tip = points[-1]
+    along = tip - points[-1 - max(1, round(_STRETCH * (len(points) - 1)))]
+    length = float(np.hypot(*along))
+    if length == 0.0:
+        return None
+    x, y = (tip * view.metres_per_px * 1e3).tolist()
+    c, s = (along / length).tolist()
+    return TipPose((x, y), (c, s))

@@ -1,0 +1,55 @@
+"""The catheter's shape beside the force of a method that detects none."""
+
+import numpy as np
+
+from tipforce.live._shape import ShapeFinder
+from tipforce.types import DetectedShape, SessionInfo, Status
+
+from .conftest import Camera, Method, Notes, wait_until
+
+
+def test_the_shape_is_found_once_the_first_images_have_resolved_how(tube):
+    finder = ShapeFinder("camera", SessionInfo())
+    images = [tube("bent", noise=2.0), tube("hook", noise=2.0), tube("straight", noise=2.0)]
+    found = None
+    for number in range(400):
+        found = finder.find(images[number % 3])
+        if found is not None:
+            break
+        wait_until(lambda: finder._task.done(), 60.0)
+    assert 50 <= number < 60
+    for image in images:
+        assert finder.find(image).found
+    blank = finder.find(np.full((480, 640), 220, np.uint8))
+    assert not blank.found
+    finder.close()
+
+
+def test_a_detection_that_fails_costs_the_drawing_and_not_the_force(engine):
+    class Broken:
+        def find(self, image):
+            raise ZeroDivisionError
+
+    notes = Notes()
+    live = engine(Camera(30), Method(), notes)
+    live._shapes = Broken()
+    report = live.run()
+    assert report.valid > 0
+    assert live._shapes is None
+
+
+def test_the_shape_of_the_engine_goes_out_with_the_estimate(engine):
+    shape = DetectedShape(Status.NO_CATHETER, "nothing there")
+
+    class Finds:
+        def find(self, image):
+            return shape
+
+        def close(self):
+            pass
+
+    notes = Notes()
+    live = engine(Camera(30), Method(), notes)
+    live._shapes = Finds()
+    live.run()
+    assert all(each.estimate.shape is shape for each in notes.updates if each.estimate.valid)
