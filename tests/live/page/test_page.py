@@ -213,6 +213,28 @@ def test_an_alarm_stays_a_moment_outlasts_a_lost_force_and_is_paused_for_two_min
     assert found == [False, True, True, False, True, True, True, False, True, False, 119_000, 0, True]
 
 
+def test_the_alarm_sounds_in_bursts_unless_it_is_paused(page: OpenPage, publisher: Publisher) -> None:
+    page.page.evaluate("""() => {
+      globalThis.pulses = [];
+      const start = AudioScheduledSourceNode.prototype.start;
+      AudioScheduledSourceNode.prototype.start = function (at) {
+        if (this.frequency.value > 500) globalThis.pulses.push(at);
+        return start.call(this, at);
+      };
+    }""")
+    page.page.keyboard.press("a")  # a browser lets a page sound from its first key on
+    with feeding(lambda: publisher.put(0.5)):
+        page.wait("too_hard")
+        page.page.wait_for_selector("body[data-alarm=on]", timeout=5_000)
+        assert page.page.evaluate("globalThis.pulses") == []
+        page.page.keyboard.press("a")
+        eventually(lambda: len(page.page.evaluate("globalThis.pulses")) >= 10)
+        assert page.text("#pause small") == "sound on"
+    pulses = page.page.evaluate("globalThis.pulses")[:10]
+    planned = page.page.evaluate("import('/alarm.js').then((alarm) => alarm.burst())")
+    assert [at - pulses[0] for at in pulses] == pytest.approx([pulse["start"] for pulse in planned])
+
+
 def test_keys_press_buttons_and_zero_in_contact_asks_twice(
     page: OpenPage, publisher: Publisher, engine: FakeEngine
 ) -> None:
