@@ -40,6 +40,7 @@ const veils = Object.fromEntries(
   ["strip", "scene", "force"].map((id) => [id, new Veil($(id).querySelector(".veil"))]),
 );
 let digits = null; // the update whose digits are shown
+let digitsKind = "";
 let digitsAt = -Infinity;
 let imageAt = -Infinity; // on the engine's clock, when the image that is shown was captured
 let traceAt = -Infinity;
@@ -110,10 +111,12 @@ function present() {
   else veils.scene.fall(veilTitle(verdict), "");
 
   drawGauge($("gauge"), state.contact, values);
-  const due = !digits || now - digitsAt >= DIGITS_MS || clock.age(digits.capturedMs, now) > OLDEST_MS / 2;
+  const old = !digits || now - digitsAt >= DIGITS_MS || clock.age(digits.capturedMs, now) > OLDEST_MS / 2;
+  const due = old || verdict.kind !== digitsKind; // strip and number never contradict each other
   if (told && (due || !values)) {
     showDigits(values);
     digits = values ? update : null;
+    digitsKind = verdict.kind;
     digitsAt = now;
   }
   if (!told) veils.force.fall(veilTitle(verdict), "");
@@ -130,7 +133,8 @@ function fitTitle(hasDetail) {
   const strip = $("strip");
   strip.style.setProperty("--fit", 1);
   const beside = hasDetail && innerWidth > innerHeight; // upright the detail stands below
-  const needed = $("title").getBoundingClientRect().right - strip.getBoundingClientRect().left;
+  const spaces = 1.3 * parseFloat(getComputedStyle(strip).fontSize);
+  const needed = $("sign").offsetWidth + $("title").offsetWidth + spaces;
   const room = (beside ? TITLE_SHARE : 0.97) * strip.clientWidth;
   strip.style.setProperty("--fit", Math.min(1, room / needed).toFixed(3));
 }
