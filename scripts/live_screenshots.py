@@ -42,7 +42,7 @@ FIGURES = {
     "live-too-hard": "tablet-too-hard",
 }
 FIGURE_WIDTH = 1100
-COLOURS = 96
+COLOURS = 256
 VEIL_BGR = (0x4D, 0x42, 0x39)
 """One of the two colours of the veil of the strip."""
 
@@ -172,8 +172,12 @@ def write_figures(taken: Path, figures: Path) -> None:
     for name, of in FIGURES.items():
         with PILImage.open(taken / f"{of}.png") as image:
             width = min(image.width, FIGURE_WIDTH)
-            small = image.convert("RGB").resize((width, round(image.height * width / image.width)), PILImage.LANCZOS)
-            small.quantize(COLOURS, dither=PILImage.Dither.NONE).save(figures / f"{name}.png", optimize=True)
+            small = image.convert("RGB").resize(
+                (width, round(image.height * width / image.width)), PILImage.Resampling.LANCZOS
+            )
+            method = PILImage.Quantize.MAXCOVERAGE
+            few = small.quantize(COLOURS, method=method, kmeans=2, dither=PILImage.Dither.NONE)
+            few.save(figures / f"{name}.png", optimize=True)
 
 
 def take_all(output: Path, info: SessionInfo, shown: Sequence[Shown], nothing: ForceEstimate, empty: Image) -> None:

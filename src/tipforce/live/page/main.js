@@ -107,6 +107,8 @@ function present() {
   else veils.strip.fall(verdict.title, verdict.detail);
 
   const imageAge = clock.age(imageAt, now);
+  const rounded = imageAge < 1000 ? `${Math.round(imageAge)} ms` : seconds(imageAge);
+  set("age", Number.isFinite(imageAge) ? rounded : NOTHING);
   if (connection?.open && imageAge <= OLDEST_MS) veils.scene.hold(OLDEST_MS - imageAge);
   else veils.scene.fall(veilTitle(verdict), "");
 
@@ -184,8 +186,6 @@ function showSums() {
   const health = values?.health;
   set("rate", health ? health.frames_per_s.toFixed(0) : NOTHING);
   set("latency", health && health.latency_p50_ms !== null ? `${health.latency_p50_ms.toFixed(0)} ms` : NOTHING);
-  const age = clock.age(imageAt);
-  set("age", Number.isFinite(age) ? (age < 1000 ? `${Math.round(age)} ms` : seconds(age)) : NOTHING);
   const failing = Object.entries(health?.sinks ?? {}).map(([name, message]) => `${name}: ${message}`);
   const warning = [health?.message, ...failing].filter(Boolean).join(" · ");
   const names = [app.state.session, app.state.model].filter(Boolean).join(" · ");
