@@ -390,18 +390,18 @@ def _falls_alone(live: OpenPage) -> bool:
     devtools.on("Page.screencastFrame", keep)
     live.wait("in_window")
     devtools.send("Page.startScreencast", {"format": "png"})
-    live.page.wait_for_timeout(200)
+    end = time.monotonic() + 5.0
+    while not (frames and _blue(_strip(frames[-1][1]))) and time.monotonic() < end:
+        live.page.wait_for_timeout(10)
     begin = time.time()
     live.page.evaluate(BLOCK, 1500)
     end = time.time()
     devtools.send("Page.stopScreencast")
     devtools.detach()
-    blue = [(at - begin, _blue(_strip(data))) for at, data in frames if at < end]
-    before = [is_blue for at, is_blue in blue if at < 0.0]
-    during = [is_blue for at, is_blue in blue if at >= 0.0]
-    if not (before and before[-1] and during):
-        return False  # not IN WINDOW at the beginning, or nothing was handed out
-    return not during[-1]  # where nothing moves any more no further frame is handed out
+    during = [_blue(_strip(data)) for at, data in frames if begin <= at < end]
+    before = [_blue(_strip(data)) for at, data in frames if at < begin]
+    # IN WINDOW before; STALE at the end. Where nothing moves any more no further frame is handed out.
+    return bool(before and before[-1] and during and not during[-1])
 
 
 def _opacity(page: OpenPage, selector: str) -> float:
