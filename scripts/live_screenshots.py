@@ -1,6 +1,6 @@
 """Screenshots of the live page in every state, from the simulated bench, through Chromium.
 
-    python -m scripts.live_screenshots [--output build/live] [--seconds S]
+    python -m scripts.live_screenshots [--output build/live] [--seconds S] [--figures docs/figures]
 
 One session of bench-2021 with what ``fusion`` estimates of it, at the pace of its camera. Nothing is staged but what a
 bench would do: to press too hard the limit is set lower, "no catheter" is an image without one, "stale" a camera that
@@ -19,6 +19,7 @@ from typing import Self
 
 import cv2
 import numpy as np
+from PIL import Image as PILImage
 from playwright.sync_api import Page, sync_playwright
 
 from tipforce.alignment import observations
@@ -35,6 +36,13 @@ SIZES = {"desktop": (1600, 900), "tablet": (1024, 768), "upright": (800, 1280)}
 LATENCY_NS = 14_000_000
 """From mid-exposure to the estimate, as a fast method has it; the replay estimates nothing anew."""
 TRIES = 40
+FIGURES = {
+    "live-in-window": "desktop-in-window",
+    "live-not-valid": "desktop-no-catheter",
+    "live-too-hard": "tablet-too-hard",
+}
+FIGURE_WIDTH = 1100
+COLOURS = 256
 VEIL_BGR = (0x4D, 0x42, 0x39)
 """One of the two colours of the veil of the strip."""
 
@@ -152,8 +160,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--output", type=Path, default=Path("build/live"))
     parser.add_argument("--seconds", type=float, default=12.0)
+    parser.add_argument("--figures", type=Path, help="also write those of the documentation, smaller, into this folder")
     chosen = parser.parse_args()
     take_all(chosen.output, *estimated(chosen.seconds))
+    if chosen.figures is not None:
+        write_figures(chosen.output, chosen.figures)
+
+
+def write_figures(taken: Path, figures: Path) -> None:
+    """The figures of docs/live-page.md: narrower and with fewer colours, since git keeps every version of them."""
+    for name, of in FIGURES.items():
+        with PILImage.open(taken / f"{of}.png") as image:
+            width = min(image.width, FIGURE_WIDTH)
+            small = image.convert("RGB").resize(
+                (width, round(image.height * width / image.width)), PILImage.Resampling.LANCZOS
+            )
+            method = PILImage.Quantize.MAXCOVERAGE
+            few = small.quantize(COLOURS, method=method, kmeans=2, dither=PILImage.Dither.NONE)
+            few.save(figures / f"{name}.png", optimize=True)
 
 
 def take_all(output: Path, info: SessionInfo, shown: Sequence[Shown], nothing: ForceEstimate, empty: Image) -> None:
@@ -201,7 +225,8 @@ def take(
         page.keyboard.press("z")
         page.keyboard.press("i")
         time.sleep(11.0)  # a whole trace
-        shot("in-window", "in_window")
+        engine.hold(lambda found: 0.18 < found.magnitude_n < 0.24)
+        shot("in-window", "in_window", 0.1)
         engine.hold(lambda found: 0.03 < found.magnitude_n < 0.08)
         shot("too-light", "too_light")
         engine.hold(lambda found: found.magnitude_n < 0.002)
@@ -213,7 +238,9 @@ def take(
         page.keyboard.press("Enter")
         engine.hold(None)
         page.keyboard.press("r")
-        shot("too-hard", "too_hard", 8.0)
+        time.sleep(8.0)
+        engine.hold(lambda found: found.magnitude_n > 0.25)
+        shot("too-hard", "too_hard", 0.2)
         page.keyboard.press("r")
         engine.hold(lambda found: 0.17 < found.magnitude_n < 0.19 and found.magnitude_interval_n[1] > 0.2)
         shot("may-be-too-hard", "may_be_too_hard", 1.2)

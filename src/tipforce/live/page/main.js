@@ -40,6 +40,7 @@ const veils = Object.fromEntries(
   ["strip", "scene", "force"].map((id) => [id, new Veil($(id).querySelector(".veil"))]),
 );
 let digits = null; // the update whose digits are shown
+let digitsKind = "";
 let digitsAt = -Infinity;
 let imageAt = -Infinity; // on the engine's clock, when the image that is shown was captured
 let traceAt = -Infinity;
@@ -106,14 +107,18 @@ function present() {
   else veils.strip.fall(verdict.title, verdict.detail);
 
   const imageAge = clock.age(imageAt, now);
+  const rounded = imageAge < 1000 ? `${Math.round(imageAge)} ms` : seconds(imageAge);
+  set("age", Number.isFinite(imageAge) ? rounded : NOTHING);
   if (connection?.open && imageAge <= OLDEST_MS) veils.scene.hold(OLDEST_MS - imageAge);
   else veils.scene.fall(veilTitle(verdict), "");
 
   drawGauge($("gauge"), state.contact, values);
-  const due = !digits || now - digitsAt >= DIGITS_MS || clock.age(digits.capturedMs, now) > OLDEST_MS / 2;
+  const old = !digits || now - digitsAt >= DIGITS_MS || clock.age(digits.capturedMs, now) > OLDEST_MS / 2;
+  const due = old || verdict.kind !== digitsKind; // strip and number never contradict each other
   if (told && (due || !values)) {
     showDigits(values);
     digits = values ? update : null;
+    digitsKind = verdict.kind;
     digitsAt = now;
   }
   if (!told) veils.force.fall(veilTitle(verdict), "");
@@ -130,7 +135,8 @@ function fitTitle(hasDetail) {
   const strip = $("strip");
   strip.style.setProperty("--fit", 1);
   const beside = hasDetail && innerWidth > innerHeight; // upright the detail stands below
-  const needed = $("title").getBoundingClientRect().right - strip.getBoundingClientRect().left;
+  const spaces = 1.3 * parseFloat(getComputedStyle(strip).fontSize);
+  const needed = $("sign").offsetWidth + $("title").offsetWidth + spaces;
   const room = (beside ? TITLE_SHARE : 0.97) * strip.clientWidth;
   strip.style.setProperty("--fit", Math.min(1, room / needed).toFixed(3));
 }
@@ -180,8 +186,6 @@ function showSums() {
   const health = values?.health;
   set("rate", health ? health.frames_per_s.toFixed(0) : NOTHING);
   set("latency", health && health.latency_p50_ms !== null ? `${health.latency_p50_ms.toFixed(0)} ms` : NOTHING);
-  const age = clock.age(imageAt);
-  set("age", Number.isFinite(age) ? (age < 1000 ? `${Math.round(age)} ms` : seconds(age)) : NOTHING);
   const failing = Object.entries(health?.sinks ?? {}).map(([name, message]) => `${name}: ${message}`);
   const warning = [health?.message, ...failing].filter(Boolean).join(" · ");
   const names = [app.state.session, app.state.model].filter(Boolean).join(" · ");

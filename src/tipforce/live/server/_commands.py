@@ -22,7 +22,9 @@ __all__ = [
 LONGEST = 4096
 """Bytes of a command at most; all that a page sends is far shorter."""
 _Id = Annotated[int, Field(ge=0, lt=1 << 53)]
-_Milliseconds = Annotated[float, Field(allow_inf_nan=False)]
+_Milliseconds = Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)]
+_Newtons = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
+"""No more than a number; what a window may be is for `ContactSettings` to say."""
 
 
 class _Command(BaseModel):
@@ -80,8 +82,8 @@ class Limits(_Command):
 
     command: Literal["limits"]
     id: _Id
-    window_n: tuple[float, float]
-    limit_n: float
+    window_n: tuple[_Newtons, _Newtons]
+    limit_n: _Newtons
 
 
 Command = Annotated[
