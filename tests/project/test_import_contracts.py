@@ -22,6 +22,7 @@ ALLOWED: dict[str, set[str]] = {
     "mechanics": BASE | {"geometry"},
     "simulation": BASE | {"geometry", "mechanics"},
     "clinical": BASE,
+    "control": BASE | {"clinical"},
     "limits": BASE | {"geometry", "mechanics", "simulation"},
     "vision": BASE | {"geometry"},
     "io": BASE | {"geometry"},
@@ -34,7 +35,7 @@ ALLOWED: dict[str, set[str]] = {
     "pipelines": BASE
     | {
         *("geometry", "mechanics", "simulation", "limits", "vision", "io", "alignment", "datasets", "training"),
-        *("estimators", "calibration", "clinical", "evaluation"),
+        *("estimators", "calibration", "clinical", "evaluation", "control"),
     },
 }
 """docs/design.md draws this; what is not listed may not be imported."""

@@ -26,6 +26,7 @@ VERBS: dict[str, str] = {
     "evaluate": "evaluate",
     "inspect": "inspect",
     "estimate": "estimate",
+    "control": "control",
 }
 """Verb -> module of this package that holds its ``command`` function, in the order of a working day."""
 

@@ -123,32 +123,65 @@ class Admittance:
         self._wanted = position_mm
 
 
+_LEAD_RANGE_S = (0.0, 0.15)
+_LEAD_TIME_S = 3.0
+"""Time constant with which the drives' lateness is learnt."""
+_STEP_S = 5e-3
+"""For the speed of the prediction."""
+_SLOW_MM_PER_S = 1.0
+"""Slower motion says nothing of a lateness."""
+
+
 class PeriodicRejection:
     """Integral action and rejection of heart and breath: the tip goes where the predicted wall will have the target.
 
     The observer's constant is the integral part, its oscillators are the internal model of the disturbance, at the
-    measured rate. Each is predicted to when the command takes effect, which is the phase lead of each harmonic.
+    measured rate. Each is predicted to when the command takes effect, which is the phase lead of each harmonic. How
+    late the drives are is learnt from what they read back, beginning with ``drive_delay_s``. Besides, an axis that can
+    stop at its target trails a moving one by speed^2 / (2 acceleration): so far ahead the target is sent.
     """
 
-    def __init__(self, observer: WallObserver, drive_delay_s: float) -> None:
-        self._observer, self._ahead_s = observer, drive_delay_s
+    def __init__(self, observer: WallObserver, drive_delay_s: float, max_acceleration_mm_per_s2: float) -> None:
+        self._observer, self.lead_s = observer, drive_delay_s
+        self._acceleration = max_acceleration_mm_per_s2
+        self._power = _SLOW_MM_PER_S**2
+        self._time_s: float | None = None
 
     def begin(self, position_mm: float) -> None:
         """The observer knows all."""
 
+    def _wanted_mm(self, time_s: float, target_n: float) -> float:
+        return target_n / self._observer.gain_n_per_mm - self._observer.wall_mm(time_s)
+
+    def _speed_mm_per_s(self, time_s: float) -> float:
+        ahead, behind = (self._observer.wall_mm(time_s + side * _STEP_S) for side in (1.0, -1.0))
+        return (behind - ahead) / (2.0 * _STEP_S)
+
     def add(self, sample: Sample, target_n: float, gain_n_per_mm: float) -> None:
-        """The observer has it already."""
+        """The observer has the force already; where the catheter was tells how late the drives are."""
+        dt_s = 0.0 if self._time_s is None else sample.time_s - self._time_s
+        self._time_s = sample.time_s
+        speed = self._speed_mm_per_s(sample.time_s)
+        behind = self._wanted_mm(sample.time_s, target_n) - sample.position_mm
+        share = -math.expm1(-dt_s / _LEAD_TIME_S)
+        self._power += share * (max(speed * speed, _SLOW_MM_PER_S**2) - self._power)
+        lead = self.lead_s + share * behind * speed / self._power
+        self.lead_s = min(max(lead, _LEAD_RANGE_S[0]), _LEAD_RANGE_S[1])
 
     def position_mm(self, time_s: float, target_n: float) -> float:
         """See `Controller`."""
-        return target_n / self._observer.gain_n_per_mm - self._observer.wall_mm(time_s + self._ahead_s)
+        at_s = time_s + self.lead_s
+        speed = self._speed_mm_per_s(at_s)
+        return self._wanted_mm(at_s, target_n) + speed * abs(speed) / (2.0 * self._acceleration)
 
     def applied(self, position_mm: float) -> None:
         """The observer measures where the catheter is: nothing winds up."""
 
 
-def make_controller(name: ControllerName, settings: ControlSettings, observer: WallObserver) -> Controller:
-    """The controller of this name."""
+def make_controller(
+    name: ControllerName, settings: ControlSettings, observer: WallObserver, max_acceleration_mm_per_s2: float
+) -> Controller:
+    """The controller of this name; the drives' acceleration is that along the path."""
     match name:
         case "none":
             return Still()
@@ -157,4 +190,4 @@ def make_controller(name: ControllerName, settings: ControlSettings, observer: W
         case "admittance":
             return Admittance(settings.loop_delay_s)
         case "periodic":
-            return PeriodicRejection(observer, settings.drive_delay_s)
+            return PeriodicRejection(observer, settings.drive_delay_s, max_acceleration_mm_per_s2)

@@ -89,7 +89,9 @@ class ControlLoop:
         # The wall is met somewhere on the path: half way, give or take half of it.
         half = 0.5 * self.path.length_mm
         self._observer = WallObserver(self.settings.observer, -half, half)
-        self._controller: Controller = make_controller(self.settings.controller, self.settings, self._observer)
+        self._controller: Controller = make_controller(
+            self.settings.controller, self.settings, self._observer, self.safety.max_acceleration_mm_per_s2
+        )
         self._target_n = 0.0
         self._wanted_mm = 0.0
         self._contact_s = math.inf

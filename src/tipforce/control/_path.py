@@ -60,6 +60,10 @@ class Path:
         )
         return min(speeds)
 
+    def max_acceleration_mm_per_s2(self, limits: Mapping[str, AxisLimits]) -> float:
+        """With which the axes keep together."""
+        return min(limits[axis].max_acceleration / abs(self.slope(axis)) for axis in self.start if self.slope(axis))
+
     def check(self, actuators: Actuators) -> None:
         """Raises InputError where the drives cannot go along the whole path."""
         for axis in self.start:

@@ -50,6 +50,7 @@ class SafetyLayer:
         path.check(actuators)
         self.settings, self.path = settings, path
         self.max_speed_mm_per_s = path.max_speed_mm_per_s(actuators.limits, settings)
+        self.max_acceleration_mm_per_s2 = path.max_acceleration_mm_per_s2(actuators.limits)
         self._actuators, self._clock = actuators, clock
         self._stale_ns = round(1e9 * max(settings.least_stale_s, settings.stale_frames * frame_period_s))
         self._valid_ns: int | None = None

@@ -1,6 +1,8 @@
 """Plain functions, one a job: what the public API offers and the command line calls."""
 
 from ._calibrate import CalibrateReport, calibrate, describe_calibration, plot_calibration
+from ._control import REGIMES, ControlRun, ControlSession, bench_of_regime, run_control
+from ._control_report import control, verdict
 from ._demo import DemoReport, demo
 from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_estimates
 from ._evaluate import EvaluateReport, evaluate
@@ -15,7 +17,10 @@ from ._train import TrainReport, train
 
 __all__ = [
     "COLUMNS",
+    "REGIMES",
     "CalibrateReport",
+    "ControlRun",
+    "ControlSession",
     "DemoReport",
     "EstimateReport",
     "EvaluateReport",
@@ -24,8 +29,10 @@ __all__ = [
     "RecordingSummary",
     "SimulateReport",
     "TrainReport",
+    "bench_of_regime",
     "calibrate",
     "check_inputs",
+    "control",
     "demo",
     "describe_calibration",
     "describe_recording",
@@ -40,10 +47,12 @@ __all__ = [
     "plot_summary",
     "preset_settings",
     "record",
+    "run_control",
     "simulate",
     "simulate_dataset",
     "summarise_recording",
     "train",
+    "verdict",
     "write_estimates",
     "write_samples",
 ]

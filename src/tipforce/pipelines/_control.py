@@ -1,10 +1,10 @@
 """The loop closed on the simulated bench: an estimator, or the truth for comparison, holds a force on a moving wall."""
 
-import math
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from types import TracebackType
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ..estimators import Estimator, missing_metadata
 from ..simulation import AnySimulationSettings, LiveSimulation
 from ..types import ADVANCE, KNOB, Actuation, Event, FloatArray, ForceEstimate, Frame, Wrench
 
-__all__ = ["REGIMES", "ControlRun", "Drives", "Regime", "bench_of_regime", "run_control"]
+__all__ = ["REGIMES", "ControlRun", "ControlSession", "Drives", "Regime", "bench_of_regime", "run_control"]
 
 Regime = Literal["perpendicular", "oblique", "lateral"]
 Drives = Literal["advance", "knob", "both"]
@@ -78,9 +78,14 @@ class ControlRun:
     values: dict[str, Any] = field(default_factory=dict[str, Any])
     settings: ControlSettings = field(default_factory=ControlSettings)
 
+    @property
+    def time_s(self) -> FloatArray:
+        """(n,) of each tick."""
+        return np.array([tick.time_s for tick in self.ticks])
+
     def figures(self, seconds: float) -> dict[str, float]:
         """Over ``seconds`` from when the target was first held."""
-        time = np.array([tick.time_s for tick in self.ticks])
+        time = self.time_s
         held = np.array([tick.state is ControlState.HOLD for tick in self.ticks])
         target = self.settings.target_n
         full = held & (np.array([tick.target_n for tick in self.ticks]) >= target)
@@ -186,49 +191,93 @@ class _EstimatorFeedback(_Feedback):
             self._waiting.append((now_ns + self._late_ns, self._stream.update(observation)))
 
 
+class ControlSession:
+    """One session of the bench with the loop closed, on simulated time; a context manager.
+
+    Going on with `events` makes time go on: an event that is asked for has been through the loop. ``run`` is filled
+    meanwhile, its true force by `finish`.
+
+    Args:
+        feedback: an estimator, or ``truth``: for comparison only.
+        bench: the bench's settings, as of `bench_of_regime`.
+        control: target, controller, limits.
+        drives: which drives move along the path: ``advance``, ``knob`` or ``both``.
+        seed, session: of the simulated session.
+        spoil: what becomes of each estimate on its way to the loop, as for a test of invalid ones.
+
+    Raises:
+        InputError: the session lacks metadata that the estimator needs, or cannot be had.
+    """
+
+    def __init__(
+        self,
+        feedback: Estimator | Literal["truth"],
+        bench: AnySimulationSettings,
+        control: ControlSettings,
+        drives: Drives,
+        *,
+        seed: int = 0,
+        session: int = 0,
+        spoil: Callable[[ForceEstimate], ForceEstimate] | None = None,
+    ) -> None:
+        self.run = ControlRun(settings=control)
+        self._spoil = spoil
+        self._control, self._path = control, Path(*_PATHS[drives])
+        self.simulation = LiveSimulation(bench, seed, session, images=not isinstance(feedback, str))
+        self._feedback_of = feedback
+
+    def __enter__(self) -> Self:
+        bench = self.simulation.__enter__()
+        late_ns, of = round(ESTIMATE_S * 1e9), self._feedback_of
+        self._feedback = (
+            _TruthFeedback(bench, late_ns) if isinstance(of, str) else _EstimatorFeedback(bench, late_ns, of)
+        )
+        fps = bench.source.settings.world.clock.fps
+        self.loop = ControlLoop(bench.actuators, bench.clock, self._path, self._control, 1.0 / fps)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.simulation.__exit__(kind, error, trace)
+
+    def events(self) -> Iterator[Event]:
+        """All events of the session; the operator starts the run at once."""
+        clock, loop, feedback = self.simulation.clock, self.loop, self._feedback
+        period_ns, next_ns = round(1e9 * self._control.period_s), 0
+        loop.start()
+        for event in self.simulation.source:
+            now = clock.now_ns()
+            feedback.add(event, now)
+            for estimate in feedback.due(now):
+                loop.update(estimate if self._spoil is None else self._spoil(estimate))
+            if now >= next_ns:
+                next_ns = max(next_ns + period_ns, now)
+                self.run.ticks.append(loop.tick())
+            yield event
+
+    def finish(self) -> ControlRun:
+        """What happened, with the truth beside it."""
+        run = self.run
+        times = np.array([tick.time_s for tick in run.ticks])
+        run.true_n = np.linalg.norm(_true_force_n(self.simulation, times), axis=1)
+        run.restarts = self.loop.restarts
+        run.values = dict(self.simulation.source.values())
+        return run
+
+
 def run_control(
     feedback: Estimator | Literal["truth"],
-    bench_settings: AnySimulationSettings,
+    bench: AnySimulationSettings,
     control: ControlSettings,
-    drives: Drives,
+    drives: Drives = "advance",
     *,
     seed: int = 0,
     session: int = 0,
-    on_event: Callable[[Event], None] | None = None,
     spoil: Callable[[ForceEstimate], ForceEstimate] | None = None,
-    progress: Callable[[str, float], None] | None = None,
-    images: bool | None = None,
 ) -> ControlRun:
-    """One session of the bench with the loop closed, on simulated time."""
-    with_images = feedback != "truth" if images is None else images
-    run = ControlRun(settings=control)
-    start, goal = _PATHS[drives]
-    with LiveSimulation(bench_settings, seed, session, images=with_images) as bench:
-        late_ns = round(ESTIMATE_S * 1e9)
-        source = (
-            _TruthFeedback(bench, late_ns)
-            if isinstance(feedback, str)
-            else _EstimatorFeedback(bench, late_ns, feedback)
-        )
-        clock = bench.source.settings.world.clock
-        loop = ControlLoop(bench.actuators, bench.clock, Path(start, goal), control, 1.0 / clock.fps)
-        loop.start()
-        period_ns, next_ns = round(1e9 * control.period_s), 0
-        end_ns = round(1e9 * bench_settings.world.seconds)
-        for event in bench.source:
-            now = bench.clock.now_ns()
-            if on_event is not None:
-                on_event(event)
-            source.add(event, now)
-            for estimate in source.due(now):
-                loop.update(estimate if spoil is None else spoil(estimate))
-            if now >= next_ns:
-                next_ns = max(next_ns + period_ns, now)
-                run.ticks.append(loop.tick())
-            if progress is not None and isinstance(event, Frame):
-                progress("control", now / end_ns)
-        times = np.array([tick.time_s for tick in run.ticks])
-        run.true_n = np.linalg.norm(_true_force_n(bench, times), axis=1)
-        run.restarts = loop.restarts
-        run.values = dict(bench.source.values())
-    return run
+    """A `ControlSession` from its beginning to its end, without a recording."""
+    with ControlSession(feedback, bench, control, drives, seed=seed, session=session, spoil=spoil) as session_run:
+        for _ in session_run.events():
+            pass
+        return session_run.finish()
