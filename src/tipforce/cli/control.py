@@ -56,7 +56,7 @@ def command(
     chosen = settings_from(ControlSettings, [f"target_n={target_n}", f"controller={controller}", *(settings or [])])
     bench = bench_of_regime(preset_settings(simulated), contact, seconds)
     estimator = "truth" if model == "truth" else load_model(Path(model))
-    loop = ControlSession(estimator, bench, chosen, drives, seed=seed, session=session)
+    loop = ControlSession(estimator, bench, chosen, drives, seed=seed, session=session, seconds=seconds)
     title = f"{model}, {controller}, {contact} contact, {simulated} session {session} of seed {seed}, drives: {drives}"
     command_line = (
         f"tipforce control {model} --simulated {simulated} --target-n {target_n:g} --controller {controller} --contact "

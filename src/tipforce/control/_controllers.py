@@ -170,9 +170,14 @@ class PeriodicRejection:
 
     def position_mm(self, time_s: float, target_n: float) -> float:
         """See `Controller`."""
+        return target_n / self._observer.gain_n_per_mm - self._observer.mean_mm + self.swing_mm(time_s)
+
+    def swing_mm(self, time_s: float) -> float:
+        """The motion about its middle with which the catheter follows heart and breath, as sent at ``time_s``."""
         at_s = time_s + self.lead_s
         speed = self._speed_mm_per_s(at_s)
-        return self._wanted_mm(at_s, target_n) + speed * abs(speed) / (2.0 * self._acceleration)
+        trail = speed * abs(speed) / (2.0 * self._acceleration)
+        return self._observer.mean_mm - self._observer.wall_mm(at_s) + trail
 
     def applied(self, position_mm: float) -> None:
         """The observer measures where the catheter is: nothing winds up."""

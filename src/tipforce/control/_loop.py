@@ -23,6 +23,19 @@ _SIGMAS = 2 * 1.6449
 _DITHER = 1.5
 """Rate of the test motion over the heart's: between the harmonics."""
 _BREATHS_AT_TOUCH = 1.0
+"""So many are averaged where no force is held."""
+_SURE = 0.85
+"""So large a share of the wall's motion is followed when the hold may begin."""
+_EXCESS_S = 2.0
+"""The last seconds, by which the wanted force is judged."""
+_FALL = 5.0
+"""How much faster the wanted force falls than it rises."""
+_CALM = 0.4
+"""Of the target: with smaller errors the heart's rate counts as found."""
+_LOST, _KEPT = 0.3, 0.8
+"""Shares of the last seconds in contact: below the one the least force is wanted, above the other the target."""
+_LEAST = 0.25
+"""Of the target: less is never wanted while it is held."""
 _FAR_MM = 0.05
 """Nearer than this to the start counts as back."""
 
@@ -95,6 +108,8 @@ class ControlLoop:
         self._target_n = 0.0
         self._wanted_mm = 0.0
         self._contact_s = math.inf
+        self._touch_mm = self._follow = 0.0
+        self._excess: deque[tuple[float, float]] = deque()
         self._forces: deque[tuple[float, float]] = deque()
 
     def start(self) -> None:
@@ -151,35 +166,47 @@ class ControlLoop:
         if self.state not in (ControlState.APPROACH, ControlState.CONTACT, ControlState.HOLD):
             return
         self._observer.add(sample)
-        if not self._observer.locked and sample.time_s - self._contact_s >= self.settings.learn_s:
-            self._observer.lock()
         span_s = _BREATHS_AT_TOUCH / self.settings.observer.respiration_hz
         self._forces.append((sample.time_s, sample.force_n))
         while self._forces[0][0] < sample.time_s - span_s:
             self._forces.popleft()
         if self.state is ControlState.APPROACH:
             if sample.force_n > self.settings.contact_n:
+                self._touch_mm = self._wanted_mm
                 self._contact_s = sample.time_s
                 self._go(ControlState.CONTACT, "the tip touches")
         elif self.state is ControlState.CONTACT:
             self._touch(sample)
         else:
+            self._excess.append((sample.time_s, sample.force_n - self._target_n))
+            while self._excess[0][0] < sample.time_s - _EXCESS_S:
+                self._excess.popleft()
+            if not self._observer.locked and self._calm(sample.time_s):
+                self._observer.lock()
             self._controller.add(sample, self._target_n, self._observer.gain_n_per_mm)
 
     def _touch(self, sample: Sample) -> None:
         """In contact: stay until what the controller needs is known."""
-        settings = self.settings
-        within = sample.time_s - self._contact_s
+        settings, within = self.settings, sample.time_s - self._contact_s
         if settings.controller == "none":
             ready = within >= settings.settle_s
         elif settings.controller == "periodic":
-            ready = within >= settings.learn_s
+            if within >= settings.learn_s:
+                # Sure is: the next beat is known to a small part of what the touch may be deep.
+                spread = self._observer.spread_mm() * self._observer.gain_n_per_mm / settings.touch_n
+                self._follow = 1.0 / (1.0 + spread * spread)
+            ready = self._follow >= _SURE or within >= settings.learn_at_most_s
         else:
             ready = True
         if ready:
             self._controller.begin(self._wanted_mm)
-            self._target_n = min(settings.touch_n, settings.target_n)
+            self._target_n = min(0.5 * settings.touch_n, settings.target_n)
             self._go(ControlState.HOLD, "the force is held")
+
+    def _calm(self, now_s: float) -> bool:
+        """Whether the force has been near what is wanted for a while: the model is right, its rate too."""
+        enough = now_s - self._excess[0][0] >= 0.9 * _EXCESS_S and self._target_n >= self.settings.target_n
+        return enough and max(abs(excess) for _, excess in self._excess) < _CALM * self._target_n
 
     def tick(self) -> ControlTick:
         """Command the drives, once; returns what was done."""
@@ -228,10 +255,11 @@ class ControlLoop:
                     self._again = False
                     self._go(ControlState.RETRACT, "the goal was reached without contact")
             case ControlState.CONTACT:
-                self._wanted_mm += self._touch_speed() * dt_s
+                self._touch_mm += self._touch_speed() * dt_s
+                self._wanted_mm = self._touch_mm + self._follow * self._swing_mm(now_s)
                 speed = None
             case ControlState.HOLD:
-                self._target_n = min(settings.target_n, self._target_n + settings.ramp_n_per_s * dt_s)
+                self._raise_target(dt_s)
                 self._wanted_mm = self._controller.position_mm(now_s, self._target_n) + self._dither_mm(now_s)
                 speed = None
             case ControlState.RETRACT:
@@ -241,6 +269,8 @@ class ControlLoop:
         applied = self.safety.command(self._wanted_mm, speed)
         if self.state is ControlState.HOLD:
             self._controller.applied(applied.position_mm - self._dither_mm(now_s))
+        elif self.state is ControlState.CONTACT and applied.action is not SafetyAction.PASS:
+            self._touch_mm = applied.position_mm - self._follow * self._swing_mm(now_s)
         self._wanted_mm = applied.position_mm
         return applied
 
@@ -263,6 +293,22 @@ class ControlLoop:
         largest = max(force for time_s, force in self._forces if time_s >= newest - beat_s)
         error = (settings.touch_n - largest) / settings.touch_n
         return settings.touch_mm_per_s * max(-5.0, min(1.0, error))
+
+    def _swing_mm(self, now_s: float) -> float:
+        return self._controller.swing_mm(now_s) if isinstance(self._controller, PeriodicRejection) else 0.0
+
+    def _raise_target(self, dt_s: float) -> None:
+        """Toward the target, as far as the force's excess over what is wanted leaves room below the limit."""
+        settings = self.settings
+        largest = max((excess for _, excess in self._excess), default=0.0)
+        room = settings.safety.limit_n - settings.reserve * max(largest, 0.0)
+        if self._excess:  # contact that is lost and found says that the wall is not known yet
+            touching = sum(excess > settings.contact_n - self._target_n for _, excess in self._excess)
+            share = (touching / len(self._excess) - _LOST) / (_KEPT - _LOST)
+            room = min(room, settings.target_n * share)
+        goal = min(settings.target_n, max(room, _LEAST * settings.target_n))
+        rise = settings.ramp_n_per_s * dt_s
+        self._target_n += min(max(goal - self._target_n, -_FALL * rise), rise)
 
     def _dither_mm(self, now_s: float) -> float:
         if not isinstance(self._controller, PeriodicRejection):

@@ -18,6 +18,10 @@ __all__ = ["Sample", "WallObserver"]
 
 _BREATH, _HEART = 1, 3
 _TWO_PI = 2.0 * math.pi
+_MEMORY_S = 10.0
+"""So long counts what a rate explained, and what it did not."""
+_PHASES = 8
+"""Of a beat, at which the prediction's spread is looked at."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +114,27 @@ class WallObserver:
         pairs = x[_HEART : self._rate].reshape(-1, 2)
         return float(wall + np.cos(angles) @ pairs[:, 0] + np.sin(angles) @ pairs[:, 1])
 
+    @property
+    def mean_mm(self) -> float:
+        """The wall's constant: where it is without heart and breath."""
+        return float(self._x[self.best, 0])
+
+    def spread_mm(self) -> float:
+        """Standard deviation of `wall_mm` where it is largest within the next period of the heart."""
+        row = self.best
+        x, rate = self._x[row], float(self._x[row, self._rate])
+        ahead = np.linspace(0.0, _TWO_PI / rate, _PHASES)
+        h = np.zeros((_PHASES, x.size))
+        h[:, 0] = 1.0
+        breath = _TWO_PI * self.settings.respiration_hz * ahead
+        h[:, _BREATH], h[:, _BREATH + 1] = np.cos(breath), np.sin(breath)
+        angles = np.outer(ahead, self._numbers * rate)
+        cos, sin = np.cos(angles), np.sin(angles)
+        h[:, _HEART : self._rate : 2], h[:, _HEART + 1 : self._rate : 2] = cos, sin
+        pairs = x[_HEART : self._rate].reshape(-1, 2)
+        h[:, self._rate] = ahead * ((-sin * pairs[:, 0] + cos * pairs[:, 1]) @ self._numbers)
+        return float(np.sqrt(np.einsum("ki,ij,kj->k", h, self._p[row], h).max()))
+
     def _predict(self, dt_s: float) -> None:
         x, count, size = self._x, *self._x.shape
         jacobian = np.tile(np.eye(size), (count, 1, 1))
@@ -128,6 +153,7 @@ class WallObserver:
             jacobian[:, at, at] = np.stack([np.stack([cos, sin], 1), np.stack([-sin, cos], 1)], 1)
             jacobian[:, at.start, self._rate] = number * dt_s * moved[:, at.start + 1]
             jacobian[:, at.start + 1, self._rate] = -number * dt_s * moved[:, at.start]
+        self._likelihood = self._likelihood * math.exp(-dt_s / _MEMORY_S)
         self._x = moved
         self._p = jacobian @ self._p @ jacobian.transpose(0, 2, 1) + self._q * dt_s
 

@@ -81,12 +81,17 @@ class ControlSettings(_Settings):
     """Largest force of a beat that is aimed at while the wall's motion is learnt."""
     touch_mm_per_s: _Positive = 1.5
     """How fast the tip is brought nearer meanwhile; it is drawn back up to five times as fast."""
-    learn_s: _Seconds = 6.0
-    """Time in contact before a controller that rejects the heart's motion may hold."""
+    learn_s: _Seconds = 4.0
+    """Time in contact before a controller that rejects the heart's motion begins to follow the wall, at first as far
+    as it is sure of it."""
+    learn_at_most_s: _Seconds = 6.0
+    """Then it holds, sure or not."""
     settle_s: _Seconds = 12.0
     """Controller ``none``: the time in which the mean force is brought to the target, before the drives rest."""
     ramp_n_per_s: _Positive = 0.08
-    """How fast the wanted force rises to the target."""
+    """How fast the wanted force rises to the target; it falls five times as fast."""
+    reserve: _Positive = 1.3
+    """The wanted force is kept so low that so many times the last seconds' largest excess still stay below the limit."""
     drive_delay_s: _Seconds = 30e-3
     """From a command until the tip's clamp is there, delay and lag together: what is compensated."""
     loop_delay_s: _Positive = 0.12

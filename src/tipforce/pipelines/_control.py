@@ -1,5 +1,6 @@
 """The loop closed on the simulated bench: an estimator, or the truth for comparison, holds a force on a moving wall."""
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -203,6 +204,7 @@ class ControlSession:
         control: target, controller, limits.
         drives: which drives move along the path: ``advance``, ``knob`` or ``both``.
         seed, session: of the simulated session.
+        seconds: the session is over so long after the target was first wanted.
         spoil: what becomes of each estimate on its way to the loop, as for a test of invalid ones.
 
     Raises:
@@ -218,10 +220,11 @@ class ControlSession:
         *,
         seed: int = 0,
         session: int = 0,
+        seconds: float = math.inf,
         spoil: Callable[[ForceEstimate], ForceEstimate] | None = None,
     ) -> None:
         self.run = ControlRun(settings=control)
-        self._spoil = spoil
+        self._spoil, self._seconds = spoil, seconds
         self._control, self._path = control, Path(*_PATHS[drives])
         self.simulation = LiveSimulation(bench, seed, session, images=not isinstance(feedback, str))
         self._feedback_of = feedback
@@ -244,7 +247,7 @@ class ControlSession:
     def events(self) -> Iterator[Event]:
         """All events of the session; the operator starts the run at once."""
         clock, loop, feedback = self.simulation.clock, self.loop, self._feedback
-        period_ns, next_ns = round(1e9 * self._control.period_s), 0
+        period_ns, next_ns, held_ns = round(1e9 * self._control.period_s), 0, math.inf
         loop.start()
         for event in self.simulation.source:
             now = clock.now_ns()
@@ -253,8 +256,14 @@ class ControlSession:
                 loop.update(estimate if self._spoil is None else self._spoil(estimate))
             if now >= next_ns:
                 next_ns = max(next_ns + period_ns, now)
-                self.run.ticks.append(loop.tick())
+                tick = loop.tick()
+                self.run.ticks.append(tick)
+                if tick.target_n >= self._control.target_n:
+                    held_ns = min(held_ns, now)
             yield event
+            if now - held_ns > 1e9 * self._seconds:
+                loop.retract()
+                return
 
     def finish(self) -> ControlRun:
         """What happened, with the truth beside it."""
@@ -274,10 +283,12 @@ def run_control(
     *,
     seed: int = 0,
     session: int = 0,
+    seconds: float = math.inf,
     spoil: Callable[[ForceEstimate], ForceEstimate] | None = None,
 ) -> ControlRun:
     """A `ControlSession` from its beginning to its end, without a recording."""
-    with ControlSession(feedback, bench, control, drives, seed=seed, session=session, spoil=spoil) as session_run:
+    made = ControlSession(feedback, bench, control, drives, seed=seed, session=session, seconds=seconds, spoil=spoil)
+    with made as session_run:
         for _ in session_run.events():
             pass
         return session_run.finish()
