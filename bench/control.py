@@ -12,16 +12,30 @@ import argparse
 import json
 import pathlib
 import time
+from functools import lru_cache
 
 import numpy as np
 
 from tipforce.control import ControlSettings, SafetySettings
-from tipforce.estimators import load_model
-from tipforce.pipelines import REGIMES, bench_of_regime, run_control
-from tipforce.simulation import PRESETS
+from tipforce.estimators import Estimator, load_model
+from tipforce.pipelines import REGIMES, bench_of_regime, live_bench, run_control
+from tipforce.simulation import PRESETS, LiveSimulation
 
 DRIVES = {"perpendicular": "advance", "oblique": "both", "lateral": "both"}
 LIFTED_N = 5.0
+
+
+@lru_cache(maxsize=1)
+def feedback_of(name: str) -> Estimator | str:
+    """An estimator, or ``truth``."""
+    return name if name == "truth" else load_model(pathlib.Path(name))
+
+
+@lru_cache(maxsize=1)
+def bench_of(preset: str, regime: str, seconds: float, seed: int, session: int, feedback: str) -> LiveSimulation:
+    """The session, planned once for all controllers."""
+    settings = bench_of_regime(PRESETS[preset], regime, seconds)  # type: ignore[arg-type]
+    return live_bench(feedback_of(feedback), settings, seed, session)  # type: ignore[arg-type]
 
 
 def one(job: dict[str, object], seconds: float) -> dict[str, object]:
@@ -30,16 +44,13 @@ def one(job: dict[str, object], seconds: float) -> dict[str, object]:
     settings = ControlSettings(controller=controller)  # type: ignore[arg-type]
     if controller == "none":
         settings = settings.model_copy(update={"safety": SafetySettings(limit_n=LIFTED_N)})
-    bench = bench_of_regime(PRESETS[str(job["preset"])], regime, seconds)  # type: ignore[arg-type]
-    feedback = "truth" if job["feedback"] == "truth" else load_model(pathlib.Path(str(job["feedback"])))
+    where = (str(job["preset"]), regime, seconds, int(job["seed"]), int(job["session"]), str(job["feedback"]))  # type: ignore[call-overload]
     begun = time.process_time()
     run = run_control(
-        feedback,  # type: ignore[arg-type]
-        bench,
+        feedback_of(str(job["feedback"])),  # type: ignore[arg-type]
+        bench_of(*where),
         settings,
         job["drives"],  # type: ignore[arg-type]
-        seed=int(job["seed"]),  # type: ignore[call-overload]
-        session=int(job["session"]),  # type: ignore[call-overload]
         seconds=seconds,
     )
     about = {name: round(float(run.values[name]), 3) for name in ("contact_angle_deg", "wall_stiffness_n_per_m")}

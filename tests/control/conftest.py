@@ -10,7 +10,7 @@ import pytest
 from tipforce.control import ControlLoop, ControlSettings, ControlTick, Path
 from tipforce.types import Actuation, AxisLimits, Commanded, ForceEstimate, SimulatedClock, Status
 
-DT_S, FRAME_S, IMAGE_DELAY_S, DRIVE_DELAY_S = 5e-3, 1 / 30, 60e-3, 25e-3
+DT_S, FRAME_S, IMAGE_DELAY_S, DRIVE_DELAY_S = 10e-3, 1 / 30, 60e-3, 25e-3
 PATH = Path({"advance_mm": -10.0}, {"advance_mm": 10.0})
 
 

@@ -48,7 +48,7 @@ def test_no_command_goes_faster_or_farther_than_allowed() -> None:
 def test_above_the_limit_the_catheter_is_drawn_back_whatever_is_wanted() -> None:
     plant, safety = layer()
     plant.place = 0.0
-    for _ in range(20):
+    for _ in range(12):
         plant.step()
         safety.observe(estimate_of(plant.clock.now_ns(), 0.5), plant.clock.now_ns())
         assert safety.command(20.0).action is SafetyAction.OVER_LIMIT
@@ -121,7 +121,7 @@ def test_a_run_goes_through_its_states_and_back_when_the_operator_ends_it(bench:
         ControlState.HOLD,
         ControlState.RETRACT,
         ControlState.IDLE,
-    ] or order[1:] == order[1:][:0]
+    ]
     assert made.plant.place == pytest.approx(-10.0, abs=0.1)
 
 
@@ -147,7 +147,7 @@ def test_an_invalid_estimate_in_mid_contact_is_bridged_and_then_drawn_back(bench
     made.run(1.5)
     assert made.loop.state in (ControlState.RETRACT, ControlState.IDLE)
     assert "no_catheter" in made.loop.reason
-    first = next(row for row, tick in enumerate(made.ticks) if tick.applied.action is SafetyAction.RETRACT and row > 3200)
+    first = next(row for row, tick in enumerate(made.ticks) if tick.applied.action is SafetyAction.RETRACT and row * DT_S > 16.0)
     assert first * DT_S - 16.0 < 0.06 + 0.2 + 2 * FRAME_S
     assert max(made.forces) < 0.4
     assert made.forces[-1] == 0.0

@@ -49,14 +49,14 @@ def command(
     """
     from ..control import ControlSettings
     from ..estimators import load_model
-    from ..pipelines import ControlSession, bench_of_regime, preset_settings, verdict
+    from ..pipelines import ControlSession, bench_of_regime, live_bench, preset_settings, verdict
     from ..pipelines import control as run_and_report
 
     check_outputs([], json_file)
     chosen = settings_from(ControlSettings, [f"target_n={target_n}", f"controller={controller}", *(settings or [])])
     bench = bench_of_regime(preset_settings(simulated), contact, seconds)
     estimator = "truth" if model == "truth" else load_model(Path(model))
-    loop = ControlSession(estimator, bench, chosen, drives, seed=seed, session=session, seconds=seconds)
+    loop = ControlSession(estimator, live_bench(estimator, bench, seed, session), chosen, drives, seconds=seconds)
     title = f"{model}, {controller}, {contact} contact, {simulated} session {session} of seed {seed}, drives: {drives}"
     command_line = (
         f"tipforce control {model} --simulated {simulated} --target-n {target_n:g} --controller {controller} --contact "

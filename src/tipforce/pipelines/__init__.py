@@ -1,7 +1,7 @@
 """Plain functions, one a job: what the public API offers and the command line calls."""
 
 from ._calibrate import CalibrateReport, calibrate, describe_calibration, plot_calibration
-from ._control import REGIMES, ControlRun, ControlSession, bench_of_regime, run_control
+from ._control import REGIMES, ControlRun, ControlSession, bench_of_regime, live_bench, run_control
 from ._control_report import control, verdict
 from ._demo import DemoReport, demo
 from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_estimates
@@ -43,6 +43,7 @@ __all__ = [
     "inspect_frames",
     "inspect_image_file",
     "inspect_sessions",
+    "live_bench",
     "plot_calibration",
     "plot_summary",
     "preset_settings",

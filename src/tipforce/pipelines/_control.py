@@ -16,7 +16,7 @@ from ..estimators import Estimator, missing_metadata
 from ..simulation import AnySimulationSettings, LiveSimulation
 from ..types import ADVANCE, KNOB, Actuation, Event, FloatArray, ForceEstimate, Frame, Wrench
 
-__all__ = ["REGIMES", "ControlRun", "ControlSession", "Drives", "Regime", "bench_of_regime", "run_control"]
+__all__ = ["REGIMES", "ControlRun", "ControlSession", "Drives", "Regime", "bench_of_regime", "live_bench", "run_control"]
 
 Regime = Literal["perpendicular", "oblique", "lateral"]
 Drives = Literal["advance", "knob", "both"]
@@ -200,10 +200,9 @@ class ControlSession:
 
     Args:
         feedback: an estimator, or ``truth``: for comparison only.
-        bench: the bench's settings, as of `bench_of_regime`.
+        simulation: the bench, as of `live_bench`, not yet entered; it may have served another run before.
         control: target, controller, limits.
         drives: which drives move along the path: ``advance``, ``knob`` or ``both``.
-        seed, session: of the simulated session.
         seconds: the session is over so long after the target was first wanted.
         spoil: what becomes of each estimate on its way to the loop, as for a test of invalid ones.
 
@@ -214,19 +213,17 @@ class ControlSession:
     def __init__(
         self,
         feedback: Estimator | Literal["truth"],
-        bench: AnySimulationSettings,
+        simulation: LiveSimulation,
         control: ControlSettings,
         drives: Drives,
         *,
-        seed: int = 0,
-        session: int = 0,
         seconds: float = math.inf,
         spoil: Callable[[ForceEstimate], ForceEstimate] | None = None,
     ) -> None:
         self.run = ControlRun(settings=control)
         self._spoil, self._seconds = spoil, seconds
         self._control, self._path = control, Path(*_PATHS[drives])
-        self.simulation = LiveSimulation(bench, seed, session, images=not isinstance(feedback, str))
+        self.simulation = simulation
         self._feedback_of = feedback
 
     def __enter__(self) -> Self:
@@ -275,20 +272,24 @@ class ControlSession:
         return run
 
 
+def live_bench(
+    feedback: Estimator | Literal["truth"], settings: AnySimulationSettings, seed: int = 0, session: int = 0
+) -> LiveSimulation:
+    """The bench for `ControlSession`; ``settings`` as of `bench_of_regime`. Images are drawn for an estimator only."""
+    return LiveSimulation(settings, seed, session, images=not isinstance(feedback, str))
+
+
 def run_control(
     feedback: Estimator | Literal["truth"],
-    bench: AnySimulationSettings,
+    simulation: LiveSimulation,
     control: ControlSettings,
     drives: Drives = "advance",
     *,
-    seed: int = 0,
-    session: int = 0,
     seconds: float = math.inf,
     spoil: Callable[[ForceEstimate], ForceEstimate] | None = None,
 ) -> ControlRun:
     """A `ControlSession` from its beginning to its end, without a recording."""
-    made = ControlSession(feedback, bench, control, drives, seed=seed, session=session, seconds=seconds, spoil=spoil)
-    with made as session_run:
-        for _ in session_run.events():
+    with ControlSession(feedback, simulation, control, drives, seconds=seconds, spoil=spoil) as session:
+        for _ in session.events():
             pass
-        return session_run.finish()
+        return session.finish()
