@@ -1,4 +1,4 @@
-"""An analytic plant: a drive with dead time and a largest speed, a wall that moves as it is told, and a linear contact."""
+"""An analytic plant: a drive with dead time and a largest speed, a wall that moves as it is told, a linear contact."""
 
 import math
 from collections import deque

@@ -147,7 +147,9 @@ def test_an_invalid_estimate_in_mid_contact_is_bridged_and_then_drawn_back(bench
     made.run(1.5)
     assert made.loop.state in (ControlState.RETRACT, ControlState.IDLE)
     assert "no_catheter" in made.loop.reason
-    first = next(row for row, tick in enumerate(made.ticks) if tick.applied.action is SafetyAction.RETRACT and row * DT_S > 16.0)
+    first = next(
+        row for row, tick in enumerate(made.ticks) if tick.applied.action is SafetyAction.RETRACT and row * DT_S > 16.0
+    )
     assert first * DT_S - 16.0 < 0.06 + 0.2 + 2 * FRAME_S
     assert max(made.forces) < 0.4
     assert made.forces[-1] == 0.0

@@ -44,6 +44,7 @@ class Still:
 
     def position_mm(self, time_s: float, target_n: float) -> float:
         """Where it began."""
+        del time_s, target_n
         return self._position
 
     def applied(self, position_mm: float) -> None:
@@ -53,8 +54,8 @@ class Still:
 class ProportionalIntegral:
     """PI on the force over the gain, with anti-windup by back-calculation.
 
-    A plant that is a gain with a dead time ``loop_delay_s``: ``integral = 0.35 / delay`` and ``proportional = 0.2`` keep
-    a phase margin of 60 degrees and more, and a gain that is known to a factor of two leaves it stable.
+    A plant that is a gain with a dead time ``loop_delay_s``: ``integral = 0.35 / delay`` and ``proportional = 0.2``
+    leave it stable also where the gain is known to a factor of two only.
 
     Args:
         loop_delay_s: from the wall's motion to the answer to it.
@@ -80,6 +81,7 @@ class ProportionalIntegral:
 
     def position_mm(self, time_s: float, target_n: float) -> float:
         """See `Controller`."""
+        del time_s, target_n
         return self._wanted
 
     def applied(self, position_mm: float) -> None:
@@ -110,6 +112,7 @@ class Admittance:
 
     def position_mm(self, time_s: float, target_n: float) -> float:
         """See `Controller`: the mass moves on as time does."""
+        del target_n
         dt_s = 0.0 if self._time_s is None else max(0.0, time_s - self._time_s)
         self._time_s = time_s
         self._speed += (self._push - self._speed) * -math.expm1(-dt_s / self._inertia_s)
@@ -159,6 +162,7 @@ class PeriodicRejection:
 
     def add(self, sample: Sample, target_n: float, gain_n_per_mm: float) -> None:
         """The observer has the force already; where the catheter was tells how late the drives are."""
+        del gain_n_per_mm
         dt_s = 0.0 if self._time_s is None else sample.time_s - self._time_s
         self._time_s = sample.time_s
         speed = self._speed_mm_per_s(sample.time_s)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..types import FloatArray
 from ._settings import ObserverSettings
 
 __all__ = ["Sample", "WallObserver"]

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ..errors import InputError
-from ..types import ADVANCE, KNOB, Actuators, AxisLimits, refuse_unknown
+from ..types import ADVANCE, KNOB, Actuators, AxisLimits
 from ._settings import SafetySettings
 
 __all__ = ["Path"]
@@ -26,9 +26,12 @@ class Path:
     length_mm: float = field(init=False)
 
     def __post_init__(self) -> None:
-        refuse_unknown(self.start, dict.fromkeys(_UNITS_PER_MM))
+        if unknown := [axis for axis in self.start if axis not in _UNITS_PER_MM]:
+            raise InputError(f"start and goal: expected axes among {', '.join(_UNITS_PER_MM)}, got {unknown[0]}")
         if self.start.keys() != self.goal.keys():
-            raise InputError(f"start and goal: expected the same axes, got {sorted(self.start)} and {sorted(self.goal)}")
+            raise InputError(
+                f"start and goal: expected the same axes, got {sorted(self.start)} and {sorted(self.goal)}"
+            )
         length = max(abs(self.goal[name] - self.start[name]) / _UNITS_PER_MM[name] for name in self.start)
         if length <= 0.0:
             raise InputError("start and goal: expected two places, got one")

@@ -108,5 +108,6 @@ class ControlSettings(_Settings):
     @model_validator(mode="after")
     def _below_the_limit(self) -> Self:
         if self.target_n >= self.safety.limit_n:
-            raise ValueError(f"expected target_n below safety.limit_n = {self.safety.limit_n:g}, got {self.target_n:g}")
+            limit = self.safety.limit_n
+            raise ValueError(f"expected target_n below safety.limit_n = {limit:g}, got {self.target_n:g}")
         return self

@@ -16,7 +16,16 @@ from ..estimators import Estimator, missing_metadata
 from ..simulation import AnySimulationSettings, LiveSimulation
 from ..types import ADVANCE, KNOB, Actuation, Event, FloatArray, ForceEstimate, Frame, Wrench
 
-__all__ = ["REGIMES", "ControlRun", "ControlSession", "Drives", "Regime", "bench_of_regime", "live_bench", "run_control"]
+__all__ = [
+    "REGIMES",
+    "ControlRun",
+    "ControlSession",
+    "Drives",
+    "Regime",
+    "bench_of_regime",
+    "live_bench",
+    "run_control",
+]
 
 Regime = Literal["perpendicular", "oblique", "lateral"]
 Drives = Literal["advance", "knob", "both"]

@@ -134,7 +134,9 @@ def _plot(run: ControlRun, title: str) -> str:
 
 
 def _forces(axes: Axes, run: ControlRun, time: FloatArray) -> None:
-    force, low, high = (np.array([getattr(tick, name) for tick in run.ticks]) for name in ("force_n", "low_n", "high_n"))
+    force, low, high = (
+        np.array([getattr(tick, name) for tick in run.ticks]) for name in ("force_n", "low_n", "high_n")
+    )
     valid = np.array([tick.valid for tick in run.ticks])
     target = np.array([tick.target_n for tick in run.ticks])
     limit = run.settings.safety.limit_n
@@ -184,8 +186,8 @@ def _page(run: ControlRun, figures: dict[str, Any], svg: str, command: str) -> s
         f"<title>tipforce control: {escape(figures['title'])}</title><style>{_STYLE}</style></head><body><main>"
         f"<p class='quiet'>{escape(figures['title'])}. Research use only.</p><h1>{escape(verdict(figures))}</h1>"
         f"{told}<figure>{drawing}<figcaption>Above the force: target, true force, estimate with its 90 % interval; red "
-        "at the foot: no valid estimate; red bands: drawn back above the limit. Below the place on the path. Bands: the "
-        f"states of the run.</figcaption></figure><table>{rows}</table><h2>What happened</h2><ol>{changes}</ol>"
+        "at the foot: no valid estimate; red bands: drawn back above the limit. Below the place on the path. Bands: "
+        f"the states of the run.</figcaption></figure><table>{rows}</table><h2>What happened</h2><ol>{changes}</ol>"
         "</main></body></html>\n"
     )
 
