@@ -61,8 +61,7 @@ def one(job: dict[str, object], seconds: float) -> dict[str, object]:
 def table(rows: list[dict[str, object]]) -> str:
     """Markdown: a line for each feedback, regime and controller."""
     lines = [
-        "| feedback | contact | drives | controller | sessions | RMS mN, median (worst) | within 20 mN | peak N | "
-         "not valid | begun again |",
+        "| feedback | contact | drives | controller | runs | RMS mN (worst) | in 20 mN | peak N | invalid | again |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     keys = dict.fromkeys(tuple(row[key] for key in ("feedback", "regime", "drives", "controller")) for row in rows)

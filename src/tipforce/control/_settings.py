@@ -91,7 +91,7 @@ class ControlSettings(_Settings):
     ramp_n_per_s: _Positive = 0.08
     """How fast the wanted force rises to the target; it falls five times as fast."""
     reserve: _Positive = 1.3
-    """The wanted force is kept so low that so many times the last seconds' largest excess still stay below the limit."""
+    """The wanted force is so low that so many times the last seconds' largest excess still stay below the limit."""
     drive_delay_s: _Seconds = 30e-3
     """From a command until the tip's clamp is there, delay and lag together: what is compensated."""
     loop_delay_s: _Positive = 0.12
