@@ -150,7 +150,7 @@ def _forces(axes: Axes, run: ControlRun, time: FloatArray) -> None:
         axes.axvspan(time[first], time[end], 0.0, 0.035, color=COLOURS[1], lw=0)
     axes.set_ylim(0.0, top)
     axes.set_ylabel("force, N", color=INK)
-    axes.legend(loc="upper left", bbox_to_anchor=(0.0, 1.16), ncols=5, frameon=False, fontsize=9)
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, 1.13), ncols=5, frameon=False, fontsize=9)
 
 
 def _bands(axes: Axes, run: ControlRun, *, named: bool) -> None:
