@@ -2,7 +2,7 @@
 
 from ._calibrate import CalibrateReport, calibrate, describe_calibration, plot_calibration
 from ._control import REGIMES, ControlRun, ControlSession, bench_of_regime, live_bench, run_control
-from ._control_report import control, verdict
+from ._control_report import control, plot_control, verdict
 from ._demo import DemoReport, demo
 from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_estimates
 from ._evaluate import EvaluateReport, evaluate
@@ -45,6 +45,7 @@ __all__ = [
     "inspect_sessions",
     "live_bench",
     "plot_calibration",
+    "plot_control",
     "plot_summary",
     "preset_settings",
     "record",

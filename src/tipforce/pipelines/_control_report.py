@@ -5,6 +5,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -24,7 +25,7 @@ from ._control import ControlRun, ControlSession
 from ._plot import COLOURS, GREY, INK, plain_axes
 from ._record import write_run
 
-__all__ = ["control", "verdict"]
+__all__ = ["control", "plot_control", "verdict"]
 
 _COLUMNS = (
     "time_s", "state", "target_n", "force_n", "low_n", "high_n", "valid", "true_n", "position_mm", "sent_mm",
@@ -85,7 +86,7 @@ def control(
     write_atomic(folder / "control.json", _json(figures))
     with atomic_text(folder / "control.csv") as table:
         _write_table(run, table)
-    svg = _plot(run, title)
+    svg = plot_control(run, title)
     write_atomic(folder / "control.svg", svg)
     write_atomic(folder / "report.html", _page(run, figures, svg, command))
     return figures
@@ -113,8 +114,13 @@ def _cell(newtons: float) -> str:
     return f"{newtons:.5f}" if math.isfinite(newtons) else ""
 
 
-def _plot(run: ControlRun, title: str) -> str:
-    """Force above, drives below, over the states of the run."""
+_POINTS = 3000
+
+
+def plot_control(run: ControlRun, title: str) -> str:
+    """An SVG document: force above, place on the path below, over the states of the run."""
+    every = max(1, len(run.ticks) // _POINTS)
+    run = replace(run, ticks=run.ticks[::every], true_n=run.true_n[::every])
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "tipforce", "font.family": "sans-serif"}):
         figure = Figure(figsize=(11.0, 6.2), layout="constrained")
         force, path = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
