@@ -32,6 +32,14 @@ def test_examples_of_simulate(work_folder: Path) -> None:
     assert (work_folder / "set" / "metadata.csv").is_file()
 
 
+@pytest.mark.slow
+def test_examples_of_control(work_folder: Path) -> None:
+    for line in examples("control"):
+        run(line)
+    assert (work_folder / "held" / "report.html").is_file()
+    assert (work_folder / "run" / "recording.mcap").is_file()
+
+
 @pytest.mark.parametrize("verb", ["init-bench", "import", "inspect"])
 def test_examples_of(verb: str, work_folder: Path) -> None:
     for path in (work_folder / "runs").glob("session_0[2-7]*"):  # copies; two sessions suffice

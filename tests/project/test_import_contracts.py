@@ -23,6 +23,7 @@ ALLOWED: dict[str, set[str]] = {
     "simulation": BASE | {"geometry", "mechanics"},
     "clinical": BASE,
     "hardware": BASE | {"io"},
+    "control": BASE | {"clinical"},
     "limits": BASE | {"geometry", "mechanics", "simulation"},
     "vision": BASE | {"geometry"},
     "io": BASE | {"geometry"},
@@ -37,7 +38,7 @@ ALLOWED: dict[str, set[str]] = {
     "pipelines": BASE
     | {
         *("geometry", "mechanics", "simulation", "limits", "vision", "io", "alignment", "datasets", "training"),
-        *("estimators", "calibration", "clinical", "evaluation", "hardware", "live"),
+        *("estimators", "calibration", "clinical", "evaluation", "hardware", "live", "control"),
     },
 }
 """docs/design.md draws this; what is not listed may not be imported."""

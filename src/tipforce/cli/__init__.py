@@ -28,6 +28,7 @@ VERBS: dict[str, str] = {
     "inspect": "inspect",
     "estimate": "estimate",
     "live": "live",
+    "control": "control",
 }
 """Verb -> module of this package that holds its ``command`` function, in the order of a working day."""
 

@@ -1,6 +1,8 @@
 """Plain functions, one a job: what the public API offers and the command line calls."""
 
 from ._calibrate import CalibrateReport, calibrate, describe_calibration, plot_calibration
+from ._control import REGIMES, ControlRun, ControlSession, bench_of_regime, live_bench, run_control
+from ._control_report import control, plot_control, verdict
 from ._demo import DemoReport, demo
 from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_estimates
 from ._evaluate import EvaluateReport, evaluate
@@ -19,7 +21,10 @@ from ._train import TrainReport, train
 __all__ = [
     "COLUMNS",
     "BenchRecording",
+    "REGIMES",
     "CalibrateReport",
+    "ControlRun",
+    "ControlSession",
     "DemoReport",
     "EstimateReport",
     "EvaluateReport",
@@ -31,8 +36,10 @@ __all__ = [
     "RecordingSummary",
     "SimulateReport",
     "TrainReport",
+    "bench_of_regime",
     "calibrate",
     "check_inputs",
+    "control",
     "demo",
     "describe_calibration",
     "describe_health",
@@ -48,14 +55,18 @@ __all__ = [
     "live",
     "live_line",
     "open_live_source",
+    "live_bench",
     "plot_calibration",
+    "plot_control",
     "plot_summary",
     "preset_settings",
     "record",
+    "run_control",
     "simulate",
     "simulate_dataset",
     "summarise_recording",
     "train",
+    "verdict",
     "write_estimates",
     "write_samples",
 ]

@@ -1,0 +1,335 @@
+"""The loop: estimates in, states of the run, a controller, and the safety layer in front of the drives."""
+
+import math
+import threading
+from bisect import bisect_left
+from collections import deque
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ..types import Actuators, Clock, ForceEstimate
+from ._controllers import Controller, PeriodicRejection, make_controller
+from ._observer import Sample, WallObserver
+from ._path import Path
+from ._safety import Applied, SafetyAction, SafetyLayer
+from ._settings import ControlSettings
+
+__all__ = ["ControlLoop", "ControlState", "ControlTick"]
+
+_HISTORY_S = 2.0
+"""So long the drives' places are remembered: older images are of no use."""
+_SIGMAS = 2 * 1.6449
+"""Width of a 90 % interval, in standard deviations."""
+_DITHER = 1.5
+"""Rate of the test motion over the heart's: between the harmonics."""
+_BREATHS_AT_TOUCH = 1.0
+"""So many are averaged where no force is held."""
+_SURE = 0.85
+"""So large a share of the wall's motion is followed when the hold may begin."""
+_EXCESS_S = 2.0
+"""The last seconds, by which the wanted force is judged."""
+_FALL = 5.0
+"""How much faster the wanted force falls than it rises."""
+_CALM = 0.4
+"""Of the target: with smaller errors the heart's rate counts as found."""
+_LOST, _KEPT = 0.3, 0.8
+"""Shares of the last seconds in contact: below the one the least force is wanted, above the other the target."""
+_LEAST = 0.25
+"""Of the target: less is never wanted while it is held."""
+_FAR_MM = 0.05
+"""Nearer than this to the start counts as back."""
+
+
+class ControlState(StrEnum):
+    """Where a run is."""
+
+    IDLE = "idle"
+    APPROACH = "approach"
+    CONTACT = "contact"
+    """The tip touches, lightly; the wall's motion is learnt."""
+    HOLD = "hold"
+    RETRACT = "retract"
+
+
+@dataclass(frozen=True, slots=True)
+class ControlTick:
+    """The loop at one command: ``target_n`` is what is wanted just now, 0 outside of hold."""
+
+    time_s: float
+    state: ControlState
+    target_n: float
+    force_n: float
+    low_n: float
+    high_n: float
+    valid: bool
+    position_mm: float
+    applied: Applied
+    gain_n_per_mm: float
+    heart_hz: float
+
+
+class ControlLoop:
+    """Holds a force with drives along a path, on the estimates that it is given.
+
+    `update` takes estimates as they come, `tick` is called every ``settings.period_s`` and commands the drives. The
+    operator's `start`, `retract`, `stop` and `release` may come from any thread. It knows the drives through the safety
+    layer alone.
+
+    Args:
+        actuators: the drives.
+        clock: their time.
+        path: from the marked start to the marked goal.
+        settings: target, controller, limits.
+        frame_period_s: between images, as the source promises.
+    """
+
+    def __init__(
+        self, actuators: Actuators, clock: Clock, path: Path, settings: ControlSettings, frame_period_s: float
+    ) -> None:
+        self.settings, self.path, self._clock = settings, path, clock
+        self.safety = SafetyLayer(actuators, clock, path, settings.safety, frame_period_s)
+        self.state, self.reason = ControlState.IDLE, ""
+        self.restarts = 0
+        self._lock = threading.RLock()
+        self._history: deque[tuple[float, float]] = deque()
+        self._estimate: ForceEstimate | None = None
+        self._valid_since_s: float | None = None
+        self._again = self._approach_next = False
+        self._last_s: float | None = None
+        self._begin_run()
+
+    def _begin_run(self) -> None:
+        # The wall is met somewhere on the path: half way, give or take half of it.
+        half = 0.5 * self.path.length_mm
+        self._observer = WallObserver(self.settings.observer, -half, half)
+        self._controller: Controller = make_controller(
+            self.settings.controller, self.settings, self._observer, self.safety.max_acceleration_mm_per_s2
+        )
+        self._target_n = 0.0
+        self._wanted_mm = 0.0
+        self._contact_s = math.inf
+        self._touch_mm = self._follow = 0.0
+        self._excess: deque[tuple[float, float]] = deque()
+        self._forces: deque[tuple[float, float]] = deque()
+
+    def start(self) -> None:
+        """The operator starts: from wherever the catheter is to the marked start, then toward the goal."""
+        with self._lock:
+            if self.state is not ControlState.IDLE:
+                return
+            self._begin_run()
+            self._wanted_mm = self.safety.measured_mm()
+            self._approach_next = abs(self._wanted_mm) > _FAR_MM
+            if self._approach_next:
+                self._go(ControlState.RETRACT, "to the marked start")
+            else:
+                self._go(ControlState.APPROACH, "started")
+
+    def retract(self, reason: str = "the operator ended the run") -> None:
+        """Back to the marked start; the run is over."""
+        with self._lock:
+            self._again = self._approach_next = False
+            if self.state is not ControlState.IDLE:
+                self._go(ControlState.RETRACT, reason)
+
+    def stop(self) -> None:
+        """The stop key: the drives brake and stay, whatever else is wanted."""
+        self.safety.stop()
+        with self._lock:
+            self._again = self._approach_next = False
+            self._go(ControlState.IDLE, "the stop key was pressed")
+
+    def release(self) -> None:
+        """After `stop`: the run may be started again, or retracted."""
+        with self._lock:
+            self.safety.release()
+
+    def update(self, estimate: ForceEstimate, captured_ns: int | None = None) -> None:
+        """Take an estimate; ``captured_ns``: its mid-exposure on the loop's clock, by default its own stamp."""
+        with self._lock:
+            captured = estimate.stamp_ns if captured_ns is None else captured_ns
+            self.safety.observe(estimate, captured)
+            self._estimate = estimate
+            if not estimate.valid:
+                self._valid_since_s = None
+                return
+            now_s, at_s = self._clock.now_ns() * 1e-9, captured * 1e-9
+            self._valid_since_s = now_s if self._valid_since_s is None else self._valid_since_s
+            low, high = estimate.magnitude_interval_n.tolist()
+            width = high - low
+            sample = Sample(
+                at_s, estimate.magnitude_n, width / _SIGMAS if math.isfinite(width) else 0.0, self._position_at(at_s)
+            )
+            self._take(sample)
+
+    def _take(self, sample: Sample) -> None:
+        if self.state not in (ControlState.APPROACH, ControlState.CONTACT, ControlState.HOLD):
+            return
+        self._observer.add(sample)
+        span_s = _BREATHS_AT_TOUCH / self.settings.observer.respiration_hz
+        self._forces.append((sample.time_s, sample.force_n))
+        while self._forces[0][0] < sample.time_s - span_s:
+            self._forces.popleft()
+        if self.state is ControlState.APPROACH:
+            if sample.force_n > self.settings.contact_n:
+                self._touch_mm = self._wanted_mm
+                self._contact_s = sample.time_s
+                self._go(ControlState.CONTACT, "the tip touches")
+        elif self.state is ControlState.CONTACT:
+            self._touch(sample)
+        else:
+            self._excess.append((sample.time_s, sample.force_n - self._target_n))
+            while self._excess[0][0] < sample.time_s - _EXCESS_S:
+                self._excess.popleft()
+            if not self._observer.locked and self._calm(sample.time_s):
+                self._observer.lock()
+            self._controller.add(sample, self._target_n, self._observer.gain_n_per_mm)
+
+    def _touch(self, sample: Sample) -> None:
+        """In contact: stay until what the controller needs is known."""
+        settings, within = self.settings, sample.time_s - self._contact_s
+        if settings.controller == "none":
+            ready = within >= settings.settle_s
+        elif settings.controller == "periodic":
+            if within >= settings.learn_s:
+                # Sure is: the next beat is known to a small part of what the touch may be deep.
+                spread = self._observer.spread_mm() * self._observer.gain_n_per_mm / settings.touch_n
+                self._follow = 1.0 / (1.0 + spread * spread)
+            ready = self._follow >= _SURE or within >= settings.learn_at_most_s
+        else:
+            ready = True
+        if ready:
+            self._controller.begin(self._wanted_mm)
+            self._target_n = min(0.5 * settings.touch_n, settings.target_n)
+            self._go(ControlState.HOLD, "the force is held")
+
+    def _calm(self, now_s: float) -> bool:
+        """Whether the force has been near what is wanted for a while: the model is right, its rate too."""
+        enough = now_s - self._excess[0][0] >= 0.9 * _EXCESS_S and self._target_n >= self.settings.target_n
+        return enough and max(abs(excess) for _, excess in self._excess) < _CALM * self._target_n
+
+    def tick(self) -> ControlTick:
+        """Command the drives, once; returns what was done."""
+        with self._lock:
+            now_s = self._clock.now_ns() * 1e-9
+            position = self.safety.measured_mm()
+            self._history.append((now_s, position))
+            while self._history[0][0] < now_s - _HISTORY_S:
+                self._history.popleft()
+            dt_s = 0.0 if self._last_s is None else now_s - self._last_s
+            self._last_s = now_s
+            action, reason = self.safety.check()
+            running = self.state in (ControlState.APPROACH, ControlState.CONTACT, ControlState.HOLD)
+            if running and action is SafetyAction.RETRACT and self.safety.age_ns() is not None:
+                self._again = self.restarts < self.settings.restarts
+                self._go(ControlState.RETRACT, reason)
+            applied = self._drive(now_s, dt_s, position)
+            found = self._estimate
+            low, high = (math.nan, math.nan) if found is None else found.magnitude_interval_n.tolist()
+            return ControlTick(
+                now_s,
+                self.state,
+                self._target_n if self.state is ControlState.HOLD else 0.0,
+                math.nan if found is None else found.magnitude_n,
+                low,
+                high,
+                found is not None and found.valid,
+                position,
+                applied,
+                self._observer.gain_n_per_mm,
+                self._observer.heart_hz,
+            )
+
+    def _drive(self, now_s: float, dt_s: float, position: float) -> Applied:
+        settings = self.settings
+        match self.state:
+            case ControlState.IDLE:
+                if self._again and self._valid_for(now_s) >= settings.restart_valid_s:
+                    self._again, self.restarts = False, self.restarts + 1
+                    self.start()
+                return Applied(position, self.safety.check()[0], self.reason)
+            case ControlState.APPROACH:
+                speed = settings.approach_mm_per_s
+                self._wanted_mm += speed * dt_s
+                if self._wanted_mm >= self.path.length_mm:
+                    self._again = False
+                    self._go(ControlState.RETRACT, "the goal was reached without contact")
+            case ControlState.CONTACT:
+                self._touch_mm += self._touch_speed() * dt_s
+                self._wanted_mm = self._touch_mm + self._follow * self._swing_mm(now_s)
+                speed = None
+            case ControlState.HOLD:
+                self._raise_target(dt_s)
+                self._wanted_mm = self._controller.position_mm(now_s, self._target_n) + self._dither_mm(now_s)
+                speed = None
+            case ControlState.RETRACT:
+                self._wanted_mm, speed = 0.0, settings.retract_mm_per_s
+                if abs(position) < _FAR_MM:
+                    self._arrive()
+        applied = self.safety.command(self._wanted_mm, speed)
+        if self.state is ControlState.HOLD:
+            self._controller.applied(applied.position_mm - self._dither_mm(now_s))
+        elif self.state is ControlState.CONTACT and applied.action is not SafetyAction.PASS:
+            self._touch_mm = applied.position_mm - self._follow * self._swing_mm(now_s)
+        self._wanted_mm = applied.position_mm
+        return applied
+
+    def _arrive(self) -> None:
+        if self._approach_next:
+            self._approach_next = False
+            self._go(ControlState.APPROACH, "started")
+        else:
+            self._go(ControlState.IDLE, self.reason)
+
+    def _touch_speed(self) -> float:
+        """mm/s of the path in contact: toward the wanted largest force of a beat, or mean force where none is held."""
+        settings = self.settings
+        if self.settings.controller == "none":
+            mean = sum(force for _, force in self._forces) / len(self._forces)
+            error = (settings.target_n - mean) / settings.target_n
+            return settings.touch_mm_per_s * max(-1.0, min(1.0, 2.0 * error))
+        newest = self._forces[-1][0]
+        beat_s = 1.2 / settings.observer.heart_hz[0]
+        largest = max(force for time_s, force in self._forces if time_s >= newest - beat_s)
+        error = (settings.touch_n - largest) / settings.touch_n
+        return settings.touch_mm_per_s * max(-5.0, min(1.0, error))
+
+    def _swing_mm(self, now_s: float) -> float:
+        return self._controller.swing_mm(now_s) if isinstance(self._controller, PeriodicRejection) else 0.0
+
+    def _raise_target(self, dt_s: float) -> None:
+        """Toward the target, as far as the force's excess over what is wanted leaves room below the limit."""
+        settings = self.settings
+        largest = max((excess for _, excess in self._excess), default=0.0)
+        room = settings.safety.limit_n - settings.reserve * max(largest, 0.0)
+        if self._excess:  # contact that is lost and found says that the wall is not known yet
+            touching = sum(excess > settings.contact_n - self._target_n for _, excess in self._excess)
+            share = (touching / len(self._excess) - _LOST) / (_KEPT - _LOST)
+            room = min(room, settings.target_n * share)
+        goal = min(settings.target_n, max(room, _LEAST * settings.target_n))
+        rise = settings.ramp_n_per_s * dt_s
+        self._target_n += min(max(goal - self._target_n, -_FALL * rise), rise)
+
+    def _dither_mm(self, now_s: float) -> float:
+        if not isinstance(self._controller, PeriodicRejection):
+            return 0.0
+        size = self.settings.dither_n / self._observer.gain_n_per_mm
+        return size * math.sin(2.0 * math.pi * _DITHER * self._observer.heart_hz * now_s)
+
+    def _valid_for(self, now_s: float) -> float:
+        return 0.0 if self._valid_since_s is None else now_s - self._valid_since_s
+
+    def _position_at(self, time_s: float) -> float:
+        """Where the catheter was at ``time_s``, between what was measured before and after."""
+        if not self._history:
+            return self.safety.measured_mm()
+        row = bisect_left(self._history, (time_s, -math.inf))
+        if row == 0:
+            return self._history[0][1]
+        if row == len(self._history):
+            return self._history[-1][1]
+        (before_s, before), (after_s, after) = self._history[row - 1], self._history[row]
+        return before + (after - before) * (time_s - before_s) / (after_s - before_s)
+
+    def _go(self, state: ControlState, reason: str) -> None:
+        self.state, self.reason = state, reason

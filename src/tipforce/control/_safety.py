@@ -1,0 +1,139 @@
+"""The layer between a controller and the drives: nothing reaches them but through it."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ..types import Actuators, Clock, ForceEstimate
+from ._path import Path
+from ._settings import SafetySettings
+
+__all__ = ["Applied", "SafetyAction", "SafetyLayer"]
+
+
+class SafetyAction(StrEnum):
+    """What the layer does with what a controller wants."""
+
+    PASS = "pass"
+    COAST = "coast"
+    """No valid estimate just now: what is wanted still passes, but not nearer to the goal than before."""
+    OVER_LIMIT = "over_limit"
+    """The upper end of the force is above the limit: drawn back as fast as allowed until it is not."""
+    RETRACT = "retract"
+    """No valid estimate for too long, or above the limit for too long: back to the start."""
+    STOPPED = "stopped"
+    """The stop key: the drives rest until the run is released."""
+
+
+@dataclass(frozen=True, slots=True)
+class Applied:
+    """What was sent to the drives: the place on the path, and why it is another than was wanted."""
+
+    position_mm: float
+    action: SafetyAction
+    reason: str = ""
+
+
+class SafetyLayer:
+    """Force limit on the interval's upper end, speed limits, retraction, watchdog and stop key.
+
+    Args:
+        actuators: the drives.
+        clock: their time.
+        path: the line along which they may go, and no farther than its ends.
+        settings: the limits.
+        frame_period_s: what the source promises; the watchdog learns the usual delay by itself.
+    """
+
+    def __init__(
+        self, actuators: Actuators, clock: Clock, path: Path, settings: SafetySettings, frame_period_s: float
+    ) -> None:
+        path.check(actuators)
+        self.settings, self.path = settings, path
+        self.max_speed_mm_per_s = path.max_speed_mm_per_s(actuators.limits, settings)
+        self.max_acceleration_mm_per_s2 = path.max_acceleration_mm_per_s2(actuators.limits)
+        self._actuators, self._clock = actuators, clock
+        self._stale_ns = round(1e9 * max(settings.least_stale_s, settings.stale_frames * frame_period_s))
+        self._valid_ns: int | None = None
+        self._usual_ns = 0
+        self._upper_n = 0.0
+        self._over_since_ns: int | None = None
+        self._why = ""
+        self._sent_mm: float | None = None
+        self._sent_ns = 0
+        self._stopped = False
+
+    @property
+    def upper_n(self) -> float:
+        """Upper end of the last valid estimate's interval."""
+        return self._upper_n
+
+    def measured_mm(self) -> float:
+        """Where the drives are."""
+        return self.path.position_mm(self._actuators.read().values)
+
+    def observe(self, estimate: ForceEstimate, captured_ns: int) -> None:
+        """Take an estimate of the image at ``captured_ns`` on the clock, valid or not."""
+        if not estimate.valid:
+            self._why = f"{estimate.status.value}: {estimate.detail}" if estimate.detail else estimate.status.value
+            return
+        now = self._clock.now_ns()
+        delay = now - captured_ns
+        if self._valid_ns is None or delay < self._usual_ns:
+            self._usual_ns = delay  # the smallest delay so far is what the chain needs
+        if self._valid_ns is not None and captured_ns <= self._valid_ns:
+            return
+        self._valid_ns, self._why = captured_ns, ""
+        high = float(estimate.magnitude_interval_n[1])
+        self._upper_n = high if high == high else float(estimate.magnitude_n)
+        limit = self.settings.limit_n
+        if self._upper_n > limit:
+            self._over_since_ns = now if self._over_since_ns is None else self._over_since_ns
+        elif self._upper_n < self.settings.release_share * limit:
+            self._over_since_ns = None
+
+    def age_ns(self) -> int | None:
+        """How old the last valid estimate is, beyond the usual delay; None before the first."""
+        return None if self._valid_ns is None else self._clock.now_ns() - self._valid_ns - self._usual_ns
+
+    def check(self) -> tuple[SafetyAction, str]:
+        """What is to be done now, and why."""
+        now, age, settings = self._clock.now_ns(), self.age_ns(), self.settings
+        if self._stopped:
+            return SafetyAction.STOPPED, "the stop key was pressed"
+        if age is None:
+            return SafetyAction.RETRACT, self._why or "no valid estimate so far"
+        if age > self._stale_ns or (self._why and age > settings.coast_s * 1e9):
+            return SafetyAction.RETRACT, self._why or f"stale: no estimate for {age * 1e-9:.2f} s"
+        if self._over_since_ns is not None:
+            if now - self._over_since_ns > settings.max_above_s * 1e9:
+                return SafetyAction.RETRACT, f"above {settings.limit_n:g} N for {settings.max_above_s:g} s"
+            return SafetyAction.OVER_LIMIT, f"upper end {self._upper_n:.2f} N above {settings.limit_n:g} N"
+        if self._why:
+            return SafetyAction.COAST, self._why
+        return SafetyAction.PASS, ""
+
+    def command(self, wanted_mm: float, max_speed_mm_per_s: float | None = None) -> Applied:
+        """Send the drives toward ``wanted_mm``, or wherever safety wants them; returns what was sent."""
+        now = self._clock.now_ns()
+        action, reason = self.check()
+        last = self.measured_mm() if self._sent_mm is None else self._sent_mm
+        if action is SafetyAction.STOPPED:
+            return Applied(last, action, reason)
+        speed = min(self.max_speed_mm_per_s, max_speed_mm_per_s or self.max_speed_mm_per_s)
+        if action in (SafetyAction.OVER_LIMIT, SafetyAction.RETRACT):
+            wanted_mm, speed = 0.0, self.max_speed_mm_per_s
+        step = speed * (now - self._sent_ns) * 1e-9 if self._sent_mm is not None else 0.0
+        sent = min(max(wanted_mm, last - step), last + step)
+        sent = min(max(sent, min(0.0, last)), self.path.length_mm)
+        self._actuators.command(self.path.targets(sent))
+        self._sent_mm, self._sent_ns = sent, now
+        return Applied(sent, action, reason)
+
+    def stop(self) -> None:
+        """The stop key: the drives brake at once, and no command passes until `release`."""
+        self._stopped = True
+        self._actuators.stop(*self.path.start)
+
+    def release(self) -> None:
+        """After a stop: commands pass again, from where the drives are."""
+        self._stopped, self._sent_mm, self._over_since_ns = False, None, None

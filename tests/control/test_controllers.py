@@ -1,0 +1,91 @@
+"""Controllers on analytic plants: they hold the force, learn gain, rate and wall, and do not wind up."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from tipforce.control import (
+    Admittance,
+    ControlState,
+    ObserverSettings,
+    ProportionalIntegral,
+    Sample,
+    WallObserver,
+)
+
+
+def held(bench, seconds: float) -> np.ndarray:
+    bench.loop.start()
+    bench.run(16.0)
+    assert bench.loop.state is ControlState.HOLD
+    return bench.run(seconds)
+
+
+@pytest.mark.parametrize("gain", [0.02, 0.12])
+@pytest.mark.parametrize("controller", ["pi", "admittance", "periodic"])
+def test_a_wall_at_rest_is_held_whatever_its_stiffness(bench: Callable, controller: str, gain: float) -> None:
+    force = held(bench(controller=controller, gain_n_per_mm=gain), 2.0)
+    np.testing.assert_allclose(force, 0.2, atol=0.012)
+
+
+@pytest.mark.parametrize(("gain", "heart_hz"), [(0.04, 1.6), (0.12, 1.0)])
+def test_heart_and_breath_are_rejected_at_the_rate_that_was_measured(
+    bench: Callable, gain: float, heart_hz: float
+) -> None:
+    made = bench(2.0, 2.0, controller="periodic", gain_n_per_mm=gain, heart_hz=heart_hz)
+    force = held(made, 8.0)
+    assert np.sqrt(np.mean((force - 0.2) ** 2)) < 0.012
+    assert made.ticks[-1].heart_hz == pytest.approx(heart_hz, abs=0.02)
+    assert max(made.forces) < 0.4
+
+
+def test_without_rejection_the_same_wall_shakes_the_force_several_times_as_much(bench: Callable) -> None:
+    with_it = held(bench(3.0, 2.0, controller="periodic", gain_n_per_mm=0.04), 8.0)
+    without = held(bench(3.0, 2.0, controller="none", gain_n_per_mm=0.04), 8.0)
+    assert with_it.std() < 0.25 * without.std()
+    assert without.mean() == pytest.approx(0.2, abs=0.05)
+
+
+def test_the_gain_is_found_from_the_approach_and_the_test_motion(bench: Callable) -> None:
+    made = bench(3.0, 1.0, controller="periodic", gain_n_per_mm=0.15)
+    held(made, 4.0)
+    assert made.ticks[-1].gain_n_per_mm == pytest.approx(0.15, rel=0.4)  # begins with 0.06
+
+
+def test_pi_does_not_wind_up_behind_a_limit() -> None:
+    controller = ProportionalIntegral(loop_delay_s=0.12)
+    controller.begin(5.0)
+    for number in range(300):  # ten seconds against the end of the path, with no force at all
+        controller.add(Sample(number / 30, 0.0, 0.0, 5.0), 0.2, 0.05)
+        controller.applied(min(controller.position_mm(number / 30, 0.2), 5.0))
+    controller.add(Sample(10.1, 0.3, 0.0, 5.0), 0.2, 0.05)
+    assert controller.position_mm(10.1, 0.2) < 5.0
+
+
+def test_a_mass_that_was_stopped_starts_again_from_rest() -> None:
+    controller = Admittance(loop_delay_s=0.12)
+    controller.begin(0.0)
+    controller.add(Sample(0.0, 0.0, 0.0, 0.0), 0.2, 0.05)
+    places = [controller.position_mm(0.01 * step, 0.2) for step in range(50)]
+    assert places[-1] > places[-2] > 0.0
+    controller.applied(places[-1] - 1.0)
+    controller.add(Sample(0.5, 0.2, 0.0, 0.0), 0.2, 0.05)
+    assert controller.position_mm(0.51, 0.2) == pytest.approx(places[-1] - 1.0)
+
+
+def test_an_estimate_that_comes_late_or_twice_changes_nothing() -> None:
+    observer = WallObserver(ObserverSettings(), -5.0, 5.0)
+    observer.add(Sample(1.0, 0.1, 0.01, 6.0))
+    before = observer.wall_mm(1.5)
+    observer.add(Sample(1.0, 0.4, 0.01, 6.0))
+    observer.add(Sample(0.5, 0.4, 0.01, 6.0))
+    assert observer.wall_mm(1.5) == before
+
+
+def test_no_force_where_none_is_expected_tells_nothing_of_the_wall() -> None:
+    observer = WallObserver(ObserverSettings(), -5.0, 1.0)
+    observer.add(Sample(0.0, 0.0, 0.01, 0.0))
+    assert observer.wall_mm(0.0) == -5.0
+    observer.add(Sample(0.1, 0.0, 0.01, 8.0))  # deep in the wall, by the model, and still no force: it is farther away
+    assert observer.wall_mm(0.1) < -5.0

@@ -1,0 +1,71 @@
+"""The loop closed on the simulated bench: states, files, and the same bytes for the same seed."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tipforce.control import ControlSettings
+from tipforce.errors import InputError
+from tipforce.pipelines import ControlSession, bench_of_regime, control, live_bench
+from tipforce.simulation import PRESETS
+
+FILES = ("control.csv", "control.json", "control.svg", "recording.mcap", "report.html")
+# PI holds without learning: eight seconds suffice.
+SETTINGS = ControlSettings(controller="pi", approach_mm_per_s=6.0, ramp_n_per_s=0.5)
+
+
+@pytest.fixture(scope="module")
+def simulation():
+    settings = bench_of_regime(PRESETS["bench-2021"], "oblique", 30.0)
+    world = settings.world.model_copy(update={"seconds": 8.0, "tare_s": 1.2})
+    return live_bench("truth", settings.model_copy(update={"world": world}), seed=1)
+
+
+def run(simulation, folder: Path) -> dict:
+    session = ControlSession("truth", simulation, SETTINGS, "both", seconds=2.0)
+    return control(session, folder, 2.0, title="a <short> run", command="tipforce control truth -o run/")
+
+
+def test_a_run_is_reproducible_to_the_byte_and_says_what_happened(simulation, tmp_path: Path) -> None:
+    first, again = run(simulation, tmp_path / "first"), run(simulation, tmp_path / "again")
+    assert first == again
+    for name in FILES:
+        assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "again" / name).read_bytes(), name
+    figures = json.loads((tmp_path / "first" / "control.json").read_text())
+    assert figures == first
+    assert 0.0 < figures["rms_n"] < 0.2
+    assert figures["peak_whole_run_n"] >= figures["peak_n"] > 0.1
+    rows = list(csv.DictReader((tmp_path / "first" / "control.csv").read_text().splitlines()))
+    states = list(dict.fromkeys(row["state"] for row in rows))
+    assert states == ["retract", "approach", "contact", "hold"]
+    time, sent = (np.array([float(row[name]) for row in rows]) for name in ("time_s", "sent_mm"))
+    assert np.all(np.abs(np.diff(sent)) <= 30.0 * (np.diff(time) + 1e-4) + 1e-3)  # as the table rounds
+    page = (tmp_path / "first" / "report.html").read_text()
+    assert "mN RMS of the true force" in page
+    assert "a &lt;short&gt; run" in page
+    assert "http" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
+        "http://creativecommons.org", ""
+    )
+
+
+def test_a_folder_with_files_is_left_alone(simulation, tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="is not empty"):
+        run(simulation, tmp_path)
+
+
+def test_the_benchmark_states_the_motion_and_leaves_the_rest() -> None:
+    preset = PRESETS["bench-2021"]
+    made = bench_of_regime(preset, "lateral", 30.0)
+    motion, world = made.world.motion, made.world
+    assert (motion.amplitude_m, motion.beat_hz, motion.respiration_m) == ((4e-3, 4e-3), (1.2, 1.2), (2e-3, 2e-3))
+    assert (world.clamp.max_speed_m_per_s, world.clamp.delay_s, world.clamp.lag_s) == (0.03, 0.02, 0.01)
+    assert (world.clock.fps, world.clock.camera_delay_s) == (30.0, 0.04)
+    assert world.wall.contact_angle_deg == (60.0, 75.0)
+    assert world.shaft == preset.world.shaft
+    assert world.wall.friction == preset.world.wall.friction
+    assert motion.lateral_share == preset.world.motion.lateral_share
+    assert made.preset != preset.preset
