@@ -22,7 +22,6 @@ ALLOWED: dict[str, set[str]] = {
     "mechanics": BASE | {"geometry"},
     "simulation": BASE | {"geometry", "mechanics"},
     "clinical": BASE,
-    "hardware": BASE | {"io"},
     "control": BASE | {"clinical"},
     "limits": BASE | {"geometry", "mechanics", "simulation"},
     "vision": BASE | {"geometry"},
