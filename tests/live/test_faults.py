@@ -1,5 +1,6 @@
 """Faults injected into a running engine: the output is invalid in time, says why, and recovers."""
 
+import threading
 import time
 from dataclasses import replace
 from itertools import pairwise
@@ -215,3 +216,41 @@ def test_what_the_source_knows_of_it_is_told(engine):
     notes = Notes()
     engine(Telling(60, faulty(20, 40, silent)), Method(), notes).run()
     assert notes.told("ms old; cameras.camera is lost: no such device").health.camera == "late"
+
+
+def test_an_answer_after_the_end_of_the_run_does_not_count(engine, gate):
+    hanging = threading.Event()
+
+    def force(number):
+        if number >= 20:
+            hanging.set()
+            gate.wait(10.0)
+        return 0.1
+
+    notes = Notes()
+    live = engine(Camera(100_000), Method(force), notes)
+    with live.running():
+        assert hanging.wait(5.0)
+    last = live.latest()
+    assert last.estimate.detail == "the run was stopped"
+    gate.set()
+    time.sleep(0.05)
+    assert live.latest() is last
+    assert notes.updates[-1] is last
+
+
+def test_a_watchdog_that_fails_ends_the_run(engine, monkeypatch):
+    monkeypatch.setattr("tipforce.live._engine.Engine._notice_due", lambda *_: 1 / 0)
+    monkeypatch.setattr(threading, "excepthook", lambda _: None)
+    report = engine(Camera(100_000), Method(), Notes()).run()
+    assert report.seconds < 60.0
+
+
+def test_what_a_source_says_of_itself_does_not_stop_the_watchdog(engine):
+    class Stammers(Camera):
+        def trouble(self):
+            raise KeyError("camera")
+
+    notes = Notes()
+    engine(Stammers(50, faulty(20, 30, silent)), Method(), notes).run()
+    assert notes.told("ms old; the source cannot tell why: KeyError")

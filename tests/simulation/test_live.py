@@ -20,7 +20,7 @@ from tipforce.simulation import (
     SimulationSettings,
     collect_truth,
 )
-from tipforce.types import Actuators, Frame, Source, Wrench
+from tipforce.types import Actuators, Frame, SimulatedClock, Source, Wrench
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "simulation.md"
 
@@ -289,6 +289,19 @@ def test_real_time_waits_for_the_machines_clock():
         assert bench.actuators.read().values["advance_mm"] == 0.0
         until(bench, 0.6)
         assert bench.actuators.read().values["advance_mm"] > 0.5
+
+
+def test_in_real_time_images_that_come_too_late_are_left_out(simulation, monkeypatch):
+    monkeypatch.setattr(simulation, "_real_time", True)
+    monkeypatch.setattr(simulation, "_images", True)
+    with simulation as bench:
+        clock = bench.source.clock = SimulatedClock()  # a computer that is as slow as the test says
+        frames = (event for event in bench.source if isinstance(event, Frame))
+        stamps = [next(frames).stamp_ns, next(frames).stamp_ns]
+        clock.sleep_until_ns(clock.now_ns() + 500_000_000)
+        stamps += [next(frames).stamp_ns, next(frames).stamp_ns]
+    missed = np.round(np.diff(stamps) * 6e-9)  # in periods of 1/6 s
+    assert missed.tolist() == [1.0, 3.0, 1.0]
 
 
 def test_the_closed_loop_of_the_docs_holds_its_force_on_a_wall_at_rest(capsys):

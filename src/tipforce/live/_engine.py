@@ -13,7 +13,7 @@ import numpy as np
 
 from ..clinical import ContactSettings
 from ..estimators import Estimator, Stream
-from ..types import Clock, Event, ForceEstimate, Image, Source, Status, SystemClock
+from ..types import Clock, ForceEstimate, Image, Source, Status, SystemClock
 from ._contact import ContactTotals
 from ._intake import Instant, Intake
 from ._latency import Histogram, RecentDelays
@@ -68,7 +68,6 @@ class Engine:
         settings: how long a value counts, and what is done where something fails.
         clock: the engine's; by default the machine's monotonic clock.
         model: what the model is called.
-        tap: gets every event of the source, on the source's thread; it must not wait.
     """
 
     def __init__(
@@ -80,7 +79,6 @@ class Engine:
         settings: LiveSettings | None = None,
         clock: Clock | None = None,
         model: str = "",
-        tap: Callable[[Event], None] | None = None,
     ) -> None:
         self.settings = settings or LiveSettings()
         self.clock = clock or SystemClock()
@@ -91,7 +89,7 @@ class Engine:
         self._intake = Intake(
             estimator.views, self._info, self.settings, same_clock=same_clock, on_fault=self._wake.set
         )
-        self._reader = SourceReader(source, self._intake, self.settings, self.clock, self._stop, tap)
+        self._reader = SourceReader(source, self._intake, self.settings, self.clock, self._stop)
         self._runners: tuple[SinkRunner, ...] = ()
         self._publishing = threading.RLock()
         self._contact, self._zero = ContactTotals(self.settings.contact), ZeroButton(self.settings)
@@ -100,6 +98,7 @@ class Engine:
         self._latest: LiveUpdate | None = None
         self._answered_ns: int | None = None
         self._trouble = ""
+        self._over = False
         self._report = LiveReport()
         self._began_ns = 0
         self._threads: list[threading.Thread] = []
@@ -119,7 +118,11 @@ class Engine:
         if self._threads:
             raise RuntimeError("an engine runs once; make another one")
         self._began_ns, cpu_s = self.clock.now_ns(), time.process_time()
-        loops = {"live-source": self._reader.run, "live-estimator": self._estimate, "live-watchdog": self._watch}
+        loops = {
+            "live-source": self._reader.run,
+            "live-estimator": lambda: self._last(self._estimate),
+            "live-watchdog": lambda: self._last(self._watch),
+        }
         with self._publishing:
             self._threads = [threading.Thread(target=loop, name=name, daemon=True) for name, loop in loops.items()]
             for each in (*self._runners, *self._threads):
@@ -210,6 +213,13 @@ class Engine:
         """The last update; None before the first one. Where the camera is at fault it is the watchdog's."""
         return self._latest
 
+    def _last(self, loop: Callable[[], None]) -> None:
+        """Runs a loop without which there is no run: however it ends, the run ends."""
+        try:
+            loop()
+        finally:
+            self.stop()
+
     def _estimate(self) -> None:
         """The estimator's thread."""
         stream: Stream | None = None
@@ -236,8 +246,6 @@ class Engine:
                 wait_s = min(2.0 * wait_s, self.settings.reconnect_max_s)
         if self._shapes is not None:
             self._shapes.close()
-        self._done.set()
-        self._wake.set()
 
     def _with_shape(self, found: ForceEstimate, instant: Instant) -> ForceEstimate:
         """``found``, with the shape for page and recording where the method detects none."""
@@ -276,9 +284,13 @@ class Engine:
     def _camera_fault(self, now_ns: int) -> Fault | None:
         """What is wrong with the cameras, with what the source knows of it."""
         fault = self._intake.fault(now_ns)
-        if fault is None or not isinstance(self._source, _Telling) or not (why := self._source.trouble()):
+        if fault is None or not isinstance(self._source, _Telling):
             return fault
-        return Fault(fault.camera, f"{fault.message}; {why}")
+        try:
+            why = self._source.trouble()
+        except Exception as error:  # what a driver says of itself must not stop the watchdog
+            why = f"the source cannot tell why: {type(error).__name__}"
+        return Fault(fault.camera, f"{fault.message}; {why}") if why else fault
 
     def _refused(self, instant: Instant, now_ns: int) -> tuple[Status, str] | None:
         """Why the answer to ``instant`` does not count, whatever it is."""
@@ -353,6 +365,8 @@ class Engine:
         now_ns: int,
         fault: Fault | None,
     ) -> None:
+        if self._over:  # a method that hung answers after the run
+            return
         estimate = self._zero.apply(estimate, now_ns)
         clinical = self._contact.update(estimate)
         number = 0 if self._latest is None else self._latest.number + 1
@@ -388,6 +402,7 @@ class Engine:
         """The last word of a run is that its force is not valid any more."""
         with self._publishing:
             self._notify(Fault("lost", why), self.clock.now_ns())
+            self._over = True
 
     def _close_sinks(self) -> None:
         for runner in self._runners:

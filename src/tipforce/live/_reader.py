@@ -2,9 +2,8 @@
 
 import logging
 import threading
-from collections.abc import Callable
 
-from ..types import Clock, Event, Source
+from ..types import Clock, Source
 from ._intake import Intake
 from ._settings import LiveSettings
 
@@ -14,10 +13,7 @@ _log = logging.getLogger(__name__)
 
 
 class SourceReader:
-    """Passes events to an intake until the source ends for good; ``end`` says why, ``reconnects`` how often it failed.
-
-    ``tap``: gets every event, too, as a recording wants them; it must not wait.
-    """
+    """Passes events to an intake until the source ends for good. ``end``: why; ``reconnects``: how often it failed."""
 
     def __init__(
         self,
@@ -26,10 +22,8 @@ class SourceReader:
         settings: LiveSettings,
         clock: Clock,
         stop: threading.Event,
-        tap: Callable[[Event], None] | None = None,
     ) -> None:
         self._source, self._intake, self._settings, self._clock, self._stop = source, intake, settings, clock, stop
-        self._tap = tap
         self.reconnects = 0
         self.end = ""
 
@@ -66,8 +60,6 @@ class SourceReader:
                         worked = True
                         self._intake.restart()
                     self._intake.add(event, self._clock.now_ns())
-                    if self._tap is not None:
-                        self._tap(event)
         except Exception as error:  # a driver is other people's code: whatever it raises is told, and it is tried again
             return f"the source failed: {type(error).__name__}: {error}", worked
         return _ENDED, worked

@@ -123,6 +123,8 @@ def _limits(drive: Drive, per_unit: float) -> AxisLimits:
 
 _FIRST_IMAGE_STREAM = 3
 """The first stream of images in a schedule."""
+_TOO_LATE_NS = 50_000_000
+"""In real time an image that should have come so long ago is not drawn: a camera that is read too late drops it."""
 
 
 class _LiveSource(SimulatedBench):
@@ -130,7 +132,7 @@ class _LiveSource(SimulatedBench):
 
     def __init__(self, plan: SimulatedBench, run: TrajectoryIntegrator, *, real_time: bool, images: bool) -> None:
         super().__init__(plan.preset_settings, plan.seed, plan.number)
-        self._plan, self.run, self._images = plan, run, images
+        self._plan, self.run, self._images, self._real_time = plan, run, images, real_time
         self._next = 0
         self.lock = threading.RLock()
         self._late = min(drive.late for drive in run.drives)
@@ -182,11 +184,14 @@ class _LiveSource(SimulatedBench):
         """(n,): the frames whose exposure has happened."""
         return np.flatnonzero(self._frames_need <= self.run.done)
 
+    def _too_late(self, at_ns: int) -> bool:
+        return self._real_time and self.clock.now_ns() - at_ns > _TOO_LATE_NS
+
     def __iter__(self) -> Iterator[Event]:
         while self._next < len(self._order):
             at_ns, stream, row = self._order[self._next]
             self._next += 1
-            if stream >= _FIRST_IMAGE_STREAM and not self._images:
+            if stream >= _FIRST_IMAGE_STREAM and (not self._images or self._too_late(at_ns)):
                 continue
             self.reach(int(self._instants_needed[stream][row]), at_ns)
             event = self.event(stream, row)
@@ -200,7 +205,7 @@ class LiveSimulation:
     ``source``: its events, in the order in which a program at the bench would have them (see ``ClockSettings`` for
     the delays); going on with it makes time go on. ``actuators``: its drives. ``clock``: simulated, which stands at
     the event that came last, or with ``real_time`` the machine's, which it waits for. Without ``images`` none are
-    drawn.
+    drawn. In real time, images that a slow computer would draw too late are left out.
 
     While nobody commands a drive the events are those of `SimulatedBench`, each of them the same bytes. A command
     changes what happens from its own time on, after the drive's delay. On simulated time the same commands after the
