@@ -32,7 +32,7 @@ class LiveSettings(BaseModel):
     """First wait before a source or sink that failed is started again; it doubles each time."""
     reconnect_max_s: _Seconds = 10.0
     """Longest such wait."""
-    max_reconnects: Annotated[int, Field(ge=0)] | None = None
+    max_reconnects: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
     """So often a source that failed is opened again in a row; None: for ever."""
     reopen_ended: bool = False
     """Whether a source that ends has failed: true of a camera, not of a file."""

@@ -35,7 +35,7 @@ class LiveRunSettings(LiveSettings):
     """Images a second of a file or the simulated bench, in place of its own rate."""
     loop: bool = False
     """A file begins again at its end."""
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
     """Of the simulated bench's session."""
 
 
