@@ -7,7 +7,7 @@ import pytest
 
 from tipforce.datasets import open_dataset
 from tipforce.errors import InputError, NotFittedError
-from tipforce.estimators import ESTIMATORS, Estimator, Svr, create, load_model, save_model
+from tipforce.estimators import ESTIMATORS, Estimator, Svr, SvrSettings, create, load_model, save_model
 from tipforce.types import ForceEstimate, Observation, SessionInfo, Status
 
 
@@ -40,14 +40,14 @@ def test_settings_stay_what_the_user_said(name: str) -> None:
 def test_unfitted_is_the_fresh_method_after_a_fit_too(bench: Path, tmp_path: Path) -> None:
     data = open_dataset(bench / "runs")
     some = data.subset(np.arange(0, len(data), 6))
-    method = Svr()
+    method = Svr(SvrSettings(max_left_out=0.3))
     fitted = method.unfitted().fit(some)
-    assert fitted.settings == Svr().settings, "nothing that was learnt is in the settings"
-    assert fitted.unfitted().settings == Svr().settings
+    assert fitted.settings == method.settings, "nothing that was learnt is in the settings"
+    assert fitted.unfitted().settings == method.settings
     assert fitted.unfitted().fitted_ is None
     save_model(fitted, tmp_path / "model", some)
     again = load_model(tmp_path / "model")
-    assert again.unfitted().settings == Svr().settings
+    assert again.unfitted().settings == method.settings
     last = data.subset(data.session == data.sessions[-1])
     before, after = (each.predict(last) for each in (fitted, again))
     assert [e.magnitude_n for e in before] == pytest.approx([e.magnitude_n for e in after], nan_ok=True)

@@ -15,7 +15,7 @@ from tipforce.cli import VERBS, app
 from tipforce.errors import InputError
 
 SOURCE = Path(tipforce.__file__).parent
-COMMON = {"output", "overwrite", "json_file", "json", "settings", "data", "bench"}
+COMMON = {"output", "overwrite", "json_file", "json", "settings", "data", "bench", "executor"}
 """Options that every verb of the kind has: where to write, --set, --json; what is read, and the bench that it is of."""
 
 

@@ -49,7 +49,7 @@ class RecordingSink:
         """Write one update. Raises OSError where the disk is full."""
         assert self._writer is not None
         stamp_ns = update.estimate.stamp_ns
-        if self._frames and stamp_ns > self._last_ns:  # a notice comes without an image, or with one it had before
+        if self._frames and update.frames and stamp_ns > self._last_ns:  # a notice has none
             for view, image in update.frames.items():
                 self._writer.write(Frame(stamp_ns, image, view))
             self._last_ns = stamp_ns
