@@ -113,12 +113,14 @@ def test_two_equal_answers_have_half_the_variance():
 
 
 def test_what_was_never_calibrated_is_saved_and_read():
-    """Its intervals are those of the covariances."""
+    """Its intervals are the network's; where the rod is alone, those of its covariances."""
     fresh = Fusion()
     values, arrays = fresh.state()
     again = Fusion.from_state(fresh.settings.model_dump(), json.loads(json.dumps(values)), arrays, fresh.files())
     assert again.describe() == fresh.describe()
-    assert again.describe()["interval_basis"]["both"] == "the covariances alone"
+    basis = again.describe()["interval_basis"]
+    assert basis["both"] == basis["network"] == again.members.network.describe()["interval_basis"]
+    assert basis["rod"] == "the covariances alone"
 
 
 def test_another_method_is_no_network():

@@ -43,7 +43,7 @@ class FusionSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    network: Annotated[str, Field(min_length=1, max_length=4096)] = "pretrained/compact"
+    network: Annotated[str, Field(min_length=1, max_length=4096)] = "pretrained/compact-wide"
     """Folder of the `compact` model; its own copy is kept in the saved model."""
     rod: RodTrackSettings = RodTrackSettings()
     """Of `rod-track`."""
@@ -150,9 +150,14 @@ class Fusion(Estimator):
             members.rod.start(info, images),
             members.network.start(info, images),
             self.settings.max_distance,
-            self.intervals_,
+            {source: self._interval(source) for source in _DETAILS},
             self.settings.max_error_n,
         )
+
+    def _interval(self, source: str) -> Interval:
+        """Of ``source``; until `calibrate` that of the network, by stratum of the force, but for the rod alone."""
+        own, fitted = self.intervals_[source], self.members.network.fitted_
+        return fitted.interval if own.basis == _ALONE.basis and source != "rod" and fitted is not None else own
 
     def unfitted(self) -> Self:
         """The same settings and network without what was learnt."""
@@ -203,7 +208,7 @@ class Fusion(Estimator):
     def describe(self) -> dict[str, Any]:
         """Of both members, and what the intervals rest on."""
         rod, network = self.members.rod.describe(), self.members.network.describe()
-        basis = {source: each.basis for source, each in self.intervals_.items()}
+        basis = {source: self._interval(source).basis for source in _DETAILS}
         return {"rod": rod, "network": network, "interval_basis": basis}
 
     @classmethod
