@@ -13,7 +13,10 @@ from tipforce.types import Frame
 from .conftest import code_blocks, type_command  # type: ignore[import-not-found]
 
 README = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
-QUICKER = {"--data runs/ -o": "--data runs/ --every 12 -o"}
+QUICKER = {
+    "--data runs/ -o": "--data runs/ --every 12 -o",
+    "--estimator svr -o": "--estimator svr --set max_left_out=0.3 -o",  # of these nine seconds a sixth is not detected
+}
 
 
 def commands(text: str) -> list[str]:
@@ -34,7 +37,7 @@ def test_the_commands_for_a_bench_run(work_folder: Path) -> None:
             shutil.copy("known.toml", "bench.toml")  # as filled in by a person
             for path in sorted(Path("runs").glob("session_0[2-7]*")):  # copies; two sessions suffice
                 path.unlink()
-        else:
+        elif not line.startswith("tipforce live"):  # this bench has no devices
             type_command(line, QUICKER)
     assert Path("forces.mp4").is_file()
     assert Path("report/report.html").is_file()
