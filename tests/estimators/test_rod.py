@@ -3,11 +3,13 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from tipforce.estimators import Rod, RodSettings, load_model
+from tipforce.estimators import Estimator, Fusion, FusionSettings, Rod, RodSettings, load_model
 from tipforce.estimators._reading import Abstention
 from tipforce.estimators.rod._calibration import Widths
 from tipforce.estimators.rod._detection import Detected
@@ -190,6 +192,21 @@ def test_calibrated_widths_multiply_intervals_and_covariance() -> None:
     assert np.ptp(two.interval_n[:2], axis=1) == pytest.approx([2.0, 3.0] * np.ptp(one.interval_n[:2], axis=1))
     assert np.ptp(two.magnitude_interval_n) == pytest.approx(2.0 * np.ptp(one.magnitude_interval_n))
     assert two.covariance_n2[1, 1] == pytest.approx(9.0 * one.covariance_n2[1, 1])
+
+
+@pytest.mark.parametrize("method", [Rod(RodSettings(max_error_n=0.1)), Fusion(FusionSettings(max_error_n=0.1))])
+def test_intervals_are_found_on_all_estimates_however_wide(method: Estimator, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[float | None] = []
+
+    def predict(self: Any, *_: object) -> list[ForceEstimate]:
+        asked.append(self.settings.max_error_n)
+        raise StopIteration
+
+    monkeypatch.setattr(type(method), "predict", predict)
+    with pytest.raises(StopIteration):
+        method.calibrate(SimpleNamespace(known=np.ones(3, np.bool_)))  # type: ignore[arg-type]
+    assert asked == [None]
+    assert method.settings.max_error_n == 0.1  # type: ignore[attr-defined]
 
 
 def test_sessions_with_forces_teach_the_clamp() -> None:

@@ -104,8 +104,9 @@ class Fusion(Estimator):
         report = progress or no_progress
         if not dataset.known[:2].all():
             raise InputError(f"{dataset.title}: fusion needs fx and fy of the base frame to calibrate its intervals")
-        self.intervals_ = dict.fromkeys(_DETAILS, _ALONE)
-        found = self.predict(dataset, lambda share: report("calibrating", share))
+        every = type(self)(self.settings.model_copy(update={"max_error_n": None}))
+        every._members = self.members
+        found = every.predict(dataset, lambda share: report("calibrating", share))
         rows = [(row, each) for row, each in enumerate(found) if each.valid]
         if not rows:
             raise InputError(f"{dataset.title}: no sample has an estimate, so there are no intervals to calibrate")

@@ -73,8 +73,9 @@ class RodEstimator(CentrelineEstimator):
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
         """Widens or narrows the intervals so that they hold on sessions apart; the forces stay as they are."""
         report = progress or no_progress
-        self.fitted_ = replace(self.fitted_, widths=Widths())
-        found = self.predict(dataset, lambda share: report("calibrating", share))
+        every = type(self)(self.settings.model_copy(update={"max_error_n": None}))
+        every.fitted_ = replace(self.fitted_, widths=Widths())
+        found = every.predict(dataset, lambda share: report("calibrating", share))
         self.fitted_ = replace(self.fitted_, widths=calibrated_widths(found, dataset))
         return self
 
