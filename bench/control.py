@@ -1,7 +1,8 @@
 """A force held on a moving wall: no control, PI, PI with rejection of heart and breath; with the truth and estimators.
 
     OMP_NUM_THREADS=1 python -m bench.control [--feedback truth pretrained/compact ...] [--sessions N] [--seconds S]
-        [--regimes perpendicular oblique lateral] [--controllers none pi periodic] [--preset bench-2021] [--out FILE]
+        [--regimes perpendicular oblique lateral] [--controllers none pi periodic] [--preset bench-2021]
+        [--tissue own|stated|varied] [--out FILE]
 
 Each line of FILE (JSON) is one run; what stands there already is not run again. Without control the catheter stands
 where the mean force is the target, and the limit is lifted, for there is nothing to draw it back for. At the end the
@@ -19,7 +20,7 @@ import numpy as np
 from tipforce.control import ControlSettings, SafetySettings
 from tipforce.estimators import Estimator, load_model
 from tipforce.pipelines import REGIMES, bench_of_regime, live_bench, run_control
-from tipforce.simulation import PRESETS, LiveSimulation
+from tipforce.simulation import PRESETS, AnySimulationSettings, LiveSimulation
 
 DRIVES = {"perpendicular": "advance", "oblique": "both", "lateral": "both"}
 LIFTED_N = 5.0
@@ -31,10 +32,31 @@ def feedback_of(name: str) -> Estimator | str:
     return name if name == "truth" else load_model(pathlib.Path(name))
 
 
+_OF_TISSUE = ("stiffness_n_per_m", "log_stiffness", "laws", "loss_factors", "faces")
+
+
+def with_tissue(settings: AnySimulationSettings, tissue: str) -> AnySimulationSettings:
+    """The same bench with another tissue, or with one that is known.
+
+    ``own``: as the preset has it; ``stated``: the same, and the session metadata state its stiffness, as of somebody
+    who pressed on it; ``varied``: stiffness, laws, losses and faces of the preset ``varied``, stated by nobody.
+    """
+    wall, other = settings.world.wall, PRESETS["varied"].world.wall
+    changes = {
+        "own": {},
+        "stated": {"stated_within": 0.05},
+        "varied": {name: getattr(other, name) for name in _OF_TISSUE},
+    }
+    world = settings.world.model_copy(update={"wall": wall.model_copy(update=changes[tissue])})
+    return settings.model_copy(update={"world": world})
+
+
 @lru_cache(maxsize=1)
-def bench_of(preset: str, regime: str, seconds: float, seed: int, session: int, feedback: str) -> LiveSimulation:
+def bench_of(
+    preset: str, tissue: str, regime: str, seconds: float, seed: int, session: int, feedback: str
+) -> LiveSimulation:
     """The session, planned once for all controllers."""
-    settings = bench_of_regime(PRESETS[preset], regime, seconds)  # type: ignore[arg-type]
+    settings = bench_of_regime(with_tissue(PRESETS[preset], tissue), regime, seconds)  # type: ignore[arg-type]
     return live_bench(feedback_of(feedback), settings, seed, session)  # type: ignore[arg-type]
 
 
@@ -44,7 +66,8 @@ def one(job: dict[str, object], seconds: float) -> dict[str, object]:
     settings = ControlSettings(controller=controller)  # type: ignore[arg-type]
     if controller == "none":
         settings = settings.model_copy(update={"safety": SafetySettings(limit_n=LIFTED_N)})
-    where = (str(job["preset"]), regime, seconds, int(job["seed"]), int(job["session"]), str(job["feedback"]))  # type: ignore[call-overload]
+    named = str(job["preset"]), str(job["tissue"]), regime
+    where = (*named, seconds, int(job["seed"]), int(job["session"]), str(job["feedback"]))  # type: ignore[call-overload]
     begun = time.process_time()
     run = run_control(
         feedback_of(str(job["feedback"])),  # type: ignore[arg-type]
@@ -61,14 +84,12 @@ def one(job: dict[str, object], seconds: float) -> dict[str, object]:
 def table(rows: list[dict[str, object]]) -> str:
     """Markdown: a line for each feedback, regime and controller."""
     lines = [
-        "| feedback | contact | drives | controller | runs | RMS mN (worst) | in 20 mN | peak N | invalid | again |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| tissue | feedback | contact | drives | controller | runs | RMS mN (worst) | 20 mN | peak N | none | again |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    keys = dict.fromkeys(tuple(row[key] for key in ("feedback", "regime", "drives", "controller")) for row in rows)
-    for key in keys:
-        own = [
-            row for row in rows if tuple(row[name] for name in ("feedback", "regime", "drives", "controller")) == key
-        ]
+    names = ("tissue", "feedback", "regime", "drives", "controller")
+    for key in dict.fromkeys(tuple(row[name] for name in names) for row in rows):
+        own = [row for row in rows if tuple(row[name] for name in names) == key]
         held = [row for row in own if "rms_n" in row]
         if not held:
             lines.append(f"| {' | '.join(map(str, key))} | {len(own)} | never held | | | | |")
@@ -96,17 +117,25 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--preset", default="bench-2021")
+    parser.add_argument("--tissue", default="own", choices=("own", "stated", "varied"))
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("control.jsonl"))
     chosen = parser.parse_args()
     rows = [json.loads(line) for line in chosen.out.read_text().splitlines()] if chosen.out.exists() else []
-    keys = ("preset", "feedback", "regime", "drives", "controller", "seed", "session")
+    keys = ("preset", "tissue", "feedback", "regime", "drives", "controller", "seed", "session")
     done = {tuple(row[key] for key in keys) for row in rows}
     for session in range(chosen.first, chosen.first + chosen.sessions):
         for feedback in chosen.feedback:
             for regime in chosen.regimes:
                 for controller in chosen.controllers:
-                    values = (chosen.preset, feedback, regime, chosen.drives or DRIVES[regime], controller)
+                    values = (
+                        chosen.preset,
+                        chosen.tissue,
+                        feedback,
+                        regime,
+                        chosen.drives or DRIVES[regime],
+                        controller,
+                    )
                     job = dict(zip(keys, (*values, chosen.seed, session), strict=True))
                     if tuple(job.values()) in done:
                         continue

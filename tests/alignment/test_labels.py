@@ -105,6 +105,12 @@ def test_a_live_loop_that_does_not_wait_gets_the_last_reading(moving: list[Event
         assert o.actuation["knob_deg"] == pytest.approx(min(2.0 * (o.stamp_ns // 200_000_000), 10.0))
 
 
+def test_a_live_loop_whose_images_arrive_late_interpolates_the_readings_at_hand(moving: list[Event]) -> None:
+    arriving = sorted(moving, key=lambda event: event.stamp_ns + 250_000_000 * isinstance(event, Frame))
+    for o in observations(arriving, wait_s=0.0):
+        assert o.actuation["knob_deg"] == pytest.approx(min(o.stamp_ns * 1e-8, 10.0))
+
+
 def test_files_and_streams_agree_on_the_actuation(moving: list[Event], tmp_path: Path) -> None:
     late: Callable[[int], int] = lambda stamp: stamp + 900_000_000 * (stamp > 600_000_000)  # noqa: E731
     events = [

@@ -233,16 +233,17 @@ def test_the_latest_reading_of_a_drive_counts_within_its_age_and_what_is_stated_
     assert taken.take(0.0).observation.actuation["knob_deg"] == 20.0
 
 
-def test_an_actuation_that_is_too_old_is_a_missing_input(engine):
+@pytest.mark.parametrize(("name", "wanted"), [("knob_deg", ("knob_deg",)), ("advance_mm", ())])
+def test_an_actuation_that_is_too_old_is_a_missing_input(engine, name, wanted):
     class WithKnob(Camera):
         def before(self):
-            yield Actuation(self.clock.now_ns(), {"knob_deg": 5.0})
+            yield Actuation(self.clock.now_ns(), {name: 5.0})
 
     method, notes = Method(), Notes()
-    method.wanted_actuation = ("knob_deg",)
+    method.wanted_actuation = wanted
     engine(WithKnob(60), method, notes, settings=FAST.model_copy(update={"actuation_age_s": 0.1})).run()
     told = next(each for each in notes.updates if each.estimate.status is Status.MISSING_INPUT)
-    assert "knob_deg was read 0." in told.estimate.detail
+    assert f"{name} was read 0." in told.estimate.detail
     assert "at most 0.1 s" in told.estimate.detail
     assert any(each.estimate.valid for each in notes.updates if each.number < told.number)
 

@@ -162,6 +162,25 @@ def test_no_axis_exceeds_its_limits_or_moves_before_its_delay(simulation, orders
             np.testing.assert_array_equal(places[before], column(programme)[rows][before])
 
 
+def test_a_clamp_whose_scale_begins_elsewhere_is_commanded_and_read_on_its_scale(simulation):
+    clamp = SETTINGS.world.clamp.model_copy(update={"home_m": 8e-3, "logged": True})
+    settings = SETTINGS.model_copy(update={"world": SETTINGS.world.model_copy(update={"clamp": clamp})})
+    with simulation as bench, LiveSimulation(settings, seed=2, images=False) as other:
+        low, high = (bench.actuators.limits["advance_mm"].low, bench.actuators.limits["advance_mm"].high)
+        assert other.actuators.limits["advance_mm"].low == pytest.approx(low + 8.0)
+        assert other.actuators.limits["advance_mm"].high == pytest.approx(high + 8.0)
+        for each, target in ((bench, 2.0), (other, 10.0)):
+            until(each, 0.2)
+            each.actuators.command({"advance_mm": target})
+        events = until(other, 1.0)
+        until(bench, 1.0)
+        np.testing.assert_array_equal(other.source.trajectory.advance_m, bench.source.trajectory.advance_m)
+        assert other.actuators.read().values["advance_mm"] == pytest.approx(10.0, abs=0.01)
+        logged = [event.values["advance_mm"] for event in events if "advance_mm" in getattr(event, "values", {})]
+        assert logged[0] == pytest.approx(8.0, abs=0.01)
+        assert logged[-1] == pytest.approx(10.0, abs=0.02)
+
+
 def test_what_cannot_be_done_is_refused_and_nothing_moves(simulation):
     with simulation as bench:
         actuators = bench.actuators

@@ -73,10 +73,10 @@ def observations(
     """An observation for each frame of ``view``, or of the first of several views.
 
     Of each further view the image nearest in time, at most ``pair_s`` away, is in the same observation; where it was
-    dropped, that view is absent. Actuation is interpolated linearly where a later reading comes within ``wait_s`` (in
-    stamps) of the frame, else the last one holds; names without any reading so far are absent. Frames wait for that
-    reading and for their partners, never longer than events ``wait_s`` and ``pair_s`` later; a live loop passes
-    ``wait_s=0``.
+    dropped, that view is absent. Actuation is interpolated linearly where a later reading, within ``WAIT_S`` of the
+    frame in stamps, is there, else the last one holds; names without any reading so far are absent. Frames wait for
+    that reading and for their partners, never longer than events ``wait_s`` and ``pair_s`` later; a live loop passes
+    ``wait_s=0``, and has the later reading where images arrive later than readings.
     """
     views = (view,) if isinstance(view, str) else tuple(view)
     series, pairing = ActuationSeries(), Pairing(views, pair_s)
@@ -84,7 +84,7 @@ def observations(
     wait_ns, pair_ns = round(wait_s * 1e9), round(pair_s * 1e9)
 
     def release(frame: Frame) -> Observation:
-        values = series.at(np.array([frame.stamp_ns]), wait_s=wait_s)
+        values = series.at(np.array([frame.stamp_ns]), wait_s=max(wait_s, WAIT_S))
         known = {name: float(value[0]) for name, value in values.items() if not np.isnan(value[0])}
         series.forget_before(frame.stamp_ns)
         return Observation(frame.stamp_ns, pairing.views_of(frame), known)

@@ -168,7 +168,7 @@ def read_session(
                 rows.append(row)
                 shapes.append(found.shape)
                 frame_of = found.frame
-                lines.append(frame_of.line(found.shape.centreline))
+                lines.append(found.line())
             if progress is not None:
                 progress((row + 1) / wanted)
         if not rows or frame_of is None:

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from ..datasets import Dataset
 from ..errors import InputError
-from ..types import ForceEstimate, Image, Observation, SessionInfo
+from ..types import ADVANCE, ForceEstimate, Image, Observation, SessionInfo
 from ._summary import ModelSummary
 
 __all__ = ["CentrelineEstimator", "Estimator", "FineTunable", "Progress", "Stream", "calibration_images", "no_progress"]
@@ -227,8 +227,14 @@ _IMAGES = 16
 
 
 def calibration_images(dataset: Dataset, session: str, view: str) -> tuple[Image, ...]:
-    """Images from all over ``session`` of ``dataset``, or of what it is a part of; their labels play no part."""
+    """Images from all over ``session`` of ``dataset``, or of what it is a part of; their labels play no part.
+
+    None where the clamp is advanced in that session, for then they show the catheter from different places.
+    """
     whole = dataset.whole or dataset
+    advance = whole.actuation.get(ADVANCE, np.zeros(len(whole)))[whole.session == session]
+    if np.any(advance):
+        return ()
     rows = np.flatnonzero(whole.session == session)
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, _IMAGES).astype(np.int64))]
     found = (each.views.get(view) for each in whole.subset(rows).observations())

@@ -16,6 +16,7 @@ from ..vision import (
     for_session,
     session_vision,
 )
+from ._clamp import INWARD, image_from_clamp, read_advance_m
 from ._reading import Abstention, read_view
 
 __all__ = ["DetectedLine", "SessionDetection"]
@@ -27,7 +28,7 @@ _NOMINAL_SIDE = "left"
 class DetectedLine:
     """A found ``shape`` and its ``centreline``; ``size_px``: width and height of the image.
 
-    ``base_side``: the border that the shaft comes from.
+    ``base_side``: the border that the shaft comes from. ``advance_m``: of the clamp, see `read_advance_m`.
     """
 
     shape: DetectedShape
@@ -35,6 +36,7 @@ class DetectedLine:
     size_px: tuple[int, int]
     base_side: str
     scale_m_per_px: float
+    advance_m: float
 
 
 class SessionDetection:
@@ -76,18 +78,25 @@ class SessionDetection:
         scale = self._info.view(name).metres_per_px
         if scale is None:
             return Abstention(Status.MISSING_INPUT, f"views.{name}.metres_per_px is not stated; add it to bench.toml")
+        advance_m = read_advance_m(observation)
+        if isinstance(advance_m, Abstention):
+            return advance_m
+        side, advance_px = self._side(self._detector), round(advance_m / scale)
+        view = image_from_clamp(view, side, advance_px)
         detector = self._detector
         if self._settings.method == "tracer" and not isinstance(self.vision, ResolvedVision):
             try:
                 detector = ShapeDetector(auto_calibrate(self._settings, [view], self._info))
             except InputError as error:
                 self.shape = DetectedShape(Status.NO_CATHETER, str(error))
-        shape = self.shape = self.shape or detector.detect(view)
+        shape = self.shape or detector.detect(view)
+        shape = self.shape = shape.moved(advance_px * np.array(INWARD[side]))
         if self._calibration is not None and (found := self._calibration.add(view)) is not None:
             self.vision, self._detector = found, ShapeDetector(found)
         if shape.centreline is None:
             return Abstention(shape.status, shape.detail)
-        return DetectedLine(shape, shape.centreline, (view.shape[1], view.shape[0]), self._side(detector), scale)
+        size_px = view.shape[1], view.shape[0]
+        return DetectedLine(shape, shape.centreline, size_px, self._side(detector), scale, advance_m)
 
     def _side(self, detector: ShapeDetector) -> str:
         side = detector.settings.base_side

@@ -11,6 +11,7 @@ from ._reader import RecordingInfo, RecordingReader, StreamInfo, open_recording
 from ._recover import check_target, recover_recording
 from ._sources import (
     FileSource,
+    any_reading,
     can_be_read_again,
     frame_count,
     open_source,
@@ -44,6 +45,7 @@ __all__ = [
     "Table",
     "Tare",
     "VideoWriter",
+    "any_reading",
     "atomic_path",
     "atomic_text",
     "can_be_read_again",

@@ -86,7 +86,7 @@ def read_dicom(path: Path, view: str = "camera") -> Iterator[Frame]:
             found += 1
         if found < count:
             raise ValueError(f"{found} of {count} frames")
-    except (AttributeError, LookupError, MemoryError, RuntimeError, TypeError, ValueError) as error:
+    except Exception as error:  # see `_checked_count`
         raise FileFormatError(f"{path}: its images cannot be decoded ({error}); save it uncompressed") from None
 
 

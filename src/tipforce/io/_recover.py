@@ -302,10 +302,8 @@ def _inside(raw: bytes) -> Iterator[object]:
 
 def _parse(opcode: int, raw: bytes) -> object:
     stream = ReadDataStream(BytesIO(raw))
-    if opcode == Opcode.MESSAGE:
-        return Message.read(stream, len(raw))
-    kind = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}[Opcode(opcode)]
+    kind = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
     try:
-        return kind.read(stream)
-    except (McapError, ValueError, struct.error):  # its text is hurt
+        return Message.read(stream, len(raw)) if opcode == Opcode.MESSAGE else kind[Opcode(opcode)].read(stream)
+    except (McapError, ValueError, struct.error):  # its length or its text is hurt
         return None

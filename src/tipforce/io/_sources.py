@@ -163,15 +163,21 @@ _STEADY = 0.1
 
 def steady_reading(source: Source, name: str) -> float | None:
     """Mean reading of the drive ``name`` where it stands still all over a file; None where it moves or is not known."""
-    if isinstance(source, FileSource | _Stated):
-        values = source.readings(name)
-    elif isinstance(source, RecordingReader):
-        values = _readings(source, name)
-    else:
-        return None
+    values = _read_of(source, name)
     if not len(values) or float(np.ptp(values)) > _STEADY * abs(float(values.mean())):
         return None
     return float(values.mean())
+
+
+def any_reading(source: Source, name: str) -> bool:
+    """Whether the drive ``name`` of a file is ever read to be elsewhere than at 0."""
+    return bool(_read_of(source, name).any())
+
+
+def _read_of(source: Source, name: str) -> FloatArray:
+    if isinstance(source, FileSource | _Stated):
+        return source.readings(name)
+    return _readings(source, name) if isinstance(source, RecordingReader) else np.empty(0)
 
 
 def require_actuation(source: Source, names: Iterable[str]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..clinical import ContactSettings
 from ..estimators import Estimator, Stream
-from ..types import Clock, ForceEstimate, Image, Source, Status, SystemClock
+from ..types import ADVANCE, Clock, ForceEstimate, Image, Source, Status, SystemClock
 from ._contact import ContactTotals
 from ._intake import Instant, Intake
 from ._latency import Histogram, RecentDelays
@@ -303,7 +303,7 @@ class Engine:
                 f"the image was {age_ns * 1e-6:.0f} ms old when its force was ready; "
                 f"at most {limit_ns * 1e-6:.0f} ms are allowed"
             )
-        for name in self._estimator.required_actuation:
+        for name in (*self._estimator.required_actuation, ADVANCE):  # without it the base would lie elsewhere
             if name in instant.too_old_s:
                 return Status.MISSING_INPUT, (
                     f"{name} was read {instant.too_old_s[name]:.1f} s before the image; "

@@ -13,7 +13,7 @@ from ..alignment import observations
 from ..control import ControlLoop, ControlSettings, ControlState, ControlTick, Path, SafetyAction
 from ..errors import InputError
 from ..estimators import Estimator, missing_metadata
-from ..simulation import AnySimulationSettings, LiveSimulation
+from ..simulation import AnySimulationSettings, LiveSimulation, SimulationSettings
 from ..types import ADVANCE, KNOB, Actuation, Event, FloatArray, ForceEstimate, Frame, Wrench
 
 __all__ = [
@@ -37,12 +37,9 @@ REGIMES: dict[str, tuple[float, float]] = {
 """Contact angle in degrees: 0 where the tip points at the wall."""
 _FREE_SHARE = {"perpendicular": (0.4, 0.55), "oblique": (0.1, 0.5), "lateral": (0.0, 0.06)}
 """Of a beat with the catheter half way along its path: the bench is set up so that the middle of the path is used."""
-# Networks abstain where the catheter lies as in no training image: with the clamp 9 mm from where it was set up.
-_PATHS: dict[str, tuple[dict[str, float], dict[str, float]]] = {
-    "advance": ({ADVANCE: -8.0}, {ADVANCE: 12.0}),
-    "knob": ({KNOB: -20.0}, {KNOB: 70.0}),
-    "both": ({ADVANCE: -8.0, KNOB: -14.0}, {ADVANCE: 12.0, KNOB: 46.0}),
-}
+_BACK_MM, _ON_MM = 8.0, 12.0
+"""So far the clamp may be drawn back and advanced from where it stands when the bench is set up."""
+_KNOB_DEG = {"advance": None, "knob": (-20.0, 70.0), "both": (-14.0, 46.0)}
 _BEFORE_S = 25.0
 """Tare, approach and learning, before the seconds that are held."""
 ESTIMATE_S = 10e-3
@@ -67,16 +64,32 @@ def bench_of_regime(settings: AnySimulationSettings, regime: Regime, seconds: fl
         "peak_within_n": 10.0,  # the amplitude is stated: whatever force it makes
         "free_share": _FREE_SHARE[regime],
     }
+    clamp: dict[str, float] = {"max_speed_m_per_s": 0.03, "delay_s": 20e-3, "logged": True}
+    scene: dict[str, float] = {}
+    if isinstance(settings, SimulationSettings) and settings.scene.variety is None:
+        # drawn back as far as it goes, the base lies where the metadata have it, next to the border
+        clamp["home_m"] = 1e-3 * _BACK_MM
+        scene["base_inset_m"] = settings.scene.base_inset_m + clamp["home_m"]
     parts = {
         "seconds": seconds + _BEFORE_S,
         "tare_s": 2.0,
         "wall": world.wall.model_copy(update={"contact_angle_deg": REGIMES[regime]}),
         "motion": world.motion.model_copy(update=motion),
-        "clamp": world.clamp.model_copy(update={"max_speed_m_per_s": 0.03, "delay_s": 20e-3}),
+        "clamp": world.clamp.model_copy(update=clamp),
         "clock": world.clock.model_copy(update={"fps": 30.0, "camera_delay_s": 40e-3}),
     }
     name = f"{settings.preset} {regime} moving wall"
-    return settings.model_copy(update={"preset": name, "world": world.model_copy(update=parts)})
+    parts_of_bench = {"world": world.model_copy(update=parts), "scene": settings.scene.model_copy(update=scene)}
+    return settings.model_copy(update={"preset": name, **parts_of_bench})
+
+
+def _path(drives: Drives, home_mm: float) -> Path:
+    start, goal = dict[str, float](), dict[str, float]()
+    if drives != "knob":
+        start[ADVANCE], goal[ADVANCE] = home_mm - _BACK_MM, home_mm + _ON_MM
+    if (knob_deg := _KNOB_DEG[drives]) is not None:
+        start[KNOB], goal[KNOB] = knob_deg
+    return Path(start, goal)
 
 
 @dataclass(slots=True)
@@ -232,7 +245,8 @@ class ControlSession:
     ) -> None:
         self.run = ControlRun(settings=control)
         self._spoil, self._seconds = spoil, seconds
-        self._control, self._path = control, Path(*_PATHS[drives])
+        self._control = control
+        self._drives: Drives = drives
         self.simulation = simulation
         self._feedback_of = feedback
 
@@ -242,8 +256,9 @@ class ControlSession:
         self._feedback = (
             _TruthFeedback(bench, late_ns) if isinstance(of, str) else _EstimatorFeedback(bench, late_ns, of)
         )
-        fps = bench.source.settings.world.clock.fps
-        self.loop = ControlLoop(bench.actuators, bench.clock, self._path, self._control, 1.0 / fps)
+        world = bench.source.settings.world
+        path = _path(self._drives, 1e3 * world.clamp.home_m)
+        self.loop = ControlLoop(bench.actuators, bench.clock, path, self._control, 1.0 / world.clock.fps)
         return self
 
     def __exit__(

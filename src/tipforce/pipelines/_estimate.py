@@ -20,6 +20,7 @@ from ..errors import InputError
 from ..estimators import Estimator, Progress, Stream, load_model, missing_metadata
 from ..io import (
     VideoWriter,
+    any_reading,
     atomic_text,
     can_be_read_again,
     frame_count,
@@ -28,6 +29,7 @@ from ..io import (
     steady_reading,
 )
 from ..types import (
+    ADVANCE,
     KNOB,
     Actuation,
     Event,
@@ -203,7 +205,9 @@ def start_stream(estimator: Estimator, source: Source) -> Stream:
     images = spread_images(source, view)
     if asked is not None and (why := _against_knob(images, info, view, asked)):
         raise InputError(f"{getattr(source, 'path', info.name)}: {why}")
-    return estimator.start(info, images) if estimator.calibrates_on_images else estimator.start(info)
+    # where the clamp is advanced they show the catheter from different places
+    shown = estimator.calibrates_on_images and not any_reading(source, ADVANCE)
+    return estimator.start(info, images if shown else ())
 
 
 def _asked_curvature(source: Source, view: str) -> float | None:

@@ -57,7 +57,8 @@ class SimulatedActuators:
         if settings.actuation.gain_per_m_deg == 0.0:
             del drives[KNOB]
         self._drives: dict[str, Drive] = drives
-        self._limits = {name: _limits(drive, _PER_UNIT[name]) for name, drive in drives.items()}
+        self._home = dict.fromkeys(drives, 0.0) | {ADVANCE: settings.clamp.home_m}
+        self._limits = {name: self._limits_of(name) for name in drives}
         self._open = True
 
     @property
@@ -70,7 +71,7 @@ class SimulatedActuators:
         with self._lock:
             taken = Commanded.of(self._now_ns(), targets, self._limits)
             for name, target in taken.targets.items():
-                self._command_axis(name, taken.stamp_ns, target / _PER_UNIT[name])
+                self._command_axis(name, taken.stamp_ns, target / _PER_UNIT[name] - self._home[name])
             return taken
 
     def read(self) -> Actuation:
@@ -85,7 +86,10 @@ class SimulatedActuators:
             STAGE_FORWARD: trajectory.stage_m[row, 0],
             STAGE_ACROSS: trajectory.stage_m[row, 1],
         }
-        values = {name: round(_PER_UNIT[name] * float(places[name]), _DIGITS[name]) for name in self._drives}
+        values = {
+            name: round(_PER_UNIT[name] * (float(places[name]) + self._home[name]), _DIGITS[name])
+            for name in self._drives
+        }
         return Actuation(now, values)
 
     def stop(self, *axes: str) -> None:
@@ -111,14 +115,14 @@ class SimulatedActuators:
             raise RuntimeError("the bench is closed; its axes stand still")
         return self._clock.now_ns()
 
+    def _limits_of(self, name: str) -> AxisLimits:
+        model, home = self._drives[name].model, self._home[name]
+        own = model.low + home, model.high + home, model.max_speed, model.max_acceleration
+        return AxisLimits(*(_PER_UNIT[name] * x for x in own))
+
     def _command_axis(self, name: str, now_ns: int, target: float) -> None:
         drive = self._drives[name]
         drive.command(max(instants_until(now_ns * 1e-9), self._run.done - drive.late), target)
-
-
-def _limits(drive: Drive, per_unit: float) -> AxisLimits:
-    model = drive.model
-    return AxisLimits(*(per_unit * x for x in (model.low, model.high, model.max_speed, model.max_acceleration)))
 
 
 _FIRST_IMAGE_STREAM = 3

@@ -102,7 +102,7 @@ class Readings:
     def __init__(self, bench_model: BenchModel, place: Place, rng: np.random.Generator) -> None:
         world = bench_model.settings
         angle = float(np.arctan2(bench_model.forward[1], bench_model.forward[0]))
-        self.bench_model = bench_model
+        self.bench_model, self._home_m = bench_model, world.clamp.home_m
         self.sensor = ForceSensor(world.sensor, world.clock, angle, world.seconds + 0.2, rng)
         self.log = self.sensor.log
         self._low, _ = place(self.log.true_s)
@@ -126,7 +126,7 @@ class Readings:
             elif k == 1:
                 self.stage.take(((trajectory.command_m[:, 0], 1e3), (trajectory.command_m[:, 1], 1e3)), first, end)
             else:
-                self.joints.take(((trajectory.knob_deg, 1.0), (trajectory.advance_m, 1e3)), first, end)
+                self.joints.take(((trajectory.knob_deg, 1.0), (trajectory.advance_m + self._home_m, 1e3)), first, end)
 
     def _load(self, trajectory: Trajectory, rows: slice) -> Load:
         origin = trajectory.wall_m[rows] + _SENSOR_BELOW_M * self.bench_model.forward

@@ -1,7 +1,7 @@
 """Shapes of the catheter: pixel curves and metre curves are different types."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -85,6 +85,14 @@ class DetectedShape:
     confidence: float = 0.0
     fitted_px: FloatArray | None = None
     probability_right: float = math.nan
+
+    def moved(self, by_px: FloatArray) -> "DetectedShape":
+        """The same shape (u, v) ``by_px`` farther in the image."""
+        if self.centreline is None or not np.any(by_px):
+            return self
+        base = self.base and replace(self.base, origin_px=self.base.origin_px + by_px)
+        fitted_px = None if self.fitted_px is None else self.fitted_px + by_px
+        return replace(self, centreline=CentrelinePx(self.centreline.points + by_px), base=base, fitted_px=fitted_px)
 
     @property
     def found(self) -> bool:

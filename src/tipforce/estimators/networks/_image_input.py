@@ -6,7 +6,7 @@ rotated so that the base is on the left. Nothing needs to be detected in the ima
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import cv2
@@ -17,6 +17,7 @@ from numba import njit
 from ..._compile import STEADY
 from ...errors import InputError
 from ...types import Image, SessionInfo
+from .._clamp import INWARD
 
 __all__ = [
     "BASE_SIDES",
@@ -26,6 +27,7 @@ __all__ = [
     "catheter_window",
     "crop_window",
     "enlarged",
+    "moved",
     "resize_to_resnet",
 ]
 
@@ -50,15 +52,13 @@ class Window:
         origin: (u, v) of the base: the middle of the window's side at the border of the image.
         size_px: side in image pixels.
         turns: clockwise quarter turns that bring the base to the left.
+        at_base: whether it is known where the base lies.
     """
 
     origin: tuple[float, float]
     size_px: float
     turns: int
-
-
-_INWARD = ((1.0, 0.0), (0.0, -1.0), (-1.0, 0.0), (0.0, 1.0))
-"""Direction (u, v) from the base's border into the image."""
+    at_base: bool = True
 
 
 def catheter_window(
@@ -98,7 +98,7 @@ def catheter_window(
                 f"{length_m / scale:.3g} px long in images of {width} x {height}: state both in metres in bench.toml"
             )
     if side is None:
-        return Window((0.5 * (width - size) - 0.5, 0.5 * height - 0.5), size, 0)
+        return Window((0.5 * (width - size) - 0.5, 0.5 * height - 0.5), size, 0, at_base=False)
     turns = BASE_SIDES.index(side)
     starts = (
         (-0.5, across * height - 0.5),
@@ -116,16 +116,24 @@ def crop_window(image: Image, window: Window, size: int) -> Image:
     """
     out = np.empty((size, size), np.uint8)
     channels_last = image if image.ndim == 3 else image[:, :, None]
-    cos, sin = _INWARD[window.turns]
-    _crop(channels_last, window.origin[0], window.origin[1], cos, sin, window.size_px, out)
+    cos, sin = INWARD[BASE_SIDES[window.turns]]
+    _crop(channels_last, window.origin[0], window.origin[1], float(cos), float(sin), window.size_px, out)
     return out
 
 
 def enlarged(window: Window, factor: float) -> Window:
     """Returns the window with the same centre and ``factor`` times the side."""
-    cos, sin = _INWARD[window.turns]
+    cos, sin = INWARD[BASE_SIDES[window.turns]]
     back = 0.5 * (factor - 1.0) * window.size_px
-    return Window((window.origin[0] - cos * back, window.origin[1] - sin * back), factor * window.size_px, window.turns)
+    origin = window.origin[0] - cos * back, window.origin[1] - sin * back
+    return replace(window, origin=origin, size_px=factor * window.size_px)
+
+
+def moved(window: Window, inward_px: float) -> Window:
+    """Returns the window that has followed the base inward, from its border of the image."""
+    cos, sin = INWARD[BASE_SIDES[window.turns]]
+    origin = window.origin[0] + cos * inward_px, window.origin[1] + sin * inward_px
+    return replace(window, origin=origin)
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)

@@ -30,6 +30,7 @@ from ...types import (
     Status,
 )
 from ...vision import VisionSettings, auto_calibrate
+from .._clamp import read_advance_m
 from .._reading import Abstention, read_actuation, read_view
 from .._session_metadata import missing_metadata
 from .._values import stored_array, stored_number
@@ -52,7 +53,7 @@ from ._compact_estimates import (
     heatmap_pixels,
     largest_trusted_sigma,
 )
-from ._image_input import BASE_SIDES, Window, catheter_window, crop_window, enlarged
+from ._image_input import BASE_SIDES, Window, catheter_window, crop_window, enlarged, moved
 from ._network import NetworkEstimator, NetworkStream
 from ._preparation import Arrays, InputReader, Spec, Specs
 from ._rate_compensation import History, RateCompensation, rate_compensation_from
@@ -194,6 +195,7 @@ class Compact(NetworkEstimator):
             detected_base_side = str(self.fitted_.arrays["detected_base_side"])
         needs_knob = bool(info.actuation.knob_gain_per_m_deg)
         tissue = np.array([math.log(info.tissue.stiffness_n_per_m or math.nan)], np.float32)
+        scale = info.view(self.settings.view).metres_per_px
         windows: dict[tuple[int, ...], Window] = {}
 
         def window(shape: tuple[int, ...]) -> Window:
@@ -218,8 +220,14 @@ class Compact(NetworkEstimator):
             knob = read_actuation(observation, (KNOB,)) if needs_knob else None
             if isinstance(knob, Abstention):
                 return knob
+            advance_m = read_advance_m(observation)
+            if isinstance(advance_m, Abstention):
+                return advance_m
+            here = window(view.shape[:2])
+            if scale is not None and here.at_base:
+                here = moved(here, advance_m / scale)
             inputs: Arrays = {
-                "image": crop_window(view, window(view.shape[:2]), side),
+                "image": crop_window(view, here, side),
                 "metadata": metadata_features(info, observation.actuation),
             }
             if training:
@@ -228,7 +236,7 @@ class Compact(NetworkEstimator):
                 inputs["heatmap"] = np.full((side // 4, side // 4), HEATMAP_UNKNOWN, np.uint8)
             elif mask is not None:
                 binary = np.where(mask, np.uint8(255), np.uint8(0))
-                inputs["heatmap"] = crop_window(binary, window(view.shape[:2]), side // 4)
+                inputs["heatmap"] = crop_window(binary, here, side // 4)
             return inputs
 
         return read

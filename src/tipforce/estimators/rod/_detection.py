@@ -1,7 +1,9 @@
 """Detection for the rod estimators: the centreline, in the frame in which the rod is fitted."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
+from ...mechanics.planar import Line
 from ...types import DetectedShape, Image, Observation, SessionInfo
 from ...vision import VisionSettings
 from .._reading import Abstention
@@ -11,13 +13,18 @@ from ._lines import LineFrame
 __all__ = ["Detected", "Detection"]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Detected:
-    """``shape`` and the ``frame`` in which its line lies."""
+    """A found ``shape``, the ``frame`` in which its line lies, and how far the clamp has been advanced."""
 
-    __slots__ = ("frame", "shape")
+    shape: DetectedShape
+    frame: LineFrame
+    advance_m: float = 0.0
 
-    def __init__(self, shape: DetectedShape, frame: LineFrame) -> None:
-        self.shape, self.frame = shape, frame
+    def line(self) -> Line:
+        """The line that the rod is fitted to."""
+        assert self.shape.centreline is not None
+        return self.frame.line(self.shape.centreline, self.advance_m)
 
 
 class Detection:
@@ -40,4 +47,4 @@ class Detection:
         key = (found.size_px, found.base_side, found.scale_m_per_px)
         if self._frame is None or self._frame.key != key:
             self._frame = LineFrame(*key)
-        return Detected(found.shape, self._frame)
+        return Detected(found.shape, self._frame, found.advance_m)

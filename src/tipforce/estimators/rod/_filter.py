@@ -58,10 +58,10 @@ class ContactFilter:
         self._unloaded: FloatArray | None = None
         self._cold = True
         self._past_n = np.zeros(FORCE)
-        self._lost_s = 0.0
+        self._lost_s = self._advance_m = 0.0
 
-    def step(self, line: Line, scale: float, knob_deg: float, elapsed_s: float) -> Outcome:
-        """Predicts by ``elapsed_s`` and fits ``line``.
+    def step(self, line: Line, scale: float, knob_deg: float, elapsed_s: float, advance_m: float = 0.0) -> Outcome:
+        """Predicts by ``elapsed_s`` and fits ``line``; ``advance_m``: of the clamp, with which the line's frame goes.
 
         A line that no hypothesis explains changes nothing but the level of the noise. After ``gap_s`` of such lines,
         or of constants that have left their priors, the session begins anew; so it does where the noise turns out to
@@ -73,6 +73,8 @@ class ContactFilter:
             self._follow_level()
             self._turn_knob(knob_deg)
             self._predict(elapsed_s)
+            self._move_clamp(advance_m - self._advance_m, elapsed_s)
+        self._advance_m = advance_m
         line = line._replace(past_n=self._past_n)
         before = self._covariance[_TOUCH][_FORCE, _FORCE].copy()
         results = [self._fit(line, which) for which in (_FREE, _TOUCH)]
@@ -223,6 +225,12 @@ class ContactFilter:
         )
         self._mean[_TOUCH], self._covariance[_TOUCH] = _mixed(stays, mean, covariance, onset, onset_covariance)
         self._share = touch
+
+    def _move_clamp(self, moved_m: float, elapsed_s: float) -> None:
+        """A clamp that moves is where it was read to be as well as reading and image are of one time."""
+        off_m = moved_m * min(1.0, self._settings.advance_late_s / elapsed_s) if elapsed_s > 0.0 else 0.0
+        for covariance in self._covariance:
+            covariance[_BASE[0], _BASE[0]] += off_m**2
 
     def _moved(self, elapsed_s: float) -> tuple[FloatArray, FloatArray]:
         """The hypothesis of contact with its force moved on by its rate, which forgets itself."""

@@ -84,7 +84,7 @@ def _read(settings: RodSettings, dataset: Dataset, name: str) -> _Session:
     for observation, force in zip(part.observations(), part.force_n, strict=True):
         found = detection.read(observation)
         if not isinstance(found, Abstention) and found.shape.centreline is not None:
-            lines.append(found.frame.line(found.shape.centreline))
+            lines.append(found.line())
             knobs.append(observation.actuation.get("knob_deg", np.nan))
             forces.append(force[:FORCE])
             scale = found.frame.scale_m_per_px

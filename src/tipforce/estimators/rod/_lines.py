@@ -7,6 +7,7 @@ from numba import njit
 
 from ...mechanics.planar import Line
 from ...types import CentrelinePx, FloatArray
+from .._clamp import INWARD
 
 __all__ = ["POINTS", "LineFrame"]
 
@@ -16,7 +17,7 @@ POINTS = 22
 
 @njit(cache=True, nogil=True)
 def _line(
-    points_px: FloatArray, scale: float, c: float, s: float, u0: float, v0: float
+    points_px: FloatArray, scale: float, c: float, s: float, u0: float, v0: float, advance_m: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     n = points_px.shape[0]
     arc = np.zeros(n)
@@ -35,7 +36,7 @@ def _line(
             du = 3.0 * points_px[i, 0] - 4.0 * points_px[i - 1, 0] + points_px[i - 2, 0]
             dv = 3.0 * points_px[i, 1] - 4.0 * points_px[i - 1, 1] + points_px[i - 2, 1]
         size = math.hypot(du, dv)
-        points[k, 0], points[k, 1] = scale * (c * u - s * v), scale * (-s * u - c * v)
+        points[k, 0], points[k, 1] = scale * (c * u - s * v) - advance_m, scale * (-s * u - c * v)
         tx, ty = (c * du - s * dv) / size, (-s * du - c * dv) / size
         normals[k, 0], normals[k, 1] = -ty, tx
         from_tip[k] = scale * (arc[n - 1] - arc[i])
@@ -43,11 +44,12 @@ def _line(
 
 
 _NO_PAST = np.zeros(2)
-_INWARD = {"left": 0.0, "bottom": 0.5 * math.pi, "right": math.pi, "top": -0.5 * math.pi}
 
 
 class LineFrame:
     """The frame of a session's lines: origin in the middle of the image's border that the shaft comes from, x inward.
+
+    The origin goes with the clamp where that is advanced.
 
     ``size_px``: width and height; ``base_side``: of the detection; ``scale_m_per_px``: nominal.
     """
@@ -56,14 +58,16 @@ class LineFrame:
         width, height = size_px
         self.key = (size_px, base_side, scale_m_per_px)
         self.scale_m_per_px = scale_m_per_px
-        angle = _INWARD[base_side]
-        self._c, self._s = round(math.cos(angle)), round(math.sin(angle))
+        self._c, down = INWARD[base_side]
+        self._s = -down
         middle_u, middle_v = 0.5 * (width - 1), 0.5 * (height - 1)
         reach = 0.5 * (width if self._c else height)
         self._u, self._v = middle_u - reach * self._c, middle_v + reach * self._s
-        self._middle = np.array([scale_m_per_px * reach, 0.0])
+        self._middle_m = scale_m_per_px * reach
 
-    def line(self, centreline: CentrelinePx) -> Line:
-        """Returns the line of at least three points, base to tip."""
-        points, normals, from_tip = _line(centreline.points, self.scale_m_per_px, self._c, self._s, self._u, self._v)
-        return Line(points, normals, from_tip, self._middle, _NO_PAST)
+    def line(self, centreline: CentrelinePx, advance_m: float = 0.0) -> Line:
+        """Returns the line of at least three points, base to tip. ``advance_m``: of the clamp, along x."""
+        points, normals, from_tip = _line(
+            centreline.points, self.scale_m_per_px, self._c, self._s, self._u, self._v, advance_m
+        )
+        return Line(points, normals, from_tip, np.array([self._middle_m - advance_m, 0.0]), _NO_PAST)

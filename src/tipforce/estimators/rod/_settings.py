@@ -136,6 +136,8 @@ class RodTrackSettings(RodSettings):
     base_walk_m: Annotated[float, Field(ge=0, le=1)] = 2e-5
     """Random walk of the clamp's position in a second, and, in degrees, of its direction."""
     base_walk_deg: Annotated[float, Field(ge=0, le=90)] = 0.02
+    advance_late_s: Annotated[float, Field(ge=0, le=1)] = 5e-3
+    """Standard deviation of the time between an image and the reading of the clamp's advance that belongs to it."""
     constants_s: _Std = 20.0
     """How long stiffness, length, scale, camera and creep are remembered: the line's errors stay alike from frame to
     frame, so that many frames tell less of them than independent ones would."""

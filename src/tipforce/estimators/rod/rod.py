@@ -165,13 +165,10 @@ class RodStream:
 
     def fit(self, detected: Detected, knob_deg: float) -> Outcome | Abstention:
         """What the line says of the force, or why nothing."""
-        centreline = detected.shape.centreline
-        assert centreline is not None
         if abstention := actuation_out_of_range(self._settings, self._info, knob_deg):
             return abstention
         mean, covariance = self._knowledge.for_session(self._settings, self._info, knob_deg)
-        line = detected.frame.line(centreline)
-        return self._solver.solve(line, detected.frame.scale_m_per_px, mean, covariance)
+        return self._solver.solve(detected.line(), detected.frame.scale_m_per_px, mean, covariance)
 
 
 def actuation_out_of_range(settings: RodSettings, info: SessionInfo, knob_deg: float) -> Abstention | None:

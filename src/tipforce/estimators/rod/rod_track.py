@@ -76,8 +76,7 @@ class RodTrackStream:
         if found is not None or isinstance(detected, Abstention) or detected.shape.centreline is None:
             assert found is not None
             return ForceEstimate.invalid(stamp, found.status, found.detail, shape)
-        line = detected.frame.line(detected.shape.centreline)
-        outcome = self._filter.step(line, detected.frame.scale_m_per_px, knob, elapsed_s)
+        outcome = self._filter.step(detected.line(), detected.frame.scale_m_per_px, knob, elapsed_s, detected.advance_m)
         self._stamp_ns = stamp
         self._explained.add(unfit(self._settings, outcome) is None, elapsed_s)
         estimate = estimate_of(self._settings, self._widths, stamp, outcome, shape)

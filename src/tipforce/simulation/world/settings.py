@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from .._fields import NotNegative, Positive, Range, Settings, Share
+from .._fields import NotNegative, Number, Positive, Range, Settings, Share
 
 __all__ = [
     "ActuationSettings",
@@ -143,6 +143,8 @@ class ClampSettings(Settings):
     step_m: Positive = 2.5e-6
     travel_m: Range = (-20e-3, 20e-3)
     """From where the clamp stands while nobody commands it."""
+    home_m: Number = Field(default=0.0, exclude_if=operator.not_)
+    """What its scale says there: ``advance_mm`` is 0 where the base lies as the session metadata have it."""
     max_speed_m_per_s: Positive = 0.05
     max_acceleration_m_per_s2: Positive = 1.0
     delay_s: NotNegative = 8e-3
