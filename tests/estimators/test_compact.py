@@ -1,5 +1,6 @@
 """`compact`: a window around the catheter, its own uncertainty, and abstention from what it was not trained on."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -11,7 +12,16 @@ from tipforce.datasets import Dataset
 from tipforce.estimators import Compact, CompactSettings, load_model, save_model
 from tipforce.estimators.networks import _calibration, _network
 from tipforce.estimators.networks._calibration import quantise_checked
-from tipforce.types import ActuationInfo, Catheter, Observation, SessionInfo, Status, TissueInfo, ViewInfo
+from tipforce.types import (
+    ActuationInfo,
+    Catheter,
+    ForceEstimate,
+    Observation,
+    SessionInfo,
+    Status,
+    TissueInfo,
+    ViewInfo,
+)
 
 pytest.importorskip("torch", reason="training needs the extra [train]")
 pytest.importorskip("onnxscript", reason="training needs the extra [train]")
@@ -131,6 +141,25 @@ def test_there_is_no_estimate_for_an_image_without_a_catheter(learnt, image):
     answer = stream.update(Observation(0, {"camera": image}, {"knob_deg": 10.0}))
     assert answer.status in (Status.NO_CATHETER, Status.OUT_OF_DISTRIBUTION, Status.UNOBSERVABLE)
     assert answer.detail
+
+
+def test_where_most_images_are_unlike_the_training_s_the_others_are_not_answered_either(learnt):
+    data = whips(seed=4, sessions=1)
+    known = next(each for each, answer in zip(data.observations(), learnt.predict(data), strict=True) if answer.valid)
+    stream = learnt.start(data.session_info["s0"])
+    build = stream._build
+    refusing = replace(build, limits=replace(build.limits, min_heatmap_px=0.0, min_in_distribution_logit=math.inf))
+
+    def at(second: float, *, strange: bool = False) -> ForceEstimate:
+        stream._build = refusing if strange else build
+        return stream.update(replace(known, stamp_ns=round(second * 1e9)))
+
+    assert at(0.0).valid
+    assert {at(0.1 * k, strange=True).status for k in range(1, 30)} == {Status.OUT_OF_DISTRIBUTION}
+    among = at(3.0)
+    assert among.status is Status.OUT_OF_DISTRIBUTION
+    assert "of the last images" in among.detail
+    assert [at(3.0 + 0.1 * k).valid for k in range(1, 40)][-1]
 
 
 def test_an_absent_knob_is_asked_for(learnt):

@@ -50,16 +50,20 @@ INTERVALS = {"both": interval(1.0), "rod": interval(2.0), "network": interval(3.
 NOTHING = ForceEstimate.invalid(0, Status.NO_CATHETER, "nothing dark at the left border")
 
 
-def joined(rod: ForceEstimate, network: ForceEstimate, max_error_n: float | None = None) -> ForceEstimate:
-    stream = FusionStream(Says(rod), Says(network), 13.8, INTERVALS, max_error_n)  # type: ignore[arg-type]
+EQUAL = FusionSettings(rod_weight=1.0, max_error_n=None)
+
+
+def joined(rod: ForceEstimate, network: ForceEstimate, settings: FusionSettings = EQUAL) -> ForceEstimate:
+    stream = FusionStream(Says(rod), Says(network), settings, INTERVALS)  # type: ignore[arg-type]
     return stream.update(Observation(0, {}, {}))
 
 
 def test_an_interval_that_reaches_too_far_is_no_answer() -> None:
     both = estimate((0.3, 0.21), WIDE), estimate((0.28, 0.2), NARROW)
-    reach = float(joined(*both).magnitude_interval_n[1]) - joined(*both).magnitude_n
-    assert joined(*both, max_error_n=1.01 * reach).valid
-    refused = joined(*both, max_error_n=0.99 * reach)
+    free = joined(*both, FusionSettings(max_error_n=None))
+    reach = float(free.magnitude_interval_n[1]) - free.magnitude_n
+    assert joined(*both, FusionSettings(max_error_n=1.01 * reach)).valid
+    refused = joined(*both, FusionSettings(max_error_n=0.99 * reach))
     assert refused.status is Status.UNOBSERVABLE
     assert "max_error_n" in refused.detail
 
@@ -102,7 +106,7 @@ def test_where_both_abstain_the_reasons_of_both_are_said():
 @pytest.mark.parametrize(("rod", "unsure"), [(estimate((0.2, 0.0), WIDE), True), (NOTHING, False)])
 def test_an_unsure_network_counts_beside_the_rod_alone(rod, unsure):
     network = Says(NOTHING)
-    FusionStream(Says(rod), network, 13.8, INTERVALS, None).update(Observation(0, {}, {}))  # type: ignore[arg-type]
+    FusionStream(Says(rod), network, EQUAL, INTERVALS).update(Observation(0, {}, {}))  # type: ignore[arg-type]
     assert network.unsure is unsure
 
 
@@ -110,6 +114,13 @@ def test_two_equal_answers_have_half_the_variance():
     found = joined(estimate((0.2, 0.1), WIDE), estimate((0.2, 0.1), WIDE))
     assert found.force_n[:2] == pytest.approx([0.2, 0.1])
     assert found.covariance_n2[:2, :2] == pytest.approx(0.5 * WIDE)
+
+
+def test_the_rod_counts_by_its_weight():
+    both = estimate((0.2, 0.1), WIDE), estimate((0.1, 0.1), WIDE)
+    found = joined(*both, FusionSettings(rod_weight=0.25, max_error_n=None))
+    assert found.force_n[:2] == pytest.approx([0.12, 0.1])
+    assert found.covariance_n2[:2, :2] == pytest.approx(0.8 * WIDE)
 
 
 def test_what_was_never_calibrated_is_saved_and_read():

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from tipforce.estimators._recent_share import RecentShare
 from tipforce.estimators.rod import RodTrackSettings
 from tipforce.estimators.rod._filter import ContactFilter
 from tipforce.estimators.rod._knowledge import Knowledge, rod_model
 from tipforce.estimators.rod._lines import LineFrame
 from tipforce.estimators.rod._noise_level import NoiseLevel
 from tipforce.estimators.rod._outcome import Outcome
-from tipforce.estimators.rod.rod_track import Explained
 from tipforce.mechanics import Rod, solve_static
 from tipforce.types import ActuationInfo, Catheter, CentrelinePx, FloatArray, SessionInfo, ViewInfo
 
@@ -134,10 +134,10 @@ def test_a_noisier_session_is_followed_with_wider_intervals() -> None:
 
 
 def test_the_share_of_explained_frames_falls_and_recovers_with_its_memory() -> None:
-    explained = Explained(2.0)
+    explained = RecentShare(2.0)
     for _ in range(24):
         explained.add(False, FRAME_S)
-    assert explained.share == pytest.approx(np.exp(-0.5), rel=1e-6)
+    assert explained.value == pytest.approx(np.exp(-0.5), rel=1e-6)
     for _ in range(240):
         explained.add(True, FRAME_S)
-    assert explained.share > 0.99
+    assert explained.value > 0.99

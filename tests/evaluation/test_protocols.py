@@ -149,12 +149,22 @@ def test_saved_models_alone_are_scored_without_any_training(make_bench, ridge_cl
 
 def test_without_training_a_method_or_a_model_that_knows_all_sessions_is_refused(make_bench, make_ridge):
     data = make_bench(sessions=3)
-    with pytest.raises(InputError, match="ridge is a method, and without training only saved models"):
+    with pytest.raises(InputError, match="ridge is a method that has to be fitted"):
         evaluate(data, [Method("ridge", make_ridge())], EvaluationSettings(as_saved=True))
     saved = make_ridge().fit(data)
     method = Method("ridge", saved.unfitted(), saved, trained_fingerprint=data.fingerprint())
     with pytest.raises(InputError, match="ridge learnt from all of its sessions"):
         evaluate(data, [method], EvaluationSettings(as_saved=True))
+
+
+def test_a_method_that_needs_no_fit_is_scored_as_it_comes(make_bench, make_ridge, monkeypatch):
+    data, known = make_bench(sessions=3), make_ridge()
+    known.fit(data)
+    monkeypatch.setattr(type(known), "needs_fit", False)
+    monkeypatch.setattr(type(known), "training_sessions", frozenset())
+    result = evaluate(data, [Method("ridge", known)], EvaluationSettings(as_saved=True, perturbed_frames=None))
+    assert [row.method for row in result.results] == ["ridge", "constant"]
+    assert result.results[0].mae_n < 0.5 * result.results[1].mae_n
 
 
 def test_one_session_cannot_be_held_out(make_bench, make_ridge):

@@ -3,9 +3,9 @@
 The rod reads the shape alone and needs no tissue; the network reads the tissue's indentation, too, and knows the tissue
 as classes only. What limits them is not the same (the rod: a push along its axis, and what was stated wrongly of
 catheter and camera; the network: the tissue, and images unlike its training), so they are joined as independent
-Gaussians, their informations added; also where the network's own answer would be too uncertain to stand alone. Where
-they contradict each other by more than their covariances allow there is no estimate. Where one abstains the other
-carries on, with the intervals of its own.
+Gaussians, their informations added, the rod's with `FusionSettings.rod_weight`; also where the network's own answer
+would be too uncertain to stand alone. Where they contradict each other by more than their covariances allow there is no
+estimate, nor where the interval is too wide. Where one abstains the other carries on, with the intervals of its own.
 """
 
 import math
@@ -49,8 +49,12 @@ class FusionSettings(BaseModel):
     """Of `rod-track`."""
     max_distance: Annotated[float, Field(gt=0, le=1e6)] = 13.8
     """Largest squared Mahalanobis distance of the two forces; a Gaussian's exceeds 13.8 once in 1,000."""
-    max_error_n: Annotated[float, Field(gt=0, le=100)] | None = None
-    """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate."""
+    rod_weight: Annotated[float, Field(gt=0, le=1)] = 0.1
+    """Share of the rod's information that counts beside the network's: its errors last longer and are larger, near the
+    axis above all, than its covariance says (docs/results/trust.md)."""
+    max_error_n: Annotated[float, Field(gt=0, le=100)] | None = 0.1
+    """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate; none: it answers
+    however unsure it is, and the interval says so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,9 +154,8 @@ class Fusion(Estimator):
         return FusionStream(
             members.rod.start(info, images),
             members.network.start(info, images),
-            self.settings.max_distance,
+            self.settings,
             {source: self._interval(source) for source in _DETAILS},
-            self.settings.max_error_n,
         )
 
     def _interval(self, source: str) -> Interval:
@@ -234,12 +237,10 @@ class FusionStream:
         self,
         rod: Stream,
         network: CompactStream,
-        max_distance: float,
+        settings: FusionSettings,
         intervals: Mapping[str, Interval],
-        max_error_n: float | None,
     ) -> None:
-        self._rod, self._network = rod, network
-        self._max_distance, self._intervals, self._max_error_n = max_distance, intervals, max_error_n
+        self._rod, self._network, self._settings, self._intervals = rod, network, settings, intervals
 
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
@@ -259,7 +260,7 @@ class FusionStream:
         covariances = by_rod.covariance_n2[:2, :2], by_network.covariance_n2[:2, :2]
         apart = forces[0] - forces[1]
         distance = float(apart @ np.linalg.solve(covariances[0] + covariances[1], apart))
-        if not distance <= self._max_distance:
+        if not distance <= self._settings.max_distance:
             return ForceEstimate.invalid(
                 by_rod.stamp_ns,
                 Status.OUT_OF_DISTRIBUTION,
@@ -268,6 +269,7 @@ class FusionStream:
                 by_rod.shape,
             )
         information = [np.linalg.inv(each) for each in covariances]
+        information[0] *= self._settings.rod_weight
         covariance = np.asarray(np.linalg.inv(information[0] + information[1]), np.float64)
         force = covariance @ (information[0] @ forces[0] + information[1] @ forces[1])
         return self._estimate(force, covariance, by_network, "both")
@@ -294,4 +296,4 @@ class FusionStream:
             contact=found.contact,
             shape=found.shape,
         )
-        return within_error(estimate, self._max_error_n)
+        return within_error(estimate, self._settings.max_error_n)

@@ -45,6 +45,11 @@ class Method:
     trained_fingerprint: str = ""
     initial_sha256: str = ""
 
+    @property
+    def as_it_comes(self) -> Estimator | None:
+        """What is scored without any training: the saved model, or a method that needs none."""
+        return self.saved or (None if self.estimator.needs_fit else self.estimator)
+
 
 def methods_from(
     models: Sequence[str], settings: Mapping[str, BaseModel] | None = None, init_from: str | None = None
@@ -74,7 +79,7 @@ def methods_from(
                 Method(
                     model,
                     estimator,
-                    trained_sessions=begin.training_sessions if begin else frozenset(),
+                    trained_sessions=begin.training_sessions if begin else estimator.training_sessions,
                     initial_sha256="" if init_from is None else _sha256_of(initial_model_folder(estimator, init_from)),
                 )
             )

@@ -290,10 +290,10 @@ def run_saved(method: Method, data: ScoredData, notes: list[str]) -> MethodResul
 
 
 def run_saved_alone(methods: Sequence[Method], data: ScoredData, notes: list[str]) -> list[MethodResult]:
-    """Scores saved models without any training, on the sessions that none of them was trained on.
+    """Scores saved models, and methods that need no fit, without any training, on sessions that are new to them all.
 
     Args:
-        methods: All with a saved model.
+        methods: All with a saved model, or without need of a fit.
         data: The samples.
         notes: Gets sentences on the sessions that were left out and on the constant predictor.
 
@@ -301,15 +301,15 @@ def run_saved_alone(methods: Sequence[Method], data: ScoredData, notes: list[str
         The results of ``methods``, then that of the constant that fits these samples best.
 
     Raises:
-        InputError: A method has no saved model, or no session is left.
+        InputError: A method has to be fitted and has no saved model, or no session is left.
     """
     dataset = data.dataset
     seen: dict[str, None] = {}
     for method in methods:
-        if method.saved is None:
+        if method.as_it_comes is None:
             raise InputError(
-                f"{method.label} is a method, and without training only saved models can be scored; make one with "
-                "`tipforce train`, or choose another protocol"
+                f"{method.label} is a method that has to be fitted, and without training only saved models can be "
+                "scored; make one with `tipforce train`, or choose another protocol"
             )
         seen |= dict.fromkeys(_seen(method, data))
     index = np.flatnonzero(~np.isin(dataset.session, list(seen)))
@@ -332,9 +332,10 @@ def run_saved_alone(methods: Sequence[Method], data: ScoredData, notes: list[str
     constant = _predict(mean, Constant.name, AS_SAVED, AS_SAVED, data, index)
     results: list[MethodResult] = []
     for method in methods:
-        assert method.saved is not None
-        fit = FittedSplit(AS_SAVED, split, 0.0, method.saved.describe(), method.saved)
-        found = _predict(method.saved, method.label, AS_SAVED, AS_SAVED, data, index)
+        saved = method.as_it_comes
+        assert saved is not None
+        fit = FittedSplit(AS_SAVED, split, 0.0, saved.describe(), saved)
+        found = _predict(saved, method.label, AS_SAVED, AS_SAVED, data, index)
         results.append(data.result(found, constant, [fit]))
     return [*results, data.result(constant, constant, [FittedSplit(AS_SAVED, split, 0.0, {}, mean)])]
 

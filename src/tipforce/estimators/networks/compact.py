@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ from ...types import (
 from ...vision import VisionSettings, auto_calibrate
 from .._clamp import read_advance_m
 from .._reading import Abstention, read_actuation, read_view
+from .._recent_share import RecentShare
 from .._session_metadata import missing_metadata
 from .._values import stored_array, stored_number
 from ..uncertainty import (
@@ -76,6 +77,8 @@ _LONGEST_S = 10.0
 """Largest value of a rate compensation; those found are tens of milliseconds."""
 _DIFFERENT_TISSUE = 2.0
 """Classes of tissue are learnt where the stiffest of the training data is so many times as stiff as the softest."""
+_FAMILIAR_S, _LEAST_FAMILIAR = 2.0, 0.5
+"""So large a share of the last images, remembered for so long, must be like the training's."""
 _CALIBRATION_IMAGES = 10
 """Images in which the base's border is detected, where the metadata do not state it."""
 
@@ -394,7 +397,16 @@ class Compact(NetworkEstimator):
 
 
 class CompactStream(NetworkStream):
-    """One session, frame after frame."""
+    """One session, frame after frame.
+
+    The images of a session are of one bench: where most of them are unlike the training's, the others only seem to be
+    like them, and have no estimate either.
+    """
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._familiar = RecentShare(_FAMILIAR_S)
+        self._before_ns: int | None = None
 
     def update(self, observation: Observation, *, unsure: bool = False) -> ForceEstimate:
         """See `Stream`; ``unsure``: also where the force is too uncertain to stand alone."""
@@ -402,7 +414,17 @@ class CompactStream(NetworkStream):
         if isinstance(outputs, ForceEstimate):
             return outputs
         assert isinstance(self._build, CompactEstimateBuilder)
-        return self._build(observation.stamp_ns, outputs, unsure=unsure)
+        estimate = self._build(observation.stamp_ns, outputs, unsure=unsure)
+        before_ns = observation.stamp_ns if self._before_ns is None else self._before_ns
+        elapsed_s, self._before_ns = max(0.0, 1e-9 * (observation.stamp_ns - before_ns)), observation.stamp_ns
+        self._familiar.add(estimate.status is not Status.OUT_OF_DISTRIBUTION, elapsed_s)
+        if estimate.valid and self._familiar.value < _LEAST_FAMILIAR:
+            return ForceEstimate.invalid(
+                observation.stamp_ns,
+                Status.OUT_OF_DISTRIBUTION,
+                f"only {self._familiar.value:.0%} of the last images are like those of the training",
+            )
+        return estimate
 
 
 def _rate_compensation(arrays: Arrays) -> RateCompensation:

@@ -12,6 +12,7 @@ from typing import ClassVar
 from ...types import ForceEstimate, Image, Observation, SessionInfo, Status
 from .._base import Stream
 from .._reading import Abstention
+from .._recent_share import RecentShare
 from .._session_metadata import UninformedStream, missing_metadata
 from ._calibration import Widths
 from ._detection import Detection
@@ -21,7 +22,7 @@ from ._outcome import estimate_of, unfit
 from ._settings import RodTrackSettings
 from .rod import RodEstimator, actuation_out_of_range
 
-__all__ = ["Explained", "RodTrack", "RodTrackStream"]
+__all__ = ["RodTrack", "RodTrackStream"]
 
 
 class RodTrack(RodEstimator):
@@ -58,7 +59,7 @@ class RodTrackStream:
         self._settings, self._widths, self._info = settings, widths, info
         self._detection = Detection(settings.vision, info, images)
         self._filter = ContactFilter(settings, knowledge, rod_model(info, settings.segments), info)
-        self._explained = Explained(settings.explained_s)
+        self._explained = RecentShare(settings.explained_s)
         self._stamp_ns: int | None = None
 
     def update(self, observation: Observation) -> ForceEstimate:
@@ -80,25 +81,12 @@ class RodTrackStream:
         self._stamp_ns = stamp
         self._explained.add(unfit(self._settings, outcome) is None, elapsed_s)
         estimate = estimate_of(self._settings, self._widths, stamp, outcome, shape)
-        if estimate.valid and self._explained.share < self._settings.min_explained:
+        if estimate.valid and self._explained.value < self._settings.min_explained:
             return ForceEstimate.invalid(
                 stamp,
                 Status.OUT_OF_DISTRIBUTION,
-                f"the rod explains {self._explained.share:.0%} of the frames so far, fewer than min_explained = "
+                f"the rod explains {self._explained.value:.0%} of the frames so far, fewer than min_explained = "
                 f"{self._settings.min_explained:.0%}: look with `tipforce inspect` at what is detected",
                 shape,
             )
         return estimate
-
-
-class Explained:
-    """Share of the frames so far that the rod explained, each remembered for ``memory_s``; 1 before the first."""
-
-    def __init__(self, memory_s: float) -> None:
-        self._memory_s = memory_s
-        self.share = 1.0
-
-    def add(self, explained: bool, elapsed_s: float) -> None:
-        """The next frame, ``elapsed_s`` after the one before."""
-        forgets = math.exp(-elapsed_s / self._memory_s)
-        self.share = forgets * self.share + (1.0 - forgets) * explained
