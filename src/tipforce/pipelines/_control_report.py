@@ -152,11 +152,12 @@ def _forces(axes: Axes, run: ControlRun, time: FloatArray) -> None:
     axes.plot(time, np.where(target > 0.0, target, np.nan), color=COLOURS[1], lw=1.6, ls="--", label="target")
     axes.axhline(limit, color=COLOURS[1], lw=1.0, label="limit")
     top = 1.12 * max(limit if limit < 1.0 else 0.0, float(run.true_n.max()), run.settings.target_n)
-    for first, end in _stretches(~valid & (time > time[0] + 1.0)):
-        axes.axvspan(time[first], time[end], 0.0, 0.035, color=COLOURS[1], lw=0)
+    for number, (first, end) in enumerate(_stretches(~valid & (time > time[0] + 1.0))):
+        label = "" if number else "no valid estimate"
+        axes.axvspan(time[first], time[end], 0.0, 0.035, color=COLOURS[1], lw=0, label=label)
     axes.set_ylim(0.0, top)
     axes.set_ylabel("force, N", color=INK)
-    axes.legend(loc="upper left", bbox_to_anchor=(0.0, 1.13), ncols=5, frameon=False, fontsize=9)
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, 1.13), ncols=6, frameon=False, fontsize=9)
 
 
 def _bands(axes: Axes, run: ControlRun, *, named: bool) -> None:
