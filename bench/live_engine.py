@@ -149,6 +149,12 @@ def quantiles(delays_ns: list[int]) -> dict[str, float] | None:
     return {f"p{p}": round(float(np.percentile(delays_ns, p)) * 1e-6, 2) for p in (50, 99)}
 
 
+def ends(delays_ns: list[int]) -> tuple[list[int], list[int]]:
+    """The first and the last fifth: whether latency drifts."""
+    part = max(1, len(delays_ns) // 5)
+    return delays_ns[:part], delays_ns[-part:]
+
+
 def measure(model: str, source, seconds: float) -> dict[str, Any]:
     """One run of ``seconds`` after the warm-up."""
     clock = source.clock
@@ -175,6 +181,7 @@ def measure(model: str, source, seconds: float) -> dict[str, Any]:
         "invalid": notes.invalid,
         "reasons": dict(sorted(notes.reasons.items(), key=lambda item: -item[1])[:5]),
         "sink_ms": quantiles(notes.delays_ns),
+        "sink_ms_first_and_last_fifth": [quantiles(part) for part in ends(notes.delays_ns)],
         "page_ms": quantiles(page.delays_ns),
         "page_frames": len(page.delays_ns),
         "cpu_cores": round(cpu_share, 2),
