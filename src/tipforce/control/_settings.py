@@ -75,8 +75,11 @@ class ControlSettings(_Settings):
     """Above it the tip has met the tissue."""
     period_s: Annotated[float, Field(gt=0, le=0.1)] = 5e-3
     """Between two commands."""
-    approach_mm_per_s: _Positive = 3.0
+    approach_mm_per_s: _Positive = 1.5
     retract_mm_per_s: _Positive = 20.0
+    recoil_mm: Annotated[float, Field(ge=0, le=100)] = 3.0
+    """So far the tip is drawn back at once, as fast as it may, where it first meets the tissue: a wall that comes
+    toward it goes on while images and drives are late."""
     touch_n: _Positive = 0.08
     """Largest force of a beat that is aimed at while the wall's motion is learnt."""
     touch_mm_per_s: _Positive = 1.5
