@@ -7,6 +7,7 @@ import { Controls } from "./controls.js";
 import { OLDEST_MS, Veil } from "./freshness.js";
 import { drawGauge } from "./gauge.js";
 import { holds, judge } from "./judge.js";
+import { LoopPanel } from "./loop.js";
 import { readMessage } from "./message.js";
 import { duration, inGrams, inNewtons, NOTHING, seconds } from "./numbers.js";
 import { Scene } from "./scene.js";
@@ -48,6 +49,7 @@ let traceAt = -Infinity;
 app.connection = new Connection({
   frame: take,
   state: (state) => (app.state = state),
+  loop: (status) => loop.heard(status),
   pong: (sent, received, stamped) => clock.answered(sent, received, stamped),
   opened: () => present(),
   closed: () => {
@@ -56,6 +58,7 @@ app.connection = new Connection({
   },
 });
 const controls = new Controls(app);
+const loop = new LoopPanel(app, (text) => controls.notice(text));
 
 async function take(buffer) {
   let update;
@@ -201,6 +204,7 @@ function tick() {
   present();
   showSums();
   controls.refresh(performance.now());
+  loop.refresh(performance.now());
 }
 
 function drawTrace(now) {

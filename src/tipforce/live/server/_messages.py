@@ -17,7 +17,6 @@ down, whatever the size of the JPEG.
 """
 
 import json
-import math
 import struct
 import threading
 from collections.abc import Mapping
@@ -27,6 +26,7 @@ import cv2
 import numpy as np
 
 from ...types import DetectedShape, FloatArray, Image
+from .._numbers import number
 from .._update import LiveUpdate, Zero
 from ._tip_force import tip_force
 
@@ -122,16 +122,16 @@ def update_values(update: LiveUpdate) -> dict[str, Any]:
     return {
         "status": estimate.status.value,
         "detail": estimate.detail,
-        "magnitude_n": _number(estimate.magnitude_n),
+        "magnitude_n": number(estimate.magnitude_n),
         "interval_n": _numbers(estimate.magnitude_interval_n),
         "force_n": _numbers(estimate.force_n),
         "tip": None
         if tip is None
         else {
-            "axial_n": _number(tip.axial_n),
-            "lateral_n": _number(tip.lateral_n),
-            "angle_deg": _number(tip.angle_deg, 1),
-            "angle_error_deg": _number(tip.angle_error_deg, 1),
+            "axial_n": number(tip.axial_n),
+            "lateral_n": number(tip.lateral_n),
+            "angle_deg": number(tip.angle_deg, 1),
+            "angle_error_deg": number(tip.angle_error_deg, 1),
         },
         "clinical": _clinical(update),
         "integral_running": update.integral_running,
@@ -149,23 +149,23 @@ def _clinical(update: LiveUpdate) -> dict[str, Any] | None:
     return {
         "contact": state.contact.value,
         "contact_class": state.contact_class.value,
-        "in_contact": _number(state.in_contact),
-        "above_limit": _number(state.above_limit),
-        "elapsed_s": _number(state.elapsed_s, 2),
-        "unknown_s": _number(state.unknown_s, 2),
-        "window_share": _number(state.window_share, 3),
-        "integral_g_s": _number(state.integral_g_s, 1),
-        "integral_interval_g_s": [_number(end, 1) for end in state.integral_interval_g_s],
+        "in_contact": number(state.in_contact),
+        "above_limit": number(state.above_limit),
+        "elapsed_s": number(state.elapsed_s, 2),
+        "unknown_s": number(state.unknown_s, 2),
+        "window_share": number(state.window_share, 3),
+        "integral_g_s": number(state.integral_g_s, 1),
+        "integral_interval_g_s": [number(end, 1) for end in state.integral_interval_g_s],
     }
 
 
 def _zero(zero: Zero, now_ns: int) -> dict[str, Any]:
     return {
-        "offset_n": _number(zero.magnitude_n),
-        "age_s": _number((now_ns - zero.since_ns) * 1e-9, 1),
-        "contact": _number(zero.contact, 2),
-        "drift_n": _number(zero.drift_n),
-        "drift_age_s": None if zero.drift_ns is None else _number((now_ns - zero.drift_ns) * 1e-9, 1),
+        "offset_n": number(zero.magnitude_n),
+        "age_s": number((now_ns - zero.since_ns) * 1e-9, 1),
+        "contact": number(zero.contact, 2),
+        "drift_n": number(zero.drift_n),
+        "drift_age_s": None if zero.drift_ns is None else number((now_ns - zero.drift_ns) * 1e-9, 1),
     }
 
 
@@ -178,7 +178,7 @@ def _shape(shape: DetectedShape) -> dict[str, Any] | None:
         "centreline_px": _pixels(points[rows]),
         "origin_px": _pixels(shape.base.origin_px),
         "axes_px": np.round(shape.base.axes_px, 4).tolist(),
-        "diameter_px": _number(shape.diameter_px, 1),
+        "diameter_px": number(shape.diameter_px, 1),
     }
 
 
@@ -190,10 +190,10 @@ def _health(update: LiveUpdate) -> dict[str, Any]:
         if sink.hung or sink.message
     }
     return {
-        "frames_per_s": _number(health.frames_per_s, 1),
+        "frames_per_s": number(health.frames_per_s, 1),
         "dropped": health.dropped,
-        "latency_p50_ms": _number(1e3 * health.latency_p50_s, 1),
-        "latency_p99_ms": _number(1e3 * health.latency_p99_s, 1),
+        "latency_p50_ms": number(1e3 * health.latency_p50_s, 1),
+        "latency_p99_ms": number(1e3 * health.latency_p99_s, 1),
         "camera": health.camera,
         "reconnects": health.reconnects,
         "message": health.message,
@@ -201,13 +201,8 @@ def _health(update: LiveUpdate) -> dict[str, Any]:
     }
 
 
-def _number(value: float, digits: int = 5) -> float | None:
-    """Rounded, or None where it is not finite."""
-    return round(float(value), digits) + 0.0 if math.isfinite(value) else None
-
-
 def _numbers(values: FloatArray) -> list[float | None]:
-    return [_number(value) for value in values.tolist()]
+    return [number(value) for value in values.tolist()]
 
 
 def _pixels(points: FloatArray) -> list[Any]:

@@ -85,6 +85,11 @@ class PageServer:
         return self._hub.pages
 
     @property
+    def silent_s(self) -> float:
+        """So long ago any page was heard, seconds; an open one whose script runs is heard each second."""
+        return self._hub.silent_s
+
+    @property
     def state(self) -> PageState:
         """What all pages show alike."""
         return self._hub.state
@@ -150,6 +155,7 @@ def serve(
         contact=settings.contact,
         can_record=settings.on_record is not None,
         can_set_limits=settings.on_contact is not None,
+        can_hold=settings.loop is not None,
     )
     started: threading.Event = threading.Event()
     made: list[tuple[Hub, uvicorn.Server]] = []
