@@ -121,8 +121,8 @@ export class LoopPanel {
   #showNumbers(status, known) {
     const force = known ? status.force_n : null;
     const wanted = known ? status.wanted_n : null;
-    set("loop-force", force === null ? "not valid" : `${inGrams(force)} g`);
-    set("loop-force-n", force === null ? "" : `${inNewtons(force)} N`);
+    set("loop-force", force === null ? NOTHING : `${inGrams(force)} g`);
+    set("loop-force-n", force === null ? "not valid" : `${inNewtons(force)} N`);
     set("loop-wanted", wanted === null ? NOTHING : `${inGrams(wanted)} g`);
     set("loop-wanted-n", wanted === null ? "" : `${inNewtons(wanted)} N`);
     set("loop-target", `${inGrams(status.target_n)} g`);
@@ -152,7 +152,7 @@ export class LoopPanel {
     const asks = nowMs < this.#confirmUntil;
     $("loop-begin").classList.toggle("warn", asks);
     const begin = still ? (ready ? "toward the goal" : "mark first") : "on its way";
-    set("loop-begin-note", asks ? "it will move: again" : begin);
+    set("loop-begin-note", asks ? "moves: again" : begin);
     set("loop-retract-note", stopped ? "release first" : "back to start");
   }
 }
