@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path as FilePath
 from types import MappingProxyType
 
 import numpy as np
@@ -10,8 +11,12 @@ import pytest
 
 from tipforce.control import SafetySettings
 from tipforce.errors import DeviceError, InputError
+from tipforce.hardware import AxisConfig, GrblConfig, GrblStage, HardwareSource
+from tipforce.hardware.emulators import GrblEmulator
 from tipforce.live import LiveHealth, LiveUpdate
-from tipforce.pipelines import HoldSettings, LiveControl
+from tipforce.pipelines import HoldSettings, LiveControl, LiveRunSettings, open_live_source
+from tipforce.pipelines._control import path_of_drives
+from tipforce.pipelines._live import _Buttons, _control, _CurrentDrives, simulated_bench
 from tipforce.types import Actuation, AxisLimits, Commanded, ForceEstimate, Status, SystemClock
 
 PERIOD_S = 2e-3
@@ -282,3 +287,93 @@ def test_marks_have_the_axes_of_the_drives() -> None:
     drives = Drives()
     with pytest.raises(InputError, match="expected knob_deg as drives = knob"):
         LiveControl(drives, drives.clock, HoldSettings(drives="knob"), MARKS)
+
+
+def test_zero_is_refused_while_the_loop_has_the_drives() -> None:
+    class Engine:
+        zeroed = 0
+
+        def zero(self) -> None:
+            self.zeroed += 1
+
+        def start_integral(self) -> None: ...
+        def stop_integral(self) -> None: ...
+
+    with made() as run:
+        engine = Engine()
+        buttons = _Buttons(engine, run.control)  # type: ignore[arg-type]
+        buttons.zero()
+        run.control.start()
+        with pytest.raises(InputError, match="retract first"):
+            buttons.zero()
+        assert engine.zeroed == 1
+
+
+def test_a_grbl_stage_is_driven_and_stopped(tmp_path: FilePath) -> None:
+    axes = {"advance_mm": AxisConfig(axis="Y", low=-5.0, high=20.0, max_speed=30.0, scale=-2.0)}
+    with GrblEmulator(tmp_path / "stage") as grbl:
+        source = HardwareSource([GrblStage(GrblConfig(port=str(grbl.path), axes=axes))])
+        drives = source.actuators
+        assert drives is not None
+        control = LiveControl(drives, source.clock, FAST, ({"advance_mm": 0.0}, {"advance_mm": 15.0}))
+        run = Run(control, drives)  # type: ignore[arg-type]
+        drives.clock = source.clock  # type: ignore[attr-defined]
+        with run:  # before the stage is connected
+            run.until(lambda: "not connected" in control.status.reason)
+            with source:
+                run.until(lambda: control.status.length_mm == 15.0)
+                control.start()
+                run.until(lambda: control.status.axes["advance_mm"] > 2.0)
+                control.stop()
+                run.until(lambda: grbl.state == "Idle")
+                rest = grbl.place[1]
+                time.sleep(0.1)
+                assert grbl.place[1] == rest
+                assert control.status.state == "stopped"
+
+
+def test_a_source_without_drives_is_refused(tmp_path: FilePath) -> None:
+    bench = tmp_path / "bench.toml"
+    bench.write_text('[hardware.cameras.camera]\ndriver = "opencv"\nsource = 0\n')
+    wanted = r"expected a simulated bench, or a bench.toml with \[hardware.stage\]"
+    with open_live_source(bench=bench) as source, pytest.raises(InputError, match=wanted):
+        _control(source, SystemClock(), HoldSettings(), with_page=True)
+
+
+def test_a_run_without_a_page_is_refused() -> None:
+    class Bench:
+        actuators = Drives()
+
+    with pytest.raises(InputError, match="started and stopped on the page"):
+        _control(Bench(), SystemClock(), HoldSettings(), with_page=False)  # type: ignore[arg-type]
+
+
+def test_the_live_simulation_is_that_of_the_closed_loop_benchmark() -> None:
+    settings = LiveRunSettings.model_validate({"rate_hz": 15, "hold": {"drives": "both", "contact": "oblique"}})
+    assert settings.hold is not None
+    bench = simulated_bench("bench-2021", settings)
+    world = bench.world
+    assert (world.clamp.logged, world.clock.fps, world.clock.camera_delay_s) == (True, 15.0, 40e-3)
+    path = path_of_drives("both", 1e3 * world.clamp.home_m)
+    assert path.start == {"advance_mm": 0.0, "knob_deg": -14.0}  # the base where the metadata have it
+
+
+def test_drives_of_a_simulated_session_that_has_ended_stop_the_run() -> None:
+    class Simulation:
+        actuators = Drives()
+
+    simulation = Simulation()
+    drives = _CurrentDrives(simulation)  # type: ignore[arg-type]
+    run = Run(LiveControl(drives, simulation.actuators.clock, FAST, MARKS, frame_period_s=5e-3), simulation.actuators)
+    with run:
+        drives.sessions = 1
+        run.until(lambda: not run.control.status.reason)
+        run.control.start()
+        run.reach("approach")
+        simulation.actuators = Drives()
+        drives.sessions = 2
+        run.reach("stopped")
+        assert "the simulated session has ended" in run.control.status.reason
+        assert simulation.actuators.commands == []
+        run.control.release()
+        run.reach("idle")

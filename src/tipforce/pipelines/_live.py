@@ -17,7 +17,7 @@ from ..hardware import HardwareSource, open_bench
 from ..io import FileSource
 from ..live import Engine, LiveReport, LiveSettings, LiveUpdate, PacedSource, Sink
 from ..live.streams import open_sink
-from ..simulation import LiveSimulation
+from ..simulation import AnySimulationSettings, LiveSimulation
 from ..types import (
     Actuation,
     Actuators,
@@ -111,17 +111,28 @@ def open_live_source(
         return
     if stated not in (None, SessionInfo()):
         raise InputError("a simulated bench has metadata of its own; leave bench and fact out")
-    bench_settings = preset_settings(preset)
-    if settings.hold is not None:
-        bench_settings = bench_of_regime(bench_settings, settings.hold.contact, _SESSION_S)
-    world = bench_settings.world
-    if settings.rate_hz is not None:
-        world = world.model_copy(update={"clock": world.clock.model_copy(update={"fps": settings.rate_hz})})
+    bench_settings = simulated_bench(preset, settings)
     yield _BenchInRealTime(
-        LiveSimulation(bench_settings.model_copy(update={"world": world}), settings.seed, real_time=True),
-        home_mm=1e3 * world.clamp.home_m,
-        frame_period_s=1.0 / world.clock.fps,
+        LiveSimulation(bench_settings, settings.seed, real_time=True),
+        home_mm=1e3 * bench_settings.world.clamp.home_m,
+        frame_period_s=1.0 / bench_settings.world.clock.fps,
     )
+
+
+def simulated_bench(preset: str, settings: LiveRunSettings) -> AnySimulationSettings:
+    """The preset as ``settings`` want it: where a force is held, with the wall and drives of `bench_of_regime`.
+
+    Raises InputError where there is no such preset.
+    """
+    changes = {} if settings.rate_hz is None else {"world": {"clock": {"fps": settings.rate_hz}}}
+    bench = preset_settings(preset, None, changes)
+    if settings.hold is None:
+        return bench
+    held = bench_of_regime(bench, settings.hold.contact, _SESSION_S)
+    if settings.rate_hz is None:
+        return held
+    clock = held.world.clock.model_copy(update={"fps": settings.rate_hz})
+    return held.model_copy(update={"world": held.world.model_copy(update={"clock": clock})})
 
 
 class _CurrentDrives:

@@ -19,7 +19,7 @@ down, whatever the size of the JPEG.
 import json
 import struct
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import cv2
@@ -30,7 +30,7 @@ from .._numbers import number
 from .._update import LiveUpdate, Zero
 from ._tip_force import tip_force
 
-__all__ = ["HEADER", "MAGIC", "VERSION", "WIDTHS", "EncodedUpdate", "Wanted", "display_width"]
+__all__ = ["HEADER", "MAGIC", "VERSION", "WIDTHS", "EncodedUpdate", "Point", "Wanted", "display_width", "point_of"]
 
 HEADER = struct.Struct("<4sHHIqqII")
 MAGIC = b"TIPF"
@@ -40,6 +40,9 @@ WIDTHS = (320, 480, 640, 800, 960, 1280, 1920)
 """Images are scaled to one of these widths, so that pages of nearly the same size share one encoding."""
 CENTRELINE_POINTS = 64
 """Of the centreline so many points are sent: more than a display shows apart."""
+
+Point = tuple[float, float | None, float | None, float | None]
+"""Of the trace: mid-exposure in ms on the engine's clock, force and its interval in N; None where it is not valid."""
 
 Wanted = tuple[str, int]
 """The view, and the width of the image in pixels."""
@@ -57,12 +60,13 @@ def display_width(pixels: int) -> int:
 class EncodedUpdate:
     """One update as messages: its numbers once, its image once for each size that somebody asks for.
 
+    ``recent``: points of the updates before it, for pages that did not get those.
     May be asked from several threads at once.
     """
 
-    def __init__(self, update: LiveUpdate, quality: int) -> None:
+    def __init__(self, update: LiveUpdate, quality: int, recent: Sequence[Point] = ()) -> None:
         self.update = update
-        self._quality = quality
+        self._quality, self._recent = quality, recent
         self._lock = threading.Lock()
         self._numbers: bytes | None = None
         self._messages: dict[Wanted, bytes] = {}
@@ -94,7 +98,8 @@ class EncodedUpdate:
     def _encode(self, image: Image | None, wanted: Wanted) -> bytes:
         jpeg = b"" if image is None else _jpeg(image, wanted[1], self._quality)
         if self._numbers is None:
-            self._numbers = json.dumps(update_values(self.update), separators=(",", ":"), allow_nan=False).encode()
+            values = update_values(self.update) | {"recent": self._recent}
+            self._numbers = json.dumps(values, separators=(",", ":"), allow_nan=False).encode()
         about = {"view": wanted[0], "size": None if image is None else [image.shape[1], image.shape[0]]}
         numbers = self._numbers[:-1] + b"," + json.dumps(about, separators=(",", ":")).encode()[1:]
         update = self.update
@@ -114,6 +119,14 @@ def _jpeg(image: Image, width: int, quality: int) -> bytes:
     if not done:
         raise RuntimeError(f"an image of {image.shape} could not be written as JPEG")
     return data.tobytes()
+
+
+def point_of(update: LiveUpdate) -> Point:
+    """What the trace shows of an update."""
+    estimate = update.estimate
+    low, high = estimate.magnitude_interval_n.tolist()
+    force = number(estimate.magnitude_n) if estimate.valid else None
+    return update.captured_ns / 1e6, force, number(low), number(high)
 
 
 def update_values(update: LiveUpdate) -> dict[str, Any]:
