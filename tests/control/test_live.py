@@ -237,7 +237,7 @@ def test_drives_that_are_not_there_yet_are_waited_for() -> None:
         with pytest.raises(DeviceError):
             run.control.mark_start()
         drives.error = None
-        run.until(lambda: not run.control.status.reason)
+        run.until(lambda: run.control.status.reason == "ready")
         run.control.start()
         run.reach("approach")
 

@@ -153,6 +153,8 @@ class ControlLoop:
     def release(self) -> None:
         """After `stop`: the run may be started again, or retracted."""
         with self._lock:
+            if self.safety.stopped and self.state is ControlState.IDLE:
+                self.reason = "released"
             self.safety.release()
 
     def update(self, estimate: ForceEstimate, captured_ns: int | None = None) -> None:

@@ -204,7 +204,7 @@ class LiveControl:
         if self._stopped:
             state, reason = "stopped", self._why_stopped
         elif loop is not None:
-            state, reason = loop.state.value, reason or loop.reason
+            state, reason = loop.state.value, reason or loop.reason or "ready"
         elif not reason:
             missing = [name for name, places in (("start", marks.start), ("goal", marks.goal)) if places is None]
             reason = f"mark {' and '.join(missing)}" if missing else "waiting for the drives"

@@ -45,8 +45,10 @@ export class LoopPanel {
       "loop-release": () => this.#ask("release"),
     };
     for (const [id, action] of Object.entries(does)) $(id).addEventListener("click", action);
-    $("loop-stop").addEventListener("pointerdown", () => this.stop()); // at the touch, not when it ends
-    $("loop-stop").addEventListener("click", (event) => event.detail === 0 && this.stop()); // by Enter
+    for (const button of document.querySelectorAll(".stop")) { // an open dialog has one of its own: it covers the page
+      button.addEventListener("pointerdown", () => this.stop()); // at the touch, not when it ends
+      button.addEventListener("click", (event) => event.detail === 0 && this.stop()); // by Enter
+    }
     // Before anybody else, wherever the focus is: a button, a number, a dialog.
     addEventListener("keydown", (event) => this.#key(event), { capture: true });
     addEventListener("keyup", (event) => this.#stops(event) && event.preventDefault(), { capture: true });
