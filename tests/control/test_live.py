@@ -150,6 +150,9 @@ def test_stop_brakes_at_once_though_the_loop_is_busy_and_a_release_moves_nothing
         assert run.control.status.state == "idle"
         run.control.retract()
         run.until(lambda: run.drives.place == pytest.approx(-2.0, abs=0.06))
+        run.reach("idle")
+        with pytest.raises(InputError, match="no run is on its way"):
+            run.control.retract()
         with pytest.raises(InputError, match="nothing is stopped"):
             run.control.release()
 

@@ -280,10 +280,13 @@ class LiveControl:
             loop = self._loop
             if loop is None:
                 raise InputError(f"nothing to go back along: {self._status.reason}")
-            if not self.running:
+            idle = not self.running
+            if idle:
                 self._need_on_path(loop)
                 loop.safety.rest()
             loop.retract()
+            if idle and not self.running:
+                raise InputError("no run is on its way; a start goes to the marked start first")
 
     def stop(self) -> None:
         """Brakes now; nothing moves before `release` and a command. Raises what the drives raise."""

@@ -8,13 +8,14 @@ const ANSWER_MS = 1000; // a stop that is not answered within this is told as no
 
 const WORDS = {
   idle: ["○", "IDLE"],
+  waiting: ["…", "WAITING"],
   approach: ["→", "APPROACH"],
   contact: ["◐", "CONTACT"],
   hold: ["●", "HOLD"],
   retract: ["←", "RETRACT"],
   stopped: ["■", "STOPPED"],
 };
-const UNITS = { mm: "mm", deg: "°" };
+const UNITS = { mm: [1, " mm"], deg: [0, "°"] }; // digits, and what follows them
 const ACTIONS = {
   over_limit: "above the limit: drawn back",
   coast: "no valid force for a moment: going on with what is known",
@@ -108,13 +109,15 @@ export class LoopPanel {
     if (!there || !this.#status) return;
     const status = this.#status;
     const known = this.#known();
-    const [sign, word] = known ? WORDS[status.state] : ["✕", "NOT KNOWN"];
+    const [sign, word] = known ? WORDS[status.resumes ? "waiting" : status.state] : ["✕", "NOT KNOWN"];
     $("loop").dataset.state = known ? status.state : "unknown";
     $("loop").dataset.action = known ? status.action : "";
     set("loop-sign", sign);
     set("loop-word", word);
-    const again = status.resumes ? "; begins again by itself" : "";
-    set("loop-reason", known ? `${ACTIONS[status.action] ?? status.reason}${again}` : "nothing was heard of the loop; stop works");
+    const again = status.resumes ? "begins again by itself; " : "";
+    const why = known ? `${again}${ACTIONS[status.action] ?? status.reason}` : "nothing was heard of the loop; STOP is sent all the same";
+    set("loop-reason", why);
+    $("loop-reason").title = why;
     this.#showNumbers(status, known);
     this.#showPath(status);
     this.#refreshButtons(status, known, nowMs);
@@ -159,11 +162,11 @@ export class LoopPanel {
   }
 }
 
-/** "3.0 mm, 12.5°" of {advance_mm: 3, knob_deg: 12.5}. */
+/** "3.0 mm, 12°" of {advance_mm: 3, knob_deg: 12.3}. */
 function places(axes) {
   const told = Object.entries(axes).map(([name, value]) => {
-    const unit = UNITS[name.split("_").at(-1)] ?? "";
-    return `${value.toFixed(1).replace("-", "−")}${unit === "°" ? "" : " "}${unit}`;
+    const [digits, unit] = UNITS[name.split("_").at(-1)] ?? [1, ""];
+    return `${value.toFixed(digits).replace("-", "−")}${unit}`;
   });
   return told.join(", ") || "not marked";
 }
