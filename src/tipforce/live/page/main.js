@@ -6,7 +6,7 @@ import { Connection } from "./connection.js";
 import { Controls } from "./controls.js";
 import { OLDEST_MS, Veil } from "./freshness.js";
 import { drawGauge } from "./gauge.js";
-import { holds, judge } from "./judge.js";
+import { holds, judge, passesLimit } from "./judge.js";
 import { LoopPanel } from "./loop.js";
 import { readMessage } from "./message.js";
 import { duration, inGrams, inNewtons, NOTHING, seconds } from "./numbers.js";
@@ -96,6 +96,7 @@ function present() {
   app.verdict = verdict;
   const values = verdict.live ? update.values : null;
   app.alarm.update(values, state.contact.limit_n, now);
+  if (app.alarm.on && values && !passesLimit(values, state.contact.limit_n)) verdict.detail = "was above the limit just now";
   document.body.dataset.kind = verdict.kind;
   showAlarm(app.alarm.on ? (app.alarm.held ? "held" : "on") : "off");
   const told = verdict.live || verdict.kind === "invalid";
