@@ -254,6 +254,9 @@ def test_start_and_goal_are_marked_where_the_drives_are() -> None:
         run.until(lambda: run.control.status.reason == "mark goal")
         with pytest.raises(InputError, match="two places"):
             run.control.mark_goal()
+        run.drives.place = 0.3
+        with pytest.raises(InputError, match=r"1 mm of path or more, got 0\.30"):
+            run.control.mark_goal()
         run.drives.place = 5.0
         run.control.mark_goal()
         run.until(lambda: run.control.status.length_mm == 5.0)

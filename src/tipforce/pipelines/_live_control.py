@@ -24,6 +24,8 @@ AXES: dict[Drives, tuple[str, ...]] = {"advance": (ADVANCE,), "knob": (KNOB,), "
 _Places = dict[str, Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]]
 _OFF_MM = 0.5
 """Farther than this from the path, in mm of it, no run begins with drives that are faster than the limits."""
+_SHORTEST_MM = 1.0
+"""Two marks that are nearer are one place, marked twice."""
 _JOIN_S = 1.0
 
 
@@ -254,7 +256,11 @@ class LiveControl:
             if self.running:
                 raise InputError("a run is on its way; stop or retract it before a mark is set")
             marks = marked(self._places())
-            marks.path()
+            path = marks.path()
+            if path is not None and path.length_mm < _SHORTEST_MM:
+                raise InputError(
+                    f"start and goal: expected {_SHORTEST_MM:g} mm of path or more, got {path.length_mm:.2f}"
+                )
             self._marks, self._loop = marks, None
 
     def start(self) -> None:
@@ -271,6 +277,7 @@ class LiveControl:
                 raise InputError(f"not now: {why}")
             self._need_on_path(loop)
             loop.safety.rest()
+            loop.restarts = 0
             loop.start()
 
     def retract(self) -> None:
