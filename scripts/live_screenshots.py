@@ -168,7 +168,10 @@ def main() -> None:
 
 
 def write_figures(taken: Path, figures: Path, chosen: Mapping[str, str] = FIGURES) -> None:
-    """Figures of docs/live-page.md (name there -> screenshot): narrower and with fewer colours, since git keeps every version of them."""
+    """Figures of docs/live-page.md, name there -> screenshot.
+
+    They are narrower and have fewer colours, since git keeps every version of them.
+    """
     for name, of in chosen.items():
         with PILImage.open(taken / f"{of}.png") as image:
             width = min(image.width, FIGURE_WIDTH)
