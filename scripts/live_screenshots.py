@@ -11,7 +11,7 @@ import argparse
 import base64
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -167,9 +167,12 @@ def main() -> None:
         write_figures(chosen.output, chosen.figures)
 
 
-def write_figures(taken: Path, figures: Path) -> None:
-    """The figures of docs/live-page.md: narrower and with fewer colours, since git keeps every version of them."""
-    for name, of in FIGURES.items():
+def write_figures(taken: Path, figures: Path, chosen: Mapping[str, str] = FIGURES) -> None:
+    """Figures of docs/live-page.md, name there -> screenshot.
+
+    They are narrower and have fewer colours, since git keeps every version of them.
+    """
+    for name, of in chosen.items():
         with PILImage.open(taken / f"{of}.png") as image:
             width = min(image.width, FIGURE_WIDTH)
             small = image.convert("RGB").resize(

@@ -54,12 +54,18 @@ def command(
     --set changes rate_hz and loop of a file, seed of the simulated bench, contact.window_n, contact.limit_n, and how
     long a value counts (stale_s). docs/live.md explains each reason of NOT VALID; docs/streams.md the outputs.
 
+    --set hold.target_n=0.2 gives the page a panel from which a loop that holds a force with the drives of the bench is
+    started, stopped and retracted; hold.drives, hold.start, hold.goal and all settings of the control are in
+    docs/control.md. Nothing moves before it is started there.
+
     Example:
         tipforce live pretrained/compact --simulated bench-2021 --seconds 20
 
         tipforce live pretrained/compact video.mp4 --bench bench.toml --no-page --set rate_hz=60
 
         tipforce live fusion --bench bench.toml --record run.mcap
+
+        tipforce live pretrained/compact --simulated bench-2021 --set hold.target_n=0.2 --set hold.drives=both
     """
     from ..estimators import load_model
     from ..pipelines import LiveRunSettings, PageAddress, live, live_line, open_live_source

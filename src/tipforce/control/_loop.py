@@ -94,7 +94,7 @@ class ControlLoop:
         self._history: deque[tuple[float, float]] = deque()
         self._estimate: ForceEstimate | None = None
         self._valid_since_s: float | None = None
-        self._again = self._approach_next = False
+        self._again = self._approach_next = self._left = False
         self._last_s: float | None = None
         self._begin_run()
 
@@ -113,10 +113,14 @@ class ControlLoop:
         self._forces: deque[tuple[float, float]] = deque()
 
     def start(self) -> None:
-        """The operator starts: from wherever the catheter is to the marked start, then toward the goal."""
+        """The operator starts: from wherever the catheter is to the marked start, then toward the goal.
+
+        Nothing while a run is on its way, or before `release` after a `stop`: a release moves nothing.
+        """
         with self._lock:
-            if self.state is not ControlState.IDLE:
+            if self.state is not ControlState.IDLE or self.safety.stopped:
                 return
+            self._left = False
             self._begin_run()
             self._wanted_mm = self.safety.measured_mm()
             self._approach_next = abs(self._wanted_mm) > _FAR_MM
@@ -125,11 +129,17 @@ class ControlLoop:
             else:
                 self._go(ControlState.APPROACH, "started")
 
+    @property
+    def resumes(self) -> bool:
+        """Whether a run that was drawn back will begin its approach again by itself."""
+        return self._again
+
     def retract(self, reason: str = "the operator ended the run") -> None:
-        """Back to the marked start; the run is over."""
+        """Back to the marked start; the run is over. Without a run: nothing, unless `stop` left the catheter there."""
         with self._lock:
             self._again = self._approach_next = False
-            if self.state is not ControlState.IDLE:
+            if not self.safety.stopped and (self.state is not ControlState.IDLE or self._left):
+                self._left = False
                 self._go(ControlState.RETRACT, reason)
 
     def stop(self) -> None:
@@ -137,11 +147,14 @@ class ControlLoop:
         self.safety.stop()
         with self._lock:
             self._again = self._approach_next = False
+            self._left = True
             self._go(ControlState.IDLE, "the stop key was pressed")
 
     def release(self) -> None:
         """After `stop`: the run may be started again, or retracted."""
         with self._lock:
+            if self.safety.stopped and self.state is ControlState.IDLE:
+                self.reason = "released"
             self.safety.release()
 
     def update(self, estimate: ForceEstimate, captured_ns: int | None = None) -> None:

@@ -1,5 +1,6 @@
 """The layer between a controller and the drives: nothing reaches them but through it."""
 
+import threading
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -61,11 +62,18 @@ class SafetyLayer:
         self._sent_mm: float | None = None
         self._sent_ns = 0
         self._stopped = False
+        self._sending = threading.Lock()
+        """Held while the drives are spoken to: no command may follow a stop that came while it was on its way."""
 
     @property
     def upper_n(self) -> float:
         """Upper end of the last valid estimate's interval."""
         return self._upper_n
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the stop key holds the drives."""
+        return self._stopped
 
     def measured_mm(self) -> float:
         """Where the drives are."""
@@ -114,6 +122,10 @@ class SafetyLayer:
 
     def command(self, wanted_mm: float, max_speed_mm_per_s: float | None = None) -> Applied:
         """Send the drives toward ``wanted_mm``, or wherever safety wants them; returns what was sent."""
+        with self._sending:
+            return self._command(wanted_mm, max_speed_mm_per_s)
+
+    def _command(self, wanted_mm: float, max_speed_mm_per_s: float | None) -> Applied:
         now = self._clock.now_ns()
         action, reason = self.check()
         last = self.measured_mm() if self._sent_mm is None else self._sent_mm
@@ -132,7 +144,12 @@ class SafetyLayer:
     def stop(self) -> None:
         """The stop key: the drives brake at once, and no command passes until `release`."""
         self._stopped = True
-        self._actuators.stop(*self.path.start)
+        with self._sending:
+            self._actuators.stop(*self.path.start)
+
+    def rest(self) -> None:
+        """The drives stand, or somebody else has moved them: the next command begins from where they are."""
+        self._sent_mm = None
 
     def release(self) -> None:
         """After a stop: commands pass again, from where the drives are."""

@@ -5,15 +5,11 @@ Nothing else of the geometry changes: what was stated, learnt and calibrated for
 
 import math
 
-import numpy as np
-
-from ..types import ADVANCE, Image, Observation, Status
+from ..types import ADVANCE, Observation, Status
+from ..vision import INWARD, image_from_clamp
 from ._reading import Abstention
 
 __all__ = ["INWARD", "image_from_clamp", "read_advance_m"]
-
-INWARD = {"left": (1, 0), "bottom": (0, -1), "right": (-1, 0), "top": (0, 1)}
-"""By the border that the shaft comes from: direction (u, v) into the image."""
 
 
 def read_advance_m(observation: Observation) -> float | Abstention:
@@ -22,20 +18,3 @@ def read_advance_m(observation: Observation) -> float | Abstention:
     if math.isfinite(advance_m):
         return advance_m
     return Abstention(Status.MISSING_INPUT, f"{ADVANCE} is not known at this image, so where the base lies is not")
-
-
-def image_from_clamp(image: Image, base_side: str, advance_px: int) -> Image:
-    """Returns ``image`` (h, w[, 3]) as a camera sees it that has moved ``advance_px`` inward; the border is repeated.
-
-    >>> image_from_clamp(np.array([[1, 2, 3]], np.uint8), "left", 1)
-    array([[2, 3, 3]], dtype=uint8)
-    """
-    if not advance_px:
-        return image
-    du, dv = INWARD[base_side]
-    rows, columns = (
-        np.clip(np.arange(size) + step * advance_px, 0, size - 1)
-        for size, step in zip(image.shape[:2], (dv, du), strict=True)
-    )
-    moved = image.take(columns, axis=1) if du else image.take(rows, axis=0)
-    return np.ascontiguousarray(moved)

@@ -12,6 +12,7 @@ from typing import Any, Literal, Self
 from ..errors import DeviceError
 from ..types import Clock, Event, SessionInfo, SystemClock
 from ._driver import ClockReport, DeclaredStream, Driver, EndOfStream, Setting, stream_of
+from ._grbl import GrblActuators, GrblStage
 
 __all__ = ["DeviceHealth", "DeviceState", "HardwareSource", "StreamHealth", "StreamMeter"]
 
@@ -191,6 +192,12 @@ class HardwareSource:
     def streams(self) -> tuple[DeclaredStream, ...]:
         """What will come."""
         return tuple(stream.declared for stream in self._streams.values())
+
+    @property
+    def actuators(self) -> GrblActuators | None:
+        """The drives of the bench's stage; None where it has none."""
+        drivers = (device.driver for device in self._devices)
+        return next((driver.actuators for driver in drivers if isinstance(driver, GrblStage)), None)
 
     def put(self, event: Event) -> None:
         """Of a driver's thread: the next event of its stream; the oldest one that waits gives way where it is full."""

@@ -1,6 +1,7 @@
 """Live: a source pushes frames, an estimator answers, sinks get the answers, each at its own pace."""
 
 from ._engine import Engine
+from ._loop import LoopCommands, LoopState, LoopStatus
 from ._paced import PacedSource
 from ._report import LiveReport
 from ._settings import LiveSettings
@@ -18,6 +19,9 @@ __all__ = [
     "LiveReport",
     "LiveSettings",
     "LiveUpdate",
+    "LoopCommands",
+    "LoopState",
+    "LoopStatus",
     "PacedSource",
     "Sink",
     "SinkHealth",

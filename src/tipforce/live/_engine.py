@@ -253,7 +253,7 @@ class Engine:
         if self._shapes is None or found.shape is not None or not isinstance(image, np.ndarray):
             return found
         try:
-            shape = self._shapes.find(image)
+            shape = self._shapes.find(image, instant.observation.actuation.get(ADVANCE, 0.0))
         except Exception:  # a drawing is missing then; the force is none the worse
             _log.exception("the catheter is not detected for display any more")
             self._shapes = None

@@ -1,9 +1,19 @@
 """The catheter's shape for who looks on, where the method itself detects none (a network)."""
 
+import math
 from concurrent.futures import Future, ThreadPoolExecutor
 
+import numpy as np
+
 from ..types import DetectedShape, Image, SessionInfo
-from ..vision import ResolvedVision, SessionCalibration, ShapeDetector, VisionSettings
+from ..vision import (
+    INWARD,
+    ResolvedVision,
+    SessionCalibration,
+    ShapeDetector,
+    VisionSettings,
+    image_from_clamp,
+)
 
 __all__ = ["ShapeFinder"]
 
@@ -17,18 +27,30 @@ class ShapeFinder:
 
     def __init__(self, view: str, info: SessionInfo) -> None:
         self._calibration = SessionCalibration(VisionSettings(view=view), info)
+        about = info.view(view)
+        self._side, self._scale = about.base_side or "left", about.metres_per_px
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="live-shape")
         self._task: Future[ResolvedVision | None] | None = None
         self._detector: ShapeDetector | None = None
 
-    def find(self, image: Image) -> DetectedShape | None:
-        """The shape in ``image``, or why there is none; None while it is not resolved."""
+    def find(self, image: Image, advance_mm: float = 0.0) -> DetectedShape | None:
+        """The shape in ``image``, or why there is none; None while it is not resolved.
+
+        ``advance_mm``: how far the clamp has been advanced, which is followed where the scale is known.
+        """
         task = self._task
+        if task is not None and task.done() and (found := task.result()) is not None:
+            self._detector = ShapeDetector(found)
+            self._side = found.base_side
+        if not math.isfinite(advance_mm):
+            return None  # nobody knows where the base lies
+        advance_px = 0 if self._scale is None else round(1e-3 * advance_mm / self._scale)
+        from_clamp = image_from_clamp(image, self._side, advance_px)
         if task is None or task.done():
-            if task is not None and (found := task.result()) is not None:
-                self._detector = ShapeDetector(found)
-            self._task = self._pool.submit(self._calibration.add, image)
-        return None if self._detector is None else self._detector.detect(image)
+            self._task = self._pool.submit(self._calibration.add, from_clamp)
+        if self._detector is None:
+            return None
+        return self._detector.detect(from_clamp).moved(advance_px * np.array(INWARD[self._side]))
 
     def close(self) -> None:
         """No image comes any more."""

@@ -11,6 +11,7 @@ from ._import_session import import_session
 from ._inspect import inspect
 from ._inspect_images import InspectionResult, inspect_frames, inspect_image_file, inspect_sessions
 from ._live import LiveRunSettings, PageAddress, live, live_line, open_live_source
+from ._live_control import HoldSettings, LiveControl
 from ._record import RecordingReport, record
 from ._record_bench import BenchRecording, describe_health
 from ._simulate import SimulateReport, preset_settings, simulate, simulate_dataset
@@ -29,7 +30,9 @@ __all__ = [
     "EstimateReport",
     "EvaluateReport",
     "Guide",
+    "HoldSettings",
     "InspectionResult",
+    "LiveControl",
     "LiveRunSettings",
     "PageAddress",
     "RecordingReport",

@@ -24,6 +24,7 @@ __all__ = [
     "Regime",
     "bench_of_regime",
     "live_bench",
+    "path_of_drives",
     "run_control",
 ]
 
@@ -83,7 +84,8 @@ def bench_of_regime(settings: AnySimulationSettings, regime: Regime, seconds: fl
     return settings.model_copy(update={"preset": name, **parts_of_bench})
 
 
-def _path(drives: Drives, home_mm: float) -> Path:
+def path_of_drives(drives: Drives, home_mm: float) -> Path:
+    """The path of the closed-loop benchmark, about where the clamp stands when the bench is set up."""
     start, goal = dict[str, float](), dict[str, float]()
     if drives != "knob":
         start[ADVANCE], goal[ADVANCE] = home_mm - _BACK_MM, home_mm + _ON_MM
@@ -257,7 +259,7 @@ class ControlSession:
             _TruthFeedback(bench, late_ns) if isinstance(of, str) else _EstimatorFeedback(bench, late_ns, of)
         )
         world = bench.source.settings.world
-        path = _path(self._drives, 1e3 * world.clamp.home_m)
+        path = path_of_drives(self._drives, 1e3 * world.clamp.home_m)
         self.loop = ControlLoop(bench.actuators, bench.clock, path, self._control, 1.0 / world.clock.fps)
         return self
 

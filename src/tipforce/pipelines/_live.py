@@ -1,29 +1,48 @@
 """Live estimation: a source that happens now, the engine, the page, and whatever else takes the estimates."""
 
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Annotated, Self
+from typing import Annotated, Protocol, Self, TypeVar, runtime_checkable
 
 from pydantic import Field
 
 from ..datasets import open_source
 from ..errors import InputError
 from ..estimators import Estimator
+from ..hardware import HardwareSource, open_bench
 from ..io import FileSource
 from ..live import Engine, LiveReport, LiveSettings, LiveUpdate, PacedSource, Sink
 from ..live.streams import open_sink
-from ..simulation import LiveSimulation
-from ..types import Clock, Event, SessionInfo, Source, SystemClock
+from ..simulation import AnySimulationSettings, LiveSimulation
+from ..types import (
+    Actuation,
+    Actuators,
+    AxisLimits,
+    Clock,
+    Commanded,
+    Event,
+    SessionInfo,
+    Source,
+    SystemClock,
+)
 from ..units import newtons_to_grams
+from ._control import bench_of_regime, path_of_drives
 from ._estimate import check_inputs
+from ._live_control import HoldSettings, LiveControl
 from ._simulate import preset_settings
 
 __all__ = ["LiveRunSettings", "PageAddress", "live", "live_line", "open_live_source"]
 
+_SESSION_S = 95.0
+"""A simulated session with drives has so many seconds besides its beginning: more take longer to draw."""
+_FRAME_S = 1 / 30
+"""Between images of a camera that promises nothing."""
+_OTHER_SESSION = "the simulated session has ended; its drives are where they stand at the beginning of another one"
+_T = TypeVar("_T")
 _LINE_S = 0.25
 """The line on the terminal changes this often."""
 
@@ -37,6 +56,8 @@ class LiveRunSettings(LiveSettings):
     """A file begins again at its end."""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
     """Of the simulated bench's session."""
+    hold: HoldSettings | None = None
+    """A loop that holds a force with the drives of the bench, commanded from the page; None: nothing moves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +104,6 @@ def open_live_source(
         yield PacedSource(file, rate_hz=settings.rate_hz, loop=settings.loop)
         return
     if preset is None:
-        from ..hardware import open_bench  # drivers are loaded where there are devices
-
         assert bench is not None
         devices = open_bench(bench, newest_only=True)
         devices.session_info = stated or devices.session_info
@@ -92,22 +111,93 @@ def open_live_source(
         return
     if stated not in (None, SessionInfo()):
         raise InputError("a simulated bench has metadata of its own; leave bench and fact out")
+    bench_settings = simulated_bench(preset, settings)
+    yield _BenchInRealTime(
+        LiveSimulation(bench_settings, settings.seed, real_time=True),
+        home_mm=1e3 * bench_settings.world.clamp.home_m,
+        frame_period_s=1.0 / bench_settings.world.clock.fps,
+    )
+
+
+def simulated_bench(preset: str, settings: LiveRunSettings) -> AnySimulationSettings:
+    """The preset as ``settings`` want it: where a force is held, with the wall and drives of `bench_of_regime`.
+
+    Raises InputError where there is no such preset.
+    """
     changes = {} if settings.rate_hz is None else {"world": {"clock": {"fps": settings.rate_hz}}}
-    yield _BenchInRealTime(LiveSimulation(preset_settings(preset, None, changes), settings.seed, real_time=True))
+    bench = preset_settings(preset, None, changes)
+    if settings.hold is None:
+        return bench
+    held = bench_of_regime(bench, settings.hold.contact, _SESSION_S)
+    if settings.rate_hz is None:
+        return held
+    clock = held.world.clock.model_copy(update={"fps": settings.rate_hz})
+    return held.model_copy(update={"world": held.world.model_copy(update={"clock": clock})})
+
+
+class _CurrentDrives:
+    """The drives of whatever session of a simulation is in progress."""
+
+    def __init__(self, simulation: LiveSimulation) -> None:
+        self._simulation = simulation
+        self.sessions = 0
+        """So many have begun."""
+        self._session = 0
+
+    @property
+    def limits(self) -> Mapping[str, AxisLimits]:
+        """See `Actuators`."""
+        return self._simulation.actuators.limits
+
+    def command(self, targets: Mapping[str, float]) -> Commanded:
+        """See `Actuators`. Raises InputError between two sessions, and once at the beginning of another one."""
+        return self._of_same_session(lambda drives: drives.command(targets))
+
+    def read(self) -> Actuation:
+        """See `Actuators`. Raises InputError as `command`."""
+        return self._of_same_session(lambda drives: drives.read())
+
+    def stop(self, *axes: str) -> None:
+        """See `Actuators`."""
+        self._simulation.actuators.stop(*axes)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Each session stops its own."""
+
+    def _of_same_session(self, use: Callable[[Actuators], _T]) -> _T:
+        same, self._session = self.sessions == self._session, self.sessions
+        try:
+            done = use(self._simulation.actuators)
+        except RuntimeError:  # the bench is closed
+            same, done = False, None
+        if not same or done is None:
+            raise InputError(_OTHER_SESSION if self.sessions > 1 else "the simulated session begins")
+        return done
 
 
 class _BenchInRealTime:
-    """A simulated session over and over, on one clock."""
+    """A simulated session over and over, on one clock.
 
-    def __init__(self, simulation: LiveSimulation) -> None:
+    ``actuators``: its drives, to whatever session they belong. ``home_mm``: where its clamp stands when it begins.
+    """
+
+    def __init__(self, simulation: LiveSimulation, home_mm: float, frame_period_s: float) -> None:
         self.clock: Clock = SystemClock()
         self._simulation = simulation
         with simulation as bench:  # the session is drawn now, which takes seconds
             self.session_info = bench.source.session_info
+        self.home_mm, self.frame_period_s = home_mm, frame_period_s
+        self.actuators = _CurrentDrives(simulation)
 
     def __iter__(self) -> Iterator[Event]:
         while True:
             with self._simulation as bench:
+                self.actuators.sessions += 1
                 ahead_ns = self.clock.now_ns() - bench.clock.now_ns()
                 for event in bench.source:
                     yield replace(event, stamp_ns=event.stamp_ns + ahead_ns)
@@ -119,6 +209,12 @@ class _BenchInRealTime:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """The session ends with the iteration."""
+
+
+@runtime_checkable
+class _Driven(Protocol):
+    @property
+    def actuators(self) -> Actuators | None: ...
 
 
 def live(
@@ -142,30 +238,36 @@ def live(
         model: what the model is called.
         outputs: where else the estimates go, as `tipforce.live.streams.open_sink` has it.
         page: where the page is served; None: no page.
-        settings: of the engine; of a file, failures are not waited for.
+        settings: of the engine; of a file, failures are not waited for. Where they hold ``hold`` the page gets the
+            panel of a loop that holds a force with the drives of ``source``; nothing moves before it is started there.
         seconds: at most so long.
         on_page: gets the page's address.
         on_update: gets the newest update four times a second.
         on_report: gets the report at the end, also where an exception ends the run.
 
     Raises:
-        InputError: readings or metadata that ``estimator`` needs are missing, or an output or the page cannot start.
+        InputError: readings or metadata that ``estimator`` needs are missing, an output or the page cannot start, or a
+            force shall be held without drives or a page.
     """
     settings = settings or LiveSettings()
+    hold = settings.hold if isinstance(settings, LiveRunSettings) else None
     check_inputs(estimator, source.file if isinstance(source, PacedSource) else source)
     if isinstance(source, PacedSource):
         settings = settings.model_copy(update={"max_reconnects": 0})
     clock = getattr(source, "clock", None) or SystemClock()
+    control = None if hold is None else _control(source, clock, hold, with_page=page is not None)
     sinks = [open_sink(each) for each in outputs]
     engine = Engine(source, estimator, sinks, settings=settings, clock=clock, model=model)
     with ExitStack() as stack:
         if on_report is not None:
             stack.callback(lambda: on_report(engine.report))
         if page is not None:
-            address = stack.enter_context(_page(engine, clock, page))
+            address = stack.enter_context(_page(engine, clock, page, control))
             if on_page is not None:
                 on_page(address)
         stack.enter_context(engine.running())
+        if control is not None:
+            stack.enter_context(control)  # ends first: whatever ends the run stops the drives at once
         end = None if seconds is None else time.monotonic() + seconds
         while not engine.wait(_LINE_S) and (end is None or time.monotonic() < end):
             latest = engine.latest()
@@ -174,8 +276,43 @@ def live(
     return engine.report
 
 
+def _control(source: Source, clock: Clock, hold: HoldSettings, *, with_page: bool) -> LiveControl:
+    """The loop for the drives of ``source``."""
+    drives = source.actuators if isinstance(source, _Driven) else None
+    if drives is None:
+        raise InputError(
+            "hold: this source has no drives; expected a simulated bench, or a bench.toml with [hardware.stage]"
+        )
+    if not with_page:
+        raise InputError("hold: a run is started and stopped on the page, so there has to be one")
+    marks = None
+    period_s = _FRAME_S
+    if isinstance(source, _BenchInRealTime):
+        path = path_of_drives(hold.drives, source.home_mm)
+        marks, period_s = (path.start, path.goal), source.frame_period_s
+    elif isinstance(source, HardwareSource):
+        rates = [stream.rate_hz for stream in source.streams if stream.kind == "frame"]
+        period_s = max((1.0 / rate for rate in rates if rate), default=_FRAME_S)
+    return LiveControl(drives, clock, hold, marks, frame_period_s=period_s)
+
+
+class _Buttons:
+    """The engine's buttons while a loop may hold a force."""
+
+    def __init__(self, engine: Engine, control: LiveControl) -> None:
+        self._control = control
+        self.start_integral, self.stop_integral = engine.start_integral, engine.stop_integral
+        self._zero = engine.zero
+
+    def zero(self) -> None:
+        """Refused while a force is held: the loop would make up for what is subtracted."""
+        if self._control.running:
+            raise InputError("no zero while the loop has the drives: it would press as much harder; retract first")
+        self._zero()
+
+
 @contextmanager
-def _page(engine: Engine, clock: Clock, page: PageAddress) -> Generator[str]:
+def _page(engine: Engine, clock: Clock, page: PageAddress, control: LiveControl | None) -> Generator[str]:
     """Serves the page; yields its address."""
     from ..live.server import PageSettings, serve  # a web server is loaded where there is a page
 
@@ -185,9 +322,14 @@ def _page(engine: Engine, clock: Clock, page: PageAddress) -> Generator[str]:
         contact=engine.contact,
         on_contact=lambda contact: setattr(engine, "contact", contact),
         on_record=recorder.switch,
+        loop=control,
     )
-    with serve(engine, host=page.host, port=page.port, token=page.token, settings=settings) as server:
+    commands = engine if control is None else _Buttons(engine, control)
+    with serve(commands, host=page.host, port=page.port, token=page.token, settings=settings) as server:
         engine.add_sink(server.sink)
+        if control is not None:
+            control.silent_s = lambda: server.silent_s
+            engine.add_sink(control.sink)
         yield server.address
 
 

@@ -3,6 +3,7 @@
 from ..types import DetectedShape
 from ._against_knob import bends_against_knob
 from ._auto_calibrate import auto_calibrate, is_resolved
+from ._clamp import INWARD, image_from_clamp
 from ._classic import ClassicDetector, ClassicSteps
 from ._detector import ShapeDetector
 from ._draw import contact_sheet, draw_estimate, draw_shape, shaft_mask
@@ -15,6 +16,7 @@ from ._thesis_figures import figure_17, figure_18
 from .tracer import Tracer
 
 __all__ = [
+    "INWARD",
     "BaseSide",
     "ClassicDetector",
     "ClassicSteps",
@@ -41,6 +43,7 @@ __all__ = [
     "figure_18",
     "fitted_curve",
     "for_session",
+    "image_from_clamp",
     "inspect_image",
     "is_resolved",
     "session_vision",

@@ -3,12 +3,14 @@
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from tipforce.clinical import ContactMonitor, ContactSettings
-from tipforce.live import LiveHealth, LiveUpdate
+from tipforce.errors import InputError
+from tipforce.live import LiveHealth, LiveUpdate, LoopStatus
 from tipforce.live.server import PageServer, PageSettings
 from tipforce.types import BasePose, CentrelinePx, DetectedShape, ForceEstimate, Image, Status, SystemClock
 
@@ -49,6 +51,41 @@ class FakeEngine:
 
     def settings(self, **more: Any) -> PageSettings:
         return PageSettings(clock=CLOCK, on_contact=self.set_contact, on_record=self.record, **more)
+
+
+class FakeLoop:
+    """The commands of a loop: does as it is told at once; refuses a start while it is stopped, as the real one."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+        self.status = LoopStatus(
+            reason="the operator ended the run", target_n=0.2, limit_n=0.4, force_n=0.15, upper_n=0.2, place_mm=5.0,
+            length_mm=20.0, axes={"advance_mm": 5.0}, start={"advance_mm": 0.0}, goal={"advance_mm": 20.0},
+        )  # fmt: skip
+
+    def _go(self, what: str, **changes: Any) -> None:
+        self.told.append(what)
+        self.status = replace(self.status, **changes)
+
+    def mark_start(self) -> None:
+        self._go("mark_start", start=self.status.axes)
+
+    def mark_goal(self) -> None:
+        self._go("mark_goal", goal=self.status.axes)
+
+    def start(self) -> None:
+        if self.status.state == "stopped":
+            raise InputError("stopped (the stop key was pressed); release it first")
+        self._go("start", state="hold", wanted_n=0.18)
+
+    def retract(self) -> None:
+        self._go("retract", state="retract")
+
+    def stop(self) -> None:
+        self._go("stop", state="stopped", reason="the stop key was pressed")
+
+    def release(self) -> None:
+        self._go("release", state="idle", reason="")
 
 
 def shape_along(angle_rad: float = 0.0) -> DetectedShape:

@@ -13,7 +13,7 @@ export class Connection {
   #heardAt = 0;
   #display = null;
 
-  /** @param {{frame, state, pong, opened, closed}} on what to call */
+  /** @param {{frame, state, loop, pong, opened, closed}} on what to call */
   constructor(on) {
     this.on = on;
     setInterval(() => this.#beat(), PING_MS);
@@ -55,6 +55,7 @@ export class Connection {
   #answer(values) {
     if (values.answer === "pong") this.on.pong(values.sent_ms, performance.now(), values.clock_ms);
     else if (values.answer === "state") this.on.state(values);
+    else if (values.answer === "loop") this.on.loop(values);
     else if (values.answer === "command") {
       this.#waiting.get(values.id)?.(values);
       this.#waiting.delete(values.id);

@@ -6,7 +6,8 @@ import { Connection } from "./connection.js";
 import { Controls } from "./controls.js";
 import { OLDEST_MS, Veil } from "./freshness.js";
 import { drawGauge } from "./gauge.js";
-import { holds, judge } from "./judge.js";
+import { holds, judge, passesLimit } from "./judge.js";
+import { LoopPanel } from "./loop.js";
 import { readMessage } from "./message.js";
 import { duration, inGrams, inNewtons, NOTHING, seconds } from "./numbers.js";
 import { Scene } from "./scene.js";
@@ -48,6 +49,7 @@ let traceAt = -Infinity;
 app.connection = new Connection({
   frame: take,
   state: (state) => (app.state = state),
+  loop: (status) => loop.heard(status),
   pong: (sent, received, stamped) => clock.answered(sent, received, stamped),
   opened: () => present(),
   closed: () => {
@@ -56,6 +58,7 @@ app.connection = new Connection({
   },
 });
 const controls = new Controls(app);
+const loop = new LoopPanel(app, (text) => controls.notice(text));
 
 async function take(buffer) {
   let update;
@@ -93,6 +96,7 @@ function present() {
   app.verdict = verdict;
   const values = verdict.live ? update.values : null;
   app.alarm.update(values, state.contact.limit_n, now);
+  if (app.alarm.on && values && !passesLimit(values, state.contact.limit_n)) verdict.detail = "was above the limit just now";
   document.body.dataset.kind = verdict.kind;
   showAlarm(app.alarm.on ? (app.alarm.held ? "held" : "on") : "off");
   const told = verdict.live || verdict.kind === "invalid";
@@ -201,6 +205,7 @@ function tick() {
   present();
   showSums();
   controls.refresh(performance.now());
+  loop.refresh(performance.now());
 }
 
 function drawTrace(now) {

@@ -11,17 +11,24 @@ const STEPS_G = [5, 10, 20, 50, 100, 200, 500];
 export class Trace {
   #points = [];
 
-  /** Takes an update: {at} in ms on the engine's clock. */
+  /** Takes an update, and those just before it that did not reach this page. */
   add(update) {
-    const { status, magnitude_n: force, interval_n: interval } = update.values;
+    const { status, magnitude_n: force, interval_n: interval, recent } = update.values;
     const last = this.#points.at(-1);
     if (last && update.capturedMs < last.at) this.#points = []; // another engine: its clock begins elsewhere
-    if (last && update.capturedMs === last.at) this.#points.pop(); // a later word on the same image
-    const valid = status === "valid";
-    const [low, high] = interval[0] === null || interval[1] === null ? [force, force] : interval;
-    this.#points.push({ at: update.capturedMs, valid, force, low, high });
+    for (const [at, ...values] of recent ?? []) {
+      if (last && at > last.at && at < update.capturedMs) this.#push(at, ...values);
+    }
+    this.#push(update.capturedMs, status === "valid" ? force : null, ...interval);
     const first = this.#points.findIndex((point) => point.at >= update.capturedMs - 2 * SPAN_MS);
     if (first > 0) this.#points.splice(0, first);
+  }
+
+  /** A force that is null was not valid. */
+  #push(at, force, low, high) {
+    if (this.#points.at(-1)?.at === at) this.#points.pop(); // a later word on the same image
+    const [from, to] = low === null || high === null ? [force, force] : [low, high];
+    this.#points.push({ at, valid: force !== null, force, low: from, high: to });
   }
 
   /** @param {number} nowMs the engine's clock at the right edge */

@@ -13,6 +13,7 @@ __all__ = [
     "Display",
     "Integral",
     "Limits",
+    "Loop",
     "Ping",
     "Record",
     "ZeroForce",
@@ -86,8 +87,16 @@ class Limits(_Command):
     limit_n: _Newtons
 
 
+class Loop(_Command):
+    """What an operator wants of the loop that holds a force."""
+
+    command: Literal["loop"]
+    id: _Id
+    do: Literal["mark_start", "mark_goal", "start", "retract", "stop", "release"]
+
+
 Command = Annotated[
-    Acknowledge | Ping | Display | ZeroForce | Integral | Record | Limits, Field(discriminator="command")
+    Acknowledge | Ping | Display | ZeroForce | Integral | Record | Limits | Loop, Field(discriminator="command")
 ]
 _ADAPTER: TypeAdapter[Command] = TypeAdapter(Command)
 

@@ -2,7 +2,10 @@
 
 import asyncio
 import json
+import math
+import time
 from collections import deque
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -15,12 +18,15 @@ __all__ = ["Hub", "PageState"]
 
 _KEPT = 1000
 """Latencies and frame ages that are kept."""
+_URGENT = 2
+"""Threads of the stop key: a first stop that hangs in a driver does not hold up the second."""
 
 
 @dataclass(frozen=True, slots=True)
 class PageState:
     """What all pages show alike, and hear of when it changes.
 
+    ``can_hold``: there is a loop that holds a force.
     ``recording_message``: why there is no recording although one was wanted, else empty.
     """
 
@@ -30,6 +36,7 @@ class PageState:
     contact: ContactSettings = field(default_factory=ContactSettings)
     can_record: bool = False
     can_set_limits: bool = False
+    can_hold: bool = False
     recording: bool = False
     recording_message: str = ""
 
@@ -57,6 +64,9 @@ class Hub:
         self.page_ages_s: deque[float] = deque(maxlen=_KEPT)
         """Ages of images when they were drawn, as the pages measured them."""
         self.closing = False
+        self.urgent = ThreadPoolExecutor(_URGENT, "tipforce-stop")
+        """Where the stop key is served: on threads that nothing else can keep busy."""
+        self._heard_s = -math.inf
         self._loop = loop
         self._pages: set[asyncio.Event] = set()
 
@@ -64,6 +74,15 @@ class Hub:
     def pages(self) -> int:
         """So many are open."""
         return len(self._pages)
+
+    @property
+    def silent_s(self) -> float:
+        """So long ago any page was heard, seconds; infinite where none was."""
+        return time.monotonic() - self._heard_s
+
+    def heard(self) -> None:
+        """A page has sent something: its script runs."""
+        self._heard_s = time.monotonic()
 
     def publish(self, update: EncodedUpdate) -> None:
         """``update`` takes the place of the one before it."""
@@ -78,6 +97,7 @@ class Hub:
     def close(self) -> None:
         """All pages are told to go."""
         self.closing = True
+        self.urgent.shutdown(wait=False)
         self.wake()
 
     def wake(self) -> None:

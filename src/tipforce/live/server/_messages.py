@@ -17,20 +17,20 @@ down, whatever the size of the JPEG.
 """
 
 import json
-import math
 import struct
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import cv2
 import numpy as np
 
 from ...types import DetectedShape, FloatArray, Image
+from .._numbers import number
 from .._update import LiveUpdate, Zero
 from ._tip_force import tip_force
 
-__all__ = ["HEADER", "MAGIC", "VERSION", "WIDTHS", "EncodedUpdate", "Wanted", "display_width"]
+__all__ = ["HEADER", "MAGIC", "VERSION", "WIDTHS", "EncodedUpdate", "Point", "Wanted", "display_width", "point_of"]
 
 HEADER = struct.Struct("<4sHHIqqII")
 MAGIC = b"TIPF"
@@ -40,6 +40,9 @@ WIDTHS = (320, 480, 640, 800, 960, 1280, 1920)
 """Images are scaled to one of these widths, so that pages of nearly the same size share one encoding."""
 CENTRELINE_POINTS = 64
 """Of the centreline so many points are sent: more than a display shows apart."""
+
+Point = tuple[float, float | None, float | None, float | None]
+"""Of the trace: mid-exposure in ms on the engine's clock, force and its interval in N; None where it is not valid."""
 
 Wanted = tuple[str, int]
 """The view, and the width of the image in pixels."""
@@ -57,12 +60,13 @@ def display_width(pixels: int) -> int:
 class EncodedUpdate:
     """One update as messages: its numbers once, its image once for each size that somebody asks for.
 
+    ``recent``: points of the updates before it, for pages that did not get those.
     May be asked from several threads at once.
     """
 
-    def __init__(self, update: LiveUpdate, quality: int) -> None:
+    def __init__(self, update: LiveUpdate, quality: int, recent: Sequence[Point] = ()) -> None:
         self.update = update
-        self._quality = quality
+        self._quality, self._recent = quality, recent
         self._lock = threading.Lock()
         self._numbers: bytes | None = None
         self._messages: dict[Wanted, bytes] = {}
@@ -94,7 +98,8 @@ class EncodedUpdate:
     def _encode(self, image: Image | None, wanted: Wanted) -> bytes:
         jpeg = b"" if image is None else _jpeg(image, wanted[1], self._quality)
         if self._numbers is None:
-            self._numbers = json.dumps(update_values(self.update), separators=(",", ":"), allow_nan=False).encode()
+            values = update_values(self.update) | {"recent": self._recent}
+            self._numbers = json.dumps(values, separators=(",", ":"), allow_nan=False).encode()
         about = {"view": wanted[0], "size": None if image is None else [image.shape[1], image.shape[0]]}
         numbers = self._numbers[:-1] + b"," + json.dumps(about, separators=(",", ":")).encode()[1:]
         update = self.update
@@ -116,22 +121,30 @@ def _jpeg(image: Image, width: int, quality: int) -> bytes:
     return data.tobytes()
 
 
+def point_of(update: LiveUpdate) -> Point:
+    """What the trace shows of an update."""
+    estimate = update.estimate
+    low, high = estimate.magnitude_interval_n.tolist()
+    force = number(estimate.magnitude_n) if estimate.valid else None
+    return update.captured_ns / 1e6, force, number(low), number(high)
+
+
 def update_values(update: LiveUpdate) -> dict[str, Any]:
     """The numbers of an update as JSON values; keys end in the unit."""
     estimate, tip = update.estimate, tip_force(update.estimate)
     return {
         "status": estimate.status.value,
         "detail": estimate.detail,
-        "magnitude_n": _number(estimate.magnitude_n),
+        "magnitude_n": number(estimate.magnitude_n),
         "interval_n": _numbers(estimate.magnitude_interval_n),
         "force_n": _numbers(estimate.force_n),
         "tip": None
         if tip is None
         else {
-            "axial_n": _number(tip.axial_n),
-            "lateral_n": _number(tip.lateral_n),
-            "angle_deg": _number(tip.angle_deg, 1),
-            "angle_error_deg": _number(tip.angle_error_deg, 1),
+            "axial_n": number(tip.axial_n),
+            "lateral_n": number(tip.lateral_n),
+            "angle_deg": number(tip.angle_deg, 1),
+            "angle_error_deg": number(tip.angle_error_deg, 1),
         },
         "clinical": _clinical(update),
         "integral_running": update.integral_running,
@@ -149,23 +162,23 @@ def _clinical(update: LiveUpdate) -> dict[str, Any] | None:
     return {
         "contact": state.contact.value,
         "contact_class": state.contact_class.value,
-        "in_contact": _number(state.in_contact),
-        "above_limit": _number(state.above_limit),
-        "elapsed_s": _number(state.elapsed_s, 2),
-        "unknown_s": _number(state.unknown_s, 2),
-        "window_share": _number(state.window_share, 3),
-        "integral_g_s": _number(state.integral_g_s, 1),
-        "integral_interval_g_s": [_number(end, 1) for end in state.integral_interval_g_s],
+        "in_contact": number(state.in_contact),
+        "above_limit": number(state.above_limit),
+        "elapsed_s": number(state.elapsed_s, 2),
+        "unknown_s": number(state.unknown_s, 2),
+        "window_share": number(state.window_share, 3),
+        "integral_g_s": number(state.integral_g_s, 1),
+        "integral_interval_g_s": [number(end, 1) for end in state.integral_interval_g_s],
     }
 
 
 def _zero(zero: Zero, now_ns: int) -> dict[str, Any]:
     return {
-        "offset_n": _number(zero.magnitude_n),
-        "age_s": _number((now_ns - zero.since_ns) * 1e-9, 1),
-        "contact": _number(zero.contact, 2),
-        "drift_n": _number(zero.drift_n),
-        "drift_age_s": None if zero.drift_ns is None else _number((now_ns - zero.drift_ns) * 1e-9, 1),
+        "offset_n": number(zero.magnitude_n),
+        "age_s": number((now_ns - zero.since_ns) * 1e-9, 1),
+        "contact": number(zero.contact, 2),
+        "drift_n": number(zero.drift_n),
+        "drift_age_s": None if zero.drift_ns is None else number((now_ns - zero.drift_ns) * 1e-9, 1),
     }
 
 
@@ -178,7 +191,7 @@ def _shape(shape: DetectedShape) -> dict[str, Any] | None:
         "centreline_px": _pixels(points[rows]),
         "origin_px": _pixels(shape.base.origin_px),
         "axes_px": np.round(shape.base.axes_px, 4).tolist(),
-        "diameter_px": _number(shape.diameter_px, 1),
+        "diameter_px": number(shape.diameter_px, 1),
     }
 
 
@@ -190,10 +203,10 @@ def _health(update: LiveUpdate) -> dict[str, Any]:
         if sink.hung or sink.message
     }
     return {
-        "frames_per_s": _number(health.frames_per_s, 1),
+        "frames_per_s": number(health.frames_per_s, 1),
         "dropped": health.dropped,
-        "latency_p50_ms": _number(1e3 * health.latency_p50_s, 1),
-        "latency_p99_ms": _number(1e3 * health.latency_p99_s, 1),
+        "latency_p50_ms": number(1e3 * health.latency_p50_s, 1),
+        "latency_p99_ms": number(1e3 * health.latency_p99_s, 1),
         "camera": health.camera,
         "reconnects": health.reconnects,
         "message": health.message,
@@ -201,13 +214,8 @@ def _health(update: LiveUpdate) -> dict[str, Any]:
     }
 
 
-def _number(value: float, digits: int = 5) -> float | None:
-    """Rounded, or None where it is not finite."""
-    return round(float(value), digits) + 0.0 if math.isfinite(value) else None
-
-
 def _numbers(values: FloatArray) -> list[float | None]:
-    return [_number(value) for value in values.tolist()]
+    return [number(value) for value in values.tolist()]
 
 
 def _pixels(points: FloatArray) -> list[Any]:

@@ -7,6 +7,7 @@ import mimetypes
 import secrets
 import socket
 import threading
+from collections import deque
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from importlib import resources
@@ -26,7 +27,7 @@ from .._update import LiveUpdate
 from ._commands import LONGEST
 from ._guard import Guard
 from ._hub import Hub, PageState
-from ._messages import EncodedUpdate
+from ._messages import EncodedUpdate, Point, point_of
 from ._session import PageSession
 from ._settings import Commands, PageSettings
 
@@ -42,6 +43,8 @@ _START_S = 10.0
 _STOP_S = 5.0
 _PING_S = 5.0
 """So often a socket is tried; one that does not answer for as long again is closed."""
+_RECENT = 30
+"""So many points of the trace go with each frame: a second that did not reach a page leaves no gap."""
 _TRY_LATER = 1013
 
 
@@ -53,6 +56,7 @@ class PageSink:
 
     def __init__(self, hub: Hub, quality: int) -> None:
         self._hub, self._quality = hub, quality
+        self._recent: deque[Point] = deque(maxlen=_RECENT)
 
     def start(self, info: SessionInfo, model: str) -> None:
         """Pages show session and model by name."""
@@ -60,7 +64,8 @@ class PageSink:
 
     def put(self, update: LiveUpdate) -> None:
         """Takes the place of the update before it, and returns at once."""
-        self._hub.publish(EncodedUpdate(update, self._quality))
+        self._hub.publish(EncodedUpdate(update, self._quality, tuple(self._recent)))
+        self._recent.append(point_of(update))
 
     def close(self) -> None:
         """Nothing: pages find out by themselves that nothing new comes."""
@@ -83,6 +88,11 @@ class PageServer:
     def pages(self) -> int:
         """So many are open."""
         return self._hub.pages
+
+    @property
+    def silent_s(self) -> float:
+        """So long ago any page was heard, seconds; an open one whose script runs is heard each second."""
+        return self._hub.silent_s
 
     @property
     def state(self) -> PageState:
@@ -150,6 +160,7 @@ def serve(
         contact=settings.contact,
         can_record=settings.on_record is not None,
         can_set_limits=settings.on_contact is not None,
+        can_hold=settings.loop is not None,
     )
     started: threading.Event = threading.Event()
     made: list[tuple[Hub, uvicorn.Server]] = []

@@ -3,13 +3,17 @@
 import asyncio
 import json
 import logging
+import time
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import replace
+from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ...clinical import ContactSettings
 from ...errors import InputError, TipforceError
+from .._loop import LoopCommands
 from ._commands import (
     LONGEST,
     Acknowledge,
@@ -17,6 +21,7 @@ from ._commands import (
     Display,
     Integral,
     Limits,
+    Loop,
     Ping,
     Record,
     ZeroForce,
@@ -32,6 +37,12 @@ _log = logging.getLogger(__name__)
 
 _MOST_WAITING = 4
 """Commands of one page that may wait for the engine at a time."""
+_MOST_ANSWERS = 16
+"""Answers that may wait for a socket; a page that does not take them gets no more."""
+_LOOP_S, _LOOP_AGAIN_S = 0.1, 1.0
+"""The loop's state is sent this often where it changes, and this often where it does not."""
+_Order = ZeroForce | Integral | Record | Limits | Loop
+"""What an operator asks for, and is answered."""
 _GOING_AWAY = 1001
 _BAD_DATA = 1003
 
@@ -49,24 +60,28 @@ class PageSession:
         self._view, self._width = "", WIDTHS[2]
         self._in_flight: int | None = None
         self._waiting: set[asyncio.Task[None]] = set()
+        self._stops: set[asyncio.Task[None]] = set()
+        self._answers: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
         """Until the page goes, or the server."""
         await self._socket.accept()
         self._news = self._hub.join()
-        sender = asyncio.create_task(self._send_news())
-        receiver = asyncio.create_task(self._receive())
+        tasks = [asyncio.create_task(self._send_news()), asyncio.create_task(self._receive())]
+        if self._settings.loop is not None:
+            tasks.append(asyncio.create_task(self._send_loop(self._settings.loop)))
         try:
-            done, _ = await asyncio.wait((sender, receiver), return_when=asyncio.FIRST_COMPLETED)
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
                 task.result()
         except (WebSocketDisconnect, OSError):
             pass  # the page has gone, which is no error
         finally:
             self._hub.leave(self._news)
-            for task in (sender, receiver, *self._waiting):
+            tasks += self._waiting | self._answers  # not the stops: they are done, whoever has gone
+            for task in tasks:
                 task.cancel()
-            await asyncio.gather(sender, receiver, *self._waiting, return_exceptions=True)
+            await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _send_news(self) -> None:
         state, last = None, -1
@@ -82,6 +97,16 @@ class PageSession:
                 await self._send_frame(newest)
         await self._socket.close(_GOING_AWAY, "the server has ended")
 
+    async def _send_loop(self, loop: LoopCommands) -> None:
+        """Beside the frames, so that it comes also where those stall."""
+        last, sent_s = "", 0.0
+        while True:  # until `run` ends
+            text = loop.status.text()
+            if text != last or time.monotonic() - sent_s >= _LOOP_AGAIN_S:
+                last, sent_s = text, time.monotonic()
+                await self._send_text(text)
+            await asyncio.sleep(_LOOP_S)
+
     async def _send_frame(self, encoded: EncodedUpdate) -> None:
         message = await asyncio.to_thread(encoded.message, self._view, self._width)
         self._in_flight = encoded.number & 0xFFFFFFFF
@@ -93,14 +118,12 @@ class PageSession:
         async with self._sending:
             await self._socket.send_text(text)
 
-    async def _answer(self, number: int, message: str = "", *, ok: bool) -> None:
-        await self._send_text(json.dumps({"answer": "command", "id": number, "ok": ok, "message": message}))
-
     async def _receive(self) -> None:
         while True:
             received = await self._socket.receive()
             if received["type"] == "websocket.disconnect":
                 return
+            self._hub.heard()
             text = received.get("text")
             if text is None or len(text) > LONGEST:
                 await self._socket.close(_BAD_DATA, "commands are short JSON texts")
@@ -108,11 +131,26 @@ class PageSession:
             try:
                 command = read_command(text)
             except InputError as error:
-                await self._send_text(json.dumps({"answer": "refused", "message": str(error)}))
+                self._say({"answer": "refused", "message": str(error)})
                 continue
-            await self._take(command)
+            self._take(command)
 
-    async def _take(self, command: Command) -> None:
+    def _say(self, values: dict[str, Any]) -> None:
+        """Answers without waiting: a socket that takes nothing must not keep a stop from being read."""
+        if len(self._answers) < _MOST_ANSWERS:
+            self._keep(asyncio.create_task(self._send_text(json.dumps(values))), self._answers)
+
+    @staticmethod
+    def _keep(task: asyncio.Task[None], tasks: set[asyncio.Task[None]]) -> None:
+        def done(ended: asyncio.Task[None]) -> None:
+            tasks.discard(ended)
+            if not ended.cancelled():
+                ended.exception()  # of a page that has gone
+
+        tasks.add(task)
+        task.add_done_callback(done)
+
+    def _take(self, command: Command) -> None:
         match command:
             case Acknowledge():
                 if command.number == self._in_flight:
@@ -122,33 +160,35 @@ class PageSession:
                     self._news.set()
             case Ping():
                 now_ms = self._hub.clock.now_ns() * 1e-6
-                await self._send_text(
-                    json.dumps({"answer": "pong", "sent_ms": command.sent_ms, "clock_ms": round(now_ms, 4)})
-                )
+                self._say({"answer": "pong", "sent_ms": command.sent_ms, "clock_ms": round(now_ms, 4)})
             case Display():
                 self._view, self._width = command.view, command.width_px
-            case ZeroForce() | Integral() | Record() | Limits():
-                if len(self._waiting) >= _MOST_WAITING:
-                    await self._answer(command.id, "still busy with what was asked before", ok=False)
-                    return
-                task = asyncio.create_task(self._execute(command))
-                self._waiting.add(task)
-                task.add_done_callback(self._waiting.discard)
+            case Loop(do="stop"):
+                self._begin(command, self._stops, self._hub.urgent)
+            case ZeroForce() | Integral() | Record() | Limits() | Loop():
+                self._begin(command, self._waiting, None)
 
-    async def _execute(self, command: ZeroForce | Integral | Record | Limits) -> None:
-        """On a thread of its own, so that frames and pings go on while the engine is busy."""
+    def _begin(self, command: _Order, waiting: set[asyncio.Task[None]], on: Executor | None) -> None:
+        if len(waiting) >= _MOST_WAITING:
+            self._say(_answer(command.id, "still busy with what was asked before"))
+            return
+        self._keep(asyncio.create_task(self._execute(command, on)), waiting)
+
+    async def _execute(self, command: _Order, on: Executor | None) -> None:
+        """On a thread of its own, so that frames and pings go on while the engine is busy; then tells the page."""
         _log.info("from a page: %s", command)
         try:
-            await asyncio.to_thread(self._job(command))
+            await asyncio.get_running_loop().run_in_executor(on, self._job(command))
         except TipforceError as error:
-            await self._answer(command.id, str(error), ok=False)
+            refusal = str(error)
         except Exception:
             _log.exception("%s failed", command)
-            await self._answer(command.id, "failed; the program's log says why", ok=False)
+            refusal = "failed; the program's log says why"
         else:
-            await self._answer(command.id, ok=True)
+            refusal = ""
+        self._say(_answer(command.id, refusal))
 
-    def _job(self, command: ZeroForce | Integral | Record | Limits) -> Callable[[], None]:
+    def _job(self, command: _Order) -> Callable[[], None]:
         match command:
             case ZeroForce():
                 return self._commands.zero
@@ -158,6 +198,13 @@ class PageSession:
                 return lambda: self._record(command.on)
             case Limits():
                 return lambda: self._set_limits(command)
+            case Loop():
+                return lambda: self._order(command)
+
+    def _order(self, command: Loop) -> None:
+        if self._settings.loop is None:
+            raise InputError("no force is held in this run")
+        getattr(self._settings.loop, command.do)()
 
     def _record(self, on: bool) -> None:
         if self._settings.on_record is None:
@@ -181,6 +228,10 @@ class PageSession:
             raise InputError(_first_line(error)) from None
         self._settings.on_contact(contact)
         self._hub.change(replace(self._hub.state, contact=contact))
+
+
+def _answer(number: int, refusal: str) -> dict[str, Any]:
+    return {"answer": "command", "id": number, "ok": not refusal, "message": refusal}
 
 
 def _first_line(error: ValueError) -> str:

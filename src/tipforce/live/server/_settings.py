@@ -6,6 +6,7 @@ from typing import Protocol
 
 from ...clinical import ContactSettings
 from ...types import Clock, SystemClock
+from .._loop import LoopCommands
 
 __all__ = ["Commands", "PageSettings"]
 
@@ -33,6 +34,7 @@ class PageSettings:
     ``clock``: that of the engine: frame ages are measured against it. ``contact``: window and limit at the start.
     ``on_contact``: takes a new window and limit; None: they cannot be set on the page. ``on_record``: begins (True) or
     ends a recording; None: the page has no record button. Both run on a thread of their own; what they raise is shown.
+    ``loop``: commands and state of a loop that holds a force; None: the page has no panel for one.
     ``jpeg_quality``: 1 to 100. ``most_pages``: so many may be open at once.
     """
 
@@ -40,5 +42,6 @@ class PageSettings:
     contact: ContactSettings = field(default_factory=ContactSettings)
     on_contact: Callable[[ContactSettings], None] | None = None
     on_record: Callable[[bool], None] | None = None
+    loop: LoopCommands | None = None
     jpeg_quality: int = 82
     most_pages: int = 8

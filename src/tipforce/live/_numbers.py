@@ -1,0 +1,14 @@
+"""Numbers of the page's JSON: short, and null where they are not known."""
+
+import math
+
+__all__ = ["number"]
+
+
+def number(value: float, digits: int = 5) -> float | None:
+    """Rounded, or None where it is not finite.
+
+    >>> number(0.1234567), number(float("nan"))
+    (0.12346, None)
+    """
+    return round(float(value), digits) + 0.0 if math.isfinite(value) else None

@@ -1,0 +1,337 @@
+"""The loop on live estimates: a sink of the engine, a thread that commands the drives, and the operator's commands."""
+
+import logging
+import math
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Annotated, Self
+
+from pydantic import Field
+
+from ..control import ControlLoop, ControlSettings, ControlState, ControlTick, Path, SafetyAction
+from ..errors import InputError, TipforceError
+from ..live import LiveUpdate, LoopState, LoopStatus, Sink
+from ..types import ADVANCE, KNOB, Actuators, Clock, SessionInfo
+from ._control import Drives, Regime
+
+__all__ = ["AXES", "HoldSettings", "LiveControl"]
+
+_log = logging.getLogger(__name__)
+
+AXES: dict[Drives, tuple[str, ...]] = {"advance": (ADVANCE,), "knob": (KNOB,), "both": (ADVANCE, KNOB)}
+_Places = dict[str, Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]]
+_OFF_MM = 0.5
+"""Farther than this from the path, in mm of it, no run begins with drives that are faster than the limits."""
+_SHORTEST_MM = 1.0
+"""Two marks that are nearer are one place, marked twice."""
+_JOIN_S = 1.0
+
+
+class HoldSettings(ControlSettings):
+    """Settings of a loop on live estimates: those of the control, the drives, and the path."""
+
+    drives: Drives = "advance"
+    contact: Regime = "perpendicular"
+    """How the tip meets the tissue of a simulated bench."""
+    start: _Places | None = None
+    """Where the path begins; None: where the operator marks it, or as the simulated bench has it."""
+    goal: _Places | None = None
+    page_lost_s: Annotated[float, Field(ge=1.5, le=60)] = 3.0
+    """With no page heard for so long nobody could press stop: the run ends, back to the start. Pages are heard each
+    second."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Marks:
+    start: Mapping[str, float] | None
+    goal: Mapping[str, float] | None
+
+    def path(self) -> Path | None:
+        """Raises InputError where the two are one place, or name other axes."""
+        return None if self.start is None or self.goal is None else Path(self.start, self.goal)
+
+
+class _Estimates:
+    """A `Sink`: the newest estimate to the loop."""
+
+    name = "control"
+    keeps_all = False
+
+    def __init__(self, control: "LiveControl") -> None:
+        self._control = control
+
+    def start(self, info: SessionInfo, model: str) -> None:
+        """Nothing: updates tell all that the loop needs."""
+
+    def put(self, update: LiveUpdate) -> None:
+        """Also those of the watchdog, which are not valid."""
+        self._control.take(update)
+
+    def close(self) -> None:
+        """Nothing: a loop that gets no estimates any more draws the catheter back by itself."""
+
+
+class LiveControl:
+    """Drives a `ControlLoop` on the updates of a live engine, and has the commands for it. A context manager.
+
+    ``sink``: takes the updates. Inside of it a thread calls the loop's ``tick`` every ``settings.period_s``, whatever
+    the engine, the sink or a page are busy with: without estimates the loop draws the catheter back by its own rule of
+    staleness. Leaving it stops the drives. What goes wrong on the thread while the catheter moves counts as a stop,
+    with the error as its reason. The drives are moved by the loop's `SafetyLayer` alone.
+
+    Args:
+        actuators: the drives; they may be connected later.
+        clock: the engine's.
+        settings: target, controller, limits, drives.
+        marks: start and goal of the path where the settings hold none; without them the operator marks both.
+        frame_period_s: between images, as the source promises.
+        silent_s: so long ago a page was heard; None: runs go on without one.
+    """
+
+    def __init__(
+        self,
+        actuators: Actuators,
+        clock: Clock,
+        settings: HoldSettings,
+        marks: tuple[Mapping[str, float], Mapping[str, float]] | None = None,
+        *,
+        frame_period_s: float = 1 / 30,
+        silent_s: Callable[[], float] | None = None,
+    ) -> None:
+        self.settings, self.silent_s = settings, silent_s
+        self.sink: Sink = _Estimates(self)
+        self._actuators, self._clock, self._period_s = actuators, clock, frame_period_s
+        self._axes = AXES[settings.drives]
+        start, goal = marks or (None, None)
+        self._marks = _Marks(settings.start or start, settings.goal or goal)
+        for places in (self._marks.start, self._marks.goal):
+            if places is not None and set(places) != set(self._axes):
+                raise InputError(
+                    f"hold.start and hold.goal: expected {' and '.join(self._axes)} as drives = {settings.drives} has "
+                    f"it, got {' and '.join(places) or 'nothing'}"
+                )
+        self._marks.path()
+        self._lock = threading.RLock()
+        self._loop: ControlLoop | None = None
+        self._latest: LiveUpdate | None = None
+        self._stopped = False
+        self._why_stopped = self._why = ""
+        """Why it was stopped; what is missing for a start."""
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="control", daemon=True)
+        self._status = LoopStatus(target_n=settings.target_n, limit_n=settings.safety.limit_n)
+
+    def take(self, update: LiveUpdate) -> None:
+        """Gives an estimate, valid or not, to the loop; of `sink`."""
+        self._latest = update
+        loop = self._loop
+        if loop is not None:
+            loop.update(update.estimate, update.captured_ns)
+
+    # The thread
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._ending.set()
+        try:
+            self.stop()
+        except Exception as failure:  # a stage that is gone, or a simulated session that has ended, moves nothing
+            _log.warning("the drives could not be stopped at the end: %s", failure)
+        self._thread.join(_JOIN_S)
+
+    def _run(self) -> None:
+        period_ns = round(1e9 * self.settings.period_s)
+        next_ns = self._clock.now_ns()
+        while not self._ending.wait(max(0.0, (next_ns - self._clock.now_ns()) * 1e-9)):
+            self._step()
+            next_ns = max(next_ns + period_ns, self._clock.now_ns())
+
+    def _step(self) -> None:
+        try:
+            with self._lock:
+                axes = self._places()
+                loop = self._connected()
+                tick = None if loop is None or self._stopped else self._tick(loop)
+                self._why = ""
+                self._status = self._status_of(loop, tick, axes)
+        except Exception as error:  # drives are other people's code: whatever they raise, the catheter must not go on
+            self._failed(error)
+
+    def _places(self) -> dict[str, float]:
+        values = self._actuators.read().values
+        if missing := [axis for axis in self._axes if axis not in values]:
+            raise InputError(f"drives: there is no axis {missing[0]}; there are {', '.join(values)}")
+        return {axis: values[axis] for axis in self._axes}
+
+    def _connected(self) -> ControlLoop | None:
+        """The loop, as soon as there are drives and a path."""
+        if self._loop is None and (path := self._marks.path()) is not None:
+            loop = ControlLoop(self._actuators, self._clock, path, self.settings, self._period_s)
+            if self._latest is not None:
+                loop.update(self._latest.estimate, self._latest.captured_ns)
+            self._loop = loop
+        return self._loop
+
+    def _tick(self, loop: ControlLoop) -> ControlTick:
+        moves = loop.resumes or loop.state in (ControlState.APPROACH, ControlState.CONTACT, ControlState.HOLD)
+        if moves and self.silent_s is not None and (silent_s := self.silent_s()) > self.settings.page_lost_s:
+            loop.retract(f"no page was heard for {silent_s:.0f} s, so nobody could stop the run")
+        return loop.tick()
+
+    def _failed(self, error: Exception) -> None:
+        told = str(error) if isinstance(error, TipforceError) else f"{type(error).__name__}: {error}"
+        loop = self._loop
+        if loop is not None and not self._stopped and (loop.resumes or loop.state is not ControlState.IDLE):
+            _log.warning("the run was stopped: %s", told)
+            try:
+                self._brake()
+            except Exception as failure:
+                _log.warning("the drives could not be stopped: %s", failure)
+            self._why_stopped = told
+        else:
+            self._why = told
+        self._status = self._status_of(loop, None, self._status.axes)
+
+    def _status_of(self, loop: ControlLoop | None, tick: ControlTick | None, axes: Mapping[str, float]) -> LoopStatus:
+        settings, marks = self.settings, self._marks
+        state: LoopState = "idle"
+        reason = self._why
+        if self._stopped:
+            state, reason = "stopped", self._why_stopped
+        elif loop is not None:
+            state, reason = loop.state.value, reason or loop.reason or "ready"
+        elif not reason:
+            missing = [name for name, places in (("start", marks.start), ("goal", marks.goal)) if places is None]
+            reason = f"mark {' and '.join(missing)}" if missing else "waiting for the drives"
+        latest = self._latest
+        valid = latest is not None and latest.estimate.valid
+        place_mm = loop.path.position_mm(axes) if loop is not None and axes else math.nan
+        return LoopStatus(
+            state=state,
+            reason=reason,
+            resumes=loop is not None and loop.resumes and not self._stopped,
+            target_n=settings.target_n,
+            wanted_n=tick.target_n if tick is not None and tick.state is ControlState.HOLD else math.nan,
+            limit_n=settings.safety.limit_n,
+            force_n=float(latest.estimate.magnitude_n) if latest is not None and valid else math.nan,
+            upper_n=float(latest.estimate.magnitude_interval_n[1]) if latest is not None and valid else math.nan,
+            place_mm=round(place_mm, 2),
+            length_mm=math.nan if loop is None else loop.path.length_mm,
+            action="" if tick is None else tick.applied.action.value,
+            axes=dict(axes),
+            start=dict(marks.start or {}),
+            goal=dict(marks.goal or {}),
+        )
+
+    # The operator's commands
+
+    @property
+    def status(self) -> LoopStatus:
+        """As it was at the last tick."""
+        return self._status
+
+    @property
+    def running(self) -> bool:
+        """Whether the drives are commanded, or will be without anybody's word."""
+        loop = self._loop
+        return loop is not None and not self._stopped and (loop.resumes or loop.state is not ControlState.IDLE)
+
+    def mark_start(self) -> None:
+        """The path begins where the drives are now. Raises InputError while a run is on its way."""
+        self._mark(lambda here: _Marks(here, self._marks.goal))
+
+    def mark_goal(self) -> None:
+        """The path ends where the drives are now. Raises InputError while a run is on its way."""
+        self._mark(lambda here: _Marks(self._marks.start, here))
+
+    def _mark(self, marked: Callable[[dict[str, float]], _Marks]) -> None:
+        with self._lock:
+            if self.running:
+                raise InputError("a run is on its way; stop or retract it before a mark is set")
+            marks = marked(self._places())
+            path = marks.path()
+            if path is not None and path.length_mm < _SHORTEST_MM:
+                raise InputError(
+                    f"start and goal: expected {_SHORTEST_MM:g} mm of path or more, got {path.length_mm:.2f}"
+                )
+            self._marks, self._loop = marks, None
+
+    def start(self) -> None:
+        """Begins a run. Raises InputError, with what is missing, where it cannot."""
+        with self._lock:
+            self._need_released()
+            if self.running:
+                raise InputError("a run is on its way already")
+            loop = self._connected()
+            if loop is None:
+                raise InputError(f"nothing to go along: {self._status.reason}")
+            action, why = loop.safety.check()
+            if action is not SafetyAction.PASS:
+                raise InputError(f"not now: {why}")
+            self._need_on_path(loop)
+            loop.safety.rest()
+            loop.restarts = 0
+            loop.start()
+
+    def retract(self) -> None:
+        """Ends the run, back to the marked start; also after a stop that was released."""
+        with self._lock:
+            self._need_released()
+            loop = self._loop
+            if loop is None:
+                raise InputError(f"nothing to go back along: {self._status.reason}")
+            idle = not self.running
+            if idle:
+                self._need_on_path(loop)
+                loop.safety.rest()
+            loop.retract()
+            if idle and not self.running:
+                raise InputError("no run is on its way; a start goes to the marked start first")
+
+    def stop(self) -> None:
+        """Brakes now; nothing moves before `release` and a command. Raises what the drives raise."""
+        self._why_stopped = "the stop key was pressed"
+        self._brake()
+
+    def _brake(self) -> None:
+        """Waits for no lock but that of a command that is being sent."""
+        self._stopped = True
+        loop = self._loop
+        if loop is None:
+            self._actuators.stop(*self._axes)
+        else:
+            loop.stop()
+
+    def release(self) -> None:
+        """After a stop: commands count again. Nothing moves before the next one."""
+        with self._lock:
+            if not self._stopped:
+                raise InputError("nothing is stopped")
+            if self._loop is not None:
+                self._loop.stop()  # a command that came with the stop is not left to be carried out now
+                self._loop.release()
+            self._stopped = False
+
+    def _need_released(self) -> None:
+        if self._stopped:
+            raise InputError(f"stopped ({self._why_stopped}); release it first")
+
+    def _need_on_path(self, loop: ControlLoop) -> None:
+        """A target jumps to the path at once: only drives that keep to the limits by themselves may be off it."""
+        places, path, limits = self._places(), loop.path, self._actuators.limits
+        on_path = path.targets(min(max(path.position_mm(places), 0.0), path.length_mm))
+        own = {ADVANCE: self.settings.safety.max_advance_mm_per_s, KNOB: self.settings.safety.max_knob_deg_per_s}
+        for axis, place in on_path.items():
+            tolerance = _OFF_MM * abs(path.slope(axis)) or _OFF_MM
+            if limits[axis].max_speed > own[axis] and abs(places[axis] - place) > tolerance:
+                raise InputError(
+                    f"{axis}: {places[axis]:.1f} is off the path from start to goal (there {place:.1f}); bring it "
+                    "there, or mark start and goal anew"
+                )
