@@ -16,14 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from tipforce.alignment import StageMotion, estimate_offset, shape_coordinates
-from tipforce.io import RecordingReader
+from tipforce.io import RecordingReader, spread_images
 from tipforce.simulation import Truth, read_truth
 from tipforce.types import FloatArray, Frame, IntArray
 from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 
 OFFSETS_MS = (-80, 0, 80)
 CUT_S = 20.0
-FIRST = 50
 TARGET_MS = 3.0
 
 
@@ -42,8 +41,7 @@ class Session:
 def load(path: Path, truth: Truth) -> Session:
     """Detect the catheter in all images of a recording, and read its force as an import does."""
     with RecordingReader(path) as reader:
-        first = [reader.frame_at(k).image for k in range(0, FIRST, 5)]
-        vision = ShapeDetector(auto_calibrate(VisionSettings(), first, reader.session_info))
+        vision = ShapeDetector(auto_calibrate(VisionSettings(), spread_images(reader), reader.session_info))
         seen = [vision.detect(event.image) for event in reader.events("camera") if isinstance(event, Frame)]
         stamps, force, _ = reader.wrenches()
         info, catheter = reader.info, reader.session_info.catheter

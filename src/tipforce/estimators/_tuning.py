@@ -59,7 +59,7 @@ def make_folds(session: npt.NDArray[np.str_], settings: SvrSettings) -> tuple[li
         held = [np.isin(session, [names[i] for i in part]) for part in parts]
         return [(np.flatnonzero(~test), np.flatnonzero(test)) for test in held], True
     order = draw.permutation(len(session))
-    tests = [np.sort(part) for part in np.array_split(order, folds)]
+    tests = [np.sort(part) for part in np.array_split(order, min(folds, len(order)))]
     everything = np.arange(len(session))
     return [(np.setdiff1d(everything, test, assume_unique=True), test) for test in tests], False
 
