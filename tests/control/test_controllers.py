@@ -17,7 +17,7 @@ from tipforce.control import (
 
 def held(bench, seconds: float) -> np.ndarray:
     bench.loop.start()
-    bench.run(16.0)
+    bench.run(22.0)
     assert bench.loop.state is ControlState.HOLD
     return bench.run(seconds)
 

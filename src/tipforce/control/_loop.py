@@ -185,7 +185,8 @@ class ControlLoop:
             self._forces.popleft()
         if self.state is ControlState.APPROACH:
             if sample.force_n > self.settings.contact_n:
-                self._touch_mm = max(0.0, self._wanted_mm - self.settings.recoil_mm)
+                recoil_mm = 0.0 if self.settings.controller == "none" else self.settings.recoil_mm
+                self._touch_mm = max(0.0, self._wanted_mm - recoil_mm)
                 self._contact_s = sample.time_s
                 self._go(ControlState.CONTACT, "the tip touches")
         elif self.state is ControlState.CONTACT:

@@ -53,7 +53,7 @@ class FusionSettings(BaseModel):
     """Share of the rod's information that counts beside the network's: its errors last longer and are larger, near the
     axis above all, than its covariance says (docs/results/trust.md)."""
     max_error_n: Annotated[float, Field(gt=0, le=100)] | None = 0.1
-    """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate; none: it answers
+    """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate; null: it answers
     however unsure it is, and the interval says so."""
 
 
