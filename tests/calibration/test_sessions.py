@@ -2,14 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tipforce.calibration import CalibrationSession, calibrate_sessions, combined, fit_knob, fit_tissue
+from tipforce.calibration import CalibrationSession, calibrate_sessions, combined, fit_knob, fit_tissue, read_session
 from tipforce.errors import InputError
-from tipforce.io import Inertia
+from tipforce.io import Inertia, RecordingWriter
 from tipforce.mechanics.actuation import Play
+from tipforce.types import Actuation, Frame, SessionInfo, ViewInfo
 
 from .conftest import GAIN, OFFSET, PLAY, STIFFNESS, TISSUE
 
@@ -98,3 +100,13 @@ def test_values_that_share_a_prior_hold_it_once_and_disagreement_widens() -> Non
     assert mean > 0.5
     assert std < 0.1
     assert combined([0.0, 1.0], [0.1, 0.1])[1] > 0.3
+
+
+def test_a_recording_in_which_the_clamp_is_advanced_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with RecordingWriter(path, SessionInfo(views={"camera": ViewInfo(0.2e-3)})) as writer:
+        for k in range(3):
+            writer.write(Actuation(k, {"advance_mm": float(k)}))
+            writer.write(Frame(k, np.zeros((8, 8), np.uint8)))
+    with pytest.raises(InputError, match="the clamp is advanced in this recording"):
+        read_session(path)

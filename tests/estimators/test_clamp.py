@@ -6,13 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from tipforce.estimators._clamp import INWARD, image_from_clamp, read_advance_m
-from tipforce.estimators._reading import Abstention
+from tipforce.estimators._reading import Abstention, read_advance_m
 from tipforce.estimators._session_detection import DetectedLine, SessionDetection
 from tipforce.estimators.networks._image_input import catheter_window, crop_window, moved
 from tipforce.estimators.rod import LineFrame
 from tipforce.types import Catheter, CentrelinePx, Image, Observation, SessionInfo, Status, ViewInfo
-from tipforce.vision import VisionSettings
+from tipforce.vision import INWARD, VisionSettings, image_from_clamp
 
 SCALE = 0.2e-3
 INFO = SessionInfo(

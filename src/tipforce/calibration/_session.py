@@ -11,9 +11,10 @@ from ..alignment import StageMotion, labels
 from ..errors import InputError
 from ..estimators.rod import Detected, Detection, LineFrame
 from ..geometry import arc_length
-from ..io import ClockOffset, Inertia, RecordingReader, Tare, spread_images
+from ..io import ClockOffset, Inertia, RecordingReader, Tare, any_reading, spread_images
 from ..mechanics.planar import Line
 from ..types import (
+    ADVANCE,
     KNOB,
     STAGE_ACROSS,
     STAGE_FORWARD,
@@ -135,7 +136,8 @@ def read_session(
 
     Raises:
         FileFormatError: there is no such recording.
-        InputError: it has no images, no scale is stated, or the catheter is detected in none of its frames.
+        InputError: it has no images, no scale is stated, the clamp is advanced in it, or the catheter is detected in
+            none of its frames.
     """
     settings = vision or VisionSettings()
     with RecordingReader(path) as reader:
@@ -149,6 +151,11 @@ def read_session(
             raise InputError(
                 f"{path}: views.{view}.metres_per_px is not stated; find it with `tipforce calibrate --ruler` or "
                 "--board, or state it in bench.toml"
+            )
+        if any_reading(reader, ADVANCE):
+            raise InputError(
+                f"{path}: the clamp is advanced in this recording ({ADVANCE}), which calibration does not follow; "
+                "record one with the clamp at 0"
             )
         stamps = reader.stamps(view)
         wanted = int(np.searchsorted(stamps, stamps[0] + min(seconds, 1e6) * 1e9, side="right"))

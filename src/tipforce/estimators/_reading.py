@@ -1,5 +1,6 @@
 """What every method reads from an observation, and the reason where it cannot."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from ..datasets import Dataset
 from ..errors import InputError
-from ..types import KNOB, FloatArray, Observation, SessionInfo, Status, View, actuation_range
+from ..types import ADVANCE, KNOB, FloatArray, Observation, SessionInfo, Status, View, actuation_range
 
 __all__ = [
     "Abstention",
@@ -15,6 +16,7 @@ __all__ = [
     "implausible_actuation",
     "limits_of",
     "read_actuation",
+    "read_advance_m",
     "read_view",
     "unlike_training",
 ]
@@ -46,6 +48,18 @@ def read_actuation(observation: Observation, names: Sequence[str]) -> FloatArray
             return Abstention(Status.MISSING_INPUT, f"{name}, which this model was trained with, is absent; state it")
         row[place] = value
     return row
+
+
+def read_advance_m(observation: Observation) -> float | Abstention:
+    """How far the clamp has been advanced along the base x axis from where the metadata have it; 0: nobody says so.
+
+    Who follows it (`vision.image_from_clamp`) looks at the catheter as a camera on the clamp would: nothing else of the
+    geometry changes.
+    """
+    advance_m = 1e-3 * observation.actuation.get(ADVANCE, 0.0)
+    if math.isfinite(advance_m):
+        return advance_m
+    return Abstention(Status.MISSING_INPUT, f"{ADVANCE} is not known at this image, so where the base lies is not")
 
 
 def actuation_names(wanted: Sequence[str] | None, dataset: Dataset) -> tuple[str, ...]:

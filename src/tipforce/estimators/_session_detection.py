@@ -8,16 +8,17 @@ import numpy as np
 from ..errors import InputError
 from ..types import CentrelinePx, DetectedShape, Image, Observation, SessionInfo, Status
 from ..vision import (
+    INWARD,
     ResolvedVision,
     SessionCalibration,
     ShapeDetector,
     VisionSettings,
     auto_calibrate,
     for_session,
+    image_from_clamp,
     session_vision,
 )
-from ._clamp import INWARD, image_from_clamp, read_advance_m
-from ._reading import Abstention, read_view
+from ._reading import Abstention, read_advance_m, read_view
 
 __all__ = ["DetectedLine", "SessionDetection"]
 

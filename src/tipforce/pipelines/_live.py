@@ -13,7 +13,6 @@ from pydantic import Field
 from ..datasets import open_source
 from ..errors import InputError
 from ..estimators import Estimator
-from ..hardware import HardwareSource, open_bench
 from ..io import FileSource
 from ..live import Engine, LiveReport, LiveSettings, LiveUpdate, PacedSource, Sink
 from ..live.streams import open_sink
@@ -104,6 +103,8 @@ def open_live_source(
         yield PacedSource(file, rate_hz=settings.rate_hz, loop=settings.loop)
         return
     if preset is None:
+        from ..hardware import open_bench  # drivers are loaded where there are devices
+
         assert bench is not None
         devices = open_bench(bench, newest_only=True)
         devices.session_info = stated or devices.session_info
@@ -285,15 +286,15 @@ def _control(source: Source, clock: Clock, hold: HoldSettings, *, with_page: boo
         )
     if not with_page:
         raise InputError("hold: a run is started and stopped on the page, so there has to be one")
-    marks = None
-    period_s = _FRAME_S
     if isinstance(source, _BenchInRealTime):
         path = path_of_drives(hold.drives, source.home_mm)
-        marks, period_s = (path.start, path.goal), source.frame_period_s
-    elif isinstance(source, HardwareSource):
-        rates = [stream.rate_hz for stream in source.streams if stream.kind == "frame"]
-        period_s = max((1.0 / rate for rate in rates if rate), default=_FRAME_S)
-    return LiveControl(drives, clock, hold, marks, frame_period_s=period_s)
+        return LiveControl(drives, clock, hold, (path.start, path.goal), frame_period_s=source.frame_period_s)
+    from ..hardware import HardwareSource  # as in `open_live_source`
+
+    streams = source.streams if isinstance(source, HardwareSource) else ()
+    rates = [stream.rate_hz for stream in streams if stream.kind == "frame"]
+    period_s = max((1.0 / rate for rate in rates if rate), default=_FRAME_S)
+    return LiveControl(drives, clock, hold, frame_period_s=period_s)
 
 
 class _Buttons:

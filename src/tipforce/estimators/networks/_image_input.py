@@ -17,7 +17,7 @@ from numba import njit
 from ..._compile import STEADY
 from ...errors import InputError
 from ...types import Image, SessionInfo
-from .._clamp import INWARD
+from ...vision import INWARD
 
 __all__ = [
     "BASE_SIDES",

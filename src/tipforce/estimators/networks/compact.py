@@ -30,8 +30,7 @@ from ...types import (
     Status,
 )
 from ...vision import VisionSettings, auto_calibrate
-from .._clamp import read_advance_m
-from .._reading import Abstention, read_actuation, read_view
+from .._reading import Abstention, read_actuation, read_advance_m, read_view
 from .._recent_share import RecentShare
 from .._session_metadata import missing_metadata
 from .._values import stored_array, stored_number

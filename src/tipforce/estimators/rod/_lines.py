@@ -7,7 +7,7 @@ from numba import njit
 
 from ...mechanics.planar import Line
 from ...types import CentrelinePx, FloatArray
-from .._clamp import INWARD
+from ...vision import INWARD
 
 __all__ = ["POINTS", "LineFrame"]
 
