@@ -9,7 +9,7 @@ import pytest
 from tipforce.errors import ModelError
 from tipforce.estimators import Fusion, FusionSettings
 from tipforce.estimators.fusion import FusionStream
-from tipforce.estimators.uncertainty import Interval
+from tipforce.estimators.uncertainty import GAUSS_90, Interval, gaussian_interval
 from tipforce.types import ForceEstimate, Observation, Status
 
 WIDE, NARROW = np.diag([0.04, 0.0004]), np.diag([0.0004, 0.04])
@@ -50,6 +50,9 @@ INTERVALS = {"both": interval(1.0), "rod": interval(2.0), "network": interval(3.
 NOTHING = ForceEstimate.invalid(0, Status.NO_CATHETER, "nothing dark at the left border")
 
 
+STRAIGHT = ForceEstimate.invalid(0, Status.UNOBSERVABLE, "it is pushed along its own axis")
+
+
 EQUAL = FusionSettings(rod_weight=1.0, max_error_n=None)
 
 
@@ -86,7 +89,7 @@ def test_a_contradiction_is_no_estimate():
 
 @pytest.mark.parametrize(
     ("rod", "network", "source", "half"),
-    [(estimate((0.2, 0.0), WIDE), NOTHING, "rod-track", 2.0), (NOTHING, estimate((0.2, 0.0), WIDE), "network", 3.0)],
+    [(estimate((0.2, 0.0), WIDE), NOTHING, "rod-track", 2.0), (STRAIGHT, estimate((0.2, 0.0), WIDE), "network", 3.0)],
     ids=["rod", "network"],
 )
 def test_one_carries_on_with_intervals_of_its_own(rod, network, source, half):
@@ -103,7 +106,30 @@ def test_where_both_abstain_the_reasons_of_both_are_said():
     assert "lies as nowhere" in found.detail
 
 
-@pytest.mark.parametrize(("rod", "unsure"), [(estimate((0.2, 0.0), WIDE), True), (NOTHING, False)])
+def test_without_a_catheter_the_network_is_not_asked():
+    found = joined(NOTHING, estimate((0.2, 0.0), WIDE))
+    assert found.status is Status.NO_CATHETER
+    assert found.detail == NOTHING.detail
+
+
+def test_the_rod_alone_may_reach_half_as_far_until_its_interval_was_checked():
+    rod, limited = estimate((0.2, 0.0), 4e-4 * np.eye(2)), FusionSettings(max_error_n=0.05)
+    unchecked = {**INTERVALS, "rod": gaussian_interval(np.array([True, True, False]), "the covariances alone")}
+    reach = GAUSS_90 * 0.02
+    assert 0.025 < reach < 0.05
+    for intervals, valid in ((unchecked, False), ({**INTERVALS, "rod": interval(GAUSS_90)}, True)):
+        stream = FusionStream(Says(rod), Says(NOTHING), limited, intervals)  # type: ignore[arg-type]
+        assert stream.update(Observation(0, {}, {})).valid is valid
+
+
+def test_a_contradiction_counts_by_the_rod_s_weight():
+    small = 1e-3 * np.eye(2)
+    both = estimate((0.3, 0.0), small), estimate((0.1, 0.0), small)
+    assert not joined(*both, FusionSettings(rod_weight=1.0, max_error_n=None)).valid
+    assert joined(*both, FusionSettings(rod_weight=0.1, max_error_n=None)).valid
+
+
+@pytest.mark.parametrize(("rod", "unsure"), [(estimate((0.2, 0.0), WIDE), True), (STRAIGHT, True), (NOTHING, False)])
 def test_an_unsure_network_counts_beside_the_rod_alone(rod, unsure):
     network = Says(NOTHING)
     FusionStream(Says(rod), network, EQUAL, INTERVALS).update(Observation(0, {}, {}))  # type: ignore[arg-type]

@@ -5,7 +5,8 @@ as classes only. What limits them is not the same (the rod: a push along its axi
 catheter and camera; the network: the tissue, and images unlike its training), so they are joined as independent
 Gaussians, their informations added, the rod's with `FusionSettings.rod_weight`; also where the network's own answer
 would be too uncertain to stand alone. Where they contradict each other by more than their covariances allow there is no
-estimate, nor where the interval is too wide. Where one abstains the other carries on, with the intervals of its own.
+estimate, nor where the interval is too wide. Where one abstains the other carries on, with the intervals of its own;
+but for images in which no catheter is found: what a network makes of them is worth nothing.
 """
 
 import math
@@ -34,6 +35,8 @@ _DETAILS = {"both": "", "rod": "rod-track alone", "network": "network alone"}
 """What an estimate says of its source."""
 _KNOWN = np.array([True, True, False])
 _ALONE = gaussian_interval(_KNOWN, "the covariances alone")
+_UNCHECKED = 0.5
+"""Share of ``max_error_n`` for an interval that rests on covariances alone: they promise too much in other worlds."""
 _LEAST_FRAMES = 200
 """With fewer frames of one source its intervals are those of all sources together."""
 
@@ -53,8 +56,9 @@ class FusionSettings(BaseModel):
     """Share of the rod's information that counts beside the network's: its errors last longer and are larger, near the
     axis above all, than its covariance says (docs/results/trust.md)."""
     max_error_n: Annotated[float, Field(gt=0, le=100)] | None = 0.1
-    """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate; null: it answers
-    however unsure it is, and the interval says so."""
+    """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate (the rod alone
+    where it reaches half as far, until `Fusion.calibrate` has checked its interval); null: it answers however unsure it
+    is, and the interval says so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +249,11 @@ class FusionStream:
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
         by_rod = self._rod.update(observation)
-        by_network = replace(self._network.update(observation, unsure=by_rod.valid), shape=by_rod.shape)
+        # a push along the shaft's axis is no reason to doubt the image: the shape tells nothing of it
+        fits = by_rod.valid or by_rod.status is Status.UNOBSERVABLE
+        by_network = replace(self._network.update(observation, unsure=fits), shape=by_rod.shape)
+        if by_rod.status is Status.NO_CATHETER and by_network.valid:
+            return by_rod
         if not by_rod.valid and not by_network.valid:
             detail = f"rod-track: {by_rod.detail}; network: {by_network.detail}"
             return replace(by_network, status=by_rod.status, detail=detail)
@@ -257,7 +265,7 @@ class FusionStream:
 
     def _joined(self, by_rod: ForceEstimate, by_network: ForceEstimate) -> ForceEstimate:
         forces = by_rod.force_n[:2], by_network.force_n[:2]
-        covariances = by_rod.covariance_n2[:2, :2], by_network.covariance_n2[:2, :2]
+        covariances = by_rod.covariance_n2[:2, :2] / self._settings.rod_weight, by_network.covariance_n2[:2, :2]
         apart = forces[0] - forces[1]
         distance = float(apart @ np.linalg.solve(covariances[0] + covariances[1], apart))
         if not distance <= self._settings.max_distance:
@@ -269,7 +277,6 @@ class FusionStream:
                 by_rod.shape,
             )
         information = [np.linalg.inv(each) for each in covariances]
-        information[0] *= self._settings.rod_weight
         covariance = np.asarray(np.linalg.inv(information[0] + information[1]), np.float64)
         force = covariance @ (information[0] @ forces[0] + information[1] @ forces[1])
         return self._estimate(force, covariance, by_network, "both")
@@ -296,4 +303,7 @@ class FusionStream:
             contact=found.contact,
             shape=found.shape,
         )
-        return within_error(estimate, self._settings.max_error_n)
+        limit_n = self._settings.max_error_n
+        if limit_n is not None and widths.basis == _ALONE.basis:
+            limit_n *= _UNCHECKED
+        return within_error(estimate, limit_n)
