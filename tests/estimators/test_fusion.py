@@ -53,7 +53,7 @@ NOTHING = ForceEstimate.invalid(0, Status.NO_CATHETER, "nothing dark at the left
 STRAIGHT = ForceEstimate.invalid(0, Status.UNOBSERVABLE, "it is pushed along its own axis")
 
 
-EQUAL = FusionSettings(rod_weight=1.0, max_error_n=None)
+EQUAL = FusionSettings(rod_std_n=(0.0, 0.0), max_error_n=None)
 
 
 def joined(rod: ForceEstimate, network: ForceEstimate, settings: FusionSettings = EQUAL) -> ForceEstimate:
@@ -122,11 +122,11 @@ def test_the_rod_alone_may_reach_half_as_far_until_its_interval_was_checked():
         assert stream.update(Observation(0, {}, {})).valid is valid
 
 
-def test_a_contradiction_counts_by_the_rod_s_weight():
-    small = 1e-3 * np.eye(2)
-    both = estimate((0.3, 0.0), small), estimate((0.1, 0.0), small)
-    assert not joined(*both, FusionSettings(rod_weight=1.0, max_error_n=None)).valid
-    assert joined(*both, FusionSettings(rod_weight=0.1, max_error_n=None)).valid
+def test_a_contradiction_is_judged_by_what_is_believed_of_the_rod():
+    small = 1e-4 * np.eye(2)
+    both = estimate((0.3, 0.0), small), estimate((0.2, 0.0), small)
+    assert not joined(*both).valid
+    assert joined(*both, FusionSettings(rod_std_n=(0.05, 0.05), max_error_n=None)).valid
 
 
 @pytest.mark.parametrize(("rod", "unsure"), [(estimate((0.2, 0.0), WIDE), True), (STRAIGHT, True), (NOTHING, False)])
@@ -142,11 +142,12 @@ def test_two_equal_answers_have_half_the_variance():
     assert found.covariance_n2[:2, :2] == pytest.approx(0.5 * WIDE)
 
 
-def test_the_rod_counts_by_its_weight():
-    both = estimate((0.2, 0.1), WIDE), estimate((0.1, 0.1), WIDE)
-    found = joined(*both, FusionSettings(rod_weight=0.25, max_error_n=None))
-    assert found.force_n[:2] == pytest.approx([0.12, 0.1])
-    assert found.covariance_n2[:2, :2] == pytest.approx(0.8 * WIDE)
+def test_the_rod_is_believed_least_where_it_tells_least():
+    turned = np.array([[0.8, -0.6], [0.6, 0.8]])
+    rod = estimate((0.2, 0.1), turned @ np.diag([1e-4, 9e-4]) @ turned.T)
+    flat = estimate((0.2, 0.1), 1e6 * np.eye(2))
+    found = joined(rod, flat, FusionSettings(rod_std_n=(0.01, 0.04), max_error_n=None))
+    assert found.covariance_n2[:2, :2] == pytest.approx(turned @ np.diag([2e-4, 25e-4]) @ turned.T, rel=1e-3)
 
 
 def test_what_was_never_calibrated_is_saved_and_read():

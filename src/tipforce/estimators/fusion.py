@@ -3,10 +3,11 @@
 The rod reads the shape alone and needs no tissue; the network reads the tissue's indentation, too, and knows the tissue
 as classes only. What limits them is not the same (the rod: a push along its axis, and what was stated wrongly of
 catheter and camera; the network: the tissue, and images unlike its training), so they are joined as independent
-Gaussians, their informations added, the rod's with `FusionSettings.rod_weight`; also where the network's own answer
-would be too uncertain to stand alone. Where they contradict each other by more than their covariances allow there is no
-estimate, nor where the interval is too wide. Where one abstains the other carries on, with the intervals of its own;
-but for images in which no catheter is found: what a network makes of them is worth nothing.
+Gaussians, their informations added, the rod's believed no further than `FusionSettings.rod_std_n`; also where the
+network's own answer would be too uncertain to stand alone. Where they contradict each other by more than their
+covariances allow there is no estimate, nor where the interval is too wide. Where one abstains the other carries on,
+with the intervals of its own; but for images in which no catheter is found: what a network makes of them is worth
+nothing.
 """
 
 import math
@@ -33,6 +34,7 @@ __all__ = ["Fusion", "FusionSettings"]
 
 _DETAILS = {"both": "", "rod": "rod-track alone", "network": "network alone"}
 """What an estimate says of its source."""
+_Std = Annotated[float, Field(ge=0, le=10)]
 _KNOWN = np.array([True, True, False])
 _ALONE = gaussian_interval(_KNOWN, "the covariances alone")
 _UNCHECKED = 0.5
@@ -52,10 +54,11 @@ class FusionSettings(BaseModel):
     """Of `rod-track`."""
     max_distance: Annotated[float, Field(gt=0, le=1e6)] = 13.8
     """Largest squared Mahalanobis distance of the two forces; a Gaussian's exceeds 13.8 once in 1,000."""
-    rod_weight: Annotated[float, Field(gt=0, le=1)] = 0.1
-    """Share of the rod's information that counts beside the network's: its errors last longer and are larger, near the
-    axis above all, than its covariance says (docs/results/trust.md)."""
-    max_error_n: Annotated[float, Field(gt=0, le=100)] | None = 0.1
+    rod_std_n: tuple[_Std, _Std] = (0.005, 0.05)
+    """Added to the standard deviations of the rod's force, along the direction that the shape tells best and the one
+    that it tells least, which is the shaft's axis: its covariance knows nothing of errors that last, and takes a
+    straight shaft for one that touches nothing (docs/results/trust.md)."""
+    max_error_n: Annotated[float, Field(gt=0, le=100)] | None = 0.15
     """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate (the rod alone
     where it reaches half as far, until `Fusion.calibrate` has checked its interval); null: it answers however unsure it
     is, and the interval says so."""
@@ -248,7 +251,7 @@ class FusionStream:
 
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
-        by_rod = self._rod.update(observation)
+        by_rod = _believed(self._rod.update(observation), self._settings.rod_std_n)
         # a push along the shaft's axis is no reason to doubt the image: the shape tells nothing of it
         fits = by_rod.valid or by_rod.status is Status.UNOBSERVABLE
         by_network = replace(self._network.update(observation, unsure=fits), shape=by_rod.shape)
@@ -265,7 +268,7 @@ class FusionStream:
 
     def _joined(self, by_rod: ForceEstimate, by_network: ForceEstimate) -> ForceEstimate:
         forces = by_rod.force_n[:2], by_network.force_n[:2]
-        covariances = by_rod.covariance_n2[:2, :2] / self._settings.rod_weight, by_network.covariance_n2[:2, :2]
+        covariances = by_rod.covariance_n2[:2, :2], by_network.covariance_n2[:2, :2]
         apart = forces[0] - forces[1]
         distance = float(apart @ np.linalg.solve(covariances[0] + covariances[1], apart))
         if not distance <= self._settings.max_distance:
@@ -307,3 +310,13 @@ class FusionStream:
         if limit_n is not None and widths.basis == _ALONE.basis:
             limit_n *= _UNCHECKED
         return within_error(estimate, limit_n)
+
+
+def _believed(by_rod: ForceEstimate, std_n: tuple[float, float]) -> ForceEstimate:
+    """The rod's estimate with ``std_n`` added along the axes of its covariance, the surer one first."""
+    if not by_rod.valid:
+        return by_rod
+    variances, axes = np.linalg.eigh(by_rod.covariance_n2[:2, :2])
+    whole = by_rod.covariance_n2.copy()
+    whole[:2, :2] = (axes * (variances + np.square(std_n))) @ axes.T
+    return replace(by_rod, covariance_n2=whole)
