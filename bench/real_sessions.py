@@ -1,6 +1,7 @@
 """Method 1 on real sessions of a tendon manipulator, from the raw CSV and JSON to the table.
 
     TIPFORCE_REAL_DATA=... .venv/bin/python -m bench.real_sessions [random] [session]
+    TIPFORCE_REAL_DATA=... .venv/bin/python -m bench.real_sessions each [SEED]
 
 The data: github.com/Bigyuun/LSTM-force-estimation, commit 621b92c9. Every constant that a fit chooses, it chooses by
 cross-validation within its training part; which methods are listed here was decided by looking at these tables.
@@ -99,12 +100,45 @@ def noise(data: Dataset) -> list[tuple[str, FloatArray]]:
     ]
 
 
+def each_session(data: Dataset, seed: int) -> None:
+    """Prints what the best method across sessions says of each session that it did not see.
+
+    Wrong: off by more than twice the error over the folds of its own training part, which is what it expects.
+    """
+    settings = {**METHODS["svr, across sessions, window"], "seed": seed}
+    print(f"{'session':16s} {'abstains':>8s} {'RMSE, mN':>13s} {'bias, mN':>13s} {'wrong, %':>13s} {'holds, %':>13s}")
+    rows: list[FloatArray] = []
+    for split in splits("session", data):
+        svr = create("svr", settings).fit(data.subset(split.train))
+        answers = svr.predict(data.subset(split.test))
+        error = np.array([answer.force_n[:2] for answer in answers]) - data.force_n[split.test, :2]
+        expected = np.array([target["cv_rmse_n"] for target in svr.describe()["targets"].values()])
+        ends = np.array([answer.interval_n[:2] for answer in answers])
+        truth = data.force_n[split.test, :2]
+        held = (ends[:, :, 0] <= truth) & (truth <= ends[:, :, 1])
+        valid = np.array([[answer.valid] * 2 for answer in answers])
+        wrong = np.abs(error) > 2 * expected
+        rows.append(np.stack([error, *(share.astype(np.float64) for share in (wrong, held, valid))]))
+        _print_session(str(data.session[split.test[0]]), rows[-1])
+    _print_session("all", np.concatenate(rows, axis=1))
+
+
+def _print_session(name: str, rows: FloatArray) -> None:
+    error, wrong, held = rows[:3, rows[3, :, 0] > 0]
+    parts = [np.sqrt(np.mean(error**2, axis=0)) * 1e3, error.mean(axis=0) * 1e3, wrong.mean(axis=0) * 100]
+    text = "".join(f" {x:6.1f}/{y:6.1f}" for x, y in [*parts, held.mean(axis=0) * 100])
+    print(f"{name:16s} {100 * (1 - rows[3, :, 0].mean()):6.1f} %{text}", flush=True)
+
+
 def main() -> None:
     """Print the table."""
     root = os.environ.get("TIPFORCE_REAL_DATA")
     if not root:
         sys.exit("set TIPFORCE_REAL_DATA to the folder that holds tendon-manipulator/")
     data = open_dataset(Path(root) / "tendon-manipulator")
+    if sys.argv[1:2] == ["each"]:
+        each_session(data, int(sys.argv[2]) if len(sys.argv) > 2 else 0)
+        return
     protocols = [word for word in sys.argv[1:] if word in ("random", "session")] or ["random", "session"]
     print(f"{data.title}\n{len(data)} rows, {len(data.sessions)} sessions; RMSE fx / fy in mN, all test rows pooled\n")
     methods: dict[str, Answer] = {"constant": constant, "extra trees (reference)": extra_trees}
