@@ -123,7 +123,7 @@ def test_the_rod_alone_may_reach_half_as_far_until_its_interval_was_checked():
 
 
 def test_a_contradiction_is_judged_by_what_is_believed_of_the_rod():
-    small = 1e-4 * np.eye(2)
+    small = 5e-5 * np.eye(2)
     both = estimate((0.3, 0.0), small), estimate((0.2, 0.0), small)
     assert not joined(*both).valid
     assert joined(*both, FusionSettings(rod_std_n=(0.05, 0.05), max_error_n=None)).valid
