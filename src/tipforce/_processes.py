@@ -301,8 +301,8 @@ def limit_threads(threads: int) -> None:
     import scipy.linalg  # pyright: ignore[reportUnusedImport] # noqa: F401 (loads the libraries that are limited)
     import threadpoolctl
 
+    numba.set_num_threads(min(threads, numba.get_num_threads()))  # starts its threads, and lets OpenMP have as many
     threadpoolctl.threadpool_limits(threads)
-    numba.set_num_threads(min(threads, numba.get_num_threads()))
     cv2.setNumThreads(threads)
 
 

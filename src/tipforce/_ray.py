@@ -5,7 +5,7 @@ import os
 import secrets
 import socket
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,17 +64,29 @@ class RayExecutor:
             return []
         with _connected(self.address) as ray, _mark(shared) as mark:
             counter = _counter_here(ray)
-            needs = _largest_node(ray) if alone else {"num_cpus": 1}
-            work = ray.remote(_work).options(max_retries=_RETRIES, **needs)
             seen = None if mark is None else str(mark.absolute())
-            setup = ray.put(_Setup(task, str(Path.cwd()), seen, _version(), needs["num_cpus"], counter))
-            refs = [work.remote(setup, number, item) for number, item in enumerate(items)]
+
+            def send(numbers: Sequence[int], needs: Mapping[str, int]) -> list[Any]:
+                work = ray.remote(_work).options(max_retries=_RETRIES, **needs)
+                setup = ray.put(_Setup(task, str(Path.cwd()), seen, _version(), needs["num_cpus"], counter))
+                return [work.remote(setup, number, items[number]) for number in numbers]
+
+            needs = _largest_node(ray) if alone else {"num_cpus": 1}
+            refs = send(range(len(items)), needs)
             pending, share = list(refs), 0.0
             try:
                 while pending:
+                    left = _left_for(ray, needs) if alone else None
                     done, pending = ray.wait(pending, num_returns=len(pending), timeout=_POLL_S)
                     for ref in done:
                         _result(ray, ref)
+                    if left and pending:
+                        lost, needs = [refs.index(ref) for ref in pending], left
+                        for ref in pending:
+                            ray.cancel(ref, force=True)
+                        pending = send(lost, needs)
+                        for number, ref in zip(lost, pending, strict=True):
+                            refs[number] = ref
                     share = max(share, 1.0 - len(pending) / len(items), _counted(ray, counter) / (len(items) * steps))
                     if progress:
                         progress(min(1.0, share))
@@ -115,12 +127,31 @@ def _counted(ray: Any, counter: Any) -> int:
         return 0
 
 
+def _nodes(ray: Any) -> list[dict[str, float]]:
+    """What each node that is there has."""
+    return [node["Resources"] for node in ray.nodes() if node["Alive"]]
+
+
 def _largest_node(ray: Any) -> dict[str, int]:
     """What the largest node has: one with a GPU before one with more cores."""
-    nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
-    best = max(nodes, key=lambda has: (has.get("GPU", 0) > 0, has.get("CPU", 0)))
+    best = max(_nodes(ray), key=lambda has: (has.get("GPU", 0) > 0, has.get("CPU", 0)))
     needs = {"num_cpus": max(1, int(best.get("CPU", 1)))}
     return needs | {"num_gpus": 1} if best.get("GPU", 0) >= 1 else needs
+
+
+def _left_for(ray: Any, needs: Mapping[str, int]) -> dict[str, int] | None:
+    """What the largest node has where every one that has what is needed is gone, and with it what was done there.
+
+    None while one of them is there, or none at all, which Ray waits for.
+    """
+    nodes, largest = _nodes(ray), _largest_node(ray)
+    if any(_has(node, needs) for node in nodes) or not any(_has(node, largest) for node in nodes):
+        return None
+    return largest
+
+
+def _has(node: Mapping[str, float], needs: Mapping[str, int]) -> bool:
+    return node.get("CPU", 0) >= needs["num_cpus"] and node.get("GPU", 0) >= needs.get("num_gpus", 0)
 
 
 @dataclass(frozen=True)

@@ -165,7 +165,8 @@ def _train_there(asked: _Asked, item: int, step: Callable[[], None]) -> tuple[Ma
             step()
 
     left = not asked.begun and training_started(asked.output)
-    _, metrics, remarks = _train_here(replace(asked, resume=asked.resume or left), progress)
+    again = replace(asked, resume=asked.resume or left, overwrite=asked.overwrite or left)  # saved, and then lost
+    _, metrics, remarks = _train_here(again, progress)
     return metrics, remarks
 
 
