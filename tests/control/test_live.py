@@ -157,6 +157,28 @@ def test_stop_brakes_at_once_though_the_loop_is_busy_and_a_release_moves_nothing
             run.control.release()
 
 
+def test_a_limit_that_is_lowered_in_a_run_draws_back_and_none_is_raised_above_that_of_the_settings() -> None:
+    with made() as run:
+        with pytest.raises(InputError, match=r"at most 0\.4, where the loop draws the catheter back .* got 0\.41"):
+            run.control.set_limit(0.41)
+        run.control.start()
+        run.reach("approach")
+        run.newtons = 0.15
+        run.reach("hold")
+        run.until(lambda: run.control.status.action == "pass")
+        run.control.set_limit(0.1)
+        run.until(lambda: run.control.status.action == "over_limit")
+        assert run.control.status.limit_n == 0.1
+        run.control.set_limit(0.4)
+        run.until(lambda: run.control.status.action == "pass")
+        run.control.retract()
+        run.reach("idle")
+        run.control.set_limit(0.2)
+        run.control.mark_start()  # the loop on a new path keeps it
+        run.until(lambda: run.control._loop is not None)
+        assert run.control._loop.safety.limit_n == 0.2
+
+
 def test_no_command_follows_a_stop_that_came_while_it_was_on_its_way() -> None:
     drives = Drives()
     sending, free = threading.Event(), threading.Event()

@@ -55,6 +55,19 @@ def test_above_the_limit_the_catheter_is_drawn_back_whatever_is_wanted() -> None
     assert plant.commands[-1][1] < plant.commands[0][1] - 2.0
 
 
+def test_the_operators_limit_counts_where_it_is_smaller_and_at_once() -> None:
+    _, safety = layer(limit_n=0.4)
+    safety.observe(estimate_of(0, 0.3, 0.02), 0)
+    assert safety.check()[0] is SafetyAction.PASS
+    safety.set_limit(0.25)  # the force is above it already
+    action, reason = safety.check()
+    assert (action, safety.limit_n) == (SafetyAction.OVER_LIMIT, 0.25)
+    assert "above 0.25 N" in reason
+    safety.set_limit(9.0)
+    assert safety.limit_n == 0.4
+    assert safety.check()[0] is SafetyAction.PASS
+
+
 def test_without_a_fresh_estimate_it_is_stale_after_200_ms() -> None:
     plant, safety = layer()
     plant.clock.sleep_until_ns(60_000_000)

@@ -315,12 +315,12 @@ class ControlLoop:
         """Toward the target, as far as the force's excess over what is wanted leaves room below the limit."""
         settings = self.settings
         largest = max((excess for _, excess in self._excess), default=0.0)
-        room = settings.safety.limit_n - settings.reserve * max(largest, 0.0)
+        room = self.safety.limit_n - settings.reserve * max(largest, 0.0)
         if self._excess:  # contact that is lost and found says that the wall is not known yet
             touching = sum(excess > settings.contact_n - self._target_n for _, excess in self._excess)
             share = (touching / len(self._excess) - _LOST) / (_KEPT - _LOST)
             room = min(room, settings.target_n * share)
-        goal = min(settings.target_n, max(room, _LEAST * settings.target_n))
+        goal = min(settings.target_n, self.safety.limit_n, max(room, _LEAST * settings.target_n))
         rise = settings.ramp_n_per_s * dt_s
         self._target_n += min(max(goal - self._target_n, -_FALL * rise), rise)
 

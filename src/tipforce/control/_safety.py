@@ -56,7 +56,7 @@ class SafetyLayer:
         self._stale_ns = round(1e9 * max(settings.least_stale_s, settings.stale_frames * frame_period_s))
         self._valid_ns: int | None = None
         self._usual_ns = 0
-        self._upper_n = 0.0
+        self._upper_n, self._limit_n = 0.0, settings.limit_n
         self._over_since_ns: int | None = None
         self._why = ""
         self._sent_mm: float | None = None
@@ -69,6 +69,18 @@ class SafetyLayer:
     def upper_n(self) -> float:
         """Upper end of the last valid estimate's interval."""
         return self._upper_n
+
+    @property
+    def limit_n(self) -> float:
+        """Above it the catheter is drawn back: that of the settings, or the operator's where that is smaller."""
+        return self._limit_n
+
+    def set_limit(self, limit_n: float) -> None:
+        """The operator's limit, from now on, on the thread of `check`; that of the settings is never raised."""
+        limit_n = min(limit_n, self.settings.limit_n)
+        if limit_n != self._limit_n:
+            self._limit_n = limit_n
+            self._compare()
 
     @property
     def stopped(self) -> bool:
@@ -93,10 +105,12 @@ class SafetyLayer:
         self._valid_ns, self._why = captured_ns, ""
         high = float(estimate.magnitude_interval_n[1])
         self._upper_n = high if high == high else float(estimate.magnitude_n)
-        limit = self.settings.limit_n
-        if self._upper_n > limit:
-            self._over_since_ns = now if self._over_since_ns is None else self._over_since_ns
-        elif self._upper_n < self.settings.release_share * limit:
+        self._compare()
+
+    def _compare(self) -> None:
+        if self._upper_n > self._limit_n:
+            self._over_since_ns = self._clock.now_ns() if self._over_since_ns is None else self._over_since_ns
+        elif self._upper_n < self.settings.release_share * self._limit_n:
             self._over_since_ns = None
 
     def age_ns(self) -> int | None:
@@ -114,8 +128,8 @@ class SafetyLayer:
             return SafetyAction.RETRACT, self._why or f"stale: no estimate for {age * 1e-9:.2f} s"
         if self._over_since_ns is not None:
             if now - self._over_since_ns > settings.max_above_s * 1e9:
-                return SafetyAction.RETRACT, f"above {settings.limit_n:g} N for {settings.max_above_s:g} s"
-            return SafetyAction.OVER_LIMIT, f"upper end {self._upper_n:.2f} N above {settings.limit_n:g} N"
+                return SafetyAction.RETRACT, f"above {self._limit_n:g} N for {settings.max_above_s:g} s"
+            return SafetyAction.OVER_LIMIT, f"upper end {self._upper_n:.2f} N above {self._limit_n:g} N"
         if self._why:
             return SafetyAction.COAST, self._why
         return SafetyAction.PASS, ""

@@ -8,8 +8,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Protocol, Self, TypeVar, runtime_checkable
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from ..clinical import ContactSettings
 from ..datasets import open_source
 from ..errors import InputError
 from ..estimators import Estimator
@@ -57,6 +58,20 @@ class LiveRunSettings(LiveSettings):
     """Of the simulated bench's session."""
     hold: HoldSettings | None = None
     """A loop that holds a force with the drives of the bench, commanded from the page; None: nothing moves."""
+
+    @model_validator(mode="after")
+    def _below_both_limits(self) -> Self:
+        hold, contact = self.hold, self.contact
+        if hold is not None and hold.target_n >= contact.limit_n:
+            raise ValueError(
+                f"expected hold.target_n below contact.limit_n = {contact.limit_n:g}, got {hold.target_n:g}"
+            )
+        if hold is not None and contact.window_n[0] > hold.safety.limit_n:
+            raise ValueError(
+                f"expected contact.window_n[0] of at most hold.safety.limit_n = {hold.safety.limit_n:g}, "
+                f"got {contact.window_n[0]:g}"
+            )
+        return self
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,6 +272,10 @@ def live(
         settings = settings.model_copy(update={"max_reconnects": 0})
     clock = getattr(source, "clock", None) or SystemClock()
     control = None if hold is None else _control(source, clock, hold, with_page=page is not None)
+    if control is not None:  # one limit: the smaller of the two
+        limit_n = min(settings.contact.limit_n, control.settings.safety.limit_n)
+        control.set_limit(limit_n)
+        settings = settings.model_copy(update={"contact": settings.contact.model_copy(update={"limit_n": limit_n})})
     sinks = [open_sink(each) for each in outputs]
     engine = Engine(source, estimator, sinks, settings=settings, clock=clock, model=model)
     with ExitStack() as stack:
@@ -317,11 +336,16 @@ def _page(engine: Engine, clock: Clock, page: PageAddress, control: LiveControl 
     """Serves the page; yields its address."""
     from ..live.server import PageSettings, serve  # a web server is loaded where there is a page
 
+    def set_contact(contact: ContactSettings) -> None:
+        if control is not None:
+            control.set_limit(contact.limit_n)  # before the alarm's, so that one it refuses is none for the alarm
+        engine.contact = contact
+
     recorder = _Recorder(engine)
     settings = PageSettings(
         clock=clock,
         contact=engine.contact,
-        on_contact=lambda contact: setattr(engine, "contact", contact),
+        on_contact=set_contact,
         on_record=recorder.switch,
         loop=control,
     )

@@ -4,7 +4,7 @@ import logging
 import math
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Annotated, Self
 
@@ -113,6 +113,7 @@ class LiveControl:
                     f"it, got {' and '.join(places) or 'nothing'}"
                 )
         self._marks.path()
+        self._limit_n = settings.safety.limit_n
         self._lock = threading.RLock()
         self._loop: ControlLoop | None = None
         self._latest: LiveUpdate | None = None
@@ -158,6 +159,8 @@ class LiveControl:
             with self._lock:
                 axes = self._places()
                 loop = self._connected()
+                if loop is not None:
+                    loop.safety.set_limit(self._limit_n)
                 tick = None if loop is None or self._stopped else self._tick(loop)
                 self._why = ""
                 self._status = self._status_of(loop, tick, axes)
@@ -174,6 +177,7 @@ class LiveControl:
         """The loop, as soon as there are drives and a path."""
         if self._loop is None and (path := self._marks.path()) is not None:
             loop = ControlLoop(self._actuators, self._clock, path, self.settings, self._period_s)
+            loop.safety.set_limit(self._limit_n)
             if self._latest is not None:
                 loop.update(self._latest.estimate, self._latest.captured_ns)
             self._loop = loop
@@ -219,7 +223,7 @@ class LiveControl:
             resumes=loop is not None and loop.resumes and not self._stopped,
             target_n=settings.target_n,
             wanted_n=tick.target_n if tick is not None and tick.state is ControlState.HOLD else math.nan,
-            limit_n=settings.safety.limit_n,
+            limit_n=self._limit_n,
             force_n=float(latest.estimate.magnitude_n) if latest is not None and valid else math.nan,
             upper_n=float(latest.estimate.magnitude_interval_n[1]) if latest is not None and valid else math.nan,
             place_mm=round(place_mm, 2),
@@ -242,6 +246,20 @@ class LiveControl:
         """Whether the drives are commanded, or will be without anybody's word."""
         loop = self._loop
         return loop is not None and not self._stopped and (loop.resumes or loop.state is not ControlState.IDLE)
+
+    def set_limit(self, limit_n: float) -> None:
+        """The operator's limit, that of the alarm, is the loop's as well, from now on and also during a run.
+
+        Raises InputError for one above ``settings.safety.limit_n``: nothing that is pressed raises that.
+        """
+        most_n = self.settings.safety.limit_n
+        if not limit_n <= most_n:
+            raise InputError(
+                f"expected limit_n of at most {most_n:g}, where the loop draws the catheter back "
+                f"(hold.safety.limit_n), got {limit_n:g}"
+            )
+        self._limit_n = limit_n  # taken by the next tick: no drive that hangs keeps the alarm from being set
+        self._status = replace(self._status, limit_n=limit_n)
 
     def mark_start(self) -> None:
         """The path begins where the drives are now. Raises InputError while a run is on its way."""

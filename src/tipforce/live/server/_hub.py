@@ -3,6 +3,7 @@
 import asyncio
 import json
 import math
+import threading
 import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
@@ -63,6 +64,8 @@ class Hub:
         """From mid-exposure until the message was handed to a socket."""
         self.page_ages_s: deque[float] = deque(maxlen=_KEPT)
         """Ages of images when they were drawn, as the pages measured them."""
+        self.limits = threading.Lock()
+        """Held while a page sets window and limit: the last one that is set is also the last that all hear of."""
         self.closing = False
         self.urgent = ThreadPoolExecutor(_URGENT, "tipforce-stop")
         """Where the stop key is served: on threads that nothing else can keep busy."""

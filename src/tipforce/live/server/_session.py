@@ -219,15 +219,16 @@ class PageSession:
     def _set_limits(self, command: Limits) -> None:
         if self._settings.on_contact is None:
             raise InputError("window and limit cannot be set in this run")
-        before = self._hub.state.contact
-        try:
-            contact = ContactSettings.model_validate(
-                before.model_dump() | {"window_n": command.window_n, "limit_n": command.limit_n}
-            )
-        except ValueError as error:
-            raise InputError(_first_line(error)) from None
-        self._settings.on_contact(contact)
-        self._hub.change(replace(self._hub.state, contact=contact))
+        with self._hub.limits:
+            before = self._hub.state.contact
+            try:
+                contact = ContactSettings.model_validate(
+                    before.model_dump() | {"window_n": command.window_n, "limit_n": command.limit_n}
+                )
+            except ValueError as error:
+                raise InputError(_first_line(error)) from None
+            self._settings.on_contact(contact)
+            self._hub.change(replace(self._hub.state, contact=contact))
 
 
 def _answer(number: int, refusal: str) -> dict[str, Any]:
