@@ -106,7 +106,7 @@ def test_where_both_abstain_the_reasons_of_both_are_said():
     assert "lies as nowhere" in found.detail
 
 
-def test_without_a_catheter_the_network_is_not_asked():
+def test_without_a_catheter_the_networks_answer_does_not_count():
     found = joined(NOTHING, estimate((0.2, 0.0), WIDE))
     assert found.status is Status.NO_CATHETER
     assert found.detail == NOTHING.detail

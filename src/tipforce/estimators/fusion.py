@@ -257,7 +257,7 @@ class FusionStream:
         fits = by_rod.valid or by_rod.status is Status.UNOBSERVABLE
         by_network = replace(self._network.update(observation, unsure=fits), shape=by_rod.shape)
         if by_rod.status is Status.NO_CATHETER and by_network.valid:
-            return by_rod
+            return by_rod  # the network saw the image all the same: it remembers
         if not by_rod.valid and not by_network.valid:
             detail = f"rod-track: {by_rod.detail}; network: {by_network.detail}"
             return replace(by_network, status=by_rod.status, detail=detail)
