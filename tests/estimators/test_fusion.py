@@ -1,7 +1,8 @@
 """`fusion`: how two estimates of one frame become one."""
 
 import json
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -54,6 +55,7 @@ STRAIGHT = ForceEstimate.invalid(0, Status.UNOBSERVABLE, "it is pushed along its
 
 
 EQUAL = FusionSettings(rod_std_n=(0.0, 0.0), max_error_n=None)
+SMALL = 1e-4 * np.eye(2)
 
 
 def joined(rod: ForceEstimate, network: ForceEstimate, settings: FusionSettings = EQUAL) -> ForceEstimate:
@@ -81,8 +83,7 @@ def test_each_gives_the_direction_that_it_knows():
 
 
 def test_a_contradiction_is_no_estimate():
-    small = 1e-4 * np.eye(2)
-    found = joined(estimate((0.3, 0.0), small), estimate((0.1, 0.0), small))
+    found = joined(estimate((0.3, 0.0), SMALL), estimate((0.1, 0.0), SMALL))
     assert found.status is Status.OUT_OF_DISTRIBUTION
     assert "0.30 N from the shape, 0.10 N from the image" in found.detail
 
@@ -127,6 +128,49 @@ def test_a_contradiction_is_judged_by_what_is_believed_of_the_rod():
     both = estimate((0.3, 0.0), small), estimate((0.2, 0.0), small)
     assert not joined(*both).valid
     assert joined(*both, FusionSettings(rod_std_n=(0.05, 0.05), max_error_n=None)).valid
+
+
+def after(seconds: float, rods: list[ForceEstimate], network: ForceEstimate, settings: FusionSettings) -> ForceEstimate:
+    """The last answer, where the rod says one thing after another, ``seconds`` apart."""
+    member = Says(rods[0])
+    stream = FusionStream(member, Says(network), settings, INTERVALS)  # type: ignore[arg-type]
+    found = stream.update(Observation(0, {}, {}))
+    for index, rod in enumerate(rods):
+        member.said = replace(rod, stamp_ns=round(index * seconds * 1e9))
+        stream._network.said = replace(network, stamp_ns=member.said.stamp_ns)  # type: ignore[attr-defined]
+        found = stream.update(Observation(member.said.stamp_ns, {}, {}))
+    return found
+
+
+def test_where_they_differ_by_more_than_they_promise_the_interval_is_wider():
+    """Two standard deviations of their difference: the standard deviation of the joint answer doubles."""
+    near, far = estimate((0.2, 0.0), SMALL), estimate((0.2 + 2 * 0.01 * 2**0.5, 0.0), SMALL)
+    alike = joined(near, near).covariance_n2[:2, :2]
+    assert alike == pytest.approx(0.5 * SMALL)
+    assert joined(far, near).covariance_n2[:2, :2] == pytest.approx(4.0 * alike)
+    assert joined(far, near).force_n[:2] == pytest.approx((near.force_n[:2] + far.force_n[:2]) / 2)
+    silent = EQUAL.model_copy(update={"disagreement_s": None})
+    assert joined(far, near, silent).covariance_n2[:2, :2] == pytest.approx(alike)
+
+
+def test_what_is_added_along_the_axis_hides_no_disagreement():
+    """There the rod's covariance promises too much, but of two that differ so far one is wrong all the same."""
+    along = FusionSettings(rod_std_n=(0.0, 1.0), max_error_n=None)
+    rod, network = estimate((0.3, 0.0), np.diag([2e-4, 1e-4])), estimate((0.2, 0.0), SMALL)
+    found, alike = joined(rod, network, along), joined(replace(rod, force_n=network.force_n), network, along)
+    assert found.covariance_n2[0, 0] == pytest.approx(0.1**2 / 3e-4 * alike.covariance_n2[0, 0])
+
+
+@pytest.mark.parametrize("last", ["both", "network"])
+def test_a_disagreement_is_remembered_for_a_moment(last):
+    near, far = estimate((0.2, 0.0), SMALL), estimate((0.25, 0.0), SMALL)
+    now = near if last == "both" else STRAIGHT
+    usual = after(0.1, [near, now], near, EQUAL).covariance_n2[0, 0]
+    soon = after(0.1, [near, *[far] * 9, now], near, EQUAL).covariance_n2[0, 0]
+    later = after(0.1, [near, *[far] * 9, *[near] * 90, now], near, EQUAL).covariance_n2[0, 0]
+    mean = 12.5 + (1.0 - 12.5) * math.exp(-0.9)
+    assert soon / usual == pytest.approx(mean if last == "network" else mean * math.exp(-0.1))
+    assert later == pytest.approx(usual)
 
 
 @pytest.mark.parametrize(("rod", "unsure"), [(estimate((0.2, 0.0), WIDE), True), (STRAIGHT, True), (NOTHING, False)])

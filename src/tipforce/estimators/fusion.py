@@ -4,10 +4,11 @@ The rod reads the shape alone and needs no tissue; the network reads the tissue'
 as classes only. What limits them is not the same (the rod: a push along its axis, and what was stated wrongly of
 catheter and camera; the network: the tissue, and images unlike its training), so they are joined as independent
 Gaussians, their informations added, the rod's believed no further than `FusionSettings.rod_std_n`; also where the
-network's own answer would be too uncertain to stand alone. Where they contradict each other by more than their
-covariances allow there is no estimate, nor where the interval is too wide. Where one abstains the other carries on,
-with the intervals of its own; but for images in which no catheter is found: what a network makes of them is worth
-nothing.
+network's own answer would be too uncertain to stand alone. Where they differ by more than they promise, now or a
+moment ago, one of them is wrong and nobody knows which: the joint covariance grows by their Birge ratio. Where they
+contradict each other by far there is no estimate, nor where the interval is too wide. Where one abstains the other
+carries on, with the intervals of its own; but for images in which no catheter is found: what a network makes of them
+is worth nothing.
 """
 
 import math
@@ -59,6 +60,11 @@ class FusionSettings(BaseModel):
     """Added to the standard deviations of the rod's force, along the direction that the shape tells best and the one
     that it tells least, which is the shaft's axis: its covariance knows nothing of errors that last, and takes a
     straight shaft for one that touches nothing (docs/results/trust.md)."""
+    disagreement_s: Annotated[float, Field(gt=0, le=1e4)] | None = 1.0
+    """Where rod and network differ by more than they promise (the rod's own covariance, ``rod_std_n`` added across the
+    shaft alone), the joint covariance is multiplied by the squared Birge ratio: the squared Mahalanobis distance, as it
+    is now or in its mean over this time, whichever is larger. null: it is not, which is right for a network that knows
+    the tissue well: a rod that is pushed along its own axis then says little against it (docs/results/trust.md)."""
     max_error_n: Annotated[float, Field(gt=0, le=100)] | None = 0.15
     """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate (the rod alone
     where it reaches half as far, until `Fusion.calibrate` has checked its interval); null: it answers however unsure it
@@ -249,10 +255,12 @@ class FusionStream:
         intervals: Mapping[str, Interval],
     ) -> None:
         self._rod, self._network, self._settings, self._intervals = rod, network, settings, intervals
+        self._disagreement = _Disagreement(settings.disagreement_s)
 
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
-        by_rod = _believed(self._rod.update(observation), self._settings.rod_std_n)
+        own = self._rod.update(observation)
+        by_rod = _believed(own, self._settings.rod_std_n)
         # a push along the shaft's axis is no reason to doubt the image: the shape tells nothing of it
         fits = by_rod.valid or by_rod.status is Status.UNOBSERVABLE
         by_network = replace(self._network.update(observation, unsure=fits), shape=by_rod.shape)
@@ -264,15 +272,16 @@ class FusionStream:
         if not by_network.valid:
             return self._estimate(by_rod.force_n[:2], by_rod.covariance_n2[:2, :2], by_rod, "rod")
         if not by_rod.valid:
-            return self._estimate(by_network.force_n[:2], by_network.covariance_n2[:2, :2], by_network, "network")
-        return self._joined(by_rod, by_network)
+            wider = self._disagreement.remembered() * by_network.covariance_n2[:2, :2]
+            return self._estimate(by_network.force_n[:2], wider, by_network, "network")
+        across = _believed(own, (self._settings.rod_std_n[0], 0.0))
+        return self._joined(by_rod, by_network, _squared_distance(across, by_network))
 
-    def _joined(self, by_rod: ForceEstimate, by_network: ForceEstimate) -> ForceEstimate:
+    def _joined(self, by_rod: ForceEstimate, by_network: ForceEstimate, promised: float) -> ForceEstimate:
+        """``promised``: their squared distance by what they promise themselves."""
         forces = by_rod.force_n[:2], by_network.force_n[:2]
         covariances = by_rod.covariance_n2[:2, :2], by_network.covariance_n2[:2, :2]
-        apart = forces[0] - forces[1]
-        distance = float(apart @ np.linalg.solve(covariances[0] + covariances[1], apart))
-        if not distance <= self._settings.max_distance:
+        if not _squared_distance(by_rod, by_network) <= self._settings.max_distance:
             return ForceEstimate.invalid(
                 by_rod.stamp_ns,
                 Status.OUT_OF_DISTRIBUTION,
@@ -283,6 +292,7 @@ class FusionStream:
         information = [np.linalg.inv(each) for each in covariances]
         covariance = np.asarray(np.linalg.inv(information[0] + information[1]), np.float64)
         force = covariance @ (information[0] @ forces[0] + information[1] @ forces[1])
+        covariance *= self._disagreement.update(by_network.stamp_ns, promised)
         return self._estimate(force, covariance, by_network, "both")
 
     def _estimate(self, force: FloatArray, covariance: FloatArray, found: ForceEstimate, source: str) -> ForceEstimate:
@@ -311,6 +321,39 @@ class FusionStream:
         if limit_n is not None and widths.basis == _ALONE.basis:
             limit_n *= _UNCHECKED
         return within_error(estimate, limit_n)
+
+
+class _Disagreement:
+    """By how much two sources differ over what they promise: the squared Birge ratio, at least 1.
+
+    Birge, "The calculation of errors by the method of least squares", Physical Review 40 (1932), 207-227, for two
+    sources; ``memory_s``: of its mean over time (`FusionSettings.disagreement_s`), None: it is 1 always.
+    """
+
+    def __init__(self, memory_s: float | None) -> None:
+        self._memory_s = memory_s
+        self._mean = 1.0
+        self._stamp_ns: int | None = None
+
+    def update(self, stamp_ns: int, squared_distance: float) -> float:
+        """The ratio with one more ``squared_distance`` of Mahalanobis."""
+        if self._memory_s is None:
+            return 1.0
+        elapsed_s = 0.0 if self._stamp_ns is None else max(0.0, (stamp_ns - self._stamp_ns) * 1e-9)
+        kept = math.exp(-elapsed_s / self._memory_s)
+        self._mean = kept * self._mean + (1.0 - kept) * squared_distance
+        self._stamp_ns = stamp_ns
+        return max(1.0, self._mean, squared_distance)
+
+    def remembered(self) -> float:
+        """The ratio where one of them is silent."""
+        return max(1.0, self._mean)
+
+
+def _squared_distance(one: ForceEstimate, other: ForceEstimate) -> float:
+    """Of Mahalanobis, between two forces in the plane."""
+    apart = one.force_n[:2] - other.force_n[:2]
+    return float(apart @ np.linalg.solve(one.covariance_n2[:2, :2] + other.covariance_n2[:2, :2], apart))
 
 
 def _believed(by_rod: ForceEstimate, std_n: tuple[float, float]) -> ForceEstimate:
