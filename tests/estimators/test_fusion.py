@@ -123,6 +123,17 @@ def test_the_rod_alone_may_reach_half_as_far_until_its_interval_was_checked():
         assert stream.update(Observation(0, {}, {})).valid is valid
 
 
+def test_a_network_alone_may_reach_half_as_far_where_the_tip_is_cut_off():
+    cut_off = ForceEstimate.invalid(0, Status.CUT_OFF, "the tip cannot be told from what lies behind it")
+    network = estimate((0.2, 0.0), SMALL)
+    free = joined(cut_off, network)
+    limit = 1.5 * (float(free.magnitude_interval_n[1]) - free.magnitude_n)
+    limited = EQUAL.model_copy(update={"max_error_n": limit})
+    assert joined(cut_off, network, limited).status is Status.UNOBSERVABLE
+    assert joined(STRAIGHT, network, limited).valid
+    assert joined(cut_off, network, EQUAL.model_copy(update={"max_error_n": 2 * limit})).valid
+
+
 def test_a_contradiction_is_judged_by_what_is_believed_of_the_rod():
     small = 5e-5 * np.eye(2)
     both = estimate((0.3, 0.0), small), estimate((0.2, 0.0), small)

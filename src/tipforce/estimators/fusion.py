@@ -38,8 +38,9 @@ _DETAILS = {"both": "", "rod": "rod-track alone", "network": "network alone"}
 _Std = Annotated[float, Field(ge=0, le=10)]
 _KNOWN = np.array([True, True, False])
 _ALONE = gaussian_interval(_KNOWN, "the covariances alone")
-_UNCHECKED = 0.5
-"""Share of ``max_error_n`` for an interval that rests on covariances alone: they promise too much in other worlds."""
+_DOUBTED = 0.5
+"""Share of ``max_error_n`` for an interval that rests on covariances alone, which promise too much in other worlds, and
+for a network alone where the tip cannot be told from what lies behind it (docs/results/trust.md)."""
 _LEAST_FRAMES = 200
 """With fewer frames of one source its intervals are those of all sources together."""
 
@@ -67,8 +68,8 @@ class FusionSettings(BaseModel):
     the tissue well: a rod that is pushed along its own axis then says little against it (docs/results/trust.md)."""
     max_error_n: Annotated[float, Field(gt=0, le=100)] | None = 0.15
     """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate (the rod alone
-    where it reaches half as far, until `Fusion.calibrate` has checked its interval); null: it answers however unsure it
-    is, and the interval says so."""
+    where it reaches half as far, until `Fusion.calibrate` has checked its interval; the network alone, too, where the
+    tip cannot be told from what lies behind it); null: it answers however unsure it is, and the interval says so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,10 +271,12 @@ class FusionStream:
             detail = f"rod-track: {by_rod.detail}; network: {by_network.detail}"
             return replace(by_network, status=by_rod.status, detail=detail)
         if not by_network.valid:
-            return self._estimate(by_rod.force_n[:2], by_rod.covariance_n2[:2, :2], by_rod, "rod")
+            unchecked = self._intervals["rod"].basis == _ALONE.basis
+            return self._estimate(by_rod.force_n[:2], by_rod.covariance_n2[:2, :2], by_rod, "rod", doubted=unchecked)
         if not by_rod.valid:
             wider = self._disagreement.remembered() * by_network.covariance_n2[:2, :2]
-            return self._estimate(by_network.force_n[:2], wider, by_network, "network")
+            cut_off = by_rod.status is Status.CUT_OFF
+            return self._estimate(by_network.force_n[:2], wider, by_network, "network", doubted=cut_off)
         across = _believed(own, (self._settings.rod_std_n[0], 0.0))
         return self._joined(by_rod, by_network, _squared_distance(across, by_network))
 
@@ -295,7 +298,9 @@ class FusionStream:
         covariance *= self._disagreement.update(by_network.stamp_ns, promised)
         return self._estimate(force, covariance, by_network, "both")
 
-    def _estimate(self, force: FloatArray, covariance: FloatArray, found: ForceEstimate, source: str) -> ForceEstimate:
+    def _estimate(
+        self, force: FloatArray, covariance: FloatArray, found: ForceEstimate, source: str, *, doubted: bool = False
+    ) -> ForceEstimate:
         """Force (2,) and covariance (2, 2) with the intervals of their source; the rest is ``found``'s."""
         size = math.hypot(*force.tolist())
         if not size <= MAX_FORCE_N:
@@ -318,9 +323,7 @@ class FusionStream:
             shape=found.shape,
         )
         limit_n = self._settings.max_error_n
-        if limit_n is not None and widths.basis == _ALONE.basis:
-            limit_n *= _UNCHECKED
-        return within_error(estimate, limit_n)
+        return within_error(estimate, limit_n * _DOUBTED if limit_n is not None and doubted else limit_n)
 
 
 class _Disagreement:
