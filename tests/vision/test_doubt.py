@@ -1,5 +1,6 @@
 """Detection that doubts itself, on drawn sessions: sheaths, posts, two objects."""
 
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -127,6 +128,17 @@ def test_of_two_shafts_with_sheaths_it_asks_which() -> None:
         images.append(_draw(k, *tubes))
     with pytest.raises(InputError, match=r"two objects could be the catheter.*mark the shaft's base"):
         auto_calibrate(VisionSettings(), images, SESSION)
+
+
+def test_what_is_marked_already_is_not_asked_for_again() -> None:
+    """The mark lies on the post, whose width is not the catheter's."""
+    post = (_straight(-20.0, 240.0, 60.0), 2.4 * DIAMETER, 60.0)
+    images = [_draw(k, post, (_arc(np.array([60.0, 180.0]), turn), DIAMETER, 60.0)) for k, turn in enumerate(BENDS)]
+    view = replace(SESSION.views["camera"], base_region=(2, 45, 24, 75))
+    with pytest.raises(InputError) as refused:
+        auto_calibrate(VisionSettings(), images, replace(SESSION, views={"camera": view}))
+    assert "mark the shaft's base" not in str(refused.value)
+    assert "base_region" in str(refused.value)
 
 
 def test_a_cable_that_something_moves_over_is_not_the_catheter() -> None:

@@ -167,8 +167,8 @@ def _calibrated(
             what += f"; {len(ways)} combinations of side and polarity tried"
         first = "the first frame" if len(frames) == 1 else f"the first {len(frames)} frames"
         raise InputError(
-            f"no catheter was found in {first} ({what}): "
-            "set polarity and base_side, or mark the shaft's base with base_region"
+            f"no catheter was found in {first} ({what}): set polarity and base_side, "
+            + ("or move base_region" if stated.base_region else "or mark the shaft's base with base_region")
         )
     chosen, traces = found
     guess = chosen

@@ -67,6 +67,13 @@ def doubting(vision: ResolvedVision) -> ResolvedVision:
     return vision.model_copy(update={"least_probability": vision.settings.least_probability})
 
 
+def _remedy(marked: bool) -> str:
+    """What a person can do; ``marked``: the base is marked already."""
+    if marked:
+        return "base_region must lie across the shaft right behind its base, and roi leave out what is like it"
+    return "mark the shaft's base with base_region"
+
+
 def doubt(
     vision: ResolvedVision, frames: Sequence[Image], info: SessionInfo, strict: bool = False, whole: bool = True
 ) -> tuple[str, int]:
@@ -83,7 +90,7 @@ def doubt(
         if trace is not None and trace.status is Status.VALID:
             found.append((trace, tracer.points.copy(), frame))
     count = len(found)
-    mark = "mark the shaft's base with base_region"
+    mark = _remedy(vision.base_region is not None and not strict)
     if count < (_SHARE_STRICT if strict else _SHARE) * len(frames):
         return f"a shaft was followed to its end in only {count} of {len(frames)} images: {mark}", count
     traces, lines = [trace for trace, _, _ in found], np.array([line for _, line, _ in found])
