@@ -9,9 +9,11 @@ when nothing but no contact explains it, and the force is zeroed there.
 import math
 
 import numpy as np
+from numba import njit
 
 from ...mechanics.planar import FORCE, UNKNOWNS, Found, Line, Model, fit_line, make_work
 from ...types import FloatArray, SessionInfo
+from ._inverse import inverse
 from ._knowledge import MODES, Knowledge, LineError, noise_unit_m
 from ._lines import POINTS
 from ._noise_level import NoiseLevel
@@ -28,6 +30,7 @@ _K0, _ANGLE = UNKNOWNS.index("precurvature_per_m"), UNKNOWNS.index("base_angle_r
 _BASE = [UNKNOWNS.index("base_x_m"), UNKNOWNS.index("base_y_m")]
 _DRIFTING = np.array([k for k, name in enumerate(UNKNOWNS) if k > _K0 and not name.startswith("base_")])
 _DRIFTS, _DRIFTS_OF_PRIOR = np.ix_(_DRIFTING, _DRIFTING), np.ix_(_DRIFTING - FORCE, _DRIFTING - FORCE)
+_EYE_FORCE, _EYE_MODES = np.eye(FORCE), np.eye(MODES)
 _NOTHING = 1e-12
 """Variance of a force that is none, N^2."""
 _STEPS, _MOST_STEPS = 20, 60
@@ -141,8 +144,8 @@ class ContactFilter:
         mean, covariance = np.zeros(COUNT), np.eye(COUNT)
         inner = slice(FORCE, FORCE + constants)
         mean[inner], covariance[inner, inner] = self._knowledge.for_session(self._settings, self._info, knob_deg)
-        covariance[_FORCE, _FORCE] = self._settings.prior.force_n**2 * np.eye(FORCE)
-        covariance[_RATE, _RATE] = self._settings.force_rate_n_per_s**2 * np.eye(FORCE)
+        covariance[_FORCE, _FORCE] = self._settings.prior.force_n**2 * _EYE_FORCE
+        covariance[_RATE, _RATE] = self._settings.force_rate_n_per_s**2 * _EYE_FORCE
         free, free_covariance = _released(mean, covariance)
         self._mean, self._covariance = [free, mean], [free_covariance, covariance]
         self._share, self._lost_s = self._knowledge.contact_share, 0.0
@@ -207,7 +210,7 @@ class ContactFilter:
             mean[_MODES] *= forgets
             covariance[_MODES] *= forgets
             covariance[:, _MODES] *= forgets
-            covariance[_MODES, _MODES] += (1.0 - forgets**2) * np.eye(MODES)
+            covariance[_MODES, _MODES] += (1.0 - forgets**2) * _EYE_MODES
         change = 1.0 - math.exp(-elapsed_s / settings.contact_s)
         if elapsed_s > settings.gap_s:
             change = 0.5
@@ -243,7 +246,7 @@ class ContactFilter:
             for part, std in ((_FORCE, settings.prior.force_n), (_RATE, settings.force_rate_n_per_s)):
                 covariance[part] = 0.0
                 covariance[:, part] = 0.0
-                covariance[part, part] = std**2 * np.eye(FORCE)
+                covariance[part, part] = std**2 * _EYE_FORCE
             return mean, covariance
         mean[_FORCE] += reach * mean[_RATE]
         mean[_RATE] *= keep
@@ -266,13 +269,13 @@ class ContactFilter:
         mean[_FORCE] *= forgets
         covariance[_FORCE] *= forgets
         covariance[:, _FORCE] *= forgets
-        covariance[_FORCE, _FORCE] += (1.0 - forgets**2) * settings.prior.force_n**2 * np.eye(FORCE)
+        covariance[_FORCE, _FORCE] += (1.0 - forgets**2) * settings.prior.force_n**2 * _EYE_FORCE
         return mean, covariance
 
     def _fit(self, line: Line, which: int) -> tuple[Found, FloatArray, FloatArray, float]:
         """The fit, the posterior's mean and covariance, and the logarithm of the evidence."""
         mean, prior = self._mean[which], self._covariance[which]
-        information, log_det = _inverse(prior)
+        information, log_det = inverse(prior)
         q, covariance = mean.copy(), np.empty((COUNT, COUNT))
         steps = _WARM_STEPS[which]
         if self._cold and which == _TOUCH and self._unloaded is not None:
@@ -310,8 +313,10 @@ class ContactFilter:
 
 def _open_n(before: FloatArray, after: FloatArray) -> float:
     """What the image by itself leaves open of the force: largest standard deviation of what it adds to ``before``."""
-    seen = np.linalg.eigvalsh(np.linalg.inv(after) - np.linalg.inv(before))
-    return 1.0 / math.sqrt(max(float(seen[0]), 1e-12))
+    seen = inverse(after)[0] - inverse(before)[0]
+    (x, across), (_, y) = seen.tolist()
+    least = 0.5 * (x + y) - math.hypot(0.5 * (x - y), across)
+    return 1.0 / math.sqrt(max(least, 1e-12))
 
 
 def _released(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -321,10 +326,11 @@ def _released(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, Flo
         mean[part] = 0.0
         covariance[part] = 0.0
         covariance[:, part] = 0.0
-        covariance[part, part] = _NOTHING * np.eye(FORCE)
+        covariance[part, part] = _NOTHING * _EYE_FORCE
     return mean, covariance
 
 
+@njit(cache=True, nogil=True)
 def _mixed(
     share: float, mean: FloatArray, covariance: FloatArray, other: FloatArray, other_covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -333,11 +339,3 @@ def _mixed(
     both = share * covariance + (1.0 - share) * other_covariance
     both += share * (1.0 - share) * apart[:, None] * apart
     return other + share * apart, both
-
-
-def _inverse(covariance: FloatArray) -> tuple[FloatArray, float]:
-    """Inverse and logarithm of the determinant, scaled to one on the diagonal: units lie ten powers of ten apart."""
-    std = np.sqrt(np.diag(covariance))
-    root = np.linalg.cholesky(covariance / (std[:, None] * std))
-    inverse = np.linalg.inv(root) / std
-    return inverse.T @ inverse, 2.0 * float(np.sum(np.log(np.diag(root) * std)))
