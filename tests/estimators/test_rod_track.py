@@ -1,16 +1,19 @@
 """`rod-track`: zeroes itself, follows the force, keeps to the stamps."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from tipforce.estimators._recent_share import RecentShare
-from tipforce.estimators.rod import RodTrackSettings
+from tipforce.estimators.rod import RodTrackSettings, _filter
 from tipforce.estimators.rod._filter import ContactFilter
 from tipforce.estimators.rod._knowledge import Knowledge, rod_model
 from tipforce.estimators.rod._lines import LineFrame
 from tipforce.estimators.rod._noise_level import NoiseLevel
 from tipforce.estimators.rod._outcome import Outcome
 from tipforce.mechanics import Rod, solve_static
+from tipforce.mechanics.planar import Found
 from tipforce.types import ActuationInfo, Catheter, CentrelinePx, FloatArray, SessionInfo, ViewInfo
 
 SCALE = 2e-4
@@ -98,6 +101,21 @@ def test_a_shape_that_no_rod_has_changes_nothing() -> None:
     assert state.step(FRAME.line(CentrelinePx(wave)), SCALE, 10.0, 1e-9).misfit > SETTINGS.max_misfit
     one, two = see(state, (0.0, 0.0)), see(other, (0.0, 0.0))
     assert one.force_n == pytest.approx(two.force_n, abs=1e-3)
+
+
+def test_a_fit_that_fails_breaks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it leaves for a covariance may be none at all."""
+    state, whole = tracker(), _filter.fit_line
+    see(state, (0.0, 0.0))
+
+    def failing(*given: Any) -> Found:
+        given[-1][:] = np.nan
+        return whole(*given[:-1], np.empty_like(given[-1]))._replace(converged=False)
+
+    monkeypatch.setattr(_filter, "fit_line", failing)
+    assert not see(state, (-0.1, 0.08)).converged
+    monkeypatch.undo()
+    assert see(state, (0.0, 0.0)).converged
 
 
 def test_constants_off_their_priors_let_the_session_begin_anew() -> None:

@@ -115,7 +115,7 @@ class ContactFilter:
             misfit,
             best.firmness,
             converged,
-            _open_n(before, covariance[_FORCE, _FORCE]),
+            _open_n(before, covariance[_FORCE, _FORCE]) if converged else math.inf,
             off,
             self._factor,
         )
