@@ -11,9 +11,8 @@ import math
 import numpy as np
 from numba import njit
 
-from ...mechanics.planar import FORCE, UNKNOWNS, Found, Line, Model, fit_line, make_work
+from ...mechanics.planar import FORCE, UNKNOWNS, Found, Line, Model, fit_line, inverse, make_work
 from ...types import FloatArray, SessionInfo
-from ._inverse import inverse
 from ._knowledge import MODES, Knowledge, LineError, noise_unit_m
 from ._lines import POINTS
 from ._noise_level import NoiseLevel

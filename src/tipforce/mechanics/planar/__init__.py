@@ -1,5 +1,6 @@
 """The elastica in the plane: static equilibria under loads, contact with a soft wall, and the force from a line."""
 
+from ._cholesky import inverse
 from ._contact import Contact, Wall, solve_contact
 from ._line_fit import FORCE, UNKNOWNS, Found, Line, Model, Work, fit_line, make_work, predict_line
 from ._rod import Rod
@@ -18,6 +19,7 @@ __all__ = [
     "Wall",
     "Work",
     "fit_line",
+    "inverse",
     "make_work",
     "predict_line",
     "solve_contact",

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...types import FloatArray
+from ._cholesky import factorise, solve_in
 from ._compile import compiled
 from ._newton import NO_SPRINGS, SCRATCH, TOLERANCE, Elastic, Load, follow, relax_in, solve_factorised
 
@@ -393,41 +394,6 @@ def _assemble(
 
 
 @compiled
-def _factorise(matrix: FloatArray, damping: float, factor: FloatArray) -> float:
-    """Cholesky factor of ``matrix`` with its diagonal times 1 + ``damping``; its log determinant, NaN where none."""
-    count = matrix.shape[0]
-    log_det = 0.0
-    for i in range(count):
-        for j in range(i + 1):
-            value = matrix[i, j]
-            if i == j:
-                value *= 1.0 + damping
-            for k in range(j):
-                value -= factor[i, k] * factor[j, k]
-            if i == j:
-                if not value > 0.0:
-                    return math.nan
-                factor[i, i] = math.sqrt(value)
-                log_det += math.log(value)
-            else:
-                factor[i, j] = value / factor[j, j]
-    return log_det
-
-
-@compiled
-def _solve(factor: FloatArray, answer: FloatArray) -> None:
-    count = answer.size
-    for i in range(count):
-        for k in range(i):
-            answer[i] -= factor[i, k] * answer[k]
-        answer[i] /= factor[i, i]
-    for i in range(count - 1, -1, -1):
-        for k in range(i + 1, count):
-            answer[i] -= factor[k, i] * answer[k]
-        answer[i] /= factor[i, i]
-
-
-@compiled
 def fit_line(
     q: FloatArray,
     mean: FloatArray,
@@ -508,22 +474,22 @@ def fit_line(
             continue
         if done or iteration >= most or damping > _MOST_DAMPING:
             break
-        while damping <= _MOST_DAMPING and math.isnan(_factorise(work.matrix, damping, work.factor)):
+        while damping <= _MOST_DAMPING and math.isnan(factorise(work.matrix, damping, work.factor)):
             damping = max(1e-3, 4.0 * damping)
         if damping > _MOST_DAMPING:
             break
         decrement = 0.0
         for k in range(count):
             work.step[k] = work.side[k]
-        _solve(work.factor, work.step)
+        solve_in(work.factor, work.step)
         for k in range(count):
             work.tried[k] = q[k] + work.step[k]
             decrement += work.step[k] * work.side[k]
         done = decrement < _SMALL_STEP**2 and damping < 1e-2
-    log_det = _factorise(work.matrix, 0.0, work.factor)
+    log_det = factorise(work.matrix, 0.0, work.factor)
     for a in range(count):
         column = covariance[a]
         for b in range(count):
             column[b] = 1.0 if a == b else 0.0
-        _solve(work.factor, column)
+        solve_in(work.factor, column)
     return Found(cost, plain, log_det, done and not math.isnan(log_det), stable, firm, iteration)

@@ -1,0 +1,66 @@
+"""Cholesky's factors of small matrices, in compiled loops: the calls of LAPACK take longer than the work."""
+
+import math
+
+import numpy as np
+
+from ...types import FloatArray
+from ._compile import compiled
+
+__all__ = ["factorise", "inverse", "solve_in"]
+
+
+@compiled
+def factorise(matrix: FloatArray, damping: float, factor: FloatArray) -> float:
+    """Cholesky factor of ``matrix`` with its diagonal times 1 + ``damping``; its log determinant, NaN where none."""
+    count = matrix.shape[0]
+    log_det = 0.0
+    for i in range(count):
+        for j in range(i + 1):
+            value = matrix[i, j]
+            if i == j:
+                value *= 1.0 + damping
+            for k in range(j):
+                value -= factor[i, k] * factor[j, k]
+            if i == j:
+                if not value > 0.0:
+                    return math.nan
+                factor[i, i] = math.sqrt(value)
+                log_det += math.log(value)
+            else:
+                factor[i, j] = value / factor[j, j]
+    return log_det
+
+
+@compiled
+def solve_in(factor: FloatArray, answer: FloatArray) -> None:
+    """Solves with the matrix that has this Cholesky ``factor``; ``answer`` (n,): the right side before."""
+    count = answer.size
+    for i in range(count):
+        for k in range(i):
+            answer[i] -= factor[i, k] * answer[k]
+        answer[i] /= factor[i, i]
+    for i in range(count - 1, -1, -1):
+        for k in range(i + 1, count):
+            answer[i] -= factor[k, i] * answer[k]
+        answer[i] /= factor[i, i]
+
+
+@compiled
+def inverse(covariance: FloatArray) -> tuple[FloatArray, float]:
+    """Inverse (n, n) of a covariance and the logarithm of its determinant; raises ValueError where there is none.
+
+    Scaled to one on the diagonal on the way, for its units may lie ten powers of ten apart.
+    """
+    count = len(covariance)
+    std = np.sqrt(np.diag(covariance))
+    factor, found = np.zeros((count, count)), np.eye(count)
+    log_det = factorise(covariance / (std.reshape(count, 1) * std), 0.0, factor)
+    if math.isnan(log_det):
+        raise ValueError("a covariance has no inverse: it is not positive definite")
+    for i in range(count):
+        solve_in(factor, found[i])
+        for j in range(count):
+            found[i, j] /= std[i] * std[j]
+        log_det += 2.0 * math.log(std[i])
+    return found, log_det
