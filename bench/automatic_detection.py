@@ -1,6 +1,6 @@
 """What automatic detection finds in sessions of a preset, by the truth; it knows the session metadata.
 
-    python -m bench.automatic_detection [--preset varied] [--sessions 40] [--frames 4] [--seconds 20] [--sheet FILE]
+    python -m bench.automatic_detection [--preset varied] [--method auto] [--sessions 40] [--frames 4] [--sheet FILE]
 
 As `tipforce inspect` does: calibrated on 12 frames spread over each session. Wrong: given as valid, but the tip more
 than 5 px off along the shaft or a point more than 2 px beside; "but for the sheath": only points before its mouth are.
@@ -28,6 +28,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--preset", default="varied")
+    parser.add_argument("--method", default="tracer", choices=["tracer", "auto"])
     parser.add_argument("--sessions", type=int, default=40)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--frames", type=int, default=4)
@@ -46,7 +47,7 @@ def main() -> None:
         images = [bench.frame(int(k)).image for k in np.linspace(0, last, SPREAD)]
         drawn = time.process_time() - began
         try:
-            vision = ShapeDetector(auto_calibrate(VisionSettings(), images, bench.session_info))
+            vision = ShapeDetector(auto_calibrate(VisionSettings(method=options.method), images, bench.session_info))
         except InputError as error:
             print(f"session {number}: {error}")
             vision = None

@@ -67,7 +67,8 @@ def test_files_and_benchmarks_named_in_the_docs_exist() -> None:
     for document in documents():
         text = document.read_text(encoding="utf-8")
         paths = set(re.findall(r"\b(?:bench|docs|tests|src|scripts)/[\w/]+\.(?:py|sh|md)\b", text))
-        paths |= {f"bench/{name}.py" for name in re.findall(r"python -m bench\.(\w+)", text)}
+        named = re.findall(r"python -m bench\.([\w.]*\w)", text)
+        paths |= {f"bench/{name.replace('.', '/')}.py" for name in named}
         assert not [path for path in paths if not re.search("[A-Z]", path) and not (ROOT / path).is_file()], (
             document.name
         )

@@ -200,7 +200,7 @@ class CentrelineEstimator(Estimator):
     @property
     def calibrates_on_images(self) -> bool:
         """Length, look of the tip and threshold are each session's own."""
-        return self.settings.vision.method == "tracer"
+        return self.settings.vision.method != "classic"
 
 
 class FineTunable(Estimator):

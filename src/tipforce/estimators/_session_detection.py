@@ -58,7 +58,7 @@ class SessionDetection:
         self._settings, self._info = settings, info
         self._calibration: SessionCalibration | None = None
         self.vision: ResolvedVision | VisionSettings = settings if shared is None else for_session(shared, info)
-        if settings.method == "tracer":
+        if settings.method != "classic":
             if images:
                 self.vision = session_vision(settings, images, info, shared)
             if not images or not isinstance(self.vision, ResolvedVision):
@@ -85,7 +85,7 @@ class SessionDetection:
         side, advance_px = self._side(self._detector), round(advance_m / scale)
         view = image_from_clamp(view, side, advance_px)
         detector = self._detector
-        if self._settings.method == "tracer" and not isinstance(self.vision, ResolvedVision):
+        if self._settings.method != "classic" and not isinstance(self.vision, ResolvedVision):
             try:
                 detector = ShapeDetector(auto_calibrate(self._settings, [view], self._info))
             except InputError as error:

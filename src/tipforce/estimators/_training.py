@@ -77,7 +77,7 @@ def gather_rows(
         return (() if view is None else inputs.names(view)), inputs.read(observation)
 
     chosen = settings.model_dump_json(include={"vision", "features", "angles"}) + repr(tuple(actuation))
-    by_session = vision is not None and settings.vision.method == "tracer"
+    by_session = vision is not None and settings.vision.method != "classic"
     seen: list[tuple[tuple[str, ...], FloatArray | Abstention]] = []
     for name in frames.sessions:
         info, own = frames.session_info[name], vision

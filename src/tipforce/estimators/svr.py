@@ -317,7 +317,7 @@ class SvrStream:
     def __init__(self, settings: SvrSettings, fitted: _Fitted, info: SessionInfo, images: Sequence[Image] = ()) -> None:
         vision = fitted.vision
         self._calibration: SessionCalibration | None = None
-        if vision is not None and settings.vision.method == "tracer":
+        if vision is not None and settings.vision.method != "classic":
             if images:
                 vision = session_vision(settings.vision, images, info, vision)
             else:

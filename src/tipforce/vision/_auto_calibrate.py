@@ -9,7 +9,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..types import DetectedShape, FloatArray, Image, SessionInfo, Status
-from ._doubt import doubt, doubting, enough_images
+from ._by_keypoints import find_by_keypoints
+from ._doubt import TWO_OBJECTS, doubt, doubting, enough_images
 from ._session_size import for_session, learn_length, learn_tip_template, nominal_px, on_axis, with_nominal, with_view
 from ._settings import BaseSide, Polarity, ResolvedVision, VisionSettings
 from .tracer import Trace, Tracer, base_box, find_mouths
@@ -31,6 +32,10 @@ _APART, _RIVAL = 3.0, 0.7
 be the catheter."""
 _SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
 _POLARITIES: tuple[Polarity, ...] = ("dark", "light")
+
+
+class _Ambiguous(InputError):
+    """Two objects could be the catheter: a person must say which."""
 
 
 def is_resolved(settings: VisionSettings) -> bool:
@@ -224,7 +229,9 @@ def auto_calibrate(
 
     Of three images or more of one session what was found is doubted: see `doubt`. Where its size is stated, a catheter
     that comes out of a sheath in view is preferred to what begins at the border; where nothing at the border can be the
-    catheter, it is searched from wherever a thin tube begins.
+    catheter, it is searched from wherever a thin tube begins. With the method "auto" the trained networks then look at
+    the same images: where they are sure, they carry on in images that the tracer refuses, and take its place where it
+    found nothing or another object.
 
     Raises:
         InputError: no frame shows a catheter, what was found cannot be it, or two objects could be it.
@@ -238,16 +245,41 @@ def auto_calibrate(
     each = each[: len(frames)]
     one = isinstance(infos, SessionInfo) and enough_images(frames)
     stated = with_view(settings, each[0])
-    searched = one and stated.base_region is None
+    traced: ResolvedVision | None = None
+    refused: InputError | None = None
+    try:
+        traced = _traced(settings, stated, frames, each, one=one, alike=isinstance(infos, SessionInfo), whole=whole)
+    except InputError as error:
+        refused = error
+    if one and settings.method == "auto" and not isinstance(refused, _Ambiguous):
+        located = find_by_keypoints(settings, stated, frames, each[0], traced, whole=whole)
+        if located is not None:
+            return located
+    if refused is not None:
+        raise refused
+    assert traced is not None
+    return traced
+
+
+def _traced(
+    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], each: Sequence[SessionInfo], *,
+    one: bool, alike: bool, whole: bool,
+) -> ResolvedVision:  # fmt: skip
+    """Returns what the tracer finds at the border or beyond a sheath's mouth.
+
+    ``alike``: all frames are of one session; ``one``: and enough to doubt what is found. Raises InputError.
+    """
     border: ResolvedVision | None = None
     refused: InputError | None = None
     try:
-        border = _calibrated(settings, stated, frames, each, isinstance(infos, SessionInfo))
+        border = _calibrated(settings, stated, frames, each, alike)
         doubts = doubt(border, frames, each[0], whole=whole)[0] if one else ""
         if doubts:
-            refused = InputError(f"what was found in the first {len(frames)} frames cannot be the catheter: {doubts}")
+            kind = _Ambiguous if doubts.startswith(TWO_OBJECTS) else InputError
+            refused = kind(f"what was found in the first {len(frames)} frames cannot be the catheter: {doubts}")
     except InputError as error:
         refused = error
+    searched = one and stated.base_region is None
     mouth = _beyond_mouth(settings, stated, frames, each[0], whole, sheathed=refused is None) if searched else None
     if mouth is not None:
         return doubting(mouth)
@@ -294,7 +326,7 @@ def _beyond_mouth(
     if len(passed) > 1:
         (most, _, here), (next_most, _, there) = passed[:2]
         if np.linalg.norm(here - there) > _APART * nominal[1] and next_most > _RIVAL * most:
-            raise InputError(
+            raise _Ambiguous(
                 f"two objects could be the catheter: one begins near ({here[0]:.0f}, {here[1]:.0f}), the other near "
                 f"({there[0]:.0f}, {there[1]:.0f}): mark the shaft's base with base_region"
             )

@@ -1,10 +1,11 @@
-"""Centreline detection, by the tracer or by thesis algorithm 1."""
+"""Centreline detection, by the tracer, the trained networks, or thesis algorithm 1."""
 
 from typing import Protocol
 
 from ..errors import InputError
 from ..types import DetectedShape, Image, Status
 from ._auto_calibrate import auto_calibrate, is_resolved
+from ._by_keypoints import KeypointDetector
 from ._classic import ClassicDetector
 from ._settings import ResolvedVision, VisionSettings
 from .tracer import Tracer
@@ -17,7 +18,11 @@ class _Detector(Protocol):
 
 
 def _detector(vision: ResolvedVision | VisionSettings) -> _Detector:
-    return ClassicDetector(vision) if vision.method == "classic" else Tracer(vision)
+    if vision.method == "classic":
+        return ClassicDetector(vision)
+    if isinstance(vision, ResolvedVision) and vision.keypoints is not None:
+        return KeypointDetector(vision)
+    return Tracer(vision)
 
 
 class ShapeDetector:

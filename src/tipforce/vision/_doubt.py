@@ -17,8 +17,9 @@ from ._settings import ResolvedVision
 from ._tip_consensus import flanks_about_tip
 from .tracer import Trace, Tracer
 
-__all__ = ["doubt", "doubting", "enough_images"]
+__all__ = ["TWO_OBJECTS", "doubt", "doubting", "enough_images", "stands_still"]
 
+TWO_OBJECTS = "two objects could be the catheter"
 _FRAMES = 3
 """From fewer images of a session nothing is told."""
 _SHARE, _SHARE_STRICT = 1 / 3, 0.45
@@ -107,11 +108,11 @@ def doubt(
         ), count
     two = _two_bases(traces, width)
     if two:
-        return f"two objects could be the catheter: {two}: {mark}", count
+        return f"{TWO_OBJECTS}: {two}: {mark}", count
     stays = _stays(traces, width)
     if stays < _STAYS:
         return f"what was found has no base that stays: it stays in {stays:.0%} of the images only: {mark}", count
-    if whole and len(found) >= _FRAMES and _still(lines) and _images_differ(frames):
+    if whole and stands_still(lines, frames):
         end = lines[0, -1]
         return (
             f"what was found, as far as ({end[0]:.0f}, {end[1]:.0f}), neither moves nor bends while the images "
@@ -165,6 +166,11 @@ def _stays(traces: Sequence[Trace], width: float) -> float:
     near = np.linalg.norm(bases[:, :2] - middle, axis=1) < max(_BASE * width, _BASE_PX)
     turned = np.abs(np.angle(np.exp(1j * (bases[:, 2] - way)))) < _TURN
     return float((near & turned).mean())
+
+
+def stands_still(lines: FloatArray, frames: Sequence[Image]) -> bool:
+    """Whether what has the ``lines`` (n, k, 2) neither moves nor bends while ``frames`` change."""
+    return len(lines) >= _FRAMES and _still(lines) and _images_differ(frames)
 
 
 def _still(lines: FloatArray) -> bool:

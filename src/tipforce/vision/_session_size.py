@@ -75,7 +75,7 @@ def for_session(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
     nominal = nominal_px(info, vision.view)
     if nominal is None or vision.nominal_px is None or nominal == vision.nominal_px:
         return vision
-    update: dict[str, object] = {"nominal_px": nominal, "tip_template": None}
+    update: dict[str, object] = {"nominal_px": nominal, "tip_template": None, "keypoints": None}
     for name, now, then in zip(("length_px", "diameter_px"), nominal, vision.nominal_px, strict=True):
         value = getattr(vision, name)
         if value is not None:

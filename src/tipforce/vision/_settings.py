@@ -7,11 +7,12 @@ from pydantic import BaseModel, ConfigDict, Field
 from ..errors import InputError
 from ..types import Box
 
-__all__ = ["BaseSide", "Box", "Polarity", "ResolvedVision", "VisionSettings"]
+__all__ = ["BaseSide", "Box", "KeypointPrior", "Polarity", "ResolvedVision", "VisionSettings"]
 
 Polarity = Literal["auto", "dark", "light"]
 BaseSide = Literal["auto", "left", "right", "top", "bottom"]
 _GreyLevel = Annotated[int, Field(ge=0, le=255)]
+_PlacePx = Annotated[float, Field(ge=-1e9, le=1e9)]
 _FoundPx = Annotated[float, Field(gt=0, le=1e9)]
 
 
@@ -23,10 +24,12 @@ class VisionSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    method: Literal["tracer", "classic"] = "tracer"
-    """`tracer`: ordered tracing with sub-pixel flanks. `classic`: thesis algorithm 1 to the letter, for a dark catheter
-    on a light even ground with nothing else in view: it finds the shape in 165 of 165 frames of the simulated
-    `thesis-2021-plain` and in 0 of 165 of `bench-2021`. On all other images method 1 uses `tracer`."""
+    method: Literal["auto", "tracer", "classic"] = "tracer"
+    """`tracer`: ordered tracing with sub-pixel flanks. `auto`: the same, and two trained networks where it finds no
+    catheter or not the right one; these need the catheter's size, the scale of the view, and images of the session.
+    `classic`: thesis algorithm 1 to the letter, for a dark catheter on a light even ground with nothing else in view:
+    it finds the shape in 165 of 165 frames of the simulated `thesis-2021-plain` and in 0 of 165 of `bench-2021`. On all
+    other images method 1 uses `tracer`."""
     view: str = "camera"
     """Which view of an observation to use."""
     polarity: Polarity = "auto"
@@ -54,6 +57,19 @@ class VisionSettings(BaseModel):
     least_probability: Annotated[float, Field(ge=0, le=1)] = 0.8
     """A frame whose centreline is right with less probability is refused, where the length of the catheter was learnt
     in images of its session. 0: none is."""
+
+
+class KeypointPrior(BaseModel):
+    """What the networks found in the images of one session."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    base_px: tuple[_PlacePx, _PlacePx]
+    """Where the catheter's base lies: u, v."""
+    length_px: _FoundPx
+    """Length of the catheter in the image, from its base or the border to its tip."""
+    alone: bool
+    """The tracer is not asked: it finds nothing, or something else."""
 
 
 class ResolvedVision(BaseModel):
@@ -85,6 +101,8 @@ class ResolvedVision(BaseModel):
     least_probability: Annotated[float, Field(ge=0, le=1)] = 0.0
     """A centreline that is right with less probability is refused. 0 where the catheter's size is not stated: then the
     probability is a rough one."""
+    keypoints: KeypointPrior | None = None
+    """For the networks, in the session of the auto-calibration alone. None: they are not asked."""
     refused: str = ""
     """Why nothing that is detected with these settings can be the catheter; "" where nothing says so."""
 
@@ -109,7 +127,7 @@ class ResolvedVision(BaseModel):
         )
 
     @property
-    def method(self) -> Literal["tracer", "classic"]:
+    def method(self) -> Literal["auto", "tracer", "classic"]:
         """Of the settings."""
         return self.settings.method
 

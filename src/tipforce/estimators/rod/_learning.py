@@ -75,7 +75,7 @@ def _read(settings: RodSettings, dataset: Dataset, name: str) -> _Session:
     info = dataset.session_info[name]
     rows = np.flatnonzero(dataset.session == name)
     part = dataset.subset(rows[np.unique(np.linspace(0, len(rows) - 1, _FRAMES).astype(np.int64))])
-    images = calibration_images(dataset, name, settings.vision.view) if settings.vision.method == "tracer" else ()
+    images = calibration_images(dataset, name, settings.vision.view) if settings.vision.method != "classic" else ()
     detection = Detection(settings.vision, info, images)
     lines: list[Line] = []
     knobs: list[float] = []

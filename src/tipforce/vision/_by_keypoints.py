@@ -1,0 +1,177 @@
+"""Detection by the trained networks: over a session's images first, then in one image after another."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..types import BasePose, BaseSide, CentrelinePx, DetectedShape, FloatArray, Image, SessionInfo, Status
+from ._doubt import stands_still
+from ._session_size import nominal_px
+from ._settings import Box, KeypointPrior, ResolvedVision, VisionSettings
+from .keypoints import Located, consensus, locate, probability, signs
+from .tracer import Tracer
+
+__all__ = ["KeypointDetector", "find_by_keypoints"]
+
+_SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
+_FRAMES = 3
+"""From fewer images nothing is told."""
+_SHARE = 0.2
+"""In so large a share of the images the line must be right with the least probability."""
+_SHORTER, _LONGER = 0.85, 1.08
+"""What is not so long, in shares of the stated length, is not the catheter; its base may lie outside the image."""
+_BASE = 2.0
+"""So many diameters from the session's base, or less, a line begins."""
+_APART, _TIP_APART = 0.35, 1.0
+"""Two lines, or tips, further apart than so many diameters are not of the same shaft."""
+_BEYOND = 0.5
+"""Diameters: so far a line may go beyond ``roi`` or begin beside ``base_region``."""
+
+
+def _within(points: FloatArray, box: Box | None, diameter_px: float) -> bool:
+    """Whether all ``points`` (n, 2) lie in ``box``, or hardly beyond it."""
+    if box is None:
+        return True
+    margin = _BEYOND * diameter_px
+    return bool(((points >= np.array(box[:2]) - margin) & (points <= np.array(box[2:]) + margin)).all())
+
+
+def find_by_keypoints(
+    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], info: SessionInfo,
+    traced: ResolvedVision | None, *, whole: bool,
+) -> ResolvedVision | None:  # fmt: skip
+    """Finds the catheter in ``frames`` of one session by the networks; None where they are not sure of it.
+
+    ``stated``: ``settings`` with what the metadata say of the view. ``traced``: what the tracer found: kept for images
+    in which both are sure of the same line, else given up. ``whole``: the images are from all over the session, so that
+    the catheter must have moved in some.
+    """
+    nominal = nominal_px(info, stated.view)
+    if nominal is None or len(frames) < _FRAMES:
+        return None
+    length_px, diameter_px = nominal
+    sides = _SIDES if stated.base_side == "auto" else (stated.base_side,)
+    best: tuple[float, BaseSide, list[Located | None], FloatArray, float] | None = None
+    for side in sides:
+        lines = [locate(frame, side, length_px, diameter_px, settings.points) for frame in frames]
+        lines = [
+            line
+            if line is not None
+            and _SHORTER * length_px < line.length_px < _LONGER * length_px
+            and _within(line.points, stated.roi, diameter_px)
+            and _within(line.points[:1], stated.base_region, diameter_px)
+            else None
+            for line in lines
+        ]
+        found = [line for line in lines if line is not None]
+        if len(found) < _FRAMES:
+            continue
+        base, length = consensus(found)
+        sure = sum(probability(signs(line, length)) for line in found)
+        if best is None or sure > best[0]:
+            best = (sure, side, lines, base, length)
+    least = settings.least_probability
+    if best is None:
+        return None
+    _, side, lines, base, length = best
+    sure = [line if line is not None and probability(signs(line, length)) >= least else None for line in lines]
+    kept = [line for line in sure if line is not None]
+    if len(kept) < max(_FRAMES, _SHARE * len(frames)):
+        return None
+    if whole and stands_still(np.array([line.points for line in kept]), frames):
+        return None
+    agrees = traced is not None and _agrees(Tracer(traced), frames, sure, diameter_px)
+    prior = KeypointPrior(
+        base_px=(round(float(base[0]), 2), round(float(base[1]), 2)), length_px=round(length, 2), alone=not agrees
+    )
+    if traced is not None and agrees:
+        return traced.model_copy(update={"keypoints": prior})
+    dark = sum(line.darker for line in kept) * 2 > len(kept)
+    polarity = stated.polarity if stated.polarity != "auto" else "dark" if dark else "light"
+    resolved = ResolvedVision.stated(stated.model_copy(update={"base_side": side, "polarity": polarity}))
+    return resolved.model_copy(
+        update={
+            "settings": settings,
+            "nominal_px": nominal,
+            "length_px": prior.length_px,
+            "diameter_px": diameter_px,
+            "least_probability": least,
+            "keypoints": prior,
+        }
+    )
+
+
+def _agrees(tracer: Tracer, frames: Sequence[Image], lines: Sequence[Located | None], diameter_px: float) -> bool:
+    """Whether ``tracer`` finds the same shaft as the networks, in most images in which both find one."""
+    both = [
+        _same(shape.centreline.points, line.points, diameter_px)
+        for frame, line in zip(frames, lines, strict=True)
+        if line is not None and (shape := tracer.detect(frame)).centreline is not None
+    ]
+    return len(both) < _FRAMES or 2 * sum(both) > len(both)
+
+
+def _same(one: FloatArray, other: FloatArray, diameter_px: float) -> bool:
+    """Whether both lines (n, 2) are of the same shaft and end at the same tip."""
+    apart = np.linalg.norm(one[:, None] - other[None], axis=-1).min(axis=1)
+    tips = float(np.linalg.norm(one[-1] - other[-1]))
+    return float(np.median(apart)) < _APART * diameter_px + 1.0 and tips < _TIP_APART * diameter_px + 3.0
+
+
+class KeypointDetector:
+    """Detects the catheter in one image after another of the session whose prior ``vision`` holds.
+
+    Holds no memory of earlier images. Unless the prior says that the networks are alone, the tracer is asked first:
+    they take its place in images that it refuses.
+    """
+
+    def __init__(self, vision: ResolvedVision) -> None:
+        assert vision.keypoints is not None
+        assert vision.nominal_px is not None
+        self.settings = vision
+        self._prior, self._nominal = vision.keypoints, vision.nominal_px
+        self._base = np.array(vision.keypoints.base_px)
+        self._tracer = None if vision.keypoints.alone else Tracer(vision)
+
+    def detect(self, image: Image) -> DetectedShape:
+        """Returns the catheter in ``image`` (h, w) or (h, w, 3) RGB, uint8; or the reason why it was not found."""
+        traced = None
+        if self._tracer is not None:
+            traced = self._tracer.detect(image)
+            if traced.found:
+                return traced
+        found = self._locate(image)
+        return found if found.found or traced is None else traced
+
+    def _locate(self, image: Image) -> DetectedShape:
+        vision, diameter_px = self.settings, self._nominal[1]
+        if vision.refused:
+            return DetectedShape(Status.NO_CATHETER, vision.refused)
+        line = locate(image, vision.base_side, self._nominal[0], diameter_px, vision.points)
+        if line is None or not _within(line.points, vision.roi, diameter_px):
+            return DetectedShape(Status.NO_CATHETER, "neither the tracer nor the networks see the catheter")
+        begins = line.points[0]
+        if float(np.linalg.norm(begins - self._base)) > _BASE * diameter_px:
+            return DetectedShape(
+                Status.NO_CATHETER,
+                f"what is seen begins at ({begins[0]:.0f}, {begins[1]:.0f}), the catheter of this session at "
+                f"({self._base[0]:.0f}, {self._base[1]:.0f})",
+            )
+        right = probability(signs(line, self._prior.length_px))
+        end = line.points[-1]
+        if right < vision.least_probability:
+            return DetectedShape(
+                Status.CUT_OFF,
+                f"what ends at ({end[0]:.0f}, {end[1]:.0f}) is the catheter with a probability of {right:.0%} only",
+            )
+        way = -3.0 * begins + 4.0 * line.points[2] - line.points[4]
+        return DetectedShape(
+            Status.VALID,
+            "",
+            CentrelinePx(line.points),
+            BasePose(begins, math.atan2(-way[1], way[0])),
+            diameter_px,
+            line.clear,
+            probability_right=right,
+        )
