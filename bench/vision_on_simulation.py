@@ -29,6 +29,16 @@ from tipforce.vision import ResolvedVision, ShapeDetector, VisionSettings, auto_
 
 FIRST, SPREAD = 50, 16
 HIDDEN = 0.03
+TIP_PX, SIDE_PX = 5.0, 2.0
+"""A line further off is wrong."""
+
+
+def off_curve(points: np.ndarray, image: np.ndarray, curve: np.ndarray) -> tuple[float, np.ndarray]:
+    """How far off the tip is along the shaft, and how far each point beside the true curve; px."""
+    inside = ((curve > -2) & (curve < np.array(image.shape[1::-1]) + 1)).all(axis=1)
+    axis = curve[-1] - curve[-2]
+    tip = abs(float((points[-1] - curve[-1]) @ axis / np.linalg.norm(axis)))
+    return tip, distance_to_curve(points, curve[max(0, int(np.argmax(inside)) - 1) :])
 
 
 def look(vision: ShapeDetector, image: np.ndarray, curve: np.ndarray) -> dict[str, Any]:
@@ -38,11 +48,8 @@ def look(vision: ShapeDetector, image: np.ndarray, curve: np.ndarray) -> dict[st
         why = f"{sight.status}: {sight.detail}"
         return {"found": False, "wrong": False, "why": why, "bad": 1e3, "points": None}
     points = sight.centreline.points
-    inside = ((curve > -2) & (curve < np.array(image.shape[1::-1]) + 1)).all(axis=1)
-    beside = distance_to_curve(points, curve[max(0, int(np.argmax(inside)) - 1) :])
-    axis = curve[-1] - curve[-2]
-    tip = abs(float((points[-1] - curve[-1]) @ axis / np.linalg.norm(axis)))
-    wrong = tip > 5 or float(beside.max()) > 2
+    tip, beside = off_curve(points, image, curve)
+    wrong = tip > TIP_PX or float(beside.max()) > SIDE_PX
     row = {"found": True, "wrong": wrong, "side": float(np.median(beside)), "worst": float(beside.max()), "tip": tip}
     return row | {
         "why": f"tip {tip:.1f} px, side {beside.max():.1f} px",

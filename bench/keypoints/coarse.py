@@ -13,9 +13,9 @@ from bench.keypoints.samples import Sample
 from torch import Tensor, nn
 
 from tipforce.types import FloatArray
-from tipforce.vision.keypoints import LENGTH_PX, STRIDE, normalised
+from tipforce.vision.keypoints import LENGTH_PX, STRIDE, evenly, normalised
 
-__all__ = ["POINTS", "Coarse", "Window", "loss", "points_of", "window"]
+__all__ = ["POINTS", "Coarse", "Window", "loss", "window"]
 
 POINTS = 12
 """Evenly in arc length from base to tip."""
@@ -73,13 +73,6 @@ class Window:
     body: npt.NDArray[np.uint8]
 
 
-def points_of(line: FloatArray) -> FloatArray:
-    """(POINTS, 2): the points on ``line`` (n, 2)."""
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    wanted = np.linspace(0.0, arc[-1], POINTS)
-    return np.column_stack([np.interp(wanted, arc, line[:, k]) for k in (0, 1)])
-
-
 def window(sample: Sample, rng: np.random.Generator) -> Window:
     """A window of ``sample``, turned, scaled, mirrored, in another light, with other tubes."""
     image, line = sample.small, sample.small_line
@@ -108,7 +101,9 @@ def window(sample: Sample, rng: np.random.Generator) -> Window:
     thick = max(1, round(0.5 * diameter_px * scale))
     cv2.polylines(body, [np.round(half).astype(np.int32)], False, 255, thick, cv2.LINE_AA, 4)
     body = cv2.resize(body, (CELLS, CELLS), interpolation=cv2.INTER_AREA)
-    return Window(normalised(np.clip(lit, 0.0, 255.0)), points_of(line).astype(np.float32), np.asarray(body, np.uint8))
+    return Window(
+        normalised(np.clip(lit, 0.0, 255.0)), evenly(line, POINTS).astype(np.float32), np.asarray(body, np.uint8)
+    )
 
 
 def _shift(line: FloatArray, matrix: FloatArray, size: tuple[int, int], rng: np.random.Generator) -> FloatArray:

@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from bench.keypoints.samples import Sample, load, split
-from bench.tubes import distance_to_curve
+from bench.vision_on_simulation import SIDE_PX, TIP_PX, off_curve
 from sklearn.linear_model import LogisticRegression
 from sklearn.model_selection import GroupKFold, cross_val_predict
 from sklearn.pipeline import make_pipeline
@@ -23,17 +23,6 @@ from sklearn.preprocessing import StandardScaler
 from tipforce.vision.keypoints import Located, consensus, locate, signs
 
 POINTS = 64
-TIP_PX, SIDE_PX = 5.0, 2.0
-
-
-def errors(line: np.ndarray, sample: Sample) -> tuple[float, float, float]:
-    """Off the tip along the shaft, at most beside the true curve, and beside it in the median; px."""
-    curve = sample.line
-    inside = ((curve > -2) & (curve < np.array(sample.image.shape[1::-1]) + 1)).all(axis=1)
-    beside = distance_to_curve(line, curve[max(0, int(np.argmax(inside)) - 1) :])
-    axis = curve[-1] - curve[-2]
-    tip = abs(float((line[-1] - curve[-1]) @ axis / np.linalg.norm(axis)))
-    return tip, float(beside.max()), float(np.median(beside))
 
 
 def main() -> None:
@@ -57,12 +46,12 @@ def main() -> None:
                 unseen[sample.preset] += 1
                 continue
             length = consensus(seen)[1]
-            tip, most, middle = errors(found.points, sample)
+            tip, beside_px = off_curve(found.points, sample.image, sample.line)
             presets.append(sample.preset)
             groups.append(name)
             rows.append(signs(found, length))
-            right.append(tip <= TIP_PX and most <= SIDE_PX)
-            off.append((middle, tip))
+            right.append(tip <= TIP_PX and beside_px.max() <= SIDE_PX)
+            off.append((np.median(beside_px), tip))
     x, y, errors_px, which = np.array(rows), np.array(right), np.array(off), np.array(presets)
     model = make_pipeline(StandardScaler(), LogisticRegression(C=0.3, max_iter=5000))
     told = cross_val_predict(model, x, y, groups=groups, cv=GroupKFold(10), method="predict_proba")[:, 1]

@@ -12,7 +12,7 @@ from bench.keypoints.samples import Sample
 from torch import Tensor, nn
 
 from tipforce.types import FloatArray
-from tipforce.vision.keypoints import ACROSS, ALONG, straightened, strip_input
+from tipforce.vision.keypoints import ACROSS, ALONG, evenly, straightened, strip_input
 
 __all__ = ["Refine", "Target", "loss", "target"]
 
@@ -88,7 +88,7 @@ class Target:
 def target(sample: Sample, rng: np.random.Generator) -> Target:
     """A strip of ``sample`` along a line near the true one, or along another."""
     diameter_px = sample.diameter_px * math.exp(rng.normal(0.0, 0.04))
-    line = _even(sample.line, LINE_POINTS)
+    line = evenly(sample.line, LINE_POINTS)
     wrong = rng.random() < WRONG
     guess = _elsewhere(line, diameter_px, sample.image.shape, rng) if wrong else _disturbed(line, diameter_px, rng)
     strip = straightened(sample.image, guess, diameter_px)
@@ -111,12 +111,6 @@ def target(sample: Sample, rng: np.random.Generator) -> Target:
     in_view = bool(strip.seen[int(np.clip(round(base), 0, ALONG - 1))])
     ends = np.array([base if right and in_view else -1.0, tip if right else -1.0], np.float32)
     return Target(values, offset.astype(np.float32), near & strip.seen & right, ends, np.float32(right))
-
-
-def _even(line: FloatArray, count: int) -> FloatArray:
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    wanted = np.linspace(0.0, arc[-1], count)
-    return np.column_stack([np.interp(wanted, arc, line[:, k]) for k in (0, 1)])
 
 
 def _disturbed(line: FloatArray, diameter_px: float, rng: np.random.Generator) -> FloatArray:

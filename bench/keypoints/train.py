@@ -3,7 +3,7 @@
     python -m bench.keypoints.train coarse V G B F -o DIR [--steps N] [--seed S]
     python -m bench.keypoints.train refine V G B F -o DIR
 
-On two cores 6000 steps of `coarse` take 50 minutes, and 5000 of `refine` 20. DIR/NAME.onnx goes to
+On two cores 6000 steps of `coarse` take 50 minutes, and 4500 of `refine` 30. DIR/NAME.onnx goes to
 src/tipforce/vision/keypoints; DIR/NAME.pt are the weights, DIR/NAME.json the settings.
 """
 
@@ -23,9 +23,9 @@ from bench.keypoints import coarse, refine
 from bench.keypoints.samples import SHARES, Sample, load, split
 from torch import Tensor, nn
 
-from tipforce.training._export import _store_in_half_precision
+from tipforce.training import store_in_half_precision
 
-STEPS = {"coarse": 6000, "refine": 5000}
+STEPS = {"coarse": 6000, "refine": 4500}
 BATCH = {"coarse": 16, "refine": 32}
 RATE = 2e-3
 INPUT = {"coarse": ("image", (1, 3, 160, 192)), "refine": ("strip", (1, 3, 32, 96))}
@@ -136,7 +136,7 @@ def export(name: str, network: nn.Module, path: Path) -> None:
     )
     assert program is not None
     model = program.model_proto
-    _store_in_half_precision(onnx, model)
+    store_in_half_precision(onnx, model)
     onnx.save(model, str(path))
 
 

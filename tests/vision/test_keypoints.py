@@ -1,6 +1,7 @@
 """Detection by the trained networks, on a simulated session of another kind than the tracer was made for."""
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.simulation.world import FAST
 from tipforce.types import Catheter, Image, SessionInfo, Status, ViewInfo
 from tipforce.vision import ResolvedVision, ShapeDetector, VisionSettings, auto_calibrate, for_session
-from tipforce.vision.keypoints import ACROSS, HALF_WIDTH, LENGTH_PX, straightened, upright
+from tipforce.vision._by_keypoints import find_by_keypoints
+from tipforce.vision._session_size import with_view
+from tipforce.vision.keypoints import ACROSS, HALF_WIDTH, LENGTH_PX, locate, straightened, upright
 
 SEED, SESSION = 9500, 3
 """Not among the sessions that the networks were trained on, nor those that results are reported on."""
@@ -89,12 +92,24 @@ def test_they_refuse_an_image_without_the_catheter_and_say_why():
 
 def test_they_are_not_asked_without_the_catheters_size():
     images, _, info = session()
-    unknown = SessionInfo(info.name, Catheter(), {"camera": ViewInfo(base_side=info.view("camera").base_side)})
-    try:
-        found = auto_calibrate(AUTO, images, unknown)
-    except InputError:
-        return
-    assert found.keypoints is None
+    unknown = SessionInfo(info.name, Catheter(), info.views)
+    assert find_by_keypoints(AUTO, with_view(AUTO, unknown), images, unknown, None, whole=True) is None
+    assert find_by_keypoints(AUTO, with_view(AUTO, info), images, info, None, whole=True) is not None
+
+
+def test_a_catheter_of_a_few_px_is_not_looked_for():
+    assert locate(np.zeros((480, 640), np.uint8), "left", 2.0, 1.0, 64) is None
+    assert locate(np.zeros((480, 640), np.uint8), "left", 50.0, 4.0, 64) is None
+
+
+def test_a_stated_length_does_not_keep_them_from_answering():
+    images, _, info = session()
+    found = resolved()
+    tracer = ResolvedVision.stated(AUTO.model_copy(update={"polarity": found.polarity, "base_side": found.base_side}))
+    joined = find_by_keypoints(AUTO, with_view(AUTO, info), images, info, tracer, whole=True)
+    assert joined is not None
+    assert joined.nominal_px == found.nominal_px
+    assert sum(ShapeDetector(joined).detect(image).found for image in images) >= FRAMES // 2
 
 
 def test_what_they_found_is_saved_but_not_for_another_session():
@@ -104,3 +119,4 @@ def test_what_they_found_is_saved_but_not_for_another_session():
     nearer = SessionInfo("next", info.catheter, {"camera": ViewInfo(0.9 * (info.view("camera").metres_per_px or 0.0))})
     assert for_session(found, nearer).keypoints is None
     assert for_session(found, info).keypoints == found.keypoints
+    assert for_session(found, replace(info, name="next")).keypoints is None

@@ -9,7 +9,7 @@ from ._compact import COMPACT_OUTPUTS, COMPACT_UNIT_N, TISSUE_N_PER_M, TISSUE_OU
 from ._config import Batch, ClipNorm, Epochs, Rate, TrainConfig, WarmupEpochs, WeightDecay
 from ._data import HEATMAP_UNKNOWN, TrainingSamples, TrainValSplit, train_val_split
 from ._device import require_torch
-from ._export import export_graph, graph_weights, parity_n
+from ._export import export_graph, graph_weights, parity_n, store_in_half_precision
 from ._loop import Progress, TrainResult, train_network
 from ._quantisation import MAX_ERROR_GROWTH, error_growth, quantise
 from ._resnet import RESNET_OUTPUTS, ResnetTask
@@ -49,6 +49,7 @@ __all__ = [
     "parity_n",
     "quantise",
     "require_torch",
+    "store_in_half_precision",
     "tissue_shares",
     "train_network",
     "train_val_split",

@@ -15,7 +15,7 @@ from ._device import import_extra
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-__all__ = ["export_graph", "graph_weights", "parity_n", "to_single_precision"]
+__all__ = ["export_graph", "graph_weights", "parity_n", "store_in_half_precision", "to_single_precision"]
 
 OPSET = 18
 IR_VERSION = 10
@@ -78,7 +78,7 @@ def export_graph(
         optimizer.remove_unused_nodes(program.model)
     model = _clean_model(onnx, program.model_proto, set(exported.state_dict()))
     if half_precision:
-        _store_in_half_precision(onnx, model)
+        store_in_half_precision(onnx, model)
     onnx.helper.set_model_props(model, dict(metadata))
     onnx.checker.check_model(model, full_check=True)
     return model.SerializeToString()
@@ -203,7 +203,7 @@ def _name_and_type(values: Sequence[Any]) -> list[Any]:
     return cleaned
 
 
-def _store_in_half_precision(onnx: Any, model: Any) -> None:
+def store_in_half_precision(onnx: Any, model: Any) -> None:
     """Store matrices and kernels in half precision, in place."""
     graph = model.graph
     casts: dict[str, Any] = {}

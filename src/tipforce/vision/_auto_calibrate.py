@@ -12,7 +12,7 @@ from ..types import DetectedShape, FloatArray, Image, SessionInfo, Status
 from ._by_keypoints import find_by_keypoints
 from ._doubt import TWO_OBJECTS, doubt, doubting, enough_images
 from ._session_size import for_session, learn_length, learn_tip_template, nominal_px, on_axis, with_nominal, with_view
-from ._settings import BaseSide, Polarity, ResolvedVision, VisionSettings
+from ._settings import SIDES, BaseSide, Polarity, ResolvedVision, VisionSettings
 from .tracer import Trace, Tracer, base_box, find_mouths
 
 __all__ = ["auto_calibrate", "is_resolved"]
@@ -30,7 +30,6 @@ _SHARES = (1.0, 1.05, 0.95)
 _APART, _RIVAL = 3.0, 0.7
 """Two shafts that begin so many diameters apart, the second found in this share of the images of the first, could both
 be the catheter."""
-_SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
 _POLARITIES: tuple[Polarity, ...] = ("dark", "light")
 
 
@@ -156,7 +155,7 @@ def _calibrated(
     about which it is searched. Raises InputError without a shaft.
     """
     reasons: list[str] = []
-    sides = _SIDES if stated.base_side == "auto" else (stated.base_side,)
+    sides = SIDES if stated.base_side == "auto" else (stated.base_side,)
     polarities = _POLARITIES if stated.polarity == "auto" else (stated.polarity,)
     ways = tuple(product(sides, polarities))
     first_way = stated.model_copy(update={"base_side": sides[0], "polarity": polarities[0]})
@@ -303,7 +302,7 @@ def _beyond_mouth(
     if nominal is None or len({frame.shape for frame in frames}) > 1:
         return None
     passed: list[tuple[int, ResolvedVision, FloatArray]] = []
-    for side in _SIDES if stated.base_side == "auto" else (stated.base_side,):
+    for side in SIDES if stated.base_side == "auto" else (stated.base_side,):
         mouths = find_mouths(frames, side, nominal[1])
         with_sheath = [mouth for mouth in mouths if mouth.sheath > 0.0][:_MOUTHS]
         for mouth in with_sheath + [mouth for mouth in mouths if mouth.sheath == 0.0][:_MOUTHS]:

@@ -8,13 +8,12 @@ import numpy as np
 from ..types import BasePose, BaseSide, CentrelinePx, DetectedShape, FloatArray, Image, SessionInfo, Status
 from ._doubt import stands_still
 from ._session_size import nominal_px
-from ._settings import Box, KeypointPrior, ResolvedVision, VisionSettings
+from ._settings import SIDES, Box, KeypointPrior, ResolvedVision, VisionSettings
 from .keypoints import Located, consensus, locate, probability, signs
 from .tracer import Tracer
 
 __all__ = ["KeypointDetector", "find_by_keypoints"]
 
-_SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
 _FRAMES = 3
 """From fewer images nothing is told."""
 _SHARE = 0.2
@@ -51,7 +50,7 @@ def find_by_keypoints(
     if nominal is None or len(frames) < _FRAMES:
         return None
     length_px, diameter_px = nominal
-    sides = _SIDES if stated.base_side == "auto" else (stated.base_side,)
+    sides = SIDES if stated.base_side == "auto" else (stated.base_side,)
     best: tuple[float, BaseSide, list[Located | None], FloatArray, float] | None = None
     for side in sides:
         lines = [locate(frame, side, length_px, diameter_px, settings.points) for frame in frames]
@@ -83,10 +82,13 @@ def find_by_keypoints(
         return None
     agrees = traced is not None and _agrees(Tracer(traced), frames, sure, diameter_px)
     prior = KeypointPrior(
-        base_px=(round(float(base[0]), 2), round(float(base[1]), 2)), length_px=round(length, 2), alone=not agrees
+        session=info.name,
+        base_px=(round(float(base[0]), 2), round(float(base[1]), 2)),
+        length_px=round(length, 2),
+        alone=not agrees,
     )
     if traced is not None and agrees:
-        return traced.model_copy(update={"keypoints": prior})
+        return traced.model_copy(update={"keypoints": prior, "nominal_px": nominal})
     dark = sum(line.darker for line in kept) * 2 > len(kept)
     polarity = stated.polarity if stated.polarity != "auto" else "dark" if dark else "light"
     resolved = ResolvedVision.stated(stated.model_copy(update={"base_side": side, "polarity": polarity}))
@@ -160,7 +162,7 @@ class KeypointDetector:
             )
         right = probability(signs(line, self._prior.length_px))
         end = line.points[-1]
-        if right < vision.least_probability:
+        if right < vision.settings.least_probability:
             return DetectedShape(
                 Status.CUT_OFF,
                 f"what ends at ({end[0]:.0f}, {end[1]:.0f}) is the catheter with a probability of {right:.0%} only",

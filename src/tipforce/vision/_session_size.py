@@ -63,7 +63,9 @@ def with_nominal(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
 
 
 def for_session(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
-    """Returns ``vision`` for the catheter and the scale of another session; unchanged where these are unknown.
+    """Returns ``vision`` for the catheter and the scale of another session; as it is where these are unknown.
+
+    What the networks found in one session is left out in another.
 
     >>> from tipforce.types import Catheter, ViewInfo
     >>> settings = VisionSettings(polarity="dark", base_side="left", length_px=230.0, diameter_px=12.0)
@@ -72,6 +74,8 @@ def for_session(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
     >>> for_session(resolved, nearer).length_px
     460.0
     """
+    if vision.keypoints is not None and vision.keypoints.session != info.name:
+        vision = vision.model_copy(update={"keypoints": None})
     nominal = nominal_px(info, vision.view)
     if nominal is None or vision.nominal_px is None or nominal == vision.nominal_px:
         return vision

@@ -7,10 +7,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from ..errors import InputError
 from ..types import Box
 
-__all__ = ["BaseSide", "Box", "KeypointPrior", "Polarity", "ResolvedVision", "VisionSettings"]
+__all__ = ["SIDES", "BaseSide", "Box", "KeypointPrior", "Polarity", "ResolvedVision", "VisionSettings"]
 
 Polarity = Literal["auto", "dark", "light"]
 BaseSide = Literal["auto", "left", "right", "top", "bottom"]
+SIDES: tuple[Literal["left", "right", "top", "bottom"], ...] = ("left", "right", "top", "bottom")
 _GreyLevel = Annotated[int, Field(ge=0, le=255)]
 _PlacePx = Annotated[float, Field(ge=-1e9, le=1e9)]
 _FoundPx = Annotated[float, Field(gt=0, le=1e9)]
@@ -64,6 +65,8 @@ class KeypointPrior(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
+    session: str
+    """Its name: in another session they are not asked."""
     base_px: tuple[_PlacePx, _PlacePx]
     """Where the catheter's base lies: u, v."""
     length_px: _FoundPx
@@ -102,7 +105,7 @@ class ResolvedVision(BaseModel):
     """A centreline that is right with less probability is refused. 0 where the catheter's size is not stated: then the
     probability is a rough one."""
     keypoints: KeypointPrior | None = None
-    """For the networks, in the session of the auto-calibration alone. None: they are not asked."""
+    """For the networks. None: they are not asked."""
     refused: str = ""
     """Why nothing that is detected with these settings can be the catheter; "" where nothing says so."""
 

@@ -2,7 +2,7 @@
 
 from ._locate import Located, locate
 from ._probability import Signs, consensus, probability, signs
-from ._strip import ACROSS, ALONG, HALF_WIDTH, straightened, strip_input
+from ._strip import ACROSS, ALONG, HALF_WIDTH, evenly, straightened, strip_input
 from ._upright import LENGTH_PX, STRIDE, normalised, upright
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "Located",
     "Signs",
     "consensus",
+    "evenly",
     "locate",
     "normalised",
     "probability",

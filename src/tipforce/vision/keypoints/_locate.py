@@ -6,9 +6,10 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.interpolate import make_lsq_spline
 
+from ...geometry import arc_length
 from ...types import BaseSide, FloatArray, Image
 from ._networks import Offsets, coarse, refine
-from ._strip import ACROSS, ALONG, HALF_WIDTH, Strip, straightened
+from ._strip import ACROSS, ALONG, HALF_WIDTH, Strip, evenly, straightened
 from ._upright import STRIDE, normalised, upright
 
 __all__ = ["Located", "locate"]
@@ -30,6 +31,8 @@ _SHORTEST, _FEWEST = 0.3, 8
 _BEYOND = 0.02
 """Weight of what lies beyond the ends."""
 _SAMPLES = 400
+_SHORTEST_PX, _WIDEST = 42.0, 12.0
+"""A shorter catheter would be magnified more than twice; and the longer side of an image in lengths of the catheter."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,18 +127,16 @@ def _follow(image: Image, line: FloatArray, diameter_px: float) -> _Followed:
     return _Followed(fine[int(inside.argmax()) :], strip, read, base_peak, tip_peak)
 
 
-def _even(line: FloatArray, count: int) -> tuple[FloatArray, float]:
-    """``count`` points evenly along ``line``, and its length."""
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    wanted = np.linspace(0.0, arc[-1], count)
-    return np.column_stack([np.interp(wanted, arc, line[:, k]) for k in (0, 1)]), float(arc[-1])
-
-
 def locate(image: Image, base_side: BaseSide, length_px: float, diameter_px: float, points: int) -> Located | None:
     """Locates the catheter in ``image``, (h, w) or (h, w, 3) uint8, whose size is stated; None where it sees none.
 
+    So too where the catheter is shorter than 42 px or the image is more than twelve times as long as it: the networks
+    have learnt nothing of these.
+
     ``base_side``: where the catheter comes from. ``points``: so many the centreline has.
     """
+    if length_px < _SHORTEST_PX or max(image.shape[:2]) > _WIDEST * length_px:
+        return None
     small = upright(image, base_side, length_px)
     rough, mass = _peaks(coarse(normalised(small.image)))
     if float(np.median(mass)) < _LEAST_MEDIAN_MASS:
@@ -146,13 +147,12 @@ def locate(image: Image, base_side: BaseSide, length_px: float, diameter_px: flo
     twice = _follow(image, once.line, diameter_px)
     if len(twice.line) < _FEWEST:
         return None
-    even, length = _even(twice.line, points)
     inner = slice(round(0.15 * ALONG), round(0.88 * ALONG))
     spread, grey = twice.read.spread[inner], twice.strip.values[:, inner].mean(axis=-1)
     across = np.abs(np.linspace(-HALF_WIDTH, HALF_WIDTH, ACROSS))
     return Located(
-        points=even,
-        length_px=length,
+        points=evenly(twice.line, points),
+        length_px=float(arc_length(twice.line)[-1]),
         mass=mass,
         spread=float(np.median(spread)),
         end_spread=float(np.max(spread[-15:])),

@@ -33,13 +33,14 @@ _INTERCEPT = -0.38
 _WEIGHTS = Signs(0.0993, 2.07, 0.0887, -0.858, 2.44, 6.32, -0.262)
 """Of a logistic regression on simulated sessions that the networks were not trained on: docs/results/vision.md."""
 _MOST = 6.0
+"""Larger logits say no more."""
 _SUREST = 0.5
 
 
 def consensus(found: Sequence[Located]) -> tuple[FloatArray, float]:
     """The base (2,) and the length in px that most of ``found``, lines of one session, agree on.
 
-    Those that the second network is least sure of do not count.
+    The half in which the ends are least clear does not count.
     """
     surest = sorted(found, key=lambda each: -each.tip_peak * each.base_peak)[: math.ceil(_SUREST * len(found))]
     base = np.median([each.points[0] for each in surest], axis=0)
