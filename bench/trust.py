@@ -4,7 +4,8 @@
 
 Each row changes one thing about the bench; its sessions are simulated once into ``--runs`` and kept between runs. The
 rows of `bench-2021` share one seed: they are the same sessions but for what is changed. ``--other-engines FOLDER``
-adds recordings of `benchmarks.foreign`. Models are folders, `pretrained/NAME`, or methods that need no training.
+adds recordings of `benchmarks.foreign`. Models are folders, `pretrained/NAME`, or methods that need no training, these
+with settings, if wanted: ``fusion:rod.vision.method=auto``.
 Magnitudes against the truth. Prints the table; ``--into FILE`` puts it between two marks in a page.
 """
 
@@ -19,7 +20,7 @@ import numpy as np
 
 from tipforce.cli._settings import settings_from
 from tipforce.datasets import Dataset, every_nth, open_recordings
-from tipforce.estimators import Estimator, load_model
+from tipforce.estimators import ESTIMATORS, Estimator, load_model
 from tipforce.evaluation import AS_SAVED, FEW_SAMPLES, axis_angle_deg, score, session_groups, stratum_metrics, truth_at
 from tipforce.evaluation._metrics import json_ready
 from tipforce.evaluation._predictions import collect, in_contact, with_reference
@@ -94,13 +95,22 @@ ROWS = {
 }
 
 
-def simulated(name: str, runs: Path, sessions: int, seconds: float) -> Path:
+def named(model: str) -> Estimator:
+    """The ``model`` of the command line: a folder, or METHOD[:SETTING=VALUE,...]."""
+    name, _, settings = model.partition(":")
+    if not settings:
+        return load_model(model)
+    method = ESTIMATORS[name]
+    return method(settings_from(method.settings_type, settings.split(",")))
+
+
+def simulated(name: str, chosen: argparse.Namespace) -> Path:
     """The folder of a row's sessions, which are simulated where they are not there yet."""
     row = ROWS[name]
-    base = preset_settings(row.preset, seconds)
+    base = preset_settings(row.preset, chosen.seconds)
     settings = settings_from(type(base), list(row.changes), base)
-    folder = runs / "".join(letter if letter.isalnum() else "-" for letter in name)
-    simulate(folder, settings, sessions=sessions, seed=row.seed)
+    folder: Path = chosen.runs / "".join(letter if letter.isalnum() else "-" for letter in name)
+    simulate(folder, settings, sessions=chosen.sessions, seed=row.seed if chosen.seed is None else chosen.seed)
     return folder
 
 
@@ -187,15 +197,16 @@ def main() -> None:
     parser.add_argument("--other-engines", type=Path, metavar="FOLDER", help="sessions of benchmarks.foreign")
     parser.add_argument("--sessions", type=int, default=3, help="of each row")
     parser.add_argument("--seconds", type=float, default=15.0, help="of each session")
+    parser.add_argument("--seed", type=int, help="of the sessions, in place of the rows' own")
     parser.add_argument("--every", type=int, default=2, help="every so many-th frame counts")
     parser.add_argument("--json", type=Path, default=Path("build/trust.json"), help="where the figures go")
     parser.add_argument("--into", type=Path, metavar="FILE", help="page whose table is replaced")
     chosen = parser.parse_args()
-    models = {name: load_model(name) for name in chosen.models}
+    models = {name: named(name) for name in chosen.models}
     figures: dict[str, dict[str, Any]] = {}
     for row in (*chosen.rows, *([OTHER_ENGINES] if chosen.other_engines else [])):
         other = row == OTHER_ENGINES
-        folder = chosen.other_engines if other else simulated(row, chosen.runs, chosen.sessions, chosen.seconds)
+        folder = chosen.other_engines if other else simulated(row, chosen)
         recordings = sorted(folder.glob("session_*.mcap"))[: None if other else chosen.sessions]
         data = open_recordings(recordings, row)
         if not other:
@@ -207,7 +218,12 @@ def main() -> None:
             print(table({row: {name: figures[row][name]}}).splitlines()[-1], flush=True)
         chosen.json.parent.mkdir(parents=True, exist_ok=True)
         with atomic_text(chosen.json) as out:
-            about = {"sessions": chosen.sessions, "seconds": chosen.seconds, "every": chosen.every, "seed": SEED}
+            about = {
+                "sessions": chosen.sessions,
+                "seconds": chosen.seconds,
+                "every": chosen.every,
+                "seed": chosen.seed,
+            }
             rows = {name: asdict(each) for name, each in ROWS.items()}
             json.dump(json_ready({"about": about, "rows": rows, "figures": figures}), out, indent=1)
     text = table(figures)
