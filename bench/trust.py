@@ -12,7 +12,7 @@ Magnitudes against the truth. Prints the table; ``--into FILE`` puts it between 
 import argparse
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from tipforce.evaluation._metrics import json_ready
 from tipforce.evaluation._predictions import collect, in_contact, with_reference
 from tipforce.io import RecordingReader, atomic_text
 from tipforce.pipelines import preset_settings, simulate
-from tipforce.types import FloatArray, IntArray
+from tipforce.types import FloatArray, IntArray, SessionInfo
 
 SEED = 7121
 """Of all rows but `varied`; nothing was trained or tuned on its sessions."""
@@ -35,6 +35,7 @@ VARIED_SEED = 0
 OTHER_ENGINES = "other engines"
 NEAR_AXIS_DEG = 30.0
 """A force within this of the shaft's axis hardly bends the shaft."""
+_INWARD = {"left": (1, 0), "right": (-1, 0), "top": (0, 1), "bottom": (0, -1)}
 MARKS = "<!-- table of bench.trust: begin -->", "<!-- table of bench.trust: end -->"
 
 
@@ -140,6 +141,28 @@ def judged(model: Estimator, label: str, data: Dataset, truth_n: FloatArray) -> 
     }
 
 
+def marked(data: Dataset, folder: Path) -> Dataset:
+    """The same, the base marked in each session's first image, as a person would: a box over its first three widths."""
+    infos: dict[str, SessionInfo] = {}
+    for path in sorted(folder.glob("*.truth.npz")):
+        with RecordingReader(path.with_name(path.name.replace(".truth.npz", ".mcap"))) as file:
+            info = file.session_info
+        camera = info.view("camera")
+        with np.load(path) as stored:
+            curve, (width, height) = stored["centreline_px"][0], json.loads(str(stored["about"]))["image_size"]
+        base = curve[int(((curve >= 0) & (curve < (width, height))).all(axis=1).argmax())]
+        wide, inward = (
+            (info.catheter.diameter_m or 0.0) / (camera.metres_per_px or 1.0),
+            np.array(_INWARD[camera.base_side or "left"]),
+        )
+        near, far, aside = base - wide * inward, base + 3.0 * wide * inward, 2.5 * wide * np.abs(inward[::-1])
+        corners = np.rint([np.minimum(near, far) - aside, np.maximum(near, far) + aside]).astype(int)
+        left, top, right, bottom = corners.ravel().tolist()
+        region = (max(left, 0), max(top, 0), min(right, width), min(bottom, height))
+        infos[info.name] = replace(info, views={"camera": replace(camera, base_region=region)})
+    return replace(data, session_info={name: infos[name] for name in data.session_info})
+
+
 def truth_of(data: Dataset, folder: Path) -> FloatArray:
     """(n, 3) true forces of all samples, of our simulation or of another engine."""
     truths: dict[str, tuple[IntArray, FloatArray]] = {}
@@ -198,6 +221,7 @@ def main() -> None:
     parser.add_argument("--sessions", type=int, default=3, help="of each row")
     parser.add_argument("--seconds", type=float, default=15.0, help="of each session")
     parser.add_argument("--seed", type=int, help="of the sessions, in place of the rows' own")
+    parser.add_argument("--marked", action="store_true", help="the base of each simulated session is marked")
     parser.add_argument("--every", type=int, default=2, help="every so many-th frame counts")
     parser.add_argument("--json", type=Path, default=Path("build/trust.json"), help="where the figures go")
     parser.add_argument("--into", type=Path, metavar="FILE", help="page whose table is replaced")
@@ -210,6 +234,7 @@ def main() -> None:
         recordings = sorted(folder.glob("session_*.mcap"))[: None if other else chosen.sessions]
         data = open_recordings(recordings, row)
         if not other:
+            data = marked(data, folder) if chosen.marked else data
             data = every_nth(data, chosen.every)
         truth = truth_of(data, folder)
         figures[row] = {}
@@ -223,6 +248,7 @@ def main() -> None:
                 "seconds": chosen.seconds,
                 "every": chosen.every,
                 "seed": chosen.seed,
+                "marked": chosen.marked,
             }
             rows = {name: asdict(each) for name, each in ROWS.items()}
             json.dump(json_ready({"about": about, "rows": rows, "figures": figures}), out, indent=1)

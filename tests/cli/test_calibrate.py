@@ -82,7 +82,9 @@ def test_a_ruler_writes_the_scale_and_keeps_the_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="exists already"):
         run("--ruler", "100,240,500,240,80", "-o", bench)
     assert run("--ruler", "100,240,500,240,80", "-o", bench, "--overwrite").exit_code == 0
-    assert read_bench(bench).view("camera") == ViewInfo(2e-4, "left")
+    found = read_bench(bench).view("camera")
+    assert found == ViewInfo(2e-4, "left", metres_per_px_uncertainty=found.metres_per_px_uncertainty)
+    assert found.metres_per_px_uncertainty == pytest.approx(math.sqrt(2.0) / 400.0, rel=0.01), "a pixel at each end"
     assert "# as mounted" in bench.read_text()
 
 

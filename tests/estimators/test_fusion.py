@@ -55,6 +55,7 @@ STRAIGHT = ForceEstimate.invalid(0, Status.UNOBSERVABLE, "it is pushed along its
 
 
 EQUAL = FusionSettings(rod_std_n=(0.0, 0.0), max_error_n=None)
+ALWAYS = EQUAL.model_copy(update={"vouched_s": None})
 SMALL = 1e-4 * np.eye(2)
 
 
@@ -126,12 +127,32 @@ def test_the_rod_alone_may_reach_half_as_far_until_its_interval_was_checked():
 def test_a_network_alone_may_reach_half_as_far_where_the_tip_is_cut_off():
     cut_off = ForceEstimate.invalid(0, Status.CUT_OFF, "the tip cannot be told from what lies behind it")
     network = estimate((0.2, 0.0), SMALL)
-    free = joined(cut_off, network)
+    free = joined(cut_off, network, ALWAYS)
     limit = 1.5 * (float(free.magnitude_interval_n[1]) - free.magnitude_n)
-    limited = EQUAL.model_copy(update={"max_error_n": limit})
+    limited = ALWAYS.model_copy(update={"max_error_n": limit})
     assert joined(cut_off, network, limited).status is Status.UNOBSERVABLE
     assert joined(STRAIGHT, network, limited).valid
-    assert joined(cut_off, network, EQUAL.model_copy(update={"max_error_n": 2 * limit})).valid
+    assert joined(cut_off, network, ALWAYS.model_copy(update={"max_error_n": 2 * limit})).valid
+
+
+def test_a_network_alone_counts_only_where_the_rod_has_vouched_for_it():
+    network, cut_off = estimate((0.2, 0.0), SMALL), ForceEstimate.invalid(0, Status.CUT_OFF, "no end is seen")
+    unlike = ForceEstimate.invalid(0, Status.OUT_OF_DISTRIBUTION, "no rod has this shape")
+    apart = estimate((0.5, 0.0), SMALL)
+    for rods, valid in (
+        ([cut_off], False),
+        ([network] * 5 + [cut_off], True),
+        ([network] * 5 + [unlike] * 4, True),
+        ([network] * 5 + [unlike] * 9, False),
+        ([apart] * 5 + [cut_off], False),
+        ([STRAIGHT] * 5 + [cut_off], True),
+        ([unlike] * 300 + [network] * 150 + [cut_off], True),
+    ):
+        found = after(0.1, rods, network, EQUAL)
+        assert found.valid is valid, len(rods)
+        assert valid or found.status is rods[-1].status
+        assert valid or "vouched" in found.detail
+        assert after(0.1, rods, network, ALWAYS).valid
 
 
 def test_a_contradiction_is_judged_by_what_is_believed_of_the_rod():

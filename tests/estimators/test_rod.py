@@ -225,6 +225,25 @@ def test_sessions_with_forces_teach_the_clamp() -> None:
     assert learnt.sessions == 6
 
 
+def test_how_well_the_bench_is_known_is_the_prior_and_widens_the_covariance() -> None:
+    exact = replace(INFO.catheter, bending_stiffness_uncertainty=0.001, flexible_length_uncertainty=0.001)
+    poor = replace(INFO.catheter, bending_stiffness_uncertainty=0.1, flexible_length_uncertainty=0.04)
+    known, settings = Knowledge.stated(RodSettings()), RodSettings()
+    stds = []
+    for catheter in (exact, poor):
+        _, covariance = known.for_session(settings, replace(INFO, catheter=catheter), 10.0)
+        assert covariance[4, 4] == pytest.approx(catheter.flexible_length_uncertainty**2)
+        assert covariance[1, 1] == pytest.approx(catheter.bending_stiffness_uncertainty**2 + 0.025**2)
+        assert covariance[5, 5] == settings.prior.scale**2, "of which nothing is said"
+        info = replace(INFO, catheter=catheter)
+        found = Rod().start(info).fit(detected((-0.05, 0.15)), 10.0)  # type: ignore[attr-defined]
+        stds.append(np.sqrt(np.linalg.eigvalsh(found.covariance_n2))[0])
+    assert stds[1] > 1.5 * stds[0]
+    learnt = replace(known, sessions=6)
+    covariance = learnt.for_session(settings, replace(INFO, catheter=poor), 10.0)[1]
+    assert covariance[1, 1] == known.constants_covariance[1, 1], "sessions with forces tell more than the data sheet"
+
+
 def test_the_name_alone_is_a_model() -> None:
     assert isinstance(load_model("rod"), Rod)
 

@@ -33,9 +33,18 @@ from tipforce.types import (
 PROJECTION = ((1e3, 0.0, 0.0, 320.0), (0.0, -1e3, 0.0, 240.5), (0.0, 0.0, 0.0, 1.0))
 FULL = SessionInfo(
     name="monday",
-    catheter=Catheter('7F "long"', 2.33e-3, 40e-3, 8e-3, 4.3e-4, ((0.0, 1.0), (0.8, 0.5))),
+    catheter=Catheter('7F "long"', 2.33e-3, 40e-3, 8e-3, 4.3e-4, ((0.0, 1.0), (0.8, 0.5)), 0.01, 0.03),
     views={
-        "camera": ViewInfo(2.117e-4, "left", (1, 2, 30, 40), (0, 0, 640, 480), "dark", "camera"),
+        "camera": ViewInfo(
+            2.117e-4,
+            "left",
+            (1, 2, 30, 40),
+            (0, 0, 640, 480),
+            "dark",
+            "camera",
+            metres_per_px_uncertainty=0.006,
+            tilt_uncertainty_deg=1.2,
+        ),
         "second view": ViewInfo(modality="xray", projection=PROJECTION, projection_frame="isocentre"),
     },
     sensor=SensorInfo(

@@ -41,6 +41,8 @@ _TOLD = 0.6
 """A value is written where the data leave less than this share of what was not known before."""
 _PROXIMAL = 1.0 / 3.0
 """Share of the length that is fitted as the proximal part."""
+_SET_UP = PriorSettings(length=0.015, scale=0.006, tilt_per_m=0.05)
+"""Of a bench that is being calibrated: somebody has measured its length and scale, and put the camera square to it."""
 _NOISY_N = 8e-3
 _LARGE_MISFIT = 1.5
 """Mean square: a rod as it is stated does not take the shapes that are detected."""
@@ -100,7 +102,7 @@ def calibrate_sessions(
     Raises:
         InputError: length or stiffness of the catheter is not stated.
     """
-    settings = RodSettings(prior=PriorSettings(stiffness=min(stated_within, 0.49)))
+    settings = RodSettings(prior=_SET_UP.model_copy(update={"stiffness": min(stated_within, 0.49)}))
     results: list[SessionResult] = []
     for k, session in enumerate(sessions):
         results.append(_of_session(session, settings))

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..estimators.rod import MODES, POINTS, Knowledge, LineError, RodSettings, rod_model
+from ..estimators.rod import MODES, POINTS, Knowledge, LineError, RodSettings, rod_model, stated_stds
 from ..mechanics.planar import FORCE, UNKNOWNS, Line, Model, Work, fit_line, make_work, predict_line
 from ..types import FloatArray, IntArray, SessionInfo
 
@@ -26,6 +26,7 @@ _SENSOR = ("turn_rad", "tare_x_n", "tare_y_n", "late_s")
 _COUNT = _CONSTANTS + MODES + len(_SENSOR)
 _TURN, _TARE, _LATE = _CONSTANTS + MODES, _CONSTANTS + MODES + 1, _CONSTANTS + MODES + 3
 _K0 = UNKNOWNS.index("precurvature_per_m")
+_STIFFNESS = UNKNOWNS.index("stiffness") - FORCE
 _BASE = UNKNOWNS.index("base_x_m") - FORCE
 _LOCAL = FORCE + 1
 """Of a frame: its force, and how far its pre-curvature lies off the session's."""
@@ -171,6 +172,9 @@ def fit_rod(
     mean = np.concatenate([knowledge.constants, np.zeros(MODES + len(_SENSOR))])
     prior = np.ones(_COUNT)
     prior[:_CONSTANTS] = np.sqrt(np.diag(knowledge.constants_covariance))
+    for at, std in stated_stds(info, settings.vision.view).items():
+        if at != _STIFFNESS:  # that is what is looked for: the settings say within what
+            prior[at] = std
     prior[_TURN:] = turn_std_rad, tare_std_n, tare_std_n, late_std_s
     play = abs(info.actuation.knob_gain_per_m_deg or 0.0) * settings.prior.knob_play_deg / math.sqrt(12.0)
     prior[0] = precurvature_std_per_m or math.hypot(prior[0], play)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from typing import Annotated, Any, TypeVar, get_args
+from typing import Annotated, Any, TypeGuard, TypeVar, get_args
 
 import typer
 from pydantic import BaseModel, ValidationError
@@ -31,10 +31,11 @@ def settings_from(model: type[M], pairs: list[str] | None, base: M | None = None
             raise InputError(
                 f"--set {pair}: expected KEY=VALUE, for example --set {next(iter(model.model_fields))}=..."
             )
-        place = values
+        place, kind = values, model
         *parents, leaf = key.split(".")
         for parent in parents:
-            place = place.setdefault(parent, {})
+            kind, default = _within(kind, parent)
+            place = place.setdefault(parent, default)
             if not isinstance(place, dict):
                 raise InputError(f"--set {pair}: {parent} is a value ({place}) and holds no settings")
         try:
@@ -52,11 +53,25 @@ def settings_from(model: type[M], pairs: list[str] | None, base: M | None = None
         raise InputError(f"--set {key}={first['input']}: {first['msg']}") from None
 
 
+def _within(model: type[BaseModel] | None, name: str) -> tuple[type[BaseModel] | None, dict[str, Any]]:
+    """The settings below ``name`` of ``model``, and the values that these have there by default."""
+    field = None if model is None else model.model_fields.get(name)
+    if field is None:
+        return None, {}
+    kind = next((each for each in (field.annotation, *get_args(field.annotation)) if _is_model(each)), None)
+    default = field.get_default(call_default_factory=True)
+    return kind, default.model_dump(exclude_unset=True) if isinstance(default, BaseModel) else {}
+
+
+def _is_model(kind: Any) -> TypeGuard[type[BaseModel]]:
+    return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
 def _keys(model: type[BaseModel], place: Sequence[int | str]) -> list[str]:
     """Names of the settings that stand beside one another at ``place``, the keys that lead there."""
     for part in place:
         kind = model.model_fields[str(part)].annotation
         for each in (kind, *get_args(kind)):  # what may be None too is a union
-            if isinstance(each, type) and issubclass(each, BaseModel):
+            if _is_model(each):
                 model = each
     return list(model.model_fields)

@@ -7,8 +7,8 @@ Gaussians, their informations added, the rod's believed no further than `FusionS
 network's own answer would be too uncertain to stand alone. Where they differ by more than they promise, now or a
 moment ago, one of them is wrong and nobody knows which: the joint covariance grows by their Birge ratio. Where they
 contradict each other by far there is no estimate, nor where the interval is too wide. Where one abstains the other
-carries on, with the intervals of its own; but for images in which no catheter is found: what a network makes of them
-is worth nothing.
+carries on, with the intervals of its own; the network not in images in which no catheter is found, nor in a session in
+which the rod has hardly ever vouched for it: what it makes of these is worth nothing.
 """
 
 import math
@@ -41,6 +41,8 @@ _ALONE = gaussian_interval(_KNOWN, "the covariances alone")
 _DOUBTED = 0.5
 """Share of ``max_error_n`` for an interval that rests on covariances alone, which promise too much in other worlds, and
 for a network alone where the tip cannot be told from what lies behind it (docs/results/trust.md)."""
+_VOUCHED = 0.5
+"""See `FusionSettings.vouched_s`."""
 _LEAST_FRAMES = 200
 """With fewer frames of one source its intervals are those of all sources together."""
 
@@ -66,6 +68,10 @@ class FusionSettings(BaseModel):
     shaft alone), the joint covariance is multiplied by the squared Birge ratio: the squared Mahalanobis distance, as it
     is now or in its mean over this time, whichever is larger. null: it is not, which is right for a network that knows
     the tissue well: a rod that is pushed along its own axis then says little against it (docs/results/trust.md)."""
+    vouched_s: Annotated[float, Field(gt=0, le=1e4)] | None = 10.0
+    """The network answers alone only where the rod explained the shape, and did not contradict it, in half of the
+    frames in which the network had an answer, remembered for this time: images of another world, in which it reads
+    some force or other, show a shape that is none of the stated rod (docs/results/trust.md). null: it always may."""
     max_error_n: Annotated[float, Field(gt=0, le=100)] | None = 0.15
     """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate (the rod alone
     where it reaches half as far, until `Fusion.calibrate` has checked its interval; the network alone, too, where the
@@ -257,6 +263,7 @@ class FusionStream:
     ) -> None:
         self._rod, self._network, self._settings, self._intervals = rod, network, settings, intervals
         self._disagreement = _Disagreement(settings.disagreement_s)
+        self._vouched = _Vouched(settings.vouched_s)
 
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
@@ -270,21 +277,24 @@ class FusionStream:
         if not by_rod.valid and not by_network.valid:
             detail = f"rod-track: {by_rod.detail}; network: {by_network.detail}"
             return replace(by_network, status=by_rod.status, detail=detail)
-        if not by_network.valid:
+        contradict = (
+            by_rod.valid
+            and by_network.valid
+            and not _squared_distance(by_rod, by_network) <= self._settings.max_distance
+        )
+        if by_network.valid:
+            self._vouched.add(by_network.stamp_ns, fits and not contradict)
+        else:
             unchecked = self._intervals["rod"].basis == _ALONE.basis
             return self._estimate(by_rod.force_n[:2], by_rod.covariance_n2[:2, :2], by_rod, "rod", doubted=unchecked)
         if not by_rod.valid:
+            if not self._vouched:
+                detail = f"rod-track: {by_rod.detail}; it has hardly vouched for the network of late"
+                return replace(by_rod, detail=detail)
             wider = self._disagreement.remembered() * by_network.covariance_n2[:2, :2]
             cut_off = by_rod.status is Status.CUT_OFF
             return self._estimate(by_network.force_n[:2], wider, by_network, "network", doubted=cut_off)
-        across = _believed(own, (self._settings.rod_std_n[0], 0.0))
-        return self._joined(by_rod, by_network, _squared_distance(across, by_network))
-
-    def _joined(self, by_rod: ForceEstimate, by_network: ForceEstimate, promised: float) -> ForceEstimate:
-        """``promised``: their squared distance by what they promise themselves."""
-        forces = by_rod.force_n[:2], by_network.force_n[:2]
-        covariances = by_rod.covariance_n2[:2, :2], by_network.covariance_n2[:2, :2]
-        if not _squared_distance(by_rod, by_network) <= self._settings.max_distance:
+        if contradict:
             return ForceEstimate.invalid(
                 by_rod.stamp_ns,
                 Status.OUT_OF_DISTRIBUTION,
@@ -292,6 +302,13 @@ class FusionStream:
                 f"{by_network.magnitude_n:.2f} N from the image",
                 by_rod.shape,
             )
+        across = _believed(own, (self._settings.rod_std_n[0], 0.0))
+        return self._joined(by_rod, by_network, _squared_distance(across, by_network))
+
+    def _joined(self, by_rod: ForceEstimate, by_network: ForceEstimate, promised: float) -> ForceEstimate:
+        """``promised``: their squared distance by what they promise themselves."""
+        forces = by_rod.force_n[:2], by_network.force_n[:2]
+        covariances = by_rod.covariance_n2[:2, :2], by_network.covariance_n2[:2, :2]
         information = [np.linalg.inv(each) for each in covariances]
         covariance = np.asarray(np.linalg.inv(information[0] + information[1]), np.float64)
         force = covariance @ (information[0] @ forces[0] + information[1] @ forces[1])
@@ -351,6 +368,26 @@ class _Disagreement:
     def remembered(self) -> float:
         """The ratio where one of them is silent."""
         return max(1.0, self._mean)
+
+
+class _Vouched:
+    """True where the rod vouches for the network; see `FusionSettings.vouched_s`, None: always."""
+
+    def __init__(self, memory_s: float | None) -> None:
+        self._memory_s = memory_s
+        self._together = self._alone = 0.0
+        self._stamp_ns: int | None = None
+
+    def add(self, stamp_ns: int, together: bool) -> None:
+        """The next frame in which the network has an answer, and whether the rod vouches for it."""
+        elapsed_s = 0.0 if self._stamp_ns is None else max(0.0, (stamp_ns - self._stamp_ns) * 1e-9)
+        self._stamp_ns = stamp_ns
+        kept = 1.0 if self._memory_s is None else math.exp(-elapsed_s / self._memory_s)
+        self._together = kept * self._together + together
+        self._alone = kept * self._alone + (not together)
+
+    def __bool__(self) -> bool:
+        return self._memory_s is None or self._together >= _VOUCHED * (self._together + self._alone)
 
 
 def _squared_distance(one: ForceEstimate, other: ForceEstimate) -> float:

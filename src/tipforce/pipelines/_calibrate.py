@@ -29,6 +29,11 @@ __all__ = ["CalibrateReport", "calibrate", "describe_calibration", "plot_calibra
 _SPLIT = 0.9
 """Of the progress: reading the recordings takes longest."""
 
+_UNCERTAINTIES = {
+    "bending_stiffness_nm2": "bending_stiffness_uncertainty", "metres_per_px": "metres_per_px_uncertainty",
+}  # fmt: skip
+"""Key of a value -> key of its relative standard uncertainty, in the same section of ``bench.toml``."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrateReport:
@@ -61,6 +66,10 @@ class CalibrateReport:
             note = f"+- {scale * each.std:.2g}; tipforce calibrate, {date.today().isoformat()}, {source}"
             value = each.stated if each.stated is not None else _rounded(each.value, each.std)
             values[each.key] = (value, note)
+            section, _, name = each.key.rpartition(".")
+            if name in _UNCERTAINTIES and 0.0 < each.std < abs(each.value):
+                relative = float(f"{each.std / abs(each.value):.3g}")
+                values[f"{section}.{_UNCERTAINTIES[name]}"] = (relative, f"of {name}, relative")
         return edited_bench(bench_text(replace(self.info, name="")) if text is None else text, values, where)
 
     def figures(self) -> dict[str, Any]:

@@ -241,6 +241,7 @@ class SimulatedBench:
         world, device = self.settings.world, self.session.bench_model.parameters.device
         imaging, gain = self.imaging, world.actuation.gain_per_m_deg
         metres_per_px = float(f"{imaging.measured_scale_m_per_px(self._rng(5)):.4g}")
+        of_length, of_stiffness = world.shaft.uncertainties()
         return SessionInfo(
             name=self.name,
             catheter=Catheter(
@@ -250,6 +251,8 @@ class SimulatedBench:
                 rigid_length_m=world.shaft.rigid_length_m,
                 bending_stiffness_nm2=device.nominal_stiffness_nm2,
                 stiffness_profile=world.shaft.stiffness_knots,
+                flexible_length_uncertainty=of_length,
+                bending_stiffness_uncertainty=of_stiffness,
             ),
             views={view: imaging.view_info(view, metres_per_px) for view in self.views},
             sensor=SensorInfo(

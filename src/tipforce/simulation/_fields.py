@@ -1,10 +1,11 @@
 """Kinds of numbers in settings of a simulated bench. A `Range` is (low, high): one uniform draw from it a session."""
 
+import math
 from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-__all__ = ["NotNegative", "Number", "Positive", "Range", "Settings", "Share", "Some"]
+__all__ = ["NotNegative", "Number", "Positive", "Range", "Settings", "Share", "Some", "standard_uncertainty"]
 
 _LARGEST = 1e9
 """No value of a bench is larger, in whatever unit."""
@@ -30,3 +31,13 @@ class Settings(BaseModel):
     """Settings cannot be changed once made, and know all of their names."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def standard_uncertainty(*errors: float) -> float | None:
+    """Returns that of a uniform error that is ``errors`` at most, to three digits; None where these are 0.
+
+    >>> standard_uncertainty(-0.01, 0.01)
+    0.00577
+    """
+    largest = max(map(abs, errors))
+    return float(f"{largest / math.sqrt(3.0):.3g}") if largest else None

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..geometry import CameraModel
 from ..types import FloatArray, Image, IntArray, ViewInfo
+from ._fields import standard_uncertainty
 from ._settings import AnySimulationSettings, FluoroSettings, SimulationSettings
 from .rendering.camera import CameraRenderer, CameraScene, Framing, ImageTruth, TissueHome, TissueState, sample_scene
 from .rendering.fluoroscope import Pulse, XrayRenderer, XrayScene, sample_xray_scene
@@ -191,9 +192,15 @@ class CameraImaging:
         return scale * 640.0 / self.settings.width
 
     def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
-        """Scale, and the side at which the catheter comes in."""
+        """Scale, the side at which the catheter comes in, and how exactly the camera was set up."""
         del view
-        return ViewInfo(metres_per_px, self.settings.scene.base_side)
+        scene = self.settings.scene
+        return ViewInfo(
+            metres_per_px,
+            scene.base_side,
+            metres_per_px_uncertainty=standard_uncertainty(-self.settings.scale_error, self.settings.scale_error),
+            tilt_uncertainty_deg=standard_uncertainty(*scene.yaw_deg, *scene.pitch_deg),
+        )
 
     def values(self) -> dict[str, Any]:
         """The lens, and what was drawn of a varied scene."""

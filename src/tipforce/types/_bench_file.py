@@ -27,6 +27,12 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
                 "EI of the flexible part",
             ),
             (
+                "flexible_length_uncertainty",
+                "0.01",
+                "relative standard uncertainty: a tolerance of +-2 % is 0.02 / 1.73",
+            ),
+            ("bending_stiffness_uncertainty", "0.03", "the same of EI; the rod estimators' intervals rest on it"),
+            (
                 "stiffness_profile",
                 "[[0.0, 1.0], [1.0, 0.5]]",
                 "[share of the length, EI over the value above]",
@@ -37,6 +43,8 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
         'One table for each view. A single camera is "camera".',
         (
             ("metres_per_px", "2.0e-4", "scale in the plane in which the catheter bends: 0.2 mm a pixel"),
+            ("metres_per_px_uncertainty", "0.006", "relative standard uncertainty: +-1 % is 0.01 / 1.73"),
+            ("tilt_uncertainty_deg", "1.2", "of the angle between image and plane of bending: +-2 degrees is 2 / 1.73"),
             ("base_side", '"left"', "border of the image that the catheter comes from: left, right, top, bottom"),
             (
                 "base_region",

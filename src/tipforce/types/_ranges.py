@@ -42,6 +42,7 @@ class Range:
         return int(found[0]) if len(found) else None
 
 
+_SHARE = Range(1e-6, 1.0, "of the value", "%", 1e-2)
 RANGES = {
     "diameter_m": Range(5e-5, 0.05, "metres", "mm", 1e-3),
     "flexible_length_m": Range(1e-4, 2.0, "metres", "mm", 1e-3),
@@ -55,6 +56,10 @@ RANGES = {
     "counts_per_n": Range(1e-6, 1e12, "counts for a newton"),
     "stiffness_n_per_m": Range(1.0, 1e5, "N/m", "N/mm", 1e3),
     "angle_deg": Range(-360.0, 360.0, "degrees"),
+    "flexible_length_uncertainty": _SHARE,
+    "bending_stiffness_uncertainty": _SHARE,
+    "metres_per_px_uncertainty": _SHARE,
+    "tilt_uncertainty_deg": Range(0.01, 90.0, "degrees"),
 }
 """Key of the session's metadata -> what it may be."""
 

@@ -50,6 +50,7 @@ def _within(key: str) -> Interval:
 class Catheter:
     """Nominal values of one catheter; None where nobody measured it. ``rigid_length_m`` is 0 without a rigid tip.
 
+    ``_uncertainty``: relative standard uncertainty of the value of that name (GUM: a tolerance over the root of 3).
     ``stiffness_profile``: (share of the flexible length from the base, stiffness over the nominal one), for a shaft
     whose stiffness changes along its length.
     """
@@ -62,12 +63,16 @@ class Catheter:
     rigid_length_m: Annotated[float, _within("rigid_length_m")] | None = None
     bending_stiffness_nm2: Annotated[float, _within("bending_stiffness_nm2")] | None = None
     stiffness_profile: tuple[tuple[float, float], ...] = ()
+    flexible_length_uncertainty: Annotated[float, _within("flexible_length_uncertainty")] | None = None
+    bending_stiffness_uncertainty: Annotated[float, _within("bending_stiffness_uncertainty")] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class ViewInfo:
     """One view. ``metres_per_px``: scale in the plane in which the catheter bends.
 
+    ``metres_per_px_uncertainty``: its relative standard uncertainty; ``tilt_uncertainty_deg``: standard uncertainty of
+    the angle between that plane and the image, about either of its axes.
     ``base_side``: the border of the image that the catheter comes from; ``base_region``: a box across the shaft where
     the base lies, for a catheter that does not reach the border; ``roi``: the part of the image to look at;
     ``polarity``: whether the catheter is darker or lighter than the ground. ``projection``: (3, 4), from metres in
@@ -84,6 +89,8 @@ class ViewInfo:
     modality: Literal["camera", "xray"] | None = None
     projection: tuple[tuple[float, float, float, float], ...] | None = None
     projection_frame: Literal["base", "isocentre"] | None = None
+    metres_per_px_uncertainty: Annotated[float, _within("metres_per_px_uncertainty")] | None = None
+    tilt_uncertainty_deg: Annotated[float, _within("tilt_uncertainty_deg")] | None = None
 
 
 @dataclass(frozen=True, slots=True)

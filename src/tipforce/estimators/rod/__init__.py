@@ -1,7 +1,7 @@
 """Forces by the rod's mechanics: one frame, and all frames so far."""
 
 from ._detection import Detected, Detection
-from ._knowledge import MODES, Knowledge, LineError, rod_model
+from ._knowledge import MODES, Knowledge, LineError, rod_model, stated_stds
 from ._lines import POINTS, LineFrame
 from ._settings import NoiseSettings, PriorSettings, RodSettings, RodTrackSettings
 from .rod import Rod
@@ -22,4 +22,5 @@ __all__ = [
     "RodTrack",
     "RodTrackSettings",
     "rod_model",
+    "stated_stds",
 ]

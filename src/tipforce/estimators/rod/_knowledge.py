@@ -15,7 +15,7 @@ from ...types import FloatArray, SessionInfo
 from ._lines import POINTS
 from ._settings import NoiseSettings, RodSettings
 
-__all__ = ["HELD", "MODES", "NEEDED", "Knowledge", "LineError", "noise_unit_m", "rod_model"]
+__all__ = ["HELD", "MODES", "NEEDED", "Knowledge", "LineError", "noise_unit_m", "rod_model", "stated_stds"]
 
 MODES = 6
 """So many shapes of the error that stays for a session are unknowns of `rod-track`; the rest counts as fresh."""
@@ -24,7 +24,11 @@ HELD = 1e12
 NEEDED = ("catheter.flexible_length_m", "catheter.bending_stiffness_nm2")
 """Session metadata without which there is no rod."""
 
-_K0, _LENGTH = UNKNOWNS.index("precurvature_per_m"), UNKNOWNS.index("length")
+_STIFFNESS = UNKNOWNS.index("stiffness") - FORCE
+_STIFFNESS_LEFT_OUT = 0.025
+"""Relative: by which EI differs from what is stated however well it was measured; it creeps and stiffens."""
+_CAMERA_M, _MOST_TILT_DEG = 0.4, 60.0
+"""Usual distance of a camera, for what its tilt does to lengths."""
 _PIXELS = 240.0
 """Length of the line in px by which the noise is laid out: of the bench that it was measured on."""
 
@@ -110,6 +114,9 @@ class Knowledge:
     def for_session(self, settings: RodSettings, info: SessionInfo, knob_deg: float) -> tuple[FloatArray, FloatArray]:
         """Mean and covariance of the constants at a knob angle; NaN: there is none."""
         mean, covariance = self.constants.copy(), self.constants_covariance.copy()
+        for at, std in stated_stds(info, settings.vision.view).items():
+            if not (self.sessions and at == _STIFFNESS):  # which was learnt
+                covariance[at, at] = std**2
         actuation, prior = info.actuation, settings.prior
         gain, asked = actuation.knob_gain_per_m_deg, actuation.curvature_per_m(knob_deg)
         if gain is None or asked is None:
@@ -150,6 +157,21 @@ class Knowledge:
         if not (0.0 < share < 1.0 and sessions >= 0):
             raise ValueError(f"expected a share of contact within 0 and 1, and sessions, got {share}, {sessions}")
         return cls(mean, covariance, share, sessions)
+
+
+def stated_stds(info: SessionInfo, view: str) -> dict[int, float]:
+    """Standard deviations of constants, by their place, where the session metadata state how well they are known."""
+    catheter, camera = info.catheter, info.view(view)
+    stiffness, tilt_deg = catheter.bending_stiffness_uncertainty, camera.tilt_uncertainty_deg
+    tilt = None if tilt_deg is None else math.tan(math.radians(min(tilt_deg, _MOST_TILT_DEG))) / _CAMERA_M
+    stated = {
+        "stiffness": None if stiffness is None else math.hypot(stiffness, _STIFFNESS_LEFT_OUT),
+        "length": catheter.flexible_length_uncertainty,
+        "scale": camera.metres_per_px_uncertainty,
+        "tilt_x_per_m": tilt,
+        "tilt_y_per_m": tilt,
+    }
+    return {UNKNOWNS.index(name) - FORCE: std for name, std in stated.items() if std is not None}
 
 
 def _scaled(covariance: FloatArray) -> FloatArray:

@@ -15,7 +15,11 @@ _FROZEN = ConfigDict(frozen=True, extra="forbid")
 
 
 class PriorSettings(BaseModel):
-    """What is known of a session before its first image; each a Gaussian about what the session metadata state."""
+    """What is known of a session before its first image; each a Gaussian about what the session metadata state.
+
+    The metadata may state how well they are known: then that holds for stiffness, length, scale and tilt in place of
+    the values here, which are those of a bench of which nothing is said.
+    """
 
     model_config = _FROZEN
 
@@ -27,16 +31,16 @@ class PriorSettings(BaseModel):
     """Its degrees of freedom: so few that it has a heavy tail, which draws no large force to the usual ones."""
     contact_share: Annotated[float, Field(gt=0, lt=1)] = 0.5
     """Share of frames in which the tip touches."""
-    stiffness: _Share = 0.03
+    stiffness: _Share = 0.05
     """Relative, of the bending stiffness that is stated."""
     proximal_stiffness: _Share = 0.05
     """Relative, of the stiffness of the third next to the base beside the rest."""
     stiffening_m2: Annotated[float, Field(ge=0, le=1e-2)] = 4.5e-4
     """Stiffness grows as 1 + this x curvature^2: from 4.3e-4 to 9.2e-4 N m^2 at 50 1/m (Khoshnam et al.)."""
     stiffening_std_m2: _Std = 2e-4
-    length: _Share = 0.015
+    length: _Share = 0.02
     """Relative, of the flexible length."""
-    scale: _Share = 0.006
+    scale: _Share = 0.02
     """Relative, of the metres a pixel stands for."""
     knob_gain: _Share = 0.02
     """Relative, of the curvature that the knob asks for."""
@@ -50,7 +54,7 @@ class PriorSettings(BaseModel):
     """Of the clamp, from where the shaft enters the image."""
     base_angle_deg: _Std = 1.5
     """Of the clamp's tangent, from the perpendicular to the border that the shaft comes from."""
-    tilt_per_m: _Std = 0.05
+    tilt_per_m: _Std = 0.15
     """Of the camera, each way: tangent of the angle over the camera's distance."""
     distortion_per_m2: _Std = 0.3
     """Of the lens, radial: k1 over the square of the camera's distance."""
@@ -71,12 +75,12 @@ class NoiseSettings(BaseModel):
     fresh_px: _Std = 0.027
     """Across the line, new in each frame."""
     fresh_tip_px: _Std = 0.4
-    fresh_along_px: _Std = 0.29
+    fresh_along_px: _Std = 1.0
     """Of the tip along the line."""
     lasting_px: _Std = 0.05
     """The same that stay for a session."""
     lasting_tip_px: _Std = 0.25
-    lasting_along_px: _Std = 1.02
+    lasting_along_px: _Std = 1.5
     factor: Annotated[float, Field(ge=0.1, le=100)] = 1.2
     """All of them times this: what the planar rod leaves out (depth, creep) shows as noise."""
     max_level: Annotated[float, Field(ge=1, le=100)] = 10.0

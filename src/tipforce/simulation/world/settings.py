@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from .._fields import NotNegative, Number, Positive, Range, Settings, Share
+from .._fields import NotNegative, Number, Positive, Range, Settings, Share, standard_uncertainty
 
 __all__ = [
     "ActuationSettings",
@@ -51,6 +51,16 @@ class ShaftSettings(Settings):
     """Under a steady moment the bend grows by this share of itself, with this time constant."""
     sessions_per_catheter: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     """Consecutive sessions that share one draw of the catheter."""
+
+    def uncertainties(self) -> tuple[float | None, float | None]:
+        """Relative standard uncertainties of nominal length and stiffness, as a person states them; None: exact."""
+        of_length = self._uncertainty(self.flexible_length_m, self.nominal_flexible_length_m)
+        return of_length, self._uncertainty(self.stiffness_nm2, self.nominal_stiffness_nm2)
+
+    def _uncertainty(self, drawn: Range, nominal: float | None) -> float | None:
+        if nominal is None:
+            return standard_uncertainty(self.known_to)
+        return standard_uncertainty(*(value / nominal - 1.0 for value in drawn))
 
 
 class ActuationSettings(Settings):
