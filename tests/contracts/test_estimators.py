@@ -71,7 +71,7 @@ def test_a_method_without_fit_fits_in(bench: Path) -> None:
 @pytest.mark.parametrize("name", [name for name, kind in ESTIMATORS.items() if not kind.needs_fit])
 def test_a_method_that_needs_no_fit_estimates_learns_and_is_saved(name: str, bench: Path, tmp_path: Path) -> None:
     data = open_dataset(bench / "runs")
-    some = data.subset(np.arange(0, len(data), 24))
+    some = data.subset(np.arange(0, len(data), 16))
     stated = load_model(name).predict(some)
     assert sum(each.valid for each in stated) > 0.6 * len(stated)
     fitted = create(name).fit(some).calibrate(some)

@@ -24,6 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from ..datasets import Dataset
 from ..errors import InputError, ModelError
 from ..types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
+from ..vision import VisionSettings
 from ._base import Estimator, Progress, Stream, no_progress
 from ._builder import MAX_FORCE_N, implausible, within_error
 from ._summary import ModelSummary, count_of
@@ -54,8 +55,9 @@ class FusionSettings(BaseModel):
 
     network: Annotated[str, Field(min_length=1, max_length=4096)] = "pretrained/compact-wide"
     """Folder of the `compact` model; its own copy is kept in the saved model."""
-    rod: RodTrackSettings = RodTrackSettings()
-    """Of `rod-track`."""
+    rod: RodTrackSettings = RodTrackSettings(vision=VisionSettings(method="auto"))
+    """Of `rod-track`; where the tracer finds no catheter the networks of detection look for it: a line that is not the
+    catheter's is found out by the rod, and by the network beside it."""
     max_distance: Annotated[float, Field(gt=0, le=1e6)] = 50.0
     """Largest squared Mahalanobis distance of the two forces. A Gaussian's exceeds 13.8 once in 1,000; the rod, pushed
     along its axis by a clamp that moves, is no Gaussian and reads 1.3 N for 0.2 N (docs/results/control.md)."""
