@@ -215,6 +215,7 @@ def test_a_dataset_folder_carries_every_field(tmp_path: Path) -> None:
         ("[sensor]\nreads = 'both'", "sensor.reads = 'both' is refused: input should be 'tip-on-tissue' or"),
         ("[catheter]\ndiameter_m = 2.33", "it is in metres: for 2.33 mm write 0.00233"),
         ("[catheter]\nflexible_length_m = 40", "it is in metres: for 40 mm write 0.04"),
+        ("[catheter]\nbending_stiffness_uncertainty = 3", "it is in shares: for 3 % write 0.03"),
         ("[views.camera]\nmetres_per_px = 0.21", "it is in metres: for 0.21 mm write 0.00021"),
         ("[catheter]\ndiameter_m = -1", "catheter.diameter_m = -1 is refused: expected 5e-05 to 0.05 metres"),
         ("[sensor]\nangle_deg = nan", "sensor.angle_deg = nan is refused: input should be a finite number"),

@@ -42,7 +42,7 @@ class Range:
         return int(found[0]) if len(found) else None
 
 
-_SHARE = Range(1e-6, 1.0, "of the value", "%", 1e-2)
+_SHARE = Range(1e-6, 1.0, "shares", "%", 1e-2)
 RANGES = {
     "diameter_m": Range(5e-5, 0.05, "metres", "mm", 1e-3),
     "flexible_length_m": Range(1e-4, 2.0, "metres", "mm", 1e-3),
