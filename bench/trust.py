@@ -27,6 +27,7 @@ from tipforce.evaluation._predictions import collect, in_contact, with_reference
 from tipforce.io import RecordingReader, atomic_text
 from tipforce.pipelines import preset_settings, simulate
 from tipforce.types import FloatArray, IntArray, SessionInfo
+from tipforce.vision import INWARD
 
 SEED = 7121
 """Of all rows but `varied`; nothing was trained or tuned on its sessions."""
@@ -35,7 +36,6 @@ VARIED_SEED = 0
 OTHER_ENGINES = "other engines"
 NEAR_AXIS_DEG = 30.0
 """A force within this of the shaft's axis hardly bends the shaft."""
-_INWARD = {"left": (1, 0), "right": (-1, 0), "top": (0, 1), "bottom": (0, -1)}
 MARKS = "<!-- table of bench.trust: begin -->", "<!-- table of bench.trust: end -->"
 
 
@@ -151,10 +151,8 @@ def marked(data: Dataset, folder: Path) -> Dataset:
         with np.load(path) as stored:
             curve, (width, height) = stored["centreline_px"][0], json.loads(str(stored["about"]))["image_size"]
         base = curve[int(((curve >= 0) & (curve < (width, height))).all(axis=1).argmax())]
-        wide, inward = (
-            (info.catheter.diameter_m or 0.0) / (camera.metres_per_px or 1.0),
-            np.array(_INWARD[camera.base_side or "left"]),
-        )
+        wide = (info.catheter.diameter_m or 0.0) / (camera.metres_per_px or 1.0)
+        inward = np.array(INWARD[camera.base_side or "left"])
         near, far, aside = base - wide * inward, base + 3.0 * wide * inward, 2.5 * wide * np.abs(inward[::-1])
         corners = np.rint([np.minimum(near, far) - aside, np.maximum(near, far) + aside]).astype(int)
         left, top, right, bottom = corners.ravel().tolist()

@@ -280,16 +280,11 @@ class FusionStream:
         if not by_rod.valid and not by_network.valid:
             detail = f"rod-track: {by_rod.detail}; network: {by_network.detail}"
             return replace(by_network, status=by_rod.status, detail=detail)
-        contradict = (
-            by_rod.valid
-            and by_network.valid
-            and not _squared_distance(by_rod, by_network) <= self._settings.max_distance
-        )
-        if by_network.valid:
-            self._vouched.add(by_network.stamp_ns, fits and not contradict)
-        else:
+        if not by_network.valid:
             unchecked = self._intervals["rod"].basis == _ALONE.basis
             return self._estimate(by_rod.force_n[:2], by_rod.covariance_n2[:2, :2], by_rod, "rod", doubted=unchecked)
+        contradict = by_rod.valid and not _squared_distance(by_rod, by_network) <= self._settings.max_distance
+        self._vouched.add(by_network.stamp_ns, fits and not contradict)
         if not by_rod.valid:
             if not self._vouched:
                 detail = f"rod-track: {by_rod.detail}; it has hardly vouched for the network of late"
