@@ -24,6 +24,7 @@ from ..types import (
     IntArray,
     SensorInfo,
     SessionInfo,
+    SimulatedClock,
     SystemClock,
     Wrench,
 )
@@ -64,8 +65,9 @@ class RecordingWriter:
     most half a second long and handed to the operating system when it is a quarter of a second old, also while nothing
     arrives. After an error inside the ``with`` block the ``.part`` stays: the next reader recovers it.
 
-    ``clock`` tells the age of what is pending. Raises FileFormatError where ``path`` exists and ``overwrite`` is False,
-    or where the ``.part`` of an earlier run waits to be recovered.
+    ``clock`` tells the age of what is pending. On a simulated one, chunks end where events are written and nowhere
+    else, so that the same events give the same bytes. Raises FileFormatError where ``path`` exists and ``overwrite`` is
+    False, or where the ``.part`` of an earlier run waits to be recovered.
     """
 
     def __init__(
@@ -112,7 +114,8 @@ class RecordingWriter:
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._flusher = threading.Thread(target=self._flush_while_idle, name="recording-flush", daemon=True)
-        self._flusher.start()
+        if not isinstance(self._clock, SimulatedClock):
+            self._flusher.start()
 
     def write(self, event: Event) -> None:
         """One event; frames are compressed here. Raises TimeError for a stamp below zero or beyond `MAX_STAMP_S`."""
@@ -216,7 +219,8 @@ class RecordingWriter:
     def _halt(self) -> None:
         self._closed = True
         self._stop.set()
-        self._flusher.join()
+        if self._flusher.is_alive():
+            self._flusher.join()
 
     def _check_stamp(self, stamp_ns: int) -> None:
         if stamp_ns >= MAX_STAMP_S * 1_000_000_000:
