@@ -9,6 +9,7 @@ import pytest
 
 from tipforce.errors import ModelError
 from tipforce.estimators import Fusion, FusionSettings
+from tipforce.estimators._stretch import Stretch
 from tipforce.estimators.fusion import FusionStream
 from tipforce.estimators.uncertainty import GAUSS_90, Interval, gaussian_interval
 from tipforce.types import ForceEstimate, Observation, Status
@@ -226,12 +227,25 @@ def test_the_rod_is_believed_least_where_it_tells_least():
     assert found.covariance_n2[:2, :2] == pytest.approx(turned @ np.diag([2e-4, 25e-4]) @ turned.T, rel=1e-3)
 
 
+def test_a_stretch_is_of_what_the_network_has_a_part_in():
+    network, rod = estimate((0.0, 0.2), SMALL), estimate((0.0, 0.2), SMALL)
+    for pair, size in (((rod, network), 0.22), ((STRAIGHT, network), 0.22), ((rod, NOTHING), 0.2)):
+        stream = FusionStream(*map(Says, pair), ALWAYS, INTERVALS, Stretch(0.2, 0.1))  # type: ignore[arg-type]
+        found = stream.update(Observation(0, {}, {}))
+        assert found.magnitude_n == pytest.approx(size)
+        assert found.force_n[1] == pytest.approx(size)
+        middle = 0.5 * found.interval_n[1].sum()
+        assert middle == pytest.approx(size)
+
+
 def test_what_was_never_calibrated_is_saved_and_read():
     """Its intervals are the network's; where the rod is alone, those of its covariances."""
     fresh = Fusion()
+    fresh.stretch_ = Stretch(0.1, 0.05)
     values, arrays = fresh.state()
     again = Fusion.from_state(fresh.settings.model_dump(), json.loads(json.dumps(values)), arrays, fresh.files())
     assert again.describe() == fresh.describe()
+    assert again.stretch_ == fresh.stretch_
     basis = again.describe()["interval_basis"]
     assert basis["both"] == basis["network"] == again.members.network.describe()["interval_basis"]
     assert basis["rod"] == "the covariances alone"

@@ -27,7 +27,9 @@ from ..types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, 
 from ..vision import VisionSettings
 from ._base import Estimator, Progress, Stream, no_progress
 from ._builder import MAX_FORCE_N, implausible, within_error
+from ._stretch import NO_STRETCH, Stretch, fit_stretch
 from ._summary import ModelSummary, count_of
+from ._values import stored_array
 from .networks import Compact, CompactStream
 from .rod import RodTrack, RodTrackSettings
 from .uncertainty import Interval, gaussian_interval, magnitude_sigma, normalised_interval
@@ -88,7 +90,10 @@ class _Members:
 
 
 class Fusion(Estimator):
-    """See the module. ``intervals_``: by source, in standard deviations of the joint covariance."""
+    """See the module. ``intervals_``: by source, in standard deviations of the joint covariance.
+
+    ``stretch_``: of what the network has a part in; found, as the intervals, by `calibrate`.
+    """
 
     name: ClassVar[str] = "fusion"
     settings_type = FusionSettings
@@ -100,6 +105,7 @@ class Fusion(Estimator):
         super().__init__(settings)
         self._members: _Members | None = None
         self.intervals_: dict[str, Interval] = dict.fromkeys(_DETAILS, _ALONE)
+        self.stretch_ = NO_STRETCH
 
     @property
     def members(self) -> _Members:
@@ -128,28 +134,37 @@ class Fusion(Estimator):
         return self
 
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Finds the intervals of each source on sessions apart; raises InputError where no sample has an estimate."""
+        """Finds the intervals of each source on sessions apart, and how far large forces were drawn to the usual ones.
+
+        Raises InputError where no sample has an estimate.
+        """
         report = progress or no_progress
         if not dataset.known[:2].all():
             raise InputError(f"{dataset.title}: fusion needs fx and fy of the base frame to calibrate its intervals")
         every = type(self)(self.settings.model_copy(update={"max_error_n": None}))
         every._members = self.members
         found = every.predict(dataset, lambda share: report("calibrating", share))
-        rows = [(row, each) for row, each in enumerate(found) if each.valid]
-        if not rows:
+        index = np.array([row for row, each in enumerate(found) if each.valid], np.int64)
+        if not len(index):
             raise InputError(f"{dataset.title}: no sample has an estimate, so there are no intervals to calibrate")
+        force = np.array([found[row].force_n[:2] for row in index])
+        covariance = np.array([found[row].covariance_n2[:2, :2] for row in index])
+        detail = np.array([found[row].detail for row in index])
+        truth, session = dataset.force_n[index][:, :2], dataset.session[index]
+        size, stretched = np.linalg.norm(force, axis=1), detail != _DETAILS["rod"]
+        self.stretch_ = fit_stretch(size[stretched], np.linalg.norm(truth[stretched], axis=1), session[stretched])
+        ratio = np.array([self.stretch_.ratio(one) for one in size.tolist()])
+        ratio[~stretched] = 1.0
+        force *= ratio[:, None]
+        covariance *= ratio[:, None, None] ** 2
 
-        def interval(kept: Sequence[tuple[int, ForceEstimate]]) -> Interval:
-            index = [row for row, _ in kept]
-            force = np.array([each.force_n[:2] for _, each in kept])
-            covariance = np.array([each.covariance_n2[:2, :2] for _, each in kept])
-            truth, session = dataset.force_n[index][:, :2], dataset.session[index]
-            return normalised_interval(_KNOWN, force, covariance, truth, session, "")
+        def interval(kept: npt.NDArray[np.bool_]) -> Interval:
+            return normalised_interval(_KNOWN, force[kept], covariance[kept], truth[kept], session[kept], "")
 
-        every = interval(rows)
-        for source, detail in _DETAILS.items():
-            kept = [pair for pair in rows if pair[1].detail == detail]
-            self.intervals_[source] = interval(kept) if len(kept) >= _LEAST_FRAMES else every
+        whole = interval(np.ones(len(index), np.bool_))
+        for source, own in _DETAILS.items():
+            kept = detail == own
+            self.intervals_[source] = interval(kept) if kept.sum() >= _LEAST_FRAMES else whole
         return self
 
     @property
@@ -180,6 +195,7 @@ class Fusion(Estimator):
             members.network.start(info, images),
             self.settings,
             {source: self._interval(source) for source in _DETAILS},
+            self.stretch_,
         )
 
     def _interval(self, source: str) -> Interval:
@@ -203,6 +219,7 @@ class Fusion(Estimator):
             "network": network,
             "network_settings": self.members.network.settings.model_dump(mode="json"),
             "intervals": {source: each.values() for source, each in self.intervals_.items()},
+            "stretch": [self.stretch_.gain, self.stretch_.from_n],
         }
         arrays = {f"rod.{name}": each for name, each in rod_arrays.items()}
         return values, arrays | {f"network.{name}": each for name, each in network_arrays.items()}
@@ -231,6 +248,8 @@ class Fusion(Estimator):
             Compact.from_state(values["network_settings"], values["network"], of("network."), files),
         )
         made.intervals_ = {source: Interval.of(values["intervals"][source], _KNOWN) for source in _DETAILS}
+        gain, from_n = stored_array({"stretch": np.array(values.get("stretch", (0.0, 0.0)))}, "stretch", (2,), low=0.0)
+        made.stretch_ = Stretch(float(gain), float(from_n))
         return made
 
     def describe(self) -> dict[str, Any]:
@@ -263,8 +282,10 @@ class FusionStream:
         network: CompactStream,
         settings: FusionSettings,
         intervals: Mapping[str, Interval],
+        stretch: Stretch = NO_STRETCH,
     ) -> None:
         self._rod, self._network, self._settings, self._intervals = rod, network, settings, intervals
+        self._stretch = stretch
         self._disagreement = _Disagreement(settings.disagreement_s)
         self._vouched = _Vouched(settings.vouched_s)
 
@@ -318,6 +339,9 @@ class FusionStream:
     ) -> ForceEstimate:
         """Force (2,) and covariance (2, 2) with the intervals of their source; the rest is ``found``'s."""
         size = math.hypot(*force.tolist())
+        if source != "rod":
+            ratio = self._stretch.ratio(size)
+            force, covariance, size = ratio * force, ratio**2 * covariance, ratio * size
         if not size <= MAX_FORCE_N:
             return implausible(found.stamp_ns, size, found.shape)
         interval, whole, full = np.full((3, 2), np.nan), np.full((3, 3), np.nan), np.full(3, np.nan)
