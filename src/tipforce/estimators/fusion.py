@@ -5,10 +5,11 @@ as classes only. What limits them is not the same (the rod: a push along its axi
 catheter and camera; the network: the tissue, and images unlike its training), so they are joined as independent
 Gaussians, their informations added, the rod's believed no further than `FusionSettings.rod_std_n`; also where the
 network's own answer would be too uncertain to stand alone. Where they differ by more than they promise, now or a
-moment ago, one of them is wrong and nobody knows which: the joint covariance grows by their Birge ratio. Where they
-contradict each other by far there is no estimate, nor where the interval is too wide. Where one abstains the other
-carries on, with the intervals of its own; the network not in images in which no catheter is found, nor in a session in
-which the rod has hardly ever vouched for it: what it makes of these is worth nothing.
+moment ago, one of them is wrong and nobody knows which: the joint covariance grows by their squared Birge ratio. Where
+they contradict each other by far there is no estimate, nor where the interval is too wide. Where one abstains the other
+carries on, with the intervals of its own; the network not in images in which no catheter is found, nor where the rod
+has hardly vouched for it of late: what it makes of these is worth nothing. Where sessions apart have shown that large
+forces are read too small, what the network has a part in is stretched (`Fusion.calibrate`).
 """
 
 import math
@@ -136,7 +137,7 @@ class Fusion(Estimator):
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
         """Finds the intervals of each source on sessions apart, and how far large forces were drawn to the usual ones.
 
-        Raises InputError where no sample has an estimate.
+        Raises InputError where fx or fy are unknown, or no sample has an estimate.
         """
         report = progress or no_progress
         if not dataset.known[:2].all():
@@ -211,7 +212,7 @@ class Fusion(Estimator):
         return made
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-        """Of both members, and the intervals."""
+        """Of both members, the intervals and the stretch."""
         rod, rod_arrays = self.members.rod.state()
         network, network_arrays = self.members.network.state()
         values = {
@@ -256,7 +257,8 @@ class Fusion(Estimator):
         """Of both members, and what the intervals rest on."""
         rod, network = self.members.rod.describe(), self.members.network.describe()
         basis = {source: self._interval(source).basis for source in _DETAILS}
-        return {"rod": rod, "network": network, "interval_basis": basis}
+        stretch = {"gain": self.stretch_.gain, "from_n": self.stretch_.from_n}
+        return {"rod": rod, "network": network, "interval_basis": basis, "stretch": stretch}
 
     @classmethod
     def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
@@ -265,6 +267,8 @@ class Fusion(Estimator):
         origin = f"learnt from {count_of(sessions, 'session')}" if sessions else "those of the settings"
         basis = facts["interval_basis"]["both"]
         line = f"priors of the rod: {origin}; network: compact; 90 % intervals rest on {basis}"
+        if (stretch := facts.get("stretch", {"gain": 0.0}))["gain"] > 0.0:
+            line += f"; what is above {stretch['from_n']:.2g} N counts {1.0 + stretch['gain']:.2f} times"
         return ModelSummary(
             "the detected centreline and a window around the catheter, the knob, the stated stiffness and length",
             "image, centreline and knob",
