@@ -17,7 +17,7 @@ def row(preset: str, result: dict) -> list[str]:
     judged = result["against_truth"]
     found, trust = judged["quantities"]["magnitude"], judged["trust"]
     contact = judged["by_contact"]["contact"]["quantities"]["magnitude"]
-    over = result.get("against_bound", {}).get("all_frames", {}).get("magnitude", {}).get("all", {})
+    over = (result.get("against_bound") or {}).get("all_frames", {}).get("magnitude", {}).get("all", {})
     n = found.get("n", 0)
 
     def mn(part: dict, name: str) -> str:

@@ -256,7 +256,9 @@ class Fusion(Estimator):
     def describe(self) -> dict[str, Any]:
         """Of both members, and what the intervals rest on."""
         rod, network = self.members.rod.describe(), self.members.network.describe()
-        basis = {source: self._interval(source).basis for source in _DETAILS}
+        each = {detail or "both": self._interval(source).basis for source, detail in _DETAILS.items()}
+        same = len(set(each.values())) == 1
+        basis = each["both"] if same else "; ".join(f"{source}: {text}" for source, text in each.items())
         stretch = {"gain": self.stretch_.gain, "from_n": self.stretch_.from_n}
         return {"rod": rod, "network": network, "interval_basis": basis, "stretch": stretch}
 
@@ -265,14 +267,13 @@ class Fusion(Estimator):
         """What the members are from, and what the intervals rest on."""
         sessions = facts["rod"]["sessions"]
         origin = f"learnt from {count_of(sessions, 'session')}" if sessions else "those of the settings"
-        basis = facts["interval_basis"]["both"]
-        line = f"priors of the rod: {origin}; network: compact; 90 % intervals rest on {basis}"
+        line = f"priors of the rod: {origin}; network: compact; 90 % intervals rest on {facts['interval_basis']}"
         if (stretch := facts.get("stretch", {"gain": 0.0}))["gain"] > 0.0:
             line += f"; what is above {stretch['from_n']:.2g} N counts {1.0 + stretch['gain']:.2f} times"
         return ModelSummary(
-            "the detected centreline and a window around the catheter, the knob, the stated stiffness and length",
+            "The detected centreline and a window around the catheter, the knob, the stated stiffness and length.",
             "image, centreline and knob",
-            (line,),
+            (f"{line[0].upper()}{line[1:]}.",),
             (line,),
         )
 

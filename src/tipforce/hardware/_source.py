@@ -123,7 +123,7 @@ class _Device:
     def _connect_again_and_again(self) -> None:
         stopped, wait_s = self._source.stopped, _FIRST_WAIT_S
         while not stopped.is_set():
-            before = self._source.taken_from(self.driver)
+            before, failed = self._source.taken_from(self.driver), None
             try:
                 self.settings = self.driver.connect(self._source.clock)
                 self.connections, self.state = self.connections + 1, "connected"
@@ -132,14 +132,16 @@ class _Device:
                     for event in self.driver.read(_POLL_S):
                         self._source.put(event)
             except DeviceError as error:
-                self.message = str(error)
-                self.state = "lost" if self.connections else "connecting"
-                _log.warning("%s", error)
+                failed = error
             except EndOfStream:
                 self.state = "ended"
                 return
             finally:
                 self.driver.close()
+                if failed is not None:  # only now, when it takes no command any more
+                    self.message = str(failed)
+                    self.state = "lost" if self.connections else "connecting"
+                    _log.warning("%s", failed)
                 self._source.wake()
             if self._source.taken_from(self.driver) > before:
                 wait_s = _FIRST_WAIT_S

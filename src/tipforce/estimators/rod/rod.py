@@ -120,9 +120,9 @@ class RodEstimator(CentrelineEstimator):
         origin = f"learnt from {count_of(sessions, 'session')}" if sessions else "those of the settings"
         line = f"priors of the rod: {origin}; 90 % intervals rest on {facts['interval_basis']}"
         return ModelSummary(
-            "the detected centreline, the knob, and the catheter's stated stiffness and length",
+            "The detected centreline, the knob, and the catheter's stated stiffness and length.",
             "centreline and knob",
-            (line,),
+            (f"{line[0].upper()}{line[1:]}.",),
             (line,),
         )
 
