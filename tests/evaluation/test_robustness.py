@@ -159,10 +159,11 @@ def test_a_method_that_remembers_is_shown_frames_in_a_row(bright, mean_class, ma
     scored = ScoredData(result.dataset, data, result.dataset.magnitude_n > 0.01)
     dark = Perturbation("light", "dark", Light(0.5))
     first, _ = perturbed_metrics(method, row, constant, scored, frames=100, perturbations=[dark])
-    assert first["samples"] > 2
+    whole = len(row.predictions)
+    assert 0.9 * whole < first["samples"] <= whole, "ten stretches show nearly all of two short sessions, and once"
     for rows in seen:
         assert rows == list(range(rows[0], rows[0] + len(rows)))
-        assert len(rows) in (1, 50)
+        assert len(rows) <= 50
 
 
 def test_a_saved_model_is_perturbed_as_saved(bright, mean_class):

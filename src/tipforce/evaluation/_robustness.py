@@ -25,6 +25,7 @@ UNPERTURBED = "unperturbed"
 
 _CHUNK = 50
 """So many images are in memory at once; a method that remembers is shown so many in a row."""
+_LEAST_STRETCHES = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,15 +49,15 @@ def perturbed_metrics(
 ) -> list[dict[str, Any]]:
     """Scores the fitted methods of a result on some of its test samples, as they are and then perturbed.
 
-    A method that remembers is shown stretches of 50 frames in a row. The method is not told of the perturbation: scale
-    and base side stay as they were noted.
+    A method that remembers is shown stretches of 50 frames in a row, ten or more; those that the result has count. The
+    method is not told of the perturbation: scale and base side stay as they were noted.
 
     Args:
         method: The method.
         result: Its result, whose fitted methods are used.
         constant: The constant predictor's result under the same splits; its errors stand beside.
         data: The samples; its seed is that of noise and of the place of an object.
-        frames: Number of test samples, spread over all.
+        frames: Number of test samples, spread over all; of a method that remembers with those that came before.
         perturbations: Kinds and sizes; those that differ in their direction only are pooled in one line.
         progress: Is told what is done and which share.
 
@@ -127,9 +128,12 @@ def _parts(
 ) -> Iterator[_Part]:
     """Test samples spread over all of them; for a method that remembers, each ends a stretch of its session."""
     remembers = next(iter(estimators.values())).uses_history
-    count = max(1, frames // _CHUNK) if remembers else frames
+    count = max(_LEAST_STRETCHES, frames // _CHUNK) if remembers else frames
     last = len(predictions) - 1
-    chosen = np.unique(np.linspace(0, last, min(count, len(predictions))).round().astype(np.int64))
+    count = min(count, len(predictions))
+    # a stretch that ended with the first sample would be that sample alone
+    places = np.linspace(0, last, count + 1)[1:] if remembers else np.linspace(0, last, count)
+    chosen = np.unique(places.round().astype(np.int64))
     if not remembers:
         keys = list(zip(predictions.fold[chosen].tolist(), predictions.session[chosen].tolist(), strict=True))
         for key in dict.fromkeys(keys):
@@ -139,12 +143,14 @@ def _parts(
         return
     everything = data.everything
     indices = index_in(everything, data.dataset)[predictions.index]
+    counted = np.empty(0, np.int64)
     for index in chosen.tolist():
         session = np.flatnonzero(everything.session == predictions.session[index])
         end = int(np.searchsorted(session, indices[index])) + 1
         stretch = session[max(0, end - _CHUNK) : end]
         own = indices[predictions.fold == predictions.fold[index]]
-        scored = np.flatnonzero(np.isin(stretch, own))
+        scored = np.flatnonzero(np.isin(stretch, np.setdiff1d(own, counted)))
+        counted = np.union1d(counted, stretch[scored])
         yield _Part(str(predictions.fold[index]), everything.subset(stretch), scored)
 
 

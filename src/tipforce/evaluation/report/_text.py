@@ -219,7 +219,8 @@ def _perturbed_lines(metrics: dict[str, Any]) -> list[str]:
             if "," not in kind
         ]
         found.append(
-            f"{method}, perturbed, MAE in mN: {UNPERTURBED} {mn(plain['mae_n'])}, {', '.join(texts)}; "
+            f"{method}, perturbed, MAE in mN on {plain['samples']} frames: {UNPERTURBED} "
+            f"{mn(plain['mae_n'])}, {', '.join(texts)}; "
             f"a constant {mn(plain['constant']['mae_n'])}"
         )
     return [*found, ""]
