@@ -69,9 +69,9 @@ class Estimator(ABC):
         return self
 
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Finds the intervals anew on ``dataset``, of whose sessions ``fit`` saw none; the forces stay as they are.
+        """Finds the intervals anew on ``dataset``, of whose sessions ``fit`` saw none.
 
-        (`fusion` stretches those that it is seen to read too small.)
+        The forces stay as they are, unless the method says otherwise.
         """
         del progress
         raise InputError(f"{dataset.title}: {self.name} has no intervals to calibrate; leave the calibration out")

@@ -21,23 +21,23 @@ _TOUCHING_N = 0.03
 _LEAST_SESSIONS, _LEAST_FRAMES = 10, 200
 _SHARES = (1.0, 0.75, 0.5, 0.25)
 _LEAST_SLOPE = 0.5
+_NOTHING_N = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
     """A magnitude grows by ``gain`` times what it has above ``from_n`` newtons; smaller ones stay.
 
-    >>> round(Stretch(0.1, 0.05).ratio(0.25), 3)
-    1.08
+    >>> Stretch(0.1, 0.05).ratio(np.array([0.04, 0.25])).round(3).tolist()
+    [1.0, 1.08]
     """
 
     gain: float
     from_n: float
 
-    def ratio(self, magnitude_n: float) -> float:
-        """The stretched magnitude over ``magnitude_n``."""
-        more = self.gain * (magnitude_n - self.from_n)
-        return 1.0 + more / magnitude_n if more > 0.0 else 1.0
+    def ratio(self, magnitude_n: FloatArray) -> FloatArray:
+        """The stretched magnitudes over ``magnitude_n``, of any shape."""
+        return 1.0 + self.gain * np.maximum(0.0, 1.0 - self.from_n / np.maximum(magnitude_n, _NOTHING_N))
 
 
 NO_STRETCH = Stretch(0.0, 0.0)
@@ -60,7 +60,7 @@ def fit_stretch(estimate_n: FloatArray, truth_n: FloatArray, session: npt.NDArra
         own = session == name
         line = _line(estimate_n[~own], truth_n[~own])
         for k, share in enumerate(_SHARES):
-            errors[k] += np.abs(_stretched(estimate_n[own], _part(line, share)) - truth_n[own]).sum()
+            errors[k] += np.abs(estimate_n[own] * _part(line, share).ratio(estimate_n[own]) - truth_n[own]).sum()
     free = np.flatnonzero(errors <= np.abs(estimate_n - truth_n).sum())
     return _part(_line(estimate_n, truth_n), _SHARES[free[0]]) if len(free) else NO_STRETCH
 
@@ -75,7 +75,3 @@ def _line(estimate_n: FloatArray, truth_n: FloatArray) -> Stretch:
 
 def _part(whole: Stretch, share: float) -> Stretch:
     return Stretch(share * whole.gain, whole.from_n)
-
-
-def _stretched(magnitude_n: FloatArray, by: Stretch) -> FloatArray:
-    return magnitude_n + by.gain * np.maximum(0.0, magnitude_n - by.from_n)

@@ -154,8 +154,7 @@ class Fusion(Estimator):
         truth, session = dataset.force_n[index][:, :2], dataset.session[index]
         size, stretched = np.linalg.norm(force, axis=1), detail != _DETAILS["rod"]
         self.stretch_ = fit_stretch(size[stretched], np.linalg.norm(truth[stretched], axis=1), session[stretched])
-        ratio = np.array([self.stretch_.ratio(one) for one in size.tolist()])
-        ratio[~stretched] = 1.0
+        ratio = np.where(stretched, self.stretch_.ratio(size), 1.0)
         force *= ratio[:, None]
         covariance *= ratio[:, None, None] ** 2
 
@@ -254,7 +253,7 @@ class Fusion(Estimator):
         return made
 
     def describe(self) -> dict[str, Any]:
-        """Of both members, and what the intervals rest on."""
+        """Of both members, what the intervals rest on, and the stretch."""
         rod, network = self.members.rod.describe(), self.members.network.describe()
         each = {detail or "both": self._interval(source).basis for source, detail in _DETAILS.items()}
         same = len(set(each.values())) == 1
@@ -267,13 +266,13 @@ class Fusion(Estimator):
         """What the members are from, and what the intervals rest on."""
         sessions = facts["rod"]["sessions"]
         origin = f"learnt from {count_of(sessions, 'session')}" if sessions else "those of the settings"
-        line = f"priors of the rod: {origin}; network: compact; 90 % intervals rest on {facts['interval_basis']}"
+        line = f"Priors of the rod: {origin}; network: compact; 90 % intervals rest on {facts['interval_basis']}"
         if (stretch := facts.get("stretch", {"gain": 0.0}))["gain"] > 0.0:
             line += f"; what is above {stretch['from_n']:.2g} N counts {1.0 + stretch['gain']:.2f} times"
         return ModelSummary(
             "The detected centreline and a window around the catheter, the knob, the stated stiffness and length.",
             "image, centreline and knob",
-            (f"{line[0].upper()}{line[1:]}.",),
+            (f"{line}.",),
             (line,),
         )
 
@@ -345,7 +344,7 @@ class FusionStream:
         """Force (2,) and covariance (2, 2) with the intervals of their source; the rest is ``found``'s."""
         size = math.hypot(*force.tolist())
         if source != "rod":
-            ratio = self._stretch.ratio(size)
+            ratio = float(self._stretch.ratio(np.array(size)))
             force, covariance, size = ratio * force, ratio**2 * covariance, ratio * size
         if not size <= MAX_FORCE_N:
             return implausible(found.stamp_ns, size, found.shape)

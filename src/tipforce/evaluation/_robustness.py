@@ -128,9 +128,8 @@ def _parts(
 ) -> Iterator[_Part]:
     """Test samples spread over all of them; for a method that remembers, each ends a stretch of its session."""
     remembers = next(iter(estimators.values())).uses_history
-    count = max(_LEAST_STRETCHES, frames // _CHUNK) if remembers else frames
     last = len(predictions) - 1
-    count = min(count, len(predictions))
+    count = min(max(_LEAST_STRETCHES, frames // _CHUNK) if remembers else frames, len(predictions))
     # a stretch that ended with the first sample would be that sample alone
     places = np.linspace(0, last, count + 1)[1:] if remembers else np.linspace(0, last, count)
     chosen = np.unique(places.round().astype(np.int64))
@@ -151,7 +150,8 @@ def _parts(
         own = indices[predictions.fold == predictions.fold[index]]
         scored = np.flatnonzero(np.isin(stretch, np.setdiff1d(own, counted)))
         counted = np.union1d(counted, stretch[scored])
-        yield _Part(str(predictions.fold[index]), everything.subset(stretch), scored)
+        if len(scored):
+            yield _Part(str(predictions.fold[index]), everything.subset(stretch), scored)
 
 
 def _predictions(

@@ -118,11 +118,11 @@ class RodEstimator(CentrelineEstimator):
         """Where the priors are from, and what the intervals rest on."""
         sessions = facts["sessions"]
         origin = f"learnt from {count_of(sessions, 'session')}" if sessions else "those of the settings"
-        line = f"priors of the rod: {origin}; 90 % intervals rest on {facts['interval_basis']}"
+        line = f"Priors of the rod: {origin}; 90 % intervals rest on {facts['interval_basis']}"
         return ModelSummary(
             "The detected centreline, the knob, and the catheter's stated stiffness and length.",
             "centreline and knob",
-            (f"{line[0].upper()}{line[1:]}.",),
+            (f"{line}.",),
             (line,),
         )
 
