@@ -162,6 +162,20 @@ def test_where_most_images_are_unlike_the_training_s_the_others_are_not_answered
     assert [at(3.0 + 0.1 * k).valid for k in range(1, 40)][-1]
 
 
+def test_an_estimate_that_is_too_unsure_carries_the_interval_apart(learnt):
+    data = whips(seed=4, sessions=1)
+    known = next(each for each, answer in zip(data.observations(), learnt.predict(data), strict=True) if answer.valid)
+    answers = []
+    for max_sigma_n in (math.inf, 0.0):
+        stream = learnt.start(data.session_info["s0"])
+        stream._build = replace(stream._build, limits=replace(stream._build.limits, max_sigma_n=max_sigma_n))
+        answers.append(stream.update(known))
+    sure, unsure = answers
+    assert unsure.status is Status.UNOBSERVABLE
+    assert np.isnan(unsure.magnitude_interval_n).all()
+    assert np.allclose(unsure.abstained_interval_n, sure.magnitude_interval_n)
+
+
 def test_an_absent_knob_is_asked_for(learnt):
     stream = learnt.start(whips().session_info["s0"])
     answer = stream.update(Observation(0, {"camera": empty()}))

@@ -73,6 +73,17 @@ def test_an_interval_that_reaches_too_far_is_no_answer() -> None:
     refused = joined(*both, FusionSettings(max_error_n=0.99 * reach))
     assert refused.status is Status.UNOBSERVABLE
     assert "max_error_n" in refused.detail
+    assert np.isnan(refused.magnitude_interval_n).all()
+    assert refused.abstained_interval_n == tuple(free.magnitude_interval_n)
+    assert refused.upper_n == free.upper_n
+
+
+def test_a_contradiction_carries_the_interval_that_spans_both() -> None:
+    rod = replace(estimate((0.5, 0.0), SMALL), magnitude_interval_n=np.array([0.45, 0.55]))
+    network = replace(estimate((0.1, 0.0), SMALL), magnitude_interval_n=np.array([0.05, 0.15]))
+    refused = joined(rod, network)
+    assert refused.status is Status.OUT_OF_DISTRIBUTION
+    assert refused.abstained_interval_n == (0.05, 0.55)
 
 
 def test_each_gives_the_direction_that_it_knows():

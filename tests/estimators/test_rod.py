@@ -82,6 +82,8 @@ def test_an_unloaded_rod_is_most_likely_without_contact() -> None:
 def test_a_push_along_a_straight_shaft_is_unobservable() -> None:
     found = answer(detected((-0.1, 0.0), knob_deg=0.0), knob_deg=0.0)
     assert found.status is Status.UNOBSERVABLE
+    assert np.isnan(found.magnitude_n)
+    assert found.upper_n > RodSettings().max_std_n  # the shape leaves it open: it may be as large as that
 
 
 def test_a_shape_that_no_rod_has_is_refused() -> None:

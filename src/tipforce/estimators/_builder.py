@@ -16,6 +16,7 @@ MAX_FORCE_N = 10.0
 """No estimate beyond this is valid: tissue tears, and shafts buckle, at a fraction of it."""
 
 _set = object.__setattr__
+_NO_INTERVAL = (math.nan, math.nan)
 
 
 def implausible(stamp_ns: int, magnitude_n: float, shape: DetectedShape | None = None) -> ForceEstimate:
@@ -39,6 +40,7 @@ def within_error(estimate: ForceEstimate, max_error_n: float | None) -> ForceEst
         f"the force lies between {low:.2f} and {high:.2f} N with 90 %, further from its estimate than max_error_n = "
         f"{max_error_n:g}",
         estimate.shape,
+        (low, high),
     )
 
 
@@ -91,4 +93,5 @@ class EstimateBuilder:
         _set(estimate, "detail", "")
         _set(estimate, "contact", math.nan)
         _set(estimate, "shape", shape)
+        _set(estimate, "abstained_interval_n", _NO_INTERVAL)
         return estimate

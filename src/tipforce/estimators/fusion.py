@@ -324,6 +324,7 @@ class FusionStream:
                 f"rod-track and network contradict each other: {by_rod.magnitude_n:.2f} N from the shape, "
                 f"{by_network.magnitude_n:.2f} N from the image",
                 by_rod.shape,
+                _hull(by_rod, by_network),
             )
         across = _believed(own, (self._settings.rod_std_n[0], 0.0))
         return self._joined(by_rod, by_network, _squared_distance(across, by_network))
@@ -414,6 +415,12 @@ class _Vouched:
 
     def __bool__(self) -> bool:
         return self._memory_s is None or self._together >= _VOUCHED * (self._together + self._alone)
+
+
+def _hull(one: ForceEstimate, other: ForceEstimate) -> tuple[float, float]:
+    """Returns the interval of the magnitude that spans those of both."""
+    lows, highs = np.stack([one.magnitude_interval_n, other.magnitude_interval_n], axis=1)
+    return float(lows.min()), float(highs.max())
 
 
 def _squared_distance(one: ForceEstimate, other: ForceEstimate) -> float:

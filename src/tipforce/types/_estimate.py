@@ -11,6 +11,8 @@ from ._status import Status
 
 __all__ = ["ForceEstimate"]
 
+_NO_INTERVAL = (math.nan, math.nan)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForceEstimate:
@@ -21,6 +23,10 @@ class ForceEstimate:
     ``interval_n`` (3, 2) and ``magnitude_interval_n`` (2,): 90 % intervals. An invalid estimate carries NaN
     everywhere, never an old number. ``contact``: probability that the tip touches anything, NaN from methods that do
     not estimate it. ``shape``: the catheter as it was detected in the image, None from methods that detect none.
+
+    ``abstained_interval_n``: 90 % interval of the magnitude of an estimate that is invalid because this interval is too
+    wide, or spans two sources that contradict each other; NaN in every other case. It is for safety alone, which has
+    to act on its upper end; it is never displayed as a force.
     """
 
     stamp_ns: int
@@ -34,6 +40,7 @@ class ForceEstimate:
     detail: str = ""
     contact: float = math.nan
     shape: DetectedShape | None = None
+    abstained_interval_n: tuple[float, float] = _NO_INTERVAL
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "force_n", frozen("force_n", self.force_n, (3,)))
@@ -45,15 +52,45 @@ class ForceEstimate:
         )
         if self.valid == math.isnan(self.magnitude_n):
             raise ValueError(f"a {self.status} estimate must not have the magnitude {self.magnitude_n}")
+        if self.valid and not math.isnan(self.abstained_interval_n[1]):
+            raise ValueError(f"a valid estimate must not have abstained_interval_n = {self.abstained_interval_n}")
 
     @property
     def valid(self) -> bool:
         """True where the numbers may be used."""
         return self.status is Status.VALID
 
+    @property
+    def upper_n(self) -> float:
+        """Upper end of the magnitude's 90 % interval, also of an estimate that abstains; NaN where it is unknown.
+
+        A valid estimate without an interval has its magnitude here.
+
+        >>> ForceEstimate.invalid(0, Status.UNOBSERVABLE, "0.21 to 0.70 N", abstained_interval_n=(0.21, 0.7)).upper_n
+        0.7
+        """
+        if not self.valid:
+            return self.abstained_interval_n[1]
+        high = float(self.magnitude_interval_n[1])
+        return self.magnitude_n if math.isnan(high) else high
+
     @classmethod
-    def invalid(cls, stamp_ns: int, status: Status, detail: str, shape: DetectedShape | None = None) -> "ForceEstimate":
-        """An estimate that says why there is none.
+    def invalid(
+        cls,
+        stamp_ns: int,
+        status: Status,
+        detail: str,
+        shape: DetectedShape | None = None,
+        abstained_interval_n: tuple[float, float] = _NO_INTERVAL,
+    ) -> "ForceEstimate":
+        """Returns an estimate that says why there is no force.
+
+        Args:
+            stamp_ns: mid-exposure of the image.
+            status: any but `Status.VALID`.
+            detail: the reason, in one line.
+            shape: the detected catheter.
+            abstained_interval_n: 90 % interval of the magnitude, where the reason is that it is too wide.
 
         >>> ForceEstimate.invalid(0, Status.NO_CATHETER, "nothing dark at the left border").valid
         False
@@ -70,4 +107,5 @@ class ForceEstimate:
             status=status,
             detail=detail,
             shape=shape,
+            abstained_interval_n=abstained_interval_n,
         )

@@ -152,6 +152,7 @@ class CompactEstimateBuilder:
                 stamp_ns,
                 Status.UNOBSERVABLE,
                 f"this image tells the force to {sigma_n * 1e3:.0f} mN only (standard deviation)",
+                abstained_interval_n=self.interval.magnitude_interval(size, sigma_n),
             )
         rate = self.history.rate(stamp_ns, force)
         if rate is None:

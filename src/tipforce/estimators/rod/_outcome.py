@@ -7,6 +7,7 @@ import numpy as np
 from ...types import DetectedShape, FloatArray, ForceEstimate, Status
 from .._builder import within_error
 from .._reading import Abstention
+from ..uncertainty import GAUSS_90
 from ._calibration import Widths
 from ._posterior import force_over_contact
 from ._settings import RodSettings
@@ -70,6 +71,7 @@ def estimate_of(
             f"the shape leaves a direction of the force open by {outcome.open_n:.2g} N, more than max_std_n = "
             f"{settings.max_std_n:g}: it is pushed along its own axis",
             shape,
+            (0.0, float(np.hypot(*mixed.force_n)) + GAUSS_90 * outcome.open_n),
         )
     return within_error(widths.estimate(stamp_ns, mixed, shape), settings.max_error_n)
 
