@@ -16,7 +16,8 @@ from tipforce.hardware.emulators import GrblEmulator
 from tipforce.live import LiveHealth, LiveUpdate
 from tipforce.pipelines import HoldSettings, LiveControl, LiveRunSettings, open_live_source
 from tipforce.pipelines._control import path_of_drives
-from tipforce.pipelines._live import _Buttons, _control, _CurrentDrives, simulated_bench
+from tipforce.pipelines._live import _control, _CurrentDrives, simulated_bench
+from tipforce.pipelines._live_page import _Buttons
 from tipforce.types import Actuation, AxisLimits, Commanded, ForceEstimate, Status, SystemClock
 
 PERIOD_S = 2e-3

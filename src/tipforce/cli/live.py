@@ -1,6 +1,7 @@
 """``tipforce live``: the force while it happens, on a page, on the terminal and to other programs."""
 
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -68,11 +69,11 @@ def command(
         tipforce live pretrained/compact --simulated bench-2021 --set hold.target_n=0.2 --set hold.drives=both
     """
     from ..estimators import load_model
-    from ..pipelines import LiveRunSettings, PageAddress, live, live_line, open_live_source
+    from ..pipelines import LivePage, LiveRunSettings, PageAddress, live, live_line, open_live_source
 
     check_outputs([] if frames is None else [frames], json_file, record)
     chosen = settings_from(LiveRunSettings, settings)
-    estimator = load_model(model)
+    facts = stated_info(bench, fact, knob_deg)
     line = _Line()
 
     def update(latest: "LiveUpdate") -> None:
@@ -83,18 +84,35 @@ def command(
         say(found.text())
         write_json(found.figures(), json_file)
 
-    with open_live_source(
-        frames, preset=simulated, bench=bench, stated=stated_info(bench, fact, knob_deg), settings=chosen
-    ) as source:
+    with ExitStack() as stack:
+        page = None if no_page else stack.enter_context(LivePage(PageAddress(host, port)))
+
+        def starting(doing: str) -> None:
+            say(f"starting: {doing}")
+            if page is not None:
+                page.show_starting(doing)
+
+        if page is not None:
+            say(f"page: {page.address}")
+        starting(f"loading {model}")
+        estimator = load_model(model)
+        if simulated is not None:
+            starting(f"drawing a session of {simulated}, which takes up to a minute")
+        elif frames is not None:
+            starting(f"opening {frames}")
+        else:
+            starting("opening the devices")
+        source = stack.enter_context(
+            open_live_source(frames, preset=simulated, bench=bench, stated=facts, settings=chosen)
+        )
         live(
             estimator,
             source,
             model=str(model),
             outputs=[*(out or ()), *([] if record is None else [f"recording:{record}"])],
-            page=None if no_page else PageAddress(host, port),
+            page=page,
             settings=chosen,
             seconds=seconds,
-            on_page=lambda address: say(f"page: {address}"),
             on_update=update,
             on_report=report,
         )

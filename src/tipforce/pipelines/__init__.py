@@ -10,8 +10,9 @@ from ._guided import Guide, missing_for_training
 from ._import_session import import_session
 from ._inspect import inspect
 from ._inspect_images import InspectionResult, inspect_frames, inspect_image_file, inspect_sessions
-from ._live import LiveRunSettings, PageAddress, live, live_line, open_live_source
+from ._live import LiveRunSettings, live, live_line, open_live_source
 from ._live_control import HoldSettings, LiveControl
+from ._live_page import LivePage, PageAddress
 from ._record import RecordingReport, record
 from ._record_bench import BenchRecording, describe_health
 from ._simulate import SimulateReport, preset_settings, simulate, simulate_dataset
@@ -33,6 +34,7 @@ __all__ = [
     "HoldSettings",
     "InspectionResult",
     "LiveControl",
+    "LivePage",
     "LiveRunSettings",
     "PageAddress",
     "RecordingReport",

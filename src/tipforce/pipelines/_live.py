@@ -3,19 +3,18 @@
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Protocol, Self, TypeVar, runtime_checkable
 
 from pydantic import Field, model_validator
 
-from ..clinical import ContactSettings
 from ..datasets import open_source
 from ..errors import InputError
 from ..estimators import Estimator
 from ..io import FileSource
-from ..live import Engine, LiveReport, LiveSettings, LiveUpdate, PacedSource, Sink
+from ..live import Engine, LiveReport, LiveSettings, LiveUpdate, PacedSource
 from ..live.streams import open_sink
 from ..simulation import AnySimulationSettings, LiveSimulation
 from ..types import (
@@ -33,9 +32,10 @@ from ..units import newtons_to_grams
 from ._control import bench_of_regime, path_of_drives
 from ._estimate import check_inputs
 from ._live_control import HoldSettings, LiveControl
+from ._live_page import LivePage, PageAddress
 from ._simulate import preset_settings
 
-__all__ = ["LiveRunSettings", "PageAddress", "live", "live_line", "open_live_source"]
+__all__ = ["LiveRunSettings", "live", "live_line", "open_live_source"]
 
 _SESSION_S = 95.0
 """A simulated session with drives has so many seconds besides its beginning: more take longer to draw."""
@@ -72,15 +72,6 @@ class LiveRunSettings(LiveSettings):
                 f"got {contact.window_n[0]:g}"
             )
         return self
-
-
-@dataclass(frozen=True, slots=True)
-class PageAddress:
-    """Where the page is served; ``token`` as `tipforce.live.server.serve` has it."""
-
-    host: str = "127.0.0.1"
-    port: int = 0
-    token: str | None = None
 
 
 @contextmanager
@@ -239,7 +230,7 @@ def live(
     *,
     model: str = "",
     outputs: Sequence[str] = (),
-    page: PageAddress | None = None,
+    page: LivePage | PageAddress | None = None,
     settings: LiveSettings | None = None,
     seconds: float | None = None,
     on_page: Callable[[str], None] | None = None,
@@ -253,7 +244,7 @@ def live(
         source: of `open_live_source`, or any that pushes events.
         model: what the model is called.
         outputs: where else the estimates go, as `tipforce.live.streams.open_sink` has it.
-        page: where the page is served; None: no page.
+        page: a page that is served already, or where it is to be served; None: no page.
         settings: of the engine; of a file, failures are not waited for. Where they hold ``hold`` the page gets the
             panel of a loop that holds a force with the drives of ``source``; nothing moves before it is started there.
         seconds: at most so long.
@@ -282,9 +273,10 @@ def live(
         if on_report is not None:
             stack.callback(lambda: on_report(engine.report))
         if page is not None:
-            address = stack.enter_context(_page(engine, clock, page, control))
+            served = stack.enter_context(LivePage(page)) if isinstance(page, PageAddress) else page
+            served.begin(engine, clock, control)
             if on_page is not None:
-                on_page(address)
+                on_page(served.address)
         stack.enter_context(engine.running())
         if control is not None:
             stack.enter_context(control)  # ends first: whatever ends the run stops the drives at once
@@ -314,67 +306,6 @@ def _control(source: Source, clock: Clock, hold: HoldSettings, *, with_page: boo
     rates = [stream.rate_hz for stream in streams if stream.kind == "frame"]
     period_s = max((1.0 / rate for rate in rates if rate), default=_FRAME_S)
     return LiveControl(drives, clock, hold, frame_period_s=period_s)
-
-
-class _Buttons:
-    """The engine's buttons while a loop may hold a force."""
-
-    def __init__(self, engine: Engine, control: LiveControl) -> None:
-        self._control = control
-        self.start_integral, self.stop_integral = engine.start_integral, engine.stop_integral
-        self._zero = engine.zero
-
-    def zero(self) -> None:
-        """Refused while a force is held: the loop would make up for what is subtracted."""
-        if self._control.running:
-            raise InputError("no zero while the loop has the drives: it would press as much harder; retract first")
-        self._zero()
-
-
-@contextmanager
-def _page(engine: Engine, clock: Clock, page: PageAddress, control: LiveControl | None) -> Generator[str]:
-    """Serves the page; yields its address."""
-    from ..live.server import PageSettings, serve  # a web server is loaded where there is a page
-
-    def set_contact(contact: ContactSettings) -> None:
-        if control is not None:
-            control.set_limit(contact.limit_n)  # before the alarm's, so that one it refuses is none for the alarm
-        engine.contact = contact
-
-    recorder = _Recorder(engine)
-    settings = PageSettings(
-        clock=clock,
-        contact=engine.contact,
-        on_contact=set_contact,
-        on_record=recorder.switch,
-        loop=control,
-    )
-    commands = engine if control is None else _Buttons(engine, control)
-    with serve(commands, host=page.host, port=page.port, token=page.token, settings=settings) as server:
-        engine.add_sink(server.sink)
-        if control is not None:
-            control.silent_s = lambda: server.silent_s
-            engine.add_sink(control.sink)
-        yield server.address
-
-
-class _Recorder:
-    """The page's record button: each time a file of its own in the current folder, named by the time of the day."""
-
-    def __init__(self, engine: Engine) -> None:
-        self._engine = engine
-        self._sink: Sink | None = None
-
-    def switch(self, on: bool) -> None:
-        """Begins or ends a recording. Raises InputError where its file cannot be made."""
-        if on and self._sink is None:
-            self._sink = open_sink(f"recording:{time.strftime('live-%Y%m%d-%H%M%S')}.mcap")
-            self._engine.add_sink(self._sink)
-        elif not on and self._sink is not None:
-            sink, self._sink = self._sink, None
-            health = self._engine.remove_sink(sink)
-            if health.failures:
-                raise InputError(f"{sink.name}: {health.message}")
 
 
 def live_line(update: LiveUpdate) -> str:

@@ -41,7 +41,8 @@ def server(_running: tuple[PageServer, FakeEngine], engine: FakeEngine, monkeypa
     server._hub.newest = None
     server._hub.latencies_s.clear()
     server._hub.page_ages_s.clear()
-    server._hub.change(PageState(can_record=True, can_set_limits=True))
+    server._hub.state = PageState(can_record=True, can_set_limits=True)
+    server._hub.wake()
     return server
 
 

@@ -71,7 +71,8 @@ def server(_running: tuple[PageServer, FakeEngine], engine: FakeEngine, monkeypa
     """The one that the pages are open on."""
     server, pressed = _running
     monkeypatch.setattr(pressed, "__dict__", engine.__dict__)
-    server._hub.change(PageState(can_record=True, can_set_limits=True))
+    server._hub.state = PageState(can_record=True, can_set_limits=True)
+    server._hub.wake()
     return server
 
 
@@ -307,6 +308,35 @@ def test_a_server_that_ends_is_told_and_one_that_comes_back_is_found(browser: Br
             assert max(server.page_ages_s()) < 5.0
             assert CLOCK.now_ns() > 0
     page.page.close()
+
+
+def test_before_the_run_begins_the_page_says_what_the_program_does(browser: Browser) -> None:
+    engine = FakeEngine()
+    page = OpenPage(browser.new_page())
+    with serve(None) as server:
+        server.show_starting("drawing a session of bench-2021")
+        page.page.goto(server.address)
+        page.wait("waiting")
+        eventually(lambda: page.text("#title") == "STARTING")
+        assert page.text("#detail") == "drawing a session of bench-2021"
+        server.begin(engine, engine.settings())
+        eventually(lambda: page.text("#title") == "WAITING")
+    page.page.close()
+
+
+def test_one_page_too_many_says_so_and_takes_the_place_of_one_that_closes(browser: Browser, image: Image) -> None:
+    engine = FakeEngine()
+    with serve(engine, settings=engine.settings(most_pages=1)) as server:
+        first, second = (OpenPage(browser.new_page()) for _ in range(2))
+        first.page.goto(server.address)
+        eventually(lambda: server.pages == 1)
+        second.page.goto(server.address)
+        second.wait("refused")
+        assert second.text("#title") == "TOO MANY PAGES"
+        assert second.text("#detail").startswith("1 pages are open already")
+        first.page.close()
+        second.wait("waiting")
+        second.page.close()
 
 
 # The page as it is: what is never shown as live

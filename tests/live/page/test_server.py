@@ -22,7 +22,7 @@ from tipforce.live.server import PageServer, PageSettings, serve
 from tipforce.live.server._messages import EncodedUpdate
 from tipforce.types import Image, SessionInfo, Status
 
-from .updates import CLOCK, FakeEngine, Publisher, estimate_of, eventually  # type: ignore[import-not-found]
+from .updates import CLOCK, FakeEngine, FakeLoop, Publisher, estimate_of, eventually  # type: ignore[import-not-found]
 
 TOKEN = "a-token-of-some-length"
 QUIET_S = 0.08
@@ -295,7 +295,10 @@ def test_a_recording_that_fails_or_ends_by_itself_is_told_to_all_pages(server: P
     with opened(server) as client, opened(server) as other:
         engine.error = InputError("the disk is full")
         assert not client.ask(command="record", id=1, on=True)["ok"]
-        assert other.text()["recording_message"] == "the disk is full"
+        told = other.text()
+        while not told["recording_message"]:  # before that it has begun, for a moment
+            told = other.text()
+        assert (told["recording"], told["recording_message"]) == (False, "the disk is full")
         engine.error = None
         assert client.ask(command="record", id=2, on=True)["ok"]
         assert other.text()["recording"] is True
@@ -363,12 +366,34 @@ def test_what_is_too_long_or_no_text_ends_the_socket(server: PageServer, what: s
     eventually(lambda: server.pages == 0)
 
 
-def test_there_are_not_more_pages_than_are_allowed(engine: FakeEngine) -> None:
+def test_there_are_not_more_pages_than_are_allowed_and_one_too_many_hears_why(engine: FakeEngine) -> None:
     with serve(engine, settings=engine.settings(most_pages=1)) as server, opened(server):
         eventually(lambda: server.pages == 1)
-        with pytest.raises(ConnectionClosed), opened(server):
+        with pytest.raises(ConnectionClosed) as closed, opened(server):
             pass
+        assert closed.value.rcvd is not None
+        assert (closed.value.rcvd.code, closed.value.rcvd.reason[:24]) == (1013, "1 pages are open already")
         assert server.pages == 1
+
+
+def test_a_page_is_served_before_there_is_an_engine_and_hears_what_the_program_does(
+    engine: FakeEngine, image: Image
+) -> None:
+    loop = FakeLoop()
+    with serve(None) as server, opened(server) as client:
+        assert (client.state["can_record"], client.state["can_hold"]) == (False, False)
+        server.show_starting("loading fusion")
+        assert client.text()["starting"] == "loading fusion"
+        assert client.ask(command="zero", id=1)["message"] == "the run has not begun yet"
+        server.begin(engine, engine.settings(loop=loop))
+        state = client.text()
+        assert (state["starting"], state["can_record"], state["can_hold"]) == ("", True, True)
+        assert client.text()["answer"] == "loop"
+        assert client.ask(command="zero", id=2)["ok"]
+        number = Publisher(server, image).put()
+        while isinstance(received := client.socket.recv(timeout=5.0), str):
+            pass
+        assert struct.unpack_from("<4sHHI", received)[3] == number
 
 
 # Who may speak

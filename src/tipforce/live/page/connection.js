@@ -3,6 +3,7 @@
 const FIRST_PINGS_MS = [0, 50, 150, 300];
 const PING_MS = 1000;
 const RETRY_MS = [250, 500, 1000, 2000];
+const REFUSED = 1013; // the code with which the server closes one page too many
 const SILENT_MS = 5000; // a socket that answers no ping for so long is dead, whatever the browser says
 
 export class Connection {
@@ -12,6 +13,7 @@ export class Connection {
   #id = 0;
   #heardAt = 0;
   #display = null;
+  refused = ""; // why the server takes no page; it is asked again
 
   /** @param {{frame, state, loop, pong, opened, closed}} on what to call */
   constructor(on) {
@@ -31,13 +33,14 @@ export class Connection {
     this.#socket = socket;
     this.#heardAt = performance.now();
     socket.onopen = () => {
-      this.#attempts = 0;
       for (const wait of FIRST_PINGS_MS) setTimeout(() => this.#ping(), wait);
       if (this.#display) this.#send(this.#display);
       this.on.opened();
     };
     socket.onmessage = (event) => {
       this.#heardAt = performance.now();
+      this.#attempts = 0; // only now: a server that refuses a page opens its socket all the same
+      this.refused = "";
       if (typeof event.data === "string") this.#answer(JSON.parse(event.data));
       else this.on.frame(event.data);
     };
@@ -46,7 +49,8 @@ export class Connection {
       this.#socket = null;
       for (const done of this.#waiting.values()) done({ ok: false, message: "the connection was lost" });
       this.#waiting.clear();
-      this.on.closed(event.reason);
+      this.refused = event.code === REFUSED ? `${event.reason}; close one of them. This page tries again by itself` : "";
+      this.on.closed();
       const wait = RETRY_MS[Math.min(this.#attempts++, RETRY_MS.length - 1)];
       setTimeout(() => this.#open(), wait);
     };

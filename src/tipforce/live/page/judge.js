@@ -41,14 +41,16 @@ function kindOf(values, contact) {
 
 /**
  * @param {object|null} update the newest one, as readMessage gives it
- * @param {object} contact window and limit
- * @param {boolean} connected
+ * @param {object} state what all pages show alike: window and limit, what the program does before the run begins
+ * @param {{open: boolean, refused: string}} connection refused: why the server takes no page, else empty
  * @param {{frame: number, notice: number}} age ms since capture and since publication
  * @returns {{kind: string, sign: string, title: string, detail: string, live: boolean}} live: numbers may be shown
  */
-export function judge(update, contact, connected, age) {
+export function judge(update, state, connection, age) {
   const dead = (kind, sign, title, detail) => ({ kind, sign, title, detail, live: false });
-  if (!connected) return dead("disconnected", "✕", "DISCONNECTED", "trying to reach the server again");
+  if (connection?.refused) return dead("refused", "✕", "TOO MANY PAGES", connection.refused);
+  if (!connection?.open) return dead("disconnected", "✕", "DISCONNECTED", "trying to reach the server again");
+  if (state.starting) return dead("waiting", "…", "STARTING", state.starting);
   if (!update) return dead("waiting", "…", "WAITING", "for the first frame");
   const { values } = update;
   if (values.status !== "valid" && age.notice <= NOTICE_MS) {
@@ -59,7 +61,7 @@ export function judge(update, contact, connected, age) {
     const told = Number.isFinite(age.frame) ? `the newest frame is ${seconds(age.frame)} old` : "age not known";
     return dead("stale", "✕", "STALE", told);
   }
-  const kind = kindOf(values, contact);
+  const kind = kindOf(values, state.contact);
   const [sign, title, detail] = KINDS[kind];
   return { kind, sign, title, detail, live: true };
 }

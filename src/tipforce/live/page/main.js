@@ -92,7 +92,7 @@ function present() {
     frame: update ? clock.age(update.capturedMs, now) : Infinity,
     notice: update ? clock.age(update.publishedMs, now) : Infinity,
   };
-  const verdict = judge(update, state.contact, connection?.open ?? false, age);
+  const verdict = judge(update, state, connection, age);
   app.verdict = verdict;
   const values = verdict.live ? update.values : null;
   app.alarm.update(values, state.contact.limit_n, now);
@@ -154,7 +154,7 @@ function showAlarm(alarm) {
 }
 
 function veilTitle(verdict) {
-  return ["disconnected", "waiting"].includes(verdict.kind) ? verdict.title : "STALE";
+  return ["disconnected", "refused", "waiting"].includes(verdict.kind) ? verdict.title : "STALE";
 }
 
 /** The numbers of a live update; null: there is none. */

@@ -8,12 +8,12 @@ import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from ...clinical import ContactSettings
-from ...types import Clock
 from ._messages import EncodedUpdate
+from ._settings import Commands, PageSettings
 
 __all__ = ["Hub", "PageState"]
 
@@ -27,6 +27,7 @@ _URGENT = 2
 class PageState:
     """What all pages show alike, and hear of when it changes.
 
+    ``starting``: what the program does before the first image, empty once the run has begun.
     ``can_hold``: there is a loop that holds a force.
     ``recording_message``: why there is no recording although one was wanted, else empty.
     """
@@ -34,6 +35,7 @@ class PageState:
     model: str = ""
     session: str = ""
     simulated: bool = False
+    starting: str = ""
     contact: ContactSettings = field(default_factory=ContactSettings)
     can_record: bool = False
     can_set_limits: bool = False
@@ -53,12 +55,14 @@ class PageState:
 class Hub:
     """Holds the newest update and the pages' common state; wakes the pages. ``loop`` is that of the server.
 
-    `publish` and `change` may be called from any thread, all else belongs to the loop's own.
+    `begin`, `publish` and `change` may be called from any thread, all else belongs to the loop's own.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, clock: Clock, state: PageState) -> None:
-        self.clock = clock
-        self.state = state
+    def __init__(self, loop: asyncio.AbstractEventLoop, settings: PageSettings) -> None:
+        self.settings = settings
+        self.commands: Commands | None = None
+        """The engine's buttons; None before the run begins."""
+        self.state = PageState(contact=settings.contact)
         self.newest: EncodedUpdate | None = None
         self.latencies_s: deque[float] = deque(maxlen=_KEPT)
         """From mid-exposure until the message was handed to a socket."""
@@ -71,6 +75,7 @@ class Hub:
         """Where the stop key is served: on threads that nothing else can keep busy."""
         self._heard_s = -math.inf
         self._loop = loop
+        self._changing = threading.Lock()
         self._pages: set[asyncio.Event] = set()
 
     @property
@@ -92,9 +97,21 @@ class Hub:
         self.newest = update
         self.wake()
 
-    def change(self, state: PageState) -> None:
-        """All pages hear of ``state``."""
-        self.state = state
+    def begin(self, commands: Commands, settings: PageSettings) -> None:
+        """The run begins: buttons work from now on, and ``settings`` say which."""
+        self.settings, self.commands = settings, commands
+        self.change(
+            starting="",
+            contact=settings.contact,
+            can_record=settings.on_record is not None,
+            can_set_limits=settings.on_contact is not None,
+            can_hold=settings.loop is not None,
+        )
+
+    def change(self, **changes: Any) -> None:
+        """Changes fields of ``state``; all pages hear of it."""
+        with self._changing:
+            self.state = replace(self.state, **changes)
         self.wake()
 
     def close(self) -> None:

@@ -9,7 +9,6 @@ import socket
 import threading
 from collections import deque
 from collections.abc import Awaitable, Callable
-from dataclasses import replace
 from importlib import resources
 from types import TracebackType
 from typing import Self
@@ -54,17 +53,17 @@ class PageSink:
     name = "page"
     keeps_all = False
 
-    def __init__(self, hub: Hub, quality: int) -> None:
-        self._hub, self._quality = hub, quality
+    def __init__(self, hub: Hub) -> None:
+        self._hub = hub
         self._recent: deque[Point] = deque(maxlen=_RECENT)
 
     def start(self, info: SessionInfo, model: str) -> None:
         """Pages show session and model by name."""
-        self._hub.change(replace(self._hub.state, model=model, session=info.name, simulated=info.simulated))
+        self._hub.change(model=model, session=info.name, simulated=info.simulated)
 
     def put(self, update: LiveUpdate) -> None:
         """Takes the place of the update before it, and returns at once."""
-        self._hub.publish(EncodedUpdate(update, self._quality, tuple(self._recent)))
+        self._hub.publish(EncodedUpdate(update, self._hub.settings.jpeg_quality, tuple(self._recent)))
         self._recent.append(point_of(update))
 
     def close(self) -> None:
@@ -99,6 +98,19 @@ class PageServer:
         """What all pages show alike."""
         return self._hub.state
 
+    def show_starting(self, doing: str) -> None:
+        """Tells the pages what the program does before the run begins."""
+        self._hub.change(starting=doing)
+
+    def begin(self, commands: Commands, settings: PageSettings) -> None:
+        """The run begins.
+
+        Args:
+            commands: the engine's buttons.
+            settings: clock, window and limit, and what the page may do; ``most_pages`` stays as `serve` got it.
+        """
+        self._hub.begin(commands, settings)
+
     def latencies_s(self) -> list[float]:
         """From mid-exposure until the message was handed to a page's socket, of the last messages."""
         return list(self._hub.latencies_s)
@@ -109,7 +121,7 @@ class PageServer:
 
     def show_recording(self, on: bool, message: str = "") -> None:
         """Tells the pages that a recording began or ended otherwise than by their button; ``message`` says why."""
-        self._hub.change(replace(self._hub.state, recording=on, recording_message=message))
+        self._hub.change(recording=on, recording_message=message)
 
     def close(self) -> None:
         """Ends the server; pages show that they are disconnected. May be called more than once."""
@@ -130,7 +142,7 @@ class PageServer:
 
 
 def serve(
-    commands: Commands,
+    commands: Commands | None,
     *,
     host: str = LOCAL_HOST,
     port: int = 0,
@@ -140,7 +152,7 @@ def serve(
     """Begins to serve the live page.
 
     Args:
-        commands: the engine's buttons.
+        commands: the engine's buttons; None: there is no engine yet, and `PageServer.begin` brings it.
         host: name or address to listen on; by default nobody but this machine can reach the page.
         port: 0: any that is free.
         token: that a browser has to show; None: none is needed on this machine, and a random one elsewhere.
@@ -156,19 +168,15 @@ def serve(
         token = secrets.token_urlsafe(_TOKEN_BYTES)
     listening = _listen(host, port)
     port = listening.getsockname()[1]
-    state = PageState(
-        contact=settings.contact,
-        can_record=settings.on_record is not None,
-        can_set_limits=settings.on_contact is not None,
-        can_hold=settings.loop is not None,
-    )
     started: threading.Event = threading.Event()
     made: list[tuple[Hub, uvicorn.Server]] = []
     failed: list[BaseException] = []
 
     async def main() -> None:
-        hub = Hub(asyncio.get_running_loop(), settings.clock, state)
-        app = Guard(_app(hub, commands, settings), {host, socket.gethostname()}, token, f"tipforce-{port}")
+        hub = Hub(asyncio.get_running_loop(), settings)
+        if commands is not None:
+            hub.begin(commands, settings)
+        app = Guard(_app(hub, settings.most_pages), {host, socket.gethostname()}, token, f"tipforce-{port}")
         server = uvicorn.Server(
             uvicorn.Config(
                 app,
@@ -205,18 +213,18 @@ def serve(
     hub, server = made[0]
     query = "" if token is None else f"?token={token}"
     address = f"http://{_shown(host)}:{port}/{query}"
-    return PageServer(address, port, PageSink(hub, settings.jpeg_quality), hub, server, thread)
+    return PageServer(address, port, PageSink(hub), hub, server, thread)
 
 
-def _app(hub: Hub, commands: Commands, settings: PageSettings) -> Starlette:
+def _app(hub: Hub, most_pages: int) -> Starlette:
     """Routes: the files of the page, and its socket."""
 
     async def page(socket: WebSocket) -> None:
-        if hub.pages >= settings.most_pages or hub.closing:
+        if hub.pages >= most_pages or hub.closing:
             await socket.accept()
-            await socket.close(_TRY_LATER, f"{settings.most_pages} pages are open already")
+            await socket.close(_TRY_LATER, f"{most_pages} pages are open already, and no more are served")
             return
-        await PageSession(socket, hub, commands, settings).run()
+        await PageSession(socket, hub).run()
 
     routes = [Route(path, _file(*content)) for path, content in _page_files().items()]
     return Starlette(routes=[*routes, WebSocketRoute("/live", page)])

@@ -6,14 +6,12 @@ import logging
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import replace
 from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ...clinical import ContactSettings
 from ...errors import InputError, TipforceError
-from .._loop import LoopCommands
 from ._commands import (
     LONGEST,
     Acknowledge,
@@ -29,7 +27,7 @@ from ._commands import (
 )
 from ._hub import Hub
 from ._messages import WIDTHS, EncodedUpdate
-from ._settings import Commands, PageSettings
+from ._settings import Commands
 
 __all__ = ["PageSession"]
 
@@ -54,8 +52,8 @@ class PageSession:
     behind it is slow, and what it has not yet drawn would grow older in the buffers between.
     """
 
-    def __init__(self, socket: WebSocket, hub: Hub, commands: Commands, settings: PageSettings) -> None:
-        self._socket, self._hub, self._commands, self._settings = socket, hub, commands, settings
+    def __init__(self, socket: WebSocket, hub: Hub) -> None:
+        self._socket, self._hub = socket, hub
         self._sending = asyncio.Lock()
         self._view, self._width = "", WIDTHS[2]
         self._in_flight: int | None = None
@@ -67,9 +65,7 @@ class PageSession:
         """Until the page goes, or the server."""
         await self._socket.accept()
         self._news = self._hub.join()
-        tasks = [asyncio.create_task(self._send_news()), asyncio.create_task(self._receive())]
-        if self._settings.loop is not None:
-            tasks.append(asyncio.create_task(self._send_loop(self._settings.loop)))
+        tasks = [asyncio.create_task(each) for each in (self._send_news(), self._receive(), self._send_loop())]
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
@@ -97,12 +93,13 @@ class PageSession:
                 await self._send_frame(newest)
         await self._socket.close(_GOING_AWAY, "the server has ended")
 
-    async def _send_loop(self, loop: LoopCommands) -> None:
+    async def _send_loop(self) -> None:
         """Beside the frames, so that it comes also where those stall."""
         last, sent_s = "", 0.0
         while True:  # until `run` ends
-            text = loop.status.text()
-            if text != last or time.monotonic() - sent_s >= _LOOP_AGAIN_S:
+            loop = self._hub.settings.loop
+            text = "" if loop is None else loop.status.text()
+            if text and (text != last or time.monotonic() - sent_s >= _LOOP_AGAIN_S):
                 last, sent_s = text, time.monotonic()
                 await self._send_text(text)
             await asyncio.sleep(_LOOP_S)
@@ -110,7 +107,7 @@ class PageSession:
     async def _send_frame(self, encoded: EncodedUpdate) -> None:
         message = await asyncio.to_thread(encoded.message, self._view, self._width)
         self._in_flight = encoded.number & 0xFFFFFFFF
-        self._hub.latencies_s.append((self._hub.clock.now_ns() - encoded.update.captured_ns) * 1e-9)
+        self._hub.latencies_s.append((self._hub.settings.clock.now_ns() - encoded.update.captured_ns) * 1e-9)
         async with self._sending:
             await self._socket.send_bytes(message)
 
@@ -159,7 +156,7 @@ class PageSession:
                         self._hub.page_ages_s.append(command.age_ms * 1e-3)
                     self._news.set()
             case Ping():
-                now_ms = self._hub.clock.now_ns() * 1e-6
+                now_ms = self._hub.settings.clock.now_ns() * 1e-6
                 self._say({"answer": "pong", "sent_ms": command.sent_ms, "clock_ms": round(now_ms, 4)})
             case Display():
                 self._view, self._width = command.view, command.width_px
@@ -189,11 +186,12 @@ class PageSession:
         self._say(_answer(command.id, refusal))
 
     def _job(self, command: _Order) -> Callable[[], None]:
+        buttons = self._buttons
         match command:
             case ZeroForce():
-                return self._commands.zero
+                return buttons.zero
             case Integral():
-                return self._commands.start_integral if command.on else self._commands.stop_integral
+                return buttons.start_integral if command.on else buttons.stop_integral
             case Record():
                 return lambda: self._record(command.on)
             case Limits():
@@ -201,23 +199,35 @@ class PageSession:
             case Loop():
                 return lambda: self._order(command)
 
+    @property
+    def _buttons(self) -> Commands:
+        if self._hub.commands is None:
+            raise InputError("the run has not begun yet")
+        return self._hub.commands
+
     def _order(self, command: Loop) -> None:
-        if self._settings.loop is None:
+        loop = self._hub.settings.loop
+        if loop is None:
             raise InputError("no force is held in this run")
-        getattr(self._settings.loop, command.do)()
+        getattr(loop, command.do)()
 
     def _record(self, on: bool) -> None:
-        if self._settings.on_record is None:
+        switch = self._hub.settings.on_record
+        if switch is None:
             raise InputError("nothing can be recorded in this run")
+        if on:  # before, so that what a recording says of itself is the last word
+            self._hub.change(recording=True, recording_message="")
         try:
-            self._settings.on_record(on)
+            switch(on)
         except TipforceError as error:
-            self._hub.change(replace(self._hub.state, recording=False, recording_message=str(error)))
+            self._hub.change(recording=False, recording_message=str(error))
             raise
-        self._hub.change(replace(self._hub.state, recording=on, recording_message=""))
+        if not on:
+            self._hub.change(recording=False, recording_message="")
 
     def _set_limits(self, command: Limits) -> None:
-        if self._settings.on_contact is None:
+        set_contact = self._hub.settings.on_contact
+        if set_contact is None:
             raise InputError("window and limit cannot be set in this run")
         with self._hub.limits:
             before = self._hub.state.contact
@@ -227,8 +237,8 @@ class PageSession:
                 )
             except ValueError as error:
                 raise InputError(_first_line(error)) from None
-            self._settings.on_contact(contact)
-            self._hub.change(replace(self._hub.state, contact=contact))
+            set_contact(contact)
+            self._hub.change(contact=contact)
 
 
 def _answer(number: int, refusal: str) -> dict[str, Any]:

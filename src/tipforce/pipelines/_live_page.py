@@ -1,0 +1,130 @@
+"""The page of a live run: served before there is an estimator or a camera, and told what the program does meanwhile."""
+
+import time
+from dataclasses import dataclass
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from ..clinical import ContactSettings
+from ..errors import InputError
+from ..live import Engine, Sink
+from ..live.streams import open_sink
+from ..types import Clock
+from ._live_control import LiveControl
+
+if TYPE_CHECKING:
+    from ..live.server import PageServer
+
+__all__ = ["LivePage", "PageAddress"]
+
+
+@dataclass(frozen=True, slots=True)
+class PageAddress:
+    """Where the page is served; ``token`` as `tipforce.live.server.serve` has it."""
+
+    host: str = "127.0.0.1"
+    port: int = 0
+    token: str | None = None
+
+
+class LivePage:
+    """The page of one run. A context manager: inside it the page is served, also before `begin`.
+
+    Args:
+        at: where it is served.
+    """
+
+    def __init__(self, at: PageAddress) -> None:
+        self._at = at
+        self._server: PageServer | None = None
+
+    def __enter__(self) -> Self:
+        from ..live.server import serve  # a web server is loaded where there is a page
+
+        self._server = serve(None, host=self._at.host, port=self._at.port, token=self._at.token)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.server.close()
+
+    @property
+    def server(self) -> "PageServer":
+        """The running server. Raises RuntimeError outside of the ``with`` block."""
+        if self._server is None:
+            raise RuntimeError("the page is served inside its with block only")
+        return self._server
+
+    @property
+    def address(self) -> str:
+        """What to open in a browser."""
+        return self.server.address
+
+    def show_starting(self, doing: str) -> None:
+        """Shows what the program does before the run begins."""
+        self.server.show_starting(doing)
+
+    def begin(self, engine: Engine, clock: Clock, control: LiveControl | None) -> None:
+        """Shows the updates of ``engine``, and lets its buttons work.
+
+        Args:
+            engine: that will run; the page becomes one of its sinks.
+            clock: the engine's.
+            control: a loop that holds a force, or None.
+        """
+        from ..live.server import PageSettings
+
+        server = self.server
+
+        def set_contact(contact: ContactSettings) -> None:
+            if control is not None:
+                control.set_limit(contact.limit_n)  # before the alarm's, so that one it refuses is none for the alarm
+            engine.contact = contact
+
+        settings = PageSettings(
+            clock=clock,
+            contact=engine.contact,
+            on_contact=set_contact,
+            on_record=_Recorder(engine).switch,
+            loop=control,
+        )
+        engine.add_sink(server.sink)
+        if control is not None:
+            control.silent_s = lambda: server.silent_s
+            engine.add_sink(control.sink)
+        server.begin(engine if control is None else _Buttons(engine, control), settings)
+
+
+class _Buttons:
+    """The engine's buttons while a loop may hold a force."""
+
+    def __init__(self, engine: Engine, control: LiveControl) -> None:
+        self._control = control
+        self.start_integral, self.stop_integral = engine.start_integral, engine.stop_integral
+        self._zero = engine.zero
+
+    def zero(self) -> None:
+        """Refused while a force is held: the loop would make up for what is subtracted."""
+        if self._control.running:
+            raise InputError("no zero while the loop has the drives: it would press as much harder; retract first")
+        self._zero()
+
+
+class _Recorder:
+    """The page's record button: each time a file of its own in the current folder, named by the time of the day."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._sink: Sink | None = None
+
+    def switch(self, on: bool) -> None:
+        """Begins or ends a recording. Raises InputError where its file cannot be made."""
+        if on and self._sink is None:
+            self._sink = open_sink(f"recording:{time.strftime('live-%Y%m%d-%H%M%S')}.mcap")
+            self._engine.add_sink(self._sink)
+        elif not on and self._sink is not None:
+            sink, self._sink = self._sink, None
+            health = self._engine.remove_sink(sink)
+            if health.failures:
+                raise InputError(f"{sink.name}: {health.message}")
