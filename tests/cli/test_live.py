@@ -24,7 +24,7 @@ def run(*words: str):
 def test_a_video_is_estimated_as_it_plays_and_recorded(model: Path, video: Path, tmp_path: Path):
     recording, figures = tmp_path / "run.mcap", tmp_path / "run.json"
     done = run(
-        str(model), str(video), "--knob-deg", "10", "--no-page", "--set", "rate_hz=50", "--set", "stale_s=5",
+        str(model), str(video), "--knob-deg", "10", "--no-page", "--set", "rate_hz=50", "--set", "stale_s=1",
         "--record", str(recording), "--json", str(figures),
     )  # fmt: skip
     assert done.exit_code == 0, done.output
@@ -50,7 +50,7 @@ def test_the_page_is_served_while_it_runs(trained, video: Path):
                 pages.append(answer.read())
 
     with open_live_source(
-        video, stated=stated_knob(), settings=LiveRunSettings(rate_hz=50, loop=True, stale_s=5)
+        video, stated=stated_knob(), settings=LiveRunSettings(rate_hz=50, loop=True, stale_s=1)
     ) as source:
         live(
             trained, source, page=PageAddress(), seconds=1.0, on_page=addresses.append, on_update=look,
@@ -111,7 +111,7 @@ def test_the_devices_of_a_bench_are_the_source_where_there_is_no_other(trained, 
     bench = tmp_path / "bench.toml"
     bench.write_text(f'[hardware.cameras.camera]\ndriver = "video"\nsource = "{video}"\n')
     reports: list[LiveReport] = []
-    with open_live_source(bench=bench, stated=stated_knob(), settings=LiveRunSettings(stale_s=5)) as source:
-        live(trained, source, settings=LiveRunSettings(stale_s=5), seconds=20.0, on_report=reports.append)
+    with open_live_source(bench=bench, stated=stated_knob(), settings=LiveRunSettings(stale_s=1)) as source:
+        live(trained, source, settings=LiveRunSettings(stale_s=1), seconds=20.0, on_report=reports.append)
     assert reports[0].end == "the source has ended"
     assert reports[0].valid > 3

@@ -1,7 +1,9 @@
 """The engine at work: newest frame, order, sinks that hang or raise, several views, drives, and what it keeps."""
 
+import math
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +12,8 @@ from tipforce.clinical import ContactSettings
 from tipforce.live import LiveSettings
 from tipforce.live._intake import Intake
 from tipforce.live._latency import Histogram, RecentDelays
-from tipforce.types import Actuation, ActuationInfo, Frame, SessionInfo, Status
+from tipforce.live._runner import SinkRunner
+from tipforce.types import Actuation, ActuationInfo, Frame, SessionInfo, Status, SystemClock
 
 from .conftest import FAST, PERIOD_S, Camera, Method, Notes, wait_until
 
@@ -55,6 +58,100 @@ def test_every_update_comes_in_order_with_image_age_and_health(engine):
     assert report.notices + report.estimated == len(notes.updates) == report.sinks["notes"].taken
     assert 0 < report.latency_p50_s <= report.latency_p99_s
     assert 0 < max(each.health.frames_per_s for each in notes.updates) <= 2 / PERIOD_S
+
+
+def odd(stamp_ns=0, **numbers):
+    """A valid estimate of which some numbers are others; its stamp is off by ``stamp_ns``."""
+
+    class Odd(Method):
+        def update(self, observation):
+            found = super().update(observation)
+            return replace(found, stamp_ns=found.stamp_ns + stamp_ns, **numbers)
+
+    return Odd()
+
+
+@pytest.mark.parametrize(
+    ("method", "words"),
+    [
+        (odd(magnitude_n=math.inf), "a magnitude of inf N; expected a finite number of at least 0"),
+        (odd(magnitude_n=-0.1), "a magnitude of -0.1 N"),
+        (odd(force_n=np.array([math.inf, 0.0, math.nan])), "in known components; expected finite numbers"),
+        (odd(force_n=np.full(3, math.nan)), "in known components; expected finite numbers"),
+        (odd(magnitude_interval_n=np.array([0.3, 0.2])), "an interval of the magnitude from 0.3 to 0.2 N"),
+        (odd(covariance_n2=-np.eye(3)), "a negative variance"),
+        (odd(contact=7.0), "a probability of contact of 7"),
+        (odd(1_000_000_000), "1000 ms after the image"),
+    ],
+)
+def test_an_estimate_that_cannot_be_is_not_valid_and_says_why(engine, method, words):
+    notes = Notes()
+    report = engine(Camera(20), method, notes).run()
+    assert report.estimated > 0
+    assert report.valid == 0
+    assert words in notes.told(words).estimate.detail
+    assert {each.clinical.contact for each in notes.updates} == {"unknown"}
+
+
+def test_an_estimate_of_an_earlier_image_is_as_old_as_that_image(engine):
+    notes = Notes()
+    engine(Camera(20), odd(-round(0.5 * FAST.stale_s * 1e9)), notes).run()
+    assert min(each.latency_s for each in notes.updates if each.estimate.valid) >= 0.5 * FAST.stale_s
+    notes = Notes()
+    engine(Camera(20), odd(-round(2 * FAST.stale_s * 1e9)), notes).run()
+    assert not [each for each in notes.updates if each.estimate.valid]
+
+
+def test_images_stamped_ahead_of_the_clock_give_no_force(engine):
+    class Ahead(Camera):
+        def __iter__(self):
+            for event in super().__iter__():
+                yield replace(event, stamp_ns=event.stamp_ns + 1_000_000_000)
+
+    notes = Notes()
+    assert engine(Ahead(20), Method(), notes).run().valid == 0
+    assert notes.told("ms ahead of this machine's clock")
+
+
+def test_the_bound_that_a_driver_states_counts_as_age(engine):
+    class Bounded(Camera):
+        max_delay_ns = round(0.5 * FAST.stale_s * 1e9)
+
+        def __iter__(self):
+            for event in super().__iter__():
+                yield replace(event, max_delay_ns=self.max_delay_ns)
+
+    notes, camera = Notes(), Bounded(20)
+    engine(camera, Method(), notes).run()
+    assert min(each.latency_s for each in notes.updates if each.estimate.valid) >= 0.5 * FAST.stale_s
+    camera = Bounded(20)
+    camera.max_delay_ns = round(2 * FAST.stale_s * 1e9)
+    assert engine(camera, Method(), Notes()).run().valid == 0
+
+
+def test_a_value_that_waited_for_its_sink_or_its_reader_expires(engine, gate):
+    class Late(Notes):
+        keeps_all = False
+
+        def start(self, info, model):
+            super().start(info, model)
+            gate.wait(10.0)
+
+    notes, late = Notes(), Late()
+    engine(Camera(20), Method(), notes).run()
+    update = next(each for each in notes.updates if each.estimate.valid)
+    assert update.as_of(update.expires_ns) is update
+    expired = update.as_of(update.expires_ns + 1)
+    assert (expired.estimate.status, expired.clinical) == (Status.STALE, None)
+    assert "ms old" in expired.estimate.detail
+    runner = SinkRunner(late, SessionInfo(), "m", FAST, SystemClock())
+    runner.offer(update)
+    runner.start()
+    time.sleep(0.01 + update.max_age_s)
+    gate.set()
+    runner.ask_to_close()
+    runner.wait_closed()
+    assert [each.estimate.valid for each in late.updates] == [False]
 
 
 def test_a_slow_method_drops_frames_and_says_so(engine):

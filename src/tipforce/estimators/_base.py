@@ -129,7 +129,7 @@ class Estimator(ABC):
                     stream = self.start(info, calibration_images(dataset, name, self.views[0]))
                 else:
                     stream = self.start(info)
-            yield stream.update(observation)
+            yield stream.update(observation).checked()
 
     def predict(self, dataset: Dataset, progress: Callable[[float], None] | None = None) -> list[ForceEstimate]:
         """Estimates for the samples of ``dataset``, one stream a session.

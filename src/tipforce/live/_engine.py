@@ -210,8 +210,9 @@ class Engine:
             self._contact.settings = settings
 
     def latest(self) -> LiveUpdate | None:
-        """The last update; None before the first one. Where the camera is at fault it is the watchdog's."""
-        return self._latest
+        """The last update as of now; None before the first one. Where the camera is at fault it is the watchdog's."""
+        latest = self._latest
+        return None if latest is None else latest.as_of(self.clock.now_ns())
 
     def _last(self, loop: Callable[[], None]) -> None:
         """Runs a loop without which there is no run: however it ends, the run ends."""
@@ -234,7 +235,7 @@ class Engine:
             try:
                 if stream is None or instant.run != run:
                     stream, run = self._start_stream(), instant.run
-                found = self._with_shape(stream.update(instant.observation), instant)
+                found = self._with_shape(stream.update(instant.observation).checked(), instant)
                 self._trouble, wait_s = "", self.settings.reconnect_s
             except Exception as error:  # a method should never raise: the run goes on, and says that it did
                 _log.exception("the method failed")
@@ -268,18 +269,20 @@ class Engine:
     def _publish_frame(self, instant: Instant, found: ForceEstimate) -> None:
         with self._publishing:
             now_ns = self.clock.now_ns()
-            self._answered_ns = instant.captured_ns
-            refused = self._refused(instant, now_ns)
+            # an estimate of an earlier image is as old as that image
+            captured_ns = instant.captured_ns - max(0, instant.observation.stamp_ns - found.stamp_ns)
+            self._answered_ns = captured_ns
+            refused = self._refused(instant, found.stamp_ns, captured_ns, now_ns)
             if refused is not None:
                 found = ForceEstimate.invalid(found.stamp_ns, *refused, found.shape)
-            delay_s = (now_ns - instant.captured_ns) * 1e-9
+            delay_s = (now_ns - captured_ns) * 1e-9
             self._recent.add(now_ns, delay_s)
             self._all.add(delay_s)
             self._report.estimated += 1
             self._report.statuses[found.status.value] += 1
             self._report.valid += found.valid
             frames = {view: image for view, image in instant.observation.views.items() if isinstance(image, np.ndarray)}
-            self._publish(found, MappingProxyType(frames), instant.captured_ns, now_ns, self._camera_fault(now_ns))
+            self._publish(found, MappingProxyType(frames), captured_ns, now_ns, self._camera_fault(now_ns))
 
     def _camera_fault(self, now_ns: int) -> Fault | None:
         """What is wrong with the cameras, with what the source knows of it."""
@@ -292,12 +295,24 @@ class Engine:
             why = f"the source cannot tell why: {type(error).__name__}"
         return Fault(fault.camera, f"{fault.message}; {why}") if why else fault
 
-    def _refused(self, instant: Instant, now_ns: int) -> tuple[Status, str] | None:
-        """Why the answer to ``instant`` does not count, whatever it is."""
+    def _refused(self, instant: Instant, stamp_ns: int, captured_ns: int, now_ns: int) -> tuple[Status, str] | None:
+        """Why an estimate does not count, whatever it is.
+
+        Args:
+            instant: what the estimator saw.
+            stamp_ns: of the estimate, on the source's clock.
+            captured_ns: mid-exposure of the image that the estimate is of, on the engine's clock.
+            now_ns: on the engine's clock.
+        """
         fault = self._camera_fault(now_ns)
         if fault is not None:
             return Status.STALE, fault.message
-        age_ns, limit_ns = now_ns - instant.captured_ns, self._intake.limit_ns
+        ahead_ns = stamp_ns - instant.observation.stamp_ns
+        if ahead_ns > 0:
+            return Status.STALE, (
+                f"the method stamped its estimate {ahead_ns * 1e-6:.0f} ms after the image; expected the image's stamp"
+            )
+        age_ns, limit_ns = now_ns - captured_ns, self._intake.limit_ns
         if age_ns > limit_ns:
             return Status.STALE, (
                 f"the image was {age_ns * 1e-6:.0f} ms old when its force was ready; "
@@ -380,6 +395,7 @@ class Engine:
             self._health(fault, now_ns),
             self._zero.zero,
             self._contact.running,
+            self._intake.limit_ns * 1e-9,
         )
         for runner in self._runners:
             runner.offer(self._latest)

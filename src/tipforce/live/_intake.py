@@ -27,10 +27,11 @@ _WAITING = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instant:
-    """What the estimator is to see next. ``observation`` is on the source's clock, ``captured_ns`` on the engine's.
+    """What the estimator is to see next.
 
-    ``run`` changes where the source's clock began anew. ``too_old_s``: drives whose last reading is too old, and the
-    age of it; they are absent from the observation.
+    ``observation`` is on the source's clock. ``captured_ns``: mid-exposure on the engine's clock, or the earliest time
+    at which it can have been where the driver states a bound. ``run`` changes where the source's clock began
+    anew. ``too_old_s``: drives whose last reading is too old, and the age of it; they are absent from the observation.
     """
 
     observation: Observation
@@ -173,6 +174,7 @@ class Intake:
             captured_ns = self._clock.add(frame.stamp_ns, now_ns)
             if self._same_clock:
                 captured_ns = frame.stamp_ns
+            captured_ns -= frame.max_delay_ns
             good = self._watches[view].see(frame.image, frame.stamp_ns, captured_ns, now_ns) == "running"
             if good:
                 self._wait_for_partners(frame, captured_ns)

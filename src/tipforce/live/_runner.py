@@ -82,8 +82,8 @@ class SinkRunner:
                 update = self._next()
                 if update is None:
                     break
-                self._busy_since_ns = self._clock.now_ns()
-                self.sink.put(update)
+                self._busy_since_ns = now_ns = self._clock.now_ns()
+                self.sink.put(update if self.sink.keeps_all else update.as_of(now_ns))
                 self._taken += 1
                 wait_s = self._settings.reconnect_s
             except Exception as error:  # a sink is other people's code: whatever it raises, the others go on

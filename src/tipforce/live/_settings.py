@@ -6,7 +6,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..clinical import ContactSettings
 
-__all__ = ["LiveSettings"]
+__all__ = ["MAX_AGE_S", "LiveSettings"]
+
+MAX_AGE_S = 1.0
+"""No force counts whose image is older, whatever the settings and however slow the camera."""
 
 _Seconds = Annotated[float, Field(gt=0, le=60)]
 
@@ -16,10 +19,10 @@ class LiveSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    stale_s: _Seconds = 0.2
+    stale_s: Annotated[float, Field(gt=0, le=MAX_AGE_S)] = 0.2
     """An older image gives no valid force, unless ``stale_periods`` is longer: so the hazard analysis has it."""
     stale_periods: Annotated[float, Field(ge=1, le=10)] = 2.5
-    """The same in periods of the camera, for slow ones."""
+    """The same in periods of the camera, for slow ones; at most `MAX_AGE_S`."""
     lost_s: _Seconds = 2.0
     """A camera that sends nothing for so long is lost, not late."""
     notice_s: _Seconds = 0.1

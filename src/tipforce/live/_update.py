@@ -1,13 +1,15 @@
 """What the live engine publishes: an estimate with its images, its age, the contact and the health of the run."""
 
 import math
+import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal
 
 from ..clinical import ClinicalState
-from ..types import FloatArray, ForceEstimate, Image, frozen
+from ..types import FloatArray, ForceEstimate, Image, Status, frozen
+from ._settings import MAX_AGE_S
 
 __all__ = ["CAMERA_STATES", "CameraState", "LiveHealth", "LiveUpdate", "SinkHealth", "Zero"]
 
@@ -77,8 +79,10 @@ class LiveUpdate:
 
     ``number`` counts from 0 and never goes back. ``estimate``: invalid where the camera is late, lost, frozen or black.
     ``clinical``: the contact with it. ``frames``: view -> image that the estimate is of; empty for a notice. Its shape
-    is ``estimate.shape``. ``captured_ns``: mid-exposure, of a notice that of the last image; ``published_ns``: when the
-    estimate was ready; both on the engine's clock. ``zero``: what was subtracted, None before the button is pressed.
+    is ``estimate.shape``. ``captured_ns``: mid-exposure, of a notice that of the last image, or the earliest time at
+    which it can have been where the driver states a bound; ``published_ns``: when the estimate was ready; both on the
+    engine's clock. ``published_unix_ns``: the same in nanoseconds since 1970 by this machine's clock. ``max_age_s``:
+    age of the image at which the estimate expires. ``zero``: what was subtracted, None before the button is pressed.
     ``integral_running``: whether the force-time integral of ``clinical`` counts; before its start it is 0, after its
     stop it stays. Read-only, and shared by all sinks.
     """
@@ -92,6 +96,28 @@ class LiveUpdate:
     health: LiveHealth
     zero: Zero | None = None
     integral_running: bool = False
+    max_age_s: float = MAX_AGE_S
+    published_unix_ns: int = field(default_factory=time.time_ns)
+
+    @property
+    def expires_ns(self) -> int:
+        """When the estimate is no longer valid, on the engine's clock."""
+        return self.captured_ns + round(self.max_age_s * 1e9)
+
+    @property
+    def captured_unix_ns(self) -> int:
+        """``captured_ns`` in nanoseconds since 1970 by this machine's clock."""
+        return self.published_unix_ns - (self.published_ns - self.captured_ns)
+
+    def as_of(self, now_ns: int) -> "LiveUpdate":
+        """What the update says at ``now_ns`` of the engine's clock: no force once it has expired."""
+        if not self.estimate.valid or now_ns <= self.expires_ns:
+            return self
+        age_ms = (now_ns - self.captured_ns) * 1e-6
+        estimate = ForceEstimate.invalid(
+            self.estimate.stamp_ns, Status.STALE, f"the image is {age_ms:.0f} ms old", self.estimate.shape
+        )
+        return replace(self, estimate=estimate, clinical=None)
 
     @property
     def latency_s(self) -> float:

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..types import Image
-from ._settings import LiveSettings
+from ._settings import MAX_AGE_S, LiveSettings
 from ._update import CAMERA_STATES, CameraState
 
 __all__ = ["CameraWatch", "Fault", "worst"]
 
 _INTERVALS = 16
-"""So many intervals between images say how fast a camera is. A camera that grows slower later is late, not slow."""
+"""The period is the median of so many last intervals between images: neither a slow start nor a pause changes it."""
+_AHEAD_NS = 10_000_000
+"""A stamp may be so far ahead of the engine's clock: two threads that read the same clock."""
 _SAMPLE = 8
 """Every eighth row and column tell whether an image is black, and mostly whether it differs from the one before."""
 
@@ -46,6 +48,7 @@ class CameraWatch:
         self._fresh_ns: int | None = None
         self._shape: tuple[int, ...] = ()
         self._got = ""
+        self._ahead_ns = 0
         self._stamp_ns: int | None = None
         self._intervals: deque[int] = deque(maxlen=_INTERVALS)
 
@@ -57,10 +60,11 @@ class CameraWatch:
     def see(self, image: Image, stamp_ns: int, captured_ns: int, now_ns: int) -> CameraState:
         """An image that arrives now; returns "running", or what is wrong with it."""
         self._arrived_ns = now_ns
-        if self._stamp_ns is not None and len(self._intervals) < _INTERVALS and stamp_ns > self._stamp_ns:
+        if self._stamp_ns is not None and stamp_ns > self._stamp_ns:
             self._intervals.append(stamp_ns - self._stamp_ns)
         self._stamp_ns = stamp_ns
-        self._verdict = self._judge(image)
+        self._ahead_ns = max(0, captured_ns - now_ns)
+        self._verdict = "late" if self._ahead_ns > _AHEAD_NS else self._judge(image)
         self._last = image
         if self._verdict == "running":
             self._fresh_ns = captured_ns
@@ -69,8 +73,13 @@ class CameraWatch:
     @property
     def limit_ns(self) -> int:
         """Age at which an image is stale."""
-        period_ns = statistics.median(self._intervals) if self._intervals else 0
-        return round(max(self._settings.stale_s * 1e9, self._settings.stale_periods * period_ns))
+        by_period_s = self._settings.stale_periods * self.period_s
+        return round(min(max(self._settings.stale_s, by_period_s), MAX_AGE_S) * 1e9)
+
+    @property
+    def period_s(self) -> float:
+        """Median time between the last images, seconds; 0 before the second one."""
+        return statistics.median(self._intervals) * 1e-9 if self._intervals else 0.0
 
     @property
     def fresh_ns(self) -> int | None:
@@ -80,7 +89,7 @@ class CameraWatch:
     @property
     def deadline_ns(self) -> int | None:
         """When the last good image is stale; None where there is none, or a fault that ends it already."""
-        if self._fresh_ns is None or self._verdict in ("black", "wrong_size"):
+        if self._fresh_ns is None or self._verdict in ("black", "wrong_size", "late"):
             return None
         return self._fresh_ns + self.limit_ns
 
@@ -93,6 +102,12 @@ class CameraWatch:
             silent = Fault("black", f"the view {view} is black: lens cap, light or exposure")
         elif self._verdict == "wrong_size":
             silent = Fault("wrong_size", f"the view {view} sends {self._got}; it began with {_size(self._shape)}")
+        elif self._verdict == "late":
+            silent = Fault(
+                "late",
+                f"the stamps of the view {view} are {self._ahead_ns * 1e-6:.0f} ms ahead of this machine's clock, so "
+                "the age of its images is unknown; set the clock of its source",
+            )
         elif self._fresh_ns is not None and now_ns - self._fresh_ns <= self.limit_ns:
             return None
         else:
@@ -106,7 +121,10 @@ class CameraWatch:
             return Fault("frozen", f"the view {view} sends the same image again and again")
         assert self._fresh_ns is not None
         age_ms = (now_ns - self._fresh_ns) * 1e-6
-        return Fault("late", f"the last image of the view {view} is {age_ms:.0f} ms old")
+        slow = ""
+        if self.period_s > MAX_AGE_S:
+            slow = f"; one comes every {self.period_s:.1f} s, and a force counts for {MAX_AGE_S:g} s at most"
+        return Fault("late", f"the last image of the view {view} is {age_ms:.0f} ms old{slow}")
 
     def _judge(self, image: Image) -> CameraState:
         if not self._shape:

@@ -214,7 +214,7 @@ class _EstimatorFeedback(_Feedback):
         self._events.append(event)
         if isinstance(event, Frame):
             observation = next(self._observations)
-            self._waiting.append((now_ns + self._late_ns, self._stream.update(observation)))
+            self._waiting.append((now_ns + self._late_ns, self._stream.update(observation).checked()))
 
 
 class ControlSession:

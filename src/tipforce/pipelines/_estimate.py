@@ -160,7 +160,7 @@ def estimate(
         check_inputs(estimator, source)
         stream = start_stream(estimator, source)
         for observation in observations(source, estimator.views):
-            yield stream.update(observation)
+            yield stream.update(observation).checked()
 
 
 def session_info_from(bench: SessionInfo | str | Path | None) -> SessionInfo:
@@ -296,7 +296,7 @@ def write_estimates(
         rows.writerow(COLUMNS)
         for observation in observations(source, estimator.views):
             start = time.perf_counter()
-            found = stream.update(observation)
+            found = stream.update(observation).checked()
             seconds = time.perf_counter() - start
             clinical = monitor.update(found)
             report.add(found, clinical, seconds)

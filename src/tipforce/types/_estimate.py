@@ -74,6 +74,34 @@ class ForceEstimate:
         high = float(self.magnitude_interval_n[1])
         return self.magnitude_n if math.isnan(high) else high
 
+    def checked(self) -> "ForceEstimate":
+        """Returns this estimate, or an invalid one with the reason where its numbers cannot be a force.
+
+        Every estimator is checked so before anybody uses what it returns.
+        """
+        wrong = self._impossible() if self.valid else ""
+        if not wrong:
+            return self
+        return self.invalid(self.stamp_ns, Status.UNOBSERVABLE, f"the method returned {wrong}", self.shape)
+
+    def _impossible(self) -> str:
+        """Which number cannot be, and what was expected; empty where all can be."""
+        if not 0.0 <= self.magnitude_n < math.inf:
+            return f"a magnitude of {self.magnitude_n:g} N; expected a finite number of at least 0"
+        components = self.force_n[self.known]
+        if not np.isfinite(components).all():
+            return f"the force {components.tolist()} N in known components; expected finite numbers"
+        for name, (low, high) in zip(
+            ("x", "y", "z", "the magnitude"), (*self.interval_n, self.magnitude_interval_n), strict=True
+        ):
+            if low > high:
+                return f"an interval of {name} from {low:g} to {high:g} N; expected the lower end first"
+        if np.any(np.diagonal(self.covariance_n2) < 0.0):
+            return "a negative variance of the force"
+        if not (math.isnan(self.contact) or 0.0 <= self.contact <= 1.0):
+            return f"a probability of contact of {self.contact:g}; expected 0 to 1"
+        return ""
+
     @classmethod
     def invalid(
         cls,

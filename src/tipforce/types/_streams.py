@@ -22,11 +22,14 @@ class Frame:
     """One image of one camera.
 
     ``image``: (h, w) grey or (h, w, 3) RGB, uint8. ``stamp_ns``: mid-exposure, on the recording's clock.
+    ``max_delay_ns``: the driver guarantees that mid-exposure was at most so much before ``stamp_ns``. 0 where it knows
+    the time of the exposure.
     """
 
     stamp_ns: int
     image: Image
     view: str = "camera"
+    max_delay_ns: int = 0
 
     def __post_init__(self) -> None:
         if self.image.dtype != np.uint8 or not (self.image.ndim == 2 or self.image.shape[2:] == (3,)):

@@ -82,6 +82,31 @@ def test_a_server_that_goes_and_comes_back(
     sink.close()
 
 
+def test_a_server_that_stops_reading_gets_what_its_machine_kept_and_then_the_newest(
+    update: Callable[..., LiveUpdate], info: SessionInfo
+) -> None:
+    with socket.socket() as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8192)
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        sink = open_sink(f"igtl://127.0.0.1:{server.getsockname()[1]}")
+        sink.start(info, "m")
+        with server.accept()[0] as connection:
+            began = time.monotonic()
+            for number in range(300):
+                sink.put(update(number))
+            assert time.monotonic() - began < 1.5, "it does not wait for the server"
+            connection.settimeout(WAIT_S)
+            old, status = -1, "valid"
+            while status == "valid":
+                sink.put(update(300, valid=False))
+                message = received(connection)
+                if message.message_type == "STRING":
+                    old, status = old + 1, json.loads(message.string)["status"]
+            assert old < 60, "of 300"
+    sink.close()
+
+
 def test_without_a_server_the_start_fails(info: SessionInfo, free_port: int) -> None:
     sink = open_sink(f"igtl://127.0.0.1:{free_port}")
     with pytest.raises(ConnectionRefusedError):

@@ -8,7 +8,7 @@ from ...io import COMPRESSED_IMAGE, ESTIMATE, FORCE_ESTIMATE, SCHEMAS, encode_im
 from ...types import Image, SessionInfo
 from .._update import LiveUpdate
 from ._address import Address, import_extra
-from ._message import LiveMessage, message_of, wall_ns
+from ._message import LiveMessage, message_of
 from ._server import OriginDoor
 
 __all__ = ["FoxgloveServer"]
@@ -66,7 +66,7 @@ class FoxgloveServer:
 
     def put(self, update: LiveUpdate) -> None:
         """Publish one update."""
-        at = wall_ns(update)
+        at = update.captured_unix_ns
         for view, image in update.frames.items():
             self._publish(view, image, at)
         self._estimate.log(pack_estimate(at, update.estimate), log_time=at)

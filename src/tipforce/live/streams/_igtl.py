@@ -7,13 +7,14 @@ server that comes back, and prints tracebacks.
 import json
 import math
 import socket
+import time
 
 import numpy as np
 
 from ...types import FloatArray, SessionInfo
 from .._update import LiveUpdate
 from ._address import Address, import_extra
-from ._message import message_of, wall_ns
+from ._message import message_of
 from ._tip import tip_pose
 
 __all__ = ["FORCE_DEVICE", "TIP_DEVICE", "OpenIGTLink"]
@@ -23,7 +24,12 @@ TIP_DEVICE, FORCE_DEVICE = "TipToBase", "TipForce"
 PORT = 18944
 _TIMEOUT_S = 2.0
 _ROOM = 1 << 16
-_SENT = ("status", "detail", "force_n", "magnitude_n", "magnitude_interval_n", "interval_n", "magnitude_g")
+_SEND_BUFFER = 4096
+"""Bytes that wait in this machine for a server that reads slowly: some updates. Linux takes twice as many."""
+_SENT = (
+    *("status", "detail", "expires_unix_s"),
+    *("force_n", "magnitude_n", "magnitude_interval_n", "interval_n", "magnitude_g"),
+)
 """What of the JSON message goes into the string."""
 _UNKNOWN = np.array([[math.nan] * 4] * 3 + [[0.0, 0.0, 0.0, 1.0]])
 
@@ -31,7 +37,8 @@ _UNKNOWN = np.array([[math.nan] * 4] * 3 + [[0.0, 0.0, 0.0, 1.0]])
 class OpenIGTLink:
     """A TRANSFORM and a STRING (JSON) an update, of the same time stamp. The transform is NaN where there is no pose.
 
-    NaN, for the last pose would look like a live one. Not `keeps_all`: Slicer shows the newest.
+    NaN, for the last pose would look like a live one. Not `keeps_all`: Slicer shows the newest. While the server takes
+    nothing, updates are left out.
     """
 
     keeps_all = False
@@ -44,25 +51,46 @@ class OpenIGTLink:
         self._igtl = import_extra("pyigtl")
         self._session, self._model = SessionInfo(), ""
         self._socket: socket.socket | None = None
+        self._unsent = b""
+        self._taken_s = 0.0
 
     def start(self, info: SessionInfo, model: str) -> None:
         """Connect. Raises OSError where no server answers."""
         self._session, self._model = info, model
         self._socket = socket.create_connection(self._target, _TIMEOUT_S)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        self._socket.setblocking(False)
+        self._unsent, self._taken_s = b"", time.monotonic()
 
     def put(self, update: LiveUpdate) -> None:
         """Send both messages. Raises OSError where the server is gone, or takes nothing for two seconds."""
         assert self._socket is not None
         self._refuse_end(self._socket)
+        self._send(self._socket)
+        if self._unsent:
+            if time.monotonic() - self._taken_s > _TIMEOUT_S:
+                raise TimeoutError(f"the OpenIGTLink server has taken nothing for {_TIMEOUT_S:g} s")
+            return
         message = message_of(update, self._session, self._model).model_dump(mode="json")
         text = json.dumps({name: message[name] for name in _SENT})  # ASCII: pyigtl packs nothing else
         pose = tip_pose(update, self._session)
-        stamp_s = wall_ns(update) * 1e-9
-        self._socket.sendall(
+        stamp_s = update.captured_unix_ns * 1e-9
+        self._unsent = (
             self._transform(_UNKNOWN if pose is None else pose.matrix, stamp_s)
             + self._igtl.StringMessage(text, timestamp=stamp_s, device_name=FORCE_DEVICE).pack()
         )
+        self._taken_s = time.monotonic()
+        self._send(self._socket)
+
+    def _send(self, connection: socket.socket) -> None:
+        """Sends what can be sent at once."""
+        try:
+            while self._unsent:
+                self._unsent = self._unsent[connection.send(self._unsent) :]
+                self._taken_s = time.monotonic()
+        except BlockingIOError:
+            pass
 
     def _transform(self, matrix: FloatArray, stamp_s: float) -> bytes:
         return self._igtl.TransformMessage(matrix, timestamp=stamp_s, device_name=TIP_DEVICE).pack()
@@ -70,15 +98,12 @@ class OpenIGTLink:
     @staticmethod
     def _refuse_end(connection: socket.socket) -> None:
         """Read away what the server says. Raises ConnectionError where it closed: the first send would not tell."""
-        connection.setblocking(False)
         try:
             while said := connection.recv(_ROOM):
                 del said
             raise ConnectionError("the OpenIGTLink server closed the connection")
         except BlockingIOError:
             pass  # nothing more to read: it is there
-        finally:
-            connection.settimeout(_TIMEOUT_S)
 
     def close(self) -> None:
         """Close the connection."""

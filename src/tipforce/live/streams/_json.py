@@ -1,12 +1,13 @@
 """Estimates as JSON: datagrams to one receiver, or a WebSocket that any number of clients may read."""
 
-import contextlib
 import socket
 import threading
+import time
 
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection
 
+from ...errors import InputError
 from ...types import SessionInfo
 from .._update import LiveUpdate
 from ._address import Address
@@ -18,16 +19,27 @@ __all__ = ["JsonUdp", "JsonWebSocket"]
 UDP_PORT, WEBSOCKET_PORT = 8766, 8767
 _LOOK_AGAIN_S = 1.0
 """How often a client's thread checks whether its connection is still there while nothing is sent."""
+_OPEN_S = 0.05
+"""How often it checks for the end of the run while a client has not acknowledged a message."""
+_LAST_S = 1.0
+"""How long the end of the run waits for all clients to be sent the last message."""
 
 
 class JsonUdp:
-    """One datagram an update, some 1 kB, to one receiver; nobody knows whether it arrived."""
+    """One datagram an update, some 1 kB, to one receiver; nobody knows whether it arrived.
+
+    A receiver that reads slowly gets what waits in its own socket first, which no sender can take back. With the
+    option ``rate_hz`` it is sent at most so many valid estimates a second; an estimate that turns invalid is always
+    sent at once.
+    """
 
     keeps_all = False
 
     def __init__(self, address: Address) -> None:
-        address.only()
+        """Raises InputError where ``rate_hz`` is not a positive number."""
+        address.only("rate_hz")
         self.name = address.text
+        self._period_s, self._next_s = _period_s(address), 0.0
         self._target = address.with_port(UDP_PORT)
         self._session, self._model = SessionInfo(), ""
         self._socket: socket.socket | None = None
@@ -41,6 +53,11 @@ class JsonUdp:
     def put(self, update: LiveUpdate) -> None:
         """Send one datagram."""
         assert self._socket is not None
+        now_s = time.monotonic()
+        if update.estimate.valid:
+            if now_s < self._next_s:
+                return
+            self._next_s = now_s + self._period_s
         text = message_of(update, self._session, self._model).model_dump_json(by_alias=True)
         self._socket.sendto(text.encode(), self._to)
 
@@ -51,8 +68,31 @@ class JsonUdp:
             self._socket = None
 
 
+def _period_s(address: Address) -> float:
+    """Shortest time between two valid estimates."""
+    stated = address.options.get("rate_hz")
+    if stated is None:
+        return 0.0
+    try:
+        return 1.0 / _positive(float(stated[-1]))
+    except ValueError:
+        raise InputError(
+            f"out={address.text}: rate_hz={stated[-1]}: expected messages a second, as in rate_hz=30"
+        ) from None
+
+
+def _positive(value: float) -> float:
+    if not 0.0 < value < float("inf"):
+        raise ValueError
+    return value
+
+
 class JsonWebSocket:
-    """A server; each client gets the newest message as one text, a slow one fewer of them and never an older one."""
+    """A server; each client gets the newest message as one text, a slow one fewer of them and never an older one.
+
+    A ping follows each message, and the next message is sent after its pong: one message at most is on its way to a
+    client that has stopped reading.
+    """
 
     keeps_all = False
 
@@ -65,6 +105,7 @@ class JsonWebSocket:
         self._server: OriginServer | None = None
         self._changed = threading.Condition()
         self._newest, self._count, self._open = "", 0, False
+        self._clients = 0
 
     def start(self, info: SessionInfo, model: str) -> None:
         """Listen. Raises OSError where the port is in use."""
@@ -80,24 +121,39 @@ class JsonWebSocket:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """End all connections."""
+        """End all connections, after the last message."""
         with self._changed:
             self._open = False
             self._changed.notify_all()
+            self._changed.wait_for(lambda: self._clients == 0, _LAST_S)
         if self._server is not None:
             self._server.close()
             self._server = None
 
     def _serve(self, client: ServerConnection) -> None:
-        sent = self._count  # what came before the client is old
-        with contextlib.suppress(ConnectionClosed):
-            while True:
-                with self._changed:
-                    self._changed.wait_for(lambda: self._count != sent or not self._open, _LOOK_AGAIN_S)  # noqa: B023
-                    if not self._open:
-                        return
-                    if self._count == sent:
-                        client.ping()  # raises where the client is gone
-                        continue
-                    sent, text = self._count, self._newest
+        with self._changed:
+            self._clients += 1
+            sent = self._count  # what came before the client is old
+        try:
+            self._feed(client, sent)
+        except ConnectionClosed:
+            pass
+        finally:
+            with self._changed:
+                self._clients -= 1
+                self._changed.notify_all()
+
+    def _feed(self, client: ServerConnection, sent: int) -> None:
+        """Sends every message after number ``sent`` that is the newest when the client is ready for one."""
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._count != sent or not self._open, _LOOK_AGAIN_S)  # noqa: B023
+                is_open, count, text = self._open, self._count, self._newest
+            if count != sent:
+                sent = count
                 client.send(text)
+            if not is_open:
+                return
+            taken = client.ping(ack_on_close=True)  # raises where the client is gone
+            while self._open and not taken.wait(_OPEN_S):
+                pass

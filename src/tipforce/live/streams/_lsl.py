@@ -1,5 +1,6 @@
 """Lab Streaming Layer: one irregular stream of doubles, its channels described with their units."""
 
+import time
 from collections.abc import Iterable
 from typing import Any
 
@@ -21,15 +22,18 @@ CHANNELS: tuple[tuple[str, str, str], ...] = (
     ("contact", "probability", "Probability"),
     ("status", "code", "Status"),
     ("latency_s", "s", "Latency"),
+    ("max_age_s", "s", "Validity"),
 )
 """Label, unit and type of each channel."""
 _DEFAULT_NAME = "tipforce"
+_BUFFERED = 1
+"""Hundreds of samples that the outlet keeps for a reader that takes none."""
 
 
 class LabStreamingLayer:
     """An outlet; a sample an update, stamped with mid-exposure on LSL's clock. NaN where unknown or not valid.
 
-    Keeps all: the programs that read LSL record.
+    A sample is valid until its stamp plus ``max_age_s``. Keeps all: the programs that read LSL record.
     """
 
     keeps_all = True
@@ -61,7 +65,7 @@ class LabStreamingLayer:
         codes = about.append_child("status_codes")
         for status, number in STATUS_CODES.items():
             codes.append_child_value(status.value, str(number))
-        self._outlet = lsl.StreamOutlet(described)
+        self._outlet = lsl.StreamOutlet(described, max_buffered=_BUFFERED)
 
     def put(self, update: LiveUpdate) -> None:
         """Push one sample."""
@@ -74,8 +78,10 @@ class LabStreamingLayer:
             estimate.contact,
             float(STATUS_CODES[estimate.status]),
             update.latency_s,
+            update.max_age_s,
         ]
-        self._outlet.push_sample(sample, self._lsl.local_clock() - update.latency_s)
+        age_s = (time.time_ns() - update.captured_unix_ns) * 1e-9
+        self._outlet.push_sample(sample, self._lsl.local_clock() - age_s)
 
     def close(self) -> None:
         """Withdraw the stream."""

@@ -1,7 +1,6 @@
 """One update as plain values: the JSON message, whose schema is the contract with other programs."""
 
 import math
-import time
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -13,21 +12,13 @@ from ...units import newtons_to_grams
 from .._update import CameraState, LiveHealth, LiveUpdate
 from ._tip import TipPose, tip_pose
 
-__all__ = ["SCHEMA_VERSION", "LiveMessage", "message_of", "wall_ns"]
+__all__ = ["SCHEMA_VERSION", "LiveMessage", "message_of"]
 
 SCHEMA_VERSION = "tipforce.live/1"
 """The number grows when a field changes its meaning or goes; new fields may come without."""
 
 Vector = tuple[float | None, float | None, float | None]
 Interval = tuple[float | None, float | None]
-
-
-def wall_ns(update: LiveUpdate) -> int:
-    """When the image of ``update`` was taken, in nanoseconds since 1970 by this machine's clock.
-
-    Now minus the latency; too late by as long as the update waited for its sink.
-    """
-    return time.time_ns() - (update.published_ns - update.captured_ns)
 
 
 class _Part(BaseModel):
@@ -79,6 +70,9 @@ class LiveMessage(_Part):
     model: str
     stamp_ns: int = Field(description="mid-exposure, on the camera's own clock")
     captured_unix_s: float = Field(description="mid-exposure, seconds since 1970 by the sender's clock")
+    expires_unix_s: float = Field(
+        description="after this time the force is not valid any more, seconds since 1970 by the sender's clock"
+    )
     latency_s: float = Field(description="from mid-exposure to the estimate; without a new image, the last one's age")
     status: Status
     detail: str = Field(description="why there is no force, or empty")
@@ -103,7 +97,8 @@ def message_of(update: LiveUpdate, info: SessionInfo, model: str) -> LiveMessage
         session=info.name,
         model=model,
         stamp_ns=estimate.stamp_ns,
-        captured_unix_s=wall_ns(update) * 1e-9,
+        captured_unix_s=update.captured_unix_ns * 1e-9,
+        expires_unix_s=update.captured_unix_ns * 1e-9 + update.max_age_s,
         latency_s=update.latency_s,
         status=estimate.status,
         detail=estimate.detail,

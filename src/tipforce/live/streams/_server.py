@@ -23,6 +23,8 @@ _HEAD_S = 5.0
 """So long a client may take to send the head of its request."""
 _AT_ONCE = 1 << 18
 """Bytes that are passed on at once, and that wait for a slow client in this machine's buffers."""
+_CLOSE_S = 1.0
+"""So long the end of the run waits for a client that does not answer."""
 _REFUSED = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
 
 
@@ -45,6 +47,7 @@ class OriginServer:
             origins=[None, *map(Origin, origins)],
             max_size=_LARGEST_REQUEST,
             compression=None,  # costs more time than a local network
+            close_timeout=_CLOSE_S,
         )
         self._thread = threading.Thread(target=self._server.serve_forever, name=f"serve-{port}", daemon=True)
         self._thread.start()
