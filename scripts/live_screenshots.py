@@ -97,9 +97,17 @@ class Replay:
         self._number = 0
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    def zero(self) -> None:
+    def zero(self, *, by: str, confirmed_n: float | None) -> None:
         """Shows when it was pressed; the drift is what is read without contact."""
-        self._zero = Zero(np.zeros(3), 0.004, self.clock.now_ns(), 0.02, 0.003, self.clock.now_ns())
+        del confirmed_n  # this engine takes every zero at once
+        self._zero = Zero(
+            np.array([0.004, 0.0, 0.0]), 0.004, self.clock.now_ns(), time.time(), by, drift_n=0.003,
+            drift_ns=self.clock.now_ns(),
+        )  # fmt: skip
+
+    def clear_zero(self) -> None:
+        """Nothing is subtracted any more."""
+        self._zero = None
 
     def start_integral(self) -> None:
         """Times and integral begin anew."""

@@ -8,7 +8,8 @@
     │   ├── TableError           a table lacks a column, or a cell is no number
     │   ├── TimeError            stamps are unsorted, repeated, or do not overlap
     │   ├── ModelError           a model folder is incomplete, altered, or newer than this program
-    │   └── OutputError          a file or folder cannot be written
+    │   ├── OutputError          a file or folder cannot be written
+    │   └── ZeroInContactError   the tip may be in contact: a zero has to be confirmed
     ├── DeviceError              a device does not answer, or answers what it must not
     ├── NotFittedError           an estimator was used before ``fit`` or ``load``
     └── MissingExtraError        an optional package is needed; the message holds the install line
@@ -27,6 +28,7 @@ __all__ = [
     "TableError",
     "TimeError",
     "TipforceError",
+    "ZeroInContactError",
 ]
 
 
@@ -56,6 +58,17 @@ class ModelError(InputError):
 
 class OutputError(InputError):
     """A file or folder cannot be written: no space, no permission, in use, or no regular file."""
+
+
+class ZeroInContactError(InputError):
+    """The operator's zero would subtract a force that may be real; it has to be confirmed.
+
+    ``magnitude_n``: what would be subtracted.
+    """
+
+    def __init__(self, message: str, magnitude_n: float) -> None:
+        super().__init__(message)
+        self.magnitude_n = magnitude_n
 
 
 class DeviceError(TipforceError):

@@ -322,8 +322,11 @@ def test_zero_is_refused_while_the_loop_has_the_drives() -> None:
     class Engine:
         zeroed = 0
 
-        def zero(self) -> None:
+        def zero(self, *, by: str, confirmed_n: float | None) -> None:
             self.zeroed += 1
+
+        def clear_zero(self) -> None:
+            self.zeroed -= 1
 
         def start_integral(self) -> None: ...
         def stop_integral(self) -> None: ...
@@ -331,10 +334,12 @@ def test_zero_is_refused_while_the_loop_has_the_drives() -> None:
     with made() as run:
         engine = Engine()
         buttons = _Buttons(engine, run.control)  # type: ignore[arg-type]
-        buttons.zero()
+        buttons.zero(by="", confirmed_n=None)
         run.control.start()
         with pytest.raises(InputError, match="retract first"):
-            buttons.zero()
+            buttons.zero(by="", confirmed_n=None)
+        with pytest.raises(InputError, match="retract first"):
+            buttons.clear_zero()
         assert engine.zeroed == 1
 
 

@@ -1,12 +1,14 @@
 """The zero button and the force-time integral."""
 
 import math
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tipforce.clinical import ContactSettings
-from tipforce.errors import InputError
+from tipforce.errors import InputError, ZeroInContactError
 from tipforce.live import LiveSettings
 from tipforce.live._contact import ContactTotals
 from tipforce.live._zero import ZeroButton
@@ -22,22 +24,58 @@ def zeroed(level_n=0.03, contact=math.nan):
     button = ZeroButton(LiveSettings())
     for step in range(50):
         button.apply(force_estimate(step * 20 * MS, level_n, contact), step * 20 * MS)
-    return button, button.press(1000 * MS)
+    return button, button.press(1000 * MS, by="page 1", confirmed_n=level_n)
 
 
-def test_what_is_read_becomes_zero_and_the_interval_moves_along():
+def test_what_is_read_is_subtracted_and_the_interval_spans_the_force_with_and_without_it():
     button, zero = zeroed()
     np.testing.assert_allclose(zero.offset_n, [0.03, 0.0, np.nan])
     assert zero.magnitude_n == pytest.approx(0.03)
     found = button.apply(force_estimate(1, 0.23), 1001 * MS)
     assert found.magnitude_n == pytest.approx(0.2)
     np.testing.assert_allclose(found.force_n, [0.2, 0.0, np.nan], atol=1e-12)
-    np.testing.assert_allclose(found.interval_n[0], [0.19, 0.21])
-    np.testing.assert_allclose(found.magnitude_interval_n, [0.19, 0.21])
+    np.testing.assert_allclose(found.interval_n[0], [0.19, 0.24])
+    np.testing.assert_allclose(found.magnitude_interval_n, [0.19, 0.24])
     # what was subtracted is a force with a direction: less than it is a pull
     pulled = button.apply(force_estimate(1, 0.0), 1002 * MS)
     assert pulled.magnitude_n == pytest.approx(0.03)
     assert pulled.force_n[0] == pytest.approx(-0.03)
+
+
+def test_a_zero_in_contact_says_what_it_would_subtract_and_is_taken_when_that_is_confirmed():
+    button = ZeroButton(LiveSettings())
+    for step in range(50):
+        button.apply(force_estimate(step * 20 * MS, 0.077, contact=0.9), step * 20 * MS)
+    with pytest.raises(ZeroInContactError, match=r"7.9 g \(77 mN\) would be subtracted from every force") as asked:
+        button.press(1000 * MS)
+    assert button.zero is None
+    with pytest.raises(ZeroInContactError):  # the force has changed since somebody agreed to 50 mN
+        button.press(1000 * MS, confirmed_n=0.05)
+    zero = button.press(1000 * MS, by="page 1", confirmed_n=asked.value.magnitude_n)
+    assert (zero.by, zero.confirmed) == ("page 1", True)
+    assert zero.since_unix_s == pytest.approx(time.time(), abs=5.0)
+
+
+@pytest.mark.parametrize(("level_n", "contact"), [(0.06, 0.01), (0.008, math.nan)])
+def test_a_zero_without_contact_is_taken_at_once(level_n, contact):
+    button = ZeroButton(LiveSettings())
+    for step in range(50):
+        button.apply(force_estimate(step * 20 * MS, level_n, contact), step * 20 * MS)
+    assert not button.press(1000 * MS).confirmed
+
+
+@pytest.mark.parametrize("contact", [math.nan, 0.9])
+def test_a_zero_moves_neither_the_upper_end_nor_the_limit(contact):
+    button, _ = zeroed(0.077, contact)
+    raw = force_estimate(1, 0.45)
+    found = button.apply(raw, 1001 * MS)
+    assert found.magnitude_n == pytest.approx(0.373)
+    assert found.upper_n == raw.upper_n
+    state = ContactTotals(ContactSettings(limit_n=0.4)).update(found, raw)
+    assert state.contact == "excessive"
+    assert state.above_limit > 0.99
+    no_interval = replace(raw, magnitude_interval_n=np.full(2, np.nan))
+    assert button.apply(no_interval, 1002 * MS).upper_n == pytest.approx(0.45)
 
 
 def test_an_invalid_estimate_stays_as_it_is():
@@ -56,7 +94,7 @@ def test_a_method_that_yields_the_magnitude_alone_is_zeroed_too():
 
     for step in range(5):
         button.apply(of(0.02), step * 20 * MS)
-    assert np.isnan(button.press(100 * MS).offset_n).all()
+    assert np.isnan(button.press(100 * MS, confirmed_n=0.02).offset_n).all()
     assert button.apply(of(0.12), 120 * MS).magnitude_n == pytest.approx(0.1)
     assert button.apply(of(0.0), 140 * MS).magnitude_n == 0.0
 
@@ -98,7 +136,8 @@ def test_the_integral_counts_from_start_to_stop():
     def run(first, last):
         nonlocal state
         for step in range(first, last + 1):
-            state = totals.update(force_estimate(step * 100 * MS, 0.2))
+            found = force_estimate(step * 100 * MS, 0.2)
+            state = totals.update(found, found)
         return state
 
     assert run(0, 10).integral_n_s == 0.0

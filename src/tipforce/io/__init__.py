@@ -3,7 +3,7 @@
 from .._atomic import atomic_path, atomic_text, check_folder, check_output_file, replacing_folder, write_atomic
 from ._actuation import WAIT_S, ActuationSeries
 from ._cdr import COMPRESSED_IMAGE, ESTIMATE, FORCE_ESTIMATE, SCHEMAS, pack_estimate, pack_image, unpack_estimate
-from ._facts import ClockOffset, Inertia, Tare
+from ._facts import SUBTRACTED_FORCE, ClockOffset, Inertia, Tare
 from ._folder import InFolder
 from ._force_log import ForceLog, logs_by_kind, read_force_log, read_knob_log
 from ._images import StreamDepth, check_image_target, decode_image, encode_image, is_image, read_image, save_image
@@ -30,6 +30,7 @@ __all__ = [
     "FORCE_ESTIMATE",
     "SCHEMAS",
     "STILL_STEP_NS",
+    "SUBTRACTED_FORCE",
     "WAIT_S",
     "ActuationSeries",
     "ClockOffset",

@@ -15,8 +15,11 @@ from .._json import parse_json
 from ..errors import FileFormatError
 from ..types import FloatArray, SessionInfo, frozen
 
-__all__ = ["ClockOffset", "Inertia", "Tare", "fact_from", "session_from", "session_record"]
+__all__ = ["SUBTRACTED_FORCE", "ClockOffset", "Inertia", "Tare", "fact_from", "session_from", "session_record"]
 
+SUBTRACTED_FORCE = "tipforce.zero"
+"""Name, before its number, of a metadata record: an operator's zero, which is subtracted from the estimates of a
+recording from ``stamp_ns`` on until the next record; a ``magnitude_n`` of 0 undoes it."""
 _REMEDY = "import it again"
 _T = TypeVar("_T")
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from ..clinical import ClinicalState, ContactMonitor, ContactSettings
+from ..clinical import ClinicalState, ContactMonitor, ContactSettings, ContactState, probability_above
 from ..types import ForceEstimate
 
 __all__ = ["ContactTotals"]
@@ -42,9 +42,24 @@ class ContactTotals:
             last = self._last
             self._held = (0.0, (0.0, 0.0)) if last is None else (last.integral_n_s, last.integral_interval_n_s)
 
-    def update(self, estimate: ForceEstimate) -> ClinicalState:
-        """Takes the next estimate; returns the state with it."""
+    def update(self, estimate: ForceEstimate, raw: ForceEstimate) -> ClinicalState:
+        """Takes the next estimate.
+
+        Args:
+            estimate: with the operator's zero subtracted.
+            raw: the same as the method returned it.
+
+        Returns:
+            The state with it. Above the limit it is by the larger of both forces.
+        """
         state = self._monitor.update(estimate)
+        if raw is not estimate and raw.valid:
+            limit_n = self.settings.limit_n
+            if raw.magnitude_n > limit_n:
+                state = replace(state, contact=ContactState.EXCESSIVE)
+            above = probability_above(raw, limit_n)
+            if not above <= state.above_limit:
+                state = replace(state, above_limit=above)
         if self._held is not None:
             state = replace(state, integral_n_s=self._held[0], integral_interval_n_s=self._held[1])
         self._last = state

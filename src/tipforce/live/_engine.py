@@ -176,13 +176,23 @@ class Engine:
         if isinstance(self._source, _Stoppable):
             self._source.stop()
 
-    def zero(self) -> None:
-        """The operator's zero button: what is read now is 0 from now on; `LiveUpdate.zero` tells what that hides.
+    def zero(self, *, by: str = "", confirmed_n: float | None = None) -> None:
+        """Subtracts the force that is read now from every estimate from now on; `LiveUpdate.zero` states it.
 
-        Raises InputError where nothing valid was read in the last second, or too much to be an error of the zero.
+        The intervals then span the force with and without it, so a zero never lowers their upper ends, on which alarm
+        and limit act.
+
+        Args:
+            by: who asks for it.
+            confirmed_n: the magnitude that may be subtracted although the tip may be in contact, as a
+                `ZeroInContactError` stated it.
+
+        Raises:
+            InputError: nothing valid was read in the last second, or too much to be an error of the zero.
+            ZeroInContactError: the tip may be in contact, and this magnitude was not confirmed.
         """
         with self._publishing:
-            self._zero.press(self.clock.now_ns())
+            self._zero.press(self.clock.now_ns(), by=by, confirmed_n=confirmed_n)
 
     def clear_zero(self) -> None:
         """Nothing is subtracted any more."""
@@ -382,8 +392,9 @@ class Engine:
     ) -> None:
         if self._over:  # a method that hung answers after the run
             return
-        estimate = self._zero.apply(estimate, now_ns)
-        clinical = self._contact.update(estimate)
+        raw = estimate
+        estimate = self._zero.apply(raw, now_ns)
+        clinical = self._contact.update(estimate, raw)
         number = 0 if self._latest is None else self._latest.number + 1
         self._latest = LiveUpdate(
             number,

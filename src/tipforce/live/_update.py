@@ -56,15 +56,19 @@ class Zero:
     """What the operator's zero button subtracts from every estimate since.
 
     ``offset_n`` (3,): force that was read then, base frame; components that the method leaves unknown are NaN.
-    ``magnitude_n``: its magnitude. ``since_ns``: when, on the engine's clock. ``contact``: probability of contact that
-    the method stated then, NaN from methods that state none. ``drift_n``: magnitude that is read now at moments
-    without contact, NaN while there was none since; only a method that states the probability of contact knows such
-    moments. ``drift_ns``: the last of them.
+    ``magnitude_n``: its magnitude. ``since_ns``: when, on the engine's clock; ``since_unix_s``: the same in seconds
+    since 1970. ``by``: who pressed it, as the page says it. ``confirmed``: whether it was pressed although the tip may
+    have been in contact. ``contact``: probability of contact that the method stated then, NaN from methods that state
+    none. ``drift_n``: magnitude that is read now at moments without contact, NaN while there was none since; only a
+    method that states the probability of contact knows such moments. ``drift_ns``: the last of them.
     """
 
     offset_n: FloatArray
     magnitude_n: float
     since_ns: int
+    since_unix_s: float = math.nan
+    by: str = ""
+    confirmed: bool = False
     contact: float = math.nan
     drift_n: float = math.nan
     drift_ns: int | None = None

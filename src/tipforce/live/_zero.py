@@ -1,12 +1,13 @@
-"""The operator's zero button: what is read now is 0 from now on, and what that hides is told."""
+"""The operator's zero button: the force that is read now is subtracted from then on, and every update says so."""
 
 import math
+import time
 from collections import deque
 from dataclasses import replace
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, ZeroInContactError
 from ..types import FloatArray, ForceEstimate
 from ..units import newtons_to_grams
 from ._settings import LiveSettings
@@ -18,6 +19,8 @@ _MOST, _FEWEST = 512, 3
 """Estimates that are remembered, and those that a zero needs at least."""
 _NO_CONTACT = 0.05
 """A method that states a lower probability of contact reads its own error, and nothing else."""
+_SAME_N = 0.01
+"""A zero that was confirmed may differ by so much from the one that is taken: below it a force is no contact."""
 _DRIFT_S = 1.0
 """Time over which such readings are averaged, for their noise is no drift."""
 
@@ -25,8 +28,9 @@ _DRIFT_S = 1.0
 class ZeroButton:
     """Subtracts from estimates what was read when it was pressed.
 
-    The intervals move along and keep their widths: the errors of one session resemble each other, so a zero takes
-    away a part of them, but how much nobody knows.
+    How much of that was an error of the zero, and how much a real force, is not known. So the 90 % intervals span both:
+    that of the force as it was read, and the same less the zero. Alarm, limit and safety layer act on the upper end,
+    which a zero therefore never lowers.
     """
 
     def __init__(self, settings: LiveSettings) -> None:
@@ -45,10 +49,17 @@ class ZeroButton:
         self._recent.clear()
         self._zero = self._drift = None
 
-    def press(self, now_ns: int) -> Zero:
+    def press(self, now_ns: int, *, by: str = "", confirmed_n: float | None = None) -> Zero:
         """Takes the mean of the last ``zero_s`` as zero.
 
-        Raises InputError where too few estimates were valid, or they are too large to be an error of the zero.
+        Args:
+            now_ns: on the engine's clock.
+            by: who pressed it.
+            confirmed_n: the magnitude that somebody agreed to subtract, though the tip may be in contact.
+
+        Raises:
+            InputError: too few estimates were valid, or they are too large to be an error of the zero.
+            ZeroInContactError: the tip may be in contact, and this magnitude was not confirmed.
         """
         since_ns = now_ns - round(self._settings.zero_s * 1e9)
         taken = [estimate for at_ns, estimate in self._recent if at_ns >= since_ns]
@@ -64,12 +75,27 @@ class ZeroButton:
                 f"no zero: {newtons_to_grams(magnitude_n):.0f} g are read, and an error of the zero is at most "
                 f"{newtons_to_grams(most_n):.0f} g; take the tip off the tissue first"
             )
+        free = self._free(taken, magnitude_n)
+        if not free and (confirmed_n is None or abs(magnitude_n - confirmed_n) > _SAME_N):
+            raise ZeroInContactError(
+                f"the tip may be in contact: {newtons_to_grams(magnitude_n):.1f} g ({1e3 * magnitude_n:.0f} mN) would "
+                "be subtracted from every force from now on; take the tip off the tissue first, or confirm it",
+                magnitude_n,
+            )
         known = taken[-1].known
         offset = np.full(3, math.nan)
         offset[known] = values[: int(known.sum())] if known.any() else math.nan
         contact = float(np.mean([estimate.contact for estimate in taken]))
-        self._zero, self._drift = Zero(offset, magnitude_n, now_ns, contact), None
+        self._drift = None
+        self._zero = Zero(offset, magnitude_n, now_ns, time.time(), by, confirmed=not free, contact=contact)
         return self._zero
+
+    def _free(self, taken: list[ForceEstimate], magnitude_n: float) -> bool:
+        """Whether the tip touches nothing: by the probability of contact, or by the force where none is stated."""
+        stated = [estimate.contact for estimate in taken]
+        if any(math.isnan(contact) for contact in stated):
+            return magnitude_n <= self._settings.contact.contact_n
+        return max(stated) < _NO_CONTACT
 
     def apply(self, estimate: ForceEstimate, now_ns: int) -> ForceEstimate:
         """Remembers an estimate as the method gave it; returns it with the zero subtracted."""
@@ -82,13 +108,23 @@ class ZeroButton:
         self._follow_drift(estimate, left, now_ns)
         offset = np.where(estimate.known, self._zero.offset_n, 0.0)
         magnitude = float(np.linalg.norm(left)) if estimate.known.any() else max(0.0, float(left[0]))
-        ends = np.maximum(0.0, estimate.magnitude_interval_n + (magnitude - estimate.magnitude_n))
+        low, high = np.maximum(0.0, estimate.magnitude_interval_n + (magnitude - estimate.magnitude_n))
+        low = min(low, estimate.magnitude_interval_n[0])
+        high = max(high, estimate.upper_n) if math.isfinite(high) else max(magnitude, estimate.upper_n)
+        moved = estimate.interval_n - offset[:, None]
+        ends = np.stack(
+            [
+                np.minimum(moved[:, 0], estimate.interval_n[:, 0]),
+                np.maximum(moved[:, 1], estimate.interval_n[:, 1]),
+            ],
+            axis=1,
+        )
         return replace(
             estimate,
             force_n=estimate.force_n - offset,
-            interval_n=estimate.interval_n - offset[:, None],
+            interval_n=ends,
             magnitude_n=magnitude,
-            magnitude_interval_n=ends,
+            magnitude_interval_n=np.array([low, high]),
         )
 
     def _subtracted(self, estimate: ForceEstimate) -> FloatArray:

@@ -102,13 +102,19 @@ class _Buttons:
     def __init__(self, engine: Engine, control: LiveControl) -> None:
         self._control = control
         self.start_integral, self.stop_integral = engine.start_integral, engine.stop_integral
-        self._zero = engine.zero
+        self._engine = engine
 
-    def zero(self) -> None:
+    def zero(self, *, by: str, confirmed_n: float | None) -> None:
         """Refused while a force is held: the loop would make up for what is subtracted."""
         if self._control.running:
             raise InputError("no zero while the loop has the drives: it would press as much harder; retract first")
-        self._zero()
+        self._engine.zero(by=by, confirmed_n=confirmed_n)
+
+    def clear_zero(self) -> None:
+        """Refused while a force is held: the loop would make up for what is no longer subtracted."""
+        if self._control.running:
+            raise InputError("the zero stays while the loop has the drives; retract first")
+        self._engine.clear_zero()
 
 
 class _Recorder:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..alignment import Labels, labels, nearest_frames
 from ..errors import InputError
-from ..io import ClockOffset, Inertia, RecordingInfo, RecordingReader, Tare, check_image_target
+from ..io import SUBTRACTED_FORCE, ClockOffset, Inertia, RecordingInfo, RecordingReader, Tare, check_image_target
 from ..types import FloatArray, SessionInfo
 from ..units import newtons_to_grams
 
@@ -65,6 +65,7 @@ class RecordingSummary:
             "actuation_range": self.actuation_range,
             "session_info": self.session_info.values(),
             "recovered": info.recovered,
+            "zeros": _zeros(info),
         }
 
 
@@ -159,6 +160,7 @@ def describe_recording(summary: RecordingSummary) -> list[str]:
         lost = f", {stream.dropped} dropped" if stream.dropped else ""
         rate = f" at {_rate(stream.rate_hz)} Hz" if stream.rate_hz else ""
         lines.append(f"{stream.name:<13} {stream.count} {_NOUNS.get(stream.kind, 'messages')}{rate}{lost}")
+    lines += [f"zero          {_zero(zero)}" for zero in _zeros(info)]
     for view, count in summary.paired.items():
         lines.append(f"paired        {count} frames of the first view have one of {view} at the same instant")
     for name, (low, high) in summary.actuation_range.items():
@@ -189,6 +191,24 @@ def describe_recording(summary: RecordingSummary) -> list[str]:
 
 
 _NOUNS = {"frame": "frames", "wrench": "readings", "actuation": "readings", "estimate": "estimates"}
+
+
+def _zeros(info: RecordingInfo) -> list[dict[str, str]]:
+    """The operator's zeros of a live run, in the order in which they were set or undone."""
+    found = [record for name, record in info.metadata.items() if name.startswith(f"{SUBTRACTED_FORCE}.")]
+    return sorted((dict(record) for record in found), key=lambda record: int(record["stamp_ns"]))
+
+
+def _zero(record: Mapping[str, str]) -> str:
+    since = f"from {int(record['stamp_ns']) * 1e-9:.3f} s on"
+    magnitude_n = float(record["magnitude_n"])
+    if magnitude_n == 0.0:
+        return f"nothing is subtracted from the estimates {since}"
+    contact = ", confirmed although the tip may have been in contact" if record.get("confirmed") == "yes" else ""
+    return (
+        f"{1e3 * magnitude_n:.1f} mN ({newtons_to_grams(magnitude_n):.1f} g) are subtracted from the estimates {since} "
+        f"({record['by'] or 'not stated by whom'}{contact})"
+    )
 
 
 def _offset(offset: ClockOffset) -> str:

@@ -1,6 +1,7 @@
 """The live page in a browser: what it shows, what it never shows as live, and what its buttons do."""
 
 import base64
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +14,8 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, Route, sync_playwright
 
+from tipforce.errors import ZeroInContactError
+from tipforce.live import Zero
 from tipforce.live.server import PageServer, PageState, serve
 from tipforce.types import Image, Status
 
@@ -236,15 +239,46 @@ def test_the_alarm_sounds_in_bursts_unless_it_is_paused(page: OpenPage, publishe
     assert [at - pulses[0] for at in pulses] == pytest.approx([pulse["start"] for pulse in planned])
 
 
-def test_keys_press_buttons_and_zero_in_contact_asks_twice(
+def test_a_zero_in_contact_says_what_it_would_subtract_and_asks(
     page: OpenPage, publisher: Publisher, engine: FakeEngine
 ) -> None:
+    with feeding(lambda: publisher.put(0.077)):
+        page.wait("too_light")
+        engine.error = ZeroInContactError("the tip may be in contact: 7.9 g (77 mN) would be subtracted", 0.077)
+        for answer, pressed in (("Cancel", []), ("Subtract 7.9 g", ["zero 0.077 by page 1 at 127.0.0.1"])):
+            page.page.keyboard.press("z")
+            page.page.wait_for_selector("#confirm-zero:visible", timeout=5_000)
+            eventually(lambda: "7.9 g (77 mN) would be subtracted" in page.text("#confirm-zero"))
+            engine.error = engine.error if answer == "Cancel" else None
+            page.page.click(f"#confirm-zero >> text={answer}")
+            page.page.wait_for_selector("#confirm-zero", state="hidden", timeout=5_000)
+            eventually(
+                lambda pressed=pressed: [re.sub(r"page \d+", "page 1", each) for each in engine.pressed] == pressed
+            )
+
+
+def test_the_subtracted_force_is_shown_and_can_be_undone(
+    page: OpenPage, publisher: Publisher, engine: FakeEngine
+) -> None:
+    publisher.zero = Zero(
+        np.array([0.077, 0.0, np.nan]), 0.077, CLOCK.now_ns(), time.time(), "page 2 at 10.0.0.7", confirmed=True
+    )
+    with feeding(lambda: publisher.put(0.2)):
+        page.wait("in_window")
+        page.page.wait_for_selector("#zeroed:visible", timeout=5_000)
+        assert page.text("#zeroed-amount") == "ZERO 7.9 g"
+        assert "by page 2 at 10.0.0.7 · pressed in possible contact" in page.text("#zeroed-about")
+        assert page.text("#undo-zero small") == "adds 7.9 g again"
+        page.page.keyboard.press("u")
+        eventually(lambda: engine.pressed == ["undo"])
+        publisher.zero = None
+        page.page.wait_for_selector("#undo-zero", state="hidden", timeout=5_000)
+
+
+def test_keys_press_buttons(page: OpenPage, publisher: Publisher, engine: FakeEngine) -> None:
     press = page.page.keyboard.press
     with feeding(lambda: publisher.put(0.2)):
         page.wait("in_window")
-        press("z")
-        eventually(lambda: page.text("#zero small") == "in contact: press again")
-        assert not engine.pressed
         press("z")
         eventually(lambda: engine.pressed == ["zero"])
         press("i")

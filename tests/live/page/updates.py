@@ -10,7 +10,7 @@ import numpy as np
 
 from tipforce.clinical import ContactMonitor, ContactSettings
 from tipforce.errors import InputError
-from tipforce.live import LiveHealth, LiveUpdate, LoopStatus
+from tipforce.live import LiveHealth, LiveUpdate, LoopStatus, Zero
 from tipforce.live.server import PageServer, PageSettings
 from tipforce.types import BasePose, CentrelinePx, DetectedShape, ForceEstimate, Image, Status, SystemClock
 
@@ -33,8 +33,11 @@ class FakeEngine:
             raise self.error
         self.pressed.append(name)
 
-    def zero(self) -> None:
-        self._press("zero")
+    def zero(self, *, by: str, confirmed_n: float | None) -> None:
+        self._press("zero" if confirmed_n is None else f"zero {confirmed_n:g} by {by}")
+
+    def clear_zero(self) -> None:
+        self._press("undo")
 
     def start_integral(self) -> None:
         self._press("start")
@@ -115,6 +118,7 @@ class Publisher:
 
     def __init__(self, server: PageServer, image: Image) -> None:
         self.server, self.image, self.number = server, image, 0
+        self.zero: Zero | None = None
         self._monitor = ContactMonitor()
 
     def update(
@@ -125,7 +129,7 @@ class Publisher:
         self.number += 1
         return LiveUpdate(
             self.number, estimate, self._monitor.update(estimate), frames, now - round(age_s * 1e9), now,
-            LiveHealth(20.0, self.number, 0, 0.012, 0.015, "running"),
+            LiveHealth(20.0, self.number, 0, 0.012, 0.015, "running"), self.zero,
         )  # fmt: skip
 
     def put(self, force_n: float = 0.2, **more: Any) -> int:

@@ -2,12 +2,14 @@ import json
 import re
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tipforce.errors import InputError
-from tipforce.live import LiveUpdate
+from tipforce.live import LiveUpdate, Zero
 from tipforce.live.streams import KINDS, SCHEMA_VERSION, LiveMessage, open_sink
 from tipforce.live.streams._message import message_of
 from tipforce.types import SessionInfo
@@ -38,6 +40,16 @@ def test_an_invalid_one_holds_no_force_at_all(update: Callable[..., LiveUpdate],
     force = ("force_n", "interval_n", "magnitude_n", "magnitude_interval_n", "magnitude_g", "tip")
     assert set(re.findall(r"[^\[\], ]+", json.dumps([values[name] for name in force]))) == {"null"}
     assert values["contact"]["state"] == "unknown"
+
+
+def test_the_operators_zero_is_in_the_message(update: Callable[..., LiveUpdate], info: SessionInfo) -> None:
+    zero = Zero(np.array([0.077, 0.0, np.nan]), 0.077, 5, 1.8e9, "page 2 at 10.0.0.7", confirmed=True)
+    values = json.loads(message_of(replace(update(), zero=zero), info, "m").model_dump_json(by_alias=True))
+    assert values["zero"] == {
+        "offset_n": [0.077, 0.0, None], "magnitude_n": 0.077, "since_unix_s": 1.8e9, "by": "page 2 at 10.0.0.7",
+        "confirmed": True,
+    }  # fmt: skip
+    assert message_of(update(), info, "m").zero is None
 
 
 def test_the_tip_is_unknown_where_the_scale_is(update: Callable[..., LiveUpdate]) -> None:

@@ -3,10 +3,13 @@
 import { forgetColours } from "./canvas.js";
 import { duration, grams, inGrams, roughly } from "./numbers.js";
 
-const CONFIRM_MS = 3000; // zero is pressed a second time within this, where the tip is in contact
 const NOTICE_MS = 4000;
 
 const $ = (id) => document.getElementById(id);
+const set = (id, text) => {
+  const element = $(id);
+  if (element.textContent !== text) element.textContent = text;
+};
 const say = (button, text) => {
   const line = button.querySelector("small");
   if (line.textContent !== text) line.textContent = text;
@@ -14,7 +17,7 @@ const say = (button, text) => {
 
 export class Controls {
   #app;
-  #confirmUntil = -Infinity;
+  #confirmN = null; // newtons that a confirmation would subtract
   #recordingSince = null;
   #noticeTimer = null;
 
@@ -22,7 +25,8 @@ export class Controls {
   constructor(app) {
     this.#app = app;
     const does = {
-      zero: () => this.#zero(),
+      zero: () => this.#zero(null),
+      "undo-zero": () => app.update?.values.zero && this.#ask({ command: "undo_zero" }),
       integrate: () => this.#ask({ command: "integral", on: !app.update?.values.integral_running }),
       record: () => app.state.can_record && this.#ask({ command: "record", on: !app.state.recording }),
       tone: () => (app.sound.follows = !app.sound.follows),
@@ -34,7 +38,7 @@ export class Controls {
       full: () => this.#fullScreen(),
     };
     for (const [id, action] of Object.entries(does)) $(id).addEventListener("click", action);
-    const keys = { z: "zero", i: "integrate", r: "record", s: "tone", a: "pause", l: "set-limits", v: "switch-view" };
+    const keys = { z: "zero", u: "undo-zero", i: "integrate", r: "record", s: "tone", a: "pause", l: "set-limits", v: "switch-view" };
     Object.assign(keys, { t: "theme", f: "full", "?": "more", h: "more" });
     addEventListener("keydown", (event) => {
       const id = keys[event.key.toLowerCase()];
@@ -44,6 +48,10 @@ export class Controls {
       does[id]();
     });
     for (const kind of ["pointerdown", "keydown"]) addEventListener(kind, () => app.sound.unlock());
+    $("confirm-zero").addEventListener("close", () => {
+      if ($("confirm-zero").returnValue === "zero") this.#zero(this.#confirmN);
+      $("confirm-zero").returnValue = "";
+    });
     this.#limitsDialog();
     const theme = readSetting("theme");
     if (theme) this.#theme(theme);
@@ -53,9 +61,7 @@ export class Controls {
   refresh(nowMs) {
     const { alarm, sound, state, update } = this.#app;
     const values = update?.values;
-    const zero = $("zero");
-    zero.classList.toggle("warn", nowMs < this.#confirmUntil);
-    say(zero, nowMs < this.#confirmUntil ? "in contact: press again" : zeroText(values?.zero));
+    this.#refreshZero(values?.zero ?? null);
     const running = Boolean(values?.integral_running);
     press($("integrate"), running);
     say($("integrate"), running ? `running ${duration(values.clinical?.elapsed_s ?? 0)}` : "stopped");
@@ -74,6 +80,22 @@ export class Controls {
     const views = values?.views ?? [];
     $("switch-view").hidden = views.length < 2;
     if (views.length > 1) say($("switch-view"), values.view);
+  }
+
+  #refreshZero(zero) {
+    $("undo-zero").hidden = $("zeroed").hidden = !zero;
+    say($("zero"), zero ? `${roughly(zero.age_s)} ago` : "not zeroed");
+    $("zero").classList.toggle("warn", Boolean(zero?.confirmed));
+    $("zeroed").classList.toggle("warn", Boolean(zero?.confirmed));
+    if (!zero) return;
+    const amount = `${inGrams(zero.magnitude_n)} g`;
+    say($("undo-zero"), `adds ${amount} again`);
+    const at = zero.since_unix_s === null ? "" : ` at ${new Date(1000 * zero.since_unix_s).toLocaleTimeString([], { hour12: false })}`;
+    const parts = [`subtracted${at}${zero.by ? ` by ${zero.by}` : ""}`];
+    if (zero.confirmed) parts.push("pressed in possible contact");
+    if (zero.drift_n !== null) parts.push(`drift since ${inGrams(zero.drift_n)} g`);
+    set("zeroed-amount", `ZERO ${amount}`);
+    set("zeroed-about", parts.join(" · "));
   }
 
   #refreshRecord(state, nowMs) {
@@ -102,16 +124,19 @@ export class Controls {
     return answer;
   }
 
-  #zero() {
-    const { update, state, verdict } = this.#app;
-    const now = performance.now();
-    const contact = update?.values.clinical?.in_contact ?? (update?.values.magnitude_n > state.contact.contact_n ? 1 : 0);
-    if (verdict.live && contact > 0.5 && now > this.#confirmUntil) {
-      this.#confirmUntil = now + CONFIRM_MS;
+  /** @param {number|null} confirmedN newtons that may be subtracted although the tip may be in contact */
+  async #zero(confirmedN) {
+    const answer = await this.#app.connection.ask({ command: "zero", confirmed_n: confirmedN });
+    if (answer.ok) return;
+    if (answer.confirm_n === undefined) {
+      this.notice(`zero: ${answer.message}`);
       return;
     }
-    this.#confirmUntil = -Infinity;
-    this.#ask({ command: "zero" });
+    const dialog = $("confirm-zero");
+    this.#confirmN = answer.confirm_n;
+    dialog.querySelector(".text").textContent = `${answer.message}.`;
+    dialog.querySelector("[value=zero]").textContent = `Subtract ${inGrams(answer.confirm_n)} g`;
+    if (!dialog.open) dialog.showModal();
   }
 
   #nextView() {
@@ -171,12 +196,6 @@ export class Controls {
       else error.textContent = answer.message;
     });
   }
-}
-
-function zeroText(zero) {
-  if (!zero) return "not zeroed";
-  const since = roughly(zero.age_s);
-  return zero.drift_n === null ? `${since} ago` : `drift ${inGrams(zero.drift_n)} g, ${since}`;
 }
 
 function press(button, on) {

@@ -16,6 +16,7 @@ __all__ = [
     "Loop",
     "Ping",
     "Record",
+    "UndoZero",
     "ZeroForce",
     "read_command",
 ]
@@ -56,9 +57,20 @@ class Display(_Command):
 
 
 class ZeroForce(_Command):
-    """What is read now is 0 from now on."""
+    """The force that is read now is subtracted from then on.
+
+    ``confirmed_n``: the magnitude that the operator agreed to subtract although the tip may be in contact.
+    """
 
     command: Literal["zero"]
+    id: _Id
+    confirmed_n: _Newtons | None = None
+
+
+class UndoZero(_Command):
+    """Nothing is subtracted any more."""
+
+    command: Literal["undo_zero"]
     id: _Id
 
 
@@ -96,7 +108,8 @@ class Loop(_Command):
 
 
 Command = Annotated[
-    Acknowledge | Ping | Display | ZeroForce | Integral | Record | Limits | Loop, Field(discriminator="command")
+    Acknowledge | Ping | Display | ZeroForce | UndoZero | Integral | Record | Limits | Loop,
+    Field(discriminator="command"),
 ]
 _ADAPTER: TypeAdapter[Command] = TypeAdapter(Command)
 

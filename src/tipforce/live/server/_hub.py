@@ -74,6 +74,7 @@ class Hub:
         self.urgent = ThreadPoolExecutor(_URGENT, "tipforce-stop")
         """Where the stop key is served: on threads that nothing else can keep busy."""
         self._heard_s = -math.inf
+        self._named = 0
         self._loop = loop
         self._changing = threading.Lock()
         self._pages: set[asyncio.Event] = set()
@@ -128,6 +129,11 @@ class Hub:
     def _wake(self) -> None:
         for event in self._pages:
             event.set()
+
+    def next_name(self) -> int:
+        """A number for a page: the first one is 1, and none is given twice."""
+        self._named += 1
+        return self._named
 
     def join(self) -> asyncio.Event:
         """One more page: the event that is set when there is something new."""

@@ -174,8 +174,12 @@ def _clinical(update: LiveUpdate) -> dict[str, Any] | None:
 
 def _zero(zero: Zero, now_ns: int) -> dict[str, Any]:
     return {
-        "offset_n": number(zero.magnitude_n),
+        "magnitude_n": number(zero.magnitude_n),
+        "offset_n": _numbers(zero.offset_n),
         "age_s": number((now_ns - zero.since_ns) * 1e-9, 1),
+        "since_unix_s": number(zero.since_unix_s, 3),
+        "by": zero.by,
+        "confirmed": zero.confirmed,
         "contact": number(zero.contact, 2),
         "drift_n": number(zero.drift_n),
         "drift_age_s": None if zero.drift_ns is None else number((now_ns - zero.drift_ns) * 1e-9, 1),

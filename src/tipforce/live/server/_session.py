@@ -11,7 +11,7 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ...clinical import ContactSettings
-from ...errors import InputError, TipforceError
+from ...errors import InputError, TipforceError, ZeroInContactError
 from ._commands import (
     LONGEST,
     Acknowledge,
@@ -22,6 +22,7 @@ from ._commands import (
     Loop,
     Ping,
     Record,
+    UndoZero,
     ZeroForce,
     read_command,
 )
@@ -39,7 +40,7 @@ _MOST_ANSWERS = 16
 """Answers that may wait for a socket; a page that does not take them gets no more."""
 _LOOP_S, _LOOP_AGAIN_S = 0.1, 1.0
 """The loop's state is sent this often where it changes, and this often where it does not."""
-_Order = ZeroForce | Integral | Record | Limits | Loop
+_Order = ZeroForce | UndoZero | Integral | Record | Limits | Loop
 """What an operator asks for, and is answered."""
 _GOING_AWAY = 1001
 _BAD_DATA = 1003
@@ -54,6 +55,9 @@ class PageSession:
 
     def __init__(self, socket: WebSocket, hub: Hub) -> None:
         self._socket, self._hub = socket, hub
+        where = "" if socket.client is None else f" at {socket.client.host}"
+        self._name = f"page {hub.next_name()}{where}"
+        """Who pressed a button, for all other pages and streams."""
         self._sending = asyncio.Lock()
         self._view, self._width = "", WIDTHS[2]
         self._in_flight: int | None = None
@@ -162,7 +166,7 @@ class PageSession:
                 self._view, self._width = command.view, command.width_px
             case Loop(do="stop"):
                 self._begin(command, self._stops, self._hub.urgent)
-            case ZeroForce() | Integral() | Record() | Limits() | Loop():
+            case ZeroForce() | UndoZero() | Integral() | Record() | Limits() | Loop():
                 self._begin(command, self._waiting, None)
 
     def _begin(self, command: _Order, waiting: set[asyncio.Task[None]], on: Executor | None) -> None:
@@ -176,6 +180,9 @@ class PageSession:
         _log.info("from a page: %s", command)
         try:
             await asyncio.get_running_loop().run_in_executor(on, self._job(command))
+        except ZeroInContactError as error:
+            self._say(_answer(command.id, str(error)) | {"confirm_n": error.magnitude_n})
+            return
         except TipforceError as error:
             refusal = str(error)
         except Exception:
@@ -189,7 +196,9 @@ class PageSession:
         buttons = self._buttons
         match command:
             case ZeroForce():
-                return buttons.zero
+                return lambda: buttons.zero(by=self._name, confirmed_n=command.confirmed_n)
+            case UndoZero():
+                return buttons.clear_zero
             case Integral():
                 return buttons.start_integral if command.on else buttons.stop_integral
             case Record():

@@ -14,8 +14,12 @@ __all__ = ["Commands", "PageSettings"]
 class Commands(Protocol):
     """The buttons of a live engine. May be called from any thread; what they raise is shown on the page."""
 
-    def zero(self) -> None:
-        """Take what is read now as 0 from now on."""
+    def zero(self, *, by: str, confirmed_n: float | None) -> None:
+        """Subtract the force that is read now from then on; see `tipforce.live.Engine.zero`."""
+        ...
+
+    def clear_zero(self) -> None:
+        """Subtract nothing any more."""
         ...
 
     def start_integral(self) -> None:

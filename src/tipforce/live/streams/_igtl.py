@@ -28,7 +28,7 @@ _SEND_BUFFER = 4096
 """Bytes that wait in this machine for a server that reads slowly: some updates. Linux takes twice as many."""
 _SENT = (
     *("status", "detail", "expires_unix_s"),
-    *("force_n", "magnitude_n", "magnitude_interval_n", "interval_n", "magnitude_g"),
+    *("force_n", "magnitude_n", "magnitude_interval_n", "interval_n", "magnitude_g", "zero"),
 )
 """What of the JSON message goes into the string."""
 _UNKNOWN = np.array([[math.nan] * 4] * 3 + [[0.0, 0.0, 0.0, 1.0]])

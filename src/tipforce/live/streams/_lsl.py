@@ -23,6 +23,8 @@ CHANNELS: tuple[tuple[str, str, str], ...] = (
     ("status", "code", "Status"),
     ("latency_s", "s", "Latency"),
     ("max_age_s", "s", "Validity"),
+    *((f"zero_{axis}_n", "N", "SubtractedForce") for axis in "xyz"),
+    ("zero_n", "N", "SubtractedForce"),
 )
 """Label, unit and type of each channel."""
 _DEFAULT_NAME = "tipforce"
@@ -79,6 +81,7 @@ class LabStreamingLayer:
             float(STATUS_CODES[estimate.status]),
             update.latency_s,
             update.max_age_s,
+            *([0.0] * 4 if update.zero is None else [*update.zero.offset_n.tolist(), update.zero.magnitude_n]),
         ]
         age_s = (time.time_ns() - update.captured_unix_ns) * 1e-9
         self._outlet.push_sample(sample, self._lsl.local_clock() - age_s)

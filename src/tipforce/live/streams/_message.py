@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from ...clinical import ClinicalState, ContactClass, ContactState
 from ...types import SessionInfo, Status
 from ...units import newtons_to_grams
-from .._update import CameraState, LiveHealth, LiveUpdate
+from .._update import CameraState, LiveHealth, LiveUpdate, Zero
 from ._tip import TipPose, tip_pose
 
 __all__ = ["SCHEMA_VERSION", "LiveMessage", "message_of"]
@@ -48,6 +48,16 @@ class ContactMessage(_Part):
     integral_interval_n_s: Interval
 
 
+class ZeroMessage(_Part):
+    """What the operator's zero button subtracts from the force; the intervals span the force with and without it."""
+
+    offset_n: Vector = Field(description="subtracted force, base frame: x, y, z")
+    magnitude_n: float = Field(description="magnitude of the subtracted force")
+    since_unix_s: float | None = Field(description="when the button was pressed, seconds since 1970")
+    by: str = Field(description="who pressed it")
+    confirmed: bool = Field(description="pressed although the tip may have been in contact")
+
+
 class HealthMessage(_Part):
     """How the run does."""
 
@@ -83,6 +93,7 @@ class LiveMessage(_Part):
     magnitude_g: float | None = Field(description="the same in grams-force")
     tip: TipMessage | None = Field(description="null where the tip is not detected or the scale is not stated")
     contact: ContactMessage | None
+    zero: ZeroMessage | None = Field(description="null where nothing is subtracted")
     health: HealthMessage
 
 
@@ -109,6 +120,7 @@ def message_of(update: LiveUpdate, info: SessionInfo, model: str) -> LiveMessage
         magnitude_g=_known(newtons_to_grams(estimate.magnitude_n)),
         tip=None if pose is None else _tip(pose),
         contact=None if update.clinical is None else _contact(update.clinical),
+        zero=None if update.zero is None else _zero(update.zero),
         health=_health(update.health),
     )
 
@@ -144,6 +156,16 @@ def _contact(state: ClinicalState) -> ContactMessage:
         "integral_interval_n_s": (_known(low), _known(high)),
     }
     return ContactMessage(**values)
+
+
+def _zero(zero: Zero) -> ZeroMessage:
+    return ZeroMessage(
+        offset_n=_vector(zero.offset_n.tolist()),
+        magnitude_n=zero.magnitude_n,
+        since_unix_s=_known(zero.since_unix_s),
+        by=zero.by,
+        confirmed=zero.confirmed,
+    )
 
 
 def _health(health: LiveHealth) -> HealthMessage:

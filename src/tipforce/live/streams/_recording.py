@@ -1,12 +1,14 @@
 """Estimates into a recording (.mcap), with the images that they are of."""
 
+import json
 from itertools import count
 from pathlib import Path
 
 from ...errors import InputError
-from ...io import RecordingWriter, check_target
+from ...io import SUBTRACTED_FORCE, RecordingWriter, check_target
 from ...types import Frame, SessionInfo
-from .._update import LiveUpdate
+from .._numbers import number
+from .._update import LiveUpdate, Zero
 from ._address import Address
 
 __all__ = ["RecordingSink"]
@@ -36,6 +38,8 @@ class RecordingSink:
         self._numbers = count(1)
         self._writer: RecordingWriter | None = None
         self._last_ns = -1
+        self._zero_ns: int | None = None
+        self._zeros = 0
 
     def start(self, info: SessionInfo, model: str) -> None:
         """Begin a file. Raises InputError where it stands already, OSError where it cannot be written."""
@@ -43,20 +47,45 @@ class RecordingSink:
         path = self._path if number == 1 else self._path.with_stem(f"{self._path.stem}-{number}")
         self._writer = RecordingWriter(path, info, origin="live")
         self._writer.note("tipforce.live", {"model": model})
-        self._last_ns = -1
+        self._last_ns, self._zero_ns, self._zeros = -1, None, 0
 
     def put(self, update: LiveUpdate) -> None:
         """Write one update. Raises OSError where the disk is full."""
         assert self._writer is not None
         stamp_ns = update.estimate.stamp_ns
+        self._note_zero(update)
         if self._frames and update.frames and stamp_ns > self._last_ns:  # a notice has none
             for view, image in update.frames.items():
                 self._writer.write(Frame(stamp_ns, image, view))
             self._last_ns = stamp_ns
         self._writer.write_estimate(update.estimate)
 
+    def _note_zero(self, update: LiveUpdate) -> None:
+        """A record for each zero that was set or undone, from the estimate on from which it counts."""
+        zero = update.zero
+        since_ns = None if zero is None else zero.since_ns
+        if since_ns == self._zero_ns:
+            return
+        assert self._writer is not None
+        self._zero_ns, self._zeros = since_ns, self._zeros + 1
+        self._writer.note(f"{SUBTRACTED_FORCE}.{self._zeros}", _zero_record(update.estimate.stamp_ns, zero))
+
     def close(self) -> None:
         """Finish the file. What an error leaves as .part is recovered when it is opened next."""
         writer, self._writer = self._writer, None
         if writer is not None:
             writer.close()
+
+
+def _zero_record(stamp_ns: int, zero: Zero | None) -> dict[str, str]:
+    """What is subtracted from the estimates from ``stamp_ns`` on."""
+    if zero is None:
+        return {"stamp_ns": str(stamp_ns), "magnitude_n": "0.0", "by": ""}
+    return {
+        "stamp_ns": str(stamp_ns),
+        "magnitude_n": repr(zero.magnitude_n),
+        "offset_n": json.dumps([number(value) for value in zero.offset_n.tolist()]),
+        "since_unix_s": repr(zero.since_unix_s),
+        "by": zero.by,
+        "confirmed": "yes" if zero.confirmed else "no",
+    }
