@@ -8,7 +8,7 @@ from tipforce.alignment import labels, observations
 from tipforce.errors import FileFormatError, InputError, OutputError, TableError, TimeError, TipforceError
 from tipforce.io import RecordingReader, RecordingWriter
 from tipforce.pipelines import import_session, plot_summary, summarise_recording
-from tipforce.types import Actuation, ActuationInfo, ForceLogInfo, SensorInfo, SessionInfo
+from tipforce.types import Actuation, ActuationInfo, ForceLogInfo, LogInfo, SensorInfo, SessionInfo, StageInfo
 
 from ..short_run import BIAS, OFFSET_S, Run, push  # type: ignore[import-not-found]
 
@@ -191,3 +191,27 @@ def test_a_log_that_covers_a_part_of_the_video_is_remarked_on(run: Run, tmp_path
     (tmp_path / "rare.csv").write_text("\n".join([lines[0], *lines[1::100]]))
     with pytest.raises(TimeError, match=r"its readings lie 0\.1 s apart, at most 0\.05 s are allowed"):
         import_session(run.video, tmp_path / "rare.csv", tmp_path / "rare.mcap", offset_ms="none", tare="none")
+
+
+def test_rows_without_a_reading_leave_a_gap(run: Run, tmp_path: Path) -> None:
+    lines = run.force.read_text().splitlines()
+    for row in range(3001, 3004):
+        lines[row] = lines[row].split(",")[0] + ",,NaN"
+    (tmp_path / "force.csv").write_text("\n".join(lines))
+    report = import_session(run.video, tmp_path / "force.csv", tmp_path / "run.mcap", offset_ms="none")
+    assert any("3 rows without a reading" in remark for remark in report.remarks)
+    assert report.summary.labelled > 185
+
+
+def test_a_log_of_unclear_columns_is_the_stage_if_that_is_stated(run: Run, tmp_path: Path) -> None:
+    stage = tmp_path / "position.csv"
+    stage.write_text("time,x\n" + "".join(f"{k / 100},{k / 50}\n" for k in range(800)))
+    columns = LogInfo(columns=("time_s", "forward_mm"))
+    bench = SessionInfo(stage=StageInfo(columns))
+    import_session(
+        run.video, {"force": run.force, "stage": stage}, tmp_path / "run.mcap", bench=bench, offset_ms="none"
+    )
+    with RecordingReader(tmp_path / "run.mcap") as reader:
+        readings = reader.stage_readings()
+    assert len(readings) == 800
+    assert readings[100][1] == {"forward_mm": 2.0}

@@ -17,12 +17,15 @@ from tipforce.errors import FileFormatError, InputError
 from tipforce.io import RecordingReader, RecordingWriter
 from tipforce.types import (
     ActuationInfo,
+    BagInfo,
     Catheter,
     ForceLogInfo,
     Frame,
+    LogInfo,
     Observation,
     SensorInfo,
     SessionInfo,
+    StageInfo,
     TissueInfo,
     ViewInfo,
     bench_text,
@@ -31,6 +34,20 @@ from tipforce.types import (
 )
 
 PROJECTION = ((1e3, 0.0, 0.0, 320.0), (0.0, -1e3, 0.0, 240.5), (0.0, 0.0, 0.0, 1.0))
+LOG: dict[str, Any] = {
+    "time": "Zeit [µs]",
+    "date": "Datum",
+    "time_unit": "us",
+    "date_order": "dmy",
+    "rate_hz": 1000.0,
+    "columns": ("Zeit [µs]", "", "Fx"),
+    "decimal_sign": ",",
+    "missing": ("---",),
+    "lines": (3, 900),
+    "sort": True,
+    "repeated_stamps": "first",
+    "sheet": "Blatt 1",
+}
 FULL = SessionInfo(
     name="monday",
     catheter=Catheter('7F "long"', 2.33e-3, 40e-3, 8e-3, 4.3e-4, ((0.0, 1.0), (0.8, 0.5)), 0.01, 0.03),
@@ -52,9 +69,18 @@ FULL = SessionInfo(
         reads="tissue-on-tip",
         no_contact_s=(0.0, 5.0),
         moving_mass_kg=0.05,
-        log=ForceLogInfo("Zeit [µs]", "-Fy", "Fx", "Fz", "us", "counts", 1000.0),
+        log=ForceLogInfo(**LOG, fx="-Fy", fy="Fx", fz="Fz", status="Status", force_unit="counts", counts_per_n=1000.0),
     ),
-    actuation=ActuationInfo(0.533, "knob", {"knob_deg": 10.0, "wire 1_mm": -0.25}, 0.1, 1.5),
+    actuation=ActuationInfo(0.533, "knob", {"knob_deg": 10.0, "wire 1_mm": -0.25}, 0.1, 1.5, LogInfo(**LOG)),
+    stage=StageInfo(LogInfo(**LOG)),
+    bag=BagInfo(
+        views={"camera": "/image"},
+        force="/wrench",
+        drives=("/joints",),
+        stage=("/stage",),
+        names={"/knob/data": "knob_deg"},
+        receive_times=True,
+    ),
     tissue=TissueInfo(120.0),
     force_frame="sensor",
     simulated=True,
@@ -138,7 +164,7 @@ def known(info: SessionInfo) -> SessionInfo:
 
 
 def test_every_field_of_the_full_example_is_stated() -> None:
-    for part in (FULL, FULL.catheter, FULL.sensor, FULL.sensor.log, FULL.actuation, FULL.tissue):
+    for part in (FULL, FULL.catheter, FULL.sensor, FULL.sensor.log, FULL.actuation, FULL.tissue, FULL.stage, FULL.bag):
         nothing = type(part)()
         assert not [each.name for each in fields(part) if getattr(part, each.name) == getattr(nothing, each.name)]
     stated = [{f.name for f in fields(view) if getattr(view, f.name) is not None} for view in FULL.views.values()]
@@ -205,7 +231,10 @@ def test_a_dataset_folder_carries_every_field(tmp_path: Path) -> None:
         ("colour = 1", "colour is not known; it may hold name, catheter, views, sensor"),
         ("[catheter]\nlength_m = 0.04", "catheter.length_m is not known; catheter may hold name, diameter_m"),
         ("[views.camera]\nbase = 'left'", "views.camera.base is not known; views.camera may hold metres_per_px, base_"),
-        ("[sensor.log]\nunit = 'N'", "sensor.log.unit is not known; sensor.log may hold time, fx, fy, fz, time_unit"),
+        (
+            "[sensor.log]\nunit = 'N'",
+            "sensor.log.unit is not known; sensor.log may hold time, date, time_unit, date_order",
+        ),
         ("[sensor]\nangle = 3", "sensor.angle is not known; sensor may hold angle_deg, reads"),
         ("[actuation]\nknob_deg = 3", "actuation.knob_deg is not known; actuation may hold knob_gain_per_m_deg"),
         (

@@ -33,6 +33,12 @@ def command(
             "none."
         ),
     ] = "auto",
+    stage: Annotated[
+        Path | None, typer.Option(help="The log of the stage, if its columns do not tell it from the others.")
+    ] = None,
+    knob: Annotated[
+        Path | None, typer.Option(help="The log of the knob, if its columns do not tell it from the others.")
+    ] = None,
     offset_ms: Annotated[
         str,
         typer.Option(
@@ -62,14 +68,16 @@ def command(
     """
     from ..pipelines import describe_recording, import_session
 
-    check_outputs(inputs, *([output] if output.suffix == ".mcap" else []), json)
+    check_outputs([*inputs, *filter(None, (stage, knob))], *([output] if output.suffix == ".mcap" else []), json)
     if all(path.suffix in (".mcap", ".part") for path in inputs):
         if output.suffix == ".mcap":
             _recover(inputs, output, overwrite=overwrite, json=json)
             return
         _dataset(inputs, output, overwrite=overwrite, json=json)
         return
-    frames, *logs = inputs
+    frames, *others = inputs
+    stated = {kind: path for kind, path in (("stage", stage), ("knob", knob)) if path is not None}
+    logs = _by_kind(others, stated) if stated else others
     with progress_bar() as report:
         done = import_session(
             frames,
@@ -85,6 +93,17 @@ def command(
     for line in (*done.remarks, *describe_recording(done.summary)):
         say(line)
     write_json(done.summary.figures() | {"remarks": list(done.remarks)}, json)
+
+
+def _by_kind(others: list[Path], stated: dict[str, Path]) -> dict[str, Path]:
+    """The logs, some of which have a stated kind; the only other one is that of the force."""
+    from ..io import logs_by_kind
+
+    found = logs_by_kind(others) if others else {}
+    clash = sorted(set(found) & set(stated))
+    if clash:
+        raise InputError(f"{found[clash[0]]}: is a log of the {clash[0]}, too; state it once")
+    return {**found, **stated}
 
 
 def _recover(inputs: list[Path], target: Path, *, overwrite: bool, json: str | None) -> None:

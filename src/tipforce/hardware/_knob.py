@@ -1,5 +1,6 @@
 """The angle of the catheter's knob: from a serial encoder, from a log, or constant."""
 
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from ..errors import DeviceError
-from ..io import read_knob_log
+from ..io import read_drive_log
 from ..types import KNOB, Actuation, Clock, Event, actuation_range
 from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting
 from ._serial import LinePort
@@ -149,11 +150,11 @@ class LogKnob(_Played):
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
         """Read the log. Raises FileFormatError or TableError."""
-        stamps, values = read_knob_log(self.config.path)
-        self._stamps = stamps - stamps[0]
-        self._values = {name: column.tolist() for name, column in values.items()}
+        log = read_drive_log(self.config.path)
+        self._stamps = log.stamp_ns - log.stamp_ns[0]
+        self._values = {name: column.tolist() for name, column in log.values.items()}
         self._begin(clock)
-        return (Setting("rows", None, len(stamps)),)
+        return (Setting("rows", None, len(log.stamp_ns)),)
 
     def read(self, timeout_s: float) -> Sequence[Event]:
         """The next row when it is due; afterwards nothing."""
@@ -165,7 +166,8 @@ class LogKnob(_Played):
         if not self._wait(due_ns, timeout_s):
             return ()
         self._next += 1
-        return (Actuation(due_ns, {name: column[row] for name, column in self._values.items()}, STREAM),)
+        here = {name: column[row] for name, column in self._values.items() if not math.isnan(column[row])}
+        return (Actuation(due_ns, here, STREAM),)
 
 
 class ConstantKnob(_Played):

@@ -5,7 +5,7 @@ from ._actuation import WAIT_S, ActuationSeries
 from ._cdr import COMPRESSED_IMAGE, ESTIMATE, FORCE_ESTIMATE, SCHEMAS, pack_estimate, pack_image, unpack_estimate
 from ._facts import SUBTRACTED_FORCE, ClockOffset, Inertia, Tare
 from ._folder import InFolder
-from ._force_log import ForceLog, logs_by_kind, read_force_log, read_knob_log
+from ._force_log import DriveLog, ForceLog, logs_by_kind, read_drive_log, read_force_log
 from ._images import StreamDepth, check_image_target, decode_image, encode_image, is_image, read_image, save_image
 from ._reader import RecordingInfo, RecordingReader, StreamInfo, open_recording
 from ._recover import check_target, recover_recording
@@ -19,9 +19,9 @@ from ._sources import (
     spread_images,
     steady_reading,
 )
-from ._tables import ACTUATION_UNITS, STILL_STEP_NS, Table, check_actuation, is_actuation, is_force, open_table
 from ._video import VideoWriter, write_video
 from ._writer import RecordingWriter, write_force_csv
+from .tables import ACTUATION_UNITS, STILL_STEP_NS, Table, check_actuation, is_actuation, is_force, open_table
 
 __all__ = [
     "ACTUATION_UNITS",
@@ -34,6 +34,7 @@ __all__ = [
     "WAIT_S",
     "ActuationSeries",
     "ClockOffset",
+    "DriveLog",
     "FileSource",
     "ForceLog",
     "InFolder",
@@ -67,9 +68,9 @@ __all__ = [
     "open_table",
     "pack_estimate",
     "pack_image",
+    "read_drive_log",
     "read_force_log",
     "read_image",
-    "read_knob_log",
     "recover_recording",
     "replacing_folder",
     "require_actuation",

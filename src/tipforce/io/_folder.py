@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import FileFormatError, InputError, TimeError
 from ..types import FloatArray, Frame, IntArray
 from ._images import IMAGE_SUFFIXES, StreamDepth, read_image
-from ._tables import STILL_STEP_NS, TIME_UNITS, Table, check_actuation, is_actuation, open_table
+from .tables import STILL_STEP_NS, TIME_UNITS, Table, check_actuation, is_actuation, open_table
 
 __all__ = ["ImageFolder", "InFolder", "frames_of", "read_folder"]
 

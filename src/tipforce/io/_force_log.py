@@ -1,97 +1,153 @@
-"""Force logs and knob logs: which column is what, in which unit."""
+"""Force logs and logs of drives: which column is what, in which unit."""
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError, TableError
-from ..types import FORCE_RANGE, FloatArray, ForceLogInfo, IntArray
-from ..units import FORCE_UNITS
-from ._tables import Table, TimeUnit, check_actuation, listed, open_table, rising, time_column, times_ns
+from ..types import FORCE_RANGE, FloatArray, ForceLogInfo, IntArray, LogInfo
+from ..units import FORCE_UNITS, force_unit
+from .tables import Log, check_actuation, listed, open_log, open_table
 
-__all__ = ["ForceLog", "logs_by_kind", "read_force_log", "read_knob_log"]
+__all__ = ["DriveLog", "ForceLog", "logs_by_kind", "read_drive_log", "read_force_log"]
 
-_AXIS = re.compile(r"^(?:wrench[._])?f(?:orce)?[ ._]*([xyz])(?:[ _]*[\[(]?(n|mn|g|gf|counts)[\])]?)?$", re.IGNORECASE)
-_UNIT_AT_END = re.compile(r"[ _\[(](n|mn|g|gf|counts)[\])]?$", re.IGNORECASE)
-_UNITS = {"n": "N", "mn": "mN", "g": "g", "gf": "g", "counts": "counts"}
+_UNIT = r"(?:[ _]*[\[(]?(k?n|[cm]n|k?gf?|lbf?|ozf?|counts)[\])]?)?"
+_AXIS = re.compile(rf"^(?:.*wrench[._/])?f(?:orce)?[ ._-]*([xyz]){_UNIT}$", re.IGNORECASE)
+_UNIT_AT_END = re.compile(r"[ _\[(](k?n|[cm]n|k?gf?|lbf?|ozf?|counts)[\])]?$", re.IGNORECASE)
+_STATUS = re.compile(r"^(?:sensor[ _]?)?status(?:[ _]?(?:code|word))?(?: *\(?hex\)?)?$", re.IGNORECASE)
+_FORCE_FACTS = ("force units", "force unit")
+_COUNTS_FACT = "counts per unit force"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForceLog:
-    """``stamp_ns`` (n,), as in the log; ``force_n`` (n, 3), NaN for axes it lacks; ``knob`` (n,) or None.
+    """A force log in newtons.
 
-    ``said``: which columns were taken for what.
+    ``stamp_ns`` (n,), strictly rising, on the log's own clock; ``force_n`` (n, 3), NaN for axes it lacks and where a
+    cell holds no reading; ``knob`` (n,) or None; ``status`` (n,): the sensor's status codes, 0 where all is well, or
+    None. ``said``: which columns were taken for what; ``remarks``: what was assumed, in sentences.
     """
 
     stamp_ns: IntArray
     force_n: FloatArray
     knob: FloatArray | None
     said: str
+    status: IntArray | None = None
+    remarks: tuple[str, ...] = ()
 
 
-def read_force_log(path: Path, columns: ForceLogInfo | None = None, knob_column: str | None = None) -> ForceLog:
-    """Read and check a force log. Raises FileFormatError, TableError (line and column), TimeError (line)."""
-    columns = columns or ForceLogInfo()
-    table = open_table(path)
-    time, unit = time_column(table, columns.time, columns.time_unit)
-    axes = _axes(table, columns)
-    stamps = times_ns(table, time, unit)
-    rising(table, stamps)
-    if columns.counts_per_n is not None and not math.isfinite(columns.counts_per_n):
-        raise InputError(f"sensor.log.counts_per_n: expected a number, got {columns.counts_per_n}")
-    names = [name for _, name, _ in axes] + ([knob_column] if knob_column else [])
-    numbers = table.matrix(names)
-    force = np.full((len(stamps), 3), math.nan)
-    for place, (axis, name, factor) in enumerate(axes):
-        force[:, axis] = numbers[:, place] * factor
-        _plausible(table, force[:, axis], numbers[:, place], name)
-    said = ", ".join(
-        f"f{'xyz'[axis]} = {'-' if factor < 0 else ''}{name} ({abs(factor):g} N)" for axis, name, factor in axes
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class DriveLog:
+    """A log of drives: ``stamp_ns`` (n,), strictly rising; ``values``: NAME_UNIT -> (n,), NaN where a cell is empty.
+
+    ``remarks``: what was assumed, in sentences.
+    """
+
+    stamp_ns: IntArray
+    values: dict[str, FloatArray]
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Axis:
+    """``axis`` 0 to 2 is ``column``, times ``newtons``."""
+
+    axis: int
+    column: str
+    newtons: float
+
+
+def read_force_log(path: Path, info: ForceLogInfo | None = None, knob_column: str | None = None) -> ForceLog:
+    """Reads and checks a force log.
+
+    Args:
+        path: a text table, a workbook (.xlsx) or variables of MATLAB (.mat).
+        info: what ``bench.toml`` states of it, section ``sensor.log``.
+        knob_column: the column with the knob's angle.
+
+    Raises:
+        FileFormatError: the file is no table.
+        TableError: columns or units are not clear, or a cell holds no reading; the message names line and column.
+        TimeError: the times are not those of a log.
+        InputError: what ``info`` states does not go with the file.
+    """
+    info = info or ForceLogInfo()
+    log = open_log(path, info, "sensor.log")
+    remarks = list(log.remarks)
+    axes = _axes(log, info, remarks)
+    if info.counts_per_n is not None and not math.isfinite(info.counts_per_n):
+        raise InputError(f"sensor.log.counts_per_n: expected a number, got {info.counts_per_n}")
+    numbers = log.readings([axis.column for axis in axes] + ([knob_column] if knob_column else []))
+    force = np.full((len(log.stamp_ns), 3), math.nan)
+    for place, axis in enumerate(axes):
+        force[:, axis.axis] = numbers[:, place] * axis.newtons
+        _plausible(log, force[:, axis.axis], numbers[:, place], axis.column)
     if knob_column:
-        check_actuation(table, knob_column, numbers[:, -1], as_name=knob_column if "_" in knob_column else "knob_deg")
-    return ForceLog(stamps, force, numbers[:, -1] if knob_column else None, f"time = {time} ({unit}), {said}")
+        check_actuation(log, knob_column, numbers[:, -1], as_name=knob_column if "_" in knob_column else "knob_deg")
+    status = info.status or next((name for name in log.table.columns if _STATUS.match(name)), None)
+    said = ", ".join(
+        f"f{'xyz'[axis.axis]} = {'-' if axis.newtons < 0 else ''}{axis.column} ({abs(axis.newtons):.6g} N)"
+        for axis in axes
+    )
+    return ForceLog(
+        log.stamp_ns,
+        force,
+        numbers[:, -1] if knob_column else None,
+        f"{log.time}, {said}" + (f", status = {status}" if status else ""),
+        None if status is None else log.codes(status),
+        tuple(remarks),
+    )
 
 
-def _plausible(table: Table, force_n: FloatArray, numbers: FloatArray, name: str) -> None:
+def _plausible(log: Log, force_n: FloatArray, numbers: FloatArray, name: str) -> None:
     """Raises TableError for a reading that no sensor gives."""
     row = FORCE_RANGE.outside(force_n)
     if row is not None:
-        where = f"{table.path}, {table.place(row)}, column {name}"
         raise TableError(
-            f"{where}: {numbers[row]:g} is {force_n[row]:.3g} N, which no sensor at a catheter reads; "
-            "correct the row or remove it, or check sensor.log.force_unit"
+            f"{log.path}, {log.place(row)}, column {name}: {numbers[row]:g} is {force_n[row]:.3g} N, which no sensor "
+            f"at a catheter reads; check sensor.log.force_unit; if this number means that there is no reading, state "
+            f'sensor.log.missing = ["{numbers[row]:g}"] in bench.toml'
         )
 
 
-def read_knob_log(path: Path, time_unit: TimeUnit | None = None) -> tuple[IntArray, dict[str, FloatArray]]:
-    """A log of drives: a time column and columns NAME_UNIT. Raises as `read_force_log` does."""
-    table = open_table(path)
-    time, unit = time_column(table, None, time_unit)
-    names = [name for name in table.columns if name not in (time, "sec", "nanosec")]
+def read_drive_log(path: Path, info: LogInfo | None = None, key: str = "actuation.log") -> DriveLog:
+    """Reads a log of drives: times and columns NAME_UNIT.
+
+    Args:
+        path: a text table, a workbook (.xlsx) or variables of MATLAB (.mat).
+        info: what ``bench.toml`` states of it.
+        key: the section of ``info``: "actuation.log", or "stage.log".
+
+    Raises:
+        FileFormatError, TableError, TimeError: as `read_force_log`.
+    """
+    log = open_log(path, info or LogInfo(), key)
+    date = None if info is None else info.date
+    names = [name for name in log.table.columns if name not in (*log.time_names, date) and name.lower() != "date"]
     bad = next((name for name in names if "_" not in name.strip("_")), None)
     if bad is not None or not names:
         raise TableError(
             f"{path}: expected a time and columns that end in their unit, as in time_s,knob_deg; got "
-            f"{listed(table.columns)}"
+            f'{listed(log.table.columns)}; name the columns in bench.toml: {key}.columns = ["time_s", "knob_deg"], '
+            'with "" for a column that is not read'
         )
-    stamps = times_ns(table, time, unit)
-    rising(table, stamps)
-    values = table.matrix(names)
+    values = log.readings(names)
     for place, name in enumerate(names):
-        check_actuation(table, name, values[:, place])
-    return stamps, {name: values[:, place] for place, name in enumerate(names)}
+        check_actuation(
+            log, name, values[:, place], remedy=f"if it is no reading, state its text as {key}.missing in bench.toml"
+        )
+    return DriveLog(log.stamp_ns, {name: values[:, place] for place, name in enumerate(names)}, log.remarks)
 
 
-def _axes(table: Table, columns: ForceLogInfo) -> list[tuple[int, str, float]]:
-    """(axis, column, newtons in one of its unit) of every axis that the log has."""
-    stated = (columns.fx, columns.fy, columns.fz)
+def _axes(log: Log, info: ForceLogInfo, remarks: list[str]) -> list[_Axis]:
+    """Column and newtons of every axis that the log has."""
+    table = log.table
     found: list[tuple[int, str, float]] = []
-    for axis, name in enumerate(stated):
+    for axis, name in enumerate((info.fx, info.fy, info.fz)):
         if name is not None:
             column = name[1:] if name.startswith("-") and name not in table.columns else name
             table.column(column)
@@ -104,59 +160,107 @@ def _axes(table: Table, columns: ForceLogInfo) -> list[tuple[int, str, float]]:
                 f"{table.path}: cannot tell which columns are the force ({listed(table.columns)}); state them as "
                 "sensor.log.fx, fy and fz in bench.toml"
             )
-    units = [_unit(table, column, columns) for _, column, _ in found]
-    if columns.counts_per_n is not None and "counts" not in units:
+    units = [_unit(log, column, info) for _, column, _ in found]
+    if info.counts_per_n is not None and "counts" not in units:
         raise InputError(
             f'{table.path}: no column holds counts; state sensor.log.force_unit = "counts", or leave counts_per_n out'
         )
-    return [
-        (axis, column, sign * _newtons(table, column, unit, columns))
-        for (axis, column, sign), unit in zip(found, units, strict=True)
-    ]
+    newtons = _newtons(log, [column for _, column, _ in found], units, info, remarks)
+    return [_Axis(axis, column, sign * factor) for (axis, column, sign), factor in zip(found, newtons, strict=True)]
 
 
-def _unit(table: Table, column: str, columns: ForceLogInfo) -> str:
+def _unit(log: Log, column: str, info: ForceLogInfo) -> str:
+    """The unit of a column: stated, in its name, below the header, or above the table."""
+    if info.force_unit is not None:
+        return info.force_unit
     named = _UNIT_AT_END.search(column)
-    unit = columns.force_unit or (_UNITS[named[1].lower()] if named else None)
-    if unit is None:
-        raise TableError(
-            f"{table.path}: the column {column!r} does not name its unit; state sensor.log.force_unit in bench.toml"
+    facts = [log.table.facts[name] for name in _FORCE_FACTS if name in log.table.facts]
+    for text in (named[1] if named else "", log.table.units.get(column, ""), *facts):
+        if text.strip(" []()").lower() in ("count", "counts"):
+            return "counts"
+        if unit := force_unit(text):
+            return unit
+    raise TableError(
+        f"{log.path}: the column {column!r} does not name its unit; state sensor.log.force_unit in bench.toml"
+    )
+
+
+def _newtons(
+    log: Log, columns: Sequence[str], units: Sequence[str], info: ForceLogInfo, remarks: list[str]
+) -> list[float]:
+    """Newtons of one in each column.
+
+    A log of ATI states "Counts per Unit Force" and holds counts, or in later versions of its program forces: counts
+    are whole numbers.
+    """
+    stated = log.table.facts.get(_COUNTS_FACT, "")
+    per_unit = float(stated) if re.fullmatch(r"\d+(?:\.\d*)?(?:[eE]\d+)?", stated) else 0.0
+    if per_unit and info.force_unit in (None, "counts") and info.counts_per_n is None:
+        unit = next((unit for unit in units if unit != "counts"), None) or force_unit(
+            next((log.table.facts[name] for name in _FORCE_FACTS if name in log.table.facts), "")
         )
-    return unit
+        counts = all(log.table.whole_numbers(column) is not None for column in columns)
+        if unit is not None and unit != "counts":
+            if counts:
+                remarks.append(f"its forces are whole numbers: counts, {per_unit:g} per {unit}, as its header states")
+                return [FORCE_UNITS[unit] / per_unit] * len(columns)  # type: ignore[index]
+            remarks.append(
+                f"its header states {per_unit:g} counts per {unit}, but its forces are no whole numbers: they are "
+                f"taken as {unit}"
+            )
+            return [FORCE_UNITS[unit]] * len(columns)  # type: ignore[index]
+    factors: list[float] = []
+    for column, unit in zip(columns, units, strict=True):
+        if unit != "counts":
+            factors.append(FORCE_UNITS[unit])  # type: ignore[index]
+        elif info.counts_per_n:
+            factors.append(1.0 / info.counts_per_n)
+        else:
+            raise TableError(
+                f"{log.path}: the column {column!r} holds counts; state how many are a newton: sensor.log.counts_per_n"
+            )
+    return factors
 
 
-def _newtons(table: Table, column: str, unit: str, columns: ForceLogInfo) -> float:
-    if unit != "counts":
-        return FORCE_UNITS[unit]
-    if not columns.counts_per_n:
-        raise TableError(
-            f"{table.path}: the column {column!r} holds counts; state how many are a newton: sensor.log.counts_per_n"
-        )
-    return 1.0 / columns.counts_per_n
+def logs_by_kind(paths: Sequence[Path], infos: Mapping[str, LogInfo] | None = None) -> dict[str, Path]:
+    """Tells logs apart by what their columns hold; a single log is always taken for the force's.
 
+    Args:
+        paths: the logs.
+        infos: kind -> what ``bench.toml`` states of the log of this kind.
 
-def logs_by_kind(paths: Sequence[Path]) -> dict[str, Path]:
-    """Logs by what their columns hold: "force", "stage" (positions, NAME_mm or NAME_m) or "knob" (NAME_deg).
+    Returns:
+        Kind -> log: "force", "stage" (positions, NAME_mm or NAME_m) or "knob" (NAME_deg).
 
-    A single log is always taken for the force's. Raises TableError where two are of one kind, or one is of none.
+    Raises:
+        TableError: two are of one kind, or one is of none.
     """
     if len(paths) == 1:
         return {"force": paths[0]}
-    found: dict[str, Path] = {}
+    infos, found = infos or {}, dict[str, Path]()
     for path in paths:
-        header = open_table(path).columns
-        if any(_AXIS.match(column) for column in header):
-            kind = "force"
-        elif any(column.lower().endswith("_deg") for column in header):
-            kind = "knob"
-        elif any(column.lower().endswith(("_mm", "_m")) for column in header):
-            kind = "stage"
-        else:
-            kind = "force" if "force" not in found else ""
+        named = [kind for kind, info in infos.items() if info.columns and kind not in found]
+        try:
+            header = open_table(path, log=LogInfo(), key="sensor.log").columns
+        except TableError:
+            if len(named) != 1:
+                raise
+            header = infos[named[0]].columns
+        kind = _kind_of(header) or ("force" if "force" not in found else "")
         if not kind or kind in found:
             raise TableError(
-                f"{path}: cannot tell what it is a log of ({listed(header)}); a log of the force has columns "
-                "like fx_n, one of the stage like forward_mm, one of the knob knob_deg, and there is one of each"
+                f"{path}: cannot tell what it is a log of ({listed(header)}); a log of the force has columns like "
+                "fx_n, one of the stage like forward_mm, one of the knob knob_deg, and there is one of each; say it "
+                "with the options --stage and --knob"
             )
         found[kind] = path
     return found
+
+
+def _kind_of(columns: Sequence[str]) -> str:
+    """The kind of a log by the names of its columns; empty where they do not tell it."""
+    if any(_AXIS.match(column) for column in columns):
+        return "force"
+    if any(column.lower().endswith("_deg") for column in columns):
+        return "knob"
+    return "stage" if any(column.lower().endswith(("_mm", "_m")) for column in columns) else ""

@@ -44,7 +44,7 @@ from ._cdr import (
 from ._facts import ClockOffset, Inertia, Tare, session_record
 from ._images import decode_image, encode_image
 from ._recover import check_target, lock, whole_records
-from ._tables import MAX_STAMP_S
+from .tables import MAX_STAMP_S
 
 __all__ = ["RecordingWriter", "write_force_csv"]
 

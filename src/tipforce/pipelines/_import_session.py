@@ -10,8 +10,8 @@ import numpy as np
 
 from ..alignment import OffsetChoice, TareChoice, stated_tare
 from ..errors import FileFormatError, InputError, TimeError
-from ..io import FileSource, ForceLog, RecordingWriter, logs_by_kind, read_force_log, read_knob_log
-from ..types import JOINTS, STAGE, Actuation, Event, FloatArray, Frame, IntArray, SessionInfo, Wrench
+from ..io import FileSource, ForceLog, RecordingWriter, logs_by_kind, read_drive_log, read_force_log
+from ..types import JOINTS, STAGE, Actuation, ActuationInfo, Event, FloatArray, Frame, IntArray, SessionInfo, Wrench
 from ..vision import VisionSettings
 from ._estimate import session_info_from
 from ._record import RecordingReport, refuse_target, write_run
@@ -40,8 +40,9 @@ def merged(
     def until(stamp_ns: int | None) -> Iterator[Event]:
         for stream, feed, values in feeds:
             for row, stamp in feed.take(stamp_ns):
-                here = {name: float(column[row]) for name, column in values.items()}
-                yield Actuation(stamp + shift_ns, here, stream)
+                here = {name: float(column[row]) for name, column in values.items() if column[row] == column[row]}
+                if here:
+                    yield Actuation(stamp + shift_ns, here, stream)
         for row, stamp in wrenches.take(stamp_ns):
             assert force is not None
             yield Wrench(stamp + shift_ns, force[1][row], _NO_TORQUE, "sensor")
@@ -75,7 +76,7 @@ class _Feed:
 
 def import_session(
     frames: Path | str,
-    logs: Path | str | Sequence[Path | str] | None,
+    logs: Path | str | Sequence[Path | str] | Mapping[str, Path | str] | None,
     output: Path | str,
     *,
     bench: SessionInfo | Path | str | None = None,
@@ -95,7 +96,8 @@ def import_session(
     Args:
         frames: a video, DICOM file or folder of images.
         logs: the force log; or several logs, of force, stage and knob, told apart by their columns (see
-            `logs_by_kind`). The stage's positions, NAME_m or NAME_mm, serve to take the sensor's inertia out.
+            `logs_by_kind`); or kind ("force", "stage", "knob") -> log. The stage's positions, NAME_m or NAME_mm,
+            serve to take the sensor's inertia out.
         output: the recording (.mcap).
         bench: metadata of the session, or its ``bench.toml``: pose of the sensor, columns and units of its log,
             constant readings of drives.
@@ -118,11 +120,10 @@ def import_session(
     """
     target, info = Path(output), session_info_from(bench)
     refuse_target(target, overwrite=overwrite, origin="import")
-    paths = [] if logs is None else [logs] if isinstance(logs, str | Path) else list(logs)
-    by_kind = logs_by_kind([Path(path) for path in paths])
+    by_kind = _by_kind(logs, info)
     force_log, knob_log, stage_log = (by_kind.get(kind) for kind in ("force", "knob", "stage"))
-    actuation, knob_column = info.actuation.constant, info.actuation.knob_column
-    log = None if force_log is None else read_force_log(force_log, info.sensor.log, knob_column)
+    knob_column = info.actuation.knob_column
+    log = None if force_log is None else _complete(read_force_log(force_log, info.sensor.log, knob_column))
     info = info if info.name else replace(info, name=target.stem)
     source = FileSource(Path(frames), {}, info)
     if source.numbered and (log is not None or knob_log is not None or stage_log is not None):
@@ -134,11 +135,13 @@ def import_session(
     first_ns = next(event.stamp_ns for event in source)
     if log is not None and offset_ms == "start":
         moved = first_ns - int(log.stamp_ns[0])
-        log = ForceLog(log.stamp_ns + moved, log.force_n, log.knob, log.said)
+        log = replace(log, stamp_ns=log.stamp_ns + moved)
         remarks.append(f"the force log was moved by {moved * 1e-9:.6f} s: its first row belongs to the first frame")
-    drives = _drives(log, knob_column, knob_log, actuation)
+    drives = _drives(log, knob_column, knob_log, info.actuation, remarks)
     if stage_log is not None:
-        drives[STAGE] = read_knob_log(stage_log)
+        found = read_drive_log(stage_log, info.stage.log, "stage.log")
+        drives[STAGE] = found.stamp_ns, found.values
+        remarks += (f"{stage_log.name}: {remark}" for remark in found.remarks)
     starts = [first_ns, *(int(stamps[0]) for stamps, _ in drives.values())]
     starts += [] if log is None else [int(log.stamp_ns[0])]
     # the file's format has no time before zero; whole seconds keep the stamps readable
@@ -146,7 +149,8 @@ def import_session(
     if shift_ns:
         remarks.append(f"all stamps were moved by {shift_ns // 1_000_000_000} s, so that none lies before zero")
     if log is not None:
-        remarks.append(f"{force_log.name if force_log else ''}: {log.said}")
+        name = force_log.name if force_log else ""
+        remarks += (f"{name}: {said}" for said in (log.said, *log.remarks))
         if not isinstance(tare, str):
             stated_tare(log.stamp_ns, log.force_n, *tare)  # says what is wrong with it before a long video is read
     last_ns = first_ns
@@ -168,7 +172,7 @@ def import_session(
 
     try:
         names = (Path(frames).name, str(force_log))
-        found = write_run(
+        facts = write_run(
             writer,
             events,
             source.session_info,
@@ -185,11 +189,37 @@ def import_session(
     except BaseException:
         writer.abandon()
         raise
-    return RecordingReport(summarise_recording(target), (*remarks, *found))
+    return RecordingReport(summarise_recording(target), (*remarks, *facts))
+
+
+def _by_kind(
+    logs: Path | str | Sequence[Path | str] | Mapping[str, Path | str] | None, info: SessionInfo
+) -> dict[str, Path]:
+    """The logs by their kind, as they are stated or as their columns tell it."""
+    if isinstance(logs, Mapping):
+        return {kind: Path(path) for kind, path in logs.items()}
+    paths = [] if logs is None else [logs] if isinstance(logs, str | Path) else list(logs)
+    stated = {"force": info.sensor.log, "knob": info.actuation.log, "stage": info.stage.log}
+    return logs_by_kind([Path(path) for path in paths], stated)
+
+
+def _complete(log: ForceLog) -> ForceLog:
+    """The rows in which every axis of the log has a reading: the others leave a gap."""
+    whole = ~np.isnan(log.force_n[:, ~np.isnan(log.force_n).all(axis=0)]).any(axis=1)
+    if whole.all():
+        return log
+    return replace(
+        log,
+        stamp_ns=log.stamp_ns[whole],
+        force_n=log.force_n[whole],
+        knob=None if log.knob is None else log.knob[whole],
+        status=None if log.status is None else log.status[whole],
+        remarks=(*log.remarks, f"{np.sum(~whole)} rows without a reading of each axis are left out"),
+    )
 
 
 def _drives(
-    log: ForceLog | None, column: str | None, knob_log: Path | None, actuation: Mapping[str, float]
+    log: ForceLog | None, column: str | None, knob_log: Path | None, actuation: ActuationInfo, remarks: list[str]
 ) -> dict[str, Readings]:
     """The catheter's drives as a stream, where they come from a log."""
     if column and knob_log:
@@ -203,8 +233,10 @@ def _drives(
         step = max(1, round(1e7 / max(float(np.median(np.diff(log.stamp_ns))), 1.0))) if len(log.stamp_ns) > 1 else 1
         found = log.stamp_ns[::step], {name: log.knob[::step]}
     elif knob_log:
-        found = read_knob_log(Path(knob_log))
-    clash = set(found[1] if found else ()) & set(actuation)
+        drive_log = read_drive_log(knob_log, actuation.log)
+        found = drive_log.stamp_ns, drive_log.values
+        remarks += (f"{knob_log.name}: {remark}" for remark in drive_log.remarks)
+    clash = set(found[1] if found else ()) & set(actuation.constant)
     if clash:
         raise InputError(f"{min(clash)} is stated as a constant and read from a log; state one of them")
     return {} if found is None else {JOINTS: found}

@@ -13,6 +13,22 @@ from ._session import SessionInfo, merged_values
 
 __all__ = ["bench_text", "bench_values", "info_from_facts", "read_bench", "toml_key", "toml_value"]
 
+_TABLE = (
+    ("columns", '["time_s", "", "fx_n"]', "names of all columns, for a log without a header; empty: not read"),
+    ("time", '"Time [s]"', "the column with the times"),
+    ("date", '"Date"', "the column with the dates, if the times are times of day"),
+    ("time_unit", '"s"', "s, ms, us or ns"),
+    ("date_order", '"dmy"', "dmy for 31/12/2026, mdy for 12/31/2026, ymd for 2026/12/31"),
+    ("rate_hz", "1000.0", "rows per second, for a log without times or with a coarse clock"),
+    ("decimal_sign", '","', "the other one of , and . then groups thousands"),
+    ("missing", '["---", "-9999"]', "texts of cells without a reading"),
+    ("lines", "[2, 30000]", "first and last line that are read"),
+    ("sort", "true", "rows that are not in the order of their stamps are sorted"),
+    ("repeated_stamps", '"first"', "of the rows with one stamp the first is kept"),
+    ("sheet", '"Sheet1"', "of a workbook"),
+)
+"""Keys of every log."""
+
 _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
     "catheter": (
         "The catheter, by its data sheet or as measured. Lengths are in metres: 2.33 mm is 2.33e-3.",
@@ -72,14 +88,14 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
         ),
     ),
     "sensor.log": (
-        "Columns of the force log; found by their names where they are not stated.",
+        "How the force log is written; what is not stated is found in the file.",
         (
-            ("time", '"Time [s]"', ""),
+            *_TABLE,
             ("fx", '"Fx"', '"-Fx" turns the axis round'),
             ("fy", '"Fy"', ""),
             ("fz", '"Fz"', "toward the camera, if there is one"),
-            ("time_unit", '"s"', "s, ms, us or ns"),
-            ("force_unit", '"N"', "N, mN, g or counts"),
+            ("status", '"Status (hex)"', "the sensor's status code, 0 where all is well"),
+            ("force_unit", '"N"', "N, kN, cN, mN, kgf, gf (or g), lbf, ozf or counts"),
             ("counts_per_n", "1000.0", "for counts"),
         ),
     ),
@@ -91,6 +107,19 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
             ("knob_play_deg", "1.0", "hysteresis of the knob: it turns so far before the catheter follows"),
             ("knob_column", '"knob"', "column of the force log with the knob's angle in degrees"),
             ("constant", "{ knob_deg = 10.0 }", "readings that stay the same and are in no log; names end in the unit"),
+        ),
+    ),
+    "actuation.log": ("How the log of the drives is written.", _TABLE),
+    "stage.log": ("How the log of the stage is written.", _TABLE),
+    "bag": (
+        "Topics of a ROS bag or of another program's MCAP; the only topic of its kind needs no line.",
+        (
+            ("views", '{ camera = "/camera/image_raw/compressed" }', "Image or CompressedImage"),
+            ("force", '"/ft_sensor/wrench"', "WrenchStamped"),
+            ("drives", '["/joint_states"]', "of the catheter: JointState, Float64 or Float64Stamped"),
+            ("stage", '["/stage/joint_states"]', "that moves the tissue: the same types"),
+            ("names", '{ knob_joint = "knob_deg" }', "joint, or topic of numbers: its name, which ends in the unit"),
+            ("receive_times", "true", "where messages have no stamp of their own"),
         ),
     ),
     "tissue": (

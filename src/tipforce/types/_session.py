@@ -18,13 +18,17 @@ from ._ranges import RANGES, actuation_range
 __all__ = [
     "BASE_SIDES",
     "ActuationInfo",
+    "BagInfo",
     "BaseSide",
     "Box",
     "Catheter",
+    "DateOrder",
     "ForceLogInfo",
+    "LogInfo",
     "Reads",
     "SensorInfo",
     "SessionInfo",
+    "StageInfo",
     "TissueInfo",
     "ViewInfo",
     "merged_values",
@@ -93,22 +97,83 @@ class ViewInfo:
     tilt_uncertainty_deg: Annotated[float, _within("tilt_uncertainty_deg")] | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class ForceLogInfo:
-    """Which columns of a force log hold what, and their units; None: found by the log's header.
+DateOrder = Literal["dmy", "mdy", "ymd"]
+"""Order of day, month and year in a date of numbers."""
 
-    A leading "-" turns an axis round: ``fx="-Fy"``. ``counts_per_n``: the sensor's sensitivity, for counts.
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogInfo:
+    """How the table of a log is written; None or empty: found in the file.
+
+    ``time``: the column with the times; ``date``: the column with the dates, if the times are times of day.
+    ``time_unit``: for times that are numbers; ``date_order``: for dates of numbers. ``rate_hz``: rows per second, for a
+    log without times and for one whose clock is so coarse that many rows have the same stamp.
+    ``columns``: the names of all columns, from left to right, for a log without a header row or with other names.
+    ``decimal_sign``: the other of the two signs then groups the thousands. ``missing``: texts of cells without a
+    reading. ``lines``: the first and the last line of the file that are read. ``sort``: rows that are not in the order
+    of their stamps are sorted. ``repeated_stamps``: "first" keeps the first row of each stamp. ``sheet``: the sheet of
+    a workbook.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
 
     time: str | None = None
+    date: str | None = None
+    time_unit: Literal["s", "ms", "us", "ns"] | None = None
+    date_order: DateOrder | None = None
+    rate_hz: Annotated[float, _within("rate_hz")] | None = None
+    columns: tuple[str, ...] = ()
+    decimal_sign: Literal[".", ","] | None = None
+    missing: tuple[str, ...] = ()
+    lines: tuple[int, int] | None = None
+    sort: bool = False
+    repeated_stamps: Literal["first"] | None = None
+    sheet: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceLogInfo(LogInfo):
+    """Which columns of a force log hold the axes, and their unit; None: found by the log's header.
+
+    A leading "-" turns an axis round: ``fx="-Fy"``. ``status``: the column with the sensor's status code, where 0 means
+    that all is well. ``counts_per_n``: the sensor's sensitivity, for counts.
+    """
+
     fx: str | None = None
     fy: str | None = None
     fz: str | None = None
-    time_unit: Literal["s", "ms", "us", "ns"] | None = None
-    force_unit: Literal["N", "mN", "g", "counts"] | None = None
+    status: str | None = None
+    force_unit: Literal["N", "kN", "cN", "mN", "kgf", "gf", "g", "lbf", "ozf", "counts"] | None = None
     counts_per_n: Annotated[float, _within("counts_per_n")] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BagInfo:
+    """Topics of a ROS bag, or of a recording of another program; None or empty: the only topic of its kind is taken.
+
+    ``views``: view -> topic of images; ``force``: topic of the sensor's wrenches; ``drives`` and ``stage``: topics with
+    the readings of the catheter's drives and of the stage (JointState, or one number). ``names``: joint, or topic of
+    numbers -> NAME_UNIT. ``receive_times``: messages without a stamp of their own are placed at the time at which they
+    were received.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+
+    views: Mapping[str, str] = field(default_factory=dict[str, str])
+    force: str | None = None
+    drives: tuple[str, ...] = ()
+    stage: tuple[str, ...] = ()
+    names: Mapping[str, str] = field(default_factory=dict[str, str])
+    receive_times: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class StageInfo:
+    """The stage that moves the tissue. ``log``: how its log is written."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+
+    log: LogInfo = LogInfo()
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +216,7 @@ class ActuationInfo:
     ``knob_offset_per_m``: curvature with the knob at 0; ``knob_play_deg``: width of its hysteresis.
     ``knob_column``: column of the force log that holds the knob's angle, NAME_UNIT or else in degrees.
     ``constant``: readings that stayed the same all the time and are in no log, as ``{"knob_deg": 10.0}``; every name
-    ends in its unit.
+    ends in its unit. ``log``: how the log of the drives is written.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -161,6 +226,7 @@ class ActuationInfo:
     constant: Mapping[str, float] = field(default_factory=dict[str, float])
     knob_offset_per_m: Annotated[float, _within("knob_offset_per_m")] | None = None
     knob_play_deg: Annotated[float, _within("knob_play_deg")] | None = None
+    log: LogInfo = LogInfo()
 
     def curvature_per_m(self, knob_deg: float) -> float | None:
         """Of the shaft without load, as the knob asks for it; None where no map of the knob is stated.
@@ -188,7 +254,7 @@ class SessionInfo:
 
     ``name``: of the session; ``views``: by the name of the view; ``force_frame``: axes of the forces, "base" is the
     convention of this program; ``simulated`` and ``preset``: whether and by which preset it was simulated;
-    ``remarks``: for people, read by nothing.
+    ``remarks``: for people, read by nothing. ``stage`` and ``bag``: how the stage's log and a ROS bag are read.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -203,6 +269,8 @@ class SessionInfo:
     simulated: bool = False
     preset: str | None = None
     remarks: str = ""
+    stage: StageInfo = StageInfo()
+    bag: BagInfo = BagInfo()
 
     def view(self, name: str) -> ViewInfo:
         """What is known of the view ``name``: nothing where it is not described."""
@@ -254,10 +322,12 @@ class SessionInfo:
     def stated_keys(self) -> tuple[str, ...]:
         """Keys of what is stated of catheter, views, sensor, actuation and tissue, as ``catheter.diameter_m``.
 
+        How the stage's log and a bag are read is no property of the session and has no part in them.
+
         >>> SessionInfo(views={"camera": ViewInfo(base_side="left")}).stated_keys()
         ('views.camera.base_side',)
         """
-        parts = {key: value for key, value in self.values().items() if isinstance(value, dict)}
+        parts = {key: value for key, value in self.values().items() if isinstance(value, dict) and key not in _READING}
         return tuple(key for key in _flat(parts) if key != "catheter.name")
 
     def only(self, keys: Iterable[str]) -> "SessionInfo":
@@ -307,12 +377,19 @@ def _adapter() -> Any:
     return _ADAPTER[0]
 
 
+_READING = ("stage", "bag")
+"""Sections that say how files are read."""
+
 _PARTS: dict[str, type] = {
     "catheter": Catheter,
     "views": ViewInfo,
     "sensor": SensorInfo,
     "sensor.log": ForceLogInfo,
     "actuation": ActuationInfo,
+    "actuation.log": LogInfo,
+    "stage": StageInfo,
+    "stage.log": LogInfo,
+    "bag": BagInfo,
     "tissue": TissueInfo,
 }
 

@@ -1,0 +1,98 @@
+"""A table that is in memory: the cells of a workbook, or the variables of a file of MATLAB."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from ...types import FloatArray, IntArray, LogInfo
+from ._layout import Layout, cells_layout
+from ._table import Table
+
+__all__ = ["CellTable", "ColumnTable"]
+
+_HEAD_ROWS = 200
+
+
+class CellTable(Table):
+    """Rows of cells as text: ``rows`` are their numbers, from 1, and their cells."""
+
+    unit_of_place = "row"
+
+    def __init__(self, path: Path, rows: Sequence[tuple[int, list[str]]], log: LogInfo, key: str) -> None:
+        super().__init__(path, cells_layout(path, rows[:_HEAD_ROWS], log, key), log, key)
+        self._cells = rows
+
+    def lines(self) -> Iterator[tuple[int, list[str]]]:
+        """Number and cells of every row of data."""
+        for number, row in self._cells:
+            if number > self._layout.above and self._lines[0] <= number <= self._lines[1] and any(row):
+                yield number, row
+
+    def _fast(self, columns: list[int], kind: type[np.float64] | type[np.int64]) -> "np.ndarray | None":  # type: ignore[type-arg]
+        try:
+            return np.array([[kind(row[column]) for column in columns] for _, row in self.lines()], kind)
+        except (ValueError, IndexError):
+            return None
+
+
+class ColumnTable(Table):
+    """Columns of numbers (n,), or of texts: one array for each name; a row is a place in them, from 1."""
+
+    unit_of_place = "row"
+
+    def __init__(
+        self,
+        path: Path,
+        arrays: "Mapping[str, np.ndarray]",
+        log: LogInfo,
+        key: str,  # type: ignore[type-arg]
+    ) -> None:
+        super().__init__(path, Layout(tuple(arrays), "", 0), log, key)
+        first, last = self._lines
+        rows = slice(first - 1, None if last == math.inf else int(last))
+        self._first = first
+        self._arrays = [array[rows] for array in arrays.values()]
+
+    def __len__(self) -> int:
+        return len(self._arrays[0])
+
+    def place(self, row: int) -> str:
+        """Where a person finds the ``row``-th row."""
+        return f"row {row + self._first}"
+
+    def lines(self) -> Iterator[tuple[int, list[str]]]:
+        """Number and cells of every row."""
+        for row in range(len(self)):
+            yield row + self._first, [_text(array[row]) for array in self._arrays]
+
+    def text(self, name: str) -> list[str]:
+        """A column as text."""
+        return [_text(value) for value in self._arrays[self.column(name)]]
+
+    def first(self, name: str) -> str:
+        """The first cell of a column that is not empty."""
+        return next(islice((text for text in self.text(name) if text), 1), "")
+
+    def _cells_of(self, column: int) -> list[str]:
+        return [_text(value) for value in self._arrays[column]]
+
+    def _fast(self, columns: list[int], kind: type[np.float64] | type[np.int64]) -> "np.ndarray | None":  # type: ignore[type-arg]
+        chosen = [self._arrays[column] for column in columns]
+        if any(array.dtype.kind not in "fiub" for array in chosen):
+            return None
+        if kind is np.int64 and not all(_is_whole(array) for array in chosen):
+            return None
+        return np.stack([array.astype(kind) for array in chosen], axis=1)
+
+
+def _is_whole(array: "np.ndarray") -> bool:  # type: ignore[type-arg]
+    """Whether all values are whole numbers that a float holds exactly: MATLAB has floats unless it is asked."""
+    values: FloatArray | IntArray = array
+    return values.dtype.kind in "iub" or bool(np.all(np.isfinite(values)) and np.all(values == np.rint(values)))
+
+
+def _text(value: object) -> str:
+    return repr(float(value)) if isinstance(value, np.floating) else str(value)

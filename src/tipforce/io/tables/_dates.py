@@ -1,0 +1,200 @@
+"""Dates and times of day as loggers write them: ISO, German, American, with names of months, with or without a zone."""
+
+import datetime
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...types import DateOrder, IntArray
+
+__all__ = [
+    "FIRST_YEAR",
+    "LAST_YEAR",
+    "AmbiguousDates",
+    "DateOutside",
+    "NoDate",
+    "Times",
+    "is_time_of_day",
+    "is_time_text",
+    "parse_times",
+]
+
+FIRST_YEAR, LAST_YEAR = 1970, 2037
+"""ROS messages hold seconds since 1970 in 32 bits with a sign."""
+
+_DAY_NS = 86_400_000_000_000
+_EPOCH = datetime.date(1970, 1, 1).toordinal()
+_NUMBERS = r"\d{1,4}(?P<sign>[./-])\d{1,2}(?P=sign)\d{1,4}"
+_NAMED = r"\d{1,2}[. -]+[^\W\d_]{3,9}\.?[ -]+\d{2,4}|[^\W\d_]{3,9}\.? \d{1,2},? \d{4}"
+_CLOCK = r"(\d{1,2}):(\d\d)(?::(\d\d)(?:[.,:](\d{1,9}))?)?(?:\s*([AaPp])\.?[Mm]\.?)?"
+_STAMP = re.compile(rf"^(?:(?P<day>{_NUMBERS}|{_NAMED})(?:T|,?\s+))?{_CLOCK}\s*(?:Z|([+-]\d\d):?(\d\d))?$")
+_DATE = re.compile(rf"^(?:{_NUMBERS}|{_NAMED})$")
+_OTHER_BLANKS = str.maketrans({"\u202f": " ", "\xa0": " "})
+_MONTHS = {
+    "jan": 1,
+    "feb": 2,
+    "mar": 3,
+    "apr": 4,
+    "may": 5,
+    "jun": 6,
+    "jul": 7,
+    "aug": 8,
+    "sep": 9,
+    "oct": 10,
+    "nov": 11,
+    "dec": 12,
+    "mär": 3,
+    "mrz": 3,
+    "mai": 5,
+    "okt": 10,
+    "dez": 12,
+}
+
+
+class NoDate(ValueError):
+    """A text is no time: ``row`` of it."""
+
+    def __init__(self, row: int) -> None:
+        super().__init__(row)
+        self.row = row
+
+
+class DateOutside(NoDate):
+    """A date lies outside of the years that a recording can hold."""
+
+
+class AmbiguousDates(ValueError):
+    """Dates of which the order of day and month is open. ``example``: one of them; ``orders``: those that are open."""
+
+    def __init__(self, example: str, orders: Sequence[str]) -> None:
+        super().__init__(example)
+        self.example, self.orders = example, orders
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Times:
+    """``stamp_ns`` (n,): since 1970, or since the first midnight for times of day; local time where no zone is stated.
+
+    ``kind``: "date" or "time of day"; ``order``: of day, month and year, where the dates are numbers.
+    """
+
+    stamp_ns: IntArray
+    kind: str
+    order: DateOrder | None
+
+
+def is_time_text(text: str) -> bool:
+    """Whether ``text`` is a time of day, a date with a time, or a date.
+
+    >>> [is_time_text(text) for text in ("10:23:45,125", "31.12.2026 23:59:59", "Aug 1, 2018 10:23:45 AM", "12.5")]
+    [True, True, True, False]
+    """
+    text = text.translate(_OTHER_BLANKS)
+    return bool(_STAMP.match(text) or _DATE.match(text))
+
+
+def is_time_of_day(text: str) -> bool:
+    """Whether ``text`` is a time without a date."""
+    found = _STAMP.match(text.translate(_OTHER_BLANKS))
+    return found is not None and found["day"] is None
+
+
+def parse_times(cells: Sequence[str], order: DateOrder | None, dates: Sequence[str] | None = None) -> Times:
+    """Times of the rows of a log.
+
+    Args:
+        cells: (n,) texts, as "31.12.2026 23:59:59,123"; a time of day where no date is in them.
+        order: of day, month and year; None: found from the dates, where they allow but one.
+        dates: (n,) texts of the dates, where they have a column of their own.
+
+    Returns:
+        The stamps. Times of day go on after midnight.
+
+    Raises:
+        NoDate: a cell is no time; DateOutside: it is before 1970 or after 2037.
+        AmbiguousDates: day and month may be either way round, or no order fits all dates.
+    """
+    clock_ns = np.empty(len(cells), np.int64)
+    days: list[str] = []
+    for row, cell in enumerate(cells):
+        found = _STAMP.match(cell if cell.isascii() else cell.translate(_OTHER_BLANKS))
+        if found is None:
+            raise NoDate(row)
+        day, _, hour, minute, second, fraction, half, zone_hour, zone_minute = found.groups()
+        hours = int(hour)
+        if half:
+            hours = hours % 12 + (12 if half in "Pp" else 0)
+        if hours > 23 or int(minute) > 59 or int(second or 0) > 60:
+            raise NoDate(row)
+        ns = ((hours * 60 + int(minute)) * 60 + int(second or 0)) * 1_000_000_000
+        if fraction:
+            ns += int(fraction) * 10 ** (9 - len(fraction))
+        if zone_hour:
+            ahead = int(zone_hour) * 60 + int(zone_hour[0] + zone_minute)
+            ns -= ahead * 60_000_000_000
+        clock_ns[row] = ns
+        days.append(day or "")
+    if dates is not None:
+        days = [date.translate(_OTHER_BLANKS) for date in dates]
+    if not any(days):
+        return Times(np.unwrap(clock_ns, period=_DAY_NS).astype(np.int64), "time of day", None)
+    found_order = order or _order_of(set(days))
+    ordinals: dict[str, int] = {}
+    day_ns = np.empty(len(cells), np.int64)
+    for row, day in enumerate(days):
+        if day not in ordinals:
+            try:
+                date = _date(day, found_order)
+            except ValueError:
+                raise NoDate(row) from None
+            if not FIRST_YEAR <= date.year <= LAST_YEAR:
+                raise DateOutside(row)
+            ordinals[day] = date.toordinal() - _EPOCH
+        day_ns[row] = ordinals[day]
+    return Times(day_ns * _DAY_NS + clock_ns, "date", found_order)
+
+
+def _parts(day: str) -> tuple[str, str, str] | None:
+    """Numbers of a date of numbers in the order of the text; None for one with the name of a month."""
+    found = re.fullmatch(r"(\d{1,4})[./-](\d{1,2})[./-](\d{1,4})", day)
+    return None if found is None else (found[1], found[2], found[3])
+
+
+def _order_of(days: Iterable[str]) -> DateOrder | None:
+    """The only order of day, month and year that fits all dates; a date with points is German.
+
+    Raises AmbiguousDates where two orders fit, or none.
+    """
+    numbers = {day: parts for day in days if (parts := _parts(day)) is not None}
+    if not numbers:
+        return None
+    example = next(iter(numbers))
+    if all(len(parts[0]) == 4 for parts in numbers.values()):
+        return "ymd"
+    dmy = all(1 <= int(first) <= 31 and 1 <= int(second) <= 12 for first, second, _ in numbers.values())
+    mdy = all(1 <= int(first) <= 12 and 1 <= int(second) <= 31 for first, second, _ in numbers.values())
+    if dmy and (not mdy or all("." in day for day in numbers)):
+        return "dmy"
+    if mdy and not dmy:
+        return "mdy"
+    raise AmbiguousDates(example, ("dmy", "mdy") if dmy else ())
+
+
+def _date(day: str, order: DateOrder | None) -> datetime.date:
+    """Raises ValueError for what is no date in this order."""
+    parts = _parts(day)
+    if parts is not None:
+        values = dict(zip(order or "ymd", parts, strict=True))
+        return datetime.date(_year(values["y"]), int(values["m"]), int(values["d"]))
+    words = re.findall(r"\d+|[^\W\d_]+", day)
+    named = next((word for word in words if not word.isdigit()), "")
+    numbers = [word for word in words if word.isdigit()]
+    if len(numbers) != 2 or named[:3].lower() not in _MONTHS:
+        raise ValueError(day)
+    return datetime.date(_year(numbers[1]), _MONTHS[named[:3].lower()], int(numbers[0]))
+
+
+def _year(text: str) -> int:
+    return int(text) + (2000 if len(text) <= 2 else 0)

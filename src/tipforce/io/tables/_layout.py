@@ -1,0 +1,369 @@
+"""How a table is written: where its header is, what the lines above it state, separator and decimal sign."""
+
+import codecs
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+from ...errors import FileFormatError, TableError
+from ...types import LogInfo
+from ._dates import is_time_text
+
+__all__ = ["CELLS", "MISSING", "NUMBER", "Layout", "cells_layout", "open_text", "parsed", "text_layout"]
+
+Rows = Sequence[tuple[int, list[str]]]
+"""Number of the line, and its cells."""
+
+CELLS = ""
+"""Stands for the separator of a table that comes in cells, from a workbook."""
+
+NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
+MISSING = frozenset(
+    ("", "-", "--", "---", "nan", "-nan", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#ind", "na", "n/a", "#n/a", "null")
+)
+"""Cells that hold no reading, in small letters."""
+
+_SEPARATORS = {"\t": "tab", ";": "semicolon", ",": "comma", " ": "blank"}
+_SAMPLE_BYTES = 1 << 20
+"""They tell how a file is written; a line is shorter."""
+_SAMPLE_LINES = 200
+_CHECKED_ROWS = 3
+"""Rows below a header that have to be rows of its table."""
+_MAX_COLUMNS = 10_000
+_GZIP = b"\x1f\x8b"
+_GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([.,])\d{3})+(?:(?!\1)[.,]\d*)?$")
+"""A number whose thousands are, or may be, grouped."""
+_FACT = re.compile(r"^\s*([^\W\d_][^:=]*?)\s*[:=]\s*(\S.*?)\s*$")
+_SEPARATOR_LINE = re.compile(r'^"?sep=(.)"?\s*$', re.IGNORECASE)
+_UNIT = re.compile(
+    r"^(?:\[[^\]]*\]|\([^)]*\)|m?s|[uµ]s|ns|sec|[kcmuµ]?n|k?gf?|lbf?|ozf?|counts?|deg|°|rad|[mcuµ]?m|n[ -]?m+|v|hz|%"
+    r"|-|hh:mm:ss.*)$",
+    re.IGNORECASE,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How one table is written.
+
+    ``header``: names of all columns, "" for those without one. ``units``: column -> unit, of a row of units below the
+    header. ``facts``: what the lines above the table and cells as "Frequency = 1000" of its header state, names in
+    small letters. ``above``: the number of the last line above the rows. ``thousands``: the sign between groups of
+    thousands, "" if there is none. ``pairs``: every number is in two cells, for its decimal comma separates cells, too.
+    """
+
+    header: tuple[str, ...]
+    separator: str
+    above: int
+    decimal_comma: bool = False
+    thousands: str = ""
+    pairs: bool = False
+    comments: bool = True
+    encoding: str = "utf-8"
+    units: Mapping[str, str] = field(default_factory=dict[str, str])
+    facts: Mapping[str, str] = field(default_factory=dict[str, str])
+
+
+def open_text(path: Path, encoding: str) -> IO[str]:
+    """The text of ``path``; what the encoding does not have is replaced."""
+    return path.open(encoding=encoding, errors="replace", newline=None)
+
+
+def encoding_of(path: Path) -> str:
+    """Returns how the text of ``path`` is written: UTF-8, UTF-16 (Unicode for Excel), else the Windows code page.
+
+    Raises FileFormatError for what is no text, or has a line that no table has.
+    """
+    with path.open("rb") as stream:
+        sample = stream.read(_SAMPLE_BYTES)
+        wide = sample.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        if sample.startswith(_GZIP):
+            raise FileFormatError(f"{path}: is compressed (gzip); unpack it first")
+        block, at = sample, 0
+        while block:
+            if not wide and (place := block.find(b"\0")) >= 0:
+                raise FileFormatError(f"{path}: is no text table (byte {at + place} is 0); export it as CSV")
+            if len(block) == _SAMPLE_BYTES and b"\n" not in block and b"\r" not in block:
+                raise FileFormatError(
+                    f"{path}: has a line of more than {_SAMPLE_BYTES >> 20} MiB (at byte {at}), which no table has; "
+                    "export it as CSV"
+                )
+            at += len(block)
+            block = stream.read(_SAMPLE_BYTES)
+    if wide:
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(sample)
+    except UnicodeDecodeError:
+        if sum(byte > 127 for byte in sample[:4096]) > 0.3 * min(len(sample), 4096):
+            raise FileFormatError(f"{path}: is no text table; export it as CSV") from None
+        return "cp1252"
+    return "utf-8-sig"
+
+
+def holds_data(line: str, comments: bool) -> bool:
+    """Whether a line is neither blank nor a comment."""
+    return bool(line.strip()) and not (comments and line.lstrip().startswith("#"))
+
+
+def parsed(
+    lines: Iterable[tuple[int, str]], separator: str, above: int, comments: bool
+) -> Iterator[tuple[int, list[str]]]:
+    """Number and cells of the lines below line ``above``; blank lines and comments (#) are passed over.
+
+    Args:
+        lines: number and text of each line.
+        separator: between the cells.
+        above: the last line that is passed over.
+        comments: whether lines that begin with # are comments.
+
+    Raises:
+        csv.Error: a cell never ends.
+    """
+    number = 0
+
+    def kept() -> Iterator[str]:
+        nonlocal number
+        for number, line in lines:
+            if number > above and holds_data(line, comments):
+                yield line
+
+    if separator == " ":
+        for line in kept():
+            yield number, line.split()
+    else:
+        for cells in csv.reader(kept(), delimiter=separator, skipinitialspace=True):
+            yield number, [cell.strip() for cell in cells]
+
+
+def text_layout(path: Path, *, comments: bool, log: LogInfo | None, key: str) -> Layout:
+    """Finds out how the text table at ``path`` is written, by looking at its first lines.
+
+    Args:
+        path: the file.
+        comments: whether lines that begin with # are passed over.
+        log: what is stated of a log, in which lines may stand above the header; None for a table that begins with it.
+        key: of ``log`` in ``bench.toml``, for messages.
+
+    Raises:
+        FileFormatError: for what is no text.
+        TableError: header or decimal sign cannot be determined.
+    """
+    encoding = encoding_of(path)
+    with open_text(path, encoding) as stream:
+        head = [(number, line) for number, line in zip(range(1, _SAMPLE_LINES), stream, strict=False)]
+    lines = [(number, line) for number, line in head if holds_data(line, comments)]
+    if not lines:
+        raise FileFormatError(f"{path}: the file is empty, not a table")
+    stated = _SEPARATOR_LINE.match(lines[0][1].rstrip("\n"))
+    if stated:
+        lines = lines[1:]
+    candidates = (stated[1],) if stated else tuple(_SEPARATORS)
+    first = lines[0][1] if lines else ""
+    default = next((sign for sign in candidates if sign in first.strip()), candidates[-2 if len(candidates) > 1 else 0])
+    if first.count(default) >= _MAX_COLUMNS:
+        raise TableError(
+            f"{path}, line {lines[0][0]}: has {first.count(default) + 1} columns, at most {_MAX_COLUMNS} are read; "
+            "export the columns that are needed"
+        )
+    found = _layout(path, _alternatives(path, lines, candidates, default, comments), default, log, key)
+    return Layout(
+        found.header,
+        found.separator,
+        found.above,
+        found.decimal_comma,
+        found.thousands,
+        found.pairs,
+        comments,
+        encoding,
+        found.units,
+        found.facts,
+    )
+
+
+def _alternatives(
+    path: Path, lines: Sequence[tuple[int, str]], candidates: Sequence[str], default: str, comments: bool
+) -> dict[str, Rows]:
+    """Separator -> the rows, as they are with it. Raises TableError where they are none with the default one."""
+    found: dict[str, Rows] = {}
+    for sign in candidates:
+        try:
+            found[sign] = list(parsed(lines, sign, 0, comments))
+        except csv.Error as error:
+            if sign == default:
+                raise TableError(f"{path}: is no table that can be read ({error}); export it as CSV") from None
+    return found
+
+
+def cells_layout(path: Path, rows: Rows, log: LogInfo | None, key: str) -> Layout:
+    """`text_layout` of a table that comes in cells: ``rows`` are the first of them."""
+    if not rows:
+        raise FileFormatError(f"{path}: holds no table")
+    return _layout(path, {CELLS: list(rows)}, CELLS, log, key)
+
+
+def _layout(path: Path, alternatives: Mapping[str, Rows], default: str, log: LogInfo | None, key: str) -> Layout:
+    """The layout with the first of the separators with which a header has rows below it; ``default`` without any."""
+    if log is not None and log.columns:
+        separator, start = _rows_of_width(path, alternatives, log.columns, key)
+        rows = alternatives[separator]
+        header, unit_row, above = tuple(log.columns), None, rows[:start]
+    else:
+        found = None if log is None else _header_row(alternatives)
+        separator, at = found or (default, 0)
+        rows = alternatives[separator]
+        if not rows:
+            raise TableError(f"{path}: holds no table; a log has a header row such as time_s,fx_n,fy_n")
+        header = tuple(rows[at][1])
+        if any(NUMBER.match(cell) for cell in header):
+            raise TableError(
+                f"{path}, line {rows[at][0]}: expected the names of the columns, got "
+                f"{separator.join(header).strip()[:60]!r}; {_columns_remedy(log, key, len(header))}"
+            )
+        unit_row = rows[at + 1][1] if log is not None and _is_unit_row(rows, at) else None
+        start = at + (1 if unit_row is None else 2)
+        above = rows[: at + 1]
+    facts = _facts([cells for _, cells in above[:-1]] if not (log and log.columns) else [cells for _, cells in above])
+    header = tuple("" if _states(cell, facts) else cell for cell in header) if log is not None else header
+    doubled = {name for name, count in Counter(header).items() if name and count > 1}
+    if doubled:
+        raise TableError(
+            f"{path}, line {above[-1][0] if above else 1}: the column {min(doubled)!r} appears twice; "
+            + ("rename one" if log is None else _columns_remedy(log, key, len(header)))
+        )
+    units = {} if unit_row is None else {name: unit for name, unit in zip(header, unit_row, strict=False) if name}
+    last_above = rows[start - 1][0] if start else 0
+    body = rows[start:]
+    decimal_comma, thousands, pairs = _signs(path, separator, header, body, log, key)
+    return Layout(header, separator, last_above, decimal_comma, thousands, pairs, units=units, facts=facts)
+
+
+def _columns_remedy(log: LogInfo | None, key: str, count: int) -> str:
+    if log is None:
+        return "write a header row, for example time_s,fx_n,fy_n"
+    example = ", ".join(['"time_s"', '"fx_n"', '"fy_n"', '"fz_n"'][:count] + ['""'] * min(count - 4, 1))
+    return f"state the names of all {count} columns, from left to right, in bench.toml: {key}.columns = [{example}]"
+
+
+def _header_row(alternatives: Mapping[str, Rows]) -> tuple[str, int] | None:
+    """Separator and place of the first row of names with rows of numbers below it."""
+    for at in range(max(len(rows) for rows in alternatives.values())):
+        for separator, rows in alternatives.items():
+            if at >= len(rows) or len([cell for cell in rows[at][1] if cell]) < 2:
+                continue
+            names = rows[at][1]
+            start = at + (2 if _is_unit_row(rows, at) else 1)
+            if not any(NUMBER.match(cell) for cell in names) and _are_rows(rows, start, len(names)):
+                return separator, at
+    return None
+
+
+def _rows_of_width(path: Path, alternatives: Mapping[str, Rows], columns: Sequence[str], key: str) -> tuple[str, int]:
+    """Separator and place of the first row of numbers with as many cells as there are stated columns."""
+    widths: Counter[int] = Counter()
+    for separator, rows in alternatives.items():
+        for at, (_, cells) in enumerate(rows):
+            if len(cells) == len(columns) and _are_rows(rows, at, len(columns)):
+                return separator, at
+            if _are_rows(rows, at, len(cells)):
+                widths[len(cells)] += 1
+    usual = max(widths, default=0)
+    raise TableError(
+        f"{path}: {key}.columns in bench.toml names {len(columns)} columns, the rows have {usual} cells; name all of "
+        'them from left to right, "" for a column that is not read'
+    )
+
+
+def _are_rows(rows: Rows, start: int, width: int) -> bool:
+    """Whether the next rows hold numbers or times, in at most ``width`` cells."""
+    below = rows[start : start + _CHECKED_ROWS]
+    return bool(below) and all(_is_row(cells, width) for _, cells in below)
+
+
+def _is_row(cells: Sequence[str], width: int) -> bool:
+    filled = [cell for cell in cells if cell]
+    used = len(cells) - next((place for place, cell in enumerate(reversed(cells)) if cell), len(cells))
+    values = sum(_is_value(cell) for cell in filled)
+    return used <= width and 0 < len(filled) <= 2 * values
+
+
+def _is_value(cell: str) -> bool:
+    if NUMBER.match(cell) or cell.lower() in MISSING or _GROUPED.match(cell):
+        return True
+    return cell[:2].lower() == "0x" or (any(map(str.isdigit, cell)) and is_time_text(cell))
+
+
+def _is_unit_row(rows: Rows, at: int) -> bool:
+    """Whether the row below the header at ``at`` holds units: of another kind than the rows below it."""
+    if at + 2 >= len(rows):
+        return False
+    cells = rows[at + 1][1]
+    filled = [cell for cell in cells if cell]
+    return len(filled) > 1 and len(cells) <= len(rows[at][1]) and all(_UNIT.match(cell) for cell in filled)
+
+
+def _facts(rows: Iterable[Sequence[str]]) -> dict[str, str]:
+    """Name, in small letters -> value, of lines such as "Force Units: N" and of pairs of cells."""
+    facts: dict[str, str] = {}
+    for cells in rows:
+        filled = [cell for cell in cells if cell]
+        if not filled:
+            continue
+        if found := _FACT.match(filled[0]):
+            facts.setdefault(found[1].lower(), found[2])
+        elif len(filled) > 1:
+            facts.setdefault(filled[0].rstrip(":= ").lower(), filled[1])
+    return facts
+
+
+def _states(cell: str, facts: dict[str, str]) -> bool:
+    """Whether a cell of the header is no name but states a value, which is added to the ``facts``."""
+    found = _FACT.match(cell) if "=" in cell else None
+    if found:
+        facts[found[1].lower()] = found[2]
+    return found is not None
+
+
+def _signs(
+    path: Path, separator: str, header: Sequence[str], body: Rows, log: LogInfo | None, key: str
+) -> tuple[bool, str, bool]:
+    """Whether the decimal sign is a comma, the sign between thousands, and whether numbers are in two cells each.
+
+    Raises TableError where they cannot be told from the rows and are not stated.
+    """
+    stated = None if log is None else log.decimal_sign
+    remedy = f'state {key}.decimal_sign = "," or "." in bench.toml' if log is not None else "export with decimal points"
+    wide = [(number, cells) for number, cells in body[:1] if len(cells) > len(header) and any(cells[len(header) :])]
+    if separator == "," and wide:
+        pairs = all(len(cells) == 2 * len(header) for _, cells in body)
+        if pairs and stated == ",":
+            return True, "", True
+        if pairs or log is None:
+            raise TableError(
+                f"{path}, line {wide[0][0]}: has {len(wide[0][1])} cells for {len(header)} columns: commas seem to be "
+                "both decimal sign and separator; "
+                + (remedy if pairs and log is not None else "export with semicolons or with decimal points")
+            )
+    cells = [(number, cell) for number, row in body for cell in row if _GROUPED.match(cell) or NUMBER.match(cell)]
+    grouped = next(((number, cell) for number, cell in cells if _is_grouped(cell)), None)
+    if stated is not None:
+        other = "." if stated == "," else ","
+        return stated == ",", other if any(other in cell for _, cell in cells) else "", False
+    if grouped:
+        raise TableError(f"{path}, line {grouped[0]}: {grouped[1]!r} has grouped thousands; {remedy}")
+    commas = [(number, cell) for number, cell in cells if "," in cell]
+    points = any("." in cell for _, cell in cells)
+    if commas and not points and separator == "," and all(re.match(r"^[+-]?[1-9]\d{0,2},\d{3}$", c) for _, c in commas):
+        number, cell = commas[0]
+        raise TableError(f"{path}, line {number}: {cell!r} may have a decimal comma or grouped thousands; {remedy}")
+    return bool(commas) and not points, "", False
+
+
+def _is_grouped(cell: str) -> bool:
+    """Whether the thousands of a number are grouped beyond doubt: two groups, or both signs."""
+    digits = cell.lstrip("+-")
+    return bool(_GROUPED.match(cell)) and (len(re.findall(r"[.,]", digits)) > 1)

@@ -1,0 +1,338 @@
+"""A log: a table whose rows have times. Reads the times in any form and says what was assumed."""
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import TableError, TimeError
+from ...types import FloatArray, IntArray, LogInfo
+from ._columns import listed
+from ._dates import is_time_of_day, is_time_text
+from ._layout import MISSING
+from ._stamps import TIME_UNITS, TimeUnit, dates_ns, named_unit, numbers_ns, time_columns, unit_since_1970
+from ._table import Table, open_table
+from ._ticks import UnevenRows, at_rate, spread_within_ticks
+
+__all__ = ["Log", "open_log"]
+
+MAX_DISORDER_S = 0.1
+"""Rows that are out of order by no more were swapped on their way; where a clock was set back it is more."""
+
+_DATE_NAMES = ("date", "datum")
+_SEQUENCE = re.compile(r"^rdt ?sequence$", re.IGNORECASE)
+_RATES = ("rdt sample rate", "sample rate", "sampling rate", "sampling frequency", "frequency", "rate")
+_DELTAS = ("delta_x", "delta x", "sample interval")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Log:
+    """The rows of a log in the order of their times.
+
+    ``stamp_ns`` (n,): strictly rising; ``rows`` (n,): the row of the table that each is. ``time``: what was taken for
+    the time; ``time_names``: its columns; ``remarks``: what was assumed of the times, in sentences.
+    """
+
+    table: Table
+    stamp_ns: IntArray
+    rows: IntArray
+    time: str
+    time_names: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.table.path
+
+    def place(self, row: int) -> str:
+        """Where a person finds a row."""
+        return self.table.place(int(self.rows[row]))
+
+    def readings(self, names: list[str]) -> FloatArray:
+        """(n, len(names)): NaN where there is no reading. Raises TableError for a cell that holds another text."""
+        return self.table.readings(names)[self.rows]
+
+    def codes(self, name: str) -> IntArray:
+        """(n,): status codes. Raises TableError."""
+        return self.table.codes(name)[self.rows]
+
+
+@dataclass(slots=True)
+class _Reader:
+    """Finds the times of the rows of one log."""
+
+    table: Table
+    info: LogInfo
+    key: str
+    remarks: list[str] = field(default_factory=list[str])
+
+    def read(self) -> Log:
+        rate_hz, stated = self._rate_hz()
+        names = self._names(rate_hz)
+        if not any(True for _ in self.table.lines()):
+            raise TableError(f"{self.table.path}: has a header but no rows")
+        if not names:
+            assert rate_hz is not None
+            count = len(self.table)
+            stamps = np.rint(np.arange(count) * (1e9 / rate_hz)).astype(np.int64)
+            self.remarks.append(
+                f"its rows have no times; they are taken as {rate_hz:g} rows per second, as {stated}, from 0 s on"
+            )
+            return Log(self.table, stamps, np.arange(count), f"row / {rate_hz:g} per second", (), tuple(self.remarks))
+        stamps, rows, said = self._stamps(names)
+        if not len(rows):
+            raise TableError(f"{self.table.path}: no row has a time in {names[0]}; state {self.key}.time in bench.toml")
+        sequence = next((name for name in self.table.columns if _SEQUENCE.match(name)), None)
+        if rate_hz is not None and sequence and stated != f"{self.key}.rate_hz states":
+            stamps, rows = self._by_sequence(stamps, rows, sequence, rate_hz, stated)
+            said = f"{sequence} / {rate_hz:g} per second"
+        elif rate_hz is not None and self.info.rate_hz is not None:
+            numbers = rows if sequence is None else _unwrapped(self.table.whole_numbers(sequence), rows)
+            try:
+                stamps = at_rate(stamps, numbers, rate_hz)
+            except UnevenRows:
+                raise TimeError(
+                    f"{self.table.path}: its stamps are not those of {rate_hz:g} rows per second, as "
+                    f"{self.key}.rate_hz states: its {len(rows)} rows last "
+                    f"{(stamps[-1] - stamps[0]) * 1e-9:.3f} s; correct {self.key}.rate_hz, or leave it out"
+                ) from None
+            self.remarks.append(f"its rows are taken as {rate_hz:g} per second, as {self.key}.rate_hz states")
+        else:
+            stamps, rows = self._in_order(stamps, rows)
+            stamps, rows = self._without_repeats(stamps, rows)
+        return Log(self.table, stamps, rows, f"time = {said}", names, tuple(self.remarks))
+
+    def _rate_hz(self) -> tuple[float | None, str]:
+        """Rows per second as ``bench.toml`` or the lines above the table state them, and who states it."""
+        if self.info.rate_hz is not None:
+            return self.info.rate_hz, f"{self.key}.rate_hz states"
+        for name in (*_RATES, *_DELTAS):
+            found = re.match(r"^[\d.,]+(?:[eE][+-]?\d+)?", self.table.facts.get(name, ""))
+            try:
+                value = float(found[0].replace(",", ".")) if found else 0.0
+            except ValueError:
+                continue
+            if value > 0:
+                rate_hz = 1 / value if name in _DELTAS else value
+                averaged = self.table.facts.get("averaging level", "1")
+                rate_hz /= int(averaged) if averaged.isdigit() and int(averaged) else 1
+                return rate_hz, f"its header states ({name} {found[0] if found else ''})"
+        return None, ""
+
+    def _names(self, rate_hz: float | None) -> tuple[str, ...]:
+        """The columns of the times; none for a log that has a rate only."""
+        table, info = self.table, self.info
+        if info.time is not None:
+            if info.time not in table.columns:
+                raise TableError(
+                    f"{table.path}: has no column {info.time!r}, as {self.key}.time states; it has "
+                    f"{listed(table.columns)}"
+                )
+            return (info.time,)
+        fitting = time_columns(table.columns)
+        if len(fitting) == 1 or fitting == ("sec", "nanosec"):
+            return fitting
+        if len(fitting) > 1:
+            raise TableError(
+                f"{table.path}: has several columns that may be the time ({listed(fitting)}); state {self.key}.time "
+                "in bench.toml"
+            )
+        dates = [name for name in table.columns if name.lower() in _DATE_NAMES]
+        if len(dates) == 1 and ":" in table.first(dates[0]):
+            return (dates[0],)
+        if rate_hz is None:
+            raise TableError(
+                f"{table.path}: has no column that is called a time ({listed(table.columns)}); state {self.key}.time "
+                f"in bench.toml, or {self.key}.rate_hz for a log without times"
+            )
+        return ()
+
+    def _stamps(self, names: tuple[str, ...]) -> tuple[IntArray, IntArray, str]:
+        """Stamps of the rows that have one, those rows, and what was taken for the time."""
+        table, path = self.table, self.table.path
+        if names == ("sec", "nanosec"):
+            seconds, nanoseconds = (self._numbers(name) for name in names)
+            whole = seconds.dtype == nanoseconds.dtype == np.int64
+            stamps = numbers_ns(path, seconds, "s", self._unit_remedy()) + nanoseconds.astype(np.int64)
+            return (stamps, np.arange(len(stamps)), "sec + nanosec") if whole else self._present(names, "ns")
+        name = names[0]
+        if is_time_text(table.first(name)):
+            return self._texts(name)
+        unit = "ns" if name == "stamp_ns" else self._unit(name)
+        numbers = self._numbers(name)
+        rows = np.arange(len(numbers))
+        if numbers.dtype != np.int64:
+            rows = np.flatnonzero(np.isfinite(numbers))
+            self._say_without_time(len(numbers) - len(rows))
+        return numbers_ns(path, numbers[rows], unit, self._unit_remedy()), rows, f"{name} ({unit})"
+
+    def _present(self, names: tuple[str, ...], unit: TimeUnit) -> tuple[IntArray, IntArray, str]:
+        """Stamps of the pair sec and nanosec where some cells are empty or no whole numbers."""
+        pair = self.table.readings(list(names))
+        rows = np.flatnonzero(np.isfinite(pair).all(axis=1))
+        self._say_without_time(len(pair) - len(rows))
+        stamps = numbers_ns(self.table.path, pair[rows, 0] * 1e9 + pair[rows, 1], unit, self._unit_remedy())
+        return stamps, rows, "sec + nanosec"
+
+    def _texts(self, name: str) -> tuple[IntArray, IntArray, str]:
+        """Stamps of times of day and dates."""
+        table, info = self.table, self.info
+        date_name = info.date or next((each for each in table.columns if each.lower() in _DATE_NAMES), None)
+        if info.date is not None:
+            table.column(info.date)
+        missing = MISSING | {text.lower() for text in info.missing}
+        every = table.text(name)
+        rows = np.array([row for row, cell in enumerate(every) if cell.lower() not in missing], np.int64)
+        self._say_without_time(len(every) - len(rows))
+        cells = [every[row] for row in rows.tolist()]
+        dates = None
+        if date_name is not None and date_name != name and cells and is_time_of_day(cells[0]):
+            column = table.text(date_name)
+            dates = [column[row] for row in rows.tolist()]
+        stamps = dates_ns(
+            table,
+            name,
+            cells,
+            info.date_order,
+            f'if the row has no time, state {self.key}.missing = ["{cells[0] if cells else ""}"] with its text in '
+            "bench.toml",
+            order_remedy=f'state {self.key}.date_order = "dmy", "mdy" or "ymd" in bench.toml',
+            dates=dates,
+            rows=rows,
+        )
+        return stamps, rows, name if dates is None else f"{date_name} and {name}"
+
+    def _numbers(self, name: str) -> FloatArray | IntArray:
+        """(n,) numbers of a column; whole ones exactly."""
+        whole = self.table.whole_numbers(name)
+        return self.table.readings([name])[:, 0] if whole is None else whole
+
+    def _unit(self, name: str) -> TimeUnit:
+        """The unit of a column of numbers: stated, in its name or in the row of units, or read off times since 1970."""
+        unit = self.info.time_unit or named_unit(name) or named_unit(self.table.units.get(name, ""))
+        if unit is None:
+            numbers = self._numbers(name).astype(np.float64)
+            unit = unit_since_1970(numbers[np.isfinite(numbers)])
+            if unit is not None:
+                self.remarks.append(f"{name} is taken as {unit} since 1970")
+        if unit is None:
+            raise TableError(
+                f"{self.table.path}: the column {name!r} does not name its unit; state {self.key}.time_unit = "
+                f"{' or '.join(f'{each!r}' for each in TIME_UNITS)} in bench.toml".replace("'", '"')
+            )
+        return unit
+
+    def _unit_remedy(self) -> str:
+        return f"check {self.key}.time_unit"
+
+    def _say_without_time(self, count: int) -> None:
+        if count:
+            self.remarks.append(f"{count} rows without a time are left out")
+
+    def _in_order(self, stamps: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
+        """Sorts rows that were swapped on their way, or all if stated. Raises TimeError for other rows out of order."""
+        steps = np.diff(stamps)
+        if not np.any(steps < 0):
+            return stamps, rows
+        late_ns = np.maximum.accumulate(stamps) - stamps
+        at = int(np.flatnonzero(steps < 0)[0]) + 1
+        back_s = float(late_ns.max()) * 1e-9
+        if not self.info.sort and back_s > min(MAX_DISORDER_S, 20e-9 * float(np.median(np.abs(steps)))):
+            line, before = self.table.place(int(rows[at])), self.table.place(int(rows[at - 1]))
+            raise TimeError(
+                f"{self.table.path}, {line}: is stamped before the row above it, by "
+                f"{(stamps[at - 1] - stamps[at]) * 1e-9:.6g} s; if the clock was set back there, import the rows "
+                f"before it: {self.key}.lines = [1, {before.split()[-1]}] in bench.toml; if the rows are only out of "
+                f"order: {self.key}.sort = true"
+            )
+        order = np.argsort(stamps, kind="stable")
+        self.remarks.append(
+            f"{int(np.sum(late_ns > 0))} rows were out of order, by up to {back_s:.3g} s, and were sorted"
+        )
+        return stamps[order], rows[order]
+
+    def _without_repeats(self, stamps: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
+        """Spreads the rows of a coarse clock within its ticks; of few repeats keeps the first."""
+        repeats = np.flatnonzero(np.diff(stamps) == 0) + 1
+        if not len(repeats):
+            return stamps, rows
+        different = len(stamps) - len(repeats)
+        counts = np.diff(np.flatnonzero(np.diff(stamps, prepend=stamps[0] - 1, append=stamps[-1] + 1)))
+        if self.info.repeated_stamps == "first" or (different > 2 and float(np.median(counts)) < 2):
+            keep = np.diff(stamps, prepend=stamps[0] - 1) > 0
+            self.remarks.append(
+                f"{len(repeats)} rows repeat the stamp of the row above them and are left out (of each stamp the first "
+                "row is kept)"
+            )
+            return stamps[keep], rows[keep]
+        try:
+            found = spread_within_ticks(stamps)
+        except UnevenRows:
+            at = int(repeats[0])
+            raise TimeError(
+                f"{self.table.path}, {self.table.place(int(rows[at]))}: repeats the stamp of the row before "
+                f"({stamps[at] * 1e-9:.6f} s); {len(stamps)} rows have {different} different stamps, with "
+                f"{counts.min()} to {counts.max()} rows each, which are no rows at a constant rate; if the sensor "
+                f"sends at a constant rate, state {self.key}.rate_hz in bench.toml; else keep one row of each stamp: "
+                f'{self.key}.repeated_stamps = "first"'
+            ) from None
+        gaps = f", {found.gaps} pause{'s' * (found.gaps > 1)}" if found.gaps else ""
+        self.remarks.append(
+            f"its clock has steps of {found.tick_ns * 1e-9:g} s with {len(stamps) / different:.1f} rows in each{gaps}; "
+            f"the rows are taken as {found.rate_hz:.6g} +- {found.rate_stderr_hz:.2g} per second"
+        )
+        return found.stamp_ns, rows
+
+    def _by_sequence(
+        self, stamps: IntArray, rows: IntArray, sequence: str, rate_hz: float, stated: str
+    ) -> tuple[IntArray, IntArray]:
+        """Times by the number of each row of the sensor and its rate, compared with the log's own coarse clock."""
+        numbers = _unwrapped(self.table.whole_numbers(sequence), rows)
+        if np.any(np.diff(numbers) <= 0):
+            order = np.argsort(numbers, kind="stable")
+            numbers, rows, stamps = numbers[order], rows[order], stamps[order]
+            keep = np.diff(numbers, prepend=numbers[0] - 1) > 0
+            numbers, rows, stamps = numbers[keep], rows[keep], stamps[keep]
+            self.remarks.append(f"the rows were put in the order of {sequence}")
+        ticks = np.unique(stamps)
+        if len(ticks) > 3:
+            slope = np.polyfit(numbers - numbers[0], (stamps - stamps[0]) * 1e-9, 1)[0]
+            tick_s = float(np.median(np.diff(ticks))) * 1e-9
+            span_s = (ticks[-1] - ticks[0]) * 1e-9
+            found_hz = 1 / slope if slope > 0 else 0.0
+            stderr_hz = found_hz * tick_s / (span_s * np.sqrt(len(ticks)))
+            if abs(found_hz - rate_hz) > max(4 * stderr_hz, 1e-3 * rate_hz):
+                raise TimeError(
+                    f"{self.table.path}: {stated}, so {rate_hz:g} rows per second, but by the column of its clock they "
+                    f"are {found_hz:.5g} +- {stderr_hz:.2g}; state the rate in bench.toml: {self.key}.rate_hz"
+                )
+        lost = int(numbers[-1] - numbers[0] + 1 - len(numbers))
+        self.remarks.append(
+            f"times are {sequence} / {rate_hz:g} per second, as {stated}; its own clock has steps of seconds only"
+            + (f"; {lost} rows were lost on the way" if lost else "")
+        )
+        found = np.rint((numbers - numbers[0]) * (1e9 / rate_hz)).astype(np.int64) + stamps[0]
+        return found, rows
+
+
+def _unwrapped(numbers: IntArray | None, rows: IntArray) -> IntArray:
+    """Numbers of 32 bits that go on after their end; the rows themselves where there are none."""
+    return rows if numbers is None else np.unwrap(numbers[rows], period=1 << 32).astype(np.int64)
+
+
+def open_log(path: Path, info: LogInfo, key: str) -> Log:
+    """Opens a log and reads the times of its rows.
+
+    Args:
+        path: a text table, a workbook (.xlsx) or variables of MATLAB (.mat).
+        info: what is stated of it.
+        key: of ``info`` in ``bench.toml``, for messages.
+
+    Raises:
+        FileFormatError: the file is no table.
+        TableError: the times cannot be read; the message names line and column.
+        TimeError: the times are not those of a log.
+    """
+    return _Reader(open_table(path, log=info, key=key), info, key).read()

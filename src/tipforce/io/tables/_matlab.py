@@ -1,0 +1,117 @@
+"""Variables of MATLAB (.mat) as tables: version 5 (scipy) and 7.3 (HDF5, h5py)."""
+
+import importlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.io import loadmat, matlab
+
+from ...errors import FileFormatError, MissingExtraError, TableError
+from ...types import LogInfo
+from ._cells import ColumnTable
+from ._columns import listed
+
+__all__ = ["open_variables"]
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_TABLE_REMEDY = (
+    'save a table as a struct of its columns: S = table2struct(T, "ToScalar", true); save("log.mat", "-struct", "S")'
+)
+
+
+def open_variables(path: Path, log: LogInfo, key: str) -> ColumnTable:
+    """The variables of a file of MATLAB as a table.
+
+    A vector is a column of its name; a field of a struct is STRUCT.FIELD, or FIELD if there is but one struct; a
+    matrix has columns NAME_1, NAME_2, ..., or those that ``log.columns`` names. Columns have the length of the longest.
+
+    Args:
+        path: the file.
+        log: what is stated of it.
+        key: of ``log`` in ``bench.toml``, for messages.
+
+    Raises:
+        FileFormatError: the file is none of MATLAB, or holds an object of a class (a table, a timetable).
+        TableError: it has no columns, or ``log.columns`` does not fit.
+        MissingExtraError: the file is of version 7.3 and h5py is not installed.
+    """
+    found = dict(_flat(_variables(path)))
+    columns: dict[str, Any] = {}
+    for name, array in found.items():
+        if array.ndim == 1:
+            columns[name] = array
+        else:
+            columns |= {f"{name}_{place + 1}": array[:, place] for place in range(array.shape[1])}
+    longest = max((len(array) for array in columns.values()), default=0)
+    columns = {name: array for name, array in columns.items() if len(array) == longest}
+    if longest < 2:
+        raise TableError(f"{path}: holds no vectors; {_TABLE_REMEDY}")
+    if log.columns:
+        if len(log.columns) != len(columns):
+            raise TableError(
+                f"{path}: {key}.columns in bench.toml names {len(log.columns)} columns, the file has {len(columns)} "
+                f'({listed(list(columns))}); name all of them in this order, "" for one that is not read'
+            )
+        columns = {name: array for name, array in zip(log.columns, columns.values(), strict=True) if name}
+    return ColumnTable(path, columns, log, key)
+
+
+def _variables(path: Path) -> dict[str, Any]:
+    with path.open("rb") as stream:
+        head = stream.read(1024)
+    if _HDF5 in (head[:8], head[512:520]):
+        return _hdf5_variables(path)
+    try:
+        loaded = loadmat(path, squeeze_me=True, struct_as_record=False)
+    except (ValueError, TypeError, NotImplementedError, EOFError, matlab.MatReadError) as error:
+        raise FileFormatError(f"{path}: is no file of MATLAB that can be read ({error}); export it as CSV") from None
+    return {name: value for name, value in loaded.items() if not name.startswith("__")}
+
+
+def _hdf5_variables(path: Path) -> dict[str, Any]:
+    try:
+        h5py: Any = importlib.import_module("h5py")
+    except ImportError:
+        raise MissingExtraError("h5py", extra="tables") from None
+
+    def value(node: Any) -> Any:
+        if isinstance(node, h5py.Group):
+            return {name: value(child) for name, child in node.items()}
+        kind = node.attrs.get("MATLAB_class", b"")
+        if kind == b"char":
+            return "".join(map(chr, np.ravel(node[()])))
+        return np.squeeze(np.transpose(node[()])) if node.dtype.kind in "fiub" else None
+
+    try:
+        with h5py.File(path, "r") as file:
+            if "#subsystem#" in file:
+                raise FileFormatError(f"{path}: holds an object of a class of MATLAB; {_TABLE_REMEDY}")
+            return {name: value(node) for name, node in file.items() if not name.startswith("#")}
+    except OSError as error:
+        raise FileFormatError(f"{path}: is no file of MATLAB that can be read ({error}); export it as CSV") from None
+
+
+def _flat(variables: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Name -> vector (n,) or matrix (n, m) of numbers, or vector of texts, of all variables and fields."""
+    structs = [name for name, value in variables.items() if _fields(value) is not None]
+    for name, value in variables.items():
+        fields = _fields(value)
+        if fields is not None:
+            yield from _flat(fields, "" if len(structs) == 1 and not before else f"{before}{name}.")
+        elif isinstance(value, np.ndarray) and value.ndim in (1, 2) and _is_readable(value):
+            yield f"{before}{name}", value
+
+
+def _is_readable(array: "np.ndarray") -> bool:  # type: ignore[type-arg]
+    """Whether an array holds numbers or texts."""
+    return array.dtype.kind in "fiubU" or all(isinstance(each, str) for each in array.ravel())
+
+
+def _fields(value: Any) -> dict[str, Any] | None:
+    """Fields of a struct; None for another value."""
+    if isinstance(value, dict):
+        return value
+    names = getattr(value, "_fieldnames", None)
+    return None if names is None else {name: getattr(value, name) for name in names}

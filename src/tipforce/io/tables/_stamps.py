@@ -1,0 +1,205 @@
+"""Columns of times: which they are, in which unit, and their stamps in nanoseconds."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, Protocol, get_args
+
+import numpy as np
+
+from ...errors import TableError, TimeError
+from ...types import FloatArray, IntArray
+from ._dates import FIRST_YEAR, LAST_YEAR, AmbiguousDates, DateOutside, NoDate, is_time_text, parse_times
+
+__all__ = [
+    "MAX_STAMP_S",
+    "STILL_STEP_NS",
+    "TIME_UNITS",
+    "TimeUnit",
+    "column_ns",
+    "dates_ns",
+    "named_unit",
+    "numbers_ns",
+    "time_columns",
+    "unit_since_1970",
+]
+
+TimeUnit = Literal["s", "ms", "us", "ns"]
+TIME_UNITS: dict[str, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+"""Nanoseconds in one of each unit."""
+
+MAX_STAMP_S = 2**31
+"""ROS messages hold seconds in 32 bits with a sign."""
+
+STILL_STEP_NS = 1_000_000_000
+"""Images without stamps are taken one second apart, in the order of their rows or names."""
+
+_NAMES = "t|time|times|stamp|timestamp|datetime|date[ _/]?time|zeit|zeitstempel|uhrzeit|elapsed|elapsed[ _]time|x_value"
+_TIME = re.compile(rf"^(?:{_NAMES})(?:[ _]*[\[(]?(s|sec|seconds|ms|us|µs|ns)[\])]?)?(?: ?[\[(]hh?:mm.*)?$")
+_UNIT_AT_END = re.compile(r"[ _\[(](s|sec|seconds|ms|us|µs|ns)[\])]?$")
+_UNITS: dict[str, TimeUnit] = {
+    "s": "s",
+    "sec": "s",
+    "seconds": "s",
+    "ms": "ms",
+    "us": "us",
+    "µs": "us",
+    "μs": "us",
+    "ns": "ns",
+}
+_YEAR_2001_S, _YEAR_2038_S = 1e9, 2**31
+_PLAUSIBLE_HZ = (0.01, 1e5)
+"""Rows per second of a log."""
+
+
+class _Rows(Protocol):
+    path: Path
+
+    @property
+    def columns(self) -> tuple[str, ...]: ...
+
+    def place(self, row: int) -> str: ...
+    def text(self, name: str) -> list[str]: ...
+    def numbers(self, name: str, *, may_be_empty: bool = False) -> FloatArray: ...
+    def matrix(self, names: Sequence[str]) -> FloatArray: ...
+    def whole_numbers(self, name: str) -> IntArray | None: ...
+    def first(self, name: str) -> str: ...
+
+
+def time_columns(columns: Sequence[str]) -> tuple[str, ...]:
+    """Names of the columns that may be the time: stamp_ns alone, the pair of ROS tools, else all with such a name."""
+    if "stamp_ns" in columns:
+        return ("stamp_ns",)
+    if {"sec", "nanosec"} <= set(columns):
+        return ("sec", "nanosec")
+    return tuple(column for column in columns if _TIME.match(column.lower()))
+
+
+def named_unit(name: str) -> TimeUnit | None:
+    """The unit that the name of a column of times ends in, or that is such a name; None without one.
+
+    >>> named_unit("Time [ms]"), named_unit("time_s"), named_unit("time")
+    ('ms', 's', None)
+    """
+    found = _UNIT_AT_END.search(name.lower())
+    return _UNITS.get(found[1] if found else name.lower().strip("[]() "))
+
+
+def unit_since_1970(values: FloatArray) -> TimeUnit | None:
+    """The unit of times since 1970 without a unit; None where they are no such times.
+
+    They have to be after 2001, and their steps those of a log: 1.7e12 in steps of 1 are milliseconds, in steps of a
+    million nanoseconds since the start of a machine.
+
+    Args:
+        values: (n,) times.
+    """
+    steps = np.abs(np.diff(values))
+    steps = steps[steps > 0]
+    if not len(steps):
+        return None
+    for unit in get_args(TimeUnit):
+        ns = TIME_UNITS[unit]
+        seconds, step_s = float(np.median(values)) * ns * 1e-9, float(np.median(steps)) * ns * 1e-9
+        if _YEAR_2001_S <= seconds < _YEAR_2038_S and _PLAUSIBLE_HZ[0] <= 1 / step_s <= _PLAUSIBLE_HZ[1]:
+            return unit
+    return None
+
+
+def column_ns(table: _Rows, names: Sequence[str], unit: TimeUnit | None) -> IntArray:
+    """Stamps of a table whose times are all there.
+
+    Args:
+        table: where the times are from.
+        names: the column, or the pair sec and nanosec.
+        unit: of numbers; None where the name of the column states none.
+
+    Returns:
+        (n,) stamps in nanoseconds, as they are in the table; dates since 1970.
+
+    Raises:
+        TimeError: a stamp is one that no recording can hold.
+        TableError: a cell is neither number nor date, or the unit is open.
+    """
+    if len(names) > 1:
+        seconds, nanoseconds = table.whole_numbers("sec"), table.whole_numbers("nanosec")
+        if seconds is not None and nanoseconds is not None:
+            return held(table.path, seconds, 1_000_000_000) + nanoseconds
+        pair = table.matrix(["sec", "nanosec"])
+        return held(table.path, np.rint(pair[:, 0] * 1e9 + pair[:, 1]), 1)
+    name = names[0]
+    if is_time_text(table.first(name)):
+        return dates_ns(table, name, table.text(name), None, "correct the row or remove it")
+    if unit is None:
+        raise TableError(f"{table.path}: the column {name!r} does not name its unit; call it {name}_s, _ms or _ns")
+    whole = table.whole_numbers(name)
+    if whole is not None:
+        return held(table.path, whole, TIME_UNITS[unit])
+    return held(table.path, np.rint(table.numbers(name) * TIME_UNITS[unit]), 1)
+
+
+def numbers_ns(path: Path, values: FloatArray | IntArray, unit: TimeUnit, remedy: str) -> IntArray:
+    """(n,) ``values`` in ``unit`` as nanoseconds; whole numbers exactly. Raises TimeError as `held` does."""
+    if values.dtype == np.int64:
+        return held(path, values, TIME_UNITS[unit], remedy)
+    return held(path, np.rint(values * TIME_UNITS[unit]), 1, remedy)
+
+
+def held(
+    path: Path, values: IntArray | FloatArray, factor: int, remedy: str = "check the unit of its times"
+) -> IntArray:
+    """``values`` times ``factor`` as whole nanoseconds. Raises TimeError where a recording cannot hold them."""
+    most_s = float(np.abs(values).max()) * factor * 1e-9 if len(values) else 0.0
+    if most_s >= MAX_STAMP_S:
+        raise TimeError(f"{path}: holds a time of {most_s:.4g} s, past the year 2038; {remedy}")
+    return values.astype(np.int64) * factor
+
+
+def dates_ns(
+    table: _Rows,
+    column: str,
+    cells: Sequence[str],
+    order: Literal["dmy", "mdy", "ymd"] | None,
+    remedy: str,
+    *,
+    order_remedy: str = "write them as 2026-12-31",
+    dates: Sequence[str] | None = None,
+    rows: IntArray | None = None,
+) -> IntArray:
+    """Stamps of times as text.
+
+    Args:
+        table: where they are from, for messages.
+        column: their column.
+        cells: (n,) texts.
+        order: of day, month and year.
+        remedy: the advice for a cell that is no time.
+        order_remedy: the advice where the order is open.
+        dates: (n,) dates that have a column of their own.
+        rows: (n,) rows of the table; None: all of them.
+
+    Returns:
+        (n,) nanoseconds since 1970, or since midnight for times of day.
+
+    Raises:
+        TableError: a cell is no time, or the order of day and month is open.
+        TimeError: a date is before 1970 or after 2037.
+    """
+    try:
+        return parse_times(cells, order, dates).stamp_ns
+    except NoDate as error:
+        row = error.row if rows is None else int(rows[error.row])
+        text = cells[error.row] if dates is None else f"{dates[error.row]} {cells[error.row]}"
+        where = f"{table.path}, {table.place(row)}, column {column}"
+        if isinstance(error, DateOutside):
+            raise TimeError(
+                f"{where}: {text[:40]!r} is no date from {FIRST_YEAR} to {LAST_YEAR}; was the clock set? {remedy}"
+            ) from None
+        if order is not None:
+            remedy += f", or check the stated order {order}"
+        raise TableError(f"{where}: expected a date as in the rows above, got {text[:40]!r}; {remedy}") from None
+    except AmbiguousDates as error:
+        said = f"may be {' or '.join(error.orders)}" if error.orders else "and others are in no one order"
+        raise TableError(
+            f"{table.path}, column {column}: the date {error.example!r} {said} (d day, m month, y year); {order_remedy}"
+        ) from None

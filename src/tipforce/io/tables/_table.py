@@ -1,0 +1,333 @@
+"""A table of numbers as laboratories write them: force logs, drives, stamps, ``metadata.csv``, published layouts.
+
+Separator (comma, semicolon, tab, blanks), decimal sign and encoding (UTF-8 with or without a byte order mark, UTF-16,
+Windows) are found by looking at the file. Columns without a name, such as the empty ones that spreadsheets leave at the
+end, are not read. Lines in errors are counted from 1, as an editor does.
+"""
+
+import csv
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from itertools import chain, islice
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import FileFormatError, TableError
+from ...types import FloatArray, IntArray, LogInfo
+from ._columns import listed
+from ._layout import MISSING, Layout, holds_data, open_text, parsed, text_layout
+from ._stamps import column_ns, named_unit, time_columns
+
+__all__ = ["Table", "open_table"]
+
+
+class Table:
+    """A table with a header row.
+
+    Attributes:
+        path: The file.
+        header: Names of all columns, empty for those without one.
+        columns: The names that there are.
+        units: Column -> unit, where a row below the header states units.
+        facts: What lines above the header state, names in small letters.
+    """
+
+    unit_of_place = "line"
+
+    def __init__(self, path: Path, layout: Layout, log: LogInfo | None = None, key: str = "") -> None:
+        self.path, self._layout, self._key = path, layout, key
+        self.header = layout.header
+        self.columns = tuple(name for name in layout.header if name)
+        self.units: Mapping[str, str] = layout.units
+        self.facts: Mapping[str, str] = layout.facts
+        missing = log.missing if log else ()
+        self._missing = MISSING | {text.lower() for text in missing}
+        self._missing_values = [value for text in missing if (value := self._value(text)) is not None]
+        self._lines = (1, math.inf) if log is None or log.lines is None else log.lines
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @cached_property
+    def _rows(self) -> list[tuple[int, list[str]]]:
+        rows = list(self.lines())
+        if not rows:
+            raise self._no_rows()
+        return rows
+
+    def _no_rows(self) -> TableError:
+        if self._lines != (1, math.inf):
+            return TableError(
+                f"{self.path}: has no rows in the lines {self._lines[0]} to {self._lines[1]:g}; see {self._key}.lines "
+                "in bench.toml"
+            )
+        return TableError(f"{self.path}: has a header but no rows")
+
+    def lines(self) -> Iterator[tuple[int, list[str]]]:
+        """Line number and cells of every row of data; blank lines are passed over, and comments (#) where allowed.
+
+        Raises TableError for a row with more cells than the header has columns.
+        """
+        width, layout = len(self.header), self._layout
+        with open_text(self.path, layout.encoding) as stream:
+            try:
+                for number, row in parsed(enumerate(stream, start=1), layout.separator, layout.above, layout.comments):
+                    if number < self._lines[0]:
+                        continue
+                    if number > self._lines[1]:
+                        break
+                    if layout.pairs and len(row) == 2 * width:
+                        row = [f"{whole},{part}" for whole, part in zip(row[::2], row[1::2], strict=True)]
+                    if len(row) > width and any(row[width:]):
+                        raise TableError(f"{self.path}, line {number}: {self._too_wide(row)}")
+                    yield number, row
+            except csv.Error as error:
+                raise TableError(f"{self.path}: is no table that can be read ({error}); export it as CSV") from None
+
+    def _too_wide(self, row: Sequence[str]) -> str:
+        remedy = "a decimal comma? export with semicolons or with decimal points"
+        if self._key:
+            remedy += f", or name all {len(row)} columns in bench.toml: {self._key}.columns"
+        return f"has {len(row)} cells, the header has {len(self.header)}; {remedy}"
+
+    def place(self, row: int) -> str:
+        """Where a person finds the ``row``-th row of data."""
+        return f"{self.unit_of_place} {self._rows[row][0]}"
+
+    def column(self, name: str) -> int:
+        """Index of a column. Raises TableError that lists those there are."""
+        if name not in self.columns:
+            raise TableError(f"{self.path}: has no column {name!r}; it has {listed(self.columns)}")
+        return self.header.index(name)
+
+    def text(self, name: str) -> list[str]:
+        """A column as text."""
+        column = self.column(name)
+        return [self._cell(row, line, column) for line, row in self._rows]
+
+    def numbers(self, name: str, *, may_be_empty: bool = False) -> FloatArray:
+        """(n,): a column of finite numbers; NaN for an empty cell where that is allowed.
+
+        Raises TableError that names line and column of a cell that holds none.
+        """
+        if not may_be_empty:
+            return self.matrix([name])[:, 0]
+        column = self.column(name)
+        return np.array(
+            [
+                self._number(row, line, column) if column < len(row) and row[column] else math.nan
+                for line, row in self._rows
+            ]
+        )
+
+    def matrix(self, names: Sequence[str]) -> FloatArray:
+        """(n, len(names)): finite numbers. Raises TableError that names line and column of a cell that holds none."""
+        columns = [self.column(name) for name in names]
+        values = None if "_rows" in vars(self) else self._fast(columns, np.float64)
+        if values is None or not np.isfinite(values).all():
+            values = np.array([[self._number(row, line, column) for column in columns] for line, row in self._rows])
+        if not len(values):
+            raise self._no_rows()
+        return values.reshape(-1, len(columns))
+
+    def readings(self, names: Sequence[str]) -> FloatArray:
+        """(n, len(names)): numbers, NaN where a cell is empty, missing or says that there is no reading.
+
+        Raises TableError that names line and column of a cell that holds another text.
+        """
+        columns = [self.column(name) for name in names]
+        values = self._fast(columns, np.float64)
+        if values is None or np.isinf(values).any():
+            values = np.stack([self._readings_of(self.header[each], self._cells_of(each)) for each in columns], axis=1)
+        if not len(values):
+            raise self._no_rows()
+        values = values.reshape(-1, len(columns))
+        values[np.isin(values, self._missing_values)] = math.nan
+        return values
+
+    def _cells_of(self, column: int) -> list[str]:
+        """(n,) cells of a column; empty where a row is too short."""
+        return [row[column] if column < len(row) else "" for _, row in self._rows]
+
+    def _readings_of(self, name: str, cells: list[str]) -> FloatArray:
+        if not (self._layout.decimal_comma or self._layout.thousands):
+            try:
+                values = np.array(list(map(float, cells)))
+                if np.isfinite(values).all():
+                    return values
+            except ValueError:
+                pass
+        found = np.empty(len(cells))
+        for row, cell in enumerate(cells):
+            value = self._value(cell)
+            if value is None and cell.lower() not in self._missing:
+                raise TableError(f"{self.path}, {self.place(row)}, column {name}: {self._no_number(cell)}")
+            found[row] = math.nan if value is None or cell.lower() in self._missing else value
+        return found
+
+    def _no_number(self, cell: str) -> str:
+        if "," in cell and re.match(r"^[+-]?\d*,\d+$", cell):
+            said = f"{cell!r} has a decimal comma where the rows above have a point"
+        else:
+            said = f"expected a number, got {cell[:40]!r}"
+        return (
+            f'{said}; if it means that there is no reading, state {self._key}.missing = ["{cell[:40]}"] in bench.toml'
+        )
+
+    def _value(self, text: str) -> float | None:
+        """The finite number that a cell holds; None for another text."""
+        layout = self._layout
+        if layout.thousands and layout.thousands in text:
+            sign = re.escape(layout.thousands)
+            if not re.match(rf"^[+-]?\d{{1,3}}(?:{sign}\d{{3}})+(?:[.,]\d*)?$", text):
+                return None
+            text = text.replace(layout.thousands, "")
+        try:
+            value = float(text.replace(",", ".") if layout.decimal_comma else text)
+        except ValueError:
+            return None
+        return value if math.isfinite(value) else None
+
+    def whole_numbers(self, name: str) -> IntArray | None:
+        """(n,): a column of whole numbers, exact beyond 2**53; None where it holds others."""
+        values = self._fast([self.column(name)], np.int64)
+        return None if values is None else values[:, 0]
+
+    def integers(self, name: str) -> IntArray:
+        """(n,): a column of whole numbers, exact beyond 2**53. Raises TableError that names line and column."""
+        values = self.whole_numbers(name)
+        if values is not None:
+            return values
+        for row, cell in enumerate(self.text(name)):
+            try:
+                int(cell)
+            except ValueError:
+                raise TableError(
+                    f"{self.path}, {self.place(row)}, column {name}: expected a whole number, got {cell[:40]!r}"
+                ) from None
+        raise TableError(f"{self.path}, column {name}: expected whole numbers of at most 64 bits")
+
+    def codes(self, name: str) -> IntArray:
+        """(n,): a column of status codes, decimal or hexadecimal (0x8000); 0 for an empty cell.
+
+        Raises TableError that names line and column of a cell that holds none.
+        """
+        hexadecimal = "hex" in name.lower()
+        codes: dict[str, int] = {"": 0}
+        cells = self._cells_of(self.column(name))
+        for row, cell in enumerate(cells):
+            if cell not in codes:
+                try:
+                    code = int(cell, 16 if hexadecimal or cell[:2].lower() == "0x" else 10)
+                except ValueError:
+                    raise TableError(
+                        f"{self.path}, {self.place(row)}, column {name}: expected a status code, got {cell[:40]!r}; "
+                        f"state another column as {self._key}.status in bench.toml"
+                    ) from None
+                codes[cell] = code
+        return np.array([codes[cell] for cell in cells], np.int64)
+
+    def time_columns(self) -> tuple[str, ...]:
+        """The columns that hold the rows' times; none where nothing is called a time. Raises TableError for several."""
+        found = time_columns(self.columns)
+        if len(found) > 1 and found != ("sec", "nanosec"):
+            raise TableError(
+                f"{self.path}: has several columns that may be the time ({listed(found)}); call one stamp_ns, and "
+                "begin the others' names with note_"
+            )
+        return found
+
+    def stamps_ns(self) -> IntArray | None:
+        """(n,) stamps; None where the table has none. Raises TableError for a cell that is no time."""
+        names = self.time_columns()
+        if not names:
+            return None
+        if "stamp_ns" in names:
+            return self.integers("stamp_ns")
+        name = names[0]
+        unit = "ns" if len(names) > 1 else named_unit(name)
+        return column_ns(self, names, unit)
+
+    def first(self, name: str) -> str:
+        """The first cell of a column that is not empty; empty where there is none."""
+        index = self.column(name)
+        return next((row[index] for _, row in self.lines() if index < len(row) and row[index]), "")
+
+    def _fast(self, columns: list[int], kind: type[np.float64] | type[np.int64]) -> "np.ndarray | None":  # type: ignore[type-arg]
+        """NumPy's own parser, twenty times faster; None where it stumbles, and the slow way finds the cell."""
+        layout = self._layout
+        if layout.thousands or layout.pairs or (layout.decimal_comma and layout.separator == ","):
+            return None
+        first_line, last_line = max(layout.above, self._lines[0] - 1), self._lines[1]
+        with open_text(self.path, layout.encoding) as stream:
+            kept = islice(stream, first_line, None if last_line == math.inf else int(last_line))
+            lines = (line.replace(",", ".") for line in kept) if layout.decimal_comma else kept
+            delimiter = None if layout.separator == " " else layout.separator
+            comments = "#" if layout.comments else None
+            try:
+                first = next((line for line in lines if holds_data(line, layout.comments)), None)
+                if first is None:
+                    return np.empty((0, len(columns)), kind)
+                return np.loadtxt(
+                    chain([first], lines),
+                    dtype=kind,
+                    delimiter=delimiter,
+                    usecols=columns,
+                    ndmin=2,
+                    quotechar='"',
+                    comments=comments,
+                )
+            except (ValueError, OverflowError):
+                return None
+
+    def _cell(self, row: list[str], line: int, column: int) -> str:
+        if column >= len(row):
+            raise TableError(
+                f"{self.path}, {self.unit_of_place} {line}: has {len(row)} cells, the header has {len(self.header)} "
+                f"({self.header[column]} is missing); complete the row or remove it"
+            )
+        return row[column]
+
+    def _number(self, row: list[str], line: int, column: int) -> float:
+        text = self._cell(row, line, column)
+        value = self._value(text)
+        if value is None:
+            if "," in text and re.match(r"^[+-]?\d*,\d+$", text):
+                said = f"{text!r} has a decimal comma where the rows above have a point; write one of the two"
+            elif text:
+                said = f"expected a number, got {text[:40]!r}; correct the row or remove it"
+            else:
+                said = "is empty; correct the row or remove it"
+            raise TableError(f"{self.path}, {self.unit_of_place} {line}, column {self.header[column]}: {said}")
+        return value
+
+
+def open_table(path: Path, *, comments: bool = True, log: LogInfo | None = None, key: str = "") -> Table:
+    """Opens a table; finds separator, header and decimal sign by looking at the first rows.
+
+    Args:
+        path: a text file; where ``log`` is given, also a workbook (.xlsx) or the variables of MATLAB (.mat).
+        comments: whether lines that begin with # are passed over.
+        log: what is stated of a log, in which lines may stand above the header; None for a table that begins with it.
+        key: of ``log`` in ``bench.toml``, for messages.
+
+    Raises:
+        FileFormatError: for what is no text.
+        TableError: the header or the decimal sign cannot be determined.
+    """
+    if not path.exists():
+        raise FileFormatError(f"{path}: there is no such file")
+    if path.is_dir():
+        raise FileFormatError(f"{path}: is a folder; name the table in it")
+    if log is not None and path.suffix.lower() in (".xlsx", ".xlsm"):
+        from ._workbook import open_workbook
+
+        return open_workbook(path, log, key)
+    if log is not None and path.suffix.lower() == ".mat":
+        from ._matlab import open_variables
+
+        return open_variables(path, log, key)
+    return Table(path, text_layout(path, comments=comments, log=log, key=key), log, key)

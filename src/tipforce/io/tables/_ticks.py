@@ -1,0 +1,103 @@
+"""Times of the rows of a log whose clock is coarser than its rows, or that has none."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...types import IntArray
+
+__all__ = ["Spread", "UnevenRows", "at_rate", "spread_within_ticks"]
+
+MIN_TICKS = 5
+"""Fewer different stamps tell no rate."""
+MAX_RESIDUAL_TICKS = 0.75
+"""Regular rows are at most half a tick from the middle of their tick; the rest is for the jitter of their arrival."""
+MAX_RESIDUAL_S = 0.05
+"""How far the stamps may be from rows at a stated rate, if their tick is finer than that."""
+
+
+class UnevenRows(ValueError):
+    """The rows do not come at a constant rate."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spread:
+    """``stamp_ns`` (n,): of rows at ``rate_hz``; ``rate_stderr_hz``: its standard error; ``tick_ns``: the clock's step.
+
+    ``gaps``: how often rows were missing for longer than a tick.
+    """
+
+    stamp_ns: IntArray
+    rate_hz: float
+    rate_stderr_hz: float
+    tick_ns: int
+    gaps: int
+
+
+def spread_within_ticks(stamp_ns: IntArray) -> Spread:
+    """Times of rows that come at a constant rate and that a coarse clock stamped.
+
+    The rate is the slope of a straight line (least squares) through the middles of the ticks; a pause of more than a
+    tick begins a new line with the same slope. The standard error of the rate is that of one rounding per tick.
+
+    Args:
+        stamp_ns: (n,) stamps, rising, of which many are the same.
+
+    Returns:
+        The spread stamps, strictly rising.
+
+    Raises:
+        UnevenRows: the stamps are too few, or not those of rows at a constant rate.
+    """
+    ticks = np.unique(stamp_ns)
+    if len(ticks) < MIN_TICKS:
+        raise UnevenRows
+    tick_ns = int(np.median(np.diff(ticks)))
+    starts = np.flatnonzero(np.diff(stamp_ns, prepend=stamp_ns[0]) > 1.5 * tick_ns)
+    segments = np.searchsorted(starts, np.arange(len(stamp_ns)), side="right")
+    rows = np.arange(len(stamp_ns), dtype=np.float64)
+    middles = (stamp_ns - stamp_ns[0]).astype(np.float64) + 0.5 * tick_ns
+    centred_rows, centred_middles = (values - _means(values, segments) for values in (rows, middles))
+    spread = float(centred_rows @ centred_rows)
+    if not spread:
+        raise UnevenRows
+    step_ns = float(centred_rows @ centred_middles) / spread
+    times = _means(middles, segments) + step_ns * centred_rows
+    if np.abs(middles - times).max() > MAX_RESIDUAL_TICKS * tick_ns or step_ns <= 0:
+        raise UnevenRows
+    found = np.rint(times).astype(np.int64) + stamp_ns[0]
+    if np.any(np.diff(found) <= 0):
+        raise UnevenRows
+    rate_hz = 1e9 / step_ns
+    relative = tick_ns / (step_ns * len(stamp_ns) * np.sqrt(len(ticks)))
+    return Spread(found, rate_hz, rate_hz * float(relative), tick_ns, len(starts))
+
+
+def at_rate(stamp_ns: IntArray, rows: IntArray, rate_hz: float) -> IntArray:
+    """(n,) times of the rows number ``rows`` (n,) of a log at ``rate_hz``, placed by their stamps.
+
+    Args:
+        stamp_ns: (n,) stamps of the log's own clock.
+        rows: (n,) number of each row, from any start; a number that is missing is a row that was lost.
+        rate_hz: rows per second.
+
+    Returns:
+        The times: rows / rate_hz, moved to the mean of the stamps.
+
+    Raises:
+        UnevenRows: the stamps are not those of rows at this rate.
+    """
+    ticks = np.unique(stamp_ns)
+    tick_ns = float(np.median(np.diff(ticks))) if len(ticks) > 1 else 0.0
+    times = rows * (1e9 / rate_hz)
+    middles = (stamp_ns - stamp_ns[0]) + (0.5 * tick_ns if len(ticks) < len(stamp_ns) else 0.0)
+    moved = times + float(np.mean(middles - times))
+    if len(ticks) > 1 and np.abs(middles - moved).max() > max(2 * tick_ns, MAX_RESIDUAL_S * 1e9):
+        raise UnevenRows
+    return np.rint(moved).astype(np.int64) + stamp_ns[0]
+
+
+def _means(values: "np.ndarray", segments: IntArray) -> "np.ndarray":  # type: ignore[type-arg]
+    """(n,): the mean of each row's segment."""
+    counts = np.bincount(segments)
+    return (np.bincount(segments, weights=values) / np.maximum(counts, 1))[segments]

@@ -1,0 +1,74 @@
+"""Workbooks (.xlsx) as tables."""
+
+import datetime
+import importlib
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from ...errors import FileFormatError, MissingExtraError, TableError
+from ...types import LogInfo
+from ._cells import CellTable
+from ._columns import listed
+
+__all__ = ["open_workbook"]
+
+
+def open_workbook(path: Path, log: LogInfo, key: str) -> CellTable:
+    """The table on one sheet of a workbook.
+
+    Args:
+        path: the workbook.
+        log: what is stated of it; ``sheet``: its sheet, the only one with cells if it is not stated.
+        key: of ``log`` in ``bench.toml``, for messages.
+
+    Raises:
+        FileFormatError: the file is no workbook.
+        TableError: several sheets have cells, or the table has no header.
+        MissingExtraError: openpyxl is not installed.
+    """
+    try:
+        openpyxl: Any = importlib.import_module("openpyxl")
+    except ImportError:
+        raise MissingExtraError("openpyxl", extra="tables") from None
+    try:
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+    except (zipfile.BadZipFile, KeyError, OSError, ValueError) as error:
+        raise FileFormatError(f"{path}: is no workbook that can be read ({error}); export it as CSV") from None
+    try:
+        names: list[str] = [sheet.title for sheet in book.worksheets]
+        if log.sheet is not None and log.sheet not in names:
+            raise TableError(f"{path}: has no sheet {log.sheet!r}, as {key}.sheet states; it has {listed(names)}")
+        wanted = names if log.sheet is None else [log.sheet]
+        filled = {name: rows for name in wanted if (rows := list(_rows(book[name])))}
+    finally:
+        book.close()
+    if not filled:
+        raise FileFormatError(f"{path}: is empty, not a table")
+    if len(filled) > 1:
+        raise TableError(
+            f"{path}: has several sheets ({listed(list(filled))}); state one in bench.toml: "
+            f'{key}.sheet = "{next(iter(filled))}"'
+        )
+    return CellTable(path, next(iter(filled.values())), log, key)
+
+
+def _rows(sheet: Any) -> Iterator[tuple[int, list[str]]]:
+    """Number and texts of the rows that are not empty."""
+    for number, row in enumerate(sheet.iter_rows(values_only=True), start=1):
+        cells = [_text(value) for value in row]
+        if any(cells):
+            yield number, cells
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, datetime.datetime):
+        return value.isoformat(" ")
+    if isinstance(value, datetime.timedelta):
+        return repr(value.total_seconds())
+    if isinstance(value, datetime.date | datetime.time):
+        return value.isoformat()
+    return repr(value) if isinstance(value, float) else str(value).strip()
