@@ -18,6 +18,7 @@ from ._locks import output_lock
 from .errors import OutputError
 
 __all__ = [
+    "REMEDIES",
     "atomic_path",
     "atomic_text",
     "check_folder",
@@ -28,13 +29,14 @@ __all__ = [
     "writing",
 ]
 
-_REMEDIES = {
+REMEDIES = {
     errno.ENOSPC: "there is no space left on the device; make room or choose another place",
     errno.EDQUOT: "the quota is used up; make room or choose another place",
     errno.EACCES: "there is no permission to write there; choose another place",
     errno.EPERM: "there is no permission to write there; choose another place",
     errno.EROFS: "the file system can only be read; choose another place",
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
+    errno.EIO: "the device reports an error; choose another place",
     errno.EFBIG: "the file grows too large for the file system; choose another place",
 }
 
@@ -49,9 +51,9 @@ def writing(path: Path) -> Generator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno not in _REMEDIES:
+        if error.errno not in REMEDIES:
             raise
-        raise OutputError(f"{path}: cannot be written, {_REMEDIES[error.errno]}") from error
+        raise OutputError(f"{path}: cannot be written, {REMEDIES[error.errno]}") from error
 
 
 def part_of(path: Path) -> Path:
@@ -60,14 +62,22 @@ def part_of(path: Path) -> Path:
 
 
 def check_folder(path: Path) -> None:
-    """Asks before any work whether the folder of ``path`` can be made.
+    """Asks before any work whether a file can be written in the folder of ``path``, which is not made yet.
 
     Raises:
-        OutputError: a file stands where a folder must.
+        OutputError: a file stands where a folder must, or nothing can be written there.
     """
     there = next((parent for parent in path.absolute().parents if parent.exists()), None)
-    if there is not None and not there.is_dir():
+    if there is None:
+        return
+    if not there.is_dir():
         raise OutputError(f"{path}: {there} is a file, not a folder; choose another place")
+    try:  # permissions alone do not tell: not of the administrator, and not of /proc
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        why = REMEDIES.get(error.errno or 0, f"nothing can be written in {there}; choose another place")
+        raise OutputError(f"{path}: cannot be written, {why}") from None
 
 
 def check_output_file(path: Path) -> None:

@@ -1,5 +1,6 @@
-"""One writer for each output: a second process is refused, and told which one is at work."""
+"""One writer for each output: a second process is refused, and the message names the first one."""
 
+import contextlib
 import hashlib
 import importlib
 import os
@@ -12,7 +13,7 @@ from types import ModuleType
 
 from .errors import OutputError
 
-__all__ = ["output_lock"]
+__all__ = ["lock_holder", "output_lock"]
 
 _held: set[str] = set()
 """Keys of the locks that this process holds: it may take them again."""
@@ -29,30 +30,56 @@ def output_lock(path: Path) -> Generator[None]:
     Raises:
         OutputError: another process holds it.
     """
-    fcntl, key = _fcntl(), hashlib.sha256(os.path.realpath(path).encode()).hexdigest()[:32]
+    fcntl, key = _fcntl(), _key(path)
     if fcntl is None or key in _held:
         yield
         return
-    folder = Path(tempfile.gettempdir()) / f"tipforce-locks-{os.getuid()}"
+    folder = _folder()
     folder.mkdir(mode=0o700, exist_ok=True)
-    with (folder / key).open("a+", encoding="utf-8") as stream:
+    with (folder / key).open("a+b", buffering=0) as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            stream.seek(0)
-            holder = stream.read().strip() or "another process"
             raise OutputError(
-                f"{path}: is being written by {holder}; wait until it ends, or choose another name"
+                f"{path}: is being written by {_named(folder / key)}; wait until it ends, or choose another name"
             ) from None
         stream.truncate(0)
-        stream.write(f"process {os.getpid()} (tipforce {' '.join(sys.argv[1:])[:200]})")
-        stream.flush()
+        with contextlib.suppress(OSError):  # on a full disk the lock holds all the same, without a name
+            stream.write(f"process {os.getpid()} (tipforce {' '.join(sys.argv[1:])[:200]})".encode())
         _held.add(key)
         try:
             yield
         finally:
             _held.discard(key)
             stream.truncate(0)
+
+
+def lock_holder(path: Path) -> str:
+    """Returns who holds the output ``path``, as a message names them; empty where nobody does."""
+    fcntl, key = _fcntl(), _key(path)
+    if key in _held:
+        return "this process"
+    file = _folder() / key
+    if fcntl is None or not file.exists():
+        return ""
+    with file.open("rb") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return _named(file)
+    return ""
+
+
+def _named(file: Path) -> str:
+    return file.read_text(encoding="utf-8").strip() or "another process"
+
+
+def _key(path: Path) -> str:
+    return hashlib.sha256(os.path.realpath(path).encode()).hexdigest()[:32]
+
+
+def _folder() -> Path:
+    return Path(tempfile.gettempdir()) / f"tipforce-locks-{os.getuid()}"
 
 
 def _fcntl() -> ModuleType | None:

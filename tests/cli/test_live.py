@@ -1,6 +1,9 @@
 """``tipforce live`` on a video: the line, the page's address, the recording, what is refused."""
 
 import json
+import shutil
+import threading
+import time
 import urllib.request
 from pathlib import Path
 
@@ -39,6 +42,32 @@ def test_a_video_is_estimated_as_it_plays_and_recorded(model: Path, video: Path,
         events = list(source.events())
     frames = [event for event in events if isinstance(event, Frame)]
     assert len(frames) == found["estimated"]
+
+
+def test_a_recording_whose_folder_is_removed_is_not_called_written(model: Path, video: Path, tmp_path: Path):
+    folder = tmp_path / "runs"
+
+    def remove() -> None:
+        while not (folder / "run.mcap.part").exists():
+            time.sleep(0.005)
+        shutil.rmtree(folder)
+
+    thread = threading.Thread(target=remove, daemon=True)
+    thread.start()
+    done = run(
+        str(model), str(video), "--knob-deg", "10", "--no-page", "--set", "rate_hz=50", "--set", "loop=true",
+        "--seconds", "1.5", "--record", str(folder / "run.mcap"),
+    )  # fmt: skip
+    assert done.exit_code == 2
+    assert "wrote" not in done.output
+    assert done.output.count("then ended:") == 1
+    assert "nothing of this recording is kept" in done.output.replace("\n", " ")
+    assert not folder.exists()
+
+
+def test_a_recording_where_nothing_can_be_written_is_refused_before_anything_starts(model: Path, video: Path):
+    with pytest.raises(InputError, match=r"/proc/run.mcap: cannot be written"):
+        run(str(model), str(video), "--knob-deg", "10", "--no-page", "--record", "/proc/run.mcap")
 
 
 def test_the_page_is_served_while_it_runs(trained, video: Path):

@@ -111,9 +111,7 @@ def test_a_disk_that_is_full_keeps_what_was_written_and_says_so(tmp_path):
 
     resource.setrlimit(resource.RLIMIT_FSIZE, (700_000, limits[1]))
     try:
-        with pytest.raises(
-            OutputError, match=r"grows too large.*what was recorded until then is kept in .*run\.mcap\.part"
-        ):
+        with pytest.raises(OutputError, match=r"grows too large.*s of this recording are kept in .*run\.mcap\.part"):
             fill()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)

@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from tipforce.errors import FileFormatError
-from tipforce.io import RecordingReader, RecordingWriter, recover_recording
+from tipforce.errors import FileFormatError, OutputError
+from tipforce.io import RecordingReader, RecordingWriter, check_target, recover_recording
 from tipforce.types import Actuation, SessionInfo, Wrench
 
 
@@ -94,13 +94,36 @@ def test_a_damaged_chunk_costs_only_itself(recording: Path) -> None:
 def test_what_is_still_being_written_is_left_alone(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "run.mcap", SessionInfo()) as writer:
         writer.write(Actuation(0, {"a_mm": 1.0}))
-        with pytest.raises(FileFormatError, match="still being written"):
+        with pytest.raises(FileFormatError, match="still being written by this process"):
             RecordingReader(tmp_path / "run.mcap")
-        with pytest.raises(FileFormatError, match="holds a recording that was cut off"):
-            RecordingWriter(tmp_path / "run.mcap", SessionInfo())
-        with pytest.raises(FileFormatError, match="still being written"):
-            RecordingWriter(tmp_path / "run.mcap", SessionInfo(), overwrite=True)
+        for overwrite in (False, True):
+            with pytest.raises(OutputError, match=r"run.mcap: is being written by this process; wait until it ends"):
+                RecordingWriter(tmp_path / "run.mcap", SessionInfo(), overwrite=overwrite)
     with RecordingReader(tmp_path / "run.mcap") as reader:
+        assert reader.info.streams["joints"].count == 1
+
+
+def test_another_process_that_writes_a_recording_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    script = (
+        "import sys; from tipforce.io import RecordingWriter; from tipforce.types import *\n"
+        "with RecordingWriter(sys.argv[1], SessionInfo()) as writer:\n"
+        "    writer.write(Actuation(0, {'a_mm': 1.0}))\n"
+        "    print('ready', flush=True); sys.stdin.readline()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", script, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdin is not None
+        assert other.stdout.readline() == "ready\n"
+        with pytest.raises(OutputError, match=rf"is being written by process {other.pid} \(tipforce") as refused:
+            check_target(path, overwrite=False, origin="live")
+        assert "remove" not in str(refused.value)
+        with pytest.raises(FileFormatError, match=f"still being written by process {other.pid}"):
+            RecordingReader(path)
+        other.stdin.write("\n")
+    with RecordingReader(path) as reader:
         assert reader.info.streams["joints"].count == 1
 
 

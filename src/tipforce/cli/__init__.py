@@ -98,9 +98,8 @@ _KEPT = {
     "import": "; no recording was written, run the import again",
     "estimate": "; no table was written, run the command again",
     "inspect": "; nothing was written",
-    "live": "; what was recorded is kept",
 }
-"""What an interrupted verb leaves; train and evaluate say it themselves."""
+"""What an interrupted verb leaves; train, evaluate and live say it themselves."""
 
 
 def main() -> None:

@@ -74,7 +74,7 @@ def command(
     check_outputs([] if frames is None else [frames], json_file, record)
     chosen = settings_from(LiveRunSettings, settings)
     facts = stated_info(bench, fact, knob_deg)
-    line = _Line()
+    line, recording = _Line(), f"recording:{record}"
 
     def update(latest: "LiveUpdate") -> None:
         line.show(live_line(latest))
@@ -83,6 +83,9 @@ def command(
         line.end()
         say(found.text())
         write_json(found.figures(), json_file)
+        failed = found.sinks[recording].failures if recording in found.sinks else 0
+        if record is not None and not failed and record.exists():
+            say(f"wrote {record}")
 
     with ExitStack() as stack:
         page = None if no_page else stack.enter_context(LivePage(PageAddress(host, port)))
@@ -105,19 +108,19 @@ def command(
         source = stack.enter_context(
             open_live_source(frames, preset=simulated, bench=bench, stated=facts, settings=chosen)
         )
-        live(
+        found = live(
             estimator,
             source,
             model=str(model),
-            outputs=[*(out or ()), *([] if record is None else [f"recording:{record}"])],
+            outputs=[*(out or ()), *([] if record is None else [recording])],
             page=page,
             settings=chosen,
             seconds=seconds,
             on_update=update,
             on_report=report,
         )
-    if record is not None:
-        say(f"wrote {record}")
+    if any(sink.ended for sink in found.sinks.values()):
+        raise typer.Exit(2)
 
 
 class _Line:

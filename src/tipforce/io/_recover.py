@@ -19,7 +19,8 @@ from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from .._atomic import check_folder, part_of
-from ..errors import FileFormatError
+from .._locks import lock_holder
+from ..errors import FileFormatError, OutputError
 from ._container import frame_is_whole, recovered_name, whole_summary
 
 __all__ = ["check_target", "lock", "recover", "recover_recording", "resolve", "whole_records"]
@@ -45,9 +46,8 @@ def lock(stream: IO[bytes], path: Path) -> None:
     try:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        raise FileFormatError(
-            f"{path}: is still being written by another process; open it when that has ended"
-        ) from None
+        holder = lock_holder(finished_of(path)) or "another process"
+        raise FileFormatError(f"{path}: is still being written by {holder}; open it when that has ended") from None
 
 
 def origin_of(part: Path) -> str:
@@ -63,12 +63,23 @@ def origin_of(part: Path) -> str:
 
 
 def check_target(path: Path, *, overwrite: bool, origin: str) -> None:
-    """Raises FileFormatError where writing ``path`` would destroy something.
+    """Checks before any work that ``path`` can be written and that nothing would be destroyed by it.
 
     The ``.part`` of an import may be replaced by another import: its sources are still there. That of a recording
     holds the only copy of a run.
+
+    Args:
+        path: the recording to be.
+        overwrite: whether a recording of this name may be replaced.
+        origin: who writes it: "record", "live", "import" or "recover".
+
+    Raises:
+        OutputError: nothing can be written there, or somebody is writing it.
+        FileFormatError: it exists already, or what a crash left of it.
     """
     check_folder(path)
+    if holder := lock_holder(path):
+        raise OutputError(f"{path}: is being written by {holder}; wait until it ends, or choose another name")
     if path.exists() and not overwrite:
         raise FileFormatError(f"{path}: exists already; choose another name or state overwrite=True")
     part = part_of(path)

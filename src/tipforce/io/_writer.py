@@ -13,7 +13,8 @@ import numpy as np
 from mcap.records import Channel, Message
 from mcap.writer import CompressionType, Writer
 
-from .._atomic import atomic_text, part_of, writing
+from .._atomic import REMEDIES, atomic_text, part_of
+from .._locks import output_lock
 from ..errors import FileFormatError, OutputError, TimeError
 from ..types import (
     Clock,
@@ -67,7 +68,11 @@ class RecordingWriter:
 
     ``clock`` tells the age of what is pending. On a simulated one, chunks end where events are written and nowhere
     else, so that the same events give the same bytes. Raises FileFormatError where ``path`` exists and ``overwrite`` is
-    False, or where the ``.part`` of an earlier run waits to be recovered.
+    False, or where the ``.part`` of an earlier run waits to be recovered; OutputError where nothing can be written
+    there, or another process writes it.
+
+    Where the file can no longer be written, or is removed, every method that writes raises OutputError, whose message
+    says how much is kept and where. A ``.part`` in which nothing would be kept is removed.
     """
 
     def __init__(
@@ -83,34 +88,35 @@ class RecordingWriter:
     ) -> None:
         self.path, self.part = Path(path), part_of(Path(path))
         check_target(self.path, overwrite=overwrite, origin=origin)
-        self.path.parent.mkdir(parents=True, exist_ok=True)
         self._lossless, self._quality = lossless, jpeg_quality
         self._clock = clock or SystemClock()
-        self._stream: IO[bytes] = self.part.open("ab")
-        try:
+        with contextlib.ExitStack() as held:
+            held.enter_context(output_lock(self.path))
+            self._stream = held.enter_context(self._opened())
             lock(self._stream, self.part)
-        except FileFormatError:
-            self._stream.close()
-            raise
-        self._stream.truncate(0)  # only now that nobody else is known to write it
-        self._stream.seek(0)
+            self._stream.truncate(0)  # only now that nobody else is known to write it
+            self._stream.seek(0)
+            self._held = held.pop_all()
         self._mcap = Writer(
             self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.NONE, enable_data_crcs=True
         )
-        self._mcap.start(profile="ros2", library=LIBRARY)
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._sequence: dict[int, int] = {}
         self._pending_since: int | None = None
         self._span: tuple[int, int] | None = None
+        self._kept: tuple[int, int] | None = None
+        """First and last stamp of what is in the file."""
         self._closed = False
         self._failed: OutputError | None = None
         self._whole = 0
         """Bytes of the ``.part`` that end with a whole record."""
         self._info, self._origin = info, origin
-        self._mcap.add_metadata("tipforce.session", {"origin": origin, **session_record(info)})
         with self._keeping_what_is_whole():
+            self._mcap.start(profile="ros2", library=LIBRARY)
+            self._mcap.add_metadata("tipforce.session", {"origin": origin, **session_record(info)})
             self._stream.flush()
+            self._whole = self._stream.tell()
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._flusher = threading.Thread(target=self._flush_while_idle, name="recording-flush", daemon=True)
@@ -147,10 +153,10 @@ class RecordingWriter:
 
     def note(self, name: str, record: dict[str, str]) -> None:
         """A metadata record of any name; the last one of a name holds."""
-        with self._lock:
+        with self._lock, self._keeping_what_is_whole():
             self._mcap.add_metadata(name, record)
-            with self._keeping_what_is_whole():
-                self._stream.flush()
+            self._stream.flush()
+            self._whole = self._stream.tell()
 
     def written_frames(self) -> Iterator[Frame]:
         """The frames written so far, in that order, as they are kept: with what compression left of them."""
@@ -174,14 +180,15 @@ class RecordingWriter:
             self._mcap.finish()
             self._stream.flush()
             os.fsync(self._stream.fileno())
-        self.part.replace(self.path)
-        self._stream.close()
+            self._check_in_place()
+            self.part.replace(self.path)
+        self._held.close()
 
     def abandon(self) -> None:
         """Stop and remove what was written: for what can be made again from its sources."""
         if not self._closed:
             self._halt()
-            self._stream.close()
+        self._held.close()
         self.part.unlink(missing_ok=True)
 
     def __enter__(self) -> Self:
@@ -192,13 +199,31 @@ class RecordingWriter:
     ) -> None:
         if error is None:
             self.close()
-        elif not self._closed:
-            self._halt()
-            with contextlib.suppress(OSError, OutputError):  # the first error is the one to show
-                if not self._failed:
-                    with self._keeping_what_is_whole():
-                        self._mcap.flush()
-                self._stream.close()
+        else:
+            self.leave_part()
+
+    def leave_part(self) -> None:
+        """Stop, and leave what was written as ``.part``: after an error, which is the one to show."""
+        if self._closed:
+            return
+        self._halt()
+        with contextlib.suppress(OSError, OutputError):
+            if not self._failed:
+                self._flush()
+        with contextlib.suppress(OSError):
+            self._held.close()
+
+    @property
+    def kept_s(self) -> float:
+        """Seconds of the recording that are in the file."""
+        return 0.0 if self._kept is None else (self._kept[1] - self._kept[0]) * 1e-9
+
+    def _opened(self) -> IO[bytes]:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            return self.part.open("ab")
+        except OSError as error:
+            raise OutputError(f"{self.path}: cannot be written, {_why(error)}") from None
 
     @contextlib.contextmanager
     def _keeping_what_is_whole(self) -> Generator[None]:
@@ -206,15 +231,36 @@ class RecordingWriter:
         if self._failed:
             raise self._failed
         try:
-            with writing(self.part):
-                yield
-        except OutputError as error:
-            self._failed = OutputError(f"{error}; what was recorded until then is kept in {self.part}")
-            with contextlib.suppress(OSError):  # its buffer cannot be written, either
-                self._stream.close()
-            os.truncate(self.part, self._whole)
-            raise self._failed from error
-        self._whole = self._stream.tell()
+            yield
+        except OSError as error:
+            raise self._fail(f"{self.path}: cannot be written any more, {_why(error)}") from error
+
+    def _check_in_place(self) -> None:
+        """Raises OutputError where the ``.part`` was removed or moved: what is written then goes nowhere."""
+        try:
+            in_place = os.path.samestat(self.part.stat(), os.fstat(self._stream.fileno()))
+        except FileNotFoundError:
+            in_place = False
+        if not in_place:
+            raise self._fail(f"{self.path}: cannot be written any more, {self.part} was removed or moved")
+
+    def _fail(self, why: str) -> OutputError:
+        """Ends the writing; the error says what is left of the recording."""
+        file = os.dup(self._stream.fileno())
+        self._failed = OutputError(f"{why}; {self._left(os.fstat(file).st_nlink)}")
+        with contextlib.suppress(OSError):  # its buffer cannot be written, either
+            self._held.close()
+        os.ftruncate(file, self._whole)
+        os.close(file)
+        if self._kept is None:
+            self.part.unlink(missing_ok=True)
+        return self._failed
+
+    def _left(self, links: int) -> str:
+        if links == 0 or self._kept is None:
+            return "nothing of this recording is kept"
+        where = f"{self.part}" if self.part.exists() else f"{self.part.name}, wherever it was moved to"
+        return f"{self.kept_s:.1f} s of this recording are kept in {where}"
 
     def _halt(self) -> None:
         self._closed = True
@@ -232,12 +278,11 @@ class RecordingWriter:
         with self._lock:
             if self._closed:
                 raise FileFormatError(f"{self.path}: the recording is closed")
-            if self._failed:
-                raise self._failed
             channel = self._channels.get(topic) or self._register(topic, schema)
             sequence = self._sequence.get(channel, 0)
             self._sequence[channel] = sequence + 1
-            self._mcap.add_message(channel, stamp_ns, message, stamp_ns, sequence)
+            with self._keeping_what_is_whole():  # a full chunk is written here
+                self._mcap.add_message(channel, stamp_ns, message, stamp_ns, sequence)
             now = self._clock.now_ns()
             if self._pending_since is None:
                 self._pending_since = now
@@ -255,6 +300,11 @@ class RecordingWriter:
     def _flush(self) -> None:
         with self._keeping_what_is_whole():
             self._mcap.flush()
+            self._check_in_place()
+            self._whole = self._stream.tell()
+        if self._span is not None:
+            first, last = self._kept or self._span
+            self._kept = min(first, self._span[0]), max(last, self._span[1])
         self._pending_since, self._span = None, None
 
     def _flush_while_idle(self) -> None:
@@ -263,6 +313,11 @@ class RecordingWriter:
                 if self._pending_since is not None and self._clock.now_ns() - self._pending_since >= _FLUSH_NS:
                     with contextlib.suppress(OutputError):  # kept, and raised where the next event is written
                         self._flush()
+
+
+def _why(error: OSError) -> str:
+    """What the operating system refused, and what to do."""
+    return REMEDIES.get(error.errno or 0, f"{error.strerror or error}; choose another place")
 
 
 def write_force_csv(path: Path | str, stamps_ns: IntArray, force_n: FloatArray) -> None:

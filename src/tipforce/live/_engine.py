@@ -137,9 +137,14 @@ class Engine:
             self._close_sinks()
             self._finish_report(time.process_time() - cpu_s)
 
-    def add_sink(self, sink: Sink) -> None:
-        """One more sink, also while the engine runs; it is started when that does."""
-        runner = SinkRunner(sink, self._info, self._model, self.settings, self.clock)
+    def add_sink(self, sink: Sink, on_end: Callable[[str], None] | None = None) -> None:
+        """Adds a sink, also while the engine runs; it is started when that does.
+
+        Args:
+            sink: gets every update from now on.
+            on_end: gets the reason where the sink fails and is not started again; called on the sink's thread.
+        """
+        runner = SinkRunner(sink, self._info, self._model, self.settings, self.clock, on_end)
         with self._publishing:
             self._runners = (*self._runners, runner)
             if self._threads:

@@ -3,7 +3,9 @@
 import logging
 import threading
 from collections import deque
+from collections.abc import Callable
 
+from ..errors import InputError
 from ..types import Clock, SessionInfo
 from ._settings import LiveSettings
 from ._sinks import Sink
@@ -20,13 +22,21 @@ _LOOK_S = 0.05
 class SinkRunner:
     """Feeds one sink. ``offer`` never waits."""
 
-    def __init__(self, sink: Sink, info: SessionInfo, model: str, settings: LiveSettings, clock: Clock) -> None:
-        self.sink = sink
+    def __init__(
+        self,
+        sink: Sink,
+        info: SessionInfo,
+        model: str,
+        settings: LiveSettings,
+        clock: Clock,
+        on_end: Callable[[str], None] | None = None,
+    ) -> None:
+        self.sink, self._on_end = sink, on_end
         self._info, self._model, self._settings, self._clock = info, model, settings, clock
         self._queue: deque[LiveUpdate] = deque()
         self._most = settings.queue if sink.keeps_all else 1
         self._new = threading.Condition()
-        self._closing = False
+        self._closing = self._ended = False
         self._busy_since_ns: int | None = None
         self._taken = self._dropped = self._failures = 0
         self._message = ""
@@ -44,6 +54,8 @@ class SinkRunner:
     def offer(self, update: LiveUpdate) -> None:
         """An update for the sink. A full slot gives way to the newest; of a full queue the newest is dropped."""
         with self._new:
+            if self._ended:
+                return
             if len(self._queue) >= self._most:
                 self._dropped += 1
                 if self.sink.keeps_all:
@@ -56,7 +68,7 @@ class SinkRunner:
         """How the sink does."""
         since = self._busy_since_ns
         hung = since is not None and now_ns - since > self._settings.hung_s * 1e9
-        return SinkHealth(self._taken, self._dropped, self._failures, hung, self._message)
+        return SinkHealth(self._taken, self._dropped, self._failures, hung, self._ended, self._message)
 
     def ask_to_close(self) -> None:
         """The sink takes what waits for it, then ends."""
@@ -86,6 +98,9 @@ class SinkRunner:
                 self.sink.put(update if self.sink.keeps_all else update.as_of(now_ns))
                 self._taken += 1
                 wait_s = self._settings.reconnect_s
+            except InputError as error:
+                self._end(str(error))
+                return
             except Exception as error:  # a sink is other people's code: whatever it raises, the others go on
                 self._failures += 1
                 self._message = f"{type(error).__name__}: {error}"
@@ -96,6 +111,19 @@ class SinkRunner:
                     break
                 wait_s = min(2.0 * wait_s, self._settings.reconnect_max_s)
         self._close()
+
+    def _end(self, why: str) -> None:
+        """The sink failed in a way that starting it again does not mend."""
+        with self._new:
+            self._ended = True
+            self._dropped += len(self._queue)
+            self._queue.clear()
+        self._failures, self._message = self._failures + 1, why
+        _log.warning("sink %s has ended: %s", self.name, why)
+        self._close()
+        self._busy_since_ns = None
+        if self._on_end is not None:
+            self._on_end(why)
 
     def _next(self) -> LiveUpdate | None:
         with self._new:
@@ -116,4 +144,6 @@ class SinkRunner:
         try:
             self.sink.close()
         except Exception as error:
-            _log.warning("sink %s did not close: %s: %s", self.name, type(error).__name__, error)
+            self._failures += 1
+            self._message = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+            _log.warning("sink %s did not close: %s", self.name, self._message)

@@ -25,7 +25,11 @@ class Sink(Protocol):
         ...
 
     def put(self, update: LiveUpdate) -> None:
-        """One update; may block or raise. After an error the sink is closed and started again, later and later."""
+        """One update; may block or raise.
+
+        After an error the sink is closed and started again, later and later; after an `InputError` it is not, for that
+        would fail again.
+        """
         ...
 
     def close(self) -> None:

@@ -21,12 +21,17 @@ changed; the source ended, failed or is silent for seconds. Of several cameras t
 
 @dataclass(frozen=True, slots=True)
 class SinkHealth:
-    """How one sink does: ``failures`` counts what it raised; ``hung``: it has been busy with one update for seconds."""
+    """How one sink does.
+
+    ``failures`` counts what it raised; ``hung``: it has been busy with one update for seconds; ``ended``: it failed in
+    a way that starting it again does not mend, such as a full disk.
+    """
 
     taken: int = 0
     dropped: int = 0
     failures: int = 0
     hung: bool = False
+    ended: bool = False
     message: str = ""
 
 

@@ -6,7 +6,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from ..clinical import ContactSettings
-from ..errors import InputError
+from ..errors import InputError, OutputError
 from ..live import Engine, Sink
 from ..live.streams import open_sink
 from ..types import Clock
@@ -86,7 +86,7 @@ class LivePage:
             clock=clock,
             contact=engine.contact,
             on_contact=set_contact,
-            on_record=_Recorder(engine).switch,
+            on_record=_Recorder(engine, server).switch,
             loop=control,
         )
         engine.add_sink(server.sink)
@@ -120,17 +120,23 @@ class _Buttons:
 class _Recorder:
     """The page's record button: each time a file of its own in the current folder, named by the time of the day."""
 
-    def __init__(self, engine: Engine) -> None:
-        self._engine = engine
+    def __init__(self, engine: Engine, server: "PageServer") -> None:
+        self._engine, self._server = engine, server
         self._sink: Sink | None = None
+        self._ended = False
 
     def switch(self, on: bool) -> None:
         """Begins or ends a recording. Raises InputError where its file cannot be made."""
-        if on and self._sink is None:
-            self._sink = open_sink(f"recording:{time.strftime('live-%Y%m%d-%H%M%S')}.mcap")
-            self._engine.add_sink(self._sink)
-        elif not on and self._sink is not None:
+        if self._sink is not None and (not on or self._ended):
             sink, self._sink = self._sink, None
             health = self._engine.remove_sink(sink)
-            if health.failures:
-                raise InputError(f"{sink.name}: {health.message}")
+            if health.failures and not on:
+                raise OutputError(f"recording stopped: {health.message}")
+        if on and self._sink is None:
+            self._ended = False
+            self._sink = open_sink(f"recording:{time.strftime('live-%Y%m%d-%H%M%S')}.mcap")
+            self._engine.add_sink(self._sink, self._end)
+
+    def _end(self, why: str) -> None:
+        self._ended = True
+        self._server.show_recording(False, f"recording stopped: {why}")

@@ -106,7 +106,7 @@ export class Controls {
     button.classList.toggle("warn", Boolean(state.recording_message));
     const idle = state.can_record ? "off" : "not in this run";
     const time = state.recording ? duration((nowMs - this.#recordingSince) / 1000) : "";
-    say(button, state.recording ? `recording ${time}` : state.recording_message || idle);
+    say(button, state.recording ? `recording ${time}` : state.recording_message ? "stopped, see above" : idle);
     $("recording").hidden = !state.recording;
     $("recording").textContent = `● REC ${time}`;
   }

@@ -190,8 +190,10 @@ function showSums() {
   const health = values?.health;
   set("rate", health ? health.frames_per_s.toFixed(0) : NOTHING);
   set("latency", health && health.latency_p50_ms !== null ? `${health.latency_p50_ms.toFixed(0)} ms` : NOTHING);
-  const failing = Object.entries(health?.sinks ?? {}).map(([name, message]) => `${name}: ${message}`);
-  const warning = [health?.message, ...failing].filter(Boolean).join(" · ");
+  const recording = app.state.recording_message ?? "";
+  const failing = Object.entries(health?.sinks ?? {}).filter(([, message]) => !recording.includes(message));
+  const outputs = failing.map(([name, message]) => `${name}: ${message}`);
+  const warning = [recording, health?.message, ...outputs].filter(Boolean).join(" · ");
   const names = [app.state.session, app.state.model].filter(Boolean).join(" · ");
   $("session").classList.toggle("warn", Boolean(warning));
   set("session", warning ? `⚠ ${warning}` : names);

@@ -1,10 +1,9 @@
 """Estimates into a recording (.mcap), with the images that they are of."""
 
 import json
-from itertools import count
 from pathlib import Path
 
-from ...errors import InputError
+from ...errors import InputError, OutputError
 from ...io import SUBTRACTED_FORCE, RecordingWriter, check_target
 from ...types import Frame, SessionInfo
 from .._numbers import number
@@ -17,14 +16,14 @@ __all__ = ["RecordingSink"]
 class RecordingSink:
     """Writes every estimate, and the images that were estimated unless ``frames=no``, on the camera's own clock.
 
-    Images that gave way to newer ones are not in it: `tipforce record` keeps those. After an error the engine starts a
-    sink again; that goes on in FILE-2.mcap, and what was written before stays.
+    Images that gave way to newer ones are not in it: `tipforce record` keeps those. Where the file can no longer be
+    written the recording ends with an OutputError, which says how much is kept and where; it does not begin anew.
     """
 
     keeps_all = True
 
     def __init__(self, address: Address) -> None:
-        """Raises InputError: no name of a recording, or it stands already."""
+        """Raises InputError: no name of a recording, it exists already, or nothing can be written there."""
         address.only("frames")
         self.name = address.text
         self._path = Path(address.path)
@@ -35,43 +34,50 @@ class RecordingSink:
             raise InputError(f"out={address.text}: frames={chosen}: expected yes or no")
         self._frames = chosen == "yes"
         check_target(self._path, overwrite=False, origin="live")
-        self._numbers = count(1)
         self._writer: RecordingWriter | None = None
         self._last_ns = -1
         self._zero_ns: int | None = None
         self._zeros = 0
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Begin a file. Raises InputError where it stands already, OSError where it cannot be written."""
-        number = next(self._numbers)
-        path = self._path if number == 1 else self._path.with_stem(f"{self._path.stem}-{number}")
-        self._writer = RecordingWriter(path, info, origin="live")
+        """Begin the file. Raises InputError where it exists already or cannot be written."""
+        self._writer = RecordingWriter(self._path, info, origin="live")
         self._writer.note("tipforce.live", {"model": model})
         self._last_ns, self._zero_ns, self._zeros = -1, None, 0
 
     def put(self, update: LiveUpdate) -> None:
-        """Write one update. Raises OSError where the disk is full."""
+        """Write one update. Raises OutputError where the file can no longer be written."""
         assert self._writer is not None
+        try:
+            self._put(self._writer, update)
+        except OutputError:
+            self._writer.leave_part()
+            self._writer = None
+            raise
+
+    def _put(self, writer: RecordingWriter, update: LiveUpdate) -> None:
         stamp_ns = update.estimate.stamp_ns
-        self._note_zero(update)
+        self._note_zero(writer, update)
         if self._frames and update.frames and stamp_ns > self._last_ns:  # a notice has none
             for view, image in update.frames.items():
-                self._writer.write(Frame(stamp_ns, image, view))
+                writer.write(Frame(stamp_ns, image, view))
             self._last_ns = stamp_ns
-        self._writer.write_estimate(update.estimate)
+        writer.write_estimate(update.estimate)
 
-    def _note_zero(self, update: LiveUpdate) -> None:
+    def _note_zero(self, writer: RecordingWriter, update: LiveUpdate) -> None:
         """A record for each zero that was set or undone, from the estimate on from which it counts."""
         zero = update.zero
         since_ns = None if zero is None else zero.since_ns
         if since_ns == self._zero_ns:
             return
-        assert self._writer is not None
         self._zero_ns, self._zeros = since_ns, self._zeros + 1
-        self._writer.note(f"{SUBTRACTED_FORCE}.{self._zeros}", _zero_record(update.estimate.stamp_ns, zero))
+        writer.note(f"{SUBTRACTED_FORCE}.{self._zeros}", _zero_record(update.estimate.stamp_ns, zero))
 
     def close(self) -> None:
-        """Finish the file. What an error leaves as .part is recovered when it is opened next."""
+        """Finish the file. Raises OutputError where that fails; what it leaves as .part is recovered when it is opened.
+
+        Nothing happens after an error.
+        """
         writer, self._writer = self._writer, None
         if writer is not None:
             writer.close()
