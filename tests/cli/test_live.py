@@ -60,8 +60,7 @@ def test_a_recording_whose_folder_is_removed_is_not_called_written(model: Path, 
     )  # fmt: skip
     assert done.exit_code == 2
     assert "wrote" not in done.output
-    assert done.output.count("then ended:") == 1
-    assert "nothing of this recording is kept" in done.output.replace("\n", " ")
+    assert done.output.count("nothing of this recording is kept (after ") == 1
     assert not folder.exists()
 
 

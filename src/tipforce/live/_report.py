@@ -50,9 +50,11 @@ class LiveReport:
         if self.reconnects:
             lines.append(f"the source was opened again {self.reconnects} times")
         for name, sink in self.sinks.items():
+            if sink.ended:
+                lines.append(f"{sink.message} (after {sink.taken} updates)")
+                continue
             times = "once" if sink.failures == 1 else f"{sink.failures} times"
             failed = f", failed {times} ({sink.message})" if sink.failures else ""
-            failed = f", then ended: {sink.message}" if sink.ended else failed
             hung = ", hangs" if sink.hung else ""
             lines.append(f"{name}: {sink.taken} updates, {sink.dropped} dropped{failed}{hung}")
         return "\n".join([*lines, *([self.end] if self.end else [])])

@@ -336,5 +336,6 @@ def live_line(update: LiveUpdate) -> str:
     parts.append(f"{health.frames_per_s:.1f} images/s")
     if health.dropped:
         parts.append(f"{health.dropped} of {health.frames_in} dropped")
-    parts += [f"{name}: {sink.message or 'hangs'}" for name, sink in health.sinks.items() if sink.hung or sink.message]
+    failing = {name: sink for name, sink in health.sinks.items() if sink.hung or sink.message}
+    parts += [sink.message if sink.ended else f"{name}: {sink.message or 'hangs'}" for name, sink in failing.items()]
     return " | ".join(parts)
