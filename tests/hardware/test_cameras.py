@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+import threading
 import time
 import types
 from pathlib import Path
@@ -100,8 +101,8 @@ class Capture:
         pass
 
 
-def read_until_it_fails(driver, taken=None):
-    for _ in range(60):
+def read_until_it_fails(driver, taken=None, reads=60):
+    for _ in range(reads):
         frames = driver.read(0.02)
         if taken is not None:
             taken += frames
@@ -133,6 +134,111 @@ def test_a_camera_whose_images_change_their_size_or_stop_is_lost():
     driver.connect(SystemClock())
     with pytest.raises(DeviceError, match="gives no image any more"):
         read_until_it_fails(driver)
+
+
+def test_images_of_a_driver_with_stamps_are_as_old_as_their_stamps_after_a_pause_of_this_program():
+    """V4L2 keeps the images before the pause; their stamps are on the monotonic clock."""
+    capture = Capture(0)
+    driver = OpenCvCamera(OpenCvCameraConfig(device=0), open_capture=lambda _: capture)
+    clock = SystemClock(10**9)
+    driver.connect(clock)
+    for _ in range(8):
+        driver.read(0.1)
+    capture.late_s = 1.6  # as after a pause
+    (old,) = driver.read(0.1)
+    assert (clock.now_ns() - old.stamp_ns) * 1e-9 == pytest.approx(1.6, abs=0.1)
+    capture.late_s = 0.05
+    (new,) = driver.read(0.1)
+    assert (clock.now_ns() - new.stamp_ns) * 1e-9 == pytest.approx(0.05, abs=0.02)
+    capture.late_s, capture.count = 3.0, -3000
+    with pytest.raises(DeviceError, match=r"arrive 3\.\d s late, so it is connected anew"):
+        read_until_it_fails(driver, reads=3000)
+
+
+def test_images_from_before_the_computer_slept_are_discarded(monkeypatch):
+    slept_s = 0.0
+    capture = Capture(0)
+    driver = OpenCvCamera(OpenCvCameraConfig(device=0), open_capture=lambda _: capture)
+    clock = SystemClock(10**9)
+    true_now = SystemClock.now_ns
+    monkeypatch.setattr(SystemClock, "now_ns", lambda self: true_now(self) + round(slept_s * 1e9))
+    driver.connect(clock)
+    for _ in range(8):
+        assert driver.read(0.1)
+    slept_s = 3600.0
+    assert driver.read(0.1) == ()  # taken 50 ms before, on a clock that stood still meanwhile
+    capture.late_s = 0.0
+    time.sleep(0.06)
+    assert driver.read(0.1)
+
+
+def coded(number):
+    """An image that holds its number."""
+    image = np.full((HEIGHT, WIDTH), 20 + 4 * (number % 50), np.uint8)
+    image[:, WIDTH // 2 :] = 20 + 4 * (number // 50)
+    return image
+
+
+def number_in(image):
+    halves = image[:, 4 : WIDTH // 2 - 4], image[:, WIDTH // 2 + 4 : -4]
+    low, high = (round((float(half.mean()) - 20.0) / 4.0) for half in halves)
+    return low + 50 * high
+
+
+@pytest.mark.parametrize("driver", ["opencv", "video"])
+def test_images_that_waited_while_nobody_read_do_not_count_as_current(driver):
+    sent: list[int] = []
+
+    def image(number):
+        sent.append(time.monotonic_ns())
+        return coded(number)
+
+    with CameraEmulator(image, fps=50) as camera:
+        if driver == "opencv":
+            device = OpenCvCamera(OpenCvCameraConfig(device=camera.url, grey=True))
+        else:
+            device = Video(VideoConfig(source=camera.url, grey=True))
+        clock = SystemClock(10**9)
+        device.connect(clock)
+        ahead_ns = clock.now_ns() - time.monotonic_ns()
+        frames: list[Frame] = []
+        paused = False
+        while len(frames) < 60:
+            frames += device.read(0.1)
+            if len(frames) >= 30 and not paused:
+                paused = True
+                time.sleep(1.5)
+        device.close()
+    true_ages = []
+    for frame in frames:
+        sent_ns = sent[number_in(frame.image)] + ahead_ns
+        assert frame.stamp_ns - frame.max_delay_ns <= sent_ns + 60_000_000, "the bound holds"
+        true_ages.append((frame.stamp_ns - sent_ns) * 1e-9)
+    assert max(true_ages) < 0.3
+    assert device.counts["discarded, for they had waited in a buffer"] > 20
+
+
+@pytest.mark.parametrize("driver", ["opencv", "video"])
+def test_a_network_camera_whose_images_change_their_size_is_refused(driver):
+    """OpenCV's own reader of streams scales them to the first size."""
+    large = threading.Event()
+
+    def image(number):
+        return np.full((HEIGHT * (1 + large.is_set()), WIDTH * (1 + large.is_set())), 40 + number % 100, np.uint8)
+
+    with CameraEmulator(image, fps=100) as camera:
+        config = (
+            OpenCvCamera(OpenCvCameraConfig(device=camera.url))
+            if driver == "opencv"
+            else Video(VideoConfig(source=camera.url))
+        )
+        config.connect(SystemClock())
+        while not config.read(0.1):
+            pass
+        large.set()
+        with pytest.raises(DeviceError, match="the size of its images changed from 64x48 to 128x96"):
+            read_until_it_fails(config)
+        config.close()
 
 
 def test_a_camera_that_is_gone_is_found_again():
@@ -170,7 +276,9 @@ def test_a_stream_of_the_network_is_opened_through_ffmpeg():
         driver = Video(VideoConfig(source=camera.url, options={"probesize": "5000"}))
         clock = SystemClock(10**9)
         settings = {each.name: each.actual for each in driver.connect(clock)}
-        frames = [event for _ in range(10) for event in driver.read(0.1)]
+        frames: list[Frame] = []
+        while len(frames) < 10:
+            frames += driver.read(0.1)
         driver.close()
     assert settings["codec"] == "mjpeg"
     assert frames[0].image.shape == (HEIGHT, WIDTH, 3)

@@ -25,6 +25,7 @@ driver = "opencv"
 device = "{camera}"
 grey = true
 fps = 100.0
+width = 40
 [hardware.force]
 driver = "net-ft"
 host = "127.0.0.1"
@@ -63,7 +64,7 @@ def devices(tmp_path):
 def test_all_devices_are_recorded_into_one_file_on_one_clock(devices, tmp_path):
     bench, _, box = devices
     recording = BenchRecording(bench, seconds=1.0)
-    assert any("cameras.camera: fps is" in line for line in recording.connect())
+    assert any("cameras.camera: width is 32, not 40 as asked for" in line for line in recording.connect())
     assert box.faults.loss > 0
     report = recording.run(tmp_path / "run.mcap", tare="none", offset_ms="none")
     with RecordingReader(tmp_path / "run.mcap") as reader:

@@ -4,9 +4,10 @@ Each driver has a typed config, a table of ``bench.toml``; reads the settings ba
 where it is lost; and has an emulator in `tipforce.hardware.emulators`, or a stand-in in the tests.
 """
 
+from .._clock_map import ClockMap, ClockReport
 from ._bench import BenchDevices, open_bench, read_devices
 from ._daq import DaqCalibration, DaqForce, DaqForceConfig, read_calibration
-from ._driver import ClockMap, ClockReport, DeclaredStream, DeviceConfig, Driver, EndOfStream, Setting
+from ._driver import DeclaredStream, DeviceConfig, Driver, EndOfStream, Setting
 from ._genicam import GenICamCamera, GenICamCameraConfig
 from ._grbl import AxisConfig, GrblActuators, GrblConfig, GrblStage
 from ._knob import ConstantKnob, ConstantKnobConfig, LogKnob, LogKnobConfig, SerialKnob, SerialKnobConfig

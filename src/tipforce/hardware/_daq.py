@@ -10,9 +10,10 @@ from xml.etree import ElementTree
 import numpy as np
 from pydantic import Field
 
+from .._clock_map import ClockMap, ClockReport
 from ..errors import DeviceError, FileFormatError, MissingExtraError
 from ..types import Clock, Event, FloatArray, Wrench
-from ._driver import ClockMap, ClockReport, DeclaredStream, DeviceConfig, Driver, Setting
+from ._driver import DeclaredStream, DeviceConfig, Driver, Setting
 from ._net_ft import unit_in_newton_metres, unit_in_newtons
 
 __all__ = ["DaqCalibration", "DaqForce", "DaqForceConfig", "read_calibration"]

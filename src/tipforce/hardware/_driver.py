@@ -3,18 +3,17 @@
 import math
 import time
 from abc import ABC, abstractmethod
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from .._clock_map import ClockReport
 from ..types import Clock, Event, Frame, Wrench
 
 __all__ = [
-    "ClockMap",
-    "ClockReport",
     "DeclaredStream",
     "DeviceConfig",
     "Driver",
@@ -75,84 +74,6 @@ class Setting:
         if isinstance(self.requested, str) or isinstance(self.actual, str):
             return str(self.requested) != str(self.actual)
         return not math.isclose(self.requested, self.actual, rel_tol=1e-3, abs_tol=1e-9)
-
-
-@dataclass(frozen=True, slots=True)
-class ClockReport:
-    """How a device's clock lies: ``offset_s`` = host minus device; NaN where its stamps are those of the arrival.
-
-    ``delay_s``: mean delay of the arrival beyond the least one; ``drift_ppm``: of the offset, NaN until it is known.
-    """
-
-    offset_s: float = math.nan
-    delay_s: float = math.nan
-    drift_ppm: float = math.nan
-
-
-_BUCKET_NS = 1_000_000_000
-_BUCKETS = 10
-"""The least delay of the last ten seconds counts: a drift of 50 ppm then moves a stamp by half a millisecond."""
-_STOOD_NS = 100_000_000
-_DRIFT_AFTER_S = 20.0
-_SHARE = 0.02
-"""Of a new reading in the mean delay."""
-
-
-class ClockMap:
-    """Brings stamps of a device's clock to the host's: by the least delay of the arrival in the last seconds.
-
-    A network or an operating system can only delay; the least delay is the nearest to none.
-
-    >>> clock = ClockMap()
-    >>> [clock.host_ns(device, arrival) for device, arrival in ((0, 1_005), (100, 1_101), (200, 1_209))]
-    [1005, 1101, 1201]
-    """
-
-    def __init__(self) -> None:
-        self._least: deque[tuple[int, int]] = deque()
-        self._last_ns: int | None = None
-        self._first: tuple[int, int] | None = None
-        self._delay_ns = math.nan
-
-    def host_ns(self, device_ns: int, arrival_ns: int) -> int:
-        """The host's time of what the device stamped ``device_ns`` and what arrived at ``arrival_ns``; it rises."""
-        delay, bucket = arrival_ns - device_ns, arrival_ns // _BUCKET_NS
-        if self._least and self._least[-1][0] == bucket:
-            self._least[-1] = bucket, min(delay, self._least[-1][1])
-        else:
-            if self._first is None and len(self._least) == 2:
-                self._first = self._least[1]  # the first whole second
-            if len(self._least) > 1 and self._least[-1][1] > self._offset_ns + _STOOD_NS:
-                self._least = deque(
-                    [self._least[-1]]
-                )  # for a whole second nothing came as fast: that clock stood still
-            self._least.append((bucket, delay))
-            while self._least[0][0] <= bucket - _BUCKETS:
-                self._least.popleft()
-        offset = self._offset_ns
-        beyond = float(delay - offset)
-        self._delay_ns = beyond if math.isnan(self._delay_ns) else self._delay_ns + _SHARE * (beyond - self._delay_ns)
-        stamp = device_ns + offset
-        if self._last_ns is not None and stamp <= self._last_ns:
-            stamp = self._last_ns + 1
-        self._last_ns = stamp
-        return stamp
-
-    @property
-    def _offset_ns(self) -> int:
-        return min(delay for _, delay in self._least)
-
-    def report(self) -> ClockReport:
-        """How the two clocks lie now."""
-        if not self._least:
-            return ClockReport()
-        drift = math.nan
-        if self._first and len(self._least) > 1:
-            bucket, delay = self._least[-2]  # the last whole second
-            seconds = (bucket - self._first[0]) * _BUCKET_NS * 1e-9
-            if seconds >= _DRIFT_AFTER_S:
-                drift = 1e-3 * (delay - self._first[1]) / seconds
-        return ClockReport(self._offset_ns * 1e-9, self._delay_ns * 1e-9, drift)
 
 
 class Driver(ABC):

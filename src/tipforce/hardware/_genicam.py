@@ -7,13 +7,17 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from .._clock_map import ClockMap, ClockReport
 from ..errors import DeviceError, MissingExtraError
 from ..types import Clock, Event, Frame, Image
-from ._driver import ClockMap, ClockReport, DeclaredStream, DeviceConfig, Driver, Number, Setting
+from ._arrival import MAX_WAIT_NS, ArrivalWait, LatenessCheck
+from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting
+from ._stream import size_of
 
 __all__ = ["GenICamCamera", "GenICamCameraConfig"]
 
 _SILENT_S = 2.0
+_LONGEST_STEP_NS = 1_000_000_000
 _BAYER = {"BayerRG8": "BayerRGGB", "BayerGB8": "BayerGBRG", "BayerGR8": "BayerGRBG", "BayerBG8": "BayerBGGR"}
 """Name of the first two rows' colours -> OpenCV's."""
 
@@ -44,9 +48,10 @@ class GenICamCamera(Driver):
         self._harvester: Any = None
         self._acquirer: Any = None
         self._clock: Clock | None = None
-        self._map = ClockMap()
+        self._map, self._wait, self._late = ClockMap(), ArrivalWait(local=True), LatenessCheck()
+        self._size = ""
         self._stamped = True
-        self._heard_ns = 0
+        self._heard_ns = self._asked_ns = 0
 
     @property
     def streams(self) -> tuple[DeclaredStream, ...]:
@@ -66,8 +71,9 @@ class GenICamCamera(Driver):
         config = self.config
         if not config.producer.is_file():
             raise DeviceError(f"{self._where}: there is no GenTL producer {config.producer}")
-        self._clock, self._map, self._stamped = clock, ClockMap(), True
-        self._heard_ns = clock.now_ns()
+        self._clock, self._stamped, self._size = clock, True, ""
+        self._map, self._wait, self._late = ClockMap(_LONGEST_STEP_NS), ArrivalWait(local=True), LatenessCheck()
+        self._heard_ns, self._asked_ns = clock.now_ns(), 0
         try:
             self._harvester = Harvester()
             self._harvester.add_file(str(config.producer))
@@ -105,8 +111,12 @@ class GenICamCamera(Driver):
         return tuple(found)
 
     def read(self, timeout_s: float) -> Sequence[Event]:
-        """The next whole image, copied out of the producer's buffer."""
+        """The next whole image, copied out of the producer's buffer.
+
+        Raises DeviceError where the camera is lost, its images changed their size, or stay late by a second.
+        """
         assert self._clock is not None
+        self._asked_ns = self._asked_ns or self._clock.now_ns()
         try:
             buffer = self._acquirer.try_fetch(timeout=timeout_s)
             arrival = self._clock.now_ns()
@@ -121,21 +131,35 @@ class GenICamCamera(Driver):
                     return ()
                 part = buffer.payload.components[0]
                 image = self._image(part.data, int(part.width), int(part.height), str(part.data_format))
-                stamp = self._stamp_ns(buffer, arrival)
+                device_ns = self._device_ns(buffer)
         except DeviceError:
             raise
         except Exception as error:  # each producer raises its own kinds
             raise DeviceError(f"{self._where}: is lost: {error}") from None
-        return (Frame(stamp - round(self.config.latency_ms * 1e6), image, self.view),)
+        self._size = self._size or size_of(image)
+        if size_of(image) != self._size:
+            raise DeviceError(f"{self._where}: the size of its images changed from {self._size} to {size_of(image)}")
+        latency_ns = round(self.config.latency_ms * 1e6)
+        wait_ns, self._asked_ns = self._wait.wait_ns(self._asked_ns, arrival), 0
+        if device_ns is not None:
+            wait_ns = arrival - self._map.host_ns(device_ns, arrival)
+        self._late.check(self._where, wait_ns, arrival)
+        if device_ns is not None:
+            return (Frame(arrival - wait_ns - latency_ns, image, self.view),)
+        if wait_ns > MAX_WAIT_NS:
+            self.counts["discarded, for they had waited in a buffer"] += 1
+            return ()
+        return (Frame(arrival - latency_ns, image, self.view, wait_ns),)
 
-    def _stamp_ns(self, buffer: Any, arrival_ns: int) -> int:
+    def _device_ns(self, buffer: Any) -> int | None:
+        """The camera's stamp; None where it gives none."""
         if self._stamped:
             try:
-                return self._map.host_ns(int(buffer.timestamp_ns), arrival_ns)
+                return int(buffer.timestamp_ns)
             except Exception:  # the producer's own kind of "not available"
                 self._stamped = False
                 self.remark = f"{self._where}: gives no stamps; those of the arrival are taken"
-        return arrival_ns
+        return None
 
     def _image(self, data: Any, width: int, height: int, form: str) -> Image:
         import cv2

@@ -17,9 +17,10 @@ from xml.etree import ElementTree
 import numpy as np
 from pydantic import Field
 
+from .._clock_map import ClockMap, ClockReport
 from ..errors import DeviceError
 from ..types import Clock, Event, Wrench
-from ._driver import ClockMap, ClockReport, DeclaredStream, DeviceConfig, Driver, Setting
+from ._driver import DeclaredStream, DeviceConfig, Driver, Setting
 
 __all__ = ["RDT_REPLY", "RDT_REQUEST", "NetFt", "NetFtConfig", "RdtCheck", "unit_in_newton_metres", "unit_in_newtons"]
 

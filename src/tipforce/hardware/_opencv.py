@@ -9,24 +9,30 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from .._clock_map import ClockReport
 from ..errors import DeviceError
 from ..types import Clock, Event, Frame, Image
-from ._driver import ClockReport, DeclaredStream, DeviceConfig, Driver, Number, Setting, monotonic_to
+from ._arrival import MAX_WAIT_NS, ArrivalWait, LatenessCheck
+from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting, monotonic_to
+from ._stream import NetworkStream, size_of
 
 __all__ = ["OpenCvCamera", "OpenCvCameraConfig", "upright_image"]
 
 _WAIT_MS = 2000
 """For a camera to open or to give an image, where OpenCV can be told."""
 _STAMP_NEWEST_S, _STAMP_OLDEST_S = 1e-3, 1.0
-"""A stamp of the driver is believed where it lies so little in the future or in the past of the monotonic clock."""
+"""A stamp of the driver is on the monotonic clock where it is so little in the future or in the past of it."""
 _TRIALS = 5
-"""Images of which each has to have a believable stamp, before stamps are the driver's."""
+"""Images of which each has to have such a stamp, before stamps are the driver's."""
+_SLEPT_NS = 50_000_000
+"""The monotonic clock of Linux stands still while the computer sleeps; the host's clock goes on."""
 
 
 class OpenCvCameraConfig(DeviceConfig):
     """``[hardware.cameras.VIEW]`` with ``driver = "opencv"``.
 
-    ``device``: a number, a path as "/dev/video0", or an address. ``fourcc``: pixel format, as "MJPG".
+    ``device``: a number, a path as "/dev/video0", or an address, which FFmpeg opens as with ``driver = "video"``: there
+    the camera alone sets size and rate, and what is stated is compared with them. ``fourcc``: pixel format, as "MJPG".
     ``auto_exposure``, ``exposure`` and ``gain``: numbers of the driver. ``latency_ms``: from mid-exposure to the
     image's arrival, taken from the arrival where the driver gives no stamps; ``stamp_latency_ms``: from mid-exposure to
     the driver's stamp (negative where it stamps the start of the exposure).
@@ -70,10 +76,24 @@ class OpenCvCamera(Driver):
         self._open = open_capture
         self._capture: Any = None
         self._clock: Clock | None = None
-        self._shape: tuple[int, ...] = ()
+        self._size = ""
         self._stamped = 0
-        """Images in a row with a believable stamp; below 0 where one had none."""
+        """Images in a row with a stamp on the monotonic clock; below 0 where one had none."""
         self._delay_s = 0.0
+        self._wait, self._late = ArrivalWait(local=True), LatenessCheck()
+        self._host_ahead_ns = 0
+        self._awake_ns: int | None = None
+        self._stream: NetworkStream | None = None
+        if open_capture is None and isinstance(config.device, str) and "://" in config.device:
+            self._stream = NetworkStream(
+                config.device,
+                view,
+                self._where,
+                self.counts,
+                grey=config.grey,
+                latency_ns=round(config.latency_ms * 1e6),
+                options={},
+            )
 
     @property
     def streams(self) -> tuple[DeclaredStream, ...]:
@@ -87,6 +107,8 @@ class OpenCvCamera(Driver):
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
         """Open the camera, set what is asked for, take an image, and read back."""
+        if self._stream is not None:
+            return self._connect_stream(self._stream, clock)
         import cv2
 
         config = self.config
@@ -107,10 +129,12 @@ class OpenCvCamera(Driver):
                 self._capture.set(number, value)
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         self._clock, self._stamped = clock, 0
+        self._wait, self._late = ArrivalWait(local=True), LatenessCheck()
+        self._host_ahead_ns, self._awake_ns = monotonic_to(clock), None
         whole, image = self._capture.read()
         if not whole:
             raise DeviceError(f"{self._where}: gives no image")
-        self._shape = image.shape
+        self._size = size_of(image)
         found: list[Setting] = []
         for name, number, value in wanted:
             actual = float(self._capture.get(number))
@@ -122,45 +146,79 @@ class OpenCvCamera(Driver):
                 found.append(Setting(name, value, actual))
         return tuple(found)
 
+    def _connect_stream(self, stream: NetworkStream, clock: Clock) -> tuple[Setting, ...]:
+        """Open an address; what is asked for is compared with what the camera sends."""
+        asked = {"width": self.config.width, "height": self.config.height}
+        return tuple(Setting(each.name, asked.get(each.name), each.actual) for each in stream.open(clock))
+
     def read(self, timeout_s: float) -> Sequence[Event]:
-        """The next image; waits for as long as OpenCV does."""
+        """The next image; waits for as long as OpenCV does. None that may have waited in a buffer for too long.
+
+        Raises DeviceError where the camera gives none, or one of another size.
+        """
         del timeout_s
+        if self._stream is not None:
+            frame = self._stream.read()
+            return () if frame is None else (frame,)
         assert self._clock is not None
+        asked_ns = self._clock.now_ns()
         whole, image = self._capture.read()
-        arrival = self._clock.now_ns()
+        arrival_ns = self._clock.now_ns()
         if not whole:
             raise DeviceError(f"{self._where}: gives no image any more")
-        if image.shape != self._shape:
-            raise DeviceError(f"{self._where}: the size of its images changed from {self._shape} to {image.shape}")
-        stamp = self._stamp_ns(arrival)
-        return (Frame(stamp, upright_image(image, self.config.grey, self._where), self.view),)
+        if size_of(image) != self._size:
+            raise DeviceError(f"{self._where}: the size of its images changed from {self._size} to {size_of(image)}")
+        wait_ns = self._wait.wait_ns(asked_ns, arrival_ns)
+        taken_ns = self._taken_ns()
+        self._late.check(self._where, wait_ns if taken_ns is None else arrival_ns - taken_ns, arrival_ns)
+        slept = taken_ns is not None and self._awake_ns is not None and taken_ns < self._awake_ns
+        if slept or (taken_ns is None and wait_ns > MAX_WAIT_NS):
+            self.counts["discarded, for they had waited in a buffer"] += 1
+            return ()
+        upright = upright_image(image, self.config.grey, self._where)
+        if taken_ns is None:
+            return (Frame(arrival_ns - round(self.config.latency_ms * 1e6), upright, self.view, wait_ns),)
+        return (Frame(taken_ns - round(self.config.stamp_latency_ms * 1e6), upright, self.view),)
 
-    def _stamp_ns(self, arrival_ns: int) -> int:
-        """The driver's stamp where it can be believed: V4L2 tells the monotonic clock at which the image was taken."""
+    def _taken_ns(self) -> int | None:
+        """The driver's stamp on the host's clock: V4L2 states the monotonic clock at which the image was taken.
+
+        None where it states none. Images that were taken before the computer slept are older than their stamps show:
+        ``_awake_ns`` is the time since when it has been awake, None
+        where it has not slept.
+        """
         import cv2
 
-        taken_s = 1e-3 * float(self._capture.get(cv2.CAP_PROP_POS_MSEC))
         assert self._clock is not None
+        taken_s = 1e-3 * float(self._capture.get(cv2.CAP_PROP_POS_MSEC))
         age_s = time.monotonic() - taken_s
-        believable = -_STAMP_NEWEST_S <= age_s <= _STAMP_OLDEST_S
-        if self._stamped >= _TRIALS and not believable:
+        if 0 <= self._stamped < _TRIALS:
+            self._stamped = self._stamped + 1 if -_STAMP_NEWEST_S <= age_s <= _STAMP_OLDEST_S else -1
+        elif self._stamped >= _TRIALS and age_s < -_STAMP_NEWEST_S:
             self.counts["stampless"] += 1
-            self._stamped = -1  # for this connection the arrival is more to be trusted
-        elif 0 <= self._stamped < _TRIALS:
-            self._stamped = self._stamped + 1 if believable else -1
-        if self._stamped >= _TRIALS:
-            self._delay_s += 0.02 * (age_s - self._delay_s)
-            return round(taken_s * 1e9) + monotonic_to(self._clock) - round(self.config.stamp_latency_ms * 1e6)
-        return arrival_ns - round(self.config.latency_ms * 1e6)
+            self._stamped = -1
+        if self._stamped < _TRIALS:
+            return None
+        self._delay_s += 0.02 * (age_s - self._delay_s)
+        ahead_ns = monotonic_to(self._clock)
+        if ahead_ns - self._host_ahead_ns > _SLEPT_NS:
+            self._awake_ns = self._clock.now_ns()
+        self._host_ahead_ns = ahead_ns
+        return round(taken_s * 1e9) + ahead_ns
 
     def close(self) -> None:
         """Let go of the camera."""
+        if self._stream is not None:
+            self._stream.close()
         if self._capture is not None:
             self._capture.release()
             self._capture = None
 
     def clocks(self) -> Mapping[str, ClockReport]:
-        """The driver's stamps are on the host's own monotonic clock."""
+        """The driver's stamps are on the host's own monotonic clock; a stream of the network has a clock of its own."""
+        report = None if self._stream is None else self._stream.clock_report()
+        if report is not None:
+            return {self.view: report}
         return {self.view: ClockReport(0.0, self._delay_s)} if self._stamped >= _TRIALS else {}
 
     @property
@@ -173,9 +231,6 @@ class OpenCvCamera(Driver):
         device = self.config.device
         if self._open is not None:
             return self._open(device)
-        if isinstance(device, str) and "://" in device:
-            limits = (cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _WAIT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _WAIT_MS)
-            return cv2.VideoCapture(device, cv2.CAP_FFMPEG, limits)
         if sys.platform == "linux":
             os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", str(_WAIT_MS // 1000))
             return cv2.VideoCapture(device, cv2.CAP_V4L2)

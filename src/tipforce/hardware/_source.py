@@ -9,9 +9,10 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Literal, Self
 
+from .._clock_map import ClockReport
 from ..errors import DeviceError
 from ..types import Clock, Event, SessionInfo, SystemClock
-from ._driver import ClockReport, DeclaredStream, Driver, EndOfStream, Setting, stream_of
+from ._driver import DeclaredStream, Driver, EndOfStream, Setting, stream_of
 from ._grbl import GrblActuators, GrblStage
 
 __all__ = ["DeviceHealth", "DeviceState", "HardwareSource", "StreamHealth", "StreamMeter"]

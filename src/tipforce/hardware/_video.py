@@ -6,14 +6,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from .._clock_map import ClockReport
 from ..errors import DeviceError
 from ..io import open_source
 from ..types import Clock, Event, Frame
-from ._driver import ClockMap, ClockReport, DeclaredStream, DeviceConfig, Driver, EndOfStream, Setting
+from ._driver import DeclaredStream, DeviceConfig, Driver, EndOfStream, Setting
+from ._stream import NetworkStream
 
 __all__ = ["Video", "VideoConfig"]
-
-_TIMEOUT_S = 2.0
 
 
 class VideoConfig(DeviceConfig):
@@ -41,12 +41,19 @@ class Video(Driver):
     def __init__(self, config: VideoConfig, view: str = "camera") -> None:
         super().__init__(f"cameras.{view}")
         self.config, self.view = config, view
-        self._container: Any = None
+        self._stream = NetworkStream(
+            config.source,
+            view,
+            self._where,
+            self.counts,
+            grey=config.grey,
+            latency_ns=round(config.latency_ms * 1e6),
+            options=config.options,
+        )
         self._frames: Iterator[tuple[int, Any]] = iter(())
         self._pending: tuple[int, Any] | None = None
         self._clock: Clock | None = None
         self._zero_ns = 0
-        self._map = ClockMap()
 
     @property
     def streams(self) -> tuple[DeclaredStream, ...]:
@@ -54,12 +61,12 @@ class Video(Driver):
         clock = "the file's, from when the source began"
         if not self.config.is_file:
             late = f"minus latency_ms = {self.config.latency_ms:g}"
-            clock = f"the stream's, brought to the host's by the least delay, {late}"
+            clock = f"the stream's, brought to the host's by the least delay, or the arrival where it has none, {late}"
         return (DeclaredStream(self.view, "frame", None, clock),)
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
         """Open it."""
-        self._clock, self._map, self._pending = clock, ClockMap(), None
+        self._clock, self._pending = clock, None
         if self.config.is_file:
             file = open_source(Path(self.config.source))
             frames = (event for event in file if isinstance(event, Frame))
@@ -71,56 +78,15 @@ class Video(Driver):
             self._frames = ((frame.stamp_ns, frame.image) for frame in frames)
             height, width = first.image.shape[:2]
             return (Setting("width", None, width), Setting("height", None, height))
-        return self._connect_stream()
-
-    def _connect_stream(self) -> tuple[Setting, ...]:
-        import av
-        import av.error
-
-        options = {"fflags": "nobuffer", "flags": "low_delay"}
-        if self.config.source.startswith("rtsp"):
-            options["rtsp_transport"] = "tcp"
-        try:
-            self._container = av.open(
-                self.config.source, options=options | self.config.options, timeout=(_TIMEOUT_S, _TIMEOUT_S)
-            )
-        except (av.error.FFmpegError, OSError) as error:
-            raise DeviceError(f"{self._where}: cannot be opened: {error}") from None
-        streams = self._container.streams.video
-        if not streams:
-            raise DeviceError(f"{self._where}: holds no video")
-        self._frames = self._decoded(streams[0])
-        context = streams[0].codec_context
-        return (
-            Setting("codec", None, str(context.name)),
-            Setting("width", None, context.width),
-            Setting("height", None, context.height),
-        )
-
-    def _decoded(self, stream: Any) -> Iterator[tuple[int, Any]]:
-        import av.error
-
-        try:
-            for frame in self._container.decode(stream):
-                if frame.pts is None:
-                    self.counts["stampless"] += 1
-                    continue
-                image = frame.to_ndarray(format="gray" if self.config.grey else "rgb24")
-                yield round(frame.pts * frame.time_base * 1_000_000_000), image
-        except (av.error.FFmpegError, OSError) as error:
-            raise DeviceError(f"{self._where}: is lost: {error}") from None
+        return self._stream.open(clock)
 
     def read(self, timeout_s: float) -> Sequence[Event]:
         """The next image; of a file when its time has come."""
         assert self._clock is not None
         if self.config.is_file:
             return self._played(timeout_s)
-        following = next(self._frames, None)
-        if following is None:
-            raise DeviceError(f"{self._where}: has ended")
-        stamp, image = following
-        arrival = self._clock.now_ns()
-        return (Frame(self._map.host_ns(stamp, arrival) - round(self.config.latency_ms * 1e6), image, self.view),)
+        frame = self._stream.read()
+        return () if frame is None else (frame,)
 
     def _played(self, timeout_s: float) -> Sequence[Event]:
         assert self._clock is not None
@@ -142,13 +108,12 @@ class Video(Driver):
 
     def close(self) -> None:
         """Let go of it."""
-        if self._container is not None:
-            self._container.close()
-            self._container = None
+        self._stream.close()
 
     def clocks(self) -> Mapping[str, ClockReport]:
         """The stream's stamps against the host's clock."""
-        return {} if self.config.is_file else {self.view: self._map.report()}
+        report = self._stream.clock_report()
+        return {} if self.config.is_file or report is None else {self.view: report}
 
     @property
     def _where(self) -> str:

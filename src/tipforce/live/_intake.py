@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .._clock_map import ClockMap
 from ..alignment import PAIR_S, Pairing
 from ..io import ActuationSeries
 from ..types import STAGE, Actuation, Event, Frame, Observation, SessionInfo
-from ._latency import ClockMap, Rate
+from ._latency import Rate
 from ._settings import LiveSettings
 from ._watchdog import CameraWatch, Fault, worst
 
@@ -21,6 +22,8 @@ _BACK_NS = 1_000_000_000
 """A stamp that goes back by more is one of a clock that began anew; by less, of a frame that comes too late."""
 _KEPT_NS = 2_000_000_000
 """So long readings and images of further views wait for a frame that they belong to."""
+_LONGEST_STEP_NS = 1_000_000_000
+"""A source's clock that stood still for longer looks the same as images that are late, and these are stale."""
 _WAITING = 16
 """Most frames that wait for their partners, in two thirds of `PAIR_S` each at 1 kHz."""
 
@@ -68,7 +71,7 @@ class Intake:
         self._begin_run()
 
     def _begin_run(self) -> None:
-        self._clock = ClockMap()
+        self._clock = ClockMap(_LONGEST_STEP_NS)
         self._series, self._read_ns = ActuationSeries(), dict[str, int]()
         self._pairing = Pairing(self._views)
         self._waiting: deque[tuple[Frame, int]] = deque(maxlen=_WAITING)
@@ -90,7 +93,7 @@ class Intake:
         """The source was opened again."""
         with self._new:
             self._source = None
-            self._clock = ClockMap()
+            self._clock = ClockMap(_LONGEST_STEP_NS)
             for watch in self._watches.values():
                 watch.restart()
 
@@ -171,7 +174,7 @@ class Intake:
                 self._run += 1
                 self._begin_run()
             self._stamps[view] = frame.stamp_ns
-            captured_ns = self._clock.add(frame.stamp_ns, now_ns)
+            captured_ns = self._clock.host_ns(frame.stamp_ns, now_ns)
             if self._same_clock:
                 captured_ns = frame.stamp_ns
             captured_ns -= frame.max_delay_ns

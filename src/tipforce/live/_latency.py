@@ -1,46 +1,11 @@
-"""Time in a live run: clocks brought together, delays and rates, all of it in rings of fixed size."""
+"""Time in a live run: delays and rates, all of it in rings of fixed size."""
 
 from bisect import bisect_left
 from collections import deque
 
 import numpy as np
 
-__all__ = ["ClockMap", "Histogram", "Rate", "RecentDelays"]
-
-_SECOND_NS = 1_000_000_000
-
-
-class ClockMap:
-    """Stamps of a source -> the engine's clock, by the smallest delay of arrival seen in the last ``window_s``.
-
-    The smallest delay itself cannot be known and counts as none. Two crystals differ by some 50 ppm at most, which
-    shifts the map by 1.5 ms over 30 s.
-
-    >>> clock = ClockMap()
-    >>> clock.add(0, 1_000), clock.add(500, 1_200), clock.add(900, 1_950)
-    (1000, 1200, 1600)
-    """
-
-    def __init__(self, window_s: int = 30) -> None:
-        self._least: deque[tuple[int, int]] = deque(maxlen=window_s)
-        """(second of arrival, smallest arrival - stamp in it)."""
-        self._window_s = window_s
-
-    def add(self, stamp_ns: int, arrived_ns: int) -> int:
-        """A stamp and when it arrived; returns the stamp on the engine's clock."""
-        second, delay = arrived_ns // _SECOND_NS, arrived_ns - stamp_ns
-        if self._least and self._least[-1][0] == second:
-            self._least[-1] = (second, min(delay, self._least[-1][1]))
-        else:
-            self._least.append((second, delay))
-        while self._least[0][0] <= second - self._window_s:
-            self._least.popleft()
-        return stamp_ns + self.offset_ns
-
-    @property
-    def offset_ns(self) -> int:
-        """What is added to a stamp; 0 before the first one."""
-        return min((delay for _, delay in self._least), default=0)
+__all__ = ["Histogram", "Rate", "RecentDelays"]
 
 
 class Rate:

@@ -1,0 +1,115 @@
+"""Stamps of one clock brought to another by the delay of their arrival."""
+
+import math
+from dataclasses import dataclass
+
+__all__ = ["ClockMap", "ClockReport"]
+
+_BUCKET_NS = 1_000_000_000
+_BUCKETS = 10
+"""The least delay of the last ten seconds in which anything came counts: a drift of 50 ppm then moves a stamp by half a
+millisecond."""
+_STOOD_NS = 100_000_000
+_WHOLE_NS = 500_000_000
+"""A second in which readings came over a shorter time tells nothing of the clocks: they may have waited in a buffer."""
+_CAUGHT_UP_SHARE = 0.1
+"""Of the time: readings whose delay falls faster come out of a buffer."""
+_DRIFT_AFTER_S = 20.0
+_SHARE = 0.02
+"""Of a new reading in the mean delay."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockReport:
+    """How a device's clock lies: ``offset_s`` = host minus device; NaN where its stamps are those of the arrival.
+
+    ``delay_s``: mean delay of the arrival beyond the least one; ``drift_ppm``: of the offset, NaN until it is known.
+    """
+
+    offset_s: float = math.nan
+    delay_s: float = math.nan
+    drift_ppm: float = math.nan
+
+
+class ClockMap:
+    """Brings stamps of a device's clock to the host's: by the least delay of the arrival in the last seconds.
+
+    A network or an operating system can only delay; the least delay is the nearest to none. Where readings come later
+    than that for a whole second, and do not catch up, the device's clock stood still and the least delay is found anew.
+
+    Args:
+        longest_step_ns: a clock that stood still for longer is taken for readings that are late; None: no limit.
+
+    >>> clock = ClockMap()
+    >>> [clock.host_ns(device, arrival) for device, arrival in ((0, 1_005), (100, 1_101), (200, 1_209))]
+    [1005, 1101, 1201]
+    """
+
+    def __init__(self, longest_step_ns: int | None = None) -> None:
+        self._longest_step_ns = longest_step_ns
+        self._least: list[tuple[int, int]] = []
+        """Second of arrival and least delay in it."""
+        self._second: list[tuple[int, int]] = []
+        """First and last reading of this second: arrival and delay."""
+        self._last_ns: int | None = None
+        self._first: tuple[int, int] | None = None
+        self._delay_ns = math.nan
+
+    def host_ns(self, device_ns: int, arrival_ns: int) -> int:
+        """The host's time of what the device stamped ``device_ns`` and what arrived at ``arrival_ns``; it rises."""
+        delay, bucket = arrival_ns - device_ns, arrival_ns // _BUCKET_NS
+        if self._least and self._least[-1][0] == bucket:
+            self._least[-1] = bucket, min(delay, self._least[-1][1])
+        else:
+            if self._first is None and len(self._least) == 2:
+                self._first = self._least[1]  # the first whole second
+            if len(self._least) > 1 and self._stood_still():
+                self._least = [self._least[-1]]
+            if len(self._least) == _BUCKETS:
+                del self._least[self._oldest()]
+            self._least.append((bucket, delay))
+            self._second = [(arrival_ns, delay)]
+        self._second[1:] = [(arrival_ns, delay)]
+        offset = self.offset_ns
+        beyond = float(delay - offset)
+        self._delay_ns = beyond if math.isnan(self._delay_ns) else self._delay_ns + _SHARE * (beyond - self._delay_ns)
+        stamp = device_ns + offset
+        if self._last_ns is not None and stamp <= self._last_ns:
+            stamp = self._last_ns + 1
+        self._last_ns = stamp
+        return stamp
+
+    def _oldest(self) -> int:
+        """Which second is forgotten: not the one of the least delay while readings are late."""
+        late = self._longest_step_ns is not None and self._least[-1][1] - self.offset_ns > self._longest_step_ns
+        kept = late or self._catches_up()
+        return 1 if kept and self._least[0][1] == self.offset_ns else 0
+
+    def _stood_still(self) -> bool:
+        """Whether nothing came as fast as before for a whole second, and it was no buffer that was emptied."""
+        step_ns = self._least[-1][1] - self.offset_ns
+        if step_ns <= _STOOD_NS or (self._longest_step_ns is not None and step_ns > self._longest_step_ns):
+            return False
+        return self._second[-1][0] - self._second[0][0] >= _WHOLE_NS and not self._catches_up()
+
+    def _catches_up(self) -> bool:
+        """Whether the delay fell over the last second."""
+        (began_ns, first_ns), (ended_ns, last_ns) = self._second[0], self._second[-1]
+        return first_ns - last_ns > max(_STOOD_NS, _CAUGHT_UP_SHARE * (ended_ns - began_ns))
+
+    @property
+    def offset_ns(self) -> int:
+        """What is added to a stamp; 0 before the first one."""
+        return min((delay for _, delay in self._least), default=0)
+
+    def report(self) -> ClockReport:
+        """How the two clocks lie now."""
+        if not self._least:
+            return ClockReport()
+        drift = math.nan
+        if self._first and len(self._least) > 1:
+            bucket, delay = self._least[-2]  # the last whole second
+            seconds = (bucket - self._first[0]) * _BUCKET_NS * 1e-9
+            if seconds >= _DRIFT_AFTER_S:
+                drift = 1e-3 * (delay - self._first[1]) / seconds
+        return ClockReport(self.offset_ns * 1e-9, self._delay_ns * 1e-9, drift)

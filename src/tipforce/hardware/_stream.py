@@ -1,0 +1,155 @@
+"""A camera at an address of the network, through FFmpeg: RTSP, motion JPEG and whatever else it opens."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from .._clock_map import ClockMap, ClockReport
+from ..errors import DeviceError
+from ..types import Clock, Frame, Image
+from ._arrival import MAX_WAIT_NS, ArrivalWait, LatenessCheck
+from ._driver import Setting
+
+__all__ = ["NetworkStream", "size_of"]
+
+_TIMEOUT_S = 2.0
+_NO_TIMESTAMPS = 0x80
+"""FFmpeg's AVFMT_NOTIMESTAMPS: the format has no stamps, and FFmpeg counts 25 images a second, whatever the camera."""
+_SETTLE_NS = 500_000_000
+"""Images that come so soon after the first one may have waited for this connection."""
+
+
+def size_of(image: Image) -> str:
+    """The size of an image as people write it.
+
+    >>> import numpy as np
+    >>> size_of(np.zeros((480, 640), np.uint8))
+    '640x480'
+    """
+    return f"{image.shape[1]}x{image.shape[0]}"
+
+
+class NetworkStream:
+    """One connection. Its images are current, or their age is known: see `read`.
+
+    Args:
+        source: the address.
+        view: of the frames.
+        where: the camera, for messages.
+        counts: gets what went wrong how often.
+        grey: whether images are to be grey.
+        latency_ns: from mid-exposure to the arrival of the image that arrives fastest.
+        options: of FFmpeg.
+    """
+
+    def __init__(
+        self,
+        source: str,
+        view: str,
+        where: str,
+        counts: Counter[str],
+        *,
+        grey: bool,
+        latency_ns: int,
+        options: Mapping[str, str],
+    ) -> None:
+        self._source, self._view, self._where, self._counts = source, view, where, counts
+        self._grey, self._latency_ns, self._options = grey, latency_ns, dict(options)
+        self._container: Any = None
+        self._clock: Clock | None = None
+        self._frames: Iterator[tuple[int | None, Image]] = iter(())
+        self._size = ""
+        self._map, self._wait, self._late = ClockMap(), ArrivalWait(local=False), LatenessCheck()
+        self._stamped = False
+
+    def open(self, clock: Clock) -> tuple[Setting, ...]:
+        """Connects, and passes over what may have waited for this connection.
+
+        Returns codec, width and height. Raises DeviceError where it fails.
+        """
+        import av
+        import av.error
+
+        self._clock, self._size = clock, ""
+        self._map, self._wait, self._late = ClockMap(1_000_000_000), ArrivalWait(local=False), LatenessCheck()
+        options = {"fflags": "nobuffer", "flags": "low_delay"}
+        if self._source.startswith("rtsp"):
+            options["rtsp_transport"] = "tcp"
+        try:
+            self._container = av.open(self._source, options=options | self._options, timeout=(_TIMEOUT_S, _TIMEOUT_S))
+        except (av.error.FFmpegError, OSError) as error:
+            raise DeviceError(f"{self._where}: cannot be opened: {error}") from None
+        streams = self._container.streams.video
+        if not streams:
+            raise DeviceError(f"{self._where}: holds no video")
+        self._stamped = not self._container.format.flags & _NO_TIMESTAMPS
+        self._frames = self._decoded(streams[0])
+        context = streams[0].codec_context
+        self.read()
+        settled_ns = clock.now_ns() + _SETTLE_NS
+        while clock.now_ns() < settled_ns:
+            self.read()
+        return (
+            Setting("codec", None, str(context.name)),
+            Setting("width", None, context.width),
+            Setting("height", None, context.height),
+        )
+
+    def _decoded(self, stream: Any) -> Iterator[tuple[int | None, Image]]:
+        """Images with the stamps of their stream, None where it has none."""
+        import av.error
+
+        try:
+            for frame in self._container.decode(stream):
+                if self._stamped and frame.pts is None:
+                    self._counts["stampless"] += 1
+                    continue
+                image = frame.to_ndarray(format="gray" if self._grey else "rgb24")
+                yield round(frame.pts * frame.time_base * 1_000_000_000) if self._stamped else None, image
+        except (av.error.FFmpegError, OSError) as error:
+            raise DeviceError(f"{self._where}: is lost: {error}") from None
+
+    def read(self) -> Frame | None:
+        """The next image; None for one that is not current.
+
+        An image of a stream with stamps has its own stamp, however late it arrives. One without has that of its
+        arrival, with a bound on how long it waited before; it is discarded where that is more than 200 ms.
+
+        Raises:
+            DeviceError: the stream is lost or has ended, its images changed their size, or stay late by a second.
+        """
+        assert self._clock is not None
+        asked_ns = self._clock.now_ns()
+        following = next(self._frames, None)
+        arrival_ns = self._clock.now_ns()
+        if following is None:
+            raise DeviceError(f"{self._where}: has ended")
+        stamp, image = following
+        self._refuse_other_size(image)
+        if stamp is None:
+            wait_ns = self._wait.wait_ns(asked_ns, arrival_ns)
+        else:
+            wait_ns = arrival_ns - self._map.host_ns(stamp, arrival_ns)
+        self._late.check(self._where, wait_ns, arrival_ns)
+        if stamp is not None:
+            return Frame(arrival_ns - wait_ns - self._latency_ns, image, self._view)
+        if wait_ns > MAX_WAIT_NS:
+            self._counts["discarded, for they had waited in a buffer"] += 1
+            return None
+        return Frame(arrival_ns - self._latency_ns, image, self._view, wait_ns)
+
+    def _refuse_other_size(self, image: Image) -> None:
+        size = size_of(image)
+        self._size = self._size or size
+        if size != self._size:
+            raise DeviceError(f"{self._where}: the size of its images changed from {self._size} to {size}")
+
+    def close(self) -> None:
+        """Ends the connection."""
+        if self._container is not None:
+            self._container.close()
+            self._container = None
+
+    def clock_report(self) -> ClockReport | None:
+        """The stream's stamps against the host's clock; None where it has no stamps."""
+        return self._map.report() if self._stamped else None
