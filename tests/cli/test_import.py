@@ -34,7 +34,10 @@ def files(tmp_path: Path) -> Path:
     """Four seconds: a video of nothing much, and a force log in grams with German decimals."""
     image = np.full((48, 64), 128, np.uint8)
     write_video(tmp_path / "video.mp4", (Frame(k * 50_000_000, image + np.uint8(k)) for k in range(80)), 20)
-    rows = [f"{k},0;{max(0, np.sin(k / 300)) * 20:.3f};0,5".replace(".", ",") for k in range(4000)]
+    rows = [
+        f"{k},0;{max(0, np.sin(k / 300)) * 20:.3f};{max(0, np.sin(k / 300)) * 2:.3f}".replace(".", ",")
+        for k in range(4000)
+    ]
     (tmp_path / "log.csv").write_text("zeit_ms;Fx;Fy\n" + "\n".join(rows) + "\n")
     return tmp_path
 

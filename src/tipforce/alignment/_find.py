@@ -1,15 +1,16 @@
 """What a run tells of its own force log: tare, inertia and clock offset, found or as a person states them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
 from ..io import ClockOffset, Inertia, Tare
-from ..types import FloatArray, IntArray, SensorInfo, SessionInfo
+from ..plausibility import MAX_GAP_S, ForcePlausibility
+from ..types import BoolArray, FloatArray, IntArray, SensorInfo, SessionInfo
 from ..vision import DetectedShape
-from ._inertia import StageMotion, fit_inertia
+from ._inertia import StageMotion, carried_n, fit_inertia
 from ._tare import find_tare, stated_tare
 from ._timing import estimate_offset, shape_coordinates
 
@@ -37,12 +38,11 @@ class ForceCorrections:
     tare: Tare
     inertia: Inertia
     stage: StageMotion
+    plausibility: ForcePlausibility = field(default_factory=ForcePlausibility)
 
     def carried(self, stamps_ns: IntArray) -> FloatArray:
-        """(n, 3), or (3,) zeros: what readings at ``stamps_ns`` show of the mass that the sensor carries."""
-        if not self.inertia.axes:
-            return np.zeros(3)
-        return self.stage.acceleration(stamps_ns + self.inertia.lag_ns, self.inertia.axes) @ self.inertia.gain_kg
+        """(n, 3) N, or (3,) zeros: what readings at ``stamps_ns`` show of the mass that the sensor carries."""
+        return carried_n(self.stage, self.inertia, stamps_ns)
 
 
 def find_tare_and_inertia(
@@ -126,6 +126,20 @@ def _by_sight(
     scale = info.view(view).metres_per_px
     length = (flexible + (rigid or 0.0)) / scale if flexible and scale else None
     matrix = (facts.sensor or SensorInfo()).matrix
+    axes = ~np.isnan(force).all(axis=0)
+    usable = np.isfinite(force[:, axes]).all(axis=1)
+    stamps, force = stamps[usable], force[usable]
     tared = np.nan_to_num(force - facts.tare.force_n - facts.carried(stamps)) @ matrix.T
     shape = shape_coordinates(shapes, flexible_share=share, length_px=length)
+    shape[_near_gaps(frame_ns, stamps)] = np.nan
     return estimate_offset(frame_ns, shape, stamps, tared, window_s=_LOOK_S)
+
+
+def _near_gaps(frame_ns: IntArray, stamps: IntArray) -> BoolArray:
+    """(n,) frames that some offset within the window would place in a gap of the readings at ``stamps`` (m,)."""
+    at = np.flatnonzero(np.diff(stamps) > round(1e9 * MAX_GAP_S))
+    margin = round(1e9 * _LOOK_S)
+    near = np.zeros(len(frame_ns), np.bool_)
+    for start, end in zip((stamps[at] - margin).tolist(), (stamps[at + 1] + margin).tolist(), strict=True):
+        near |= (frame_ns > start) & (frame_ns < end)
+    return near

@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..io import Inertia, Tare
 from ..types import FloatArray, IntArray
 
-__all__ = ["StageMotion", "fit_inertia"]
+__all__ = ["StageMotion", "carried_n", "fit_inertia"]
 
 _GRID_S = 0.01
 _WINDOW, _DEGREE = 9, 4
@@ -69,6 +69,13 @@ class StageMotion:
         return np.stack(rows, axis=-1) if rows else np.zeros((len(stamp_ns), 0))
 
 
+def carried_n(stage: StageMotion, inertia: Inertia, stamps_ns: IntArray) -> FloatArray:
+    """(n, 3) N, or (3,) zeros: what readings at ``stamps_ns`` (n,) show of the mass that the sensor carries."""
+    if not inertia.axes:
+        return np.zeros(3)
+    return stage.acceleration(stamps_ns + inertia.lag_ns, inertia.axes) @ inertia.gain_kg
+
+
 def fit_inertia(
     stamps_ns: IntArray,
     force_n: FloatArray,
@@ -84,14 +91,14 @@ def fit_inertia(
     where fewer than a second of readings lies in the stretch.
     """
     seconds = (stamps_ns - stamps_ns[0]) * 1e-9
-    inside = (seconds >= stretch_s[0]) & (seconds <= stretch_s[1])
+    axes = ~np.isnan(force_n).all(axis=0)
+    inside = (seconds >= stretch_s[0]) & (seconds <= stretch_s[1]) & np.isfinite(force_n[:, axes]).all(axis=1)
     span = float(np.ptp(seconds[inside])) if inside.any() else 0.0
     if span < 1.0:
         raise InputError(
             f"tare=({stretch_s[0]:g}, {stretch_s[1]:g}): {span:.2f} s of readings lie there, and the stage's inertia "
             f"needs one second; the force log runs from 0 to {seconds[-1]:.1f} s"
         )
-    axes = ~np.isnan(force_n[inside]).any(axis=0)
     number = np.floor((seconds[inside] - seconds[inside][0]) / _BIN_S).astype(np.int64)
     _, place, filled = np.unique(number, return_inverse=True, return_counts=True)
     known = np.stack([np.bincount(place, column) / filled for column in force_n[inside][:, axes].T], axis=1)

@@ -8,14 +8,12 @@ import numpy as np
 
 from ..errors import InputError
 from ..io import ClockOffset, RecordingReader
+from ..plausibility import MAX_GAP_S
 from ..types import BoolArray, FloatArray, IntArray, SensorInfo
 from ._find import ForceCorrections, TareChoice, find_tare_and_inertia
 from ._inertia import StageMotion
 
 __all__ = ["MAX_GAP_S", "Labels", "covered_frames", "label_log", "labels"]
-
-MAX_GAP_S = 0.05
-"""Readings farther apart give no force to the images between them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +45,7 @@ def labels(
     """
     info = reader.info
     stage = StageMotion.of(reader.stage_readings() if info.inertia.axes else [])
-    facts = ForceCorrections(info.sensor, info.tare, info.inertia, stage)
+    facts = ForceCorrections(info.sensor, info.tare, info.inertia, stage, info.plausibility)
     blocks = ((times, wrench[:, :3], frame) for times, wrench, frame in reader.wrench_blocks(force))
     frames = reader.stamps(camera or next(iter(reader.views), "camera"))
     offset = replace(info.clock_offset, offset_ns=info.clock_offset.offset_ns - round(later_s * 1e9))
@@ -100,9 +98,13 @@ def _label(
     values = np.full((len(frames), 3), math.nan)
     last_time, last_value = np.empty(0, np.int64), np.empty((0, 3))
     for times, force, frame in blocks:
+        usable = facts.plausibility.usable(times)
+        times, force = times[usable], facts.plausibility.corrected(times, force)[usable]
         here = times + offset.offset_ns
         readings = _in_base(force - facts.carried(times), frame, facts, where)
         here, readings = np.concatenate([last_time, here]), np.concatenate([last_value, readings])
+        if not len(here):
+            continue
         if np.any(np.diff(here) < 0):
             order = np.argsort(here, kind="stable")
             here, readings = here[order], readings[order]

@@ -24,7 +24,8 @@ def stated_tare(stamps_ns: IntArray, force_n: FloatArray, start_s: float, end_s:
     Raises InputError where fewer than ten readings lie there.
     """
     seconds = (stamps_ns - stamps_ns[0]) * 1e-9
-    inside = (seconds >= start_s) & (seconds <= end_s)
+    axes = ~np.isnan(force_n).all(axis=0)
+    inside = (seconds >= start_s) & (seconds <= end_s) & np.isfinite(force_n[:, axes]).all(axis=1)
     if inside.sum() < 10:
         raise InputError(
             f"tare=({start_s:g}, {end_s:g}): only {int(inside.sum())} readings lie there; the force log runs from 0 to "
@@ -43,9 +44,11 @@ def find_tare(stamps_ns: IntArray, force_n: FloatArray) -> Tare:
     """
     seconds = (stamps_ns - stamps_ns[0]) * 1e-9
     axes = ~np.isnan(force_n).all(axis=0)
+    usable = np.isfinite(force_n[:, axes]).all(axis=1)
+    seconds, force_n = seconds[usable], force_n[usable]
     known = force_n[:, axes]
     number = np.floor(seconds / _BIN_S).astype(np.int64)
-    count = int(number[-1]) + 1
+    count = int(number[-1]) + 1 if len(number) else 0
     filled = np.bincount(number, minlength=count)
     if count < 2 * _WINDOW_BINS or not known.shape[1]:
         return Tare(detail=f"the force log of {seconds[-1]:.1f} s is too short to look for a contact-free stretch")

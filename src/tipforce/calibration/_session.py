@@ -321,6 +321,7 @@ def _mass_std(reader: RecordingReader) -> FloatArray:
     """(axes,) standard deviation of the carried mass, kg: from the scatter of readings in the contact-free stretch."""
     facts = reader.info
     stamps, force, _ = reader.wrenches(next(s.name for s in facts.streams.values() if s.kind == "wrench"))
+    force = facts.plausibility.corrected(stamps, force)
     stage = StageMotion.of(reader.stage_readings())
     seconds = (stamps - stamps[0]) * 1e-9
     free = np.zeros(len(stamps), np.bool_)

@@ -12,6 +12,7 @@ from typing import Self, TypeVar
 import numpy as np
 
 from ..errors import FileFormatError, InputError
+from ..plausibility import ForcePlausibility
 from ..types import (
     FORCE_RANGE,
     STAGE,
@@ -79,6 +80,7 @@ class RecordingInfo:
     tare: Tare
     inertia: Inertia
     sensor: SensorInfo | None
+    plausibility: ForcePlausibility
     metadata: Mapping[str, Mapping[str, str]]
     recovered: str = ""
 
@@ -146,6 +148,7 @@ class RecordingReader:
             tare=self._fact(Tare.of, "tipforce.tare"),
             inertia=self._fact(Inertia.of, "tipforce.inertia"),
             sensor=self._sensor(),
+            plausibility=self._fact(ForcePlausibility.of, "tipforce.plausibility"),
             metadata=metadata,
             recovered=self.recovered or metadata.get("tipforce.recovered", {}).get("detail", ""),
         )

@@ -16,6 +16,7 @@ from mcap.writer import CompressionType, Writer
 from .._atomic import REMEDIES, atomic_text, part_of
 from .._locks import output_lock
 from ..errors import FileFormatError, OutputError, TimeError
+from ..plausibility import ForcePlausibility
 from ..types import (
     Clock,
     Event,
@@ -142,13 +143,13 @@ class RecordingWriter:
         message = pack_estimate(estimate.stamp_ns, estimate)
         self._add(f"/{ESTIMATE}", FORCE_ESTIMATE, estimate.stamp_ns, message)
 
-    def state(self, fact: ClockOffset | Inertia | Tare | SensorInfo) -> None:
+    def state(self, fact: ClockOffset | ForcePlausibility | Inertia | Tare | SensorInfo) -> None:
         """A fact about the run; the last one of its kind holds. A sensor stands in place of that of the metadata."""
         if isinstance(fact, SensorInfo):
             self._info = replace(self._info, sensor=fact)
             self.note("tipforce.session", {"origin": self._origin, **session_record(self._info)})
             return
-        names = {ClockOffset: "clock_offset", Inertia: "inertia", Tare: "tare"}
+        names = {ClockOffset: "clock_offset", ForcePlausibility: "plausibility", Inertia: "inertia", Tare: "tare"}
         self.note(f"tipforce.{names[type(fact)]}", fact.record())
 
     def note(self, name: str, record: dict[str, str]) -> None:

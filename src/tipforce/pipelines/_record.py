@@ -17,7 +17,7 @@ from ..alignment import (
     TareChoice,
     covered_frames,
     find_offset,
-    find_tare_and_inertia,
+    find_plausible_force,
 )
 from ..errors import InputError, TimeError, TipforceError
 from ..io import RecordingWriter, check_target
@@ -152,9 +152,11 @@ def write_run(
     vision: VisionSettings,
     progress: Callable[[int], None] | None,
     names: tuple[str, str] = ("the images", "the force"),
+    status: IntArray | None = None,
 ) -> list[str]:
     """Write ``events`` and the facts found; returns remarks. ``names`` of images and force log, for TimeError.
 
+    ``status`` (n,): status words of the readings, 0 without an error.
     The catheter is detected in the images as they come: for sources that wait, such as files.
     """
     run, sight = _Run(progress), _Sight(info, vision) if offset_ms == "auto" else None
@@ -163,7 +165,7 @@ def write_run(
         if sight and isinstance(event, Frame):
             sight.take(event)
         run.add(event)
-    return _state_facts(writer, run, sight, info, sensor, tare, offset_ms, names)
+    return _state_facts(writer, run, sight, info, sensor, tare, offset_ms, names, status)
 
 
 def _state_facts(
@@ -175,8 +177,9 @@ def _state_facts(
     tare: TareChoice,
     offset_ms: OffsetChoice,
     names: tuple[str, str] = ("the images", "the force"),
+    status: IntArray | None = None,
 ) -> list[str]:
-    """Find pose, tare, inertia and clock offset, and store them; returns remarks."""
+    """Find pose, plausible readings, tare, inertia and clock offset, and store them; returns remarks."""
     remarks: list[str] = []
     stamps, force = run.force
     if not len(stamps):
@@ -197,16 +200,18 @@ def _state_facts(
         tare = pose.no_contact_s
     writer.state(pose)
     stage = run.stage
-    level, inertia = find_tare_and_inertia(stamps, force, stage, tare, remarks)
+    plausible, level, inertia = find_plausible_force(stamps, force, stage, tare, remarks, status=status)
+    force = plausible.corrected(stamps, force)
+    writer.state(plausible)
     writer.state(level)
     writer.state(inertia)
     most_n = float(np.nanmax(np.abs(force - level.force_n)))
     if most_n > _LARGE_N:
         remarks.append(f"the force log holds up to {most_n:.3g} N: check sensor.log.force_unit and its rows")
-    found = ForceCorrections(pose, level, inertia, stage)
+    found = ForceCorrections(pose, level, inertia, stage, plausible)
     offset = find_offset(frames, shapes, info, view, stamps, force, found, offset_ms, remarks, blind)
     writer.state(offset)
-    return [*remarks, *_check_cover(names, frames, stamps, offset.offset_ns)]
+    return [*remarks, *_check_cover(names, frames, stamps[plausible.usable(stamps)], offset.offset_ns)]
 
 
 class _Run:

@@ -58,6 +58,11 @@ class RecordingSummary:
                 }
             ),
             "inertia": asdict(info.inertia) | {"gain_kg": info.inertia.gain_kg.tolist()},
+            "plausibility": {
+                "findings": [finding.values() for finding in info.plausibility.findings],
+                "bridged_gaps": info.plausibility.bridged,
+                "longest_bridged_s": info.plausibility.longest_bridged_s,
+            },
             "labelled_frames": self.labelled,
             **({"paired_frames": dict(self.paired)} if self.paired else {}),
             "unlabelled_because": self.unlabelled_because,
@@ -167,6 +172,7 @@ def describe_recording(summary: RecordingSummary) -> list[str]:
         lines.append(f"{name:<13} {low:g}" if low == high else f"{name:<13} {low:g} to {high:g}")
     if any(stream.kind == "wrench" for stream in info.streams.values()):
         lines.append(f"clock offset  {_offset(info.clock_offset)}")
+        lines += [f"implausible   {line}" for line in info.plausibility.lines()]
         lines.append(f"tare          {_tare(info.tare)}")
         if info.inertia.axes:
             lines.append(f"inertia       {_inertia(info.inertia)}")

@@ -1,0 +1,109 @@
+"""Tare, inertia and plausibility of a force log together: a step of the zero shows once the carried mass is out."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..io import Inertia, Tare
+from ..plausibility import ForceFinding, ForcePlausibility, ZeroStep, check_force_log, find_zero_steps
+from ..types import BoolArray, FloatArray, IntArray
+from ._find import TareChoice, find_tare_and_inertia
+from ._inertia import StageMotion, carried_n
+
+__all__ = ["find_plausible_force"]
+
+_NAMED_N = 5e-3
+"""A step of an axis that is smaller is not named."""
+
+
+def find_plausible_force(
+    stamps: IntArray,
+    force: FloatArray,
+    stage: StageMotion,
+    choice: TareChoice,
+    remarks: list[str],
+    *,
+    status: IntArray | None = None,
+    range_n: tuple[float, float, float] | None = None,
+) -> tuple[ForcePlausibility, Tare, Inertia]:
+    """Checks a force log, and finds its tare and inertia from the readings that may be used.
+
+    Args:
+        stamps: (n,) stamps of the readings, rising.
+        force: (n, 3) readings, N, in the sensor's frame; NaN where there is none.
+        stage: movement of the stage that carries the sensor.
+        choice: the tare as it is stated, or "auto".
+        remarks: sentences for the user are added to it.
+        status: (n,) status words of the sensor, 0 without an error.
+        range_n: (3,) largest reading of each axis, N.
+
+    Returns:
+        Findings with the readings that are not used, tare, inertia.
+
+    Raises:
+        InputError: no reading may be used, or ``choice`` does not fit the log.
+    """
+    found = check_force_log(stamps, force, status=status, range_n=range_n)
+    if not found.usable(stamps).any():
+        raise InputError(f"the force log has no reading that may be used: {'; '.join(found.lines())}")
+    good = found.corrected(stamps, force)
+    said: list[str] = []
+    try:
+        tare, inertia = find_tare_and_inertia(stamps, good, stage, choice, said)
+    except InputError as error:
+        raise InputError("; ".join([str(error), *found.lines()])) from None
+    steps = _zero_steps(stamps, good - carried_n(stage, inertia, stamps), tare)
+    if steps:
+        found = _with_steps(found, stamps, steps, tare)
+        said = []
+        tare, inertia = find_tare_and_inertia(stamps, found.corrected(stamps, force), stage, choice, said)
+    remarks += said
+    return found, tare, inertia
+
+
+def _zero_steps(stamps: IntArray, force: FloatArray, tare: Tare) -> list[ZeroStep]:
+    """Steps of the zero, forwards and backwards in time from the stretch that gives the contact-free level."""
+    axes = ~np.isnan(force).all(axis=0)
+    rows = np.flatnonzero(np.isfinite(force[:, axes]).all(axis=1))
+    if tare.how == "none" or not tare.stretches_s:
+        return [replace(step, row=int(rows[step.row])) for step in find_zero_steps(stamps[rows], force[rows])]
+    start_ns, end_ns = (int(stamps[0]) + round(1e9 * second) for second in tare.stretches_s[0])
+    later = rows[stamps[rows] >= start_ns]
+    earlier = rows[stamps[rows] <= end_ns][::-1]
+    forwards = find_zero_steps(stamps[later], force[later], tare.force_n)
+    backwards = find_zero_steps(-stamps[earlier], force[earlier], tare.force_n)
+    steps = [replace(step, row=int(later[step.row])) for step in forwards]
+    steps += [replace(step, row=int(earlier[step.row - 1]), step_n=-step.step_n) for step in backwards]
+    return sorted(steps, key=lambda step: step.row)
+
+
+def _with_steps(found: ForcePlausibility, stamps: IntArray, steps: list[ZeroStep], tare: Tare) -> ForcePlausibility:
+    """The findings with ``steps``; where one is not measured, what lies behind it, seen from the tare, is not used."""
+    seconds = (stamps - stamps[0]) * 1e-9
+    tare_s = tare.stretches_s[0][0] if tare.stretches_s else 0.0
+    unused = np.zeros(len(stamps), np.bool_)
+    findings: list[ForceFinding] = []
+    for step in steps:
+        axes = [axis for axis in range(3) if abs(step.step_n[axis]) > _NAMED_N]
+        size = ", ".join(f"f{'xyz'[axis]} {step.step_n[axis]:+.3f}" for axis in axes)
+        jump = f"the readings jump by {size} N and stay there"
+        at_s, lost = float(seconds[step.row]), 0
+        if step.free_s:
+            said = f"{jump}; the new zero is measured in {step.free_s:.1f} s without contact and is corrected"
+        else:
+            part: BoolArray = seconds >= at_s if tare_s < at_s else seconds < at_s
+            lost, unused = int((part & ~unused).sum()), unused | part
+            where = "behind" if tare_s < at_s else "before"
+            said = (
+                f"{jump}; no contact-free moment measures the zero {where} it, so the readings there are not used: "
+                "state a contact-free stretch there as the tare (--tare START:END) to use that part instead"
+            )
+        findings.append(
+            ForceFinding(
+                "step of the zero", at_s, at_s, "".join("xyz"[axis] for axis in axes),
+                float(np.linalg.norm(step.step_n)), lost, said,
+            )
+        )  # fmt: skip
+    zero = {int(stamps[step.row]): (float(x), float(y), float(z)) for step in steps for x, y, z in [step.step_n]}
+    return replace(found.without(stamps, unused), findings=(*found.findings, *findings), zero_steps=zero)

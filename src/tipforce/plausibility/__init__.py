@@ -1,0 +1,15 @@
+"""Plausibility of force readings: one check for whole logs and for a live stream."""
+
+from ._check import check_force_log
+from ._findings import MAX_GAP_S, FindingKind, ForceFinding, ForcePlausibility
+from ._zero_steps import ZeroStep, find_zero_steps
+
+__all__ = [
+    "MAX_GAP_S",
+    "FindingKind",
+    "ForceFinding",
+    "ForcePlausibility",
+    "ZeroStep",
+    "check_force_log",
+    "find_zero_steps",
+]

@@ -1,0 +1,218 @@
+"""The check of a force log: which readings are clipped, dead, spikes, refused by the sensor itself, or missing."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from ..types import BoolArray, FloatArray, IntArray
+from ._findings import MAX_GAP_S, FindingKind, ForceFinding, ForcePlausibility, stretches
+from ._noise import AxisNoise, axis_noise, run_lengths
+
+__all__ = ["check_force_log"]
+
+_MIN_READINGS = 100
+"""Fewer readings show neither noise nor a plateau."""
+_MIN_CLIPPED = 10
+_CLIPPED_RATIO = 4.0
+"""A clipped axis has so many times more readings at its extreme value than just below."""
+_MOVING_STEPS, _MOVING_NOISES, _MOVING_SHARE = 4.0, 10.0, 0.2
+"""Where the noise is too small to be seen, a plateau is clipping only if another axis moves in it by so many steps, so
+many standard deviations of its noise, and this share of its range."""
+_SPIKE_NOISES, _SPIKE_SHARE, _SLOW_SPIKE_SHARE = 30.0, 0.2, 1.0
+"""Least height of a spike of one or two readings: in standard deviations of the noise, and as a share of the range of
+the axis (0.5 % to 99.5 %). Pulses of a moving stage reach 20 and 0.13 in clean simulated sessions at 1 kHz, and last as
+long as one reading of a slow log, to which the larger share applies."""
+_SLOW_S = 2.5e-3
+"""Readings farther apart make a slow log."""
+_RETURN_SHARE = 0.25
+"""A spike ends nearer to where it began than this share of its height."""
+_OUTLIER_RANGES = 5.0
+"""A reading farther than so many ranges from the range of the axis is a spike, however long it lasts."""
+_MAX_SPIKES = 0.01
+"""What more than this share of the readings does is no spike."""
+_MIN_DEAD_VALUES = 10
+"""An axis that never changes is dead where another one takes at least so many values."""
+_MISSING_STEPS = 2.5
+"""A step in time of so many usual ones is a gap."""
+
+
+def check_force_log(
+    stamps_ns: IntArray,
+    force_n: FloatArray,
+    *,
+    status: IntArray | None = None,
+    range_n: tuple[float, float, float] | None = None,
+) -> ForcePlausibility:
+    """Find the readings of a force log, or of a stretch of a live stream, that may not be used.
+
+    Args:
+        stamps_ns: (n,) stamps of the readings, rising.
+        force_n: (n, 3) readings in the sensor's frame, N; a column of NaN is an axis that the sensor lacks.
+        status: (n,) status words of the sensor; every value but 0 is an error.
+        range_n: (3,) largest reading of each axis by the sensor's data sheet, N.
+
+    Returns:
+        Findings, the readings that are not used, and the number of gaps. Steps of the zero are found by
+        `find_zero_steps`, for which the mass that the sensor carries must be taken out first.
+    """
+    if not len(stamps_ns):
+        return ForcePlausibility()
+    seconds = (stamps_ns - stamps_ns[0]) * 1e-9
+    axes = np.flatnonzero(~np.isnan(force_n).all(axis=0)).tolist()
+    findings: list[ForceFinding] = []
+    bad = np.zeros(len(stamps_ns), np.bool_)
+
+    def add(kind: FindingKind, rows: BoolArray, axes: str, size: float = math.nan, detail: str = "") -> None:
+        fresh = rows & ~bad
+        bad[rows] = True
+        for first, last in stretches(rows, seconds):
+            count = int(fresh[first : last + 1].sum())
+            findings.append(ForceFinding(kind, seconds[first], seconds[last], axes, size, count, detail))
+
+    if status is not None:
+        refused = status != 0
+        words = ", ".join(hex(word) if word > 9 else str(word) for word in np.unique(status[refused])[:3].tolist())
+        add("error status", refused, "".join("xyz"[axis] for axis in axes), detail=f"the status word is {words}")
+    missing = np.isnan(force_n[:, axes]).any(axis=1) & ~bad
+    bad |= missing
+    sound = np.flatnonzero(~bad)
+    dead: list[int] = []
+    if len(sound) >= _MIN_READINGS:
+        known = force_n[sound]
+        noises = {axis: axis_noise(known[:, axis]) for axis in axes}
+        dead = _dead(known, axes)
+        share = _SLOW_SPIKE_SHARE if np.median(np.diff(seconds)) > _SLOW_S else _SPIKE_SHARE
+        living = [axis for axis in axes if axis not in dead]
+        for axis in living:
+            letter, values, noise = "xyz"[axis], known[:, axis], noises[axis]
+            spikes, height = _spikes(values, noise, share)
+            add("spike", _rows(sound[spikes], bad), letter, height, f"f{letter} leaves its course by {height:.3g} N")
+            others = {other: known[:, other] for other in living if other != axis}
+            plateau, level = _clipped(values, noise, others, noises, spikes, range_n[axis] if range_n else math.inf)
+            said = f"f{letter} stays at {level:.4g} N, the end of its range"
+            add("clipped", _rows(sound[plateau], bad), letter, level, said)
+            still = _stuck(values, noise) & ~plateau
+            add("dead axis", _rows(sound[still], bad), letter, detail=f"f{letter} repeats one value for too long")
+        for axis in dead:
+            said = f"f{'xyz'[axis]} is {known[0, axis]:.4g} N in every row, so this axis gives no labels"
+            findings.append(ForceFinding("dead axis", 0.0, seconds[-1], "xyz"[axis], float(known[0, axis]), 0, said))
+    bridged, longest = _gaps(seconds, bad, missing, findings)
+    found = ForcePlausibility(
+        tuple(sorted(findings, key=lambda finding: finding.start_s)),
+        dead_axes="".join("xyz"[axis] for axis in dead),
+        bridged=bridged,
+        longest_bridged_s=longest,
+    )
+    return found.without(stamps_ns, bad)
+
+
+def _rows(at: npt.NDArray[np.intp], like: BoolArray) -> BoolArray:
+    rows = np.zeros_like(like)
+    rows[at] = True
+    return rows
+
+
+def _dead(known: FloatArray, axes: list[int]) -> list[int]:
+    """Axes that never change while another one does."""
+    constant = [axis for axis in axes if np.ptp(known[:, axis]) == 0.0]
+    moving = any(len(np.unique(known[:, axis])) >= _MIN_DEAD_VALUES for axis in axes if axis not in constant)
+    return constant if moving else []
+
+
+def _spikes(values: FloatArray, noise: AxisNoise, share: float) -> tuple[BoolArray, float]:
+    """(n,) readings that leave the course of their neighbours for one or two rows, and the largest height, N."""
+    low, high = np.percentile(values, (0.5, 99.5))
+    height = np.zeros(len(values))
+    for width in (1, 2):
+        before, after = values[: -width - 1], values[width + 1 :]
+        inside = np.stack([values[1 + k : len(values) - width + k] for k in range(width)])
+        up, down = inside - before, inside - after
+        same = (np.sign(up) == np.sign(down)).all(axis=0)
+        away = np.minimum(np.abs(up), np.abs(down)).min(axis=0)
+        away[~same | (np.abs(after - before) > _RETURN_SHARE * away)] = 0.0
+        for k in range(width):
+            part = height[1 + k : len(values) - width + k]
+            np.maximum(part, away, out=part)
+    least = max(_SPIKE_NOISES * noise.std_n, share * float(high - low))
+    beyond = np.maximum(values - high, low - values)
+    far = beyond > _OUTLIER_RANGES * float(high - low) + _SPIKE_NOISES * noise.std_n
+    found = (height > least) | far
+    if not found.any() or found.mean() > _MAX_SPIKES:
+        return np.zeros(len(values), np.bool_), 0.0
+    return found, float(np.where(far, beyond, height)[found].max())
+
+
+def _clipped(
+    values: FloatArray,
+    noise: AxisNoise,
+    others: dict[int, FloatArray],
+    noises: dict[int, AxisNoise],
+    spikes: BoolArray,
+    range_n: float,
+) -> tuple[BoolArray, float]:
+    """(n,) readings on a plateau at an end of the axis's range, and its level, N."""
+    at_limit = np.abs(values) >= 0.999 * range_n
+    if at_limit.any():
+        return at_limit, range_n
+    width = max(0.5 * noise.step_n, 0.25 * noise.std_n)
+    found, level = np.zeros(len(values), np.bool_), math.nan
+    for sign in (1.0, -1.0):
+        signed = sign * values
+        top = float(signed[~spikes].max())
+        plateau = (signed > top - width) & ~spikes
+        below = (signed <= top - width) & (signed > top - 3.0 * width)
+        count = int(plateau.sum())
+        if count < max(_MIN_CLIPPED, _CLIPPED_RATIO * int(below.sum())):
+            continue
+        if noise.longest_run or _others_move(plateau, others, noises):
+            found |= plateau
+            level = sign * top
+    return found, level
+
+
+def _others_move(plateau: BoolArray, others: dict[int, FloatArray], noises: dict[int, AxisNoise]) -> bool:
+    """Whether the sensor is under a changing force on a plateau of an axis without visible noise.
+
+    A sensor with coarse steps repeats its value at rest; then all axes rest. Of a single axis, the plateau on which the
+    log begins is rest.
+    """
+    if not others:
+        return not plateau[0]
+    moved = [
+        (float(np.ptp(np.percentile(other[plateau], (5, 95)))), float(np.ptp(other)), noises[axis])
+        for axis, other in others.items()
+    ]
+    return any(
+        span > max(_MOVING_STEPS * noise.step_n, _MOVING_NOISES * noise.std_n, _MOVING_SHARE * whole)
+        for span, whole, noise in moved
+    )
+
+
+def _stuck(values: FloatArray, noise: AxisNoise) -> BoolArray:
+    """(n,) readings in runs of one value that are too long for the noise of the axis."""
+    if not noise.longest_run:
+        return np.zeros(len(values), np.bool_)
+    _, lengths = run_lengths(values)
+    return np.repeat(lengths > noise.longest_run, lengths)
+
+
+def _gaps(seconds: FloatArray, bad: BoolArray, missing: BoolArray, findings: list[ForceFinding]) -> tuple[int, float]:
+    """Number of gaps that labels bridge, and the longest of them, s; adds the others to ``findings``."""
+    usual = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
+    if usual > MAX_GAP_S or len(seconds) < 2:
+        return 0, 0.0
+    at = np.concatenate([[-1], np.flatnonzero(~bad), [len(bad)]])  # the log's ends are no readings
+    times = np.concatenate([[seconds[0] - usual], seconds[~bad], [seconds[-1] + usual]])
+    steps = np.diff(times)
+    long = steps > MAX_GAP_S
+    for place in np.flatnonzero(long).tolist():
+        rows = slice(int(at[place]) + 1, int(at[place + 1]))
+        own = int(missing[rows].sum())
+        if own < int(bad[rows].sum()):  # another finding says why
+            continue
+        first, last = max(float(times[place]), 0.0), min(float(times[place + 1]), float(seconds[-1]))
+        detail = f"images in a gap of more than {1e3 * MAX_GAP_S:g} ms get no force"
+        findings.append(ForceFinding("gap", first, last, readings=own, detail=detail))
+    short = steps[(steps > _MISSING_STEPS * usual) & ~long]
+    return len(short), float(short.max(initial=0.0))

@@ -1,0 +1,208 @@
+"""Findings of the plausibility check, and the readings that may not be used."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from .._json import parse_json
+from ..types import BoolArray, FloatArray, IntArray
+
+__all__ = ["MAX_GAP_S", "FindingKind", "ForceFinding", "ForcePlausibility", "stretches"]
+
+MAX_GAP_S = 0.05
+"""Readings farther apart give no force to the images between them. Over 50 ms a straight line is off by less than 5 mN
+on the beats of the simulated bench (0.3 N, 90 beats a minute)."""
+
+_JOINED_S = 0.1
+"""Unusable readings of one kind that are nearer than this are one finding."""
+_SHOWN = 4
+"""Stretches that a line for people names."""
+
+FindingKind = Literal[
+    "error status",
+    "clipped",
+    "spike",
+    "dead axis",
+    "gap",
+    "step of the zero",
+    "drift",
+    "contact during tare",
+]
+FINDING_KINDS: tuple[FindingKind, ...] = get_args(FindingKind)
+
+
+@dataclass(frozen=True, slots=True)
+class ForceFinding:
+    """One implausible stretch of a force log.
+
+    ``start_s``, ``end_s``: seconds since the log's first row. ``axes``: letters of the sensor's axes, as in "xy".
+    ``size_n``: the quantity that was found, in N: the level of clipping, the height of a spike, the step of the zero;
+    NaN where none applies. ``readings``: how many are not used. ``detail``: one sentence, or empty.
+    """
+
+    kind: FindingKind
+    start_s: float
+    end_s: float
+    axes: str = "xyz"
+    size_n: float = math.nan
+    readings: int = 0
+    detail: str = ""
+
+    def values(self) -> dict[str, Any]:
+        """As JSON values; an unknown size is None."""
+        return {
+            "kind": self.kind,
+            "start_s": round(self.start_s, 6),
+            "end_s": round(self.end_s, 6),
+            "axes": self.axes,
+            "size_n": None if math.isnan(self.size_n) else round(self.size_n, 6),
+            "readings": self.readings,
+            "detail": self.detail,
+        }
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> "ForceFinding":
+        """The inverse of `values`. Raises ValueError or TypeError."""
+        kind: FindingKind | None = next((kind for kind in FINDING_KINDS if kind == values.get("kind")), None)
+        if kind is None:
+            raise ValueError(f"{values.get('kind')!r} is no kind of finding")
+        size = values.get("size_n")
+        return cls(
+            kind=kind,
+            start_s=float(values.get("start_s", math.nan)),
+            end_s=float(values.get("end_s", math.nan)),
+            axes=str(values.get("axes", "")),
+            size_n=math.nan if size is None else float(size),
+            readings=int(values.get("readings", 0)),
+            detail=str(values.get("detail", "")),
+        )
+
+
+def _no_stretches() -> IntArray:
+    return np.empty((0, 2), np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForcePlausibility:
+    """Findings of a force log, and which of its readings may be used.
+
+    ``unusable_ns`` (k, 2): first and last stamp of each run of readings that are not used. ``dead_axes``: letters of
+    axes that never measure. ``zero_steps``: stamp of the first reading behind a step of the sensor's zero -> the step
+    (3,) in N, subtracted from all readings from there on. ``bridged``: gaps of at most `MAX_GAP_S`, across which labels
+    are interpolated; ``longest_bridged_s``: the longest of them.
+    """
+
+    findings: tuple[ForceFinding, ...] = ()
+    unusable_ns: IntArray = field(default_factory=_no_stretches)
+    dead_axes: str = ""
+    zero_steps: Mapping[int, tuple[float, float, float]] = field(default_factory=dict[int, tuple[float, float, float]])
+    bridged: int = 0
+    longest_bridged_s: float = 0.0
+
+    def usable(self, stamps_ns: IntArray) -> BoolArray:
+        """(n,) stamps of readings -> (n,) whether each may be used.
+
+        >>> ForcePlausibility(unusable_ns=np.array([[20, 30]])).usable(np.array([10, 20, 25, 31])).tolist()
+        [True, False, False, True]
+        """
+        if not len(self.unusable_ns):
+            return np.ones(len(stamps_ns), np.bool_)
+        run = np.searchsorted(self.unusable_ns[:, 0], stamps_ns, side="right") - 1
+        return (run < 0) | (stamps_ns > self.unusable_ns[np.maximum(run, 0), 1])
+
+    def without(self, stamps_ns: IntArray, rows: BoolArray) -> "ForcePlausibility":
+        """The same, with those of the readings at ``stamps_ns`` (n,) that ``rows`` (n,) names not used either."""
+        bad = rows | ~self.usable(stamps_ns)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(np.int8), [0]])))
+        return replace(self, unusable_ns=np.stack([stamps_ns[edges[::2]], stamps_ns[edges[1::2] - 1]], axis=1))
+
+    def corrected(self, stamps_ns: IntArray, force_n: FloatArray) -> FloatArray:
+        """Readings as they may be used.
+
+        Args:
+            stamps_ns: (n,) stamps on the log's clock.
+            force_n: (n, 3) readings, N, in the sensor's frame.
+
+        Returns:
+            (n, 3): NaN where a reading or an axis is not used, steps of the zero subtracted.
+        """
+        made = np.array(force_n, np.float64)
+        for stamp, step in self.zero_steps.items():
+            made[stamps_ns >= stamp] -= np.array(step)
+        made[~self.usable(stamps_ns)] = math.nan
+        made[:, ["xyz".index(axis) for axis in self.dead_axes]] = math.nan
+        return made
+
+    def lines(self) -> list[str]:
+        """For people: one line for each kind of finding, with its stretches of time."""
+        by_kind = {kind: [each for each in self.findings if each.kind == kind] for kind in FINDING_KINDS}
+        said = [_line(kind, found) for kind, found in by_kind.items() if found]
+        if self.bridged:
+            said.append(
+                f"{self.bridged} gap{'s' * (self.bridged > 1)} of at most {1e3 * MAX_GAP_S:g} ms bridged by straight "
+                f"lines (the longest {1e3 * self.longest_bridged_s:.3g} ms)"
+            )
+        return said
+
+    def record(self) -> dict[str, str]:
+        """As a metadata record of a recording."""
+        return {
+            "findings": json.dumps([finding.values() for finding in self.findings]),
+            "unusable_ns": json.dumps(self.unusable_ns.tolist()),
+            "dead_axes": self.dead_axes,
+            "zero_steps": json.dumps([[stamp, list(step)] for stamp, step in self.zero_steps.items()]),
+            "bridged": str(self.bridged),
+            "longest_bridged_s": repr(self.longest_bridged_s),
+            "meaning": "readings from the first to the last stamp of each pair in unusable_ns, and dead_axes, give no "
+            "labels; zero_steps are subtracted from their stamp on",
+        }
+
+    @classmethod
+    def of(cls, record: Mapping[str, str]) -> "ForcePlausibility":
+        """The inverse of `record`; no finding where there is none. Raises ValueError, TypeError or FileFormatError."""
+        steps = parse_json(record.get("zero_steps", "[]"), "zero_steps")
+        findings = parse_json(record.get("findings", "[]"), "findings")
+        axes = record.get("dead_axes", "")
+        if set(axes) - set("xyz"):
+            raise ValueError(f"dead_axes = {axes!r}: expected letters of x, y, z")
+        return cls(
+            findings=tuple(ForceFinding.of(dict(values)) for values in findings),
+            unusable_ns=np.array(parse_json(record.get("unusable_ns", "[]"), "unusable_ns"), np.int64).reshape(-1, 2),
+            dead_axes=axes,
+            zero_steps={int(stamp): (float(x), float(y), float(z)) for stamp, (x, y, z) in steps},
+            bridged=int(record.get("bridged", "0")),
+            longest_bridged_s=float(record.get("longest_bridged_s", "0.0")),
+        )
+
+
+def _line(kind: str, findings: list[ForceFinding]) -> str:
+    readings = sum(finding.readings for finding in findings)
+    where = ", ".join(_stretch(finding) for finding in findings[:_SHOWN])
+    more = f" and {len(findings) - _SHOWN} more stretches" if len(findings) > _SHOWN else ""
+    details = list(dict.fromkeys(finding.detail for finding in findings if finding.detail))
+    said = "".join(f"; {detail}" for detail in details[:_SHOWN])
+    unused = f": {readings} readings not used" if readings else ""
+    return f"{kind}{unused} ({where}{more}){said}"
+
+
+def _stretch(finding: ForceFinding) -> str:
+    if finding.end_s - finding.start_s < 5e-3:
+        return f"{finding.start_s:.3f} s"
+    return f"{finding.start_s:.2f}-{finding.end_s:.2f} s"
+
+
+def stretches(rows: BoolArray, seconds: FloatArray) -> list[tuple[int, int]]:
+    """(first, last) row of each stretch in which ``rows`` (n,) are set; those less than 0.1 s apart are one.
+
+    ``seconds`` (n,): times of the rows.
+    """
+    at = np.flatnonzero(rows)
+    if not len(at):
+        return []
+    cuts = np.flatnonzero(np.diff(seconds[at]) > _JOINED_S)
+    first, last = at[np.concatenate([[0], cuts + 1])], at[np.concatenate([cuts, [len(at) - 1]])]
+    return list(zip(first.tolist(), last.tolist(), strict=True))

@@ -1,0 +1,67 @@
+"""Noise and resolution of a force sensor, from its own readings."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..types import FloatArray, IntArray
+
+__all__ = ["AxisNoise", "axis_noise", "run_lengths"]
+
+_WINDOW = 51
+"""Readings of a window in which noise is measured."""
+_MIN_WINDOWS = 20
+_MAX_EQUAL_SHARE = 0.9
+"""Noise that leaves more than this share of still readings equal does not show whether an axis is alive."""
+_CHANCE = 1e-6
+"""Probability, for a whole log, that noise gives a run of equal readings as long as `AxisNoise.longest_run`."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxisNoise:
+    """Noise of one axis.
+
+    ``std_n``: standard deviation, N, at least that of the quantisation. ``step_n``: quantisation step, N.
+    ``longest_run``: a run of equal readings that is longer is not noise; 0 where the noise is too small to say.
+    """
+
+    std_n: float
+    step_n: float
+    longest_run: int
+
+
+def axis_noise(values: FloatArray) -> AxisNoise:
+    """Noise of the readings (n,) of one axis, all of them finite."""
+    changes = np.abs(np.diff(values))
+    changes = changes[changes > 0.0]
+    # most changes are whole steps; a few smaller ones come from readings that were computed
+    step = float(np.percentile(changes, 10.0)) if len(changes) else 0.0
+    # third differences of neighbouring readings hold next to no force, and 20 times the variance of the noise
+    moving = np.lib.stride_tricks.sliding_window_view(np.diff(values), 3).any(axis=1)  # a stuck axis shows no noise
+    rough = np.abs(np.diff(values, 3))[moving]
+    std = max(1.4826 * float(np.median(rough)) / math.sqrt(20.0) if len(rough) else 0.0, step / math.sqrt(12.0))
+    return AxisNoise(std, step, _longest_run(values, step))
+
+
+def _longest_run(values: FloatArray, step_n: float) -> int:
+    """From the quieter half of the windows that are not constant; a level in the middle of a step is the worst case."""
+    count = len(values) // _WINDOW
+    windows = values[: count * _WINDOW].reshape(count, _WINDOW)
+    span = np.ptp(windows, axis=1)
+    windows, span = windows[span > 0.0], span[span > 0.0]
+    if len(windows) < _MIN_WINDOWS:
+        return 0
+    quiet = windows[span <= np.median(span)]
+    # twice the variance of the quantisation is taken out: that of a slow movement is no white noise
+    variance = float(np.mean(np.diff(quiet, 3, axis=1) ** 2)) / 20.0 - step_n**2 / 6.0
+    equal = math.erf(0.5 * step_n / math.sqrt(2.0 * variance)) if variance > 0.0 else 1.0
+    if equal > _MAX_EQUAL_SHARE:
+        return 0
+    return math.ceil(math.log(_CHANCE / len(values)) / math.log(max(equal, 0.05)))
+
+
+def run_lengths(values: FloatArray) -> tuple[IntArray, IntArray]:
+    """First rows (m,) and lengths (m,) of the runs of equal readings in ``values`` (n,)."""
+    first = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1]).astype(np.int64)
+    return first, np.diff(np.append(first, len(values)))

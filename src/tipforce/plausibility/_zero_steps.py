@@ -1,0 +1,175 @@
+"""Steps of a sensor's zero: somebody pressed its zero, or it was connected again, in mid-session.
+
+A step of the zero shows as a jump from one reading to the next, in all axes at once, after which the readings go
+through the same values as before, moved by the jump. A contact that begins or ends, and a stage that jerks, also jump,
+but the readings behind them have another distribution, or the old one.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from ..types import BoolArray, FloatArray, IntArray
+from ._noise import axis_noise
+
+__all__ = ["ZeroStep", "find_zero_steps"]
+
+_MIN_READINGS = 100
+
+_FIT_S, _FIT_READINGS = 8e-3, (3, 20)
+"""Straight lines over so long before and after a reading are continued to the middle between them."""
+_MIN_NOISES = 10.0
+_MIN_STEP_N = 0.015
+_MAX_CANDIDATES = 200
+_SPANS_S = (1.0, 2.0, 4.0, 8.0)
+"""Stretches before and after a jump whose distributions are compared; the contact may change in the longer ones."""
+_QUANTILES = np.linspace(0.02, 0.98, 49)
+_EXPLAINED = 0.35
+"""The jump leaves at most this share of the distance between the two distributions."""
+_MAX_STEPS = 8
+_MIN_SPANS = 3
+"""Without a contact-free moment behind it, a step must explain the difference over so many of the spans."""
+_FREE_RATIO = 2.0
+"""The readings behind a step rest at the new level at least so many times longer than at the old one."""
+_MIN_FREE_S, _REST_S, _SMOOTH_S = 0.2, 0.03, 0.01
+"""Least time in all at a contact-free level, of each moment in it, and of the mean that is compared with the level."""
+_NEAR_N = 0.02
+"""A reading this near to a level is at it: residues of the stage's movement reach 15 mN on the simulated bench."""
+_SHIFTED = 0.6
+"""The distributions are at least this share of the jump apart."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ZeroStep:
+    """A step of the zero in front of reading ``row``: by ``step_n`` (3,), 0 for axes that the sensor lacks.
+
+    ``free_s``: time behind it at the new contact-free level, which measures the step; 0 where there is none.
+    """
+
+    row: int
+    step_n: FloatArray
+    free_s: float
+
+
+def find_zero_steps(stamps_ns: IntArray, force_n: FloatArray, level_n: FloatArray | None = None) -> list[ZeroStep]:
+    """Steps of the zero in a force log.
+
+    Args:
+        stamps_ns: (n,) stamps of usable readings, rising.
+        force_n: (n, 3) N, finite but for axes that the sensor lacks (NaN); best without the mass that it carries.
+        level_n: (3,) readings without contact at the start, N, where they are known: a jump behind which the readings
+            come back to this level is no step of the zero.
+
+    Returns:
+        The steps, in the order of time.
+    """
+    axes = np.flatnonzero(~np.isnan(force_n).any(axis=0))
+    seconds = (stamps_ns - stamps_ns[0]) * 1e-9
+    if not len(axes) or len(seconds) < _MIN_READINGS:
+        return []
+    values = force_n[:, axes].copy()
+    level = None if level_n is None else level_n[axes]
+    found: list[ZeroStep] = []
+    for _ in range(_MAX_STEPS):
+        best = _best_step(seconds, values, level)
+        if best is None:
+            break
+        row, jump, free_s = best
+        step = np.zeros(3)
+        step[axes] = jump
+        found.append(ZeroStep(row, step, free_s))
+        values[row:] -= jump
+    return sorted(found, key=lambda each: each.row)
+
+
+def _best_step(
+    seconds: FloatArray, values: FloatArray, level: FloatArray | None
+) -> tuple[int, FloatArray, float] | None:
+    """Row behind the step that explains most, the step (axes,) and the time at the new level; None without one."""
+    jumps, noise_n = _jumps(seconds, values)
+    size = np.linalg.norm(jumps, axis=1)
+    size[(seconds < _SPANS_S[0]) | (seconds > seconds[-1] - _SPANS_S[0])] = 0.0
+    least = max(_MIN_NOISES * noise_n, _MIN_STEP_N)
+    rows = np.flatnonzero(size > least)
+    rows = rows[np.argsort(size[rows])[::-1]]
+    best, best_gain = None, 0.0
+    taken: list[int] = []
+    for row in rows.tolist():
+        if any(abs(row - other) < _FIT_READINGS[1] for other in taken):
+            continue
+        taken.append(row)
+        if len(taken) > _MAX_CANDIDATES:
+            break
+        gain, spans = _explained(seconds, values, row, jumps[row])
+        if gain <= best_gain:
+            continue
+        jump, free_s = jumps[row], 0.0
+        if level is not None:
+            jump, free_s, old_s = _at_levels(seconds[row:], values[row:], level, jump)
+            if free_s < _FREE_RATIO * old_s:
+                continue
+        if free_s or spans >= _MIN_SPANS:
+            best, best_gain = (row, jump, free_s), gain
+    return best
+
+
+def _at_levels(
+    seconds: FloatArray, values: FloatArray, level: FloatArray, jump: FloatArray
+) -> tuple[FloatArray, float, float]:
+    """The step as the contact-free moments behind it measure it, the time in them, and the time at the old level, s."""
+    old = _resting(seconds, values - level)
+    new = _resting(seconds, values - level - jump)
+    period = max(float(np.median(np.diff(seconds))), 1e-6)
+    free_s, old_s = float(new.sum() * period), float(old.sum() * period)
+    if free_s < _MIN_FREE_S:
+        return jump, 0.0, old_s
+    measured = np.median(values[new], axis=0) - level
+    return (measured if np.linalg.norm(measured - jump) < _NEAR_N else jump), free_s, old_s
+
+
+def _resting(seconds: FloatArray, values: FloatArray) -> BoolArray:
+    """(n,) readings in runs of `_REST_S` or more that stay within `_NEAR_N` of zero, smoothed, in all axes."""
+    period = max(float(np.median(np.diff(seconds))), 1e-6) if len(seconds) > 1 else 1.0
+    width = max(1, round(_SMOOTH_S / period))
+    smooth = uniform_filter1d(values, width, axis=0, mode="nearest")
+    near = np.linalg.norm(smooth, axis=1) < _NEAR_N
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(np.int8), [0]])))
+    kept = np.zeros(len(values), np.bool_)
+    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        kept[first:end] = (end - first) * period >= _REST_S
+    return kept
+
+
+def _jumps(seconds: FloatArray, values: FloatArray) -> tuple[FloatArray, float]:
+    """(n, axes) jump in front of each row, N; and the standard deviation that noise alone gives it."""
+    period = max(float(np.median(np.diff(seconds))), 1e-6)
+    count = int(np.clip(round(_FIT_S / period), *_FIT_READINGS))
+    place = np.arange(count) - (count - 1) / 2
+    # weights that continue the straight line through `count` readings half a reading beyond the last of them
+    ahead = 1.0 / count + place * (count / 2) / np.sum(place**2)
+    kernel = np.concatenate([-ahead, ahead[::-1]])
+    jumps = np.zeros_like(values)
+    for axis in range(values.shape[1]):
+        jumps[count : len(values) - count + 1, axis] = np.correlate(values[:, axis], kernel, mode="valid")
+    noise = np.array([axis_noise(column).std_n for column in values.T])
+    return jumps, float(np.linalg.norm(noise) * np.linalg.norm(kernel))
+
+
+def _explained(seconds: FloatArray, values: FloatArray, row: int, jump: FloatArray) -> tuple[float, int]:
+    """How far the jump before ``row`` brings the distributions on both sides together, N, and in how many spans."""
+    size, gains = float(np.linalg.norm(jump)), [0.0]
+    for span in _SPANS_S:
+        first, end = np.searchsorted(seconds, (seconds[row] - span, seconds[row] + span)).tolist()
+        if row - first < 10 or end - row < 10:
+            continue
+        apart = np.quantile(values[row:end], _QUANTILES, axis=0) - np.quantile(values[first:row], _QUANTILES, axis=0)
+        whole, left = _distance(apart), _distance(apart - jump)
+        if whole > _SHIFTED * size and left < _EXPLAINED * whole:
+            gains.append(whole - left)
+    return max(gains), len(gains) - 1
+
+
+def _distance(apart: FloatArray) -> float:
+    """Root of the squared sum over the axes of mean distances between quantiles (k, axes), N."""
+    return float(np.linalg.norm(np.abs(apart).mean(axis=0)))
