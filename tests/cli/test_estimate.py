@@ -10,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import av
+import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -49,6 +50,17 @@ def test_there_is_a_row_for_every_frame_with_its_stamp(written: Path) -> None:
     rows = rows_of(written / "f.csv")
     assert tuple(rows[0]) == COLUMNS
     np.testing.assert_allclose([int(row["stamp_ns"]) for row in rows], np.arange(20) * 40_000_000, atol=20_000)
+
+
+def test_a_row_names_its_image_file(model: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for number in (1, 2, 10):
+        cv2.imwrite(str(folder / f"image{number}.png"), draw_image(0.5))
+    with pytest.warns(UserWarning, match="in the order of the numbers in their names"):
+        result = run(model, folder, "--knob-deg", 10, "-o", tmp_path / "f.csv")
+    assert result.exit_code == 0, result.output
+    assert [row["file_name"] for row in rows_of(tmp_path / "f.csv")] == ["image1.png", "image2.png", "image10.png"]
 
 
 def test_the_force_is_the_one_that_bent_the_tube(written: Path, true_n: list[float]) -> None:

@@ -100,6 +100,18 @@ def test_a_video_is_counted_and_put_on_a_contact_sheet(video: Path, tmp_path: Pa
     assert sheet.shape[0] == 2 * (240 + 22 + 4) + 4
 
 
+def test_the_images_of_a_folder_are_named(frame: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for name in ("a.png", "b.png", "c.png"):
+        (folder / name).write_bytes(frame.read_bytes())
+    cv2.imwrite(str(folder / "d.png"), np.full((120, 160), 210, np.uint8))
+    result = run(folder, "-o", tmp_path / "s.png", "--json", tmp_path / "t.json")
+    images = json.loads((tmp_path / "t.json").read_text())["images"]
+    assert images == {"a.png": "valid", "b.png": "valid", "c.png": "valid", "d.png": "no_catheter"}
+    assert "not found in d.png" in result.stderr
+
+
 def test_every_other_frame_of_a_video_is_half_the_work(video: Path, tmp_path: Path) -> None:
     run(video, "-o", tmp_path / "s.png", "--json", tmp_path / "t.json", "--every", 2)
     assert json.loads((tmp_path / "t.json").read_text())["frames"] == 10

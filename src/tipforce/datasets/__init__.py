@@ -8,7 +8,7 @@ from ._join import every_nth, join, random_subset, without_sessions
 from ._open import open_dataset
 from ._perturb import PERTURBATIONS, Blur, Disc, ImageOperation, Light, Noise, Perturbation, Warp, in_memory, perturbed
 from ._recordings import open_recordings
-from ._source import DatasetSource, open_source
+from ._source import DatasetSource, file_names, open_source
 from ._splits import (
     LEAVE_ONE_OUT_SESSIONS,
     THESIS_SESSIONS,
@@ -52,6 +52,7 @@ __all__ = [
     "dataset_at",
     "describe_dataset",
     "every_nth",
+    "file_names",
     "in_memory",
     "join",
     "open_dataset",

@@ -8,13 +8,14 @@ from typing import Self
 import numpy as np
 
 from ..errors import FileFormatError, InputError
+from ..io import FileSource
 from ..io import open_source as open_file_source
 from ..types import Actuation, Event, Frame, SessionInfo, ShapeFeatures, Source
 from ._dataset import Dataset
 from ._folder import METADATA
 from ._open import holds_samples, open_dataset
 
-__all__ = ["DatasetSource", "open_source"]
+__all__ = ["DatasetSource", "file_names", "open_source"]
 
 
 class DatasetSource:
@@ -49,6 +50,11 @@ class DatasetSource:
         """Those of the actuation's ``names`` that never come."""
         return [name for name in names if name not in self._constant and name not in self._own]
 
+    def file_names(self, view: str) -> Mapping[int, str]:
+        """Stamp in ns -> name of the image of ``view``, as the dataset has it."""
+        names = self._dataset.names_of(view).tolist()
+        return dict(zip(self._dataset.stamp_ns.tolist(), names, strict=True))
+
     def __iter__(self) -> Iterator[Event]:
         for number, observation in enumerate(self._dataset.observations()):
             values = {**(self._constant if number == 0 else {}), **observation.actuation}
@@ -69,6 +75,13 @@ class DatasetSource:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Nothing stays open between two iterations."""
+
+
+def file_names(source: Source, view: str) -> Mapping[int, str]:
+    """Returns stamp in ns -> name of the image file of ``view``; empty where images have none, as in a video."""
+    if isinstance(source, DatasetSource):
+        return source.file_names(view)
+    return source.file_names if isinstance(source, FileSource) else {}
 
 
 def open_source(

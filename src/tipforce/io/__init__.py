@@ -14,14 +14,16 @@ from ._sources import (
     any_reading,
     can_be_read_again,
     frame_count,
+    images_beforehand,
     open_source,
     require_actuation,
     spread_images,
+    spread_rows,
     steady_reading,
 )
-from ._video import VideoWriter, write_video
 from ._writer import RecordingWriter, write_force_csv
 from .tables import ACTUATION_UNITS, STILL_STEP_NS, Table, check_actuation, is_actuation, is_force, open_table
+from .video import VideoWriter, write_video
 
 __all__ = [
     "ACTUATION_UNITS",
@@ -59,6 +61,7 @@ __all__ = [
     "decode_image",
     "encode_image",
     "frame_count",
+    "images_beforehand",
     "is_actuation",
     "is_force",
     "is_image",
@@ -76,6 +79,7 @@ __all__ = [
     "require_actuation",
     "save_image",
     "spread_images",
+    "spread_rows",
     "steady_reading",
     "unpack_estimate",
     "write_atomic",

@@ -2,6 +2,7 @@
 
 import importlib
 from collections.abc import Iterator
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,9 @@ import numpy.typing as npt
 from ..errors import FileFormatError, MissingExtraError, TimeError
 from ..types import Frame, Image
 from ._image_size import check_pixels
+from ._square_pixels import square_pixels
 
-__all__ = ["dicom_size", "is_dicom", "read_dicom"]
+__all__ = ["DicomFile", "is_dicom"]
 
 _MAGIC_AT = 128
 
@@ -55,34 +57,46 @@ def _read(path: Path, *, pixels: bool) -> Any:
         raise FileFormatError(f"{path}: cannot be read as DICOM ({error}); copy it again from its archive") from None
 
 
-def dicom_size(path: Path) -> int:
-    """Frames that the file says it holds. Raises MissingExtraError without pydicom, FileFormatError."""
-    return _checked_count(path, _read(path, pixels=False))
+class DicomFile:
+    """A DICOM file, to be read as often as wanted. Raises MissingExtraError without pydicom, FileFormatError."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.frame_count = _checked_count(path, _read(path, pixels=False))
+
+    def frames(self, view: str = "camera") -> Iterator[Frame]:
+        """Yields all frames, 8 bit, with square pixels; grey where the file is, else RGB.
+
+        Of more bits the upper eight of those stored are kept. Stamps come from FrameTimeVector, FrameTime or CineRate,
+        in this order; the first frame is at FrameDelay, at 0 where there is none (DICOM PS3.3 C.7.6.5.1).
+
+        Raises:
+            FileFormatError: the file holds no images, or none that can be decoded here.
+            TimeError: the file does not say when its frames were taken.
+        """
+        return _frames(self.path, view)
 
 
-def read_dicom(path: Path, view: str = "camera") -> Iterator[Frame]:
-    """All frames, 8 bit; grey where the file is, else RGB.
-
-    Of more bits the upper eight of those stored are kept. Stamps come from FrameTimeVector, FrameTime or CineRate, in
-    this order; the first frame is at FrameDelay, at 0 where there is none (DICOM PS3.3 C.7.6.5.1). Raises
-    MissingExtraError without pydicom, FileFormatError for what holds no images or none that can be decoded here,
-    TimeError where the file does not say when its frames were taken.
-    """
+def _frames(path: Path, view: str) -> Iterator[Frame]:
     data = _read(path, pixels=True)
     count = _checked_count(path, data)
     try:
         coloured, stored = int(data.get("SamplesPerPixel", 1)) == 3, int(data.get("BitsStored", 8))
+        signed, aspect = bool(int(data.get("PixelRepresentation") or 0)), _aspect(data)
         stamps = _stamps_ns(path, data, count)
     except TimeError:
         raise
     except Exception as error:  # see `_checked_count`
         raise FileFormatError(f"{path}: its header is damaged ({error}); copy it again from its archive") from None
+    if signed:
+        raise FileFormatError(f"{path}: holds signed pixels, whose black nobody states; save it with unsigned ones")
     found = 0
     try:
         for pixels in _decoded(data):  # one by one: all of them may be a thousand times as large as the file
             if found == count or pixels.ndim != (3 if coloured else 2):
                 raise ValueError(f"more than {count} frames" if found == count else f"{pixels.ndim} dimensions")
-            yield Frame(stamps[found], _eight_bit(pixels, stored, str(data.PhotometricInterpretation)), view)
+            image = _eight_bit(pixels, stored, str(data.PhotometricInterpretation))
+            yield Frame(stamps[found], square_pixels(image, aspect, str(path)), view)
             found += 1
         if found < count:
             raise ValueError(f"{found} of {count} frames")
@@ -99,6 +113,16 @@ def _eight_bit(pixels: npt.NDArray[Any], stored: int, shown: str) -> Image:
     small = pixels >> (stored - 8) if stored > 8 else pixels
     image = np.ascontiguousarray(small).astype(np.uint8)
     return 255 - image if shown == "MONOCHROME1" else image
+
+
+def _aspect(data: Any) -> Fraction:
+    """Returns width by height of a pixel: by PixelAspectRatio, else by the distances of rows and columns (in mm)."""
+    for name in ("PixelAspectRatio", "ImagerPixelSpacing", "PixelSpacing"):  # each: along a column, along a row
+        stated = data.get(name)
+        if stated is not None and len(stated) == 2 and min(stated) > 0:
+            down, across = (Fraction(float(each)).limit_denominator(10_000) for each in stated)
+            return across / down
+    return Fraction(1)
 
 
 def _stamps_ns(path: Path, data: Any, count: int) -> list[int]:

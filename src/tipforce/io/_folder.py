@@ -2,7 +2,8 @@
 
 import os
 import re
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from ..types import FloatArray, Frame, IntArray
 from ._images import IMAGE_SUFFIXES, StreamDepth, read_image
 from .tables import STILL_STEP_NS, TIME_UNITS, Table, check_actuation, is_actuation, open_table
 
-__all__ = ["ImageFolder", "InFolder", "frames_of", "read_folder"]
+__all__ = ["ImageFolder", "InFolder", "read_folder"]
 
 _TABLES = ("stamps.csv", "metadata.csv")
 _SEC_NANOSEC = re.compile(r"(?<!\d)(\d{9,10})[-_.](\d{9})(?!\d)")
@@ -32,6 +33,22 @@ class ImageFolder:
     stamp_ns: IntArray
     actuation: dict[str, FloatArray]
     numbered: bool = False
+
+    @property
+    def frame_count(self) -> int:
+        """Images."""
+        return len(self.files)
+
+    @property
+    def file_names(self) -> tuple[str, ...]:
+        """Of each image, without its folder."""
+        return tuple(path.name for path in self.files)
+
+    def frames(self, view: str = "camera") -> Iterator[Frame]:
+        """Yields the images, one after the other."""
+        depth = StreamDepth.of_files(self.files)
+        for path, stamp in zip(self.files, self.stamp_ns.tolist(), strict=True):
+            yield Frame(stamp, read_image(path, depth), view)
 
 
 class InFolder:
@@ -77,8 +94,8 @@ def read_folder(folder: Path) -> ImageFolder:
     Stamps come from ``stamps.csv`` or ``metadata.csv`` (``file_name`` and a time column such as ``stamp_ns`` or
     ``time_s``; further columns NAME_UNIT are actuation), else from the names: ``SECONDS-NANOSECONDS``, a number with
     its unit (``123_ns``, ``0.25s``), or a count of nanoseconds, microseconds or milliseconds since 1970. Where no name
-    holds one, the images are still images, in the order of their names and one second apart. Raises FileFormatError
-    without images or where some names only hold stamps, TimeError where stamps repeat.
+    holds one, the images are still images, in the order of the numbers in their names and one second apart. Raises
+    FileFormatError without images or where some names only hold stamps, TimeError where stamps repeat.
     """
     if folder.is_file():
         return ImageFolder((folder,), _numbered(1), {}, numbered=True)
@@ -97,13 +114,6 @@ def read_folder(folder: Path) -> ImageFolder:
         raise TimeError(f"{folder}: {first.name} and {second.name} carry the same stamp, {stamps[repeated[0]]} ns")
     actuation = {name: values[order] for name, values in found.actuation.items()}
     return ImageFolder(files, stamps, actuation, found.numbered)
-
-
-def frames_of(folder: ImageFolder, view: str) -> Iterator[Frame]:
-    """The images, one after the other."""
-    depth = StreamDepth.of_files(folder.files)
-    for path, stamp in zip(folder.files, folder.stamp_ns.tolist(), strict=True):
-        yield Frame(stamp, read_image(path, depth), view)
 
 
 def _from_table(folder: Path, table: Table) -> ImageFolder:
@@ -130,12 +140,14 @@ def _numbered(count: int) -> IntArray:
 
 
 def _from_names(folder: Path) -> ImageFolder:
-    files = tuple(sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()))
+    found = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()]
+    files = tuple(sorted(found, key=_by_number))
     if not files:
         raise FileFormatError(f"{folder}: holds no images ({', '.join(sorted(IMAGE_SUFFIXES))})")
     stamps = [_stamp_of(path) for path in files]
     known = [stamp for stamp in stamps if stamp is not None]
     if not known:
+        _say_order(folder, files)
         return ImageFolder(files, _numbered(len(files)), {}, numbered=True)
     if len(known) < len(files):
         path = files[stamps.index(None)]
@@ -145,6 +157,26 @@ def _from_names(folder: Path) -> ImageFolder:
             "file_name,stamp_ns"
         )
     return ImageFolder(files, np.array(known, dtype=np.int64), {})
+
+
+def _by_number(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """Sorts image2 before image10, as people count."""
+    parts = re.split(r"(\d+)", path.name.lower())
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], path.name
+
+
+def _say_order(folder: Path, files: Sequence[Path]) -> None:
+    """Says in which order the images are taken, where their names sort otherwise by letters."""
+    by_letters = sorted(files)
+    for place, (here, there) in enumerate(zip(files, by_letters, strict=True)):
+        if here != there:
+            warnings.warn(
+                f"{folder}: its {len(files)} images are taken in the order of the numbers in their names, "
+                f"{files[0].name} to {files[-1].name}: image {place + 1} is {here.name}, not {there.name}; for another "
+                f"order write a {_TABLES[0]} with the columns file_name,stamp_ns",
+                stacklevel=1,
+            )
+            return
 
 
 def _stamp_of(path: Path) -> int | None:

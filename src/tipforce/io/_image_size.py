@@ -1,12 +1,21 @@
-"""The size that the header of an image states, read before anything is decoded, and the limit that it is held to."""
+"""What the header of an image file states, read before it is decoded: its size, held to a limit, and its pages."""
 
 import os
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from ..errors import FileFormatError, InputError
 
-__all__ = ["MAX_MEGAPIXELS", "check_encoded", "check_pixels", "encoded_size", "max_file_bytes", "max_pixels"]
+__all__ = [
+    "MAX_MEGAPIXELS",
+    "check_encoded",
+    "check_pixels",
+    "encoded_size",
+    "image_count",
+    "max_file_bytes",
+    "max_pixels",
+    "tiff_pages",
+]
 
 MAX_MEGAPIXELS = "TIPFORCE_MAX_MEGAPIXELS"
 """The environment variable that replaces the limit of `_MEGAPIXELS`."""
@@ -20,8 +29,12 @@ _JPEG_ALONE = frozenset((0x00, 0x01, *range(0xD0, 0xD9)))
 """Markers without a segment."""
 _JPEG_SEGMENTS, _JPEG_GAP = 4096, 65536
 """So far the size is looked for: segments, and bytes between two of them."""
-_TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
+_TIFF_KIND, _TIFF_WIDTH, _TIFF_HEIGHT = 254, 256, 257
 _TIFF_FORMATS = {3: "H", 4: "I", 16: "Q"}
+_TIFF_REDUCED_OR_MASK = 0b101
+"""Bits of a TIFF page's kind: a smaller copy of another page, a mask of its transparency."""
+_MOST_PAGES = 1_000_000
+_WEBP_ANIMATED = 0b10
 
 
 def max_pixels() -> int:
@@ -137,7 +150,13 @@ def _jpeg(data: memoryview) -> tuple[int, int]:
 
 
 def _tiff(data: memoryview) -> tuple[int, int]:
-    """Of the first image: the only one that is read."""
+    """Of the first page."""
+    first = next(_tiff_pages(data))
+    return first[_TIFF_WIDTH], first[_TIFF_HEIGHT]
+
+
+def _tiff_pages(data: memoryview) -> Iterator[dict[int, int]]:
+    """Yields kind, width and height of each page of a TIFF file, as far as they are stated."""
     order = "<" if data[0] == ord("I") else ">"
     if struct.unpack_from(order + "H", data, 2)[0] == 43:  # BigTIFF
         start, width_of_count, entry_bytes, value_at = "Q", "Q", 20, 12
@@ -146,16 +165,54 @@ def _tiff(data: memoryview) -> tuple[int, int]:
         start, width_of_count, entry_bytes, value_at = "I", "H", 12, 8
         first_at = 4
     (at,) = struct.unpack_from(order + start, data, first_at)
-    (count,) = struct.unpack_from(order + width_of_count, data, at)
-    at += struct.calcsize(width_of_count)
-    found: dict[int, int] = {}
-    for entry in range(at, at + min(count, 4096) * entry_bytes, entry_bytes):
-        tag, kind = struct.unpack_from(order + "HH", data, entry)
-        if tag in (_TIFF_WIDTH, _TIFF_HEIGHT):
-            (found[tag],) = struct.unpack_from(order + _TIFF_FORMATS[kind], data, entry + value_at)
-        if len(found) == 2:
-            break
-    return found[_TIFF_WIDTH], found[_TIFF_HEIGHT]
+    for _ in range(_MOST_PAGES):  # a damaged file may lead back to an earlier page
+        (count,) = struct.unpack_from(order + width_of_count, data, at)
+        at += struct.calcsize(width_of_count)
+        found: dict[int, int] = {}
+        for entry in range(at, at + min(count, 4096) * entry_bytes, entry_bytes):
+            tag, kind = struct.unpack_from(order + "HH", data, entry)
+            if tag in (_TIFF_KIND, _TIFF_WIDTH, _TIFF_HEIGHT):
+                (found[tag],) = struct.unpack_from(order + _TIFF_FORMATS[kind], data, entry + value_at)
+        yield found
+        (at,) = struct.unpack_from(order + start, data, at + count * entry_bytes)
+        if at == 0:
+            return
+
+
+def tiff_pages(data: bytes | memoryview) -> dict[int, tuple[int, int]]:
+    """Returns number -> (width, height) of the pages of a TIFF file, without thumbnails and masks.
+
+    Raises struct.error, IndexError or KeyError where its header is cut off or damaged.
+    """
+    return {
+        number: (page[_TIFF_WIDTH], page[_TIFF_HEIGHT])
+        for number, page in enumerate(_tiff_pages(memoryview(data)))
+        if not page.get(_TIFF_KIND, 0) & _TIFF_REDUCED_OR_MASK
+    }
+
+
+def image_count(data: bytes | memoryview) -> int:
+    """Images that a file holds: pages of a TIFF file without thumbnails and masks, frames of a moving PNG or WebP.
+
+    At least 1, also where the file is damaged; of a moving WebP file 2, whose header does not count them.
+
+    >>> import cv2, numpy as np
+    >>> image_count(cv2.imencodemulti(".tif", [np.zeros((3, 5), np.uint8)] * 4)[1].tobytes())
+    4
+    """
+    data = memoryview(data)
+    begin = bytes(data[:4])
+    try:
+        if begin in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+            return max(1, len(tiff_pages(data)))
+        if begin == b"\x89PNG":
+            at = bytes(data[:4096]).find(b"acTL")  # stands in front of the pixels
+            return max(1, struct.unpack_from(">I", data, at + 4)[0]) if at > 0 else 1
+        if bytes(data[8:16]) == b"WEBPVP8X":
+            return 2 if data[20] & _WEBP_ANIMATED else 1
+    except (struct.error, IndexError, KeyError):  # cut off or damaged, which is said when it is decoded
+        pass
+    return 1
 
 
 _READERS: dict[bytes, Callable[[memoryview], tuple[int, int]]] = {

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from .._atomic import check_folder, write_atomic
 from ..errors import FileFormatError
 from ..types import Image
-from ._image_size import check_encoded, encoded_size, max_file_bytes, max_pixels
+from ._image_size import check_encoded, encoded_size, image_count, max_file_bytes, max_pixels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,16 +31,21 @@ if TYPE_CHECKING:
 __all__ = [
     "IMAGE_SUFFIXES",
     "StreamDepth",
+    "bits_in_use",
     "check_image_target",
     "decode_image",
+    "eight_bits",
     "encode_image",
+    "file_bytes",
     "is_image",
+    "raw_image",
     "read_image",
     "save_image",
 ]
 
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 _MAX_OF_12_BITS = 4095
+"""A stream of images without a greater value has 12 bits in use."""
 
 
 class StreamDepth:
@@ -63,13 +68,14 @@ class StreamDepth:
     def bits(self) -> int:
         """12 where no image has a value above 4095, else 16. Images that cannot be read count for nothing here."""
         if self._bits is None:
-            decoded = (_decoded(data) for data in self._contents())
-            wide = any(
-                image is not None and image.dtype == np.uint16 and int(image.max()) > _MAX_OF_12_BITS
-                for image in decoded
-            )
-            self._bits = 16 if wide else 12
+            self._bits = bits_in_use(raw_image(data) for data in self._contents())
         return self._bits
+
+
+def bits_in_use(images: Iterable[npt.NDArray[Any] | None]) -> int:
+    """Returns 12 where no image of a stream has a value above 4095, else 16; only pixels of 16 bits count."""
+    wide = (image for image in images if image is not None and image.dtype == np.uint16)
+    return 16 if any(int(image.max()) > _MAX_OF_12_BITS for image in wide) else 12
 
 
 class _FileContents:
@@ -79,7 +85,7 @@ class _FileContents:
         self._paths = paths
 
     def __call__(self) -> Iterable[bytes]:
-        return (_file_bytes(path) for path in self._paths if path.is_file())
+        return (file_bytes(path) for path in self._paths if path.is_file())
 
 
 def is_image(path: Path) -> bool:
@@ -100,10 +106,11 @@ def read_image(path: Path, depth: StreamDepth | None = None) -> Image:
     Raises:
         FileFormatError: where the file is missing, empty, damaged, too large or has pixels of another type.
     """
-    return decode_image(_file_bytes(path) if path.is_file() else b"", str(path), depth)
+    return decode_image(file_bytes(path) if path.is_file() else b"", str(path), depth)
 
 
-def _file_bytes(path: Path) -> bytes:
+def file_bytes(path: Path) -> bytes:
+    """Returns the content of an image file. Raises FileFormatError where it is larger than any image may be."""
     limit = max_file_bytes()
     if path.stat().st_size > limit:
         raise FileFormatError(
@@ -116,18 +123,36 @@ def _file_bytes(path: Path) -> bytes:
 def decode_image(data: bytes | memoryview, where: str, depth: StreamDepth | None = None) -> Image:
     """Decodes an image as `read_image` does; ``where`` it comes from is named in errors."""
     check_encoded(data, where)
-    image = _decoded(data)
+    if image_count(data) > 1:
+        raise FileFormatError(
+            f"{where}: holds several images (pages, or frames of an animation), and one is expected here; open this "
+            "file by itself, as you would a video, or write each of its images to a file of its own"
+        )
+    image = raw_image(data)
     if image is None:
         raise FileFormatError(f"{where}: the image is missing, empty or damaged; expected PNG, JPEG, TIFF, BMP or WebP")
+    return eight_bits(image, where, lambda: _stated_bits(data) or (depth or StreamDepth(lambda: [data])).bits)
+
+
+def eight_bits(image: npt.NDArray[Any], where: str, bits: Callable[[], int]) -> Image:
+    """Returns a decoded image, (h, w) or (h, w, 3) BGR, in grey or RGB of 8 bits.
+
+    Args:
+        image: of 8 or 16 bits.
+        where: it comes from, for errors.
+        bits: called for pixels of 16 bits: how many of these are in use.
+
+    Raises:
+        FileFormatError: the pixels have another type.
+    """
     if image.dtype == np.uint16:
-        bits = _stated_bits(data) or (depth or StreamDepth(lambda: [data])).bits
-        image = (image >> (bits - 8)).astype(np.uint8)
+        image = (image >> (bits() - 8)).astype(np.uint8)
     elif image.dtype != np.uint8:
         raise FileFormatError(f"{where}: holds {image.dtype} pixels; write it with 8 or 16 bit")
     return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)  # type: ignore[return-value]
 
 
-def _decoded(data: bytes | memoryview) -> npt.NDArray[Any] | None:
+def raw_image(data: bytes | memoryview) -> npt.NDArray[Any] | None:
     """(h, w) or (h, w, 3) BGR with the file's own type; None for what is no image, or one beyond the limit of size."""
     size = encoded_size(data)
     if size is None or size[0] * size[1] > max_pixels():

@@ -9,12 +9,14 @@ from typing import Protocol, Self, runtime_checkable
 import numpy as np
 
 from ..errors import FileFormatError, InputError
-from ..types import STAGE, Actuation, Event, FloatArray, Frame, Image, SessionInfo, Source
-from ._dicom import dicom_size, is_dicom, read_dicom
-from ._folder import frames_of, read_folder
-from ._images import is_image
+from ..types import ADVANCE, STAGE, Actuation, Event, FloatArray, Frame, Image, IntArray, SessionInfo, Source
+from ._dicom import DicomFile, is_dicom
+from ._folder import ImageFolder, read_folder
+from ._image_size import image_count
+from ._images import file_bytes, is_image
 from ._reader import RecordingReader
-from ._video import read_video, video_size
+from ._stack import ImageStack
+from .video import VideoFile
 
 __all__ = [
     "FileSource",
@@ -23,60 +25,59 @@ __all__ = [
     "open_source",
     "require_actuation",
     "spread_images",
+    "spread_rows",
     "steady_reading",
 ]
 
 
 class FileSource:
-    """A video, a DICOM file or a folder of images as a `Source`: may be iterated again, and reads as it is asked.
-
-    ``frame_count``: as far as the file says, 0 where it does not.
-    """
+    """A video, a DICOM file, images or a folder of them as a `Source`: may be iterated again, and reads when asked."""
 
     def __init__(self, path: Path, actuation: Mapping[str, float], stated: SessionInfo) -> None:
         self.path = path
-        self._folder = read_folder(path) if path.is_dir() or is_image(path) else None
-        own = self._folder.actuation if self._folder else {}
-        constant = {name: value for name, value in stated.actuation.constant.items() if name not in own}
+        self._file = _opened(path)
+        self._columns = self._file.actuation if isinstance(self._file, ImageFolder) else {}
+        constant = {name: value for name, value in stated.actuation.constant.items() if name not in self._columns}
         self._actuation = {**constant, **actuation}
-        self._dicom = is_dicom(path)
-        if self._folder:
-            self.frame_count = len(self._folder.files)
-        else:
-            self.frame_count = dicom_size(path) if self._dicom else video_size(path)
         self.session_info = SessionInfo(path.stem).updated(stated)
-        if self._folder:
-            clash = set(self._folder.actuation) & set(actuation)
-            if clash:
-                raise InputError(f"{path}: has a column {min(clash)!r} already; do not state it a second time")
+        if clash := set(self._columns) & set(actuation):
+            raise InputError(f"{path}: has a column {min(clash)!r} already; do not state it a second time")
+
+    @property
+    def frame_count(self) -> int:
+        """Images, as far as the file says; 0 where it does not."""
+        return self._file.frame_count
+
+    @property
+    def file_names(self) -> Mapping[int, str]:
+        """Stamp in ns -> name of the image file, or of the page in it; empty for a video or DICOM file."""
+        if isinstance(self._file, ImageFolder):
+            return dict(zip(self._file.stamp_ns.tolist(), self._file.file_names, strict=True))
+        if isinstance(self._file, ImageStack):
+            return dict(zip(self._file.stamp_ns, self._file.file_names, strict=True))
+        return {}
 
     @property
     def numbered(self) -> bool:
         """Whether the stamps only count the images, because nobody stated when they were taken."""
-        return self._folder is not None and self._folder.numbered
+        return isinstance(self._file, ImageStack) or (isinstance(self._file, ImageFolder) and self._file.numbered)
 
     def lacks(self, names: Iterable[str]) -> list[str]:
         """Those of the actuation's ``names`` that never come."""
-        columns = self._folder.actuation if self._folder else {}
-        return [name for name in names if name not in self._actuation and name not in columns]
+        return [name for name in names if name not in self._actuation and name not in self._columns]
 
     def readings(self, name: str) -> FloatArray:
         """(n,) all readings of the drive ``name``."""
-        columns = self._folder.actuation if self._folder else {}
-        values = np.asarray(columns[name] if name in columns else self._actuation.get(name, ()), np.float64).ravel()
+        stated = self._columns[name] if name in self._columns else self._actuation.get(name, ())
+        values = np.asarray(stated, np.float64).ravel()
         return values[np.isfinite(values)]
 
     def __iter__(self) -> Iterator[Event]:
-        if self._folder:
-            frames = frames_of(self._folder, "camera")
-        else:
-            frames = read_dicom(self.path) if self._dicom else read_video(self.path)
-        columns = self._folder.actuation if self._folder else {}
-        for place, frame in enumerate(frames):
+        for place, frame in enumerate(self._file.frames()):
             if place == 0 and self._actuation:
                 yield Actuation(frame.stamp_ns, self._actuation)
-            if columns:
-                here = {name: float(values[place]) for name, values in columns.items()}
+            if self._columns:
+                here = {name: float(values[place]) for name, values in self._columns.items()}
                 yield Actuation(frame.stamp_ns, {name: value for name, value in here.items() if value == value})
             yield frame
 
@@ -87,6 +88,24 @@ class FileSource:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Nothing stays open between two iterations."""
+
+
+def _opened(path: Path) -> ImageFolder | ImageStack | DicomFile | VideoFile:
+    """Opens what ``path`` is: a folder or file of images, DICOM, or else a video."""
+    if path.is_dir():
+        return read_folder(path)
+    if is_image(path) and path.is_file():
+        several = image_count(file_bytes(path)) > 1
+        if not several:
+            return read_folder(path)
+        if path.suffix.lower() in (".tif", ".tiff"):
+            return ImageStack(path)
+        if path.suffix.lower() == ".webp":
+            raise FileFormatError(
+                f"{path}: is an animation, which is not read; write its images to a folder: magick {path.name} "
+                "FOLDER/frame-%03d.png"
+            )
+    return DicomFile(path) if is_dicom(path) else VideoFile(path)
 
 
 def open_source(
@@ -141,20 +160,38 @@ def can_be_read_again(source: Source) -> bool:
     return isinstance(getattr(source, "path", None), Path)
 
 
-def spread_images(source: Source, view: str = "camera", count: int = 16) -> list[Image]:
-    """Images from all over a file, or from its first seconds where it does not say how many there are.
+_UNKNOWN_STEP = 5
+"""Every so many-th image is taken of a file that does not say how many it holds."""
+_CALIBRATION_IMAGES = 16
+"""So many images of a session, or fewer, resolve its detection."""
+
+
+def spread_rows(count: int) -> IntArray:
+    """Returns which of ``count`` images of a session resolve its detection: all of them, or some from all over it.
 
     What lies beneath the catheter's tip must change between them, or it is taken for a part of it.
     """
+    return np.unique(np.linspace(0, count - 1, min(_CALIBRATION_IMAGES, count)).astype(np.int64))
+
+
+def spread_images(source: Source, view: str = "camera") -> list[Image]:
+    """Returns the images of a file at `spread_rows`, or of its first seconds where it does not say its length."""
     reader = source.reader if isinstance(source, _Stated) else source
     if isinstance(reader, RecordingReader):
-        total = frame_count(reader, view)
-        rows = np.unique(np.linspace(0, total - 1, min(count, total)).astype(np.int64)) if total else ()
-        return [reader.frame_at(int(row), view).image for row in rows]
+        rows = spread_rows(frame_count(reader, view)).tolist()
+        return [reader.frame_at(row, view).image for row in rows]
     total = frame_count(source, view)
-    step = max(1, total // count) if total else 5
+    rows = set(spread_rows(total).tolist() if total else range(0, _UNKNOWN_STEP * _CALIBRATION_IMAGES, _UNKNOWN_STEP))
     frames = (event.image for event in source if isinstance(event, Frame) and event.view == view)
-    return list(islice(frames, 0, step * count, step))
+    return [image for row, image in enumerate(islice(frames, max(rows) + 1)) if row in rows]
+
+
+def images_beforehand(source: Source, view: str = "camera") -> list[Image]:
+    """Returns the images of a file that resolve its detection: `spread_images`.
+
+    None where the clamp is advanced, for then they show the catheter from different places.
+    """
+    return [] if any_reading(source, ADVANCE) else spread_images(source, view)
 
 
 _STEADY = 0.1

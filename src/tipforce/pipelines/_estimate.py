@@ -15,21 +15,20 @@ import numpy as np
 
 from ..alignment import observations
 from ..clinical import ClinicalState, ContactMonitor, ContactSettings, Duration
-from ..datasets import open_source
+from ..datasets import file_names, open_source
 from ..errors import InputError
 from ..estimators import Estimator, Progress, Stream, load_model, missing_metadata
 from ..io import (
     VideoWriter,
-    any_reading,
     atomic_text,
     can_be_read_again,
     frame_count,
+    images_beforehand,
     require_actuation,
     spread_images,
     steady_reading,
 )
 from ..types import (
-    ADVANCE,
     KNOB,
     Actuation,
     Event,
@@ -54,11 +53,12 @@ COLUMNS = (
     "fx_n", "fx_low_n", "fx_high_n", "fy_n", "fy_low_n", "fy_high_n", "fz_n", "fz_low_n", "fz_high_n",
     "magnitude_g", "contact", "status", "detail",
     "contact_state", "contact_class", "above_limit", "window_s", "limit_s", "unknown_s",
-    "integral_g_s", "integral_low_g_s", "integral_high_g_s",
+    "integral_g_s", "integral_low_g_s", "integral_high_g_s", "file_name",
 )  # fmt: skip
 """Of the table: number of the frame from 0, seconds since the first one; low and high are the ends of the 90 %
 intervals, contact and above_limit are probabilities. Since the first frame: seconds in the force window, above the
-limit and without a valid estimate, and the force-time integral of the known time; see `ClinicalState`."""
+limit and without a valid estimate, and the force-time integral of the known time; see `ClinicalState`. At the end the
+name of the image file, empty for what has none."""
 
 
 @dataclass(slots=True)
@@ -202,12 +202,9 @@ def start_stream(estimator: Estimator, source: Source) -> Stream:
     asked = _asked_curvature(source, view) if KNOB in estimator.required_actuation else None
     if asked is None and not estimator.calibrates_on_images:
         return estimator.start(info)
-    images = spread_images(source, view)
-    if asked is not None and (why := _against_knob(images, info, view, asked)):
+    if asked is not None and (why := _against_knob(spread_images(source, view), info, view, asked)):
         raise InputError(f"{getattr(source, 'path', info.name)}: {why}")
-    # where the clamp is advanced they show the catheter from different places
-    shown = estimator.calibrates_on_images and not any_reading(source, ADVANCE)
-    return estimator.start(info, images if shown else ())
+    return estimator.start(info, images_beforehand(source, view) if estimator.calibrates_on_images else ())
 
 
 def _asked_curvature(source: Source, view: str) -> float | None:
@@ -285,7 +282,7 @@ def write_estimates(
     """
     check_inputs(estimator, source)
     view = estimator.views[0]
-    total = frame_count(source, view)
+    total, names = frame_count(source, view), file_names(source, view)
     stream = start_stream(estimator, source)
     monitor = ContactMonitor(contact)
     report, first_ns = EstimateReport(monitor.settings), 0
@@ -302,7 +299,8 @@ def write_estimates(
             report.add(found, clinical, seconds)
             first_ns = found.stamp_ns if report.frames == 1 else first_ns
             elapsed = f"{(found.stamp_ns - first_ns) * 1e-9:.6f}"
-            rows.writerow([report.frames - 1, elapsed, *_row(found), *_clinical_row(clinical)])
+            name = names.get(found.stamp_ns, "")
+            rows.writerow([report.frames - 1, elapsed, *_row(found), *_clinical_row(clinical), name])
             if video:
                 video.add(observation, found)
             if progress:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..datasets import file_names
 from ..errors import InputError
 from ..io import RecordingReader, frame_count, open_source, read_image, spread_images
 from ..types import Frame, Image, SessionInfo, Source
@@ -74,14 +75,15 @@ def inspect_frames(
     """
     tally, first = Tally(room), None
     with open_source(path, stated=stated) as source:
-        total = frame_count(source, vision.view)
+        total, names = frame_count(source, vision.view), file_names(source, vision.view)
         resolved = session_vision(vision, spread_images(source, vision.view), source.session_info)
         detect = ShapeDetector(resolved).detect
         for count, frame in enumerate(_frames(source, vision.view)):
             first = frame if first is None else first
             if count % every == 0:
-                seconds = (frame.stamp_ns - first.stamp_ns) * 1e-9
-                tally.add(f"{count}  {seconds:.2f} s", inspect_image(frame.image, detect, resolved, features))
+                seconds, name = (frame.stamp_ns - first.stamp_ns) * 1e-9, names.get(frame.stamp_ns, "")
+                title = name or f"{count}  {seconds:.2f} s"
+                tally.add(title, inspect_image(frame.image, detect, resolved, features), name)
             if progress:
                 progress(f"frame {count}", min(1.0, count / total) if total else 0.0)
     if first is None:
@@ -116,7 +118,7 @@ def inspect_sessions(
         detect = ShapeDetector(resolved).detect
         for name, image in session:
             first = image if first is None else first
-            tally.add(Path(name).stem, inspect_image(image, detect, resolved, features))
+            tally.add(Path(name).stem, inspect_image(image, detect, resolved, features), name)
             if progress:
                 progress(f"image {tally.frames}", min(1.0, tally.frames / max(1, total)))
     if first is None:

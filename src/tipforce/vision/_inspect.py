@@ -19,6 +19,9 @@ from ._settings import ResolvedVision, VisionSettings
 
 __all__ = ["InspectSettings", "Inspection", "Reasons", "Tally", "inspect_image"]
 
+_NAMED = 6
+"""So many names of images in which nothing was found are listed."""
+
 
 class InspectSettings(BaseModel):
     """Settings of an inspection, with the same keys as those of method 1."""
@@ -110,6 +113,8 @@ class Tally:
     statuses: Counter[str] = field(default_factory=Counter[str])
     reasons: "Reasons" = field(default_factory=lambda: Reasons())
     diameters_px: list[float] = field(default_factory=list[float])
+    images: dict[str, str] = field(default_factory=dict[str, str])
+    """Name of the image file -> status, where images have names."""
     _found: "_Sample" = field(init=False)
     _lost: "_Sample" = field(init=False)
 
@@ -126,9 +131,17 @@ class Tally:
         """Of the frames so far, 0..1."""
         return self.statuses["valid"] / max(1, self.frames)
 
-    def add(self, title: str, inspection: Inspection) -> None:
-        """Counts one frame; ``title`` stands over its drawing."""
+    def add(self, title: str, inspection: Inspection, name: str = "") -> None:
+        """Counts one frame.
+
+        Args:
+            title: stands over its drawing.
+            inspection: of the frame.
+            name: of the image file; "" where it has none.
+        """
         shape = inspection.shape
+        if name:
+            self.images[name] = shape.status.value
         self.statuses[shape.status.value] += 1
         if shape.found:
             self.diameters_px.append(shape.diameter_px)
@@ -151,6 +164,7 @@ class Tally:
             "share_found": self.share_found,
             "statuses": dict(self.statuses),
             "diameter_px": float(np.median(self.diameters_px)) if self.diameters_px else None,
+            **({"images": self.images} if self.images else {}),
         }
 
     def text(self) -> str:
@@ -159,7 +173,12 @@ class Tally:
         if self.diameters_px:
             low, middle, high = np.percentile(self.diameters_px, [5, 50, 95])
             lines[0] += f", diameter {middle:.2f} px (5 to 95 %: {low:.2f} to {high:.2f})"
-        return "\n".join(lines + self.reasons.lines(5))
+        lines += self.reasons.lines(5)
+        lost = [name for name, status in self.images.items() if status != "valid"]
+        if lost:
+            more = f" and {len(lost) - _NAMED} more" if len(lost) > _NAMED else ""
+            lines.append(f"  not found in {', '.join(lost[:_NAMED])}{more}")
+        return "\n".join(lines)
 
 
 class Reasons:

@@ -1,0 +1,155 @@
+"""Interlaced video: a frame holds two fields, its even and its odd rows, which were taken half a frame period apart.
+
+Each field becomes an image of its own with its own stamp (FFmpeg's filter ``bwdif`` fills in the rows between). Whether
+the fields of a frame were taken at two instants is stated by the file, often wrongly; the images tell it, too: where
+something moves, rows of two instants are combed.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Literal
+
+import av
+import av.error
+import av.filter
+import numpy as np
+
+from ...types import FloatArray, Image
+
+__all__ = ["FieldEvidence", "FieldOrder", "split_fields", "stated_order"]
+
+FieldOrder = Literal["tff", "bff", "one instant"]
+"""Which field of a frame is the earlier one: "tff" the even rows, "bff" the odd rows, or neither."""
+_FIELD_ORDERS: dict[int, FieldOrder] = {2: "tff", 3: "bff", 4: "bff", 5: "tff"}
+"""FFmpeg's ``AVFieldOrder``; other values are a progressive or unknown order."""
+
+_MOVED_GREY = 12.0
+"""Pixels that change by more grey levels between two frames tell whether their rows are combed."""
+_ENOUGH_PIXELS, _ENOUGH_PAIRS = 1000, 8
+"""So many such pixels in so many pairs of frames, or more, decide."""
+_CLEAR = 0.15
+"""Rows of two frames must be combed by this share more than rows of one frame in the worse of the two pairings."""
+_ONE_INSTANT, _TWO_INSTANTS = 0.6, 0.3
+"""Shares above which the fields of a frame show one instant, and below which they show two: see `FieldEvidence`."""
+
+
+def stated_order(stream: av.VideoStream) -> FieldOrder:
+    """Returns the order of the fields that a file states; "one instant" where it does not state that there are two."""
+    return _FIELD_ORDERS.get(stream.codec_context.field_order, "one instant")
+
+
+class FieldEvidence:
+    """Tells from the images whether the two fields of a frame show one instant or two.
+
+    For two successive frames the rows of the even field of one and of the odd field of the other are woven in both
+    ways, beside the rows of one frame. If a frame is one instant, both ways are combed, and alike. If it is two, one of
+    the ways joins two fields half a frame period apart, as those of one frame are, and is combed no more than these.
+    ``share``: how much the less combed way exceeds a frame itself, relative to the more combed one: 1 for one instant,
+    0 for two. Noise and still structure are the same in all three and cancel.
+    """
+
+    def __init__(self) -> None:
+        self._before: FloatArray | None = None
+        self._combed = np.zeros(3)
+        self._pixels = self._pairs = 0
+
+    def add(self, grey: Image) -> None:
+        """Takes the next frame, (h, w) uint8, as stored."""
+        rows = grey[: grey.shape[0] // 2 * 2, ::4].astype(np.float64)
+        before, self._before = self._before, rows
+        if before is None or before.shape != rows.shape:
+            return
+        then, now = (before[::2], before[1::2]), (rows[::2], rows[1::2])
+        moved = (np.abs(now[0] - then[0]) > _MOVED_GREY) | (np.abs(now[1] - then[1]) > _MOVED_GREY)
+        count = int(np.count_nonzero(moved[1:-1]))
+        if not count:
+            return
+        ways = (now, (now[0], then[1]), (then[0], now[1]))
+        self._combed += [_combing(even, odd)[moved[1:-1]].sum() for even, odd in ways]
+        self._pixels, self._pairs = self._pixels + count, self._pairs + 1
+
+    @property
+    def share(self) -> float | None:
+        """See above; None where too little has moved so far."""
+        within, low, high = self._combed[0], min(self._combed[1:]), max(self._combed[1:])
+        if self._pixels < _ENOUGH_PIXELS or self._pairs < _ENOUGH_PAIRS or high < (1.0 + _CLEAR) * within:
+            return None
+        return float((low - within) / (high - within))
+
+    @property
+    def two_instants(self) -> bool | None:
+        """Whether a frame holds two instants; None while it cannot be told."""
+        share = self.share
+        if share is None or _TWO_INSTANTS <= share <= _ONE_INSTANT:
+            return None
+        return share < _TWO_INSTANTS
+
+    @property
+    def earlier_field(self) -> Literal["tff", "bff"]:
+        """Which field is the earlier one where there are two instants: "tff" the even rows, "bff" the odd rows."""
+        return "tff" if self._combed[1] < self._combed[2] else "bff"
+
+
+def _combing(even: FloatArray, odd: FloatArray) -> FloatArray:
+    """(n - 2, w): squared difference of each row from the mean of its neighbours of the other field, of both fields."""
+    of_odd = odd[1:-1] - 0.5 * (even[1:-1] + even[2:])
+    of_even = even[1:-1] - 0.5 * (odd[:-2] + odd[1:-1])
+    return of_odd**2 + of_even**2
+
+
+def split_fields(
+    frames: Iterable[tuple[int, av.VideoFrame]], stream: av.VideoStream, order: Callable[[], FieldOrder]
+) -> Iterator[tuple[int, av.VideoFrame]]:
+    """Yields stamp and image of each field of the frames that are marked as interlaced; other frames as they are.
+
+    The second field's stamp is half a frame period later than its frame's: half the shorter of the distances to the
+    frames around it, so that nothing lands in the middle of a gap.
+
+    Args:
+        frames: stamp in ns and decoded frame, in order.
+        stream: of these frames.
+        order: called once, at the first frame that is marked; at "one instant" all frames are yielded as they are.
+    """
+    graph: av.filter.Graph | None = None
+    whole = False
+    stamps: list[int] = []
+    for stamp_ns, decoded in frames:
+        if graph is None and not whole and decoded.interlaced_frame:
+            found = order()
+            whole = found == "one instant"
+            graph = None if whole else _deinterlacer(stream, found)
+        if graph is None:
+            yield stamp_ns, decoded
+            continue
+        decoded.pts = len(stamps)  # the filter numbers the fields 2 k and 2 k + 1
+        stamps.append(stamp_ns)
+        graph.push(decoded)
+        yield from _pulled(graph, stamps)
+    if graph is not None:
+        graph.push(None)
+        yield from _pulled(graph, stamps)
+
+
+def _deinterlacer(stream: av.VideoStream, order: FieldOrder) -> av.filter.Graph:
+    graph = av.filter.Graph()
+    source = graph.add_buffer(template=stream)
+    fields = graph.add("bwdif", f"mode=send_field:parity={order}:deint=interlaced")
+    source.link_to(fields)
+    fields.link_to(graph.add("buffersink"))
+    graph.configure()
+    return graph
+
+
+def _pulled(graph: av.filter.Graph, stamps: list[int]) -> Iterator[tuple[int, av.VideoFrame]]:
+    while True:
+        try:
+            field = graph.pull()
+        except (av.error.BlockingIOError, av.error.EOFError):
+            return
+        assert isinstance(field, av.VideoFrame)
+        assert field.pts is not None
+        number, second = divmod(field.pts, 2)
+        around = np.diff(stamps[max(0, number - 1) : number + 2])
+        if not second:
+            yield stamps[number], field
+        elif len(around):
+            yield stamps[number] + int(around.min()) // 2, field

@@ -1,0 +1,124 @@
+"""One decoded frame of a video as an image: the right way up, with square pixels, in 8 bits of full range.
+
+What a container or codec states of its pixels is honoured here or refused: display matrix (turned and mirrored), pixel
+aspect ratio, bit depth, limited range of grey, two views in one image. FFmpeg itself converts YUV of either range.
+"""
+
+from typing import cast
+
+import av
+import numpy as np
+import numpy.typing as npt
+from av.sidedata.sidedata import SideDataContainer, Type
+
+from ...errors import FileFormatError
+from ...types import Image
+
+__all__ = ["check_one_view", "grey_of", "levels_of", "oriented", "states_its_depth"]
+
+_MAX_SKEW = 0.02
+"""A display matrix turns by quarters of a circle alone: its lesser elements are at most this share of the others."""
+_LIMITED_RANGE = 1
+"""``color_range`` of grey from 16 (black) to 235 (white)."""
+_SIDE_BY_SIDE, _TOP_AND_BOTTOM, _LAST_ARRANGEMENT = 1, 2, 7
+"""FFmpeg's ``AVStereo3DType``: arrangements of two views in one image; 0 is one view, 8 is unspecified."""
+_HALVES = {
+    _SIDE_BY_SIDE: ("side by side", "crop=iw/2:ih:0:0"),
+    _TOP_AND_BOTTOM: ("one above the other", "crop=iw:ih/2:0:0"),
+}
+
+
+def states_its_depth(decoded: av.VideoFrame) -> bool:
+    """Whether the pixel format states the bits in use: grey or RGB of 16 bits may be what a 12-bit camera wrote."""
+    return decoded.format.components[0].bits < 16 or not (_is_grey(decoded) or decoded.format.is_rgb)
+
+
+def _is_grey(decoded: av.VideoFrame) -> bool:
+    return decoded.format.name.startswith("gray")
+
+
+def levels_of(decoded: av.VideoFrame, where: str) -> npt.NDArray[np.uint8 | np.uint16]:
+    """Returns (h, w) grey or (h, w, 3) RGB as stored: uint8, or uint16 whose upper bits are in use.
+
+    Args:
+        decoded: a frame.
+        where: the file, for the message.
+
+    Raises:
+        FileFormatError: the pixels are floating-point numbers, whose black and white nobody states.
+    """
+    bits = decoded.format.components[0].bits
+    if "f32" in decoded.format.name or "f16" in decoded.format.name:
+        raise FileFormatError(
+            f"{where}: holds {decoded.format.name} pixels; write it with 8 or 16 bit: "
+            "ffmpeg -i VIDEO -pix_fmt gray16le -c:v ffv1 GREY.mkv"
+        )
+    if _is_grey(decoded):
+        deep = bits > 8
+        levels = np.asarray(decoded.to_ndarray(), np.uint16) << np.uint16(16 - bits) if deep else grey_of(decoded)
+        return _full_range(levels) if decoded.color_range == _LIMITED_RANGE else levels
+    if bits > 8 and decoded.format.is_rgb:
+        return np.asarray(decoded.to_ndarray(format="rgb48le"), np.uint16)
+    return np.asarray(decoded.to_ndarray(format="rgb24"), np.uint8)
+
+
+def grey_of(decoded: av.VideoFrame) -> Image:
+    """Returns (h, w) grey levels in 8 bits, in the range of the file."""
+    return np.asarray(decoded.to_ndarray(format="gray"), np.uint8)
+
+
+def _full_range(levels: npt.NDArray[np.uint8 | np.uint16]) -> npt.NDArray[np.uint8 | np.uint16]:
+    scale = np.iinfo(levels.dtype).max / 255.0
+    stretched = (levels.astype(np.float32) - np.float32(16.0 * scale)) * np.float32(255.0 / 219.0)
+    return np.clip(np.rint(stretched), 0.0, 255.0 * scale).astype(levels.dtype)
+
+
+def check_one_view(decoded: av.VideoFrame, where: str) -> None:
+    """Raises FileFormatError where each image of the video holds two views of a stereo camera."""
+    stated = _side_data(decoded, Type.STEREO3D)
+    kind = int(stated[0]) if len(stated) else 0
+    if not 0 < kind <= _LAST_ARRANGEMENT:
+        return
+    how, crop = _HALVES.get(kind, ("interleaved", ""))
+    remedy = (
+        f"cut one out: ffmpeg -i VIDEO -vf {crop} -crf 10 VIEW.mp4" if crop else "record one view in a file of its own"
+    )
+    raise FileFormatError(f"{where}: each image holds two views of a stereo camera, {how}; {remedy}")
+
+
+def _side_data(decoded: av.VideoFrame, kind: Type) -> npt.NDArray[np.int32]:
+    """Returns the side data of this kind as integers; none where the frame has none."""
+    container = cast(SideDataContainer, decoded.side_data)
+    found = bytes(container[kind]) if kind in (data.type for data in container) else b""
+    return np.frombuffer(found[: len(found) // 4 * 4], np.int32)
+
+
+def oriented(image: Image, decoded: av.VideoFrame, where: str) -> Image:
+    """Returns ``image`` as a player shows it: a camera notes how it was held, and whether it mirrors.
+
+    Args:
+        image: (h, w) or (h, w, 3), as stored.
+        decoded: the frame with the display matrix (a, b, u, c, d, v, x, y, w): a stored pixel (p, q) is shown at
+            (a p + c q, b p + d q).
+        where: the file, for the message.
+
+    Raises:
+        FileFormatError: the matrix turns by another angle than quarters of a circle, or skews.
+    """
+    matrix = _side_data(decoded, Type.DISPLAYMATRIX)
+    if len(matrix) != 9 or not matrix[[0, 1, 3, 4]].any():
+        return image
+    (a, b), (c, d) = (int(matrix[0]), int(matrix[1])), (int(matrix[3]), int(matrix[4]))
+    straight, crossed = (abs(a), abs(d)), (abs(b), abs(c))
+    if max(crossed) <= _MAX_SKEW * min(straight):
+        across, along = a, d
+    elif max(straight) <= _MAX_SKEW * min(crossed):
+        image, across, along = np.swapaxes(image, 0, 1), c, b
+    else:
+        shown = [round(element / 65536, 3) for element in (a, b, c, d)]
+        raise FileFormatError(
+            f"{where}: its display matrix {shown} turns by another angle than 90, 180 or 270 degrees; turn the images "
+            "themselves: ffmpeg -i VIDEO -crf 10 TURNED.mp4"
+        )
+    image = image[:, ::-1] if across < 0 else image
+    return np.ascontiguousarray(image[::-1] if along < 0 else image)

@@ -1,0 +1,289 @@
+"""Reads video files: every image with its own stamp, as a player shows it."""
+
+import warnings
+from collections.abc import Iterator
+from fractions import Fraction
+from itertools import islice
+from pathlib import Path
+
+import av
+import av.error
+import numpy as np
+from av.container import InputContainer
+from av.stream import Disposition
+
+from ...errors import FileFormatError, TimeError
+from ...types import Frame, Image
+from .._image_size import check_pixels, max_pixels
+from .._images import bits_in_use
+from .._square_pixels import square_pixels
+from ._fields import FieldEvidence, FieldOrder, split_fields, stated_order
+from ._pixels import check_one_view, grey_of, levels_of, oriented, states_its_depth
+
+__all__ = ["VideoFile"]
+
+_REMEDY = "to use what is there, cut it out first: ffmpeg -i VIDEO -c copy WHOLE.mp4"
+_BESIDE = Disposition.attached_pic | Disposition.timed_thumbnails | Disposition.still_image | Disposition.dependent
+"""Streams that accompany a video: a cover, thumbnails, a depth map."""
+_PROBED_FRAMES = 250
+"""So many frames of a video that is marked as interlaced tell whether it is."""
+
+
+class VideoFile:
+    """A video file, to be read as often as wanted.
+
+    Raises FileFormatError for what is no video, is cut off, or states something of its images that is not read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._bits: int | None = None
+        self._order: FieldOrder | None = None
+        with _opened(path) as container:
+            stream = _chosen_stream(path, container)
+            self._stream_index = stream.index
+            check_pixels(stream.width, stream.height, str(path))
+            self._stated_order: FieldOrder = stated_order(stream)
+            self._stated_frames = _stated_count(container, stream)
+        if self._stated_order != "one instant":
+            self._field_order()
+
+    @property
+    def frame_count(self) -> int:
+        """Images that the file says it holds; 0 where it does not say."""
+        return self._stated_frames * (1 if self._order in (None, "one instant") else 2)
+
+    def frames(self, view: str = "camera") -> Iterator[Frame]:
+        """Yields all images, stamped as mid-exposure: (h, w) grey where the file is grey, else (h, w, 3) RGB.
+
+        They are the right way up, have square pixels and 8 bits. A frame of two fields becomes two images. Of damaged
+        frames, and of those up to the next key frame, which are made from them, only the number is said, as a warning.
+
+        Raises:
+            FileFormatError: the file breaks off, is mostly damaged, or its images are not of one kind.
+            TimeError: stamps are missing, repeated or run backwards.
+        """
+        with _opened(self.path) as container:
+            stream = self._stream(container)
+            checked = self._checked(self._unmarked_checked(_undamaged(self.path, container, stream)))
+            for stamp_ns, decoded in split_fields(checked, stream, self._field_order):
+                yield Frame(stamp_ns, self._image(stream, decoded), view)
+
+    def _stream(self, container: InputContainer) -> av.VideoStream:
+        stream = next(each for each in container.streams.video if each.index == self._stream_index)
+        stream.thread_type = "AUTO"
+        # a frame within may claim another size than the file's header, which was checked
+        stream.codec_context.options = {"max_pixels": str(max_pixels())}
+        return stream
+
+    def _decoded(self) -> Iterator[av.VideoFrame]:
+        """Yields the whole frames of the file, without a word on its faults."""
+        with _opened(self.path) as container:
+            yield from (each for each in _Packets(container, self._stream(container)) if each is not None)
+
+    def _image(self, stream: av.VideoStream, decoded: av.VideoFrame) -> Image:
+        where = str(self.path)
+        levels = levels_of(decoded, where)
+        if levels.dtype == np.uint16:
+            levels >>= (16 if states_its_depth(decoded) else self._bits_in_use()) - 8
+        aspect = stream.sample_aspect_ratio or stream.codec_context.sample_aspect_ratio or Fraction(1)
+        image = square_pixels(levels.astype(np.uint8), aspect, where)
+        return np.ascontiguousarray(oriented(image, decoded, where), dtype=np.uint8)
+
+    def _bits_in_use(self) -> int:
+        """Bits in use in pixels of 16 bits, by the rule for image files: one depth for the whole file."""
+        if self._bits is None:
+            self._bits = bits_in_use(levels_of(decoded, str(self.path)) for decoded in self._decoded())
+        return self._bits
+
+    def _field_order(self) -> FieldOrder:
+        """Of frames that are marked as interlaced, as the images show it; as stated where too little moves to tell.
+
+        Files often state it wrongly, or mark frames of one instant.
+        """
+        if self._order is None:
+            evidence = FieldEvidence()
+            for decoded in islice(self._decoded(), _PROBED_FRAMES):
+                if decoded.interlaced_frame:
+                    evidence.add(grey_of(decoded))
+                if evidence.two_instants is not None:
+                    break
+            order: FieldOrder = self._stated_order
+            if evidence.two_instants is False:
+                order = "one instant"
+                said = "is marked as interlaced, but both fields of a frame show one instant: its frames are read whole"
+            else:
+                if evidence.two_instants or order == "one instant":
+                    order = evidence.earlier_field
+                said = "is interlaced: each frame is read as two images, half a frame period apart"
+            warnings.warn(f"{self.path}: {said}", stacklevel=1)
+            self._order = order
+        return self._order
+
+    def _checked(self, frames: Iterator[tuple[int, av.VideoFrame]]) -> Iterator[tuple[int, av.VideoFrame]]:
+        """Refuses images that are not of one size, or that hold two views."""
+        size: tuple[int, int] | None = None
+        for number, (stamp_ns, decoded) in enumerate(frames):
+            check_one_view(decoded, str(self.path))
+            here = decoded.width, decoded.height
+            if size is not None and here != size:
+                raise FileFormatError(
+                    f"{self.path}: frame {number}, at {stamp_ns * 1e-9:.3f} s, has {here[0]} x {here[1]} pixels, those "
+                    f"before it {size[0]} x {size[1]}: cut the video there: ffmpeg -i VIDEO -t {stamp_ns * 1e-9:.3f} "
+                    "-c copy FIRST.mp4"
+                )
+            size = here
+            yield stamp_ns, decoded
+
+    def _unmarked_checked(self, frames: Iterator[tuple[int, av.VideoFrame]]) -> Iterator[tuple[int, av.VideoFrame]]:
+        """Refuses frames that are interlaced without being marked so."""
+        evidence: FieldEvidence | None = FieldEvidence()
+        for stamp_ns, decoded in frames:
+            yield stamp_ns, decoded
+            if evidence is None or decoded.interlaced_frame:
+                continue
+            evidence.add(grey_of(decoded))
+            if evidence.two_instants:
+                split = f"setfield={evidence.earlier_field},bwdif=mode=send_field"
+                raise FileFormatError(
+                    f"{self.path}: its even and odd rows were taken at two instants (interlaced), which the file does "
+                    f"not say; make each field an image: ffmpeg -i VIDEO -vf {split} -crf 10 FIELDS.mp4"
+                )
+            evidence = None if evidence.two_instants is False else evidence
+
+
+def _said(error: Exception) -> str:
+    return str(error).split("] ", 1)[-1].split(":")[0].strip()
+
+
+def _opened(path: Path) -> InputContainer:
+    if not path.exists():
+        raise FileFormatError(f"{path}: there is no such file")
+    if path.stat().st_size == 0:
+        raise FileFormatError(f"{path}: the file is empty, not a video")
+    try:
+        container = av.open(str(path), metadata_errors="replace")
+    except av.error.FFmpegError as error:
+        if path.suffix.lower() in (".mp4", ".mov", ".m4v"):
+            raise FileFormatError(
+                f"{path}: cannot be opened as a video ({_said(error)}): an .mp4 whose recording was cut off has no "
+                "index; record again, or repair it from an intact file of the same camera"
+            ) from None
+        raise FileFormatError(f"{path}: is no video that FFmpeg can read ({_said(error)})") from None
+    missing = _missing_bytes(path) if container.format.name.startswith("mov") else 0
+    if missing:
+        container.close()
+        raise FileFormatError(f"{path}: is cut off: its last {missing} bytes are missing; {_REMEDY}")
+    return container
+
+
+def _chosen_stream(path: Path, container: InputContainer) -> av.VideoStream:
+    """The stream that is read: not a cover or thumbnail; of several the default one, else the first of the largest.
+
+    Raises FileFormatError where there is none, or no decoder for it.
+    """
+    streams = [stream for stream in container.streams.video if not stream.disposition & _BESIDE]
+    if not streams:
+        raise FileFormatError(f"{path}: holds no video stream")
+    moving = [stream for stream in streams if stream.frames != 1] or streams
+    usable = [stream for stream in moving if getattr(stream, "codec_context", None)]
+    if not usable:
+        raise FileFormatError(f"{path}: no decoder here knows its kind of video; convert it, for example to H.264")
+    chosen = max(usable, key=lambda each: (bool(each.disposition & Disposition.default), each.width * each.height))
+    others = [stream for stream in usable if stream is not chosen]
+    if others:
+        listed = ", ".join(f"stream {each.index}, {each.width} x {each.height} pixels" for each in others)
+        warnings.warn(
+            f"{path}: holds {len(usable)} videos; stream {chosen.index}, {chosen.width} x {chosen.height} pixels, is "
+            f"read, not {listed}: to read this one, write it to a file of its own: ffmpeg -i VIDEO -map "
+            f"0:{others[0].index} -c copy OTHER.mp4",
+            stacklevel=1,
+        )
+    return chosen
+
+
+def _missing_bytes(path: Path) -> int:
+    """By how much the boxes that an .mp4 consists of reach beyond the end of the file."""
+    size, at = path.stat().st_size, 0
+    with path.open("rb") as stream:
+        while at + 8 <= size:
+            stream.seek(at)
+            head = stream.read(16)
+            length = int.from_bytes(head[:4], "big")
+            if length == 1:  # the length stands behind the name, in 64 bits
+                length = int.from_bytes(head[8:], "big")
+            if length < 8:  # 0: the last box reaches to the end, however far that is
+                return 0
+            at += length
+    return max(0, at - size)
+
+
+def _stated_count(container: InputContainer, stream: av.VideoStream) -> int:
+    if stream.frames:
+        return stream.frames
+    rate = stream.average_rate
+    return round((container.duration or 0) / 1_000_000 * float(rate)) if rate else 0
+
+
+def _undamaged(path: Path, container: InputContainer, stream: av.VideoStream) -> Iterator[tuple[int, av.VideoFrame]]:
+    """Yields stamp in ns and frame of those that are whole; see `VideoFile.frames`."""
+    packets = _Packets(container, stream)
+    count, last, hurt, hurt_at_s, damaged = 0, None, 0, 0.0, False
+    try:
+        for decoded in packets:
+            if decoded is None:
+                count, hurt, damaged = count + 1, hurt + 1, True
+                hurt_at_s = hurt_at_s if hurt > 1 else (last or 0) * 1e-9
+                continue
+            if decoded.pts is None or decoded.time_base is None:
+                raise TimeError(f"{path}: frame {count} has no time stamp; write the video with time stamps")
+            stamp_ns = round(decoded.pts * decoded.time_base * 1_000_000_000)
+            if last is not None and stamp_ns <= last:
+                what = "repeats the stamp of" if stamp_ns == last else "is stamped before"
+                raise TimeError(
+                    f"{path}: frame {count} ({stamp_ns * 1e-9:.6f} s) {what} the frame before it "
+                    f"({last * 1e-9:.6f} s); write the video with rising stamps, or as images with a stamps.csv"
+                )
+            count, last = count + 1, stamp_ns
+            damaged = decoded.is_corrupt or (damaged and not decoded.key_frame)
+            if damaged:
+                hurt, hurt_at_s = hurt + 1, hurt_at_s if hurt else stamp_ns * 1e-9
+                continue
+            yield stamp_ns, decoded
+    except av.error.FFmpegError as error:
+        raise FileFormatError(f"{path}: cannot be read beyond frame {count} ({_said(error)}); {_REMEDY}") from None
+    if count == 0:
+        raise FileFormatError(f"{path}: not one frame can be read; the video is cut off or damaged")
+    stated = stream.frames - packets.hidden
+    if stream.frames and count < 0.98 * stated:
+        raise FileFormatError(f"{path}: is cut off: {count} of {stated} frames can be read; {_REMEDY}")
+    if hurt > 0.5 * count:
+        raise FileFormatError(f"{path}: is damaged: {count - hurt} of {count} frames are whole; copy it again")
+    if hurt:
+        warnings.warn(
+            f"{path}: {hurt} damaged frames were left out, the first at {hurt_at_s:.3f} s; copy the file again if "
+            "it has an intact original",
+            stacklevel=1,
+        )
+
+
+class _Packets:
+    """The decoded frames of a stream, and None for a packet that cannot be decoded.
+
+    ``hidden``: packets so far that the file's edit list leaves out, as a trimmed telephone video does.
+    """
+
+    def __init__(self, container: InputContainer, stream: av.VideoStream) -> None:
+        self._container, self._stream = container, stream
+        self.hidden = 0
+
+    def __iter__(self) -> Iterator[av.VideoFrame | None]:
+        # one packet after the other: where an error shows depends on the threads of the decoder
+        for packet in self._container.demux(self._stream):
+            self.hidden += packet.is_discard
+            try:
+                found = packet.decode()
+            except av.error.InvalidDataError:
+                yield None
+            else:
+                yield from found
