@@ -33,6 +33,14 @@ def command(
             "others test. saved: models as they are, nothing is trained."
         ),
     ] = "all",
+    to_the_letter: Annotated[
+        bool,
+        typer.Option(
+            "--to-the-letter",
+            help="svr and dcfe with the thesis's own settings. svr: algorithm 1, five coefficients and the knob alone. "
+            "dcfe: all training images, 10,000 epochs, no early stop. --set changes them.",
+        ),
+    ] = False,
     samples: Annotated[
         int | None, typer.Option(min=1, help="Draw so many samples first (the thesis has 220); default: all.")
     ] = None,
@@ -90,23 +98,30 @@ def command(
         tipforce evaluate --compare beam arcs --data runs/ --protocol standard --every 8 -o report/
 
         tipforce evaluate compact --from pretrained --data runs/ --protocol catheter -o report/
+
+        tipforce evaluate svr --data runs/ --protocol thesis --to-the-letter -o report/
     """
     from ..errors import InputError
     from ..estimators import ESTIMATORS
-    from ..pipelines import evaluate
+    from ..pipelines import evaluate, thesis_settings
 
     check_outputs([data], json_file)
     named = [model for model in models if model in ESTIMATORS and not Path(model).is_dir()]
     if settings and not named:
         raise InputError("--set changes the settings of a method that is named, such as svr; a saved model has its own")
     chosen = None
-    for name in named if settings else ():  # what is set must hold for each method that is named
-        chosen = settings_from(ESTIMATORS[name].settings_type, settings).model_dump(exclude_unset=True)
+    for name in named if settings else ():  # settings must be valid for each method that is named
+        kind = ESTIMATORS[name].settings_type
+        base = kind.model_validate(thesis_settings(name)) if to_the_letter else None
+        changed = settings_from(kind, settings, base)
+        stated = {pair.partition("=")[0].split(".")[0] for pair in settings or ()}
+        chosen = changed.model_dump(include=stated, exclude_unset=base is None)
     with progress_bar() as report:
         done = evaluate(
             models, data, output,
             protocol=protocol,
             settings=chosen,
+            to_the_letter=to_the_letter,
             bench=bench,
             init_from=start,
             truth=truth,

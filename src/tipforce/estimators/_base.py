@@ -50,6 +50,9 @@ class Estimator(ABC):
     thesis_samples: ClassVar[int] = 220
     """So many samples the thesis has for this method: what its protocol draws."""
 
+    thesis_settings: ClassVar[Mapping[str, Any] | None] = None
+    """Settings with which it is the thesis's own method to the letter; None: the thesis has no such method."""
+
     needs_fit: ClassVar[bool] = True
     """False for a method that estimates forces from its settings and the session's metadata alone."""
 
@@ -174,7 +177,7 @@ class Estimator(ABC):
 
     @property
     def training_sessions(self) -> frozenset[str]:
-        """Fingerprints of sessions that are not new to this fitted method, those of what it is fine-tuned from, too."""
+        """Fingerprints of sessions that are not new to this method, fitted or not: those of its initial model, too."""
         return frozenset()
 
     def describe(self) -> dict[str, Any]:

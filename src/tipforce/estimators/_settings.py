@@ -1,4 +1,4 @@
-"""Settings of method 1. The defaults are the thesis's; everything else goes beyond it and says so."""
+"""Settings of method 1: the thesis's but for detection and drives; what else goes beyond the thesis says so."""
 
 from typing import Annotated, Literal
 
@@ -53,13 +53,14 @@ class SvrSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     vision: VisionSettings = VisionSettings()
-    """How the catheter is looked for; ``vision.method=classic`` is the thesis's own algorithm 1."""
+    """How the catheter is looked for. Beyond the thesis: `tracer`; its own algorithm 1 is ``vision.method=classic``."""
     max_left_out: Annotated[float, Field(ge=0, le=1)] = 0.1
     """Training stops where a larger share of the samples, or a whole session, cannot be learnt from; 1: never."""
     features: ShapeFeatureSettings = ShapeFeatureSettings()
     """The shape's numbers: five coefficients of a polynomial of degree 4 (thesis eq. 2)."""
     actuation: tuple[str, ...] | None = None
-    """Names of the actuation values used; None: all that the training data have."""
+    """Names of the actuation values used; None: all that the training data have. The thesis has the knob alone; a drive
+    that is left out may move without notice."""
     force: Literal["magnitude", "components"] = "magnitude"
     """One number as in the thesis, or one machine for each measured component."""
     scaling: Literal["max", "standard"] = "max"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..clinical import WINDOW_N
+from ..clinical import LIMIT_N, WINDOW_N
 from ..types import BoolArray, FloatArray
 from ._predictions import Predictions
 
@@ -32,8 +32,8 @@ __all__ = [
 MIN_SESSIONS = 5
 """With fewer sessions no bootstrap interval is given: resampling so few says little of the spread between sessions."""
 
-COVERAGE_FORCE_BINS_N = (0.0, 0.05, WINDOW_N[0], 0.2, 0.3, WINDOW_N[1], 0.6, 1.0, math.inf)
-"""Edges of the strata of the reference magnitude, in newtons; both ends of the force window are among them."""
+COVERAGE_FORCE_BINS_N = (0.0, 0.05, WINDOW_N[0], 0.2, 0.3, LIMIT_N, 0.6, 1.0, math.inf)
+"""Edges of the strata of the reference magnitude, in newtons; the window's lower end and the limit are among them."""
 
 CONTACT_ANGLE_BINS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 """Edges of the strata of the angle between the tip's axis and the direction into the tissue."""

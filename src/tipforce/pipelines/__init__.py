@@ -5,7 +5,7 @@ from ._control import REGIMES, ControlRun, ControlSession, bench_of_regime, live
 from ._control_report import control, plot_control, verdict
 from ._demo import DemoReport, demo
 from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_estimates
-from ._evaluate import EvaluateReport, evaluate
+from ._evaluate import EvaluateReport, evaluate, thesis_settings
 from ._guided import Guide, missing_for_training
 from ._import_session import import_session
 from ._inspect import inspect
@@ -70,6 +70,7 @@ __all__ = [
     "simulate",
     "simulate_dataset",
     "summarise_recording",
+    "thesis_settings",
     "train",
     "verdict",
     "write_estimates",

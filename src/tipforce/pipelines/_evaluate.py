@@ -22,12 +22,12 @@ from ..evaluation import (
 )
 from ..evaluation import evaluate as evaluate_methods
 from ..simulation import read_truth
-from ..types import FloatArray, IntArray, SessionInfo
+from ..types import FloatArray, IntArray, SessionInfo, merged_values
 from ._bounds import bounds_from
 from ._estimate import session_info_from
 from ._train import Data, data_of
 
-__all__ = ["EvaluateReport", "evaluate"]
+__all__ = ["EvaluateReport", "evaluate", "thesis_settings"]
 
 Protocol = Literal["all", "random", "blocked", "session", "thesis", "standard", "catheter", "saved"]
 
@@ -53,6 +53,7 @@ def evaluate(
     *,
     protocol: Protocol = "all",
     settings: BaseModel | Mapping[str, Any] | None = None,
+    to_the_letter: bool = False,
     bench: SessionInfo | str | Path | None = None,
     init_from: str | Path | None = None,
     truth: str | Path | None = None,
@@ -79,6 +80,8 @@ def evaluate(
         output: folder for report.html, metrics.json and figures.
         protocol: what is held out. "all": random, blocked and session side by side; "saved": nothing is trained.
         settings: of the methods that are named; saved models have their own.
+        to_the_letter: the methods that are named, ``svr`` and ``dcfe``, begin with the thesis's own settings, over
+            which ``settings`` are laid.
         bench: metadata in place of what the data hold.
         init_from: networks that are named: each split fine-tunes this model, or "pretrained".
         truth: folder with the truth of simulated sessions: score against it, too.
@@ -106,7 +109,18 @@ def evaluate(
         raise InputError("the bound needs the truth: state the folder that `tipforce simulate` wrote as truth")
     if init_from is not None and not named:
         raise InputError("init_from is for a method that is named, such as compact; a saved model has its own weights")
-    chosen = {name: ESTIMATORS[name].settings_type.model_validate(settings or {}) for name in named}
+    stated = settings.model_dump(exclude_unset=True) if isinstance(settings, BaseModel) else settings or {}
+    chosen = {
+        name: ESTIMATORS[name].settings_type.model_validate(
+            merged_values(thesis_settings(name), stated) if to_the_letter else stated
+        )
+        for name in named
+    }
+    if to_the_letter and (len(named) < len(names) or init_from is not None):
+        raise InputError(
+            "--to-the-letter trains the thesis's own methods from nothing: name svr or dcfe, no saved model, and leave "
+            "--from out"
+        )
     methods = methods_from(names, chosen, None if init_from is None else str(init_from))
     dataset = data_of(data, session_info_from(bench))
     report = progress or no_progress
@@ -135,6 +149,19 @@ def evaluate(
         report("report", 1.0)
         metrics = write_report(result, output, command)
     return EvaluateReport(result, metrics, tuple(report_lines(metrics)), output / "report.html")
+
+
+def thesis_settings(name: str) -> Mapping[str, Any]:
+    """Returns the settings with which a method is the thesis's to the letter.
+
+    Raises:
+        InputError: the thesis has no such method.
+    """
+    settings = ESTIMATORS[name].thesis_settings
+    if settings is None:
+        known = " and ".join(each for each in ESTIMATORS if ESTIMATORS[each].thesis_settings is not None)
+        raise InputError(f"{name}: the thesis has no such method; --to-the-letter goes with {known}")
+    return settings
 
 
 def _truths(folder: Path) -> dict[str, tuple[IntArray, FloatArray]]:

@@ -73,8 +73,8 @@ def simulate(
 
     Args:
         output: folder that they go to; sessions that stand there already are kept.
-        preset: bench-2021, generalise, varied, thesis-2021-plain, fluoro, biplane, guidewire, catheter-5f, or settings
-            of one's own.
+        preset: bench-2021, generalise, varied, thesis-2021-plain, thesis-2021, fluoro, biplane, guidewire,
+            catheter-5f, or settings of one's own.
         sessions: how many.
         seconds: length of each; else the preset's.
         seed: the same seed gives the same sessions.

@@ -31,6 +31,9 @@ from .world import FINE, Resolution, SensorLog, Session, Trajectory, run_session
 
 __all__ = ["SimulatedBench"]
 
+_MAX_FRAMES = 1_000_000
+"""More images than any session has: where sessions share a camera, each has its own noise."""
+
 
 class SimulatedBench:
     """Session ``session`` of ``seed`` on the bench of ``settings``: images, force readings, knob and stage.
@@ -75,6 +78,15 @@ class SimulatedBench:
     def _rng(self, purpose: int) -> np.random.Generator:
         return np.random.default_rng([self.seed, self.number, purpose])
 
+    @property
+    def _first_of_bench(self) -> int:
+        """The first session on this session's bench: its camera and what that shows are the bench's."""
+        return self.number - self.number % self.settings.world.sessions_per_bench
+
+    def _bench_rng(self, purpose: int) -> np.random.Generator:
+        """The same for all sessions of a bench."""
+        return np.random.default_rng([self.seed, self._first_of_bench, purpose])
+
     def _catheter_rng(self) -> np.random.Generator:
         """The same for all sessions of a catheter."""
         number = self.number // self.settings.world.shaft.sessions_per_catheter
@@ -98,10 +110,11 @@ class SimulatedBench:
         return make_imaging(
             self.settings,
             self.session,
-            (self._rng(2), self._catheter_rng()),
+            (self._bench_rng(2), self._catheter_rng()),
             self.interpolator.exposure,
             times,
             shown,
+            first_frame=(self.number - self._first_of_bench) * _MAX_FRAMES,
         )
 
     @property
@@ -144,6 +157,7 @@ class SimulatedBench:
         jitter = np.clip(rng.standard_normal(count) * clock.jitter_s, -most, most)
         jitter[0] = abs(jitter[0])  # no stamp lies before zero
         kept = rng.random((len(self.views), count)) >= clock.dropped_share
+        kept &= np.arange(count) / clock.fps >= clock.images_from_s
         return np.arange(count) / clock.fps + jitter, kept.T
 
     @property
@@ -240,7 +254,7 @@ class SimulatedBench:
     def _session_info(self) -> SessionInfo:
         world, device = self.settings.world, self.session.bench_model.parameters.device
         imaging, gain = self.imaging, world.actuation.gain_per_m_deg
-        metres_per_px = float(f"{imaging.measured_scale_m_per_px(self._rng(5)):.4g}")
+        metres_per_px = float(f"{imaging.measured_scale_m_per_px(self._bench_rng(5)):.4g}")
         of_length, of_stiffness = world.shaft.uncertainties()
         return SessionInfo(
             name=self.name,

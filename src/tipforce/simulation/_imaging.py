@@ -84,14 +84,16 @@ def make_imaging(
     exposed: Exposed,
     times_s: FloatArray,
     kept: IntArray,
+    first_frame: int = 0,
 ) -> Imaging:
     """The images of a session: ``times_s`` (m,) of all exposures, ``kept`` (n,): which of them became images.
 
-    ``rngs``: of the session, and of its catheter.
+    ``rngs``: of the session's bench, and of its catheter. ``first_frame``: what a camera counts its images from, which
+    its noise follows.
     """
     if isinstance(settings, FluoroSettings):
         return XrayImaging(settings, session.bench_model, rngs[0], exposed, times_s, kept)
-    return CameraImaging(settings, session, rngs, exposed, times_s[kept])
+    return CameraImaging(settings, session, rngs, exposed, times_s[kept], first_frame)
 
 
 _FRAMED = 400
@@ -131,8 +133,10 @@ class CameraImaging:
         rngs: tuple[np.random.Generator, np.random.Generator],
         exposed: Exposed,
         times_s: FloatArray,
+        first_frame: int,
     ) -> None:
         bench_model, (rng, catheter_rng) = session.bench_model, rngs
+        self._first_frame = first_frame
         self.settings, self._bench_model, self._exposed, self._times_s = settings, bench_model, exposed, times_s
         ranges = settings.scene.model_copy(update={"diameter_m": bench_model.parameters.device.diameter_m})
         self.scene = sample_scene(
@@ -176,7 +180,7 @@ class CameraImaging:
         del view
         time_s = float(self._times_s[index])
         shapes, tissue = self._exposed(time_s, self.scene.exposure_s, _CAMERA_INSTANTS)
-        return self.renderer.render(shapes, tissue, frame=index, time_s=time_s)
+        return self.renderer.render(shapes, tissue, frame=self._first_frame + index, time_s=time_s)
 
     def truth(self, view: str, index: int) -> ImageTruth:
         """What frame ``index`` shows of the catheter."""

@@ -147,6 +147,21 @@ PRESETS: dict[str, AnySimulationSettings] = {
         ),
     ),
     "thesis-2021-plain": SimulationSettings(preset="thesis-2021-plain", scene=THESIS_PLAIN),
+    "thesis-2021": SimulationSettings(
+        preset="thesis-2021",
+        world=WorldSettings(
+            shaft=ShaftSettings(sessions_per_catheter=1_000_000),
+            motion=MotionSettings(
+                amplitude_m=(2.5e-3, 5e-3),
+                least_force_n=(0.160, 0.160),
+                peak_force_n=(0.275, 0.275),
+                peak_within_n=1e-3,
+            ),
+            clock=ClockSettings(images_from_s=6.5),
+            sessions_per_bench=1_000_000,
+        ),
+        scene=THESIS_PLAIN,
+    ),
     "guidewire": SimulationSettings(
         preset="guidewire",
         world=WorldSettings(
@@ -221,5 +236,5 @@ PRESETS: dict[str, AnySimulationSettings] = {
         ),
     ),
 }
-"""By name; ``bench-2021``, ``generalise``, ``fluoro``, ``biplane``, ``varied`` and ``thesis-2021-plain`` are frozen: a
-change makes a new name."""
+"""By name; ``bench-2021``, ``generalise``, ``fluoro``, ``biplane``, ``varied``, ``thesis-2021-plain`` and
+``thesis-2021`` are frozen: a change makes a new name."""

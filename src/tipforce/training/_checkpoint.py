@@ -142,9 +142,10 @@ def progress_text(row: dict[str, Any], config: TrainConfig) -> str:
         remaining_s = min(remaining_s, max(0.0, 60 * config.minutes - row["seconds"]))
     error_n = row["validation_error_n"]
     error = "not finite" if error_n is None else f"{error_n * 1e3:.1f} mN"
+    training = f"{row['training_error_n'] * 1e3:.1f}"
+    errors = f"error {error} (training {training})" if config.validation else f"training error {training} mN"
     return (
-        f"epoch {row['epoch']}/{config.epochs}: loss {row['loss']:.4f}, error {error} "
-        f"(training {row['training_error_n'] * 1e3:.1f}), {row['images_per_s']:.0f} images/s, "
+        f"epoch {row['epoch']}/{config.epochs}: loss {row['loss']:.4f}, {errors}, {row['images_per_s']:.0f} images/s, "
         f"waiting {100 * row['waiting_share']:.0f} %, at most {duration_text(remaining_s)} left"
     )
 

@@ -82,7 +82,7 @@ def train_val_split(session: npt.NDArray[np.str_], config: TrainConfig) -> Train
 
     Args:
         session: (n,) name of each sample's session.
-        config: its ``validation``, ``hold_out`` and ``seed`` say how.
+        config: its ``validation``, ``hold_out`` and ``seed`` say how; ``validation`` 0: all samples train.
 
     Raises:
         InputError: there are too few sessions or samples.
@@ -91,6 +91,8 @@ def train_val_split(session: npt.NDArray[np.str_], config: TrainConfig) -> Train
     >>> len(split.train), len(split.val), split.by_session
     (27, 3, True)
     """
+    if config.validation == 0:
+        return TrainValSplit(np.arange(len(session)), np.empty(0, np.int64), by_session=False)
     names = list(dict.fromkeys(session.tolist()))
     rng = np.random.default_rng((config.seed, 0))
     count = int(config.validation * len(names) + 1e-9)

@@ -34,7 +34,7 @@ class TrainResult:
     """A trained network.
 
     Attributes:
-        weights: parameters and buffers of the best epoch, by name.
+        weights: parameters and buffers of the epoch that was kept, by name.
         rows: the training log, one row an epoch.
         facts: how it was trained, as JSON values.
     """
@@ -69,7 +69,7 @@ def train_network(
     resume: bool = False,
     progress: Progress | None = None,
 ) -> TrainResult:
-    """Train a network and keep the epoch with the smallest validation error.
+    """Train a network and keep the epoch with the smallest validation error, or the last one without validation.
 
     Args:
         task: the network, its loss and its error.
@@ -137,10 +137,12 @@ def _run_epoch(
             f"example rate={config.rate / 10:g}"
         )
     # not finite where batch normalisation has seen too little so far: such an epoch is not the best
-    error_n = trainer.validation_error_n(loader, split.val)
+    error_n = trainer.validation_error_n(loader, split.val) if len(split.val) else float("nan")
     state.epoch += 1
     state.plateau += 1
-    if error_n < state.best_error_n:
+    if not len(split.val):
+        state.best, state.best_epoch = trainer.best_weights(), state.epoch
+    elif error_n < state.best_error_n:
         state.best, state.best_epoch = trainer.best_weights(), state.epoch
         state.best_error_n, state.plateau = error_n, 0
     elif config.schedule == "plateau" and state.plateau >= config.plateau_epochs:
@@ -188,7 +190,7 @@ def _facts(
         "validation": f"{len(set(samples.session[split.val].tolist()))} whole sessions"
         if split.by_session
         else "samples drawn at random",
-        "validation_error_n": state.best_error_n,
+        "validation_error_n": state.best_error_n if len(split.val) else None,
         "max_epochs": config.epochs,
         "epochs_run": state.epoch,
         "best_epoch": state.best_epoch,

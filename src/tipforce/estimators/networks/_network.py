@@ -181,8 +181,9 @@ class NetworkEstimator(FineTunable):
 
     @property
     def training_sessions(self) -> frozenset[str]:
-        """Those of the model it was fine-tuned from, too. Raises NotFittedError before ``fit``."""
-        return frozenset(self._fitted().sessions)
+        """Those of the model it is fine-tuned from, too, which alone are known before ``fit``."""
+        fitted = self.fitted_ or self.initial_model()
+        return frozenset() if fitted is None else frozenset(fitted.sessions)
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
         """Train on ``dataset``, except for a validation split for the best epoch and the interval.
@@ -248,7 +249,8 @@ class NetworkEstimator(FineTunable):
             network, index = network_from_weights(task, result.weights), prepared.index
             inputs = {**self.input_specs(training=False), **actuation_spec(names)}
             metadata = {"method": self.name, "components": ", ".join(np.array(AXES)[known])}
-            compared = task.batch(samples, spread_evenly(split.val, _PARITY_SAMPLES), None)
+            apart = split.val if len(split.val) else split.train
+            compared = task.batch(samples, spread_evenly(apart, _PARITY_SAMPLES), None)
             shown = {name: compared[name] for name in task.inputs}
             for half_precision in (True, False):  # too coarse for a network whose large features cancel
                 data = export_graph(network, inputs, self.outputs, metadata, half_precision=half_precision)
@@ -265,7 +267,7 @@ class NetworkEstimator(FineTunable):
                 quantised, growth = quantise_checked(data, task, samples, split)
             graph = Graph(data, GRAPH_FILE) if quantised is None else Graph(quantised, QUANTISED_FILE)
             calibration = CalibrationBatch(graph, task, samples, split, dataset.stamp_ns[index])
-            arrays = self.fit_arrays(calibration)
+            arrays = self.fit_arrays(calibration) if len(split.val) else {}
             del prepared, samples, calibration  # before the files that they map
         held_out, before = dataset.subset(index[split.val]), self.initial_model()
         trained_on = f"{len(index)} samples of {dataset.title}"
@@ -278,7 +280,7 @@ class NetworkEstimator(FineTunable):
             quantised=quantised,
             arrays=arrays,
             log="".join(json.dumps(row) + "\n" for row in result.rows).encode(),
-            interval=_NO_INTERVAL,
+            interval=_no_interval(known),
             facts={
                 **result.facts,
                 "modalities": sorted({_modality(info, self.settings.view) for info in dataset.session_info.values()}),
@@ -294,6 +296,8 @@ class NetworkEstimator(FineTunable):
             },
             sessions=tuple(sorted({*dataset.session_fingerprints.values(), *(before.sessions if before else ())})),
         )
+        if not len(split.val):
+            return self
         # the split that chose the epoch guarantees nothing for another session, even where it has whole ones
         sampling = f"{'held-out' if split.by_session else 'random'} samples that also chose the epoch,"
         self._set_interval(held_out, sampling, lambda share: report("measuring", 0.96 + 0.04 * share))
@@ -578,4 +582,7 @@ def _no_progress(what: str, share: float) -> None:
     del what, share
 
 
-_NO_INTERVAL = Interval(np.full(3, np.nan), math.nan, np.full((3, 3), np.nan), False, "not measured yet", 0, 0)
+def _no_interval(known: BoolArray) -> Interval:
+    """Intervals that exclude nothing, until some are measured."""
+    half_n = np.where(known, np.inf, np.nan)
+    return Interval(half_n, math.inf, np.full((3, 3), np.nan), False, "nothing: no sample was held out", 0, 0)

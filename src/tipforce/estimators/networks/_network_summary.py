@@ -28,8 +28,12 @@ def network_summary(facts: Mapping[str, Any]) -> ModelSummary:
         f"{facts['epochs_run']} of {facts['max_epochs']} epochs in {duration_text(facts['seconds'])} "
         f"({facts['device']}, {facts['precision']}): {facts['stop_reason']}"
     )
-    held_out = f"{facts['validation_samples']} validation samples ({facts['validation']})"
-    error = f"{facts['validation_error_n'] * 1e3:.1f} mN"
+    kept = f"kept epoch {facts['best_epoch']}"
+    if facts["validation_samples"]:
+        held_out = f"{facts['validation_samples']} validation samples ({facts['validation']})"
+        kept += f": mean error {facts['validation_error_n'] * 1e3:.1f} mN on {held_out}"
+    else:
+        kept += ", the last one: nothing was held out"
     half_widths = {name: half_width_text(half) for name, half in facts["interval_half_width_n"].items()}
     performance = (
         "| estimate | 90 % interval |",
@@ -37,10 +41,7 @@ def network_summary(facts: Mapping[str, Any]) -> ModelSummary:
         *(f"| {name} | {half} |" for name, half in half_widths.items()),
         *(f"\n{line[0].upper()}{line[1:]}." for line in magnitude_intervals(facts)),
         "",
-        (
-            f"Trained for {budget}. The best epoch was number {facts['best_epoch']}, with a mean error of {error} on "
-            f"{held_out}; `training.jsonl` has the figures of every epoch."
-        ),
+        (f"Trained for {budget}; {kept}. `training.jsonl` has the figures of every epoch."),
     )
     training = [f"{facts['network']}, {facts['parameters']:,} weights"]
     if facts["fine_tuned_from"] is not None:
@@ -49,7 +50,7 @@ def network_summary(facts: Mapping[str, Any]) -> ModelSummary:
     training += [f"samples that could not be read: {left_out_text(left_out)}"] if left_out else []
     training += [
         f"trained {budget}",
-        f"kept epoch {facts['best_epoch']}: mean error {error} on {held_out}",
+        kept,
         *([f"quantised to 8 bits: error {facts['error_growth_in_8_bits']:+.1%}"] if facts["bits"] == 8 else []),
         "90 % interval: " + ", ".join(f"{name} {half}" for name, half in half_widths.items()),
         *magnitude_intervals(facts),

@@ -14,11 +14,21 @@ import numpy.typing as npt
 from ...types import FloatArray, IntArray
 from ._calibration import CalibrationBatch
 
-__all__ = ["History", "RateCompensation", "earlier_samples", "fit_rate_compensation", "rate_compensation_from"]
+__all__ = [
+    "MAX_COMPENSATION_S",
+    "History",
+    "RateCompensation",
+    "earlier_samples",
+    "fit_rate_compensation",
+    "rate_compensation_from",
+]
 
 MIN_ELAPSED_S, MAX_ELAPSED_S = 0.03, 0.15
 """Time over which the change is taken: less is noise, more is another phase of the heartbeat."""
 
+MAX_COMPENSATION_S = 10.0
+"""Largest value of a compensation. Those of tissue are tens of milliseconds; a longer one is fitted where the network
+estimates nearly the same force in all images."""
 _PRIOR_SAMPLES = 200.0
 """The initial model's compensation, or none, counts as so many samples."""
 _MAX_PAIRS = 20_000
@@ -114,6 +124,8 @@ def fit_rate_compensation(
     prior = _PRIOR_SAMPLES * float(np.mean(rate * rate)) * np.eye(estimate_n.shape[1])
     solution = np.linalg.solve(rate.T @ rate + prior, rate.T @ missing + prior @ initial.seconds)
     seconds = solution.astype(np.float64)
+    if not np.abs(seconds).max() <= MAX_COMPENSATION_S:
+        return initial
     remaining = missing - rate @ seconds
     factor = max(1.0, float(np.sqrt(np.mean(missing**2) / max(np.mean(remaining**2), 1e-12))))
     return RateCompensation(seconds, factor)

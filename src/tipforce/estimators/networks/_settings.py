@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ...training import Augmentation, Batch, ClipNorm, Epochs, Rate, TrainConfig, WarmupEpochs, WeightDecay
 from ._image_input import WINDOW_LENGTHS
@@ -39,8 +39,9 @@ class NetworkSettings(TrainConfig):
 class DcfeSettings(NetworkSettings):
     """ResNet-18 from the image to Fx and Fy (thesis ch. 4).
 
-    The thesis states stochastic gradient descent, eq. (19) and 10,000 epochs; what it leaves open is chosen here.
-    ``patience`` ends training early.
+    The thesis states stochastic gradient descent, eq. (19) and 10,000 epochs on all training images; what it leaves
+    open is chosen here. By default a tenth of the images is held out and ends training early (``validation``,
+    ``patience``); `Dcfe.thesis_settings` are the thesis's to the letter.
     """
 
     fine_tuning: ClassVar[Mapping[str, Any]] = {
@@ -60,6 +61,9 @@ class DcfeSettings(NetworkSettings):
     """Largest number of epochs, as in the thesis."""
     patience: Epochs | None = 60
     """Early stopping after so many epochs without a smaller validation error; None: all ``epochs``."""
+    validation: Annotated[float, Field(ge=0, le=0.5)] = 0.1
+    """See `TrainConfig`. 0, as in the thesis: all samples train, the last epoch is kept, and there are no intervals and
+    no abstention, for nothing is left to measure them on."""
     batch: Batch = 16
     """Batch size."""
     rate: Rate = 0.0003
@@ -69,6 +73,15 @@ class DcfeSettings(NetworkSettings):
     """Learning-rate schedule. For the same reason a constant rate does not converge."""
     plateau_epochs: Epochs = 15
     """Patience of `plateau`."""
+
+    @model_validator(mode="after")
+    def _held_out(self) -> Self:
+        if self.validation == 0 and (self.patience is not None or self.schedule == "plateau" or self.bits == 8):
+            raise ValueError(
+                "validation=0 holds nothing out, so nothing can stop training, halve the rate or check 8 bits: state "
+                "patience=null, schedule=cosine and bits=32 too"
+            )
+        return self
 
 
 class CompactSettings(NetworkSettings):

@@ -56,7 +56,7 @@ from ._compact_estimates import (
 from ._image_input import BASE_SIDES, Window, catheter_window, crop_window, enlarged, moved
 from ._network import NetworkEstimator, NetworkStream
 from ._preparation import Arrays, InputReader, Spec, Specs
-from ._rate_compensation import History, RateCompensation, rate_compensation_from
+from ._rate_compensation import MAX_COMPENSATION_S, History, RateCompensation, rate_compensation_from
 from ._settings import CompactSettings
 from ._tissue import TissueBelief, TissueEvidence, fit_tissue_evidence
 
@@ -72,8 +72,6 @@ STIFFNESS_NM2, LENGTH_M, DIAMETER_M = 4.3e-4, 0.04, 2.33e-3
 _KNOB_GAIN = "actuation.knob_gain_per_m_deg"
 _TRAINING_SIZE = 1.3
 """Side of the training images over that of the network's: there is room for augmentation."""
-_LONGEST_S = 10.0
-"""Largest value of a rate compensation; those found are tens of milliseconds."""
 _DIFFERENT_TISSUE = 2.0
 """Classes of tissue are learnt where the stiffest of the training data is so many times as stiff as the softest."""
 _FAMILIAR_S, _LEAST_FAMILIAR = 2.0, 0.5
@@ -428,7 +426,7 @@ class CompactStream(NetworkStream):
 
 def _rate_compensation(arrays: Arrays) -> RateCompensation:
     return RateCompensation(
-        stored_array(arrays, "rate_compensation_s", (None, None), low=-_LONGEST_S, high=_LONGEST_S),
+        stored_array(arrays, "rate_compensation_s", (None, None), low=-MAX_COMPENSATION_S, high=MAX_COMPENSATION_S),
         stored_number(arrays, "sigma_factor_without_history", low=0.0),
     )
 

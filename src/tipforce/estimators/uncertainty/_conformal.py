@@ -106,7 +106,8 @@ class Interval:
         if half.shape != (3,) or not (np.append(half[known], magnitude) >= 0).all():
             raise ValueError(f"half-widths of intervals must not be negative, got {[*half.tolist(), magnitude]}")
         used = covariance[np.ix_(known, known)] if covariance.shape == (3, 3) else np.array([[-1.0]])
-        if not (np.isfinite(used).all() and (np.diag(used) >= 0).all()):
+        measured = int(values["samples"]) > 0
+        if measured and not (np.isfinite(used).all() and (np.diag(used) >= 0).all()):
             raise ValueError(f"the errors have no covariance, got {covariance.tolist()}")
         return cls(
             half_n=half,

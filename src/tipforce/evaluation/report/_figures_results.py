@@ -8,10 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator, PercentFormatter
 
-from ...clinical import WINDOW_N
+from ...clinical import LIMIT_N
 from ...types import BoolArray, FloatArray
 from .._predictions import Predictions
 from .._protocols import PROTOCOL_WORDS
+from .._thesis import THESIS_MAE_N
 from ._style import (
     COLOURS,
     GREY,
@@ -28,7 +29,6 @@ from ._style import (
 )
 
 __all__ = [
-    "THESIS_MAE_N",
     "figure_bland_altman",
     "figure_coverage",
     "figure_residuals",
@@ -40,8 +40,6 @@ __all__ = [
     "typical_session",
 ]
 
-THESIS_MAE_N = 0.042
-"""Table 4 of the thesis: mean absolute error of its own test samples, forces of 0.160-0.275 N."""
 
 _TRACE = 900
 """Samples of a session that a time trace shows."""
@@ -92,7 +90,7 @@ def figure_trace(
                 axes.axvspan(start, end, color=GREY, alpha=0.35, linewidth=0, label=label)
             if name == "magnitude":
                 low, high = axes.get_ylim()
-                axes.set_ylim(min(0.0, low), max(high, 1.1 * WINDOW_N[1]))
+                axes.set_ylim(min(0.0, low), max(high, 1.1 * LIMIT_N))
                 draw_window(axes)
             axes.set_ylabel("force, N" if name == "magnitude" else f"F{name}, N")
             grams_axis(axes)
@@ -116,7 +114,7 @@ def figure_scatter(predictions: Predictions, *, width_in: float = 5.6, height_in
     """Estimated over measured magnitude of all test samples, with the identity line and the force window."""
     reference, estimate, _ = predictions.column("magnitude")
     largest = max(float(np.nanmax(estimate, initial=0.0)), float(np.max(reference, initial=0.0)))
-    top = max(1.04 * largest, 1.1 * WINDOW_N[1])
+    top = max(1.04 * largest, 1.1 * LIMIT_N)
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -325,7 +323,7 @@ def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[st
                     ha="center", fontweight="bold",
                     color=COLOURS["reference"] if not tall else "#000000" if colour in _LIGHT else "#ffffff",
                 )  # fmt: skip
-        mark_line(axes, THESIS_MAE_N, "thesis: 42 mN")
+        mark_line(axes, THESIS_MAE_N, "the thesis, its own bench: 42 mN")
         axes.set_xticks(range(len(protocols)), [PROTOCOL_WORDS[name].bar for name in protocols])
         axes.tick_params(axis="x", length=0)
         axes.grid(visible=False, axis="x")

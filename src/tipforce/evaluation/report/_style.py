@@ -13,9 +13,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...clinical import WINDOW_N
+from ...clinical import LIMIT_N, WINDOW_N
 from ...types import Image
 from ...units import grams_to_newtons, newtons_to_grams
+from .._thesis import THESIS_FIGURES
 
 __all__ = [
     "COLOURS",
@@ -205,14 +206,14 @@ def grams_axis(axes: Axes, which: str = "y") -> None:
 
 
 def draw_window(axes: Axes, *, vertical: bool = False, label: bool = True) -> None:
-    """Marks the force window `WINDOW_N`: bands below and above it, with lines at both of its ends.
+    """Marks forces below the window `WINDOW_N` and above `LIMIT_N`: a band for each, with a line at its end.
 
     Args:
         axes: With its final limits in newtons.
         vertical: Marks the window on the x axis instead of the y axis.
         label: Names the bands in the legend.
     """
-    low, high = WINDOW_N
+    low, high = WINDOW_N[0], LIMIT_N
     bottom, top = axes.get_xlim() if vertical else axes.get_ylim()
     span, line = (axes.axvspan, axes.axvline) if vertical else (axes.axhspan, axes.axhline)
     for start, end, colour, name in (
@@ -227,13 +228,14 @@ def draw_window(axes: Axes, *, vertical: bool = False, label: bool = True) -> No
 
 
 def window_words() -> str:
-    """What forces beyond either end of the force window do.
+    """What forces below the window and above the limit do.
 
     >>> window_words()
-    'Below 0.1 N (10 g) an ablation fails, above 0.4 N (41 g) the wall may be pierced'
+    'Below 0.1 N (10 g) an ablation fails, above 0.4 N (41 g) the wall may be pierced (the thesis: above 0.3 N)'
     """
-    low, high = (f"{force:g} N ({newtons_to_grams(force):.0f} g)" for force in WINDOW_N)
-    return f"Below {low} an ablation fails, above {high} the wall may be pierced"
+    low, high = (f"{force:g} N ({newtons_to_grams(force):.0f} g)" for force in (WINDOW_N[0], LIMIT_N))
+    thesis = THESIS_FIGURES["safe_limit_n"]
+    return f"Below {low} an ablation fails, above {high} the wall may be pierced (the thesis: above {thesis:g} N)"
 
 
 _BELOW, _ABOVE = "#e69f00", "#cc3311"

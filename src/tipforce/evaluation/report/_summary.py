@@ -18,15 +18,9 @@ from .._ground_truth import BOUND_KINDS
 from .._metrics import json_ready
 from .._protocols import BY_SESSION, PROTOCOL_WORDS, MethodResult
 from .._statistics import MIN_SESSIONS
-from ._figures_results import THESIS_MAE_N
+from .._thesis import THESIS_FIGURES, beside_thesis
 
 __all__ = ["best_method", "summary", "verdict"]
-
-THESIS_DIRECTIONS = {
-    "x": {"min_error_n": 0.0001, "max_error_n": 0.066, "rmse_n": 0.028},
-    "y": {"min_error_n": 0.0003, "max_error_n": 0.068, "rmse_n": 0.023},
-}
-"""Table 5 of the thesis: method 2 on its own 154 test samples."""
 
 _LIBRARIES = ("numpy", "scipy", "scikit-learn", "opencv-python-headless", "numba", "matplotlib", "onnxruntime")
 
@@ -63,7 +57,7 @@ def verdict(evaluation: Evaluation) -> list[str]:
     sentences.append(_confidence(magnitude["mae_ci95_n"], magnitude["mae_ci95_sessions"]))
     coverage = magnitude["coverage"]
     if magnitude["unbounded_share"] > 0.5:
-        sentences.append("Its 90 % intervals exclude nothing: there were too few sessions to bound them.")
+        sentences.append("Its 90 % intervals exclude nothing: too little was held out to bound them.")
     elif np.isfinite(coverage):
         sentences.append(f"The 90 % intervals hold {100 * coverage:.0f} % of the measured forces.")
     abstained = result.metrics["abstained_share"]
@@ -131,12 +125,12 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
                 }
                 for method in evaluation.methods
             },
-            "thesis": {"mae_n": THESIS_MAE_N, "force_min_n": 0.160, "force_max_n": 0.275, "force_mean_n": 0.218,
-                       "min_error_n": 0.0016, "max_error_n": 0.059, "by_direction": THESIS_DIRECTIONS},
+            "thesis": THESIS_FIGURES,
+            "beside_thesis": beside_thesis(evaluation),
             "versions": {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}},
             "machine": f"{platform.system()} {platform.machine()}",
         }
-    )  # fmt: skip
+    )
 
 
 def _bound(evaluation: Evaluation) -> dict[str, Any] | None:

@@ -129,6 +129,7 @@ def report_lines(metrics: dict[str, Any]) -> list[str]:
         "",
         *lines,
         "",
+        *_thesis_lines(metrics),
         *_trust_lines(metrics),
         *_comparison_lines(metrics),
         *_bound_lines(metrics),
@@ -155,6 +156,38 @@ def _comparison_lines(metrics: dict[str, Any]) -> list[str]:
     breaks = [f"{row['method']}: {row['breaks']}" for row in compared["rows"] if row["breaks"]]
     lines = [_line(cells, first, _COMPARED) for cells in (_COMPARED, *table)]
     return ["Methods side by side:", *lines, f"Sensors: {compared['sensor_source']}.", "", *breaks, ""]
+
+
+_BESIDE_THESIS = ("", "forces N", "MAE mN", "min", "max", "RMSE x, y mN", "max x, y")
+
+
+def _thesis_lines(metrics: dict[str, Any]) -> list[str]:
+    """Each of the thesis's methods under its protocol beside the thesis's own figures, and what differs."""
+    mn, newtons, lines = FILTERS["mn"], FILTERS["newtons"], list[str]()
+    for beside in metrics["beside_thesis"].values():
+        table: list[tuple[str, ...]] = []
+        for name, row in beside["rows"].items():
+            directions = row["by_direction"]
+            table.append(
+                (
+                    f"  {name}",
+                    "–" if "force_min_n" not in row else f"{newtons(row['force_min_n'])}-{newtons(row['force_max_n'])}",
+                    *(mn(row.get(key)) for key in ("mae_n", "min_error_n", "max_error_n")),
+                    *(
+                        ", ".join(mn(each[key]) for each in directions.values()) or "–"
+                        for key in ("rmse_n", "max_error_n")
+                    ),
+                )
+            )
+        first = max(len(cells[0]) for cells in table)
+        heads = tuple(max((row[k] for row in (_BESIDE_THESIS, *table)), key=len) for k in range(len(_BESIDE_THESIS)))
+        lines += [
+            "Beside the thesis:",
+            *(_line(cells, first, heads) for cells in (_BESIDE_THESIS, *table)),
+            beside["text"],
+            "",
+        ]
+    return lines
 
 
 def _trust_lines(metrics: dict[str, Any]) -> list[str]:

@@ -24,6 +24,8 @@ _CHUNK = 1000
 _ENOUGH = 1.5
 """A trial that comes to so many times the wanted force says no more by going on."""
 _LEAST_N = 1e-3
+_DEEPEST_M = 40e-3
+"""Beyond first touch, where the smallest and the largest force are looked for."""
 _RAMP_M = 0.3e-3
 """Steps in which the tip is first pressed on the wall at rest."""
 
@@ -59,6 +61,8 @@ def solve(bench_model: BenchModel, motion_profile: MotionProfile, resolution: Re
     repeats = settings.actuation.knob_deg_per_s == 0.0 and bench_model.parameters.wave != BY_HAND
     end = settings.tare_s + span if repeats else settings.seconds
     coarse = motion_profile.thinned(1 if resolution.trial_every else round(_COARSE_S / STEP_S), settings.tare_s, end)
+    if bench_model.parameters.least_force_n is not None:
+        return _solve_range(bench_model, coarse, resolution)
     return (
         _solve_approximately(bench_model, motion_profile, coarse, resolution)
         if resolution.trial_every
@@ -68,6 +72,12 @@ def solve(bench_model: BenchModel, motion_profile: MotionProfile, resolution: Re
 
 def _peak_n(trajectory: Trajectory) -> float:
     return float(np.linalg.norm(trajectory.contact.force_n, axis=1).max())
+
+
+def _least_n(bench_model: BenchModel, trajectory: Trajectory) -> float:
+    """The smallest force once the approach is over."""
+    beating = trajectory.time_s > bench_model.settings.tare_s + APPROACH_S
+    return float(np.linalg.norm(trajectory.contact.force_n[beating], axis=1).min(initial=np.inf))
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
@@ -133,20 +143,62 @@ def _solve_approximately(
     return "no amplitude gives the force"
 
 
-def _static_forces(bench_model: BenchModel, coarse: MotionProfile) -> tuple[FloatArray, FloatArray]:
-    """(k,) amplitudes, and (k,) the force that the wall at rest gives where the stage then comes farthest."""
-    amplitudes = np.linspace(*bench_model.settings.motion.amplitude_m, 16)
-    deepest = np.array(
-        [float(coarse.push_m(bench_model, a).max()) - coarse.standoff_m(bench_model, a) for a in amplitudes]
-    )
-    depth = np.arange(-_RAMP_M, float(deepest.max()) + _RAMP_M, _RAMP_M)
+def _solve_range(bench_model: BenchModel, coarse: MotionProfile, resolution: Resolution) -> Motion | str:
+    """Returns amplitude and stand-off for the wanted smallest and largest force, or why the session is rejected.
+
+    The wall at rest states which depths give these forces; each trial then shows how far off that is.
+    """
+    parameters, (low, high) = bench_model.parameters, bench_model.settings.motion.amplitude_m
+    wanted = np.array([parameters.least_force_n, parameters.peak_force_n])
+    beating = coarse.time_s > bench_model.settings.tare_s + APPROACH_S
+    depths, forces = _forces_at_rest(bench_model, coarse, _DEEPEST_M)
+    aimed: FloatArray = wanted.copy()
+    for _ in range(_TRIALS):
+        if aimed[1] >= forces[-1]:
+            return _TOO_LITTLE
+        shallow, deep = np.interp(aimed, forces, depths).tolist()
+
+        def excess_m(amplitude: float, stroke_m: float = deep - shallow) -> float:
+            """How much longer the stage's stroke is than wanted."""
+            return float(np.ptp(coarse.push_m(bench_model, amplitude)[beating])) - stroke_m
+
+        if excess_m(low) > 0.0:
+            return _TOO_MUCH
+        if excess_m(high) < 0.0:
+            return _TOO_LITTLE
+        amplitude: float = _root(excess_m, low, high)
+        motion = Motion(amplitude, float(coarse.push_m(bench_model, amplitude)[beating].max()) - deep)
+        trajectory, whole = _trial(bench_model, coarse, motion, resolution.trial_every, _ENOUGH * float(wanted[1]))
+        peak = _peak_n(trajectory)
+        if not whole:
+            aimed = aimed * wanted[1] / peak
+            continue
+        found = np.array([_least_n(bench_model, trajectory), peak])
+        if np.abs(found - wanted).max() <= resolution.peak_n:
+            return rejection_reason(bench_model, trajectory) or motion
+        aimed = aimed * wanted / np.maximum(found, _LEAST_N)
+    return "no amplitude and stand-off give the forces"
+
+
+def _forces_at_rest(bench_model: BenchModel, coarse: MotionProfile, deepest_m: float) -> tuple[FloatArray, FloatArray]:
+    """(k,) depths of the wall beyond first touch, and (k,) the force that it gives there at rest."""
+    depth = np.arange(-_RAMP_M, deepest_m + _RAMP_M, _RAMP_M)
     solver = SpatialContactSolver(bench_model.rod, bench_model.wall, 1.0, bench_model.radius_m)
     turned = np.zeros((depth.size, 3))
     turned[:, 2] = np.median(coarse.curvature_per_m)
     beyond = bench_model.reach_m(turned[:1, 2]) - depth
     wall = bench_model.touch_m + bench_model.directed(np.stack([-beyond, np.zeros(depth.size)], axis=1))
     force = np.linalg.norm(solver.run(wall, turned).force_n, axis=1)
-    return amplitudes, np.interp(deepest, depth, np.maximum.accumulate(force))
+    return depth, np.maximum.accumulate(force)
+
+
+def _static_forces(bench_model: BenchModel, coarse: MotionProfile) -> tuple[FloatArray, FloatArray]:
+    """(k,) amplitudes, and (k,) the force that the wall at rest gives where the stage then comes farthest."""
+    amplitudes = np.linspace(*bench_model.settings.motion.amplitude_m, 16)
+    deepest = np.array(
+        [float(coarse.push_m(bench_model, a).max()) - coarse.standoff_m(bench_model, a) for a in amplitudes]
+    )
+    return amplitudes, np.interp(deepest, *_forces_at_rest(bench_model, coarse, float(deepest.max())))
 
 
 def _trial(
@@ -171,6 +223,10 @@ def rejection_reason(bench_model: BenchModel, trajectory: Trajectory) -> str:
     if not 0.95 * motion.peak_force_n[0] <= _peak_n(trajectory) <= 1.05 * motion.peak_force_n[1]:
         return "peak force out of range"
     beating = trajectory.time_s > bench_model.settings.tare_s + APPROACH_S
+    if motion.least_force_n is not None:
+        if _least_n(bench_model, trajectory) < 0.95 * motion.least_force_n[0]:
+            return "least force out of range"
+        return _side_contact(bench_model, trajectory)
     free = 1.0 - float(contact.touching[beating].mean())
     if not motion.free_share[0] <= free <= motion.free_share[1]:
         return "time without contact out of range"

@@ -33,7 +33,8 @@ class Device:
 class SessionParameters:
     """The parameters of one session, except the wall's motion, which is solved afterwards. Angles in the base frame.
 
-    ``peak_force_n`` and ``free_share`` are what the motion is solved for. None: not drawn in this preset.
+    ``peak_force_n`` and ``free_share`` (or ``least_force_n``) are what the motion is solved for. None: not drawn in
+    this preset.
     """
 
     device: Device
@@ -60,6 +61,7 @@ class SessionParameters:
     loss_factor: float | None = None
     face: str | None = None
     face_radius_m: float | None = None
+    least_force_n: float | None = None
 
 
 def sample_device(settings: WorldSettings, seed: int, session: int, redraw: int = 0) -> Device:
@@ -142,4 +144,6 @@ def _sample_more(settings: WorldSettings, rng: np.random.Generator) -> dict[str,
         more["wall_stiffness_n_per_m"] = float(np.exp(rng.uniform(*np.log(wall.stiffness_n_per_m))))
     if wall.loss_factors:
         more["loss_factor"] = float(rng.uniform(*wall.loss_factors))
+    if settings.motion.least_force_n:
+        more["least_force_n"] = float(rng.uniform(*settings.motion.least_force_n))
     return more

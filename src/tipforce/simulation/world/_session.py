@@ -11,10 +11,11 @@ from functools import lru_cache
 import numpy as np
 
 from ...errors import InputError
+from ...types import FloatArray
 from ._bench_model import BenchModel, build_bench_model
 from ._motion_profile import APPROACH_S, LEAD_S, STEP_S, TRAIL_S, Motion, MotionProfile, compose_motion
 from ._motion_solver import FAST, FINE, Resolution, rejection_reason, solve
-from ._parameters import Device, sample_device, sample_kind, sample_parameters
+from ._parameters import Device, SessionParameters, sample_device, sample_kind, sample_parameters
 from ._trajectory import Trajectory, TrajectoryIntegrator, integrate_trajectory
 from .settings import WorldSettings
 
@@ -61,16 +62,68 @@ def _shared(settings_json: str, seed: int, number: int) -> Catheter:
 def _reaches(settings: WorldSettings, device: Device, key: tuple[int, ...]) -> bool:
     """Whether one drawn session comes to the least of the wanted peak forces, over two breaths of largest amplitude."""
     rng = np.random.default_rng(key)
+    if settings.motion.least_force_n:
+        return _solvable(settings, sample_parameters(settings, device, rng), rng)
     brief = settings.model_copy(update={"tare_s": 0.0})
     bench_model = build_bench_model(brief, sample_parameters(brief, device, rng))
-    span = APPROACH_S + 2.0 / settings.motion.respiration_hz
-    motion_profile = compose_motion(bench_model, np.arange(round(span / _STEP_S), dtype=np.float64) * _STEP_S, rng)
+    motion_profile = compose_motion(bench_model, _two_breaths(settings, _STEP_S), rng)
     largest = settings.motion.amplitude_m[1]
     contact = integrate_trajectory(
         bench_model, motion_profile, Motion(largest, motion_profile.standoff_m(bench_model, largest))
     ).contact
     peak = float(np.linalg.norm(contact.force_n, axis=1).max())
     return bool(contact.converged.all()) and peak >= settings.motion.peak_force_n[0]
+
+
+def _solvable(settings: WorldSettings, parameters: SessionParameters, rng: np.random.Generator) -> bool:
+    """Whether some motion gives the session its smallest and its largest force over two breaths."""
+    brief = settings.model_copy(update={"tare_s": 0.0})
+    bench_model = build_bench_model(brief, parameters, FAST.trial_segment_m)
+    motion_profile = compose_motion(bench_model, _two_breaths(settings, STEP_S), rng)
+    resolution = replace(FAST, peak_n=settings.motion.peak_within_n or FAST.peak_n)
+    return isinstance(solve(bench_model, motion_profile, resolution), Motion)
+
+
+def _two_breaths(settings: WorldSettings, step_s: float) -> FloatArray:
+    """(m,) instants of the approach and of two breaths, from 0."""
+    span = APPROACH_S + 2.0 / settings.motion.respiration_hz
+    return np.arange(round(span / step_s), dtype=np.float64) * step_s
+
+
+_BENCH = ("out_of_plane_per_m", "contact_angle_deg", "tilt_deg", "wall_stiffness_n_per_m", "friction")
+"""Parameters that the sessions of one bench share beside the catheter."""
+_BENCH_TRIALS = 4
+"""Drawn motions, of which one must give a bench its forces."""
+
+
+def bench_of(settings: WorldSettings, seed: int, session: int) -> dict[str, float]:
+    """Returns the parameters that the sessions of a bench share, by name; none where each has a bench of its own.
+
+    Raises:
+        InputError: no draw of the bench reaches the forces.
+    """
+    if settings.sessions_per_bench == 1:
+        return {}
+    return _shared_bench(settings.model_dump_json(), seed, session // settings.sessions_per_bench)
+
+
+@lru_cache(maxsize=64)
+def _shared_bench(settings_json: str, seed: int, number: int) -> dict[str, float]:
+    settings = WorldSettings.model_validate_json(settings_json)
+    device = catheter_of(settings, seed, number * settings.sessions_per_bench).device
+    for redraw in range(_REDRAWS):
+        rng = np.random.default_rng([seed, number, 13, redraw])
+        drawn = sample_parameters(settings, device, rng)
+        bench = {name: getattr(drawn, name) for name in _BENCH}
+        if any(
+            _solvable(settings, replace(sample_parameters(settings, device, rng), **bench), rng)
+            for _ in range(_BENCH_TRIALS)
+        ):
+            return bench
+    raise InputError(
+        f"bench {number} of seed {seed}: none of {_REDRAWS} draws of it reaches the forces asked for; widen "
+        "motion.peak_force_n or motion.amplitude_m, or change the ranges of the wall"
+    )
 
 
 _DRAWS = 400
@@ -110,7 +163,7 @@ def run_session(settings: WorldSettings, seed: int, number: int, resolution: Res
         resolution = replace(FAST, every=resolution.every, peak_n=settings.motion.peak_within_n)
     catheter = catheter_of(settings, seed, number)
     redraws = {UNFIT_CATHETER: catheter.redraws} if catheter.redraws else {}
-    angle_deg, peak_n = 0.0, 0.0
+    angle_deg, peak_n, bench = 0.0, 0.0, bench_of(settings, seed, number)
     kind = sample_kind(settings, np.random.default_rng([seed, number, 10]))
     instants = round((settings.seconds + LEAD_S + TRAIL_S) / STEP_S)
     whole = np.arange(instants, dtype=np.float64) * STEP_S - LEAD_S
@@ -121,7 +174,8 @@ def run_session(settings: WorldSettings, seed: int, number: int, resolution: Res
             angle_deg = parameters.contact_angle_deg
         if attempt % settings.motion.same_peak == 0:
             peak_n = parameters.peak_force_n
-        parameters = replace(parameters, contact_angle_deg=angle_deg, peak_force_n=peak_n, **kind)
+        shared = {"contact_angle_deg": angle_deg, "peak_force_n": peak_n} | kind | bench
+        parameters = replace(parameters, **shared)
         bench_model = build_bench_model(settings, parameters)
         motion_profile = compose_motion(bench_model, whole, rng)
         found = solve(

@@ -1,9 +1,9 @@
 """What a simulated bench is made of, part by part; the defaults are the preset ``bench-2021``."""
 
 import operator
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from .._fields import NotNegative, Number, Positive, Range, Settings, Share, standard_uncertainty
 
@@ -135,6 +135,9 @@ class MotionSettings(Settings):
     longer."""
     free_share: Range = (0.05, 0.20)
     """Share of the time without contact, once the approach is over; solved by the stage's stand-off."""
+    least_force_n: Range | None = Field(default=None, exclude_if=operator.not_)
+    """Smallest force once the approach is over: the tip never leaves the wall, and the stage's stand-off is solved for
+    this instead of ``free_share``. Both forces are solved to within ``peak_within_n``, which must then be stated."""
     step_m: Positive = 2.5e-6
     """One microstep."""
     max_speed_m_per_s: Positive = 0.20
@@ -145,6 +148,12 @@ class MotionSettings(Settings):
     """Time constant with which the tissue follows the motor."""
     travel_m: Range = Field(default=(-0.1, 0.1), exclude_if=lambda travel: travel == (-0.1, 0.1))
     """Of both axes, from where the tissue just meets the tip."""
+
+    @model_validator(mode="after")
+    def _solved_within(self) -> Self:
+        if self.least_force_n and not self.peak_within_n:
+            raise ValueError("least_force_n needs peak_within_n: how near both forces shall come to those drawn, in N")
+        return self
 
 
 class ClampSettings(Settings):
@@ -201,6 +210,8 @@ class ClockSettings(Settings):
     jitter_s: NotNegative = 2e-3
     """Standard deviation of a frame's instant about its place in the row, cut at three of them."""
     dropped_share: Share = 0.005
+    images_from_s: NotNegative = Field(default=0.0, exclude_if=operator.not_)
+    """The camera is started so long after the recording: no image before."""
     camera_delay_s: NotNegative = Field(default=15e-3, exclude_if=lambda delay: delay == 15e-3)
     """From the end of an exposure until its image is there to be worked on; a live bench only."""
     force_delay_s: NotNegative = Field(default=3e-3, exclude_if=lambda delay: delay == 3e-3)
@@ -222,6 +233,9 @@ class WorldSettings(Settings):
     """Length of a session."""
     tare_s: NotNegative = 5.0
     """At the start: the stage moves out of the tip's reach."""
+    sessions_per_bench: Annotated[int, Field(ge=1, le=1_000_000)] = Field(default=1, exclude_if=(1).__eq__)
+    """Consecutive sessions that share one draw of the wall, of how the shaft leaves the plane, and of the camera with
+    all that it shows. Motion, knob, force sensor and clocks remain each session's own."""
     shaft: ShaftSettings = ShaftSettings()
     actuation: ActuationSettings = ActuationSettings()
     wall: WallSettings = WallSettings()

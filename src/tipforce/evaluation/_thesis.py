@@ -1,0 +1,138 @@
+"""A method under the thesis's protocol beside the thesis's own figures: the same quantities, and what differs."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..estimators import Estimator
+from ._constant import Constant
+from ._evaluate import Evaluation
+from ._protocols import MethodResult
+
+__all__ = ["THESIS_FIGURES", "THESIS_MAE_N", "beside_thesis"]
+
+THESIS_MAE_N = 0.042
+"""Table 4 of the thesis: mean absolute error of its own test samples, forces of 0.160-0.275 N."""
+
+THESIS_FIGURES: Mapping[str, Any] = {
+    "mae_n": THESIS_MAE_N,
+    "force_min_n": 0.160,
+    "force_max_n": 0.275,
+    "force_mean_n": 0.218,
+    "min_error_n": 0.0016,
+    "max_error_n": 0.059,
+    "by_direction": {
+        "x": {"min_error_n": 0.0001, "max_error_n": 0.066, "rmse_n": 0.028},
+        "y": {"min_error_n": 0.0003, "max_error_n": 0.068, "rmse_n": 0.023},
+    },
+    "safe_limit_n": 0.3,
+}
+"""What the thesis states: table 4 (method 1, 55 test samples), table 5 (method 2, 154), the safe limit of the force.
+The alarm's limit of this program is 0.4 N by default."""
+
+_FORCE_TOLERANCE_N = 0.02
+"""Measured forces of the thesis's range may lie so far beyond it: noise and steps of the sensor."""
+
+_SAMPLES = {"svr": (165, 55), "dcfe": (461, 154)}
+"""Training and test samples of the thesis."""
+
+_NO_CONDITION = {"seed", "workers", "precision", "tuning_samples", "max_left_out", "minutes"}
+"""Settings that are no condition of the thesis's."""
+
+
+def beside_thesis(evaluation: Evaluation) -> dict[str, Any]:
+    """Returns each of the thesis's methods under its protocol beside the thesis's figures, by label.
+
+    Returns:
+        Of each method: ``text``, a sentence on each condition that is not the thesis's, and ``rows``, one for the
+        method, one for the constant predictor and one for the thesis: force range, smallest, mean and largest error of
+        the magnitude, and RMSE and largest error by direction, in newtons, as far as they are known. Empty where the
+        protocol "thesis" was not run.
+    """
+    found: dict[str, Any] = {}
+    constant = evaluation.result(Constant.name, "thesis")
+    for method in evaluation.methods:
+        result = evaluation.result(method.label, "thesis")
+        if result is None or constant is None or method.estimator.thesis_settings is None:
+            continue
+        bench, *others = _differences(evaluation, result, method.estimator)
+        found[method.label] = {
+            "text": f"Not like for like: {bench}; {'; '.join(others)}."
+            if others
+            else f"Like for like but for the bench: this is {bench}.",
+            "rows": {
+                method.label: _row(result),
+                "constant predictor": _row(constant),
+                "the thesis, its own bench": _thesis_row(method.estimator.name),
+            },
+        }
+    return found
+
+
+def _row(result: MethodResult) -> dict[str, Any]:
+    quantities = result.metrics["quantities"]
+    magnitude = quantities["magnitude"]
+    return {
+        "force_min_n": magnitude["reference_min_n"],
+        "force_max_n": magnitude["reference_max_n"],
+        "min_error_n": magnitude["min_n"],
+        "mae_n": magnitude["mae_n"],
+        "max_error_n": magnitude["max_n"],
+        "by_direction": {
+            axis: {"rmse_n": quantities[axis]["rmse_n"], "max_error_n": quantities[axis]["max_n"]}
+            for axis in "xy"
+            if axis in quantities
+        },
+    }
+
+
+def _thesis_row(name: str) -> dict[str, Any]:
+    """Table 4 for method 1, table 5 for method 2; the range of the forces is stated for method 1 alone."""
+    if name == "svr":
+        return {**THESIS_FIGURES, "by_direction": {}}
+    return {"by_direction": THESIS_FIGURES["by_direction"]}
+
+
+def _differences(evaluation: Evaluation, result: MethodResult, estimator: Estimator) -> list[str]:
+    """The bench first, then all else that differs from the thesis."""
+    predictions, found = result.predictions, list[str]()
+    simulated = all(info.simulated for info in evaluation.dataset.session_info.values())
+    found.append("a simulated bench" if simulated else "another bench")
+    low, high = (float(end(predictions.reference_magnitude_n)) for end in (np.min, np.max))
+    least, most = THESIS_FIGURES["force_min_n"], THESIS_FIGURES["force_max_n"]
+    if low < least - _FORCE_TOLERANCE_N or high > most + _FORCE_TOLERANCE_N:
+        found.append(f"forces of {low:.3f} to {high:.3f} N (thesis: {least:.3f} to {most:.3f} N)")
+    if free := np.count_nonzero(~predictions.contact):
+        found.append(f"{free} of {len(predictions)} test samples without contact (thesis: always in contact)")
+    split = result.fits[0].split
+    own, thesis = (len(split.train), len(split.test)), _SAMPLES[estimator.name]
+    if own != thesis:
+        found.append(f"{own[0]} training and {own[1]} test samples (thesis: {thesis[0]} and {thesis[1]})")
+    letter = type(estimator.settings).model_validate(estimator.thesis_settings).model_dump(mode="json")
+    stated = estimator.settings.model_dump(mode="json")
+    found += [
+        f"{key}={_text(_at(stated, key))} (to the letter: {_text(value)})"
+        for key, value in _flat(letter).items()
+        if key.split(".")[0] not in _NO_CONDITION and _at(stated, key) != value
+    ]
+    return found
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        flat |= _flat(value, f"{before}{key}.") if isinstance(value, dict) else {f"{before}{key}": value}
+    return flat
+
+
+def _at(values: Any, key: str) -> Any:
+    for part in key.split("."):
+        values = values.get(part) if isinstance(values, dict) else None
+    return values
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(str, value)) or "none"
+    return "null" if value is None else str(value)
