@@ -130,8 +130,19 @@ export class LoopPanel {
     set("loop-force-n", force === null ? "not valid" : `${inNewtons(force)} N`);
     set("loop-wanted", wanted === null ? NOTHING : `${inGrams(wanted)} g`);
     set("loop-wanted-n", wanted === null ? "" : `${inNewtons(wanted)} N`);
+    this.#showDifference(status, force, wanted);
     set("loop-target", `${inGrams(status.target_n)} g`);
     set("loop-limit", `limit ${inGrams(status.limit_n)} g`);
+  }
+
+  /** How far the force that is read is from the one that is wanted; marked where the 90 % interval does not reach it. */
+  #showDifference(status, force, wanted) {
+    const known = force !== null && wanted !== null;
+    const difference = known ? force - wanted : null;
+    set("loop-off", known ? `${inGrams(difference, true)} g` : NOTHING);
+    const far = known && status.upper_n !== null && Math.abs(difference) > status.upper_n - force;
+    set("loop-off-note", known ? (far ? (difference > 0 ? "too much" : "too little") : "within 90 %") : "");
+    $("loop-difference").classList.toggle("warn", far);
   }
 
   #showPath(status) {

@@ -16,6 +16,7 @@ import { Trace } from "./trace.js";
 
 const DIGITS_MS = 100; // digits that change more often cannot be read
 const TRACE_MS = 33;
+const DESCRIBED_MS = 3000; // a screen reader needs time to read what a drawing shows
 const TITLE_SHARE = 0.6; // of the strip at most, where there is a detail beside it
 const LONG_DETAIL = 45; // letters; more are set smaller
 const UNCLEAR_DEG = 45; // an angle that is less certain is not shown
@@ -45,6 +46,8 @@ let digitsKind = "";
 let digitsAt = -Infinity;
 let imageAt = -Infinity; // on the engine's clock, when the image that is shown was captured
 let traceAt = -Infinity;
+let edge = null; // {engineMs, wallMs}: the engine's clock when it was last known
+let describedAt = -Infinity;
 
 app.connection = new Connection({
   frame: take,
@@ -78,8 +81,8 @@ async function take(buffer) {
   }
   app.update = update; // its numbers and its image appear together
   trace.add(update);
-  scene.draw(update.values, app.state.contact.limit_n);
   present();
+  scene.draw(update.values, digits?.values ?? null, app.state.contact.limit_n);
   app.connection.acknowledge(update.number, clock.age(update.capturedMs));
   app.connection.display(app.view, scene.widthPx);
 }
@@ -124,6 +127,7 @@ function present() {
     digits = values ? update : null;
     digitsKind = verdict.kind;
     digitsAt = now;
+    if (update) scene.draw(update.values, digits?.values ?? null, state.contact.limit_n);
   }
   if (!told) veils.force.fall(veilTitle(verdict), "");
   else veils.force.hold(values ? OLDEST_MS - clock.age(digits.capturedMs, now) : holds(verdict, age));
@@ -194,9 +198,9 @@ function showSums() {
   const failing = Object.entries(health?.sinks ?? {}).filter(([, message]) => !recording.includes(message));
   const outputs = failing.map(([name, message]) => `${name}: ${message}`);
   const warning = [recording, health?.message, ...outputs].filter(Boolean).join(" · ");
-  const names = [app.state.session, app.state.model].filter(Boolean).join(" · ");
-  $("session").classList.toggle("warn", Boolean(warning));
-  set("session", warning ? `⚠ ${warning}` : names);
+  set("session", [app.state.session, app.state.model].filter(Boolean).join(" · "));
+  $("warning").hidden = !warning;
+  if (warning) set("warning", `⚠ ${warning}`);
   $("simulated").hidden = !app.state.simulated;
   const views = values?.views ?? [];
   $("view-name").hidden = views.length < 2;
@@ -208,16 +212,39 @@ function tick() {
   showSums();
   controls.refresh(performance.now());
   loop.refresh(performance.now());
+  describe(performance.now());
 }
 
 function drawTrace(now) {
   if (now - traceAt >= TRACE_MS) {
     traceAt = now;
     const latest = clock.latest();
-    const last = app.update?.capturedMs ?? 0;
-    trace.draw($("trace"), app.state.contact, Number.isNaN(latest) ? last : latest);
+    if (!Number.isNaN(latest)) edge = { engineMs: latest, wallMs: Date.now() };
+    trace.draw($("trace"), app.state.contact, edgeMs());
   }
   requestAnimationFrame(drawTrace);
+}
+
+/** The engine's clock at the right edge of the trace; it goes on when the server is lost. */
+function edgeMs() {
+  return edge ? edge.engineMs + Date.now() - edge.wallMs : (app.update?.capturedMs ?? 0);
+}
+
+/** What the drawings show, for a screen reader. */
+function describe(now) {
+  if (now - describedAt < DESCRIBED_MS) return;
+  describedAt = now;
+  const { verdict, state, update } = app;
+  const label = (id, text) => $(id).setAttribute("aria-label", text);
+  const force = verdict.live && digits ? digits.values : null;
+  const [low, high] = force?.interval_n ?? [null, null];
+  const interval = low === null || high === null ? "" : `, 90 % interval ${inGrams(low)} to ${inGrams(high)} g`;
+  const told = force ? `Force ${inGrams(force.magnitude_n)} g${interval}` : `No force is shown: ${verdict.title}`;
+  const { window_n: window, limit_n: limit } = state.contact;
+  label("gauge", `${told}; window ${window.map((end) => inGrams(end)).join(" to ")} g, limit ${inGrams(limit)} g`);
+  const found = update?.values.shape ? "the catheter is detected" : "no catheter is detected";
+  label("video", update?.values.size ? `Camera image, ${found}. ${told}` : "no image");
+  label("trace", trace.described(edgeMs()));
 }
 
 /** Tablets dim their display; where the browser lets it, this page keeps it lit. */

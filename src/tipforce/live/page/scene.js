@@ -11,11 +11,13 @@ const TIP = "#ffffff";
 const FORCE = "#00e5ff";
 const RIM = "rgba(0, 0, 0, 0.75)";
 const LEAST_ARROW_PX = 12;
+const LONGEST_ARROW = 1.6; // times the arrow of the limit
 
 export class Scene {
   #canvas;
   #bitmap = null;
-  #last = null;
+  #last = null; // the update that the image is of
+  #shown = null; // the update whose force is shown as a number
 
   constructor(canvas) {
     this.#canvas = canvas;
@@ -33,9 +35,14 @@ export class Scene {
     this.#bitmap = bitmap;
   }
 
-  /** Draws the image with what `values` tell of it. */
-  draw(values, limitN) {
-    this.#last = { values, limitN };
+  /**
+   * Draws the image with the shape that was detected in it, and the force that is shown as a number.
+   * @param {object} last values of the update that the image is of
+   * @param {object|null} shown values of the update whose force is shown as a number: arrow and number are one estimate
+   * @param {number} limitN
+   */
+  draw(last, shown, limitN) {
+    [this.#last, this.#shown] = [{ values: last, limitN }, shown];
     this.redraw();
   }
 
@@ -56,8 +63,9 @@ export class Scene {
     context.lineCap = context.lineJoin = "round";
     const unit = Math.max(1, Math.min(width, height) / 480);
     this.#shape(context, values.shape, at, unit);
-    if (values.status === "valid") {
-      this.#force(context, values, at, unit, (0.25 * scale * Math.min(bitmap.width, bitmap.height)) / limitN);
+    if (this.#shown) {
+      const limitPx = 0.25 * scale * Math.min(bitmap.width, bitmap.height);
+      this.#force(context, this.#shown, values.shape, at, unit, limitPx, limitN);
     }
     context.restore();
   }
@@ -88,20 +96,24 @@ export class Scene {
   }
 
   /** What the tissue does to the tip: the head lies on the tip. The limit is as long as a quarter of the image. */
-  #force(context, values, at, unit, pxPerN) {
+  #force(context, values, shape, at, unit, limitPx, limitN) {
     const [fx, fy] = values.force_n;
     if (fx === null || fy === null) return;
-    const [ax, ay] = values.shape.axes_px;
+    const [ax, ay] = shape.axes_px;
     const direction = [fx * ax[0] + fy * ay[0], fx * ax[1] + fy * ay[1]];
     const size = Math.hypot(...direction);
-    const length = Math.min(size * pxPerN, 1.6 * 0.25 * Math.min(context.canvas.width, context.canvas.height));
+    const length = Math.min((limitPx * size) / limitN, LONGEST_ARROW * limitPx);
     if (!(length >= LEAST_ARROW_PX * unit)) return;
     const [dx, dy] = [direction[0] / size, direction[1] / size];
-    const tip = at(values.shape.centreline_px.at(-1));
+    const tip = at(shape.centreline_px.at(-1));
     const head = [tip[0] - 7 * unit * dx, tip[1] - 7 * unit * dy];
     const tail = [head[0] - length * dx, head[1] - length * dy];
     arrow(context, tail, head, FORCE, 5 * unit);
-    write(context, `${inGrams(values.magnitude_n)} g`, tail[0] - 24 * unit * dx, tail[1] - 16 * unit * dy, FORCE, 19 * unit);
+    const text = `${inGrams(values.magnitude_n)} g`;
+    context.font = font(19 * unit, 700);
+    const [half, high] = [context.measureText(text).width / 2, 10 * unit];
+    const away = 5 * unit + Math.min(half / Math.abs(dx), high / Math.abs(dy)); // beyond the tail, whatever its direction
+    write(context, text, tail[0] - away * dx, tail[1] - away * dy, FORCE, 19 * unit);
   }
 }
 

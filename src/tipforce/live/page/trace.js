@@ -2,7 +2,7 @@
 
 import { colours, fit, font, hatch } from "./canvas.js";
 import { fullScale } from "./gauge.js";
-import { grams } from "./numbers.js";
+import { grams, inGrams } from "./numbers.js";
 
 const SPAN_MS = 10_000;
 const GAP_MS = 250; // nothing is drawn across a longer time without frames
@@ -29,6 +29,15 @@ export class Trace {
     if (this.#points.at(-1)?.at === at) this.#points.pop(); // a later word on the same image
     const [from, to] = low === null || high === null ? [force, force] : [low, high];
     this.#points.push({ at, valid: force !== null, force, low: from, high: to });
+  }
+
+  /** What the last ten seconds were, in words. @param {number} nowMs the engine's clock at the right edge */
+  described(nowMs) {
+    const points = this.#points.filter((point) => point.at >= nowMs - SPAN_MS);
+    const forces = points.filter((point) => point.valid).map((point) => point.force);
+    if (!forces.length) return "Force over the last 10 s: none was valid";
+    const ends = [Math.min(...forces), Math.max(...forces)].map((force) => `${inGrams(force)} g`);
+    return `Force over the last 10 s: ${ends.join(" to ")}, ${points.length - forces.length} of ${points.length} values not valid`;
   }
 
   /** @param {number} nowMs the engine's clock at the right edge */
@@ -89,7 +98,7 @@ export class Trace {
       context.fillText(value ? String(value) : "0 g", left - 6, at - (value ? 0 : 3));
     }
     context.textBaseline = "bottom";
-    for (let ago = 0; ago <= 10; ago += 2) {
+    for (let ago = 0; ago <= 10; ago += right - left < 320 ? 5 : 2) {
       const x = right - ((right - left) * ago) / 10;
       context.textAlign = ago ? "center" : "right";
       context.fillText(ago ? `−${ago}` : "now (s)", x, height - 2);
@@ -100,8 +109,10 @@ export class Trace {
     }
   }
 
+  /** Hatches every stretch without a valid force: before the first value, in gaps, and after the last one. */
   #unknown(context, points, x, nowMs, left, right, top, bottom, paint) {
-    let from = null;
+    const beginMs = nowMs - SPAN_MS;
+    let from = points.length && points[0].at <= beginMs + GAP_MS ? null : beginMs;
     const until = (at) => {
       if (from !== null) hatch(context, x(from), top, x(at) - x(from), bottom - top, paint.invalid, 12);
       from = null;
@@ -113,7 +124,7 @@ export class Trace {
       else from ??= point.at;
       before = point.at;
     }
-    if (before !== null && nowMs - before > GAP_MS) from ??= before;
+    if (before === null || nowMs - before > GAP_MS) from ??= before;
     until(nowMs);
   }
 
