@@ -32,7 +32,12 @@ from tipforce.types import ForceEstimate, Image, Observation, SessionInfo, Statu
 from tipforce.vision import shaft_mask
 
 CHROMIUM = "/usr/bin/chromium"
-SIZES = {"desktop": (1600, 900), "tablet": (1024, 768), "upright": (800, 1280)}
+SIZES = {
+    "desktop": (1600, 900), "tablet": (1024, 768), "upright": (820, 1180), "phone": (390, 844), "zoom200": (683, 384),
+}  # fmt: skip
+"""CSS pixels; zoom200 is a display of 1366x768 at 200 %."""
+SCALE = {"phone": 2, "zoom200": 2}
+"""Pixels of the display for each CSS pixel, where it is not one."""
 LATENCY_NS = 14_000_000
 """From mid-exposure to the estimate, as a fast method has it; the replay estimates nothing anew."""
 TRIES = 40
@@ -199,7 +204,7 @@ def take_all(output: Path, info: SessionInfo, shown: Sequence[Shown], nothing: F
             executable_path=CHROMIUM, args=["--no-sandbox", "--autoplay-policy=no-user-gesture-required"]
         )
         for name, (width, height) in SIZES.items():
-            page = browser.new_page(viewport={"width": width, "height": height})
+            page = browser.new_page(viewport={"width": width, "height": height}, device_scale_factor=SCALE.get(name, 1))
             with Replay(shown) as engine:
                 take(page, engine, info, nothing, empty, output, name)
             page.close()
@@ -221,16 +226,19 @@ def take(
             page.wait_for_selector(f"body[data-kind='{kind}']", timeout=120_000)
             taken = base64.b64decode(devtools.send("Page.captureScreenshot", {"optimizeForSpeed": True})["data"])
             image = cv2.imdecode(np.frombuffer(taken, np.uint8), cv2.IMREAD_COLOR)
-            if is_veiled(image) == veiled and page.evaluate("document.body.dataset.kind") == kind:
+            if is_veiled(image, page) == veiled and page.evaluate("document.body.dataset.kind") == kind:
                 break
         cv2.imwrite(str(output / f"{size}-{state}.png"), image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
-        print(f"{size}-{state}.png", "as wanted" if is_veiled(image) == veiled else "NOT AS WANTED", flush=True)
+        print(f"{size}-{state}.png", "as wanted" if is_veiled(image, page) == veiled else "NOT AS WANTED", flush=True)
 
     devtools = page.context.new_cdp_session(page)
     settings = PageSettings(clock=engine.clock, on_contact=set_contact, on_record=lambda _: None)
-    with serve(engine, settings=settings) as server:
-        start(server, engine, info)
+    with serve(None) as server:
+        server.show_starting("drawing a session of bench-2021, which takes up to a minute")
         page.goto(server.address)
+        shot("starting", "waiting")
+        server.begin(engine, settings)
+        start(server, engine, info)
         page.mouse.click(5, 5)
         page.wait_for_selector("body[data-kind='no_contact']", timeout=120_000)
         page.keyboard.press("z")
@@ -252,7 +260,14 @@ def take(
         time.sleep(8.0)
         engine.hold(lambda found: found.magnitude_n > 0.25)
         shot("too-hard", "too_hard", 0.2)
-        page.keyboard.press("r")
+        server.show_recording(
+            False,
+            "recording stopped: live-20260101-120000.mcap: cannot be written any more, there is no space left on the "
+            "device; make room or choose another place; 7.8 s of this recording are kept in "
+            "live-20260101-120000.mcap.part",
+        )
+        shot("recording-stopped", "too_hard", 0.2)
+        server.show_recording(False)
         engine.hold(lambda found: 0.17 < found.magnitude_n < 0.19 and found.magnitude_interval_n[1] > 0.2)
         shot("may-be-too-hard", "may_be_too_hard", 1.2)
         engine.hold(lambda found: 0.08 < found.magnitude_n < 0.14)
@@ -280,9 +295,13 @@ def take(
     shot("disconnected", "disconnected", 1.0)
 
 
-def is_veiled(image: Image) -> bool:
+def is_veiled(image: Image, page: Page) -> bool:
     """Whether the strip is under its veil: the colours of the hatching are nowhere else."""
-    strip = image[50:120, -200:].reshape(-1, 3)
+    box = page.locator("#strip").bounding_box()
+    assert box is not None
+    scale = image.shape[1] / page.evaluate("innerWidth")
+    x, y, width, height = (round(scale * box[name]) for name in ("x", "y", "width", "height"))
+    strip = image[y : y + height, x + 3 * width // 4 : x + width].reshape(-1, 3)
     return bool((np.abs(strip.astype(int) - VEIL_BGR) <= 2).all(axis=1).mean() > 0.2)
 
 

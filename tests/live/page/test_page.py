@@ -1,12 +1,14 @@
 """The live page in a browser: what it shows, what it never shows as live, and what its buttons do."""
 
 import base64
+import os
 import re
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -19,7 +21,7 @@ from tipforce.live import Zero
 from tipforce.live.server import PageServer, PageState, serve
 from tipforce.types import Image, Status
 
-from .updates import CLOCK, FakeEngine, Publisher, eventually  # type: ignore[import-not-found]
+from .updates import CLOCK, FakeEngine, FakeLoop, Publisher, eventually  # type: ignore[import-not-found]
 
 OLDEST_S = 0.3
 SLACK_S = 0.1
@@ -371,6 +373,212 @@ def test_one_page_too_many_says_so_and_takes_the_place_of_one_that_closes(browse
         first.page.close()
         second.wait("waiting")
         second.page.close()
+
+
+def test_a_recording_that_stops_by_itself_says_why_and_what_is_kept(
+    page: OpenPage, publisher: Publisher, server: PageServer
+) -> None:
+    why = "recording stopped: run.mcap: there is no space left; 12.3 s of this recording are kept in run.mcap.part"
+    with feeding(lambda: publisher.put(0.2)):
+        page.wait("in_window")
+        server.show_recording(True)
+        page.page.wait_for_selector("#recording:visible", timeout=5_000)
+        server.show_recording(False, why)
+        page.page.wait_for_selector("#recording", state="hidden", timeout=5_000)
+        eventually(lambda: page.text("#warning") == f"⚠ {why}")
+        assert page.text("#record small") == "stopped, see above"
+
+
+def test_the_trace_is_hatched_from_the_last_value_on_also_long_after_the_server_has_ended(page: OpenPage) -> None:
+    """Hatching as rectangles of time: from, to, in seconds before the right edge."""
+    found = page.page.evaluate("""async () => {
+      const { Trace } = await import('/trace.js');
+      const canvas = document.createElement('canvas');
+      Object.defineProperties(canvas, { clientWidth: { value: 800 }, clientHeight: { value: 150 } });
+      const context = canvas.getContext('2d');
+      const contact = { window_n: [0.1, 0.4], limit_n: 0.4 };
+      const trace = new Trace();
+      const drawn = (nowMs) => {
+        const areas = [];
+        const rect = context.rect;
+        context.rect = (x, y, width, height) => {
+          areas.push([x, x + width]);
+          rect.call(context, x, y, width, height);
+        };
+        trace.draw(canvas, contact, nowMs);
+        context.rect = rect;
+        const [left, right] = areas.shift(); // the clip of the whole plot
+        return areas.map((area) => area.map((x) => Math.round((10 * (right - x)) / (right - left))));
+      };
+      const none = drawn(0);
+      for (let at = 0; at <= 20_000; at += 50) {
+        const values = { status: 'valid', magnitude_n: 0.2, interval_n: [0.1, 0.3], recent: [] };
+        trace.add({ capturedMs: at, values });
+      }
+      return [none, drawn(20_000), drawn(24_000), drawn(50_000)];
+    }""")
+    assert found == [[[10, 0]], [], [[4, 0]], [[10, 0]]]
+
+
+def test_number_and_arrow_are_of_one_estimate(page: OpenPage, publisher: Publisher) -> None:
+    page.page.evaluate("""() => {
+      globalThis.told = [];
+      const write = CanvasRenderingContext2D.prototype.fillText;
+      CanvasRenderingContext2D.prototype.fillText = function (text, ...more) {
+        if (/^[\\d.]+ g$/.test(text) && this.canvas.id === 'video') {
+          globalThis.told.push([text, document.querySelector('#grams').textContent + ' g']);
+        }
+        return write.call(this, text, ...more);
+      };
+    }""")
+    forces = iter(0.11 + 0.001 * number for number in range(10_000))
+    with feeding(lambda: publisher.put(next(forces)), 0.02):
+        page.wait("in_window")
+        eventually(lambda: len(page.page.evaluate("globalThis.told")) > 20)
+    told = page.page.evaluate("globalThis.told")
+    page.patient = None  # the next test loads the page anew, without what was put into it
+    assert len({arrow for arrow, _ in told}) > 3
+    assert all(arrow == number for arrow, number in told)
+
+
+# Where the page is small, and for those who hear it
+
+SIZES = {
+    "zoom 200 %": (683, 384),
+    "zoom 400 %": (320, 256),
+    "phone": (390, 844),
+    "tablet": (820, 1180),
+    "laptop": (1366, 768),
+}
+CUT = """() => [...document.querySelectorAll('button, b, dd, dt, small, h1, .badge, .big, .beside, #title, canvas')]
+  .filter((e) => e.checkVisibility() && e.closest('dialog') === null && e.className !== 'unseen')
+  .filter((e) => {
+    const box = e.getBoundingClientRect();
+    const hides = getComputedStyle(e).overflow !== 'visible' && e.scrollWidth > e.clientWidth + 1;
+    return hides || box.left < 0 || box.right > innerWidth + 1 || box.width < 1 || box.height < 1;
+  }).map((e) => e.id || e.textContent)"""
+REACHED = """(selector) => {
+  const e = document.querySelector(selector);
+  e.scrollIntoView({ block: 'center' });
+  const box = e.getBoundingClientRect();
+  const top = document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2);
+  return box.top >= 0 && box.bottom <= innerHeight && (e.contains(top) || top?.classList.contains('veil'));
+}"""
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_at_every_size_all_can_be_reached_and_nothing_is_cut(browser: Browser, image: Image, size: str) -> None:
+    engine, loop = FakeEngine(), FakeLoop()
+    loop.start()
+    width, height = SIZES[size]
+    page = OpenPage(browser.new_page(viewport={"width": width, "height": height}))
+    page.page.route("**/freshness.js", _patient)
+    with serve(engine, settings=engine.settings(loop=loop)) as server:
+        page.page.goto(server.address)
+        publisher = Publisher(server, image)
+        publisher.zero = Zero(
+            np.array([0.03, 0.0, np.nan]), 0.03, CLOCK.now_ns(), time.time(), "page 1", confirmed=True
+        )
+        with feeding(lambda: publisher.put(0.2)):
+            page.wait("in_window")
+            page.page.wait_for_selector("#loop:visible", timeout=5_000)
+            eventually(lambda: page.page.evaluate(CUT) == [])
+            assert page.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+            for selector in (
+                "#research",
+                "#gauge",
+                "#trace",
+                "#grams",
+                "#undo-zero",
+                "#loop-off",
+                "#loop-retract",
+                "#more",
+            ):
+                assert page.page.evaluate(REACHED, selector), selector
+            for place in (0, 100_000):  # STOP is in sight wherever the page is scrolled to
+                page.page.evaluate("(y) => scrollTo(0, y)", place)
+                box = page.page.locator("#loop-stop").bounding_box()
+                assert box is not None
+                assert height < 600 or box["y"] + box["height"] <= height or width > 760
+            strip = page.page.locator("#strip").bounding_box()
+            assert strip is not None
+            assert 0 <= strip["y"] < height
+    assert not page.errors
+    page.page.close()
+
+
+def axe() -> str:
+    """The script of axe-core; it is read from outside of the project, where it is installed."""
+    found = os.environ.get("TIPFORCE_AXE", "")
+    if not Path(found).is_file():
+        pytest.skip("TIPFORCE_AXE does not name axe.min.js (npm pack axe-core)")
+    return Path(found).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+@pytest.mark.parametrize("size", ["phone", "laptop"])
+def test_axe_finds_nothing_in_any_state(browser: Browser, image: Image, size: str, theme: str) -> None:
+    script = axe()
+    engine, loop = FakeEngine(), FakeLoop()
+    width, height = SIZES[size]
+    page = OpenPage(browser.new_page(viewport={"width": width, "height": height}))
+    page.page.route("**/freshness.js", _patient)
+    found: dict[str, list[str]] = {}
+
+    def check(state: str) -> None:
+        results = page.page.evaluate("axe.run({ resultTypes: ['violations'] })")
+        broken = [f"{each['impact']}: {each['id']}" for each in results["violations"]]
+        found[state] = broken + [str(node["target"]) for each in results["violations"] for node in each["nodes"]]
+
+    with serve(None) as server:
+        page.page.goto(server.address)
+        page.page.evaluate(script)
+        if theme == "light":
+            page.page.keyboard.press("t")
+        server.show_starting("loading fusion")
+        page.wait("waiting")
+        check("starting")
+        server.begin(engine, engine.settings())
+        publisher = Publisher(server, image)
+        with feeding(lambda: publisher.put(0.2)):
+            page.wait("in_window")
+            check("valid")
+            server.show_recording(True)
+            page.page.wait_for_selector("#recording:visible", timeout=5_000)
+            check("recording")
+            server.show_recording(False, "recording stopped: run.mcap: there is no space left")
+            page.page.wait_for_selector("#warning:visible", timeout=5_000)
+            check("recording stopped")
+            publisher.zero = Zero(np.zeros(3), 0.03, CLOCK.now_ns(), time.time(), "page 1", confirmed=True)
+            page.page.wait_for_selector("#zeroed:visible", timeout=5_000)
+            check("zeroed")
+            page.page.keyboard.press("l")
+            check("limits")
+            page.page.keyboard.press("Escape")
+            page.page.keyboard.press("?")
+            check("help")
+            page.page.keyboard.press("Escape")
+        for force_n, kind in ((0.05, "too_light"), (0.0, "no_contact"), (0.5, "too_hard")):
+            with feeding(lambda force_n=force_n: publisher.put(force_n)):
+                page.wait(kind)
+                check(kind)
+        with feeding(lambda: publisher.put_invalid(Status.NO_CATHETER, "nothing dark enters at the left border")):
+            page.wait("invalid")
+            check("not valid, alarm held")
+        server.begin(engine, engine.settings(loop=loop))
+        for what in ("start", "retract", "stop"):
+            getattr(loop, what)()
+            with feeding(lambda: publisher.put(0.2)):
+                page.page.wait_for_selector(f"#loop[data-state={loop.status.state}]", timeout=5_000)
+                check(f"loop: {what}")
+        with feeding(lambda: publisher.put(0.2, age_s=31.0)):
+            page.wait("stale")
+            check("stale")
+    page.wait("disconnected")
+    check("disconnected")
+    page.page.close()
+    assert {state: broken for state, broken in found.items() if broken} == {}
+    assert len(found) == 16
 
 
 # The page as it is: what is never shown as live

@@ -76,7 +76,10 @@ export class Controls {
     const { window_n: window, limit_n: limit } = state.contact;
     const [low, high, most] = [...window, limit].map((value) => grams(value).toFixed(0));
     say($("set-limits"), `${low}–${high}, alarm ${most} g`);
-    $("set-limits").disabled = !state.can_set_limits;
+    const lost = !this.#app.connection.open; // what the server would have to do cannot be asked for
+    for (const id of ["zero", "undo-zero", "integrate"]) $(id).disabled = lost;
+    $("record").disabled = lost || !state.can_record;
+    $("set-limits").disabled = lost || !state.can_set_limits;
     const views = values?.views ?? [];
     $("switch-view").hidden = views.length < 2;
     if (views.length > 1) say($("switch-view"), values.view);
@@ -101,7 +104,6 @@ export class Controls {
   #refreshRecord(state, nowMs) {
     this.#recordingSince = state.recording ? (this.#recordingSince ?? nowMs) : null;
     const button = $("record");
-    button.disabled = !state.can_record;
     press(button, state.recording);
     button.classList.toggle("warn", Boolean(state.recording_message));
     const idle = state.can_record ? "off" : "not in this run";

@@ -157,12 +157,13 @@ export class LoopPanel {
     const stopped = status.state === "stopped";
     const still = !status.moves;
     const ready = status.length_mm !== null;
-    $("mark-start").disabled = $("mark-goal").disabled = !still;
+    $("mark-start").disabled = $("mark-goal").disabled = !known || !still;
     set("mark-start-at", places(status.start));
     set("mark-goal-at", places(status.goal));
     $("loop-begin").hidden = stopped;
     $("loop-release").hidden = !stopped;
     $("loop-begin").disabled = !known || !still || !ready;
+    $("loop-release").disabled = !known;
     $("loop-retract").disabled = !known || stopped || status.state === "retract" || !ready;
     if (!still || stopped) this.#confirmUntil = -Infinity;
     const asks = nowMs < this.#confirmUntil;

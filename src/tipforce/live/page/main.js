@@ -51,7 +51,12 @@ let describedAt = -Infinity;
 
 app.connection = new Connection({
   frame: take,
-  state: (state) => (app.state = state),
+  state: (state) => {
+    if (state.recording_message && state.recording_message !== app.state.recording_message) {
+      controls.notice(state.recording_message);
+    }
+    app.state = state;
+  },
   loop: (status) => loop.heard(status),
   pong: (sent, received, stamped) => clock.answered(sent, received, stamped),
   opened: () => present(),
@@ -197,7 +202,8 @@ function showSums() {
   const recording = app.state.recording_message ?? "";
   const failing = Object.entries(health?.sinks ?? {}).filter(([, message]) => !recording.includes(message));
   const outputs = failing.map(([name, message]) => `${name}: ${message}`);
-  const warning = [recording, health?.message, ...outputs].filter(Boolean).join(" · ");
+  const trouble = health?.message === values?.detail ? "" : health?.message; // the strip says it already
+  const warning = [recording, trouble, ...outputs].filter(Boolean).join(" · ");
   set("session", [app.state.session, app.state.model].filter(Boolean).join(" · "));
   $("warning").hidden = !warning;
   if (warning) set("warning", `⚠ ${warning}`);
