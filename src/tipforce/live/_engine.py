@@ -362,7 +362,12 @@ class Engine:
         if fault is not None:
             return fault
         if self._answered_ns is None:
-            return Fault("running", self._trouble or "the method has not answered yet")
+            seconds = (now_ns - self._began_ns) * 1e-9
+            starting = (
+                f"starting the method ({seconds:.0f} s so far); it is compiled, which takes up to a minute, when a "
+                "computer starts it for the first time"
+            )
+            return Fault("running", self._trouble or starting)
         age_ns = now_ns - self._answered_ns
         if age_ns <= self._intake.limit_ns:
             return None

@@ -16,7 +16,7 @@ from ..estimators import Estimator
 from ..io import FileSource
 from ..live import Engine, LiveReport, LiveSettings, LiveUpdate, PacedSource
 from ..live.streams import open_sink
-from ..simulation import AnySimulationSettings, LiveSimulation
+from ..simulation import AnySimulationSettings, LiveSimulation, RealTimeClock
 from ..types import (
     Actuation,
     Actuators,
@@ -24,6 +24,7 @@ from ..types import (
     Clock,
     Commanded,
     Event,
+    Frame,
     SessionInfo,
     Source,
     SystemClock,
@@ -42,6 +43,8 @@ _SESSION_S = 95.0
 _FRAME_S = 1 / 30
 """Between images of a camera that promises nothing."""
 _OTHER_SESSION = "the simulated session has ended; its drives are where they stand at the beginning of another one"
+_SLOW_PACE = 0.9
+"""A simulated bench that runs slower than this share of real time is too slow, and that is said."""
 _T = TypeVar("_T")
 _LINE_S = 0.25
 """The line on the terminal changes this often."""
@@ -142,6 +145,22 @@ def simulated_bench(preset: str, settings: LiveRunSettings) -> AnySimulationSett
     return held.model_copy(update={"world": held.world.model_copy(update={"clock": clock})})
 
 
+def slow_bench(clock: Clock, rate_hz: float, remedy: str) -> str:
+    """Says that a computer is too slow for a simulated bench in real time; empty where it is not.
+
+    Args:
+        clock: of the bench.
+        rate_hz: images a second of its camera.
+        remedy: what helps besides ending other programs.
+    """
+    if not isinstance(clock, RealTimeClock) or clock.pace >= _SLOW_PACE:
+        return ""
+    return (
+        f"the computer is too slow for the simulated bench at {rate_hz:g} images a second: it runs at {clock.pace:.0%} "
+        f"of real time; end other programs, or {remedy}"
+    )
+
+
 class _CurrentDrives:
     """The drives of whatever session of a simulation is in progress."""
 
@@ -200,14 +219,26 @@ class _BenchInRealTime:
             self.session_info = bench.source.session_info
         self.home_mm, self.frame_period_s = home_mm, frame_period_s
         self.actuators = _CurrentDrives(simulation)
+        self._drawn = False
 
     def __iter__(self) -> Iterator[Event]:
         while True:
             with self._simulation as bench:
                 self.actuators.sessions += 1
-                ahead_ns = self.clock.now_ns() - bench.clock.now_ns()
                 for event in bench.source:
+                    self._drawn = self._drawn or isinstance(event, Frame)
+                    ahead_ns = self.clock.now_ns() - bench.clock.now_ns()
                     yield replace(event, stamp_ns=event.stamp_ns + ahead_ns)
+
+    def trouble(self) -> str:
+        """Why no image comes in time: one sentence, or empty."""
+        if not self._drawn:
+            return (
+                "the simulated bench draws its first image; it is compiled when a computer draws one for the first time"
+            )
+        rate_hz = 1.0 / self.frame_period_s
+        fewer = f"state fewer images, as in --set rate_hz={max(1.0, rate_hz / 2):.0f}"
+        return slow_bench(self._simulation.clock, rate_hz, fewer)
 
     def __enter__(self) -> Self:
         return self

@@ -23,6 +23,7 @@ from ..hardware import (
 from ..simulation import LiveSimulation
 from ..types import Clock, Event, Frame, SessionInfo, Source, Wrench
 from ._guided import Guide, missing_for_training
+from ._live import slow_bench
 from ._record import Ended, RecordingReport, record
 from ._simulate import preset_settings
 
@@ -151,6 +152,10 @@ class BenchRecording:
             ended=self._ended,
         )  # fmt: skip
         said = describe_health(self.health_at_end)
+        if self._simulation is not None:
+            faster = "use `tipforce simulate`, which needs no real time"
+            slow = slow_bench(clock, self._simulation.settings.world.clock.fps, faster)
+            said += [slow] if slow else []
         if self.guide is not None:
             missing = missing_for_training(report.summary, self.guide)
             said += [f"missing: {each}" for each in missing] or [

@@ -3,7 +3,7 @@
 from ._bench import SimulatedBench
 from ._ground_truth import Truth, ViewTruth, collect_truth, read_truth, truth_path, write_truth
 from ._imaging import CameraImaging
-from ._live import LiveSimulation
+from ._live import LiveSimulation, RealTimeClock
 from ._logs import write_logs
 from ._sample_set import SampleSet, sample_set
 from ._session_files import WriteSession, require_same_settings, simulate
@@ -15,6 +15,7 @@ __all__ = [
     "CameraImaging",
     "FluoroSettings",
     "LiveSimulation",
+    "RealTimeClock",
     "SampleSet",
     "SimulatedBench",
     "SimulationSettings",

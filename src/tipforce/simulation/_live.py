@@ -2,6 +2,7 @@
 
 import math
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from functools import cached_property
@@ -30,7 +31,7 @@ from ._ground_truth import Truth, collect_truth
 from ._settings import AnySimulationSettings
 from .world import Drive, Session, Trajectory, TrajectoryIntegrator, WorldSettings, instants_until
 
-__all__ = ["LiveSimulation", "SimulatedActuators"]
+__all__ = ["LiveSimulation", "RealTimeClock", "SimulatedActuators"]
 
 _PER_UNIT = {ADVANCE: 1e3, KNOB: 1.0, STAGE_FORWARD: 1e3, STAGE_ACROSS: 1e3}
 _DIGITS = {ADVANCE: 4, KNOB: 2, STAGE_FORWARD: 4, STAGE_ACROSS: 4}
@@ -127,8 +128,44 @@ class SimulatedActuators:
 
 _FIRST_IMAGE_STREAM = 3
 """The first stream of images in a schedule."""
-_TOO_LATE_NS = 50_000_000
-"""In real time an image that should have come so long ago is not drawn: a camera that is read too late drops it."""
+_BEHIND_NS = 50_000_000
+"""A simulation in real time that is so far behind goes on from there: on a slow computer it runs slower."""
+_PACE_NS = 5_000_000_000
+"""Time over which the pace is taken."""
+_HALT_NS = 2_000_000_000
+"""A longer halt is none of a slow computer: something was compiled, or nobody took the events."""
+
+
+class RealTimeClock(SystemClock):
+    """The machine's clock, which stands still where the simulation is behind; it starts at ``start_ns``."""
+
+    def __init__(self, start_ns: int) -> None:
+        super().__init__(start_ns)
+        self._machine = SystemClock()
+        self._began_ns = self._machine.now_ns()
+        self._lost: deque[tuple[int, int]] = deque()
+
+    def wait_for(self, at_ns: int) -> None:
+        """Goes back to ``at_ns`` where that was more than 50 ms ago."""
+        behind_ns = self.now_ns() - at_ns
+        if behind_ns <= _BEHIND_NS:
+            return
+        self._zero_ns += behind_ns
+        if behind_ns < _HALT_NS:
+            self._lost.append((self._machine.now_ns(), behind_ns))
+        self._forget()
+
+    @property
+    def pace(self) -> float:
+        """Seconds of this clock in a second of the machine's, over the last five; 1 where the computer is fast enough."""
+        self._forget()
+        lost_ns = sum(lost for _, lost in tuple(self._lost))
+        return max(0.0, 1.0 - lost_ns / min(_PACE_NS, max(1, self._machine.now_ns() - self._began_ns)))
+
+    def _forget(self) -> None:
+        since_ns = self._machine.now_ns() - _PACE_NS
+        while self._lost and self._lost[0][0] < since_ns:
+            self._lost.popleft()
 
 
 class _LiveSource(SimulatedBench):
@@ -136,13 +173,13 @@ class _LiveSource(SimulatedBench):
 
     def __init__(self, plan: SimulatedBench, run: TrajectoryIntegrator, *, real_time: bool, images: bool) -> None:
         super().__init__(plan.preset_settings, plan.seed, plan.number)
-        self._plan, self.run, self._images, self._real_time = plan, run, images, real_time
+        self._plan, self.run, self._images = plan, run, images
         self._next = 0
         self.lock = threading.RLock()
         self._late = min(drive.late for drive in run.drives)
         self._order = self.schedule()
         start_ns = min(0, self._order[0][0])
-        self.clock: Clock = SystemClock(start_ns) if real_time else SimulatedClock(start_ns)
+        self.clock: Clock = RealTimeClock(start_ns) if real_time else SimulatedClock(start_ns)
 
     @property
     def session(self) -> Session:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -188,17 +225,16 @@ class _LiveSource(SimulatedBench):
         """(n,): the frames whose exposure has happened."""
         return np.flatnonzero(self._frames_need <= self.run.done)
 
-    def _too_late(self, at_ns: int) -> bool:
-        return self._real_time and self.clock.now_ns() - at_ns > _TOO_LATE_NS
-
     def __iter__(self) -> Iterator[Event]:
         while self._next < len(self._order):
             at_ns, stream, row = self._order[self._next]
             self._next += 1
-            if stream >= _FIRST_IMAGE_STREAM and (not self._images or self._too_late(at_ns)):
+            if stream >= _FIRST_IMAGE_STREAM and not self._images:
                 continue
             self.reach(int(self._instants_needed[stream][row]), at_ns)
             event = self.event(stream, row)
+            if isinstance(self.clock, RealTimeClock):
+                self.clock.wait_for(at_ns)
             self.clock.sleep_until_ns(at_ns)
             yield event
 
@@ -209,7 +245,7 @@ class LiveSimulation:
     ``source``: its events, in the order in which a program at the bench would have them (see ``ClockSettings`` for
     the delays); going on with it makes time go on. ``actuators``: its drives. ``clock``: simulated, which stands at
     the event that came last, or with ``real_time`` the machine's, which it waits for. Without ``images`` none are
-    drawn. In real time, images that a slow computer would draw too late are left out.
+    drawn. In real time, a slow computer runs it slower (`RealTimeClock.pace`).
 
     While nobody commands a drive the events are those of `SimulatedBench`, each of them the same bytes. A command
     changes what happens from its own time on, after the drive's delay. On simulated time the same commands after the
@@ -243,6 +279,11 @@ class LiveSimulation:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.actuators.__exit__(kind, error, trace)
+
+    @property
+    def settings(self) -> AnySimulationSettings:
+        """The settings of the bench, as they were drawn."""
+        return self._plan.settings
 
     def _entered(self) -> tuple[_LiveSource, SimulatedActuators]:
         if self._begun is None:
