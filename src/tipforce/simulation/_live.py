@@ -157,7 +157,7 @@ class RealTimeClock(SystemClock):
 
     @property
     def pace(self) -> float:
-        """Seconds of this clock in a second of the machine's, over the last five; 1 where the computer is fast enough."""
+        """Seconds of this clock in a second of the machine's, over the last five; 1 on a fast computer."""
         self._forget()
         lost_ns = sum(lost for _, lost in tuple(self._lost))
         return max(0.0, 1.0 - lost_ns / min(_PACE_NS, max(1, self._machine.now_ns() - self._began_ns)))
