@@ -8,8 +8,9 @@ from tipforce.alignment import labels, observations
 from tipforce.errors import FileFormatError, InputError, OutputError, TableError, TimeError, TipforceError
 from tipforce.io import RecordingReader, RecordingWriter
 from tipforce.pipelines import import_session, plot_summary, summarise_recording
-from tipforce.types import Actuation, ActuationInfo, ForceLogInfo, LogInfo, SensorInfo, SessionInfo, StageInfo
+from tipforce.types import Actuation, ActuationInfo, BagInfo, ForceLogInfo, LogInfo, SensorInfo, SessionInfo, StageInfo
 
+from ..io.bag_files import START_S, run_messages, write_bag  # type: ignore[import-not-found]
 from ..short_run import BIAS, OFFSET_S, Run, push  # type: ignore[import-not-found]
 
 
@@ -216,3 +217,32 @@ def test_a_log_of_unclear_columns_is_the_stage_if_that_is_stated(run: Run, tmp_p
         readings = reader.stage_readings()
     assert len(readings) == 800
     assert readings[100][1] == {"forward_mm": 2.0}
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap", "folder"])
+def test_a_bag_is_imported_whole(tmp_path: Path, kind: str) -> None:
+    path = write_bag(tmp_path / "made", kind, run_messages())
+    bench = SessionInfo(sensor=SensorInfo(0, "tissue-on-tip"), bag=BagInfo(names={"knob_joint": "knob_deg"}))
+    report = import_session(path, None, tmp_path / "run.mcap", bench=bench, offset_ms="none", tare=(0.0, 1.5))
+    streams = report.summary.info.streams
+    assert (streams["camera"].count, streams["force"].count, streams["joints"].count) == (192, 2000, 80)
+    assert any(remark.startswith(f"{path.name}: the force is taken from") for remark in report.remarks)
+    with RecordingReader(tmp_path / "run.mcap") as reader:
+        found = labels(reader)
+        truth = np.outer(push(found.stamp_ns * 1e-9 - START_S), [0.05, -0.2])
+        inside = ~np.isnan(found.force_n[:, 0])
+        assert inside.sum() > 185
+        assert np.abs(found.force_n[inside, :2] - truth[inside]).max() < 2e-3
+        assert {round(o.actuation["knob_deg"], 9) for o in observations(reader)} == {10.0}
+
+
+def test_a_bag_may_be_the_log_of_a_video(run: Run, tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "made", "db3", [each for each in run_messages() if "image" not in each.topic])
+    with pytest.raises(FileFormatError, match=r"no topic of images.*`tipforce import video\.mp4 run\.db3`"):
+        import_session(path, None, tmp_path / "run.mcap")
+    bench = SessionInfo(bag=BagInfo(drives=()))
+    report = import_session(run.video, [path], tmp_path / "run.mcap", bench=bench, offset_ms="start")
+    assert report.summary.info.streams["force"].count == 2000
+    assert report.summary.labelled > 185
+    with pytest.raises(InputError, match="one bag is imported at a time"):
+        import_session(run.video, [path, path], tmp_path / "b.mcap", bench=bench)

@@ -79,7 +79,7 @@ FULL = SessionInfo(
         drives=("/joints",),
         stage=("/stage",),
         names={"/knob/data": "knob_deg"},
-        receive_times=True,
+        receive_times=("/knob",),
     ),
     tissue=TissueInfo(120.0),
     force_frame="sensor",

@@ -17,7 +17,8 @@ def command(
         list[Path],
         typer.Argument(
             help="A video, DICOM file or folder of images, then its logs: force, and where there are any stage and "
-            "knob, told apart by their columns; or recordings (.mcap), for a dataset; or a damaged one, to recover it."
+            "knob, told apart by their columns; a ROS bag; recordings (.mcap), for a dataset; or a damaged one, to "
+            "recover it."
         ),
     ],
     output: Annotated[
@@ -54,7 +55,9 @@ def command(
 
     Finds the offset between the two clocks from the catheter's own deflection, and the contact-free stretch that the
     sensor is tared on; both are shown, stored, and can be stated instead. A log of force has columns Fx, Fy, Fz; one of
-    the stage that moves the tissue has NAME_mm, one of the knob has knob_deg.
+    the stage that moves the tissue has NAME_mm, one of the knob has knob_deg. Logs are text, .xlsx or .mat; sections
+    sensor.log, actuation.log and stage.log of bench.toml state what is not found in them, section bag the topics of a
+    ROS bag (.bag, .db3, .mcap of another program, or their folder).
 
     Example: tipforce import video.mp4 force.csv --bench bench.toml -o runs/monday.mcap
 
@@ -62,14 +65,17 @@ def command(
 
     Example: tipforce import video.mp4 force.csv stage.csv --knob-deg 10 -o run.mcap
 
+    Example: tipforce import run.bag --bench bench.toml -o runs/monday.mcap
+
     Example: tipforce import runs/*.mcap -o dataset/
 
     Example: tipforce import damaged.mcap -o recovered.mcap
     """
+    from ..io import is_bag
     from ..pipelines import describe_recording, import_session
 
     check_outputs([*inputs, *filter(None, (stage, knob))], *([output] if output.suffix == ".mcap" else []), json)
-    if all(path.suffix in (".mcap", ".part") for path in inputs):
+    if all(path.suffix in (".mcap", ".part") for path in inputs) and not (len(inputs) == 1 and is_bag(inputs[0])):
         if output.suffix == ".mcap":
             _recover(inputs, output, overwrite=overwrite, json=json)
             return

@@ -22,6 +22,7 @@ from ._sources import (
     steady_reading,
 )
 from ._writer import RecordingWriter, write_force_csv
+from .bags import Bag, is_bag, open_bag
 from .tables import ACTUATION_UNITS, STILL_STEP_NS, Table, check_actuation, is_actuation, is_force, open_table
 from .video import VideoWriter, write_video
 
@@ -35,6 +36,7 @@ __all__ = [
     "SUBTRACTED_FORCE",
     "WAIT_S",
     "ActuationSeries",
+    "Bag",
     "ClockOffset",
     "DriveLog",
     "FileSource",
@@ -63,9 +65,11 @@ __all__ = [
     "frame_count",
     "images_beforehand",
     "is_actuation",
+    "is_bag",
     "is_force",
     "is_image",
     "logs_by_kind",
+    "open_bag",
     "open_recording",
     "open_source",
     "open_table",

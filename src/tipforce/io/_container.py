@@ -35,11 +35,14 @@ __all__ = [
     "Container",
     "Entries",
     "frame_is_whole",
+    "is_foreign",
     "recovered_name",
     "recovery_advice",
     "whole_summary",
 ]
 
+SESSION = "tipforce.session"
+"""The metadata record of every recording of ours."""
 MESSAGE_HEAD = 31
 """Bytes of a message record before its payload: opcode, length, channel, sequence, log time, publish time."""
 MAX_CHUNK_BYTES = 1 << 30
@@ -99,6 +102,13 @@ def whole_summary(stream: IO[bytes]) -> tuple[Summary, int] | None:
     except _FAULTS:
         return None
     return None if summary is None else (summary, start)
+
+
+def is_foreign(path: Path) -> bool:
+    """Whether ``path`` is a whole MCAP file that another program wrote: without the metadata of a session of ours."""
+    with path.open("rb") as stream:
+        found = whole_summary(stream)
+    return found is not None and all(index.name != SESSION for index in found[0].metadata_indexes)
 
 
 def frame_is_whole(stream: IO[bytes], summary: Summary, start: int) -> bool:

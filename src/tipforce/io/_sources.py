@@ -9,13 +9,26 @@ from typing import Protocol, Self, runtime_checkable
 import numpy as np
 
 from ..errors import FileFormatError, InputError
-from ..types import ADVANCE, STAGE, Actuation, Event, FloatArray, Frame, Image, IntArray, SessionInfo, Source
+from ..types import (
+    ADVANCE,
+    STAGE,
+    Actuation,
+    ActuationInfo,
+    Event,
+    FloatArray,
+    Frame,
+    Image,
+    IntArray,
+    SessionInfo,
+    Source,
+)
 from ._dicom import DicomFile, is_dicom
 from ._folder import ImageFolder, read_folder
 from ._image_size import image_count
 from ._images import file_bytes, is_image
 from ._reader import RecordingReader
 from ._stack import ImageStack
+from .bags import Bag, is_bag, open_bag
 from .video import VideoFile
 
 __all__ = [
@@ -111,7 +124,7 @@ def _opened(path: Path) -> ImageFolder | ImageStack | DicomFile | VideoFile:
 def open_source(
     path: Path | str, *, actuation: Mapping[str, float] | None = None, stated: SessionInfo | None = None
 ) -> Source:
-    """A video, DICOM file, image, folder of images or recording as a `Source`; a context manager, to iterate at will.
+    """A video, DICOM file, image, folder of images, ROS bag or recording as a `Source`; a context manager.
 
     ``stated``: metadata in place of those that the file holds; constant readings of drives among them are used where
     the file carries none. ``actuation``: constant readings, too.
@@ -132,6 +145,9 @@ def open_source(
         return reader if silent else _Stated(reader, filled, stated or SessionInfo())
     if not where.exists():
         raise FileFormatError(f"{where}: there is no such file or folder")
+    if is_bag(where):
+        info = SessionInfo(actuation=ActuationInfo(constant=dict(actuation or {})))
+        return open_bag(where, (stated or SessionInfo()).updated(info))
     return FileSource(where, actuation or {}, stated or SessionInfo())
 
 
@@ -212,7 +228,7 @@ def any_reading(source: Source, name: str) -> bool:
 
 
 def _read_of(source: Source, name: str) -> FloatArray:
-    if isinstance(source, FileSource | _Stated):
+    if isinstance(source, FileSource | _Stated | Bag):
         return source.readings(name)
     return _readings(source, name) if isinstance(source, RecordingReader) else np.empty(0)
 

@@ -10,7 +10,18 @@ import numpy as np
 
 from ..alignment import OffsetChoice, TareChoice, stated_tare
 from ..errors import FileFormatError, InputError, TimeError
-from ..io import FileSource, ForceLog, RecordingWriter, logs_by_kind, read_drive_log, read_force_log
+from ..io import (
+    Bag,
+    DriveLog,
+    FileSource,
+    ForceLog,
+    RecordingWriter,
+    is_bag,
+    logs_by_kind,
+    open_bag,
+    read_drive_log,
+    read_force_log,
+)
 from ..types import JOINTS, STAGE, Actuation, ActuationInfo, Event, FloatArray, Frame, IntArray, SessionInfo, Wrench
 from ..vision import VisionSettings
 from ._estimate import session_info_from
@@ -18,6 +29,9 @@ from ._record import RecordingReport, refuse_target, write_run
 from ._summary import summarise_recording
 
 __all__ = ["Readings", "import_session", "merged"]
+
+Logs = Path | str | Sequence[Path | str] | Mapping[str, Path | str] | None
+"""A force log, several logs, or kind -> log."""
 
 Readings = tuple[IntArray, dict[str, FloatArray]]
 """(n,) stamps, and (n,) values by name."""
@@ -76,7 +90,7 @@ class _Feed:
 
 def import_session(
     frames: Path | str,
-    logs: Path | str | Sequence[Path | str] | Mapping[str, Path | str] | None,
+    logs: Logs,
     output: Path | str,
     *,
     bench: SessionInfo | Path | str | None = None,
@@ -94,7 +108,8 @@ def import_session(
     and the clock offset are found, stored beside them, and applied when labels are made.
 
     Args:
-        frames: a video, DICOM file or folder of images.
+        frames: a video, DICOM file or folder of images; or a ROS bag (.bag, .db3, .mcap or a folder), whose topics
+            ``bench`` names.
         logs: the force log; or several logs, of force, stage and knob, told apart by their columns (see
             `logs_by_kind`); or kind ("force", "stage", "knob") -> log. The stage's positions, NAME_m or NAME_mm,
             serve to take the sensor's inertia out.
@@ -120,28 +135,34 @@ def import_session(
     """
     target, info = Path(output), session_info_from(bench)
     refuse_target(target, overwrite=overwrite, origin="import")
+    bag, logs = _bag(Path(frames), logs, info)
     by_kind = _by_kind(logs, info)
     force_log, knob_log, stage_log = (by_kind.get(kind) for kind in ("force", "knob", "stage"))
     knob_column = info.actuation.knob_column
     log = None if force_log is None else _complete(read_force_log(force_log, info.sensor.log, knob_column))
     info = info if info.name else replace(info, name=target.stem)
-    source = FileSource(Path(frames), {}, info)
+    remarks: list[str] = []
+    if bag is not None:
+        remarks += (f"{bag.path.name}: {remark}" for remark in bag.remarks)
+        log = log or (_complete(bag.force) if bag.force else None)
+    source = replace(bag, joints=None) if bag and bag.views else FileSource(Path(frames), {}, info)
     if source.numbered and (log is not None or knob_log is not None or stage_log is not None):
         raise FileFormatError(
             f"{frames}: neither a table nor the names of the images say when they were taken, so a log cannot be "
             f"aligned with them; write {Path(frames) / 'stamps.csv'} with the columns file_name,stamp_ns"
         )
-    remarks: list[str] = []
     first_ns = next(event.stamp_ns for event in source)
     if log is not None and offset_ms == "start":
         moved = first_ns - int(log.stamp_ns[0])
         log = replace(log, stamp_ns=log.stamp_ns + moved)
         remarks.append(f"the force log was moved by {moved * 1e-9:.6f} s: its first row belongs to the first frame")
-    drives = _drives(log, knob_column, knob_log, info.actuation, remarks)
+    drives = _drives(log, knob_column, knob_log, info.actuation, remarks, bag.joints if bag else None)
+    stage = bag.stage if bag else None
     if stage_log is not None:
-        found = read_drive_log(stage_log, info.stage.log, "stage.log")
-        drives[STAGE] = found.stamp_ns, found.values
-        remarks += (f"{stage_log.name}: {remark}" for remark in found.remarks)
+        stage = read_drive_log(stage_log, info.stage.log, "stage.log")
+        remarks += (f"{stage_log.name}: {remark}" for remark in stage.remarks)
+    if stage is not None:
+        drives[STAGE] = stage.stamp_ns, stage.values
     starts = [first_ns, *(int(stamps[0]) for stamps, _ in drives.values())]
     starts += [] if log is None else [int(log.stamp_ns[0])]
     # the file's format has no time before zero; whole seconds keep the stamps readable
@@ -149,7 +170,7 @@ def import_session(
     if shift_ns:
         remarks.append(f"all stamps were moved by {shift_ns // 1_000_000_000} s, so that none lies before zero")
     if log is not None:
-        name = force_log.name if force_log else ""
+        name = force_log.name if force_log else bag.path.name if bag else ""
         remarks += (f"{name}: {said}" for said in (log.said, *log.remarks))
         if not isinstance(tare, str):
             stated_tare(log.stamp_ns, log.force_n, *tare)  # says what is wrong with it before a long video is read
@@ -171,7 +192,7 @@ def import_session(
             progress("reading frames", min(count / max(source.frame_count, count), 1.0))
 
     try:
-        names = (Path(frames).name, str(force_log))
+        names = (Path(frames).name, str(force_log or (bag.path if bag else "")))
         facts = write_run(
             writer,
             events,
@@ -183,7 +204,8 @@ def import_session(
             report,
             names,
         )
-        _check_drives(drives, (first_ns, last_ns), knob_log if knob_log else force_log, stage_log)
+        origin = force_log or (bag.path if bag else Path(frames))
+        _check_drives(drives, (first_ns, last_ns), knob_log or origin, stage_log or origin)
         writer.note("tipforce.import", _origin(Path(frames), force_log, knob_log, log, shift_ns))
         writer.close()
     except BaseException:
@@ -192,9 +214,21 @@ def import_session(
     return RecordingReport(summarise_recording(target), (*remarks, *facts))
 
 
-def _by_kind(
-    logs: Path | str | Sequence[Path | str] | Mapping[str, Path | str] | None, info: SessionInfo
-) -> dict[str, Path]:
+def _bag(frames: Path, logs: Logs, info: SessionInfo) -> tuple[Bag | None, Logs]:
+    """The bag with the images, or the one among the logs, and the other logs."""
+    paths = [] if logs is None or isinstance(logs, Mapping) else [logs] if isinstance(logs, str | Path) else list(logs)
+    bags = [Path(path) for path in paths if is_bag(Path(path))]
+    if is_bag(frames):
+        bags.insert(0, frames)
+    if len(bags) > 1:
+        raise InputError(f"{bags[1]}: one bag is imported at a time, and {bags[0]} is one, too")
+    if not bags:
+        return None, logs
+    images = bags[0] == frames
+    return open_bag(bags[0], info, images=images), logs if images else [path for path in paths if Path(path) != bags[0]]
+
+
+def _by_kind(logs: Logs, info: SessionInfo) -> dict[str, Path]:
     """The logs by their kind, as they are stated or as their columns tell it."""
     if isinstance(logs, Mapping):
         return {kind: Path(path) for kind, path in logs.items()}
@@ -219,9 +253,14 @@ def _complete(log: ForceLog) -> ForceLog:
 
 
 def _drives(
-    log: ForceLog | None, column: str | None, knob_log: Path | None, actuation: ActuationInfo, remarks: list[str]
+    log: ForceLog | None,
+    column: str | None,
+    knob_log: Path | None,
+    actuation: ActuationInfo,
+    remarks: list[str],
+    joints: DriveLog | None,
 ) -> dict[str, Readings]:
-    """The catheter's drives as a stream, where they come from a log."""
+    """The catheter's drives as a stream, where they come from a log, or as ``joints`` of a bag."""
     if column and knob_log:
         raise InputError(
             "the knob's angle can come from actuation.knob_column or from a log of the knob, not from both"
@@ -236,6 +275,8 @@ def _drives(
         drive_log = read_drive_log(knob_log, actuation.log)
         found = drive_log.stamp_ns, drive_log.values
         remarks += (f"{knob_log.name}: {remark}" for remark in drive_log.remarks)
+    elif joints:
+        found = joints.stamp_ns, joints.values
     clash = set(found[1] if found else ()) & set(actuation.constant)
     if clash:
         raise InputError(f"{min(clash)} is stated as a constant and read from a log; state one of them")
@@ -245,8 +286,8 @@ def _drives(
 def _check_drives(
     drives: Mapping[str, Readings],
     frames: tuple[int, int],
-    knob_log: Path | None,
-    stage_log: Path | None,
+    knob_log: Path,
+    stage_log: Path,
 ) -> None:
     """Raises TimeError where a log of drives runs on another clock than the frames: no reading would be used."""
     for stream, (stamps, _) in drives.items():

@@ -28,6 +28,8 @@ _TABLE = (
     ("sheet", '"Sheet1"', "of a workbook"),
 )
 """Keys of every log."""
+_UNSHOWN = tuple((key, "", meaning) for key, _, meaning in _TABLE)
+"""The same keys where they are shown for another log already."""
 
 _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
     "catheter": (
@@ -109,8 +111,8 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
             ("constant", "{ knob_deg = 10.0 }", "readings that stay the same and are in no log; names end in the unit"),
         ),
     ),
-    "actuation.log": ("How the log of the drives is written.", _TABLE),
-    "stage.log": ("How the log of the stage is written.", _TABLE),
+    "actuation.log": ("How the log of the drives is written: the keys of sensor.log but force and status.", _UNSHOWN),
+    "stage.log": ("How the log of the stage is written: the same keys.", _UNSHOWN),
     "bag": (
         "Topics of a ROS bag or of another program's MCAP; the only topic of its kind needs no line.",
         (
@@ -119,7 +121,7 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
             ("drives", '["/joint_states"]', "of the catheter: JointState, Float64 or Float64Stamped"),
             ("stage", '["/stage/joint_states"]', "that moves the tissue: the same types"),
             ("names", '{ knob_joint = "knob_deg" }', "joint, or topic of numbers: its name, which ends in the unit"),
-            ("receive_times", "true", "where messages have no stamp of their own"),
+            ("receive_times", '["/knob/data"]', "topics whose messages have no stamp of their own"),
         ),
     ),
     "tissue": (
@@ -127,7 +129,7 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
         (("stiffness_n_per_m", "120.0", "force over how deep the tip presses in"),),
     ),
 }
-"""Section -> what it is; its keys, each with an example and its meaning."""
+"""Section -> what it is; its keys, each with an example (empty: not shown in the guide) and its meaning."""
 
 _MAX_BYTES = 1 << 20
 _DEVICES = ("hardware",)
@@ -161,7 +163,7 @@ def bench_text(info: SessionInfo, *, guide: bool = True) -> str:
                 note = f"  # {meaning}" if meaning and guide else ""
                 if key in table:
                     lines.append(f"{key} = {toml_value(table[key])}{note}")
-                elif guide:
+                elif guide and example:
                     lines.append(f"#{key} = {example}{note}")
     return "\n".join(lines) + "\n"
 

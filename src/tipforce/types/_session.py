@@ -149,22 +149,22 @@ class ForceLogInfo(LogInfo):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BagInfo:
-    """Topics of a ROS bag, or of a recording of another program; None or empty: the only topic of its kind is taken.
+    """Topics of a ROS bag, or of another program's MCAP; what is not stated: the only topic of its kind is taken.
 
     ``views``: view -> topic of images; ``force``: topic of the sensor's wrenches; ``drives`` and ``stage``: topics with
-    the readings of the catheter's drives and of the stage (JointState, or one number). ``names``: joint, or topic of
-    numbers -> NAME_UNIT. ``receive_times``: messages without a stamp of their own are placed at the time at which they
-    were received.
+    the readings of the catheter's drives and of the stage (JointState, or one number), empty for none. ``names``:
+    joint, or topic of numbers -> NAME_UNIT. ``receive_times``: topics whose messages are placed at the time at which
+    they were received, because they have no stamp of their own or a wrong one.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
 
     views: Mapping[str, str] = field(default_factory=dict[str, str])
     force: str | None = None
-    drives: tuple[str, ...] = ()
-    stage: tuple[str, ...] = ()
+    drives: tuple[str, ...] | None = None
+    stage: tuple[str, ...] | None = None
     names: Mapping[str, str] = field(default_factory=dict[str, str])
-    receive_times: bool = False
+    receive_times: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,376 @@
+"""A bag as a source of images, with its force log and its logs of drives and stage."""
+
+import heapq
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from ...errors import FileFormatError, InputError, TimeError
+from ...types import FORCE_RANGE, Actuation, BagInfo, Event, FloatArray, Frame, IntArray, SessionInfo, actuation_range
+from .._container import is_foreign
+from .._force_log import DriveLog, ForceLog
+from .._images import StreamDepth
+from ..tables import ACTUATION_UNITS
+from ._image_messages import IMAGE_KINDS, image_of, png_of_16_bits
+from ._messages import BagMessage, Topic, listed_topics, messages, only_topic, topics_of
+
+__all__ = ["Bag", "is_bag", "open_bag"]
+
+WRENCH_KINDS = ("WrenchStamped", "Wrench")
+NUMBER_KINDS = ("Float64", "Float32", "Float64Stamped", "Float32Stamped")
+REORDERED_FRAMES = 8
+"""Images that may arrive before one with an earlier stamp."""
+
+_PER_SI_UNIT = {"deg": math.degrees(1.0), "rad": 1.0, "m": 1.0, "mm": 1e3, "um": 1e6}
+"""A JointState holds radians and metres; the name of a drive states its unit."""
+
+
+def is_bag(path: Path) -> bool:
+    """Whether ``path`` is a ROS bag (.bag, .db3, a folder with metadata.yaml) or an MCAP file of another program."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file()
+    return path.suffix in (".bag", ".db3") or (path.suffix == ".mcap" and path.is_file() and is_foreign(path))
+
+
+@dataclass(slots=True)
+class Bag:
+    """A `Source` of the images of a bag; and what else is in it.
+
+    ``force``: the readings of its sensor; ``joints`` and ``stage``: of the catheter's drives and of the stage; None
+    without a topic. ``remarks``: which topics were taken, and what was assumed, in sentences.
+    """
+
+    path: Path
+    session_info: SessionInfo
+    views: Mapping[str, Topic]
+    force: ForceLog | None = None
+    joints: DriveLog | None = None
+    stage: DriveLog | None = None
+    remarks: list[str] = field(default_factory=list[str])
+    received: frozenset[str] = frozenset()
+    """Topics whose messages are placed at the times at which they were received."""
+    numbered: bool = False
+
+    @property
+    def frame_count(self) -> int:
+        """How many images will come."""
+        return sum(topic.count for topic in self.views.values())
+
+    def lacks(self, names: Iterable[str]) -> list[str]:
+        """Those of the actuation's ``names`` that never come."""
+        there = {*self.session_info.actuation.constant, *(self.joints.values if self.joints else ())}
+        return [name for name in names if name not in there]
+
+    def readings(self, name: str) -> FloatArray:
+        """(n,) all readings of the drive ``name``."""
+        if self.joints and name in self.joints.values:
+            values = self.joints.values[name]
+            return values[np.isfinite(values)]
+        constant = self.session_info.actuation.constant.get(name)
+        return np.empty(0) if constant is None else np.array([constant])
+
+    def __iter__(self) -> Iterator[Event]:
+        """Images, and the readings of the catheter's drives before each."""
+        stamps = np.empty(0, np.int64) if self.joints is None else self.joints.stamp_ns
+        row, first = 0, True
+        for frame in self.frames():
+            if first and self.session_info.actuation.constant:
+                yield Actuation(frame.stamp_ns, dict(self.session_info.actuation.constant))
+            first = False
+            while self.joints is not None and row < len(stamps) and stamps[row] <= frame.stamp_ns:
+                here = {name: float(values[row]) for name, values in self.joints.values.items()}
+                yield Actuation(int(stamps[row]), {name: value for name, value in here.items() if value == value})
+                row += 1
+            yield frame
+
+    def frames(self) -> Iterator[Frame]:
+        """The images in the order of their stamps. Raises TimeError where they are far from this order."""
+        names = {topic.name: view for view, topic in self.views.items()}
+        depths = {name: StreamDepth(_Wide(self.path, name)) for name in names}
+        waiting: list[tuple[int, int, str, Any]] = []
+        last: dict[str, int] = {}
+
+        def due(kept: int) -> Iterator[Frame]:
+            while len(waiting) > kept:
+                stamp, _, name, content = heapq.heappop(waiting)
+                if stamp > last.get(name, -1):
+                    last[name] = stamp
+                    where = f"{self.path}, {name} at {stamp * 1e-9:.3f} s"
+                    yield Frame(stamp, image_of(content, where, depths[name]), names[name])
+                elif name not in self.received:  # two images that were received at once are one
+                    raise TimeError(
+                        f"{self.path}, topic {name}: the image at {stamp * 1e-9:.6f} s is not after the one before it; "
+                        "to use the times at which the images were received instead of their own stamps, state in "
+                        f'bench.toml: bag.receive_times = ["{name}"]'
+                    )
+
+        for place, (name, message) in enumerate(messages(self.path, list(names))):
+            stamp = _stamp(message, name in self.received)
+            if stamp is not None:
+                heapq.heappush(waiting, (stamp, place, name, message.content))
+                yield from due(REORDERED_FRAMES)
+        yield from due(0)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Nothing stays open between two iterations."""
+
+
+class _Wide:
+    """Gives the images of 16 bits of one topic, encoded."""
+
+    def __init__(self, path: Path, topic: str) -> None:
+        self._path, self._topic = path, topic
+
+    def __call__(self) -> Iterator[bytes]:
+        for name, message in messages(self._path, [self._topic]):
+            content = message.content
+            if hasattr(content, "encoding"):
+                yield png_of_16_bits(content, f"{self._path}, {name}")
+            else:
+                yield np.asarray(content.data, np.uint8).tobytes()
+
+
+def _stamp(message: BagMessage, received: bool) -> int | None:
+    """The stamp of a message; None for a message without one in a topic whose other messages have one."""
+    if received:
+        return message.received_ns
+    return message.header_ns or None
+
+
+def open_bag(path: Path, info: SessionInfo, *, images: bool = True) -> Bag:
+    """Chooses the topics of a bag, and reads all but its images.
+
+    Args:
+        path: a ROS 1 bag (.bag), a ROS 2 bag (.db3, .mcap or their folder).
+        info: metadata of the session; ``bag``: its topics.
+        images: whether its images are wanted, too.
+
+    Raises:
+        FileFormatError: it cannot be read, or has no images.
+        InputError: topics are not clear; the message has the line of ``bench.toml`` that chooses.
+        TimeError: messages have no stamps of their own.
+        MissingExtraError: rosbags is not installed.
+    """
+    if not path.exists():
+        raise FileFormatError(f"{path}: there is no such file or folder")
+    topics, stated, remarks = topics_of(path), info.bag, list[str]()
+    views = _views(path, topics, stated, remarks) if images else {}
+    force = _named(path, topics, stated.force, "bag.force", WRENCH_KINDS)
+    if stated.force is None:
+        force = only_topic(path, topics, WRENCH_KINDS, "forces", 'bag.force = "{}"')
+        if force:
+            remarks.append(f"the force is taken from its only topic of forces, {force.name}")
+    drives, stage = _drive_topics(path, topics, stated, remarks)
+    taken = [*(topic.name for topic in views.values()), *([force.name] if force else []), *drives, *stage]
+    received = _without_stamps(path, topics, taken, stated, remarks)
+    bag = Bag(path, SessionInfo(path.stem).updated(info), views, remarks=remarks, received=received)
+    columns = _Columns(path, received, stated.names, {topic.name: topic.kind for topic in topics.values()})
+    others = [name for name in (*drives, *stage, *([force.name] if force else [])) if name]
+    for name, message in messages(path, others):
+        columns.add(name, message)
+    if force:
+        bag.force = columns.force(force.name)
+    bag.joints = columns.drives(drives, remarks) if drives else None
+    bag.stage = columns.drives(stage, remarks) if stage else None
+    return bag
+
+
+def _views(path: Path, topics: Mapping[str, Topic], stated: BagInfo, remarks: list[str]) -> dict[str, Topic]:
+    """View -> topic of its images."""
+    if stated.views:
+        named = {view: (name, f"bag.views.{view}") for view, name in stated.views.items()}
+        found = {view: _named(path, topics, name, key, IMAGE_KINDS) for view, (name, key) in named.items()}
+        return {view: topic for view, topic in found.items() if topic is not None}
+    only = only_topic(path, topics, IMAGE_KINDS, "images", 'bag.views = {{ camera = "{}" }}')
+    if only is None:
+        raise FileFormatError(
+            f"{path}: has no topic of images (Image or CompressedImage); it has "
+            f"{listed_topics(list(topics.values()))}; if a video was recorded beside it, name both: `tipforce import "
+            f"video.mp4 {path.name}`"
+        )
+    remarks.append(f"the images are taken from its only topic of images, {only.name}")
+    return {"camera": only}
+
+
+def _named(path: Path, topics: Mapping[str, Topic], name: str | None, key: str, kinds: Sequence[str]) -> Topic | None:
+    """The topic that ``bench.toml`` names. Raises InputError where it is not there or of another type."""
+    if name is None:
+        return None
+    topic = topics.get(name) or topics.get("/" + name.strip("/"))
+    if topic is None or topic.kind not in kinds:
+        said = "has no topic" if topic is None else f"has messages of the type {topic.kind} in the topic"
+        fitting = [each for each in topics.values() if each.kind in kinds]
+        there = f"those of the types {' or '.join(kinds)} are {listed_topics(fitting) or 'none'}"
+        raise InputError(f"{path}: {said} {name!r}, as {key} in bench.toml states; {there}")
+    return topic
+
+
+def _drive_topics(
+    path: Path, topics: Mapping[str, Topic], stated: BagInfo, remarks: list[str]
+) -> tuple[list[str], list[str]]:
+    """Topics of the catheter's drives, and of the stage."""
+    kinds = ("JointState", *NUMBER_KINDS)
+    chosen: list[list[str]] = []
+    for key, names in (("drives", stated.drives), ("stage", stated.stage)):
+        found = [_named(path, topics, name, f"bag.{key}", kinds) for name in names or ()]
+        chosen.append([topic.name for topic in found if topic is not None])
+    drives, stage = chosen
+    if stated.drives is None:
+        left = {name: topic for name, topic in topics.items() if name not in stage}
+        named = [name for name, topic in left.items() if topic.kind in NUMBER_KINDS and _named_by_topic(name)]
+        if stated.stage is None:
+            stage = [name for name in named if _unit(_named_by_topic(name)) in ("m", "mm", "um")]
+            named = [name for name in named if name not in stage]
+        only = only_topic(path, left, ("JointState",), "joints", 'bag.drives = ["{}"], or [] for none')
+        drives = named + ([only.name] if only else [])
+        if drives:
+            remarks.append(f"the catheter's drives are taken from {', '.join(drives)}")
+        if stage and stated.stage is None:
+            remarks.append(f"the stage is taken from {', '.join(stage)}")
+    return drives, stage
+
+
+def _named_by_topic(name: str) -> str:
+    """NAME_UNIT that the last part of a topic's name is; empty where it is none."""
+    last = name.rstrip("/").rpartition("/")[2]
+    return last if _unit(last) else ""
+
+
+def _unit(name: str) -> str:
+    before, _, unit = name.rpartition("_")
+    return unit.lower() if before and unit.lower() in ACTUATION_UNITS else ""
+
+
+def _without_stamps(
+    path: Path, topics: Mapping[str, Topic], taken: Sequence[str], stated: BagInfo, remarks: list[str]
+) -> frozenset[str]:
+    """The topics that are placed at receive times. Raises TimeError for others without stamps of their own."""
+    stated_topics = {"/" + name.strip("/") for name in stated.receive_times}
+    placed = {name for name in taken if "/" + name.strip("/") in stated_topics}
+    open_topics = {name for name in taken if topics[name].count and name not in placed}
+    stamped: set[str] = set()
+    for name, message in messages(path, sorted(open_topics)):
+        if message.header_ns > 0:
+            stamped.add(name)
+            if stamped == open_topics:
+                break
+    found = sorted(open_topics - stamped)
+    if found:
+        line = ", ".join(f'"{name}"' for name in sorted({*found, *placed}))
+        raise TimeError(
+            f"{path}: the messages of {', '.join(found)} have no stamp of their own (header.stamp is 0 or missing); to "
+            "use the times at which they were received, which are late by the transport, state in bench.toml: "
+            f"bag.receive_times = [{line}]"
+        )
+    if placed:
+        remarks.append(f"{', '.join(sorted(placed))}: placed at the times at which the messages were received")
+    return frozenset(placed)
+
+
+@dataclass(slots=True)
+class _Columns:
+    """Collects the readings of topics."""
+
+    path: Path
+    received: frozenset[str]
+    names: Mapping[str, str]
+    kinds: Mapping[str, str]
+    stamps: dict[str, list[int]] = field(default_factory=dict[str, list[int]])
+    wrenches: dict[str, list[tuple[float, float, float]]] = field(
+        default_factory=dict[str, list[tuple[float, float, float]]]
+    )
+    values: dict[str, list[dict[str, float]]] = field(default_factory=dict[str, list[dict[str, float]]])
+
+    def add(self, topic: str, message: BagMessage) -> None:
+        """One message of a topic of forces or drives."""
+        stamp, content = _stamp(message, topic in self.received), message.content
+        if stamp is None:
+            return
+        self.stamps.setdefault(topic, []).append(stamp)
+        kind = self.kinds[topic]
+        if kind in WRENCH_KINDS:
+            vector = content.wrench.force if hasattr(content, "wrench") else content.force
+            self.wrenches.setdefault(topic, []).append((float(vector.x), float(vector.y), float(vector.z)))
+        elif kind == "JointState":
+            here = dict(zip(map(str, content.name), map(float, content.position), strict=False))
+            self.values.setdefault(topic, []).append(here)
+        else:
+            self.values.setdefault(topic, []).append({topic: float(content.data)})
+
+    def force(self, topic: str) -> ForceLog:
+        """The readings of a sensor in newtons. Raises FileFormatError for one that no sensor gives."""
+        force = np.array(self.wrenches.get(topic, []), np.float64).reshape(-1, 3)
+        stamps, rows, remarks = self._in_order(topic)
+        force = force[rows]
+        outside = FORCE_RANGE.outside(force.ravel())
+        if outside is not None:
+            row, axis = divmod(outside, 3)
+            raise FileFormatError(
+                f"{self.path}, topic {topic}: the force at {stamps[row] * 1e-9:.3f} s is {force[row, axis]:g} N, "
+                f"expected {FORCE_RANGE}; choose another topic in bench.toml: bag.force"
+            )
+        return ForceLog(stamps, force, None, f"force = {topic} (N)", remarks=remarks)
+
+    def drives(self, topics: Sequence[str], remarks: list[str]) -> DriveLog | None:
+        """The readings of drives: NAME_UNIT -> (n,). Raises InputError where a name has no unit."""
+        found: list[tuple[IntArray, dict[str, FloatArray]]] = []
+        for topic in topics:
+            stamps, rows, said = self._in_order(topic)
+            remarks += said
+            readings = [self.values[topic][row] for row in rows.tolist()] if topic in self.values else []
+            columns: dict[str, FloatArray] = {}
+            for joint in dict.fromkeys(name for row in readings for name in row):
+                name, factor = self._name(topic, joint)
+                if factor != 1.0:
+                    si_unit = "radians" if _unit(name) == "deg" else "metres"
+                    remarks.append(f"{name} is {joint} of {topic}, which a JointState holds in {si_unit}")
+                columns[name] = factor * np.array([row.get(joint, math.nan) for row in readings])
+                limits = actuation_range(name)
+                outside = limits.outside(columns[name])
+                if outside is not None:
+                    raise InputError(
+                        f"{self.path}, topic {topic}: {name} at {stamps[outside] * 1e-9:.3f} s is "
+                        f"{columns[name][outside]:g}, expected {limits}; check the unit in bench.toml: bag.names"
+                    )
+            if columns:
+                found.append((stamps, columns))
+        if not found:
+            return None
+        every = np.unique(np.concatenate([stamps for stamps, _ in found]))
+        values = {name: np.full(len(every), math.nan) for _, columns in found for name in columns}
+        for stamps, columns in found:
+            for name, column in columns.items():
+                values[name][np.searchsorted(every, stamps)] = column
+        return DriveLog(every, values)
+
+    def _name(self, topic: str, joint: str) -> tuple[str, float]:
+        """NAME_UNIT of a joint or topic, and what its readings are multiplied by to be in this unit."""
+        stated = self.names.get(joint) or self.names.get(joint.lstrip("/"))
+        if self.kinds[topic] == "JointState" and stated:
+            return stated, _PER_SI_UNIT.get(_unit(stated), 1.0)
+        name = stated or (_named_by_topic(joint) if joint == topic else joint)
+        if not _unit(name):
+            raise InputError(
+                f"{self.path}, topic {topic}: {joint!r} does not name its unit; state its name in bench.toml: "
+                f'bag.names = {{ "{joint}" = "knob_deg" }}, or leave the topic out: bag.drives = []'
+            )
+        return name, 1.0
+
+    def _in_order(self, topic: str) -> tuple[IntArray, IntArray, tuple[str, ...]]:
+        """Rising stamps, the rows that have them, and what was done to the others."""
+        stamps = np.array(self.stamps.get(topic, []), np.int64)
+        order = np.argsort(stamps, kind="stable")
+        keep = np.diff(stamps[order], prepend=-1) > 0
+        repeats = int(np.sum(~keep))
+        said = (f"{topic}: {repeats} messages repeat the stamp of another and are left out",) if repeats else ()
+        return stamps[order][keep], order[keep], said

@@ -1,0 +1,103 @@
+"""Messages of a bag: opening it, its topics, and the stamps of its messages."""
+
+import importlib
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...errors import FileFormatError, InputError, MissingExtraError, TipforceError
+
+__all__ = ["BagMessage", "Topic", "messages", "topics_of"]
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """``kind``: the message's type without its package, as "JointState"; ``count``: of its messages."""
+
+    name: str
+    kind: str
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class BagMessage:
+    """``header_ns``: its own stamp, 0 for none; ``received_ns``: when it was recorded; ``content``: its fields."""
+
+    header_ns: int
+    received_ns: int
+    content: Any
+
+
+@contextmanager
+def _opened(path: Path) -> Generator[Any]:
+    """The bag at ``path``, open. Raises FileFormatError for a damaged one."""
+    try:
+        highlevel: Any = importlib.import_module("rosbags.highlevel")
+        typesys: Any = importlib.import_module("rosbags.typesys")
+    except ImportError:
+        raise MissingExtraError("rosbags", extra="ros") from None
+    try:
+        # bags of ROS 2 before 2023 do not hold the definitions of their messages
+        known = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+        with highlevel.AnyReader([path], default_typestore=known) as reader:
+            yield reader
+    except TipforceError:
+        raise
+    except Exception as error:  # a damaged bag raises errors of many kinds in the library and below it
+        advice = "run `rosbag reindex` on it" if "not indexed" in str(error) else "copy it again, or repair it"
+        if path.suffix == ".mcap":
+            advice = "repair it with `mcap recover`"
+        raise FileFormatError(f"{path}: is no bag that can be read ({error}); {advice}") from None
+
+
+def topics_of(path: Path) -> dict[str, Topic]:
+    """Name -> topic. Raises FileFormatError for a file that is no bag, MissingExtraError without rosbags."""
+    with _opened(path) as reader:
+        return {
+            name: Topic(name, str(info.msgtype or "").rpartition("/")[2], int(info.msgcount))
+            for name, info in reader.topics.items()
+        }
+
+
+def messages(path: Path, names: Sequence[str]) -> Iterator[tuple[str, BagMessage]]:
+    """Topic and message of all messages of the topics ``names``, in the order in which they were received.
+
+    Raises FileFormatError where a message is not of its type.
+    """
+    with _opened(path) as reader:
+        chosen = [connection for connection in reader.connections if connection.topic in names]
+        for connection, received_ns, raw in reader.messages(connections=chosen) if chosen else ():
+            content: Any = reader.deserialize(raw, connection.msgtype)
+            stamp = getattr(getattr(content, "header", None), "stamp", None)
+            header_ns = 0 if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+            yield connection.topic, BagMessage(header_ns, int(received_ns), content)
+
+
+def only_topic(path: Path, topics: Mapping[str, Topic], kinds: Sequence[str], what: str, line: str) -> Topic | None:
+    """The only topic of the types ``kinds``; None without one.
+
+    Args:
+        path: the bag, for the message.
+        topics: those of the bag.
+        kinds: types that are looked for.
+        what: what they hold, for the message.
+        line: of ``bench.toml`` that chooses, with {} for the topic.
+
+    Raises:
+        InputError: there are several.
+    """
+    found = [topic for topic in topics.values() if topic.kind in kinds and topic.count]
+    if len(found) > 1:
+        raise InputError(
+            f"{path}: has several topics of {what}: {listed_topics(found)}; state one in bench.toml: "
+            f"{line.format(found[0].name)}"
+        )
+    return found[0] if found else None
+
+
+def listed_topics(topics: Sequence[Topic]) -> str:
+    """Topics as a message shows them."""
+    shown = ", ".join(f"{topic.name} ({topic.kind}, {topic.count} messages)" for topic in topics[:12])
+    return shown + (f" and {len(topics) - 12} more" if len(topics) > 12 else "")
