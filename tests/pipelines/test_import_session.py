@@ -195,14 +195,21 @@ def test_a_log_that_covers_a_part_of_the_video_is_remarked_on(run: Run, tmp_path
         import_session(run.video, tmp_path / "rare.csv", tmp_path / "rare.mcap", offset_ms="none", tare="none")
 
 
-def test_rows_without_a_reading_leave_a_gap(run: Run, tmp_path: Path) -> None:
-    lines = run.force.read_text().splitlines()
+def test_rows_without_a_reading_leave_a_gap_and_rows_with_an_error_status_are_not_used(
+    run: Run, tmp_path: Path
+) -> None:
+    lines = [line + ",0" for line in run.force.read_text().splitlines()]
+    lines[0] = "time_s,fx_n,fy_n,status"
     for row in range(3001, 3004):
-        lines[row] = lines[row].split(",")[0] + ",,NaN"
+        lines[row] = lines[row].split(",")[0] + ",,NaN,0"
+    for row in range(5001, 5301):
+        lines[row] = lines[row].split(",")[0] + ",-13,13,4"
     (tmp_path / "force.csv").write_text("\n".join(lines))
-    report = import_session(run.video, tmp_path / "force.csv", tmp_path / "run.mcap", offset_ms="none")
-    assert any("3 rows without a reading" in remark for remark in report.remarks)
-    assert report.summary.labelled > 185
+    import_session(run.video, tmp_path / "force.csv", tmp_path / "run.mcap", offset_ms="none", tare=(0.0, 1.5))
+    with RecordingReader(tmp_path / "run.mcap") as reader:
+        found = labels(reader)
+    assert 170 < np.isfinite(found.force_n[:, 0]).sum() < 190
+    assert np.nanmax(np.abs(found.force_n)) < 1.0
 
 
 def test_a_log_of_unclear_columns_is_the_stage_if_that_is_stated(run: Run, tmp_path: Path) -> None:

@@ -139,12 +139,12 @@ def import_session(
     by_kind = _by_kind(logs, info)
     force_log, knob_log, stage_log = (by_kind.get(kind) for kind in ("force", "knob", "stage"))
     knob_column = info.actuation.knob_column
-    log = None if force_log is None else _complete(read_force_log(force_log, info.sensor.log, knob_column))
+    log = None if force_log is None else read_force_log(force_log, info.sensor.log, knob_column)
     info = info if info.name else replace(info, name=target.stem)
     remarks: list[str] = []
     if bag is not None:
         remarks += (f"{bag.path.name}: {remark}" for remark in bag.remarks)
-        log = log or (_complete(bag.force) if bag.force else None)
+        log = log or bag.force
     source = replace(bag, joints=None) if bag and bag.views else FileSource(Path(frames), {}, info)
     if source.numbered and (log is not None or knob_log is not None or stage_log is not None):
         raise FileFormatError(
@@ -203,6 +203,7 @@ def import_session(
             vision or VisionSettings(),
             report,
             names,
+            None if log is None else log.status,
         )
         origin = force_log or (bag.path if bag else Path(frames))
         _check_drives(drives, (first_ns, last_ns), knob_log or origin, stage_log or origin)
@@ -235,21 +236,6 @@ def _by_kind(logs: Logs, info: SessionInfo) -> dict[str, Path]:
     paths = [] if logs is None else [logs] if isinstance(logs, str | Path) else list(logs)
     stated = {"force": info.sensor.log, "knob": info.actuation.log, "stage": info.stage.log}
     return logs_by_kind([Path(path) for path in paths], stated)
-
-
-def _complete(log: ForceLog) -> ForceLog:
-    """The rows in which every axis of the log has a reading: the others leave a gap."""
-    whole = ~np.isnan(log.force_n[:, ~np.isnan(log.force_n).all(axis=0)]).any(axis=1)
-    if whole.all():
-        return log
-    return replace(
-        log,
-        stamp_ns=log.stamp_ns[whole],
-        force_n=log.force_n[whole],
-        knob=None if log.knob is None else log.knob[whole],
-        status=None if log.status is None else log.status[whole],
-        remarks=(*log.remarks, f"{np.sum(~whole)} rows without a reading of each axis are left out"),
-    )
 
 
 def _drives(
