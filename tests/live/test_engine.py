@@ -154,6 +154,22 @@ def test_a_value_that_waited_for_its_sink_or_its_reader_expires(engine, gate):
     assert [each.estimate.valid for each in late.updates] == [False]
 
 
+def test_until_the_method_answers_for_the_first_time_the_run_is_starting(engine, gate):
+    class Slow(Method):
+        def update(self, observation):
+            gate.wait(5.0)
+            return super().update(observation)
+
+    notes = Notes()
+    live = engine(Camera(100_000), Slow(), notes)
+    with live.running():
+        wait_until(lambda: any("starting the method (0 s so far)" in each.estimate.detail for each in notes.updates))
+        assert all(each.health.starting for each in notes.updates)
+        gate.set()
+        wait_until(lambda: notes.updates[-1].estimate.valid)
+        assert not notes.updates[-1].health.starting
+
+
 def test_a_slow_method_drops_frames_and_says_so(engine):
     method, notes = Method(lambda number: time.sleep(0.02) or 0.1), Notes()
     report = engine(Camera(60), method, notes).run()

@@ -432,6 +432,7 @@ class Engine:
             camera="running" if fault is None else fault.camera,
             reconnects=self._reader.reconnects,
             message=self._trouble if fault is None else fault.message,
+            starting=self._answered_ns is None,
             sinks=MappingProxyType({runner.name: runner.health(now_ns) for runner in self._runners}),
         )
 

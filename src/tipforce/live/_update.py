@@ -43,6 +43,7 @@ class LiveHealth:
     ``dropped``: so many gave way to a newer one before the estimator took them. ``latency_p50_s`` and
     ``latency_p99_s``: from mid-exposure to the estimate, over the last 10 s; NaN without any. ``reconnects``: so often
     the source was opened again. ``message``: one sentence where something is not as it should be, else empty.
+    ``starting``: no image has been estimated yet.
     """
 
     frames_per_s: float = 0.0
@@ -53,6 +54,7 @@ class LiveHealth:
     camera: CameraState = "waiting"
     reconnects: int = 0
     message: str = ""
+    starting: bool = False
     sinks: Mapping[str, SinkHealth] = field(default_factory=lambda: MappingProxyType({}))
 
 

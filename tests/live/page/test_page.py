@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from playwright.sync_api import Browser, Page, Route, sync_playwright
 from tipforce.errors import ZeroInContactError
 from tipforce.live import Zero
 from tipforce.live.server import PageServer, PageState, serve
-from tipforce.types import Image, Status
+from tipforce.types import ForceEstimate, Image, Status
 
 from .updates import CLOCK, FakeEngine, FakeLoop, Publisher, eventually  # type: ignore[import-not-found]
 
@@ -358,6 +359,23 @@ def test_before_the_run_begins_the_page_says_what_the_program_does(browser: Brow
         server.begin(engine, engine.settings())
         eventually(lambda: page.text("#title") == "WAITING")
     page.page.close()
+
+
+def test_while_the_method_has_not_answered_yet_the_page_says_so(
+    page: OpenPage, publisher: Publisher, server: PageServer
+) -> None:
+    detail = "the method has not answered yet (4 s)"
+
+    def put() -> None:
+        update = publisher.update(ForceEstimate.invalid(CLOCK.now_ns(), Status.STALE, detail), views={})
+        server.sink.put(replace(update, health=replace(update.health, starting=True)))
+
+    with feeding(put):
+        page.wait("waiting")
+        assert (page.text("#title"), page.text("#detail")) == ("STARTING", detail)
+    with feeding(lambda: publisher.put_invalid(Status.STALE, "the method has not answered for 3 s", views={})):
+        page.wait("invalid")
+        assert page.text("#title") == "NOT VALID: no new estimate"
 
 
 def test_one_page_too_many_says_so_and_takes_the_place_of_one_that_closes(browser: Browser, image: Image) -> None:

@@ -53,8 +53,11 @@ export function judge(update, state, connection, age) {
   if (state.starting) return dead("waiting", "…", "STARTING", state.starting);
   if (!update) return dead("waiting", "…", "WAITING", "for the first frame");
   const { values } = update;
+  const starting = values.health.starting && ["waiting", "running"].includes(values.health.camera);
+  if (starting && age.notice <= NOTICE_MS) return dead("waiting", "…", "STARTING", values.detail);
   if (values.status !== "valid" && age.notice <= NOTICE_MS) {
-    const reason = REASONS[values.status] ?? values.status.replaceAll("_", " ");
+    const late = values.status === "stale" && values.health.camera === "running"; // images come, and no estimates
+    const reason = late ? "no new estimate" : (REASONS[values.status] ?? values.status.replaceAll("_", " "));
     return dead("invalid", "✕", `NOT VALID: ${reason}`, values.detail);
   }
   if (!(age.frame <= OLDEST_MS) || values.status !== "valid") {

@@ -214,6 +214,7 @@ def _health(update: LiveUpdate) -> dict[str, Any]:
         "camera": health.camera,
         "reconnects": health.reconnects,
         "message": health.message,
+        "starting": health.starting,
         "sinks": failing,
     }
 
