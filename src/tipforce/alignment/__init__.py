@@ -7,6 +7,7 @@ from ._labels import Labels, covered_frames, label_log, labels
 from ._observations import PAIR_S, Pairing, nearest_frames, observations
 from ._plausible import find_plausible_force
 from ._tare import find_tare, stated_tare
+from ._tare_check import changing_tare, contact_free_stretch, pulling_force
 from ._timing import estimate_offset, shape_coordinates
 
 __all__ = [
@@ -18,6 +19,8 @@ __all__ = [
     "Pairing",
     "StageMotion",
     "TareChoice",
+    "changing_tare",
+    "contact_free_stretch",
     "covered_frames",
     "estimate_offset",
     "find_offset",
@@ -29,6 +32,7 @@ __all__ = [
     "labels",
     "nearest_frames",
     "observations",
+    "pulling_force",
     "shape_coordinates",
     "stated_tare",
 ]

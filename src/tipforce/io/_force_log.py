@@ -88,7 +88,9 @@ def read_force_log(path: Path, info: ForceLogInfo | None = None, knob_column: st
         _plausible(log, force[:, axis.axis], numbers[:, place], axis.column)
     if knob_column:
         check_actuation(log, knob_column, numbers[:, -1], as_name=knob_column if "_" in knob_column else "knob_deg")
-    status = info.status or next((name for name in log.table.columns if _STATUS.match(name)), None)
+    status = info.status
+    if status is None:
+        status = next((name for name in log.table.columns if _STATUS.match(name)), "")
     said = ", ".join(
         f"f{'xyz'[axis.axis]} = {'-' if axis.newtons < 0 else ''}{axis.column} ({abs(axis.newtons):.6g} N)"
         for axis in axes
@@ -98,7 +100,7 @@ def read_force_log(path: Path, info: ForceLogInfo | None = None, knob_column: st
         force,
         numbers[:, -1] if knob_column else None,
         f"{log.time}, {said}" + (f", status = {status}" if status else ""),
-        None if status is None else log.codes(status),
+        log.codes(status) if status else None,
         tuple(remarks),
     )
 

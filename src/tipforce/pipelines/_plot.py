@@ -16,6 +16,16 @@ __all__ = ["COLOURS", "GREY", "INK", "plain_axes", "plot_run"]
 
 INK, GREY = "#15202b", "#8a939c"
 COLOURS = ("#0072b2", "#d55e00", "#009e73")
+FINDING_COLOURS: dict[str, str] = {
+    "error status": "#cc3311",
+    "clipped": "#ee7733",
+    "spike": "#aa3377",
+    "dead axis": "#882255",
+    "gap": "#bbbbbb",
+    "step of the zero": "#117733",
+    "drift": "#44aa99",
+    "contact during tare": "#cc3311",
+}
 _POINTS = 4000
 
 
@@ -66,6 +76,7 @@ def _force(axes: Axes, reader: RecordingReader, found: Labels | None) -> None:
         wrench = next(stream for stream in info.streams.values() if stream.kind == "wrench")
         move = (wrench.first_ns + info.clock_offset.offset_ns - origin) * 1e-9
         axes.axvspan(start + move, end + move, color=GREY, alpha=0.18, lw=0, label="tare" if number == 0 else None)
+    _findings(axes, reader, origin)
     axes.axhline(0, color=INK, lw=0.6)
     axes.set_xlim(seconds[0], seconds[-1])
     axes.set_ylabel("force of the tissue on the tip, N", color=INK)
@@ -82,6 +93,21 @@ def _force(axes: Axes, reader: RecordingReader, found: Labels | None) -> None:
         said += f" ± {offset.stderr_ms:.1f}"
     axes.set_title(f"{reader.path.name}   {said}", fontsize=10, color=INK, loc="left", pad=22)
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False, fontsize=9, borderaxespad=0.1)
+
+
+def _findings(axes: Axes, reader: RecordingReader, origin_ns: int) -> None:
+    """Marks the implausible stretches of the force, each kind in its colour; single instants are lines."""
+    info = reader.info
+    first_ns = next((stream.first_ns for stream in info.streams.values() if stream.kind == "wrench"), 0)
+    move = (first_ns + info.clock_offset.offset_ns - origin_ns) * 1e-9
+    named: set[str] = set()
+    for finding in info.plausibility.findings:
+        label = None if finding.kind in named else finding.kind
+        named.add(finding.kind)
+        colour = FINDING_COLOURS[finding.kind]
+        axes.axvspan(
+            finding.start_s + move, finding.end_s + move, color=colour, alpha=0.25, lw=0.8, zorder=0, label=label
+        )
 
 
 def _grams(newtons: ArrayLike) -> FloatArray:

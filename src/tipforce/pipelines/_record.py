@@ -2,7 +2,7 @@
 
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -15,9 +15,12 @@ from ..alignment import (
     OffsetChoice,
     StageMotion,
     TareChoice,
+    changing_tare,
+    contact_free_stretch,
     covered_frames,
     find_offset,
     find_plausible_force,
+    pulling_force,
 )
 from ..errors import InputError, TimeError, TipforceError
 from ..io import RecordingWriter, check_target
@@ -209,9 +212,37 @@ def _state_facts(
     if most_n > _LARGE_N:
         remarks.append(f"the force log holds up to {most_n:.3g} N: check sensor.log.force_unit and its rows")
     found = ForceCorrections(pose, level, inertia, stage, plausible)
+    _check_tare(writer, frames, shapes, stamps, force, found)
     offset = find_offset(frames, shapes, info, view, stamps, force, found, offset_ms, remarks, blind)
     writer.state(offset)
     return [*remarks, *_check_cover(names, frames, stamps[plausible.usable(stamps)], offset.offset_ns)]
+
+
+def _check_tare(
+    writer: RecordingWriter,
+    frames: IntArray,
+    shapes: Sequence[DetectedShape],
+    stamps: IntArray,
+    force: FloatArray,
+    facts: ForceCorrections,
+) -> None:
+    """Raises InputError where the tip was in contact during the tare; no reading is then used for labels."""
+    if not facts.tare.stretches_s or facts.sensor is None:
+        return
+    mass = facts.sensor.moving_mass_kg
+    changing = changing_tare(stamps, force, facts.stage, facts.tare, facts.inertia, mass)
+    contact = changing or pulling_force(frames, shapes, stamps, force, facts)
+    if contact is None:
+        return
+    plausible = facts.plausibility.without(stamps, np.ones(len(stamps), np.bool_))
+    writer.state(replace(plausible, findings=(*plausible.findings, contact)))
+    other = contact_free_stretch(stamps, force, facts.stage, mass) if changing else None
+    example = f", for example {other[0]:g}:{other[1]:g}" if other else ""
+    raise InputError(
+        f"tare: the tip seems to be in contact at {contact.start_s:g} to {contact.end_s:g} s of the force log: "
+        f"{contact.detail}; state a stretch without contact, --tare START:END{example}, or --tare none if the sensor's "
+        "zero needs no correction"
+    )
 
 
 class _Run:

@@ -33,6 +33,7 @@ _MAX_SPIKES = 0.01
 """What more than this share of the readings does is no spike."""
 _MIN_DEAD_VALUES = 10
 """An axis that never changes is dead where another one takes at least so many values."""
+_NO_STATUS = 'if the column holds no error status, state sensor.log.status = "" in bench.toml'
 _MISSING_STEPS = 2.5
 """A step in time of so many usual ones is a gap."""
 
@@ -73,7 +74,12 @@ def check_force_log(
     if status is not None:
         refused = status != 0
         words = ", ".join(hex(word) if word > 9 else str(word) for word in np.unique(status[refused])[:3].tolist())
-        add("error status", refused, "".join("xyz"[axis] for axis in axes), detail=f"the status word is {words}")
+        add(
+            "error status",
+            refused,
+            "".join("xyz"[axis] for axis in axes),
+            detail=f"the status is {words} ({_NO_STATUS})",
+        )
     missing = np.isnan(force_n[:, axes]).any(axis=1) & ~bad
     bad |= missing
     sound = np.flatnonzero(~bad)
@@ -212,7 +218,6 @@ def _gaps(seconds: FloatArray, bad: BoolArray, missing: BoolArray, findings: lis
         if own < int(bad[rows].sum()):  # another finding says why
             continue
         first, last = max(float(times[place]), 0.0), min(float(times[place + 1]), float(seconds[-1]))
-        detail = f"images in a gap of more than {1e3 * MAX_GAP_S:g} ms get no force"
-        findings.append(ForceFinding("gap", first, last, readings=own, detail=detail))
+        findings.append(ForceFinding("gap", first, last, readings=own, detail="images in it get no force"))
     short = steps[(steps > _MISSING_STEPS * usual) & ~long]
     return len(short), float(short.max(initial=0.0))

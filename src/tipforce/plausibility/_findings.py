@@ -186,6 +186,8 @@ def _line(kind: str, findings: list[ForceFinding]) -> str:
     details = list(dict.fromkeys(finding.detail for finding in findings if finding.detail))
     said = "".join(f"; {detail}" for detail in details[:_SHOWN])
     unused = f": {readings} readings not used" if readings else ""
+    if kind == "gap":
+        unused = f": {len(findings)} of more than {1e3 * MAX_GAP_S:g} ms"
     return f"{kind}{unused} ({where}{more}){said}"
 
 

@@ -136,7 +136,7 @@ class ForceLogInfo(LogInfo):
     """Which columns of a force log hold the axes, and their unit; None: found by the log's header.
 
     A leading "-" turns an axis round: ``fx="-Fy"``. ``status``: the column with the sensor's status code, where 0 means
-    that all is well. ``counts_per_n``: the sensor's sensitivity, for counts.
+    that all is well; empty: none is read. ``counts_per_n``: the sensor's sensitivity, for counts.
     """
 
     fx: str | None = None

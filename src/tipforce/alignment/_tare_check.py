@@ -1,0 +1,179 @@
+"""Contact in the stretch that gives the tare: the whole session would be off by the force of that contact.
+
+The log alone shows it where the force changes in the stretch as it does elsewhere, or where the stage seems to carry
+much more than it does: in contact the force follows the stage's position. Images show it where the tissue would pull at
+the tip for most of the session: tissue only pushes.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from ..errors import InputError
+from ..io import Inertia, Tare
+from ..plausibility import ForceFinding
+from ..types import BoolArray, FloatArray, IntArray
+from ..vision import DetectedShape
+from ._find import ForceCorrections, find_tare_and_inertia
+from ._inertia import StageMotion, carried_n
+
+__all__ = ["changing_tare", "contact_free_stretch", "pulling_force"]
+
+_SMOOTH_S = 0.02
+_SPREAD = (5.0, 95.0)
+_MIN_CHANGE_N = 0.03
+_MAX_CHANGE, _MAX_CHANGE_NO_STAGE = 0.25, 0.6
+"""Largest change of the force in the stretch, as a share of that elsewhere. With the stage's log taken out it is 0.01
+to 0.16 in 35 clean simulated sessions and 0.2 to 1.1 in stretches of contact."""
+_MAX_MASS = 1.6
+"""Largest carried mass that is found, as a share of the stated one: 0.8 to 1.24 in the clean sessions; contact gives
+more than 1.6 wherever the force changes by less than the share above."""
+_MIN_PULL, _MIN_PULL_N, _MIN_FRAMES = 0.35, 0.03, 50
+"""Least share of pull along the tip's axis in the sum of all forces, least mean force, and least number of images. Pure
+push is -1; friction on a wall along the shaft gives at most 0.3."""
+_AT_TARE_N, _MAX_AT_TARE = 0.03, 0.05
+"""A force that comes back to the level of the tare for more than this share of the time does not pull because of it."""
+_TIP_SHARE = 0.15
+_TRIED_S = 2.0
+"""Length of the stretches that are tried in place of one with contact."""
+
+
+def changing_tare(
+    stamps: IntArray,
+    force: FloatArray,
+    stage: StageMotion,
+    tare: Tare,
+    inertia: Inertia,
+    moving_mass_kg: float | None,
+) -> ForceFinding | None:
+    """Contact during the tare, as the log alone shows it.
+
+    Args:
+        stamps: (n,) stamps of the readings.
+        force: (n, 3) readings, N, NaN where they are not used.
+        stage: movement of the stage.
+        tare: the tare with its stretches.
+        inertia: the mass that was found in them.
+        moving_mass_kg: the stated mass, or None.
+
+    Returns:
+        The finding, or None.
+    """
+    seconds = (stamps - stamps[0]) * 1e-9
+    inside = _within(seconds, tare)
+    axes = ~np.isnan(force).all(axis=0)
+    known = np.isfinite(force[:, axes]).all(axis=1)
+    if not stage.names and moving_mass_kg:  # what the mass shows cannot be told from contact
+        return None
+    rest = (force - carried_n(stage, inertia, stamps))[known][:, axes]
+    inside, outside = inside[known], ~inside[known]
+    if inside.sum() < 10 or outside.sum() < 10:
+        return None
+    period = max(float(np.median(np.diff(seconds))), 1e-6)
+    smooth = uniform_filter1d(rest, max(1, round(_SMOOTH_S / period)), axis=0, mode="nearest")
+    change, usual = _spread(smooth[inside]), _spread(smooth[outside])
+    share = _MAX_CHANGE if stage.names else _MAX_CHANGE_NO_STAGE
+    if change > max(_MIN_CHANGE_N, share * usual):
+        said = f"the force changes by {change:.3f} N in the stretch of the tare, and by {usual:.3f} N elsewhere"
+        if not stage.names:
+            said += " (if the sensor rides on a moving stage, import the stage's log too)"
+        return _finding(tare, change, said)
+    heaviest = float(np.linalg.norm(inertia.gain_kg, axis=1).max(initial=0.0))
+    if moving_mass_kg and heaviest > _MAX_MASS * moving_mass_kg:
+        return _finding(
+            tare,
+            change,
+            f"the force follows the stage in the stretch of the tare as if it carried {1e3 * heaviest:.0f} g, and "
+            f"sensor.moving_mass_kg states {1e3 * moving_mass_kg:.0f} g",
+        )
+    return None
+
+
+def pulling_force(
+    frame_ns: IntArray, shapes: Sequence[DetectedShape], stamps: IntArray, force: FloatArray, facts: ForceCorrections
+) -> ForceFinding | None:
+    """Contact during the tare, as the images show it: with this tare the tissue pulls at the tip.
+
+    The clock offset may be unknown: the sum over the session hardly depends on it.
+
+    Args:
+        frame_ns: (n,) stamps of the images.
+        shapes: (n) shapes in them.
+        stamps: (m,) stamps of the readings.
+        force: (m, 3) readings, N, NaN where they are not used.
+        facts: tare, inertia and pose of the sensor.
+
+    Returns:
+        The finding with the force that the tissue would pull with, or None.
+    """
+    axes = np.flatnonzero(~np.isnan(force).all(axis=0)).tolist()
+    usable = np.isfinite(force[:, axes]).all(axis=1)
+    if axes[:2] != [0, 1] or facts.sensor is None or len(shapes) < _MIN_FRAMES:
+        return None
+    stamps = stamps[usable]
+    tared = np.nan_to_num(force[usable] - facts.tare.force_n - facts.carried(stamps))
+    outside = ~_within((stamps - stamps[0]) * 1e-9, facts.tare)
+    at_tare = np.linalg.norm(tared[outside, :2], axis=1) < _AT_TARE_N
+    if float(np.mean(at_tare)) > _MAX_AT_TARE:
+        return None
+    base = tared @ facts.sensor.matrix.T
+    at_frames = np.stack([np.interp(frame_ns, stamps, base[:, axis]) for axis in range(2)], axis=1)
+    tips = np.array([_tip_direction(shape) for shape in shapes])
+    known = np.isfinite(tips).all(axis=1) & (frame_ns >= stamps[0]) & (frame_ns <= stamps[-1])
+    if known.sum() < _MIN_FRAMES:
+        return None
+    along = np.sum(tips[known] * at_frames[known], axis=1)
+    sizes = np.linalg.norm(at_frames[known], axis=1)
+    if sizes.mean() < _MIN_PULL_N or along.sum() < _MIN_PULL * sizes.sum():
+        return None
+    most = float(np.percentile(along, 95))
+    return _finding(
+        facts.tare,
+        most,
+        f"with this tare the tissue would pull at the tip with up to {most:.2f} N, but tissue only pushes (if the "
+        "stretch is right, check sensor.reads and sensor.angle_deg)",
+    )
+
+
+def contact_free_stretch(
+    stamps: IntArray, force: FloatArray, stage: StageMotion, moving_mass_kg: float | None
+) -> tuple[float, float] | None:
+    """(start, end) in seconds of the log of the first stretch that would do as a tare; None where there is none."""
+    last_s = float(stamps[-1] - stamps[0]) * 1e-9
+    for start in np.arange(0.0, last_s - _TRIED_S, _TRIED_S).tolist():
+        stretch = (start, start + _TRIED_S)
+        try:
+            tare, inertia = find_tare_and_inertia(stamps, force, stage, stretch, [])
+        except InputError:  # too few readings that are used
+            continue
+        seen = inertia.how == "estimated" or not stage.names
+        if seen and changing_tare(stamps, force, stage, tare, inertia, moving_mass_kg) is None:
+            return stretch
+    return None
+
+
+def _finding(tare: Tare, size_n: float, said: str) -> ForceFinding:
+    start, end = tare.stretches_s[0]
+    return ForceFinding("contact during tare", start, end, size_n=size_n, detail=said)
+
+
+def _within(seconds: FloatArray, tare: Tare) -> BoolArray:
+    inside = np.zeros(len(seconds), np.bool_)
+    for start, end in tare.stretches_s:
+        inside |= (seconds >= start) & (seconds <= end)
+    return inside
+
+
+def _spread(values: FloatArray) -> float:
+    return float(np.linalg.norm(np.ptp(np.percentile(values, _SPREAD, axis=0), axis=0)))
+
+
+def _tip_direction(shape: DetectedShape) -> FloatArray:
+    """(2,) unit vector along the tip's axis, base frame; NaN where nothing was detected."""
+    if shape.centreline is None or shape.base is None:
+        return np.full(2, math.nan)
+    points = shape.base.to_base(shape.centreline.points)
+    axis = points[-1] - points[int((1.0 - _TIP_SHARE) * (len(points) - 1))]
+    return axis / max(float(np.linalg.norm(axis)), 1e-12)
