@@ -383,6 +383,7 @@ def udp(port: int) -> Iterator[dict[str, Any]]:
         yield {}
         while True:
             yield json.loads(receiver.recv(1 << 16))
+            receiver.settimeout(3.0)  # the last message is lost where the socket is full
 
 
 def websocket(port: int) -> Iterator[dict[str, Any]]:
@@ -501,8 +502,8 @@ def read_output(name: str, reader: str, port: int, zero_s: float) -> None:
                 break
             if reader.startswith("takes") and now_s > began_s + 60.0:
                 break
-    except Exception as error:
-        last = {"status": f"{type(error).__name__}: {error}"}
+    except (OSError, EOFError) as error:
+        last |= {"detail": f"then {type(error).__name__}"}
     found = {
         "read": count,
         "older_than_1_s": old,

@@ -20,7 +20,9 @@ _INTERVALS = 32
 _GAP_PERIODS, _GAP_NS = 4.0, 250_000_000
 """A longer interval between two images is a pause of the camera, of the network or of this program."""
 _WAITED_SHARE = 0.5
-"""Of a period: a driver that waited for so long for an image had found the buffer empty."""
+"""Of a period: a driver that waited for so long for an image had found the buffer empty, if the machine is not busy."""
+_LOCAL_IMAGES = 8
+"""More images than the drivers of a machine keep: so many waits in a row show that the buffer is empty, busy or not."""
 
 
 class LatenessCheck:
@@ -57,14 +59,15 @@ class ArrivalWait:
     missing when they come at the period again was lost, not kept.
 
     Args:
-        local: the buffers are those of this machine, so that a driver that had to wait for an image has emptied them.
+        local: the buffers are those of this machine, and hold few images: a driver that had to wait for eight images in
+            a row has emptied them.
     """
 
     def __init__(self, *, local: bool) -> None:
         self._local = local
         self._intervals: deque[int] = deque(maxlen=_INTERVALS)
         self._last_ns: int | None = None
-        self._counted_ns = self._wait_ns = 0
+        self._counted_ns = self._wait_ns = self._waits = 0
         self._map = ClockMap(_LATE_NS)
 
     def wait_ns(self, asked_ns: int, arrival_ns: int) -> int:
@@ -83,10 +86,11 @@ class ArrivalWait:
         if not pause and not catching_up:
             self._intervals.append(interval_ns)
         self._counted_ns += round(self._period_ns)
-        waited = arrival_ns - asked_ns >= _WAITED_SHARE * self._period_ns
-        if self._local and waited and not pause:
-            return self._restart(arrival_ns)
         self._wait_ns = arrival_ns - self._map.host_ns(self._counted_ns, arrival_ns)
+        waited = arrival_ns - asked_ns >= _WAITED_SHARE * self._period_ns and interval_ns < 2.0 * self._period_ns
+        self._waits = self._waits + 1 if waited else 0
+        if self._local and self._waits >= _LOCAL_IMAGES:
+            return self._restart(arrival_ns)
         return self._wait_ns
 
     @property
