@@ -76,7 +76,7 @@ export class Controls {
     const { window_n: window, limit_n: limit } = state.contact;
     const [low, high, most] = [...window, limit].map((value) => grams(value).toFixed(0));
     say($("set-limits"), `${low}–${high}, alarm ${most} g`);
-    const lost = !this.#app.connection.open; // what the server would have to do cannot be asked for
+    const lost = !this.#app.connection.open || Boolean(state.starting); // nobody would do what is asked for
     for (const id of ["zero", "undo-zero", "integrate"]) $(id).disabled = lost;
     $("record").disabled = lost || !state.can_record;
     $("set-limits").disabled = lost || !state.can_set_limits;

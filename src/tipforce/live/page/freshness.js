@@ -9,11 +9,13 @@ export class Veil {
   #animation;
   #detail;
   #title;
+  #sign;
 
-  /** @param {HTMLElement} element the veil; it holds .veil-title and may hold .veil-detail */
+  /** @param {HTMLElement} element the veil; it holds .veil-title and may hold .veil-detail and .veil-sign */
   constructor(element) {
     this.#title = element.querySelector(".veil-title");
     this.#detail = element.querySelector(".veil-detail");
+    this.#sign = element.querySelector(".veil-sign");
     const total = OLDEST_MS + FALL_MS;
     this.#animation = element.animate(
       [
@@ -23,24 +25,25 @@ export class Veil {
       ],
       { duration: total, fill: "both" },
     );
-    this.fall("CONNECTING", "");
+    this.fall("CONNECTING", "", "…");
   }
 
   /** Keeps the veil away for so long, in ms. */
   hold(remainingMs) {
-    this.#say("STALE", "");
+    this.#say("STALE", "", "✕");
     this.#animation.currentTime = OLDEST_MS - remainingMs;
     if (this.#animation.playState !== "running") this.#animation.play();
   }
 
   /** Lets the veil fall now, and says why. */
-  fall(title, detail) {
-    this.#say(title, detail);
+  fall(title, detail, sign) {
+    this.#say(title, detail, sign);
     if (this.#animation.playState !== "finished") this.#animation.finish();
   }
 
-  #say(title, detail) {
-    if (this.#title.textContent !== title) this.#title.textContent = title;
-    if (this.#detail && this.#detail.textContent !== detail) this.#detail.textContent = detail;
+  #say(title, detail, sign) {
+    for (const [element, text] of [[this.#title, title], [this.#detail, detail], [this.#sign, sign]]) {
+      if (element && element.textContent !== text) element.textContent = text;
+    }
   }
 }

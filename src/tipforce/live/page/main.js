@@ -116,13 +116,13 @@ function present() {
   set("detail", verdict.detail);
   $("detail").classList.toggle("long", verdict.detail.length > LONG_DETAIL);
   if (told) veils.strip.hold(holds(verdict, age));
-  else veils.strip.fall(verdict.title, verdict.detail);
+  else veils.strip.fall(verdict.title, verdict.detail, verdict.sign);
 
   const imageAge = clock.age(imageAt, now);
   const rounded = imageAge < 1000 ? `${Math.round(imageAge)} ms` : seconds(imageAge);
   set("age", Number.isFinite(imageAge) ? rounded : NOTHING);
   if (connection?.open && imageAge <= OLDEST_MS) veils.scene.hold(OLDEST_MS - imageAge);
-  else veils.scene.fall(veilTitle(verdict), "");
+  else veils.scene.fall(veilTitle(verdict), "", "");
 
   drawGauge($("gauge"), state.contact, values);
   const old = !digits || now - digitsAt >= DIGITS_MS || clock.age(digits.capturedMs, now) > OLDEST_MS / 2;
@@ -134,7 +134,7 @@ function present() {
     digitsAt = now;
     if (update) scene.draw(update.values, digits?.values ?? null, state.contact.limit_n);
   }
-  if (!told) veils.force.fall(veilTitle(verdict), "");
+  if (!told) veils.force.fall(veilTitle(verdict), "", "");
   else veils.force.hold(values ? OLDEST_MS - clock.age(digits.capturedMs, now) : holds(verdict, age));
 
   const paused = app.alarm.pausedFor(now) > 0;
