@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.io import savemat
 
 from tipforce.datasets import open_dataset, write_dataset
 from tipforce.estimators import create, save_model
@@ -98,6 +99,40 @@ def _logs(folder: Path) -> None:
     (folder / "knob.csv").write_text("time_s,knob_deg\n" + "\n".join(knob) + "\n")
 
 
+def _logs_of_other_programs(folder: Path) -> None:
+    """The log of ATI's Net F/T demo, one of a German logger, a workbook, variables of MATLAB, and bags."""
+    times = list(range(0, FRAMES * 40, 4))
+    values = [[0.01, round(0.2 * _bend(t // 40), 4), 0.0] for t in times]
+    head = "Start Time: 8/1/26 10:23 AM\nRDT Sample Rate: 250\nForce Units: lbf\nCounts per Unit Force: 1000000.0\n"
+    head += "Status (hex), RDT Sequence, F/T Sequence, Fx, Fy, Fz, Tx, Ty, Tz, Time\n"
+    rows: list[str] = []
+    for k, (fx, fy, fz) in enumerate(values):
+        cells = ["0x0", k + 1, k, *(round(1e6 * value) for value in (fx, fy, fz)), 0, 0, 0, "Aug 1, 2026 10:23:45 AM"]
+        rows.append(",".join(f'"{cell}"' for cell in cells))
+    (folder / "net_ft.csv").write_text(head + "\n".join(rows) + "\n")
+    german = [
+        f"01.08.2026;10:23:{45 + t // 1000}," + f"{t % 1000 // 10:02d};{fx};{fy}".replace(".", ",")
+        for t, (fx, fy, _) in zip(times, values, strict=True)
+    ]
+    (folder / "german.csv").write_text("sep=;\nDatum;Uhrzeit;Fx;Fy\n;;[N];[N]\n" + "\n".join(german) + "\n")
+    named = {"time_s": np.array(times) * 1e-3, "fx_n": np.array(values)[:, 0], "fy_n": np.array(values)[:, 1]}
+    savemat(folder / "force.mat", named)
+    if importlib.util.find_spec("openpyxl"):
+        import openpyxl
+
+        book = openpyxl.Workbook()
+        book.active.append(list(named))
+        for row in zip(*(column.tolist() for column in named.values()), strict=True):
+            book.active.append(row)
+        book.save(folder / "force.xlsx")
+    if importlib.util.find_spec("rosbags"):
+        from ..io.bag_files import run_messages, write_bag  # type: ignore[import-not-found]
+
+        for kind in ("bag", "db3", "mcap"):
+            shutil.copy(write_bag(folder / "bags", kind, run_messages(0.5)), folder / f"bag.{kind}")
+            shutil.rmtree(folder / "bags")
+
+
 def _dataset(folder: Path) -> None:
     (folder / "images").mkdir(parents=True)
     rows = ["file_name,session,stamp_ns,knob_deg,fx_n,fy_n"]
@@ -139,6 +174,7 @@ def make_corpus(folder: Path) -> None:
     _frames(folder / "frames")
     _recording(folder / "run.mcap")
     _logs(folder)
+    _logs_of_other_programs(folder)
     write_video(folder / "video.mp4", (Frame(k * STEP_NS, _image(k)) for k in range(12)), 25.0)
     _dataset(folder / "dataset")
     (folder / "bench.toml").write_text(bench_text(INFO))

@@ -301,14 +301,21 @@ def import_video(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
 # logs
 
 
+_DATED = ("net_ft.csv", "german.csv")
+"""Logs whose stamps are of another clock than those of the images."""
+
+
 def _log(name: str) -> Make:
     def make(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
         path = folder / f"spoiled_{name}"
-        path.write_bytes(spoiler.encoded(spoiler.text((corpus / name).read_text())))
-        logs = [str(path)] if name == "force.csv" else [str(corpus / "force.csv"), str(path)]
+        if path.suffix == ".csv":
+            path.write_bytes(spoiler.encoded(spoiler.text((corpus / name).read_text())))
+        else:
+            path.write_bytes(_spoiled_binary(spoiler, (corpus / name).read_bytes(), archive=path.suffix == ".xlsx"))
+        logs = [str(path)] if name not in ("stage.csv", "knob.csv") else [str(corpus / "force.csv"), str(path)]
         options = (
             "--offset-ms",
-            spoiler.one_of("none", "auto", "start"),
+            "start" if name in _DATED else spoiler.one_of("none", "auto", "start"),
             "--tare",
             spoiler.one_of("none", "auto", "0:0.2"),
         )
@@ -317,6 +324,26 @@ def _log(name: str) -> Make:
                  "--fact", "sensor.reads=tip-on-tissue", "-o", "run.mcap")  # fmt: skip
         # the log of force also lies beside the others, and the recording is what they are to become
         return Case(words, (path.name, "force.csv", "run.mcap", "frames", "--"))
+
+    return make
+
+
+def _spoiled_binary(spoiler: Spoiler, data: bytes, *, archive: bool) -> bytes:
+    """``data``, or one file in an archive."""
+    if archive and spoiler.chance(0.7):
+        return spoiler.archive(data, lambda _, content: spoiler.data(content) if spoiler.chance(0.3) else content)
+    return spoiler.data(data)
+
+
+# bags
+
+
+def _bag(kind: str) -> Make:
+    def make(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
+        path = folder / f"spoiled.{kind}"
+        path.write_bytes(spoiler.data((corpus / f"bag.{kind}").read_bytes()))
+        stated = ("--fact", 'bag.names={knob_joint="knob_deg"}', "--offset-ms", "none")
+        return Case(("import", str(path), "-o", "run.mcap", *stated), (path.name, "run.mcap"))
 
     return make
 
@@ -552,7 +579,9 @@ TARGETS: dict[str, tuple[Make, ...]] = {
     ),
     "model": tuple(_with_model("svr", way) for way in ("manifest", "settings", "state", "arrays", "bytes")),
     "network": tuple(_with_model("compact", way) for way in ("settings", "state", "arrays", "graph")),
-    "log": tuple(_log(name) for name in ("force.csv", "stage.csv", "knob.csv")),
+    "log": tuple(
+        _log(name) for name in ("force.csv", "stage.csv", "knob.csv", "net_ft.csv", "german.csv", "force.mat")
+    ),
     "image": (inspect_image, inspect_image, estimate_image, inspect_folder),
     "video": (inspect_video, inspect_video, inspect_video, import_video),
     "dataset": (inspect_dataset, estimate_dataset, inspect_dataset, train_on_dataset),
@@ -563,5 +592,9 @@ TARGETS: dict[str, tuple[Make, ...]] = {
 """Kind of input -> its commands, which take turns."""
 if importlib.util.find_spec("pyarrow"):
     TARGETS["parquet"] = (inspect_parquet, inspect_parquet, train_on_parquet)
+if importlib.util.find_spec("openpyxl"):
+    TARGETS["log"] += (_log("force.xlsx"),)
+if importlib.util.find_spec("rosbags"):
+    TARGETS["bag"] = tuple(_bag(kind) for kind in ("bag", "db3", "mcap"))
 if importlib.util.find_spec("pydicom"):
     TARGETS["dicom"] = (inspect_dicom,)

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from tipforce.errors import DeviceError
+from tipforce.errors import DeviceError, InputError
 from tipforce.hardware import (
     ConstantKnob,
     ConstantKnobConfig,
@@ -72,6 +72,18 @@ def wait(condition, seconds=5.0):
 def test_a_port_that_is_not_there_is_named(tmp_path):
     with pytest.raises(DeviceError, match=r"hardware\.knob: .*none cannot be opened"):
         SerialKnob(SerialKnobConfig(port=str(tmp_path / "none"))).connect(SystemClock())
+
+
+def test_a_log_of_another_program_is_played_as_bench_states_it(tmp_path):
+    path = tmp_path / "knob.csv"
+    path.write_text("time;angle\n0;1,5\n10;2,5\n")
+    with pytest.raises(InputError, match=r"hardware\.knob\.log\.time_unit"):
+        LogKnob(LogKnobConfig(path=path)).connect(SystemClock())
+    with pytest.raises(InputError, match=r"hardware\.knob\.log\.columns"):
+        LogKnob(LogKnobConfig(path=path, log={"time_unit": "ms"})).connect(SystemClock())
+    log = LogKnob(LogKnobConfig(path=path, log={"columns": ["time_ms", "knob_deg"]}))
+    log.connect(SystemClock())
+    assert [event.values["knob_deg"] for _ in range(3) for event in log.read(0.05)] == [1.5, 2.5]
 
 
 def test_a_log_is_played_from_when_the_source_began_and_a_constant_is_told_at_once(tmp_path):

@@ -440,7 +440,7 @@ def messages() -> list[tuple[str, str, str, str, list[str]]]:
             "no time in a row",
             "time,fx_n\n10:00:00.1,1\nreset,1\n10:00:00.2,1\n",
             "expected a date",
-            'missing = ["',
+            'missing = ["reset"]',
             ['sensor.log.missing=["reset"]'],
         ),
         (
@@ -500,13 +500,6 @@ def messages() -> list[tuple[str, str, str, str, list[str]]]:
             ["sensor.log.rate_hz=500"],
         ),
         (
-            "a rate that is not its",
-            head + "".join(f"{k / 1000:.3f},1\n" for k in range(2000)),
-            "",
-            "",
-            ["sensor.log.rate_hz=1000"],
-        ),
-        (
             "a column twice",
             "time_s,fx_n,fx_n\n0,1,2\n1,1,2\n",
             "appears twice",
@@ -515,20 +508,32 @@ def messages() -> list[tuple[str, str, str, str, list[str]]]:
         ),
         (
             "too wide",
-            head + regular + "0.060,0.5,,bump\n0.061,OVL\n",
-            "has 4 cells, the header has 2",
-            "sensor.log.columns",
+            head + regular + "0,060,0,5\n",
+            "line 62: has 4 cells, the header has 2",
+            "sensor.log.lines = [1, 61]",
             ["sensor.log.lines=[1, 61]"],
         ),
-        ("footer", head + regular + "End of data\n", "", "", ["sensor.log.lines=[1, 61]"]),
+        (
+            "too wide, far below",
+            head + "".join(f"{k / 1000:.3f},0.5\n" for k in range(400)) + "0,400,0,5\n",
+            "line 402: has 4 cells, the header has 2",
+            "sensor.log.lines = [1, 401]",
+            ["sensor.log.lines=[1, 401]"],
+        ),
+        (
+            "footer",
+            head + regular + "End of data\n",
+            "line 62, column time_s: expected a number, got 'End of data'",
+            'sensor.log.missing = ["End of data"]',
+            ['sensor.log.missing=["End of data"]'],
+        ),
         (
             "status that is none",
             "time_s,fx_n,status\n0,1,ok\n1,1,bad\n",
-            "expected a status code",
-            "sensor.log.status",
+            "expected a status code, got 'ok'",
+            'sensor.log.columns = ["time_s", "fx_n", ""]',
             ['sensor.log.columns=["time_s", "fx_n", ""]'],
         ),
-        ("wrong name of a column", head + regular, "", "", ["sensor.log.fx=fx_n"]),
     ]
 
 
@@ -550,3 +555,90 @@ def test_the_advice_of_a_message_leads_to_an_import(
     found = read_force_log(path, info_from_facts(stated).sensor.log)
     assert len(found.stamp_ns) > 1
     assert np.all(np.diff(found.stamp_ns) > 0)
+
+
+REGULAR = "time_s,fx_n\n" + "".join(f"{k / 1000:.3f},0.5\n" for k in range(2000))
+STATED_WRONG: dict[str, tuple[str, list[str], str, list[str]]] = {
+    "rate": (REGULAR, ["sensor.log.rate_hz=900"], "not those of 900 rows per second", []),
+    "axis": (REGULAR, ["sensor.log.fx=Fq"], "has no column 'Fq'; it has time_s, fx_n", ["sensor.log.fx=fx_n"]),
+    "time": (
+        REGULAR,
+        ["sensor.log.time=clock"],
+        "as sensor.log.time states; it has time_s",
+        ["sensor.log.time=time_s"],
+    ),
+    "columns": (
+        REGULAR,
+        ['sensor.log.columns=["time_s", "fx_n", ""]'],
+        "names 3 columns, the rows have 2 cells",
+        ['sensor.log.columns=["time_s", "fx_n"]'],
+    ),
+    "counts": (REGULAR, ["sensor.log.counts_per_n=5"], "or leave counts_per_n out", []),
+    "lines": (REGULAR, ["sensor.log.lines=[5000, 6000]"], "see sensor.log.lines", ["sensor.log.lines=[500, 600]"]),
+    "order of a date": (
+        "time,fx_n\n31/12/2026 10:00:00,1\n31/12/2026 10:00:01,1\n",
+        ["sensor.log.date_order=mdy"],
+        "or check the stated order mdy",
+        ["sensor.log.date_order=dmy"],
+    ),
+    "status": (REGULAR, ["sensor.log.status=state"], "has no column 'state'", []),
+}
+
+
+@pytest.mark.parametrize("name", STATED_WRONG)
+def test_a_value_that_does_not_go_with_the_log_is_named(tmp_path: Path, name: str) -> None:
+    text, wrong, said, right = STATED_WRONG[name]
+    path = written(tmp_path, text)
+    with pytest.raises(InputError) as caught:
+        read_force_log(path, info_from_facts(wrong).sensor.log)
+    assert said in str(caught.value)
+    found = read_force_log(path, info_from_facts(right).sensor.log if right else None)
+    assert len(found.stamp_ns) > 1
+
+
+def test_a_sheet_is_chosen_where_several_hold_tables(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    for sheet in (book.active, book.create_sheet("Run 2")):
+        sheet.append(["time_s", "fx_n"])
+        for k in range(9):
+            sheet.append([k, 0.5 if sheet.title == "Run 2" else 0.1])
+    path = tmp_path / "force.xlsx"
+    book.save(path)
+    with pytest.raises(
+        InputError, match=r'several sheets \(Sheet, Run 2\); state one .*: sensor\.log\.sheet = "Sheet"'
+    ):
+        read_force_log(path)
+    assert read_force_log(path, ForceLogInfo(sheet="Run 2")).force_n[0, 0] == 0.5
+
+
+def test_a_remark_beside_a_row_is_no_reading(tmp_path: Path) -> None:
+    found = read_force_log(written(tmp_path, "time_s,fx_n\n0,1\n1,1,touched the bench\n2,1\n"))
+    assert found.force_n[:, 0].tolist() == [1, 1, 1]
+
+
+@pytest.mark.parametrize("name", ["force.xlsx", "force.mat"])
+def test_a_damaged_file_is_refused_in_one_sentence(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    if name == "force.mat":
+        save_v5(path, {"t": np.arange(9.0), "Fx": np.arange(9.0)})
+    else:
+        book = pytest.importorskip("openpyxl").Workbook()
+        book.active.append(["time_s", "fx_n"])
+        book.save(path)
+    whole = path.read_bytes()
+    for content in (b"", b"PK\x03\x04", whole[:40], whole[: len(whole) // 2], whole[:200] + b"\xff" * 200):
+        path.write_bytes(content)
+        with pytest.raises(InputError) as caught:
+            read_force_log(path, ForceLogInfo(force_unit="N", time_unit="s"))
+        assert str(caught.value).startswith(str(path))
+        assert "\n" not in str(caught.value)
+
+
+def test_a_table_of_matlab_is_refused_with_the_line_that_saves_its_columns(tmp_path: Path) -> None:
+    path = tmp_path / "force.mat"
+    save_v5(path, {"log": "an object"})
+    with pytest.raises(InputError, match=r"table2struct\(T, \"ToScalar\", true\)"):
+        read_force_log(path)
+    save_v5(path, {"t": np.arange(9.0), "Fx": np.arange(9.0)})
+    assert len(columns_of(path).stamp_ns) == 9

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from ..errors import DeviceError
 from ..io import read_drive_log
-from ..types import KNOB, Actuation, Clock, Event, actuation_range
+from ..types import KNOB, Actuation, Clock, Event, LogInfo, actuation_range
 from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting
 from ._serial import LinePort
 
@@ -42,10 +42,14 @@ class SerialKnobConfig(DeviceConfig):
 
 
 class LogKnobConfig(DeviceConfig):
-    """``[hardware.knob]`` with ``driver = "log"``: readings of a table, its first row when the recording begins."""
+    """``[hardware.knob]`` with ``driver = "log"``: readings of a table, its first row when the recording begins.
+
+    ``log``: how the table is written, with the keys of ``actuation.log``.
+    """
 
     driver: Literal["log"] = "log"
     path: Path
+    log: LogInfo = LogInfo()
 
 
 class ConstantKnobConfig(DeviceConfig):
@@ -150,7 +154,7 @@ class LogKnob(_Played):
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
         """Read the log. Raises FileFormatError or TableError."""
-        log = read_drive_log(self.config.path)
+        log = read_drive_log(self.config.path, self.config.log, "hardware.knob.log")
         self._stamps = log.stamp_ns - log.stamp_ns[0]
         self._values = {name: column.tolist() for name, column in log.values.items()}
         self._begin(clock)

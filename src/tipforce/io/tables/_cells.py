@@ -76,8 +76,9 @@ class ColumnTable(Table):
         """The first cell of a column that is not empty."""
         return next(islice((text for text in self.text(name) if text), 1), "")
 
-    def _cells_of(self, column: int) -> list[str]:
-        return [_text(value) for value in self._arrays[column]]
+    def cells(self, name: str) -> list[str]:
+        """A column as text."""
+        return self.text(name)
 
     def _fast(self, columns: list[int], kind: type[np.float64] | type[np.int64]) -> "np.ndarray | None":  # type: ignore[type-arg]
         chosen = [self._arrays[column] for column in columns]

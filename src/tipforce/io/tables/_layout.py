@@ -279,16 +279,15 @@ def _rows_of_width(path: Path, alternatives: Mapping[str, Rows], columns: Sequen
 
 
 def _are_rows(rows: Rows, start: int, width: int) -> bool:
-    """Whether the next rows hold numbers or times, in at most ``width`` cells."""
+    """Whether the next rows hold numbers or times in their first ``width`` cells, and none in others."""
     below = rows[start : start + _CHECKED_ROWS]
     return bool(below) and all(_is_row(cells, width) for _, cells in below)
 
 
 def _is_row(cells: Sequence[str], width: int) -> bool:
-    filled = [cell for cell in cells if cell]
-    used = len(cells) - next((place for place, cell in enumerate(reversed(cells)) if cell), len(cells))
+    filled = [cell for cell in cells[:width] if cell]
     values = sum(_is_value(cell) for cell in filled)
-    return used <= width and 0 < len(filled) <= 2 * values
+    return 0 < len(filled) <= 2 * values and not any(cell and _is_value(cell) for cell in cells[width:])
 
 
 def _is_value(cell: str) -> bool:

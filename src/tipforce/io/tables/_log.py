@@ -72,7 +72,7 @@ class _Reader:
         rate_hz, stated = self._rate_hz()
         names = self._names(rate_hz)
         if not any(True for _ in self.table.lines()):
-            raise TableError(f"{self.table.path}: has a header but no rows")
+            raise self.table.no_rows()
         if not names:
             assert rate_hz is not None
             count = len(self.table)
@@ -183,21 +183,20 @@ class _Reader:
         if info.date is not None:
             table.column(info.date)
         missing = MISSING | {text.lower() for text in info.missing}
-        every = table.text(name)
+        every = table.cells(name)
         rows = np.array([row for row, cell in enumerate(every) if cell.lower() not in missing], np.int64)
         self._say_without_time(len(every) - len(rows))
         cells = [every[row] for row in rows.tolist()]
         dates = None
         if date_name is not None and date_name != name and cells and is_time_of_day(cells[0]):
-            column = table.text(date_name)
+            column = table.cells(date_name)
             dates = [column[row] for row in rows.tolist()]
         stamps = dates_ns(
             table,
             name,
             cells,
             info.date_order,
-            f'if the row has no time, state {self.key}.missing = ["{cells[0] if cells else ""}"] with its text in '
-            "bench.toml",
+            f'if the row has no time, state {self.key}.missing = ["{{}}"] in bench.toml',
             order_remedy=f'state {self.key}.date_order = "dmy", "mdy" or "ymd" in bench.toml',
             dates=dates,
             rows=rows,

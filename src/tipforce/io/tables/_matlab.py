@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.io import loadmat, matlab
+from scipy.io import loadmat
 
 from ...errors import FileFormatError, MissingExtraError, TableError
 from ...types import LogInfo
@@ -65,7 +65,7 @@ def _variables(path: Path) -> dict[str, Any]:
         return _hdf5_variables(path)
     try:
         loaded = loadmat(path, squeeze_me=True, struct_as_record=False)
-    except (ValueError, TypeError, NotImplementedError, EOFError, matlab.MatReadError) as error:
+    except Exception as error:  # a damaged file raises errors of many kinds
         raise FileFormatError(f"{path}: is no file of MATLAB that can be read ({error}); export it as CSV") from None
     return {name: value for name, value in loaded.items() if not name.startswith("__")}
 
@@ -86,11 +86,13 @@ def _hdf5_variables(path: Path) -> dict[str, Any]:
 
     try:
         with h5py.File(path, "r") as file:
-            if "#subsystem#" in file:
-                raise FileFormatError(f"{path}: holds an object of a class of MATLAB; {_TABLE_REMEDY}")
-            return {name: value(node) for name, node in file.items() if not name.startswith("#")}
-    except OSError as error:
+            opaque = "#subsystem#" in file
+            found = {} if opaque else {name: value(node) for name, node in file.items() if not name.startswith("#")}
+    except Exception as error:  # a damaged file raises errors of many kinds
         raise FileFormatError(f"{path}: is no file of MATLAB that can be read ({error}); export it as CSV") from None
+    if opaque:
+        raise FileFormatError(f"{path}: holds an object of a class of MATLAB; {_TABLE_REMEDY}")
+    return found
 
 
 def _flat(variables: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:

@@ -173,7 +173,7 @@ def dates_ns(
         column: their column.
         cells: (n,) texts.
         order: of day, month and year.
-        remedy: the advice for a cell that is no time.
+        remedy: the advice for a cell that is no time, with {} for its text.
         order_remedy: the advice where the order is open.
         dates: (n,) dates that have a column of their own.
         rows: (n,) rows of the table; None: all of them.
@@ -189,6 +189,7 @@ def dates_ns(
         return parse_times(cells, order, dates).stamp_ns
     except NoDate as error:
         row = error.row if rows is None else int(rows[error.row])
+        remedy = remedy.replace("{}", cells[error.row][:40])
         text = cells[error.row] if dates is None else f"{dates[error.row]} {cells[error.row]}"
         where = f"{table.path}, {table.place(row)}, column {column}"
         if isinstance(error, DateOutside):

@@ -8,7 +8,7 @@ end, are not read. Lines in errors are counted from 1, as an editor does.
 import csv
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import chain, islice
 from pathlib import Path
@@ -22,6 +22,9 @@ from ._layout import MISSING, Layout, holds_data, open_text, parsed, text_layout
 from ._stamps import column_ns, named_unit, time_columns
 
 __all__ = ["Table", "open_table"]
+
+
+_WHOLE = re.compile(r"^[+-]?\d+$")
 
 
 class Table:
@@ -44,6 +47,7 @@ class Table:
         self.units: Mapping[str, str] = layout.units
         self.facts: Mapping[str, str] = layout.facts
         missing = log.missing if log else ()
+        self._narrow = False  # whether no row was found to have more cells than the header
         self._missing = MISSING | {text.lower() for text in missing}
         self._missing_values = [value for text in missing if (value := self._value(text)) is not None]
         self._lines = (1, math.inf) if log is None or log.lines is None else log.lines
@@ -55,10 +59,11 @@ class Table:
     def _rows(self) -> list[tuple[int, list[str]]]:
         rows = list(self.lines())
         if not rows:
-            raise self._no_rows()
+            raise self.no_rows()
         return rows
 
-    def _no_rows(self) -> TableError:
+    def no_rows(self) -> TableError:
+        """The error for a table without rows."""
         if self._lines != (1, math.inf):
             return TableError(
                 f"{self.path}: has no rows in the lines {self._lines[0]} to {self._lines[1]:g}; see {self._key}.lines "
@@ -69,7 +74,7 @@ class Table:
     def lines(self) -> Iterator[tuple[int, list[str]]]:
         """Line number and cells of every row of data; blank lines are passed over, and comments (#) where allowed.
 
-        Raises TableError for a row with more cells than the header has columns.
+        Raises TableError for a row with more cells than the header has columns; in a log these may be words.
         """
         width, layout = len(self.header), self._layout
         with open_text(self.path, layout.encoding) as stream:
@@ -81,16 +86,20 @@ class Table:
                         break
                     if layout.pairs and len(row) == 2 * width:
                         row = [f"{whole},{part}" for whole, part in zip(row[::2], row[1::2], strict=True)]
-                    if len(row) > width and any(row[width:]):
-                        raise TableError(f"{self.path}, line {number}: {self._too_wide(row)}")
+                    if len(row) > width and any(map(self._may_be_number, row[width:])):
+                        raise TableError(f"{self.path}, line {number}: {self._too_wide(number, row)}")
                     yield number, row
             except csv.Error as error:
                 raise TableError(f"{self.path}: is no table that can be read ({error}); export it as CSV") from None
 
-    def _too_wide(self, row: Sequence[str]) -> str:
+    def _may_be_number(self, cell: str) -> bool:
+        """Whether a cell beyond the header may be part of a number; a remark in a log is none."""
+        return bool(cell) and (not self._key or cell[0].isdigit())
+
+    def _too_wide(self, number: int, row: Sequence[str]) -> str:
         remedy = "a decimal comma? export with semicolons or with decimal points"
         if self._key:
-            remedy += f", or name all {len(row)} columns in bench.toml: {self._key}.columns"
+            remedy += f", or import the rows above: {self._key}.lines = [1, {number - 1}] in bench.toml"
         return f"has {len(row)} cells, the header has {len(self.header)}; {remedy}"
 
     def place(self, row: int) -> str:
@@ -130,7 +139,7 @@ class Table:
         if values is None or not np.isfinite(values).all():
             values = np.array([[self._number(row, line, column) for column in columns] for line, row in self._rows])
         if not len(values):
-            raise self._no_rows()
+            raise self.no_rows()
         return values.reshape(-1, len(columns))
 
     def readings(self, names: Sequence[str]) -> FloatArray:
@@ -141,18 +150,21 @@ class Table:
         columns = [self.column(name) for name in names]
         values = self._fast(columns, np.float64)
         if values is None or np.isinf(values).any():
-            values = np.stack([self._readings_of(self.header[each], self._cells_of(each)) for each in columns], axis=1)
+            values = np.stack([self._readings_of(name) for name in names], axis=1)
         if not len(values):
-            raise self._no_rows()
+            raise self.no_rows()
         values = values.reshape(-1, len(columns))
         values[np.isin(values, self._missing_values)] = math.nan
         return values
 
-    def _cells_of(self, column: int) -> list[str]:
+    def cells(self, name: str) -> list[str]:
         """(n,) cells of a column; empty where a row is too short."""
+        column = self.column(name)
         return [row[column] if column < len(row) else "" for _, row in self._rows]
 
-    def _readings_of(self, name: str, cells: list[str]) -> FloatArray:
+    def _readings_of(self, name: str) -> FloatArray:
+        """(n,) `readings` of one column, cell by cell."""
+        cells = self.cells(name)
         if not (self._layout.decimal_comma or self._layout.thousands):
             try:
                 values = np.array(list(map(float, cells)))
@@ -193,8 +205,15 @@ class Table:
 
     def whole_numbers(self, name: str) -> IntArray | None:
         """(n,): a column of whole numbers, exact beyond 2**53; None where it holds others."""
+        if not _WHOLE.match(self.first(name)):
+            return None
         values = self._fast([self.column(name)], np.int64)
-        return None if values is None else values[:, 0]
+        if values is not None:
+            return values[:, 0]
+        try:
+            return np.array([int(cell) for cell in self.cells(name)], np.int64)
+        except (ValueError, OverflowError):
+            return None
 
     def integers(self, name: str) -> IntArray:
         """(n,): a column of whole numbers, exact beyond 2**53. Raises TableError that names line and column."""
@@ -217,16 +236,17 @@ class Table:
         """
         hexadecimal = "hex" in name.lower()
         codes: dict[str, int] = {"": 0}
-        cells = self._cells_of(self.column(name))
+        cells = self.cells(name)
         for row, cell in enumerate(cells):
             if cell not in codes:
-                try:
-                    code = int(cell, 16 if hexadecimal or cell[:2].lower() == "0x" else 10)
-                except ValueError:
+                code = _code(cell, hexadecimal=hexadecimal)
+                if code is None:
+                    others = ", ".join('""' if each == name else f'"{each}"' for each in self.header)
                     raise TableError(
                         f"{self.path}, {self.place(row)}, column {name}: expected a status code, got {cell[:40]!r}; "
-                        f"state another column as {self._key}.status in bench.toml"
-                    ) from None
+                        f"state the column of the codes in bench.toml: {self._key}.status; or read none: "
+                        f"{self._key}.columns = [{others}]"
+                    )
                 codes[cell] = code
         return np.array([codes[cell] for cell in cells], np.int64)
 
@@ -265,13 +285,15 @@ class Table:
         with open_text(self.path, layout.encoding) as stream:
             kept = islice(stream, first_line, None if last_line == math.inf else int(last_line))
             lines = (line.replace(",", ".") for line in kept) if layout.decimal_comma else kept
+            if self._key and layout.separator != " " and not self._narrow:
+                lines = _no_wider(lines, layout.separator, len(self.header))
             delimiter = None if layout.separator == " " else layout.separator
             comments = "#" if layout.comments else None
             try:
                 first = next((line for line in lines if holds_data(line, layout.comments)), None)
                 if first is None:
                     return np.empty((0, len(columns)), kind)
-                return np.loadtxt(
+                found = np.loadtxt(
                     chain([first], lines),
                     dtype=kind,
                     delimiter=delimiter,
@@ -280,6 +302,8 @@ class Table:
                     quotechar='"',
                     comments=comments,
                 )
+                self._narrow = True
+                return found
             except (ValueError, OverflowError):
                 return None
 
@@ -303,6 +327,29 @@ class Table:
                 said = "is empty; correct the row or remove it"
             raise TableError(f"{self.path}, {self.unit_of_place} {line}, column {self.header[column]}: {said}")
         return value
+
+
+def _no_wider(lines: Iterable[str], separator: str, width: int) -> Iterator[str]:
+    """The lines. Raises ValueError at one that seems to have more than ``width`` cells."""
+    for line in lines:
+        count = line.count(separator)
+        if count >= width and '"' in line:
+            count = len(next(csv.reader([line], delimiter=separator, skipinitialspace=True))) - 1
+        if count > width or (count == width and not line.rstrip("\r\n").endswith(separator)):
+            raise ValueError(line)
+        yield line
+
+
+def _code(text: str, *, hexadecimal: bool) -> int | None:
+    """The status code that a cell holds; None for another text."""
+    try:
+        if text[:2].lower() == "0x" or (hexadecimal and "." not in text):
+            code = int(text, 16)
+        else:
+            code = int(text) if text.lstrip("+-").isdigit() else int(float(text)) if float(text).is_integer() else -1
+    except (ValueError, OverflowError):
+        return None
+    return code if 0 <= code < 1 << 63 else None
 
 
 def open_table(path: Path, *, comments: bool = True, log: LogInfo | None = None, key: str = "") -> Table:

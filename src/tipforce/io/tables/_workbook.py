@@ -2,7 +2,6 @@
 
 import datetime
 import importlib
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -34,16 +33,16 @@ def open_workbook(path: Path, log: LogInfo, key: str) -> CellTable:
         raise MissingExtraError("openpyxl", extra="tables") from None
     try:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-    except (zipfile.BadZipFile, KeyError, OSError, ValueError) as error:
+        try:
+            names: list[str] = [sheet.title for sheet in book.worksheets]
+            wanted = names if log.sheet is None else [name for name in names if name == log.sheet]
+            filled = {name: rows for name in wanted if (rows := list(_rows(book[name])))}
+        finally:
+            book.close()
+    except Exception as error:  # a damaged workbook raises errors of many kinds in the library and below it
         raise FileFormatError(f"{path}: is no workbook that can be read ({error}); export it as CSV") from None
-    try:
-        names: list[str] = [sheet.title for sheet in book.worksheets]
-        if log.sheet is not None and log.sheet not in names:
-            raise TableError(f"{path}: has no sheet {log.sheet!r}, as {key}.sheet states; it has {listed(names)}")
-        wanted = names if log.sheet is None else [log.sheet]
-        filled = {name: rows for name in wanted if (rows := list(_rows(book[name])))}
-    finally:
-        book.close()
+    if log.sheet is not None and not wanted:
+        raise TableError(f"{path}: has no sheet {log.sheet!r}, as {key}.sheet states; it has {listed(names)}")
     if not filled:
         raise FileFormatError(f"{path}: is empty, not a table")
     if len(filled) > 1:
