@@ -1,7 +1,7 @@
 """Method 1 under the thesis's protocol over many draws of its samples, beside whole sessions held out.
 
     tipforce simulate --preset thesis-2021 --as dataset --samples 1836 --samples-per-session 153 --seed 0 -o SET
-    python -m bench.thesis_letter SET [--seeds 20] [--methods letter default]
+    python -m bench.thesis_letter SET [--seeds 20] [--session-seeds 3] [--methods letter default]
 
 Each seed draws 220 frames of the first eight sessions and splits them 165 / 55 at random; "sessions" draws 220 frames
 of all sessions and holds each session out in turn. ``letter``: thesis algorithm 1 and the knob alone; ``default``: the
@@ -23,15 +23,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path)
     parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--session-seeds", type=int, default=3)
     parser.add_argument("--methods", nargs="+", choices=("letter", "default"), default=["letter"])
     options = parser.parse_args()
     data = open_dataset(options.data)
     settings = {"letter": SvrSettings.model_validate(Svr.thesis_settings), "default": SvrSettings()}
     methods = [Method(name, Svr(settings[name])) for name in options.methods]
     print("protocol  method    MAE          RMSE         largest       smallest  bias          abstained  better")
-    for protocol in ("thesis", "session"):
+    for protocol, seeds in (("thesis", options.seeds), ("session", options.session_seeds)):
         rows: dict[str, list[list[float]]] = {}
-        for seed in range(options.seeds):
+        for seed in range(seeds):
             result = evaluate(data, methods, EvaluationSettings(protocols=[protocol], samples=220, seed=seed))
             for each in result.results:
                 scores = each.metrics["quantities"]["magnitude"]

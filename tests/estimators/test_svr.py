@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from sklearn.svm import SVR
 
 from tipforce.datasets import Dataset, open_dataset, random_split, random_subset
@@ -86,6 +87,38 @@ def test_the_default_is_the_thesis_s_method_done_by_hand(world: World) -> None:
     answers = svr.predict(data)
     assert np.max(np.abs([a.magnitude_n for a in answers] - np.maximum(expected, 0))) < 1e-9
     assert all(np.isnan(a.force_n).all() and not a.known.any() for a in answers)
+
+
+def test_estimates_are_equations_13_to_15_with_the_dual_solved_by_hand(world: World) -> None:
+    data = world(sessions=1, frames=24)
+    svr = fitted(data, c=(1.0,), epsilon=(0.03,), sigma=(0.3,))
+    x, y = table(data), data.magnitude_n
+    size = np.abs(x).max(axis=0)
+    x, unit = x / np.where(size > 0, size, 1), y.max()
+    y = y / unit
+    kernel = np.exp(-((x[:, None] - x[None]) ** 2).sum(axis=2) / 0.3**2)  # eq. (15)
+
+    def objective(alphas: np.ndarray) -> tuple[float, np.ndarray]:
+        """Eq. (11) and its gradient, by alpha and alpha*."""
+        alpha, star = np.split(alphas, 2)
+        pull = kernel @ (star - alpha)
+        value = 0.5 * (star - alpha) @ pull + 0.03 * (star + alpha).sum() - y @ (star - alpha)
+        return value, np.concatenate([-pull + 0.03 + y, pull + 0.03 - y])
+
+    equal = {"type": "eq", "fun": lambda a: a[:24].sum() - a[24:].sum(), "jac": lambda _: np.repeat([1.0, -1.0], 24)}
+    solved = minimize(
+        objective, np.zeros(48), jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * 48, constraints=[equal],
+        options={"maxiter": 500, "ftol": 1e-12},
+    )  # fmt: skip
+    assert solved.success, solved.message
+    alpha, star = np.split(solved.x, 2)
+    dual = star - alpha
+    free = np.flatnonzero((np.abs(dual) > 1e-4) & (np.abs(dual) < 1 - 1e-4))
+    assert len(free) >= 2
+    intercept = np.mean(y[free] - kernel[free] @ dual - 0.03 * np.sign(dual[free]))  # eq. (14)
+    expected = (kernel @ dual + intercept) * unit  # eq. (13)
+    answers = np.array([each.magnitude_n for each in svr.predict(data)])
+    assert answers == pytest.approx(expected, abs=2e-3 * unit), "scikit-learn stops at a tolerance of 1e-3"
 
 
 def test_epsilon_leaves_the_estimate_without_contact_at_zero(world: World) -> None:
@@ -248,6 +281,7 @@ def test_images_are_learnt_from_and_what_they_hide_is_said(tmp_path: Path) -> No
     svr = fitted(data, force="components", features={"kind": "legendre", "degree": 3})
     assert svr.fitted_.vision.polarity == "dark"
     assert svr.fitted_.vision.base_side == "left"
+    assert "found by `tracer`, not the thesis's algorithm 1" in svr.summary(svr.describe()).inputs
     error = np.array([a.force_n[1] for a in svr.predict(data)]) - data.force_n[:, 1]
     assert np.sqrt(np.mean(error**2)) < 0.01
     stream = svr.start(SessionInfo())
@@ -265,6 +299,7 @@ def test_the_same_images_by_the_thesis_s_own_vision_with_a_polynomial(tmp_path: 
     write_images(tmp_path / "data")
     data = open_dataset(tmp_path / "data")
     svr = fitted(data, vision={"method": "classic"})
+    assert "found by `classic`, the thesis's algorithm 1" in svr.summary(svr.describe()).inputs
     assert svr.describe()["features"] == ["A1", "A2", "A3", "A4", "A5", "knob_deg"]
     error = np.array([a.magnitude_n for a in svr.predict(data)]) - data.magnitude_n
     assert np.sqrt(np.mean(error**2)) < 0.02

@@ -13,6 +13,9 @@ def svr_summary(facts: Mapping[str, Any]) -> ModelSummary:
     numbers = f"{count_of(len(facts['features']), 'number')} a frame"
     inputs = f"{numbers}: {', '.join(facts['features'])}."
     training: list[str] = []
+    if facts.get("detection"):  # models of earlier versions do not state it
+        thesis = "the thesis's algorithm 1" if facts["detection"] == "classic" else "not the thesis's algorithm 1"
+        inputs += f" The centreline is found by `{facts['detection']}`, {thesis}."
     if left_out := facts["left_out"]:
         training.append(f"samples in which no shape was found: {left_out_text(left_out)}")
         inputs += f" Samples in which no shape was found: {left_out_text(left_out)}."

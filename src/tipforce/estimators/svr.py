@@ -304,6 +304,7 @@ class Svr(CentrelineEstimator):
             "magnitude_interval_n": interval.magnitude_examples(),
             "interval_basis": interval.basis,
             "features": [*fitted.shape, *fitted.actuation],
+            "detection": None if fitted.vision is None else self.settings.vision.method,
             "samples": fitted.samples,
             "left_out": fitted.left_out,
             "sessions": fitted.sessions,
