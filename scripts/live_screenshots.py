@@ -221,7 +221,7 @@ def take(
 
     def shot(state: str, kind: str, wait_s: float = 0.6) -> None:
         time.sleep(wait_s)
-        veiled = kind in ("stale", "disconnected")
+        veiled = kind in ("stale", "disconnected", "waiting")
         for _ in range(TRIES):  # on a busy machine the page may be stale for a moment, and then says so
             page.wait_for_selector(f"body[data-kind='{kind}']", timeout=120_000)
             taken = base64.b64decode(devtools.send("Page.captureScreenshot", {"optimizeForSpeed": True})["data"])

@@ -53,7 +53,7 @@ app.connection = new Connection({
   frame: take,
   state: (state) => {
     if (state.recording_message && state.recording_message !== app.state.recording_message) {
-      controls.notice(state.recording_message);
+      controls.notice("The recording has stopped: the reason is above the buttons.");
     }
     app.state = state;
   },
@@ -202,8 +202,10 @@ function showSums() {
   const recording = app.state.recording_message ?? "";
   const failing = Object.entries(health?.sinks ?? {}).filter(([, message]) => !recording.includes(message));
   const outputs = failing.map(([name, message]) => `${name}: ${message}`);
-  const trouble = health?.message === values?.detail ? "" : health?.message; // the strip says it already
-  const warning = [recording, trouble, ...outputs].filter(Boolean).join(" · ");
+  const detail = $("detail"); // the strip says most of it, and what it has no room for is said here
+  const cut = detail.scrollHeight > detail.clientHeight + 1 ? app.verdict.detail : "";
+  const trouble = health?.message === values?.detail ? "" : health?.message;
+  const warning = [recording, cut, trouble, ...outputs].filter(Boolean).join(" · ");
   set("session", [app.state.session, app.state.model].filter(Boolean).join(" · "));
   $("warning").hidden = !warning;
   if (warning) set("warning", `⚠ ${warning}`);
