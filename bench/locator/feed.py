@@ -1,0 +1,155 @@
+"""Workers that draw training windows, and the shared memory in which these arrive."""
+
+from collections.abc import Iterator
+from multiprocessing import get_context, shared_memory
+from pathlib import Path
+from queue import Empty
+from typing import Any
+
+import cv2
+import numpy as np
+from bench.locator import presets, scene
+from bench.locator.tubes import Drawer
+from bench.locator.windows import FIELDS, SIZE, shapes, window
+
+CHUNK = 16
+"""Windows that a worker hands over at a time."""
+SLOTS = 96
+PRESET_SHARE = 0.42
+"""Share of the workers that draw windows from the presets' renderers; they are slower."""
+_FIRST_IMAGES, _RESERVOIR_IMAGES, _WINDOWS_PER_IMAGE = 24, 240, 14
+
+Array = np.ndarray[Any, Any]
+
+
+def _layout() -> tuple[dict[str, tuple[int, tuple[int, ...], Any]], int]:
+    """Offset, shape and type of each field in a slot, and the bytes of a slot."""
+    places, at = {}, 0
+    for name, (shape, kind) in shapes().items():
+        full = (CHUNK, *shape)
+        places[name] = (at, full, kind)
+        at += int(np.prod(full)) * np.dtype(kind).itemsize
+        at += -at % 64
+    return places, at
+
+
+def _views(memory: shared_memory.SharedMemory, slot: int) -> dict[str, Array]:
+    places, size = _layout()
+    return {
+        name: np.ndarray(shape, kind, memory.buf, offset=slot * size + at) for name, (at, shape, kind) in places.items()
+    }
+
+
+def _work(kind: str, seed: int, memory: shared_memory.SharedMemory, free: Any, full: Any) -> None:
+    """One worker: draws windows into free slots of the shared memory until it is ended."""
+    cv2.setNumThreads(1)
+    rng, drawer = np.random.default_rng([seed, 77]), Drawer(SIZE, SIZE)
+    scenes = (window(scene.draw(rng, drawer, SIZE), rng, 0) for _ in iter(int, 1))
+    windows = _preset_windows(rng, seed) if kind == "presets" else scenes
+    while True:
+        slot = free.get()
+        views = _views(memory, slot)
+        for k in range(CHUNK):
+            drawn = next(windows)
+            for name in FIELDS:
+                views[name][k] = getattr(drawn, name)
+        full.put(slot)
+
+
+def _preset_windows(rng: np.random.Generator, seed: int) -> Iterator[Any]:
+    """Windows of the images kept; one image is drawn anew for every few windows."""
+    kept: list[presets.Sample] = []
+    for sample in _preset_images(rng, seed):
+        kept.append(sample)
+        if len(kept) > _RESERVOIR_IMAGES:
+            kept.pop(int(rng.integers(_RESERVOIR_IMAGES)))
+        for _ in range(_WINDOWS_PER_IMAGE if len(kept) > _FIRST_IMAGES else 2):
+            chosen = kept[int(rng.integers(len(kept)))]
+            yield window(presets.cut(chosen, rng), rng, 2 if chosen.xray else 1)
+
+
+def _preset_images(rng: np.random.Generator, seed: int) -> Iterator[presets.Sample]:
+    names, shares = list(presets.SHARES), np.array(list(presets.SHARES.values()))
+    number = 0
+    while True:
+        number += 1
+        preset = str(rng.choice(names, p=shares / shares.sum()))
+        yield from presets.samples(presets.FIRST_SEED + seed, number, preset)
+
+
+class Feed:
+    """Worker processes and the shared memory that their windows arrive in.
+
+    The workers are forked: a feed has to be made before the process uses a GPU.
+
+    Args:
+        workers: number of processes.
+        seed: of the first worker; the others follow.
+        preset_share: share of the workers that draw from the presets' renderers.
+    """
+
+    def __init__(self, workers: int, seed: int, preset_share: float = PRESET_SHARE) -> None:
+        context = get_context("fork")
+        self._memory = shared_memory.SharedMemory(create=True, size=SLOTS * _layout()[1])
+        self._free, self._full = context.Queue(), context.Queue()
+        for slot in range(SLOTS):
+            self._free.put(slot)
+        drawing = round(preset_share * workers)
+        self._processes = [
+            context.Process(
+                target=_work,
+                args=("presets" if k < drawing else "scenes", seed + k, self._memory, self._free, self._full),
+                daemon=True,
+            )
+            for k in range(workers)
+        ]
+        for process in self._processes:
+            process.start()
+
+    def chunks(self, count: int) -> dict[str, Array]:
+        """The next ``count`` * CHUNK windows; waits for them."""
+        parts: list[dict[str, Array]] = []
+        while len(parts) < count:
+            try:
+                slot = self._full.get(timeout=120.0)
+            except Empty:
+                if not any(process.is_alive() for process in self._processes):
+                    raise SystemExit("all workers have ended; look at their messages above") from None
+                continue
+            parts.append({name: view.copy() for name, view in _views(self._memory, slot).items()})
+            self._free.put(slot)
+        return {name: np.concatenate([part[name] for part in parts]) for name in FIELDS}
+
+    def close(self) -> None:
+        """Ends the workers."""
+        for process in self._processes:
+            process.kill()
+        self._memory.close()
+        self._memory.unlink()
+
+
+CHECKS_SEED = 900_000
+"""Windows that judge a training are drawn from this seed on; training seeds are smaller."""
+
+
+def write_checks(path: Path, count: int, workers: int) -> None:
+    """Writes ``count`` windows held out from training, half of them of presets, to ``path`` (.npz)."""
+    halves = []
+    for share in (0.0, 1.0):
+        feed = Feed(workers, CHECKS_SEED + int(100 * share), share)
+        halves.append(feed.chunks(max(1, count // 2 // CHUNK)))
+        feed.close()
+    partial = path.with_suffix(".part.npz")
+    np.savez(partial, **{name: np.concatenate([half[name] for half in halves]) for name in FIELDS})
+    partial.replace(path)
+
+
+def main() -> None:
+    """python -m bench.locator.feed DIR/checks.npz COUNT WORKERS."""
+    import sys
+
+    write_checks(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))
+
+
+if __name__ == "__main__":
+    main()

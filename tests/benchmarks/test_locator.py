@@ -1,0 +1,124 @@
+"""The locator's training: drawn scenes are true to their labels, prompts are channels, the loss judges what it says."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bench.locator import scene
+from bench.locator.curves import POINTS as LINE_POINTS
+from bench.locator.curves import curve
+from bench.locator.tubes import Drawer
+from bench.locator.windows import CELLS, FIELDS, SIZE, shapes, window
+
+ROOT = Path(__file__).parents[2]
+torch = pytest.importorskip("torch")
+
+
+@pytest.fixture(scope="module")
+def scenes() -> list[scene.Scene]:
+    rng, drawer = np.random.default_rng(3), Drawer(SIZE, SIZE)
+    return [scene.draw(rng, drawer, SIZE) for _ in range(24)]
+
+
+def test_a_curve_is_uniform_in_arc_length_and_begins_along_x():
+    for seed in range(20):
+        points = curve(np.random.default_rng(seed), 100.0)
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        assert np.allclose(steps, 100.0 / (LINE_POINTS - 1))
+        assert points[0].tolist() == [0.0, 0.0]
+        assert abs(np.arctan2(points[1, 1], points[1, 0])) < 0.12
+
+
+def test_seen_points_lie_on_pixels_of_the_catheter(scenes):
+    on, seen = 0, 0
+    for one in scenes:
+        at = np.clip(np.rint(one.line).astype(int), 0, SIZE - 1)[one.state == scene.SEEN]
+        on += int((one.kind[at[:, 1], at[:, 0]] == scene.CATHETER).sum())
+        seen += len(at)
+    assert seen > 500
+    assert on > 0.95 * seen
+
+
+def test_points_outside_of_the_image_are_said_to_be_outside(scenes):
+    for one in scenes:
+        beyond = ((one.line < -0.5) | (one.line > SIZE - 0.5)).any(axis=1)
+        assert (one.state[beyond] == scene.OUTSIDE).all()
+        assert one.present or (one.state == scene.OUTSIDE).all()
+
+
+def test_the_same_seed_draws_the_same_scene():
+    first, second = (scene.draw(np.random.default_rng(8), Drawer(SIZE, SIZE), SIZE) for _ in range(2))
+    assert (first.image == second.image).all()
+    assert (first.line == second.line).all()
+
+
+def test_where_there_are_decoys_a_prompt_decides(scenes):
+    rng = np.random.default_rng(0)
+    with_decoys = [one for one in scenes if one.decoys]
+    assert with_decoys
+    for one in with_decoys * 5:
+        drawn = window(one, rng)
+        assert any(np.isfinite(getattr(drawn, name)).any() for name in ("base", "region", "tip", "clicks", "track"))
+
+
+def test_a_window_has_the_shapes_that_the_feed_expects(scenes):
+    drawn = window(scenes[0], np.random.default_rng(0))
+    for name, (shape, kind) in shapes().items():
+        assert getattr(drawn, name).shape == shape
+        assert getattr(drawn, name).dtype == kind
+
+
+def _batch(scenes):
+    rng = np.random.default_rng(1)
+    drawn = [window(one, rng) for one in scenes[:2]]
+    return {name: torch.from_numpy(np.stack([getattr(each, name) for each in drawn])) for name in FIELDS}
+
+
+def test_a_prompt_that_is_not_stated_leaves_its_channel_empty():
+    from bench.locator.network import prompts
+
+    nan = float("nan")
+    nothing = {
+        "base": (1, 2), "region": (1, 4), "side": (1, 1), "tip": (1, 2), "clicks": (1, 5, 2), "track": (1, 65, 2),
+        "sizes": (1, 2),
+    }  # fmt: skip
+    empty = {name: torch.full(shape, nan) for name, shape in nothing.items()}
+    assert not prompts((64, 96), **empty).any()
+    clicked = prompts((64, 96), **(empty | {"base": torch.tensor([[30.0, 20.0]])}))
+    assert int(clicked[0, 0].argmax()) == 20 * 96 + 30
+    assert not clicked[:, 1:].any()
+
+
+def test_the_loss_is_least_for_heat_at_the_true_points(scenes):
+    from bench.locator.network import POINTS, SIGMA_CELLS, STRIDE, loss, peaks
+
+    one = next(s for s in scenes if s.present and (s.state == scene.SEEN).all())
+    batch = _batch([one, one])
+    pick = np.round(np.linspace(0, LINE_POINTS - 1, POINTS)).astype(int)
+    heat = torch.empty(2, POINTS, CELLS, CELLS)
+    rows, columns = np.mgrid[0:CELLS, 0:CELLS]
+    for k, (u, v) in enumerate((one.line[pick] + 0.5) / STRIDE - 0.5):
+        heat[:, k] = torch.from_numpy(8.0 - ((columns - u) ** 2 + (rows - v) ** 2) / (2.0 * SIGMA_CELLS**2))
+    rest = (torch.zeros(2, 5, CELLS, CELLS), torch.zeros(2, 5, CELLS, CELLS), torch.zeros(2, POINTS, 3), torch.zeros(2))
+    right = loss((heat, *rest), batch["line"], batch["state"], batch["kind"], batch["facts"])[1]["heat"]
+    wrong = loss((heat.flip(1), *rest), batch["line"], batch["state"], batch["kind"], batch["facts"])[1]["heat"]
+    assert right < 0.5 * wrong
+    points, mass = peaks(heat)
+    assert np.abs(points[0].numpy() - one.line[pick]).max() < STRIDE
+    assert float(mass.min()) > 0.8
+
+
+def test_the_checkpoint_of_the_repository_finds_the_catheter_in_most_scenes(scenes):
+    from bench.locator.judge import load
+    from bench.locator.network import inputs, peaks, prompts
+    from bench.locator.train import PROMPT_FIELDS, figures
+
+    network = load(ROOT / "bench/locator/checkpoint.pt")
+    rng = np.random.default_rng(5)
+    drawn = [window(one, rng) for one in scenes if one.present][:12]
+    batch = {name: torch.from_numpy(np.stack([getattr(each, name) for each in drawn])) for name in FIELDS}
+    planes = prompts((SIZE, SIZE), *(batch[name] for name in PROMPT_FIELDS))
+    with torch.inference_mode():
+        found = network(inputs(batch["image"], planes))
+    assert peaks(found[0])[0].shape == (12, 16, 2)
+    assert float(figures(found, batch)["points"].nanmean()) > 0.6
