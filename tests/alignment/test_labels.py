@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from tipforce.alignment import labels, observations
 from tipforce.errors import InputError
-from tipforce.io import ClockOffset, RecordingReader, RecordingWriter, Tare
+from tipforce.io import ClockMap, RecordingReader, RecordingWriter, Tare
 from tipforce.types import Actuation, Event, Frame, SensorInfo, SessionInfo, Wrench
 
 GREY = np.zeros((8, 8), np.uint8)
 
 
-def write(path: Path, events: list[Event], *facts: ClockOffset | Tare | SensorInfo) -> Path:
+def write(path: Path, events: list[Event], *facts: ClockMap | Tare | SensorInfo) -> Path:
     with RecordingWriter(path, SessionInfo()) as writer:
         for fact in facts:
             writer.state(fact)
@@ -34,7 +34,7 @@ def test_offset_tare_and_pose_are_applied_and_time_is_interpolated(tmp_path: Pat
     path = write(
         tmp_path / "run.mcap",
         [*readings, Frame(106_000_000, GREY), Frame(2_000_000, GREY), Frame(300_000_000, GREY)],
-        ClockOffset(5_000_000, "stated"),
+        ClockMap(5_000_000, "stated"),
         Tare(np.array([0.5, 0.25, -0.5]), how="stated"),
         SensorInfo(90.0, "tip-on-tissue"),
     )

@@ -7,7 +7,7 @@ import pytest
 
 from tipforce.calibration import CalibrationSession
 from tipforce.estimators.rod import LineFrame
-from tipforce.io import ClockOffset, Inertia, Tare
+from tipforce.io import ClockMap, Inertia, Tare
 from tipforce.mechanics import Rod, solve_static
 from tipforce.mechanics.actuation import Play
 from tipforce.types import (
@@ -88,7 +88,7 @@ def make_session(*, turned_deg: float = 0.0, contact: bool = True, moving_knob: 
         stage_m_per_s=np.gradient(np.stack([stage, np.zeros(count)], axis=1), seconds, axis=0),
         stage_to_base=np.stack([normal, [normal[1], -normal[0]]], axis=1) if not turned_deg else turning.T,
         stage_angle_std_rad=0.01,
-        clock_offset=ClockOffset(40_000_000, "estimated", 0.6, 0.99),
+        clock_map=ClockMap(40_000_000, "estimated", 0.6, 0.99),
         tare=Tare(np.array([0.1, 0.0, 0.0]), np.full(3, 5e-4), ((0.0, 5.0),), "stated"),
         inertia=Inertia((STAGE_FORWARD, STAGE_ACROSS), np.array([[0.05, 0.0, 0.0], [0.0, 0.05, 0.0]]), 0, "estimated"),
         mass_std_kg=np.array([1e-3, 2e-3]),

@@ -60,7 +60,7 @@ def test_import_writes_a_recording_and_its_figures(files: Path) -> None:
     )  # fmt: skip
     figures = json.loads((files / "run.json").read_text())
     assert figures["session"] == "first"
-    assert figures["clock_offset"]["offset_ms"] == -7.5
+    assert figures["clock_map"]["offset_ms"] == -7.5
     with RecordingReader(files / "first.mcap") as reader:
         info = reader.session_info
     assert (info.sensor.angle_deg, info.sensor.reads) == (30.0, "tissue-on-tip")
@@ -68,7 +68,7 @@ def test_import_writes_a_recording_and_its_figures(files: Path) -> None:
     assert info.view("camera") == ViewInfo(2e-4, "left")
     assert figures["actuation_range"] == {"knob_deg": [10.0, 10.0], "wire_mm": [1.5, 1.5]}
     assert 0.1 < figures["force_range_n"]["magnitude"][1] < 0.25
-    assert "-7.5 ms (stated" in out
+    assert "offset -7.5 ms, rate 1 (stated" in out
     assert "decapolar" in out
 
 

@@ -51,8 +51,8 @@ def test_imported_the_files_give_the_true_force_but_for_the_sensors_own_errors(s
         found, info, stated = labels(reader), reader.info, reader.session_info
     assert stated == replace(read_bench(session / "bench.toml"), name="run")
     assert info.tare.how == "stated"
-    assert info.clock_offset.how == "estimated"
-    assert info.clock_offset.offset_ms == pytest.approx(1e3 * truth.clock_offset_s, abs=3.0)
+    assert info.clock_map.how == "estimated"
+    assert info.clock_map.offset_ms == pytest.approx(1e3 * truth.clock_offset_s, abs=3.0)
     assert info.inertia.how == "estimated"
     known = np.isfinite(found.force_n).all(axis=1)
     miss = found.force_n[known] - truth.force_n[known]

@@ -55,7 +55,7 @@ def test_labels_are_the_true_force_but_for_the_sensors_own_errors(runs):
         truth = read_truth(path)
         with RecordingReader(path) as reader:
             found = labels(reader)
-            offset = reader.info.clock_offset
+            offset = reader.info.clock_map
         assert offset.how == "estimated", offset.detail
         # the offset at the middle of the log; 20 ppm are nothing in 9 s
         assert offset.offset_ms == pytest.approx(1e3 * truth.clock_offset_s, abs=3.0)

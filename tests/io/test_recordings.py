@@ -12,7 +12,7 @@ from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 
 from tipforce.errors import FileFormatError, InputError, TimeError
-from tipforce.io import ClockOffset, RecordingReader, RecordingWriter, Tare
+from tipforce.io import ClockMap, RecordingReader, RecordingWriter, Tare
 from tipforce.io import _cdr as cdr
 from tipforce.types import (
     Actuation,
@@ -184,15 +184,15 @@ def test_metadata_that_cannot_be_read_are_one_sentence(tmp_path: Path, name: str
 def test_facts_come_back_and_the_last_of_a_kind_holds(tmp_path: Path) -> None:
     stated = SessionInfo("s", Catheter("decapolar", 0.002, 0.04), {"camera": ViewInfo(1e-4)}, remarks="silicone")
     with RecordingWriter(tmp_path / "run.mcap", stated) as writer:
-        writer.state(ClockOffset(1, "stated"))
-        writer.state(ClockOffset(-7, "estimated", 0.5, 0.99))
+        writer.state(ClockMap(1, "stated"))
+        writer.state(ClockMap(-7, "estimated", 0.5, 0.99, rate=0.8, rate_stderr=1e-5, reference_ns=9))
         writer.state(Tare(np.array([0.1, 0.2, 0.0]), np.array([1e-3, 2e-3, math.nan]), ((0.0, 5.0),), "stated", "x"))
         writer.state(SensorInfo(12.5, "tissue-on-tip"))
         writer.write(Actuation(0, {"knob_deg": 1.0}))
     with RecordingReader(tmp_path / "run.mcap") as reader:
         info = reader.info
         assert reader.session_info == replace(stated, sensor=SensorInfo(12.5, "tissue-on-tip"))
-        assert info.clock_offset == ClockOffset(-7, "estimated", 0.5, 0.99)
+        assert info.clock_map == ClockMap(-7, "estimated", 0.5, 0.99, rate=0.8, rate_stderr=1e-5, reference_ns=9)
         assert (info.tare.how, info.tare.stretches_s, info.tare.detail) == ("stated", ((0.0, 5.0),), "x")
         np.testing.assert_array_equal(info.tare.force_n, [0.1, 0.2, 0.0])
         np.testing.assert_array_equal(info.tare.stderr_n, [1e-3, 2e-3, math.nan])

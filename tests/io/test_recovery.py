@@ -231,7 +231,7 @@ def test_a_chunk_whose_head_is_hurt_costs_only_itself(recording: Path) -> None:
 def test_metadata_that_may_be_damaged_are_said_to_be_so(recording: Path) -> None:
     raw = recording.read_bytes()
     recording.write_bytes(raw.replace(b"tipforce.session", b"tipforce.sessiom", 1))
-    assert "metadata (session, tare, clock offset) may be damaged" in recover_recording(
+    assert "metadata (session, tare, clock map) may be damaged" in recover_recording(
         recording, recording.with_name("whole.mcap")
     )
 

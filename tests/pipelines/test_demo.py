@@ -32,7 +32,7 @@ def typed(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
                 for name, error in ERRORS.items()
             ]
             (report / "metrics.json").write_text(json.dumps({"results": results}))
-        return SimpleNamespace(returncode=0, stderr="clock offset +1 ms (from the deflection)\n")
+        return SimpleNamespace(returncode=0, stderr="clock map     offset +1 ms (from the deflection)\n")
 
     monkeypatch.setattr(_demo, "run_child", run)
     return commands

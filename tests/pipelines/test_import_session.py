@@ -6,8 +6,8 @@ import pytest
 
 from tipforce.alignment import labels, observations
 from tipforce.errors import FileFormatError, InputError, OutputError, TableError, TimeError, TipforceError
-from tipforce.io import RecordingReader, RecordingWriter
-from tipforce.pipelines import import_session, plot_summary, summarise_recording
+from tipforce.io import ClockMap, RecordingReader, RecordingWriter
+from tipforce.pipelines import copy_recording, import_session, plot_summary, summarise_recording
 from tipforce.types import Actuation, ActuationInfo, BagInfo, ForceLogInfo, LogInfo, SensorInfo, SessionInfo, StageInfo
 
 from ..io.bag_files import START_S, run_messages, write_bag  # type: ignore[import-not-found]
@@ -20,8 +20,8 @@ def test_import_finds_offset_and_tare_and_yields_the_force(run: Run, tmp_path: P
         bench=SessionInfo(sensor=SensorInfo(0, "tissue-on-tip"), actuation=ActuationInfo(constant={"knob_deg": 10.0})),
     )  # fmt: skip
     info = report.summary.info
-    assert info.clock_offset.how == "estimated", info.clock_offset.detail
-    assert info.clock_offset.offset_ms == pytest.approx(1e3 * OFFSET_S, abs=8)  # a drawn line is no elastic rod
+    assert info.clock_map.how == "estimated", info.clock_map.detail
+    assert info.clock_map.offset_ms == pytest.approx(1e3 * OFFSET_S, abs=8)  # a drawn line is no elastic rod
     assert info.tare.how == "detected"
     np.testing.assert_allclose(info.tare.force_n[:2], BIAS, atol=2e-3)
     assert (info.streams["camera"].count, info.streams["force"].count) == (192, 8000)
@@ -38,7 +38,7 @@ def test_import_finds_offset_and_tare_and_yields_the_force(run: Run, tmp_path: P
 def test_a_stated_offset_and_tare_are_taken_as_they_are(run: Run, tmp_path: Path) -> None:
     report = import_session(run.video, run.force, tmp_path / "run.mcap", offset_ms=-12.5, tare=(0.0, 1.5))
     info = report.summary.info
-    assert (info.clock_offset.how, info.clock_offset.offset_ns) == ("stated", -12_500_000)
+    assert (info.clock_map.how, info.clock_map.offset_ns) == ("stated", -12_500_000)
     assert (info.tare.how, info.tare.stretches_s) == ("stated", ((0.0, 1.5),))
     assert info.sensor == SensorInfo(0.0, "tip-on-tissue")
 
@@ -112,17 +112,66 @@ def test_a_knob_log_on_another_clock_is_refused(run: Run, tmp_path: Path, shift_
     assert not list(tmp_path.glob("run.mcap*"))
 
 
-def test_images_without_a_catheter_still_make_a_recording(run: Run, tmp_path: Path) -> None:
+def test_images_without_a_catheter_need_a_stated_clock(run: Run, tmp_path: Path) -> None:
     import cv2
 
     folder = tmp_path / "frames"
     folder.mkdir()
     for k in range(60):
         cv2.imwrite(str(folder / f"{k * 100_000_000}_ns.png"), np.full((48, 64), 128, np.uint8))
-    report = import_session(folder, run.force, tmp_path / "run.mcap")
-    assert report.summary.info.clock_offset.how == "refused"
-    assert any("could not be determined" in remark for remark in report.remarks)
+    with pytest.raises(TimeError, match=r"cannot be determined: no catheter.*offset_ms=\"none\".*nothing was written"):
+        import_session(folder, run.force, tmp_path / "run.mcap")
+    assert not list(tmp_path.glob("run*"))
+    report = import_session(folder, run.force, tmp_path / "run.mcap", offset_ms="none")
     assert report.summary.labelled == 60
+
+
+def test_a_video_whose_rate_is_wrong_is_imported_with_the_rate_that_is_found(run: Run, tmp_path: Path) -> None:
+    """The log runs 20 % fast against the video: as a video of 24 images a second that says 28.8."""
+    lines = run.force.read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    fast = [",".join([f"{1.25 * float(row[0]):.6f}", *row[1:]]) for row in rows]
+    (tmp_path / "fast.csv").write_text("\n".join([lines[0], *fast]))
+    report = import_session(run.video, tmp_path / "fast.csv", tmp_path / "run.mcap", tare=(0.0, 1.8))
+    clock = report.summary.info.clock_map
+    assert clock.rate == pytest.approx(0.8, abs=3.0 * clock.rate_stderr)
+    assert any("differ in rate" in remark for remark in report.remarks)
+    stated = import_session(
+        run.video, tmp_path / "fast.csv", tmp_path / "stated.mcap", offset_ms=1e3 * OFFSET_S, rate=0.8, tare=(0.0, 1.8)
+    )
+    assert (stated.summary.info.clock_map.how, stated.summary.info.clock_map.rate) == ("stated", 0.8)
+    with RecordingReader(tmp_path / "run.mcap") as found, RecordingReader(tmp_path / "stated.mcap") as right:
+        apart = labels(found).force_n[:, :2] - labels(right).force_n[:, :2]
+    assert np.sqrt(np.nanmean(apart**2)) < 0.01
+
+
+def test_a_stated_offset_that_the_deflection_contradicts_is_said_with_both(run: Run, tmp_path: Path) -> None:
+    report = import_session(run.video, run.force, tmp_path / "run.mcap", offset_ms=-400.0, tare=(0.0, 1.5))
+    said = next(remark for remark in report.remarks if "contradicts the deflection" in remark)
+    assert "-400.0 ms at a rate of 1" in said
+    assert report.summary.info.clock_map.offset_ms == -400.0
+
+
+def test_a_recording_of_unknown_clocks_has_labels_once_they_are_stated(run: Run, tmp_path: Path) -> None:
+    import_session(run.video, run.force, tmp_path / "run.mcap", offset_ms="none")
+    with RecordingWriter(tmp_path / "unknown.mcap", SessionInfo("unknown")) as writer:
+        with RecordingReader(tmp_path / "run.mcap") as reader:
+            for event in reader.events():
+                writer.write(event)
+            assert reader.info.sensor is not None
+            writer.state(reader.info.sensor)
+        writer.state(ClockMap(how="refused", detail="too little motion"))
+    with (
+        RecordingReader(tmp_path / "unknown.mcap") as reader,
+        pytest.raises(InputError, match="too little motion") as no,
+    ):
+        labels(reader)
+    assert "tipforce import" in str(no.value)
+    assert "--offset-ms MS" in str(no.value)
+    copy_recording(tmp_path / "unknown.mcap", tmp_path / "stated.mcap", offset_ms=-12.0, rate=0.999)
+    with RecordingReader(tmp_path / "stated.mcap") as reader:
+        assert (reader.info.clock_map.offset_ms, reader.info.clock_map.rate) == (-12.0, 0.999)
+        assert np.isfinite(labels(reader).force_n[:, 0]).sum() > 150
 
 
 BAD: list[tuple[dict[str, Any], type[TipforceError], str]] = [
@@ -173,7 +222,7 @@ def test_a_summary_is_drawn(run: Run, tmp_path: Path, ending: str) -> None:
     assert (tmp_path / f"run.{ending}").stat().st_size > 10_000
     figures = report.summary.figures()
     assert figures["labelled_frames"] == 192
-    assert figures["clock_offset"]["stderr_ms"] is None
+    assert figures["clock_map"]["stderr_ms"] is None
     assert figures["streams"]["camera"]["rate_hz"] == pytest.approx(24, abs=0.1)
 
 

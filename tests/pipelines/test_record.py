@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from tipforce.alignment import StageMotion, _find, labels, observations
+from tipforce.alignment import ForceCorrections, StageMotion, _find_clock, labels, observations
 from tipforce.errors import FileFormatError, InputError, TimeError
-from tipforce.io import ClockOffset, Inertia, RecordingReader, Tare
+from tipforce.io import ClockMap, Inertia, RecordingReader, Tare
 from tipforce.pipelines import describe_recording, import_session, record
-from tipforce.types import STAGE, Actuation, Frame, SensorInfo, SessionInfo, ViewInfo, Wrench
+from tipforce.types import STAGE, Actuation, DetectedShape, Frame, SensorInfo, SessionInfo, Status, ViewInfo, Wrench
 
 from ..short_run import draw_image, push  # type: ignore[import-not-found]
 
@@ -119,7 +119,7 @@ def test_the_offset_is_found_from_the_deflection_once_the_inertia_is_out(tmp_pat
     report = record(
         Bench(seconds=20.0), tmp_path / "run.mcap", sensor=SensorInfo(0.0, "tissue-on-tip"), tare=(0.0, 1.8)
     )
-    found = report.summary.info.clock_offset
+    found = report.summary.info.clock_map
     assert found.how == "estimated", found.detail
     assert found.offset_ms == pytest.approx(OFFSET_S * 1e3, abs=4.0)
 
@@ -166,23 +166,35 @@ def test_a_stage_log_beside_the_force_log_serves_an_import_too(run, tmp_path):
     assert any("taken out: 5" in line or "taken out: 4" in line for line in describe_recording(done.summary))
 
 
+UNSURE = ClockMap(40_000_000, "refused", stderr_ms=8.0, detail="too little motion")
+
+
 @pytest.mark.parametrize(
-    ("seen_ms", "stderr_ms", "carried", "how"),
+    ("seen", "carried", "shares", "how", "said"),
     [
-        (40, 2.0, "estimated", "estimated"),
-        (40, 4.0, "estimated", "stage"),
-        (40, 4.0, "none", "estimated"),
-        (265, 1.5, "estimated", "stage"),
-        (265, 1.5, "none", "estimated"),
+        (ClockMap(40_000_000, "estimated", 2.0, rate_stderr=1e-5), "estimated", False, "estimated", ""),
+        (ClockMap(40_000_000, "estimated", 2.0, rate_stderr=1e-5), "none", False, "estimated", ""),
+        (ClockMap(265_000_000, "estimated", 1.5, rate_stderr=1e-5), "estimated", False, "estimated", "+265.0 ms"),
+        (ClockMap(265_000_000, "estimated", 1.5, rate_stderr=1e-5), "estimated", True, "stage", "+265.0 ms"),
+        (UNSURE, "estimated", False, "stage", "agrees with it"),
+        (UNSURE, "none", False, "refused", ""),
+        (ClockMap(40_000_000, "refused", 8.0, rate=1.02), "estimated", False, "refused", ""),
+        (ClockMap(how="refused", detail="no motion"), "estimated", False, "refused", ""),
+        (ClockMap(how="refused", detail="no motion"), "estimated", True, "stage", "no motion"),
     ],
 )
-def test_where_the_deflection_is_uncertain_the_stage_tells_the_offset(monkeypatch, seen_ms, stderr_ms, carried, how):
-    seen = ClockOffset(1_000_000 * seen_ms, "estimated", stderr_ms=stderr_ms)
-    monkeypatch.setattr(_find, "_by_sight", lambda *_: seen)
-    facts = _find.ForceCorrections(None, Tare(), Inertia(how=carried, lag_ns=45_000_000), StageMotion.of([]))
-    stamps = np.arange(10, dtype=np.int64)
+def test_the_stage_tells_the_offset_only_where_it_shares_the_cameras_clock(
+    monkeypatch, seen, carried, shares, how, said
+):
+    monkeypatch.setattr(_find_clock, "_estimated", lambda *rest: (seen, rest[4].inertia))
+    facts = ForceCorrections(None, Tare(), Inertia(how=carried, lag_ns=45_000_000), StageMotion.of([]))
+    stamps = np.arange(10, dtype=np.int64) * 1_000_000_000
     remarks: list[str] = []
-    found = _find.find_offset(stamps, [], SessionInfo(), "camera", stamps, np.zeros((10, 3)), facts, "auto", remarks)
+    found, _ = _find_clock.find_clock(
+        _find_clock.Sight(stamps, [DetectedShape(Status.NO_CATHETER)]), SessionInfo(), stamps, np.zeros((10, 3)),
+        facts, _find_clock.ClockChoice(), remarks, stage_shares=shares,
+    )  # fmt: skip
     assert found.how == how
-    assert found.offset_ms == (45.0 if how == "stage" else seen_ms)
-    assert bool(remarks) == (how == "stage")
+    assert found.offset_ms == {"stage": 45.0, "refused": 0.0}.get(how, seen.offset_ms)
+    assert said in " ".join(remarks)
+    assert bool(said) == bool(remarks)

@@ -1,29 +1,33 @@
-"""Streams brought together: clock offset, tare, inertia, labels at mid-exposure, views of one instant."""
+"""Streams brought together: clock map, tare, inertia, labels at mid-exposure, views of one instant."""
 
 from ..plausibility import MAX_GAP_S
-from ._find import ForceCorrections, OffsetChoice, TareChoice, find_offset, find_tare_and_inertia
+from ._clock import estimate_clock
+from ._deflection import shape_coordinates
+from ._find import ForceCorrections, TareChoice, find_tare_and_inertia
+from ._find_clock import ClockChoice, OffsetChoice, Sight, find_clock, stated_clock
 from ._inertia import StageMotion, fit_inertia
 from ._labels import Labels, covered_frames, label_log, labels
 from ._observations import PAIR_S, Pairing, nearest_frames, observations
 from ._plausible import find_plausible_force
 from ._tare import find_tare, stated_tare
 from ._tare_check import changing_tare, contact_free_stretch, pulling_force
-from ._timing import estimate_offset, shape_coordinates
 
 __all__ = [
     "MAX_GAP_S",
     "PAIR_S",
+    "ClockChoice",
     "ForceCorrections",
     "Labels",
     "OffsetChoice",
     "Pairing",
+    "Sight",
     "StageMotion",
     "TareChoice",
     "changing_tare",
     "contact_free_stretch",
     "covered_frames",
-    "estimate_offset",
-    "find_offset",
+    "estimate_clock",
+    "find_clock",
     "find_plausible_force",
     "find_tare",
     "find_tare_and_inertia",
@@ -34,5 +38,6 @@ __all__ = [
     "observations",
     "pulling_force",
     "shape_coordinates",
+    "stated_clock",
     "stated_tare",
 ]

@@ -11,6 +11,7 @@ the stage's movement, whatever delays it is made of. The same sum is then subtra
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from ..errors import InputError
 from ..io import Inertia, Tare
 from ..types import FloatArray, IntArray
 
-__all__ = ["StageMotion", "carried_n", "fit_inertia"]
+__all__ = ["StageMotion", "carried_n", "fit_inertia", "fit_stage_rate"]
 
 _GRID_S = 0.01
 _WINDOW, _DEGREE = 9, 4
@@ -29,6 +30,8 @@ _MIN_GAIN = 60.0
 seen: some ten for each number that is fitted, for many lags are tried. A mass of which 1.7 mN are seen in noise of 3 mN
 still turns the force on a nearly straight shaft by a tenth.
 """
+_RATE_STEP_S, _AROUND_S = 0.02, 0.1
+"""Readings are averaged over the first, and compared with the stage so much before and after."""
 _CROOKED = 0.03
 """Standard deviation allowed to the axes' being perpendicular and carrying one mass."""
 
@@ -73,7 +76,7 @@ def carried_n(stage: StageMotion, inertia: Inertia, stamps_ns: IntArray) -> Floa
     """(n, 3) N, or (3,) zeros: what readings at ``stamps_ns`` (n,) show of the mass that the sensor carries."""
     if not inertia.axes:
         return np.zeros(3)
-    return stage.acceleration(stamps_ns + inertia.lag_ns, inertia.axes) @ inertia.gain_kg
+    return stage.acceleration(inertia.stage_ns(stamps_ns), inertia.axes) @ inertia.gain_kg
 
 
 def fit_inertia(
@@ -133,7 +136,39 @@ def fit_inertia(
     tare = Tare(level, stderr, (stretch_s,), "stated")
     if not gains.any():
         return tare, Inertia(detail="the readings do not show the stage's movement: no inertia is taken out")
-    return tare, Inertia(stage.names, gains, 1000 * round(lag_s * 1e6), "estimated")
+    middle_ns = int(stamps_ns[0]) + round(0.5e9 * sum(stretch_s))
+    return tare, Inertia(stage.names, gains, 1000 * round(lag_s * 1e6), "estimated", reference_ns=middle_ns)
+
+
+def fit_stage_rate(
+    stamps_ns: IntArray, force_n: FloatArray, stage: StageMotion, inertia: Inertia, rates: Sequence[float]
+) -> float:
+    """The one of ``rates`` at which the stage's clock runs against the force log's.
+
+    Contact and inertia both follow the stage's movement, so the readings of the whole log are regressed on its
+    accelerations now, a little before and a little after; the rate that leaves least is the right one.
+
+    Args:
+        stamps_ns: (n,) of the readings.
+        force_n: (n, 3) N; NaN where there is no plausible reading.
+        stage: how the stage moved on its own clock.
+        inertia: with the lag in the stretch without contact, at its ``reference_ns``.
+        rates: those that are possible.
+    """
+    axes = ~np.isnan(force_n).all(axis=0)
+    step_ns = max(1, round(_RATE_STEP_S * 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0)))
+    finite = np.flatnonzero(np.isfinite(force_n[:, axes]).all(axis=1))
+    count = len(finite) // step_ns * step_ns
+    known = force_n[finite[:count]][:, axes].reshape(-1, step_ns, int(axes.sum())).mean(axis=1)
+    at = stamps_ns[finite[:count]].reshape(-1, step_ns)[:, step_ns // 2]
+    left: list[float] = []
+    for rate in rates:
+        when = replace(inertia, rate=rate).stage_ns(at)
+        shifted = [stage.acceleration(when + round(1e9 * way * _AROUND_S), stage.names) for way in (-1.0, 0.0, 1.0)]
+        columns = np.column_stack([np.ones(len(at)), *shifted])
+        solved = np.linalg.lstsq(columns, known, rcond=1e-6)[0]
+        left.append(float(np.sum((known - columns @ solved) ** 2)))
+    return rates[int(np.argmin(left))]
 
 
 def _crookedness(gains: FloatArray) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
-from ..io import ClockOffset, RecordingReader
+from ..io import RecordingReader
 from ..plausibility import MAX_GAP_S
 from ..types import BoolArray, FloatArray, IntArray, SensorInfo
 from ._find import ForceCorrections, TareChoice, find_tare_and_inertia
@@ -37,19 +37,26 @@ def labels(
     max_gap_s: float = MAX_GAP_S,
     later_s: float = 0.0,
 ) -> Labels:
-    """Force at every frame, linear in time: offset applied, tare and inertia subtracted, turned into the base frame.
+    """Force at every frame, linear in time: clock map applied, tare and inertia subtracted, turned into the base frame.
 
     ``camera``: None for the first view. NaN where the readings around a frame lie more than ``max_gap_s`` apart or on
     one side only. ``later_s``: the force so much later than each frame, to tell how fast it changes. The force series
-    is read chunk by chunk. Raises InputError where readings are in the sensor's frame and nobody stated its pose.
+    is read chunk by chunk. Raises InputError where readings are in the sensor's frame and nobody stated its pose, or
+    where the clock map could not be determined.
     """
     info = reader.info
+    if info.clock_map.how == "refused":
+        raise InputError(
+            f"{reader.path}: no image has a label, for it is unknown how the camera's clock maps to the force log's: "
+            f"{info.clock_map.detail}; state it in a copy of the recording: `tipforce import {reader.path} -o NEW.mcap "
+            "--offset-ms MS` (camera minus force clock; none: both share one clock)"
+        )
     stage = StageMotion.of(reader.stage_readings() if info.inertia.axes else [])
     facts = ForceCorrections(info.sensor, info.tare, info.inertia, stage, info.plausibility)
     blocks = ((times, wrench[:, :3], frame) for times, wrench, frame in reader.wrench_blocks(force))
     frames = reader.stamps(camera or next(iter(reader.views), "camera"))
-    offset = replace(info.clock_offset, offset_ns=info.clock_offset.offset_ns - round(later_s * 1e9))
-    return _label(frames, blocks, facts, offset, max_gap_s, str(reader.path))
+    when = info.clock_map.force_ns(frames + round(later_s * 1e9))
+    return replace(_label(when, blocks, facts, max_gap_s, str(reader.path)), stamp_ns=frames)
 
 
 def label_log(
@@ -70,8 +77,8 @@ def label_log(
     stamps, force = readings
     course = StageMotion(*stage)
     facts = ForceCorrections(sensor, *find_tare_and_inertia(stamps, force, course, tare, []), course)
-    offset = ClockOffset(round(offset_ms * 1e6), "stated")
-    return _label(frame_ns, [(stamps, force, "sensor")], facts, offset, max_gap_s, "the readings")
+    when = frame_ns - round(offset_ms * 1e6)
+    return replace(_label(when, [(stamps, force, "sensor")], facts, max_gap_s, "the readings"), stamp_ns=frame_ns)
 
 
 def covered_frames(frame_ns: IntArray, force_ns: IntArray) -> BoolArray:
@@ -91,18 +98,17 @@ def _label(
     frames: IntArray,
     blocks: Iterable[tuple[IntArray, FloatArray, str]],
     facts: ForceCorrections,
-    offset: ClockOffset,
     max_gap_s: float,
     where: str,
 ) -> Labels:
+    """Labels at ``frames`` (n,), stamps on the force log's clock."""
     values = np.full((len(frames), 3), math.nan)
     last_time, last_value = np.empty(0, np.int64), np.empty((0, 3))
     for times, force, frame in blocks:
         usable = facts.plausibility.usable(times)
         times, force = times[usable], facts.plausibility.corrected(times, force)[usable]
-        here = times + offset.offset_ns
         readings = _in_base(force - facts.carried(times), frame, facts, where)
-        here, readings = np.concatenate([last_time, here]), np.concatenate([last_value, readings])
+        here, readings = np.concatenate([last_time, times]), np.concatenate([last_value, readings])
         if not len(here):
             continue
         if np.any(np.diff(here) < 0):

@@ -176,7 +176,7 @@ def _fit(
 ) -> RodFit:  # fmt: skip
     part = session.subset(rows)
     stderr = part.tare.stderr_n
-    offset = part.clock_offset
+    offset = part.clock_map
     late = math.hypot(_CLOCK_STD_S[offset.how], 1e-3 * offset.stderr_ms if offset.how == "estimated" else 0.0)
     return fit_rod(
         part.info,
@@ -234,10 +234,10 @@ def _knob_of(
 
 
 def _clock(results: Sequence[SessionResult]) -> list[Quantity]:
-    found = [each.session for each in results if each.session.clock_offset.how in ("estimated", "stage", "refused")]
+    found = [each.session for each in results if each.session.clock_map.how in ("estimated", "stage", "refused")]
     made: list[Quantity] = []
     for session in found:
-        offset = session.clock_offset
+        offset = session.clock_map
         told = offset.how == "estimated"
         made.append(
             Quantity(

@@ -11,7 +11,7 @@ from ..alignment import StageMotion, labels
 from ..errors import InputError
 from ..estimators.rod import Detected, Detection, LineFrame
 from ..geometry import arc_length
-from ..io import ClockOffset, Inertia, RecordingReader, Tare, any_reading, spread_images
+from ..io import ClockMap, Inertia, RecordingReader, Tare, any_reading, spread_images
 from ..mechanics.planar import Line
 from ..types import (
     ADVANCE,
@@ -76,7 +76,7 @@ class CalibrationSession:
     stage_m_per_s: FloatArray
     stage_to_base: FloatArray
     stage_angle_std_rad: float
-    clock_offset: ClockOffset
+    clock_map: ClockMap
     tare: Tare
     inertia: Inertia
     mass_std_kg: FloatArray
@@ -209,7 +209,8 @@ def _with_streams(
     places, speeds = np.full((2, wanted, len(names)), math.nan)
     if names:
         # the stage reaches what it is commanded as much later as its movement shows late in the force
-        late_ns = facts.clock_offset.offset_ns - facts.inertia.lag_ns if facts.inertia.axes else 0
+        at = np.array([facts.inertia.reference_ns])
+        late_ns = int((facts.clock_map.camera_ns(at) - facts.inertia.stage_ns(at))[0]) if facts.inertia.axes else 0
         when = np.array([stamp for stamp, _ in stage], np.int64) + late_ns
         for k, name in enumerate(names):
             unit = 1e-3 if name.endswith("_mm") else 1.0
@@ -241,7 +242,7 @@ def _with_streams(
         stage_m_per_s=speeds[rows],
         stage_to_base=directions,
         stage_angle_std_rad=angle_std,
-        clock_offset=facts.clock_offset,
+        clock_map=facts.clock_map,
         tare=facts.tare,
         inertia=facts.inertia,
         mass_std_kg=mass_std,

@@ -67,6 +67,8 @@ _OPTIONS = (
     (r"\binit_from\b", "--from"),
     (r'\bprotocol="(\w+)"', r"--protocol \1"),
     (r'\boffset_ms="(\w+)"', r"--offset-ms \1"),
+    (r"\boffset_ms=MS\b", "--offset-ms MS"),
+    (r"\brate=(RATE\b|[\d.e-]+)", r"--rate \1"),
     (r"\btare=\((\S+), (\S+)\)", r"--tare \1:\2"),
     (r"\bwithout=(\S+)", r"--without \1"),
     (r"\bsamples_per_session=(\S+)", r"--samples-per-session \1"),

@@ -1,7 +1,7 @@
 """``tipforce import``."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -18,7 +18,7 @@ def command(
         typer.Argument(
             help="A video, DICOM file or folder of images, then its logs: force, and where there are any stage and "
             "knob, told apart by their columns; a ROS bag; recordings (.mcap), for a dataset; or a damaged one, to "
-            "recover it."
+            "recover it; or one, to state its clocks."
         ),
     ],
     output: Annotated[
@@ -43,21 +43,26 @@ def command(
     offset_ms: Annotated[
         str,
         typer.Option(
-            help="Camera clock minus force clock; auto: from the deflection; none: one clock; start: the log's first "
-            "row belongs to the first frame.",
+            help="Camera clock minus force clock at the log's first row; auto: from the deflection; none: one clock; "
+            "start: the log's first row belongs to the first frame.",
         ),
     ] = "auto",
+    rate: Annotated[
+        float | None,
+        typer.Option(help="True over stated frame rate, as 0.8 if 24 images a second are stamped as 30; else found."),
+    ] = None,
     lossless: Annotated[bool, typer.Option("--lossless", help="Keep images as PNG, about ten times larger.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what is there already.")] = False,
     json: JsonOption = None,
 ) -> None:
     """Make a recording of a video (or folder of images) and its logs, or a dataset folder of recordings.
 
-    Finds the offset between the two clocks from the catheter's own deflection, and the contact-free stretch that the
-    sensor is tared on; both are shown, stored, and can be stated instead. A log of force has columns Fx, Fy, Fz; one of
-    the stage that moves the tissue has NAME_mm, one of the knob has knob_deg. Logs are text, .xlsx or .mat; sections
-    sensor.log, actuation.log and stage.log of bench.toml state what is not found in them, section bag the topics of a
-    ROS bag (.bag, .db3, .mcap of another program, or their folder).
+    Finds how the two clocks map to each other (offset and rate) from the catheter's own deflection, and the
+    contact-free stretch that the sensor is tared on; both are shown, stored, and can be stated instead. Where the clock
+    map cannot be determined nothing is written. A log of force has columns Fx, Fy, Fz; one of the stage that moves the
+    tissue has NAME_mm, one of the knob has knob_deg. Logs are text, .xlsx or .mat; sections sensor.log, actuation.log
+    and stage.log of bench.toml state what is not found in them, section bag the topics of a ROS bag (.bag, .db3, .mcap
+    of another program, or their folder).
 
     Example: tipforce import video.mp4 force.csv --bench bench.toml -o runs/monday.mcap
 
@@ -70,6 +75,8 @@ def command(
     Example: tipforce import runs/*.mcap -o dataset/
 
     Example: tipforce import damaged.mcap -o recovered.mcap
+
+    Example: tipforce import unlabelled.mcap -o labelled.mcap --offset-ms -8.8
     """
     from ..io import is_bag
     from ..pipelines import describe_recording, import_session
@@ -77,7 +84,7 @@ def command(
     check_outputs([*inputs, *filter(None, (stage, knob))], *([output] if output.suffix == ".mcap" else []), json)
     if all(path.suffix in (".mcap", ".part") for path in inputs) and not (len(inputs) == 1 and is_bag(inputs[0])):
         if output.suffix == ".mcap":
-            _recover(inputs, output, overwrite=overwrite, json=json)
+            _recover(inputs, output, offset_from(offset_ms), rate, overwrite=overwrite, json=json)
             return
         _dataset(inputs, output, overwrite=overwrite, json=json)
         return
@@ -92,6 +99,7 @@ def command(
             bench=stated_info(bench, fact, knob_deg),
             tare=tare_from(tare),
             offset_ms=offset_from(offset_ms),
+            rate=rate,
             lossless=lossless,
             overwrite=overwrite,
             progress=report,
@@ -112,12 +120,20 @@ def _by_kind(others: list[Path], stated: dict[str, Path]) -> dict[str, Path]:
     return {**found, **stated}
 
 
-def _recover(inputs: list[Path], target: Path, *, overwrite: bool, json: str | None) -> None:
-    from ..io import recover_recording
+def _recover(
+    inputs: list[Path],
+    target: Path,
+    offset_ms: Literal["auto", "none", "start"] | float,
+    rate: float | None,
+    *,
+    overwrite: bool,
+    json: str | None,
+) -> None:
+    from ..pipelines import copy_recording
 
     if len(inputs) > 1:
         raise InputError(f"{target}: one recording at a time is recovered; for a dataset of several, name a folder")
-    said = recover_recording(inputs[0], target, overwrite=overwrite)
+    said = copy_recording(inputs[0], target, offset_ms=offset_ms, rate=rate, overwrite=overwrite)
     say(said)
     say(f"wrote {target}")
     write_json({"recording": str(target), "recovered": said}, json)

@@ -38,7 +38,7 @@ def command(
     """Draw what is detected of the catheter, or show what a recording holds.
 
     An image: mask, centreline, base frame, fitted curve. A video: the share of frames in which the catheter is found,
-    and a contact sheet. A recording: streams, rates, drops, clock offset, tare, ranges and a plot. A dataset of several
+    and a contact sheet. A recording: streams, rates, drops, clock map, tare, ranges and a plot. A dataset of several
     sessions (a folder of images, Parquet shards): samples, ranges, the share found, and a contact sheet.
 
     Example:

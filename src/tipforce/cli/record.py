@@ -48,7 +48,7 @@ def command(
     """Record all devices of a bench into one file: images, force, stage and knob on one clock.
 
     The bench.toml describes the devices under [hardware]; see docs/hardware.md. Shown are what is connected, rates,
-    drops and clock offsets. Ctrl-C ends it; events are written as they come, and tare and clock offset found at the
+    drops and clock offsets. Ctrl-C ends it; events are written as they come, and tare and clock map found at the
     end. After a kill or on a full disk all but the last second is kept in FILE.part.
 
     Example:

@@ -1,4 +1,4 @@
-"""What a recording knows of itself beside its streams: clock offset, tare, inertia, session metadata.
+"""What a recording knows of itself beside its streams: clock map, tare, inertia, session metadata.
 
 Each fact is one metadata record of the file, all of whose values are text.
 """
@@ -13,9 +13,9 @@ import numpy as np
 
 from .._json import parse_json
 from ..errors import FileFormatError
-from ..types import FloatArray, SessionInfo, frozen
+from ..types import FloatArray, IntArray, SessionInfo, frozen
 
-__all__ = ["SUBTRACTED_FORCE", "ClockOffset", "Inertia", "Tare", "fact_from", "session_from", "session_record"]
+__all__ = ["SUBTRACTED_FORCE", "ClockMap", "Inertia", "Tare", "fact_from", "session_from", "session_record"]
 
 SUBTRACTED_FORCE = "tipforce.zero"
 """Name, before its number, of a metadata record: an operator's zero, which is subtracted from the estimates of a
@@ -28,15 +28,18 @@ _DIGITS = 7
 
 
 @dataclass(frozen=True, slots=True)
-class ClockOffset:
-    """How far the force log's clock lies from the camera's: camera time = force stamp + ``offset_ns``.
+class ClockMap:
+    """How the force log's clock maps to the camera's.
+
+    Camera time = force stamp + ``offset_ns`` + (``rate`` - 1) (force stamp - ``reference_ns``): ``rate`` is the true
+    frame rate over that of the camera's stamps where the log's clock is right.
 
     ``how``: "estimated" from deflection against force, "stated" by a person, "none" where the clocks are taken as one,
-    "refused" where it could not be determined (``offset_ns`` is then 0, ``detail`` the reason), "stage" where the
-    images do not tell (``detail``: why) and it was taken from when the stage's movement shows in the force, early by
-    as much as the stage lags behind its commands: some milliseconds. ``stderr_ms``: one standard error, NaN unless
-    estimated. ``explained``: share of the deflection's variance that the force explains at this offset, NaN unless
-    tried.
+    "refused" where it could not be determined (``detail``: the reason): such a recording has no labels, "stage" where
+    the deflection shows that camera and stage run on one clock, but tells the offset less well than the stage's
+    movement in the force does. ``stderr_ms``, ``rate_stderr``: one standard error, of the offset at ``reference_ns``
+    and of the rate; NaN unless estimated. ``explained``: share of the deflection's variance that the force explains,
+    NaN unless tried.
     """
 
     offset_ns: int = 0
@@ -44,11 +47,27 @@ class ClockOffset:
     stderr_ms: float = math.nan
     explained: float = math.nan
     detail: str = ""
+    rate: float = 1.0
+    rate_stderr: float = math.nan
+    reference_ns: int = 0
 
     @property
     def offset_ms(self) -> float:
-        """Milliseconds to add to a force stamp."""
+        """Milliseconds to add to the force stamp ``reference_ns``."""
         return self.offset_ns * 1e-6
+
+    def camera_ns(self, force_ns: IntArray) -> IntArray:
+        """(n,) stamps of the force log -> (n,) stamps of the camera's clock.
+
+        >>> ClockMap(5_000_000, "stated", rate=0.8).camera_ns(np.array([0, 1_000_000_000])).tolist()
+        [5000000, 805000000]
+        """
+        return force_ns + self.offset_ns + _stretched(force_ns - self.reference_ns, self.rate)
+
+    def force_ns(self, camera_ns: IntArray) -> IntArray:
+        """The inverse of `camera_ns`."""
+        moved = camera_ns - self.offset_ns
+        return moved + _stretched(moved - self.reference_ns, 1.0 / self.rate)
 
     def record(self) -> dict[str, str]:
         """As a metadata record."""
@@ -58,12 +77,15 @@ class ClockOffset:
             "stderr_ms": repr(self.stderr_ms),
             "explained": repr(self.explained),
             "detail": self.detail,
-            "meaning": "camera time = force stamp + offset_ns",
+            "rate": repr(self.rate),
+            "rate_stderr": repr(self.rate_stderr),
+            "reference_ns": str(self.reference_ns),
+            "meaning": "camera time = force stamp + offset_ns + (rate - 1) (force stamp - reference_ns)",
         }
 
     @classmethod
-    def of(cls, record: Mapping[str, str]) -> "ClockOffset":
-        """The inverse of `record`. Raises ValueError."""
+    def of(cls, record: Mapping[str, str]) -> "ClockMap":
+        """The inverse of `record`; the rate of older recordings is 1. Raises ValueError."""
         how = record.get("how", "none")
         return cls(
             offset_ns=int(record.get("offset_ns", "0")),
@@ -71,7 +93,23 @@ class ClockOffset:
             stderr_ms=float(record.get("stderr_ms", "nan")),
             explained=float(record.get("explained", "nan")),
             detail=record.get("detail", ""),
+            rate=_rate(record),
+            rate_stderr=float(record.get("rate_stderr", "nan")),
+            reference_ns=int(record.get("reference_ns", "0")),
         )
+
+
+def _stretched(elapsed_ns: IntArray, rate: float) -> IntArray:
+    """(n,) ns that a clock of ``rate`` gains in ``elapsed_ns`` (n,)."""
+    return np.rint(elapsed_ns * (rate - 1.0)).astype(np.int64) if rate != 1.0 else np.zeros_like(elapsed_ns)
+
+
+def _rate(record: Mapping[str, str]) -> float:
+    """The rate that ``record`` states; 1 in older recordings. Raises ValueError."""
+    rate = float(record.get("rate", "1.0"))
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise ValueError(f"rate: expected a positive number, got {rate}")
+    return rate
 
 
 def _zeros() -> FloatArray:
@@ -134,7 +172,8 @@ class Inertia:
     """What a sensor that rides on a stage shows of the mass it carries, to be subtracted from every reading.
 
     ``axes``: names of the stage's positions; ``gain_kg`` (axes, 3): reading for each m/s^2, in the frame of the
-    readings; ``lag_ns``: stage stamp = force stamp + lag. ``how``: "estimated" or "none" (nothing is subtracted).
+    readings. Stage stamp = force stamp + ``lag_ns`` + (``rate`` - 1) (force stamp - ``reference_ns``).
+    ``how``: "estimated" or "none" (nothing is subtracted).
     """
 
     axes: tuple[str, ...] = ()
@@ -142,9 +181,15 @@ class Inertia:
     lag_ns: int = 0
     how: Literal["estimated", "none"] = "none"
     detail: str = ""
+    rate: float = 1.0
+    reference_ns: int = 0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gain_kg", frozen("gain_kg", np.round(self.gain_kg, _DIGITS), (len(self.axes), 3)))
+
+    def stage_ns(self, force_ns: IntArray) -> IntArray:
+        """(n,) stamps of the force log -> (n,) stamps of the stage's clock."""
+        return force_ns + self.lag_ns + _stretched(force_ns - self.reference_ns, self.rate)
 
     def record(self) -> dict[str, str]:
         """As a metadata record."""
@@ -154,6 +199,8 @@ class Inertia:
             "lag_ns": str(self.lag_ns),
             "how": self.how,
             "detail": self.detail,
+            "rate": repr(self.rate),
+            "reference_ns": str(self.reference_ns),
             "meaning": "subtract the sum over axes of gain_kg x acceleration of the stage at force stamp + lag_ns",
         }
 
@@ -167,6 +214,8 @@ class Inertia:
             lag_ns=int(record.get("lag_ns", "0")),
             how="estimated" if record.get("how") == "estimated" else "none",
             detail=record.get("detail", ""),
+            rate=_rate(record),
+            reference_ns=int(record.get("reference_ns", "0")),
         )
 
 

@@ -42,7 +42,7 @@ from ._cdr import (
     wrench_layout,
 )
 from ._container import MESSAGE_HEAD, Container, Entries
-from ._facts import ClockOffset, Inertia, Tare, fact_from, session_from
+from ._facts import ClockMap, Inertia, Tare, fact_from, session_from
 from ._images import StreamDepth, decode_image
 from ._recover import resolve
 
@@ -76,7 +76,7 @@ class RecordingInfo:
     """What a recording holds. ``recovered``: empty, or one line on what a cut-off file lost."""
 
     streams: Mapping[str, StreamInfo]
-    clock_offset: ClockOffset
+    clock_map: ClockMap
     tare: Tare
     inertia: Inertia
     sensor: SensorInfo | None
@@ -144,7 +144,7 @@ class RecordingReader:
         }
         return RecordingInfo(
             streams=streams,
-            clock_offset=self._fact(ClockOffset.of, "tipforce.clock_offset"),
+            clock_map=self._fact(ClockMap.of, "tipforce.clock_offset"),
             tare=self._fact(Tare.of, "tipforce.tare"),
             inertia=self._fact(Inertia.of, "tipforce.inertia"),
             sensor=self._sensor(),

@@ -22,6 +22,7 @@ from .._atomic import check_folder, part_of
 from .._locks import lock_holder
 from ..errors import FileFormatError, OutputError
 from ._container import frame_is_whole, recovered_name, whole_summary
+from ._facts import ClockMap
 
 __all__ = ["check_target", "lock", "recover", "recover_recording", "resolve", "whole_records"]
 
@@ -118,7 +119,7 @@ class _Findings:
             more = f" and {len(self.lost_s) - 4} more" if len(self.lost_s) > 4 else ""
             said += f", {len(self.lost_s)} damaged chunks lost ({shown}{more})"
         if self.uncertain_metadata:
-            said += "; its metadata (session, tare, clock offset) may be damaged, too: compare what `inspect` shows"
+            said += "; its metadata (session, tare, clock map) may be damaged, too: compare what `inspect` shows"
         return said
 
 
@@ -147,13 +148,14 @@ def resolve(path: Path) -> tuple[Path, str]:
     return path, recover(part, path)
 
 
-def recover_recording(damaged: Path, target: Path, *, overwrite: bool = False) -> str:
+def recover_recording(damaged: Path, target: Path, *, overwrite: bool = False, clock: ClockMap | None = None) -> str:
     """Write what is whole in a recording that is cut off or damaged to ``target``; ``damaged`` stays as it is.
 
     Args:
         damaged: a recording (.mcap), or what a crash left of one (.mcap.part).
         target: the new recording.
         overwrite: replace one that is there already.
+        clock: the clock map that the new recording states in place of its own.
 
     Returns:
         One line on what was lost, which the new recording carries, too.
@@ -165,10 +167,10 @@ def recover_recording(damaged: Path, target: Path, *, overwrite: bool = False) -
         raise FileFormatError(f"{damaged}: there is no such file")
     check_target(target, overwrite=overwrite, origin="recover")
     target.parent.mkdir(parents=True, exist_ok=True)
-    return recover(damaged, target, keep=True)
+    return recover(damaged, target, keep=True, clock=clock)
 
 
-def recover(part: Path, target: Path, *, keep: bool = False) -> str:
+def recover(part: Path, target: Path, *, keep: bool = False, clock: ClockMap | None = None) -> str:
     """Write what is whole in ``part`` to ``target``, then remove ``part`` unless it is to be kept; says what was lost.
 
     Records are read one after the other up to the cut; of a chunk that is cut itself the messages before the cut are
@@ -201,6 +203,8 @@ def recover(part: Path, target: Path, *, keep: bool = False) -> str:
             found.last_s = last_ns * 1e-9
         said = found.said(part.name if keep else target.name)
         if found.messages:
+            if clock is not None:
+                writer.add_metadata("tipforce.clock_offset", clock.record())
             writer.add_metadata("tipforce.recovered", {"detail": said})
             writer.finish()
             sink.flush()

@@ -3,6 +3,7 @@
 from ._calibrate import CalibrateReport, calibrate, describe_calibration, plot_calibration
 from ._control import REGIMES, ControlRun, ControlSession, bench_of_regime, live_bench, run_control
 from ._control_report import control, plot_control, verdict
+from ._copy_recording import copy_recording
 from ._demo import DemoReport, demo
 from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_estimates
 from ._evaluate import EvaluateReport, evaluate, thesis_settings
@@ -45,6 +46,7 @@ __all__ = [
     "calibrate",
     "check_inputs",
     "control",
+    "copy_recording",
     "demo",
     "describe_calibration",
     "describe_health",

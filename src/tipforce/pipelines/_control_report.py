@@ -15,6 +15,7 @@ from markupsafe import escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..alignment import ClockChoice
 from ..control import ControlState, SafetyAction
 from ..errors import InputError
 from ..io import RecordingWriter, atomic_text, write_atomic
@@ -80,7 +81,7 @@ def control(
                 yield event
 
         with RecordingWriter(target, info, clock=session.simulation.clock, origin="control") as writer:
-            write_run(writer, watched(), info, None, "auto", "none", VisionSettings(), None)
+            write_run(writer, watched(), info, None, "auto", ClockChoice("none"), VisionSettings(), None)
         run = session.finish()
     figures = {"title": title, "settings": run.settings.model_dump(mode="json"), **run.figures(seconds)}
     write_atomic(folder / "control.json", _json(figures))

@@ -144,7 +144,7 @@ def _import(say: Say, runs: Path, folder: Path) -> None:
         say, "import", folder / "video.mp4", folder / "force.csv", folder / "stage.csv",
         "--bench", folder / "bench.toml", "--overwrite", "-o", target, capture=True,
     )  # fmt: skip
-    clock = next((line for line in printed.splitlines() if line.startswith("clock offset")), "")
+    clock = next((line for line in printed.splitlines() if line.startswith("clock map")), "")
     say(f"  {target.name}  {clock.split(' (')[0]}", "dim")
 
 

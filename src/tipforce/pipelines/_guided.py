@@ -187,8 +187,8 @@ def missing_for_training(summary: RecordingSummary, guide: Guide | None = None) 
         return missing or [f"the recording holds no {what}"]
     if info.tare.how == "none":
         missing.append(f"the force is not tared: {info.tare.detail or 'state a stretch without contact'}")
-    if info.clock_offset.how == "refused":
-        missing.append(f"the clock offset of camera and force sensor could not be found: {info.clock_offset.detail}")
+    if info.clock_map.how == "refused":
+        missing.append(f"the clock map of camera and force sensor could not be determined: {info.clock_map.detail}")
     if summary.labelled < _FEWEST_LABELS:
         why = f": {summary.unlabelled_because}" if summary.unlabelled_because else ""
         missing.append(f"only {summary.labelled} images have a force, {_FEWEST_LABELS} are the least{why}")

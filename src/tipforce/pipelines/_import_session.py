@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..alignment import OffsetChoice, TareChoice, stated_tare
+from ..alignment import ClockChoice, OffsetChoice, TareChoice, stated_tare
 from ..errors import FileFormatError, InputError, TimeError
 from ..io import (
     Bag,
@@ -96,6 +96,7 @@ def import_session(
     bench: SessionInfo | Path | str | None = None,
     tare: TareChoice = "auto",
     offset_ms: OffsetChoice | Literal["start"] = "auto",
+    rate: float | None = None,
     vision: VisionSettings | None = None,
     lossless: bool = False,
     jpeg_quality: int = 90,
@@ -105,7 +106,8 @@ def import_session(
     """Makes a recording of a video (or images) and its logs; it appears when it is whole.
 
     Readings are kept as the sensor gave them, on their own clock. Tare, the inertia of what a moving sensor carries
-    and the clock offset are found, stored beside them, and applied when labels are made.
+    and the clock map (offset and rate) are found, stored beside them, and applied when labels are made. Where the map
+    cannot be determined nothing is written.
 
     Args:
         frames: a video, DICOM file or folder of images; or a ROS bag (.bag, .db3, .mcap or a folder), whose topics
@@ -119,7 +121,8 @@ def import_session(
         tare: "auto": as ``bench`` states, else found; "none"; or (start, end) in seconds of the force log.
         offset_ms: camera clock minus force clock; "auto": from the deflection; "none": one clock; "start": the first
             row of the force log belongs to the first frame.
-        vision: how the catheter is detected for the clock offset.
+        rate: true over stated frame rate; None: found with the offset, else 1.
+        vision: how the catheter is detected for the clock map.
         lossless: keep images as PNG.
         jpeg_quality: of images that are kept as JPEG.
         overwrite: replace a recording that is there already.
@@ -130,11 +133,13 @@ def import_session(
 
     Raises:
         FileFormatError, TableError: a file cannot be read; the message names file, line and column.
-        TimeError: stamps are unsorted, or the streams do not overlap.
-        InputError: the metadata are refused, or do not go together with the logs.
+        TimeError: stamps are unsorted, the streams do not overlap, or their clock map cannot be determined.
+        InputError: the rate is no positive number, the metadata are refused, or do not go together with the logs.
     """
     target, info = Path(output), session_info_from(bench)
     refuse_target(target, overwrite=overwrite, origin="import")
+    if rate is not None and not 1e-3 < rate < 1e3:
+        raise InputError(f"rate={rate:g}: expected the true over the stated frame rate, as 0.8 for 24 over 30")
     bag, logs = _bag(Path(frames), logs, info)
     by_kind = _by_kind(logs, info)
     force_log, knob_log, stage_log = (by_kind.get(kind) for kind in ("force", "knob", "stage"))
@@ -199,7 +204,7 @@ def import_session(
             source.session_info,
             None,
             tare,
-            "none" if offset_ms == "start" else offset_ms,
+            ClockChoice("none" if offset_ms == "start" else offset_ms, rate),
             vision or VisionSettings(),
             report,
             names,

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from ..alignment import Labels
-from ..io import RecordingReader, atomic_path
+from ..io import ClockMap, RecordingReader, atomic_path
 from ..types import FloatArray, Image
 from ..units import newtons_to_grams
 
@@ -74,8 +74,8 @@ def _force(axes: Axes, reader: RecordingReader, found: Labels | None) -> None:
     info = reader.info
     for number, (start, end) in enumerate(info.tare.stretches_s):
         wrench = next(stream for stream in info.streams.values() if stream.kind == "wrench")
-        move = (wrench.first_ns + info.clock_offset.offset_ns - origin) * 1e-9
-        axes.axvspan(start + move, end + move, color=GREY, alpha=0.18, lw=0, label="tare" if number == 0 else None)
+        first, last = _camera_s(info.clock_map, wrench.first_ns, (start, end), origin)
+        axes.axvspan(first, last, color=GREY, alpha=0.18, lw=0, label="tare" if number == 0 else None)
     _findings(axes, reader, origin)
     axes.axhline(0, color=INK, lw=0.6)
     axes.set_xlim(seconds[0], seconds[-1])
@@ -83,14 +83,16 @@ def _force(axes: Axes, reader: RecordingReader, found: Labels | None) -> None:
     grams = axes.secondary_yaxis("right", functions=(_grams, _newtons))
     grams.set_ylabel("g", color=INK)
     grams.tick_params(colors=INK, labelsize=9)
-    offset = info.clock_offset
+    offset = info.clock_map
     said = (
         f"clock offset {offset.offset_ms:+.1f} ms"
         if offset.how in ("estimated", "stated", "stage")
-        else f"offset {offset.how}"
+        else f"clock map {offset.how}"
     )
     if offset.how == "estimated":
         said += f" ± {offset.stderr_ms:.1f}"
+    if offset.rate != 1.0:
+        said += f", rate {offset.rate:.5g}"
     axes.set_title(f"{reader.path.name}   {said}", fontsize=10, color=INK, loc="left", pad=22)
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False, fontsize=9, borderaxespad=0.1)
 
@@ -99,15 +101,20 @@ def _findings(axes: Axes, reader: RecordingReader, origin_ns: int) -> None:
     """Marks the implausible stretches of the force, each kind in its colour; single instants are lines."""
     info = reader.info
     first_ns = next((stream.first_ns for stream in info.streams.values() if stream.kind == "wrench"), 0)
-    move = (first_ns + info.clock_offset.offset_ns - origin_ns) * 1e-9
     named: set[str] = set()
     for finding in info.plausibility.findings:
         label = None if finding.kind in named else finding.kind
         named.add(finding.kind)
         colour = FINDING_COLOURS[finding.kind]
-        axes.axvspan(
-            finding.start_s + move, finding.end_s + move, color=colour, alpha=0.25, lw=0.8, zorder=0, label=label
-        )
+        start, end = _camera_s(info.clock_map, first_ns, (finding.start_s, finding.end_s), origin_ns)
+        axes.axvspan(start, end, color=colour, alpha=0.25, lw=0.8, zorder=0, label=label)
+
+
+def _camera_s(clock: ClockMap, first_ns: int, stretch_s: tuple[float, float], origin_ns: int) -> tuple[float, float]:
+    """A stretch of the force log, in seconds since its first row, on the camera's clock since ``origin_ns``."""
+    own = first_ns + np.rint(1e9 * np.array(stretch_s)).astype(np.int64)
+    start, end = (clock.camera_ns(own) - origin_ns) * 1e-9
+    return float(start), float(end)
 
 
 def _grams(newtons: ArrayLike) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Events -> one recording: everything is kept as it came; offset, tare and inertia are found and stored beside it."""
+"""Events -> one recording: everything is kept as it came; clock map, tare and inertia are found and stored."""
 
 from array import array
 from collections import Counter
@@ -11,19 +11,21 @@ import numpy as np
 
 from ..alignment import (
     MAX_GAP_S,
+    ClockChoice,
     ForceCorrections,
     OffsetChoice,
+    Sight,
     StageMotion,
     TareChoice,
     changing_tare,
     contact_free_stretch,
     covered_frames,
-    find_offset,
+    find_clock,
     find_plausible_force,
     pulling_force,
 )
 from ..errors import InputError, TimeError, TipforceError
-from ..io import RecordingWriter, check_target
+from ..io import ClockMap, RecordingWriter, check_target
 from ..types import STAGE, Clock, Event, FloatArray, Frame, Image, IntArray, SensorInfo, SessionInfo, Source, Wrench
 from ..vision import DetectedShape, ShapeDetector, VisionSettings, auto_calibrate
 from ._summary import RecordingSummary, summarise_recording
@@ -83,15 +85,16 @@ def record(
     analysis: Analysis = "afterwards",
     ended: Callable[[], Ended] | None = None,
 ) -> RecordingReport:
-    """Write all events of ``source`` to ``target`` (.mcap) as they come; then find offset, tare and inertia.
+    """Write all events of ``source`` to ``target`` (.mcap) as they come; then find clock map, tare and inertia.
 
     Args:
         source: what is recorded; it is entered here.
         target: the recording (.mcap).
         sensor: pose of the force sensor, in place of that of the source's metadata.
         tare: see `import_session`.
-        offset_ms: see `import_session`.
-        vision: how the catheter is detected for the clock offset.
+        offset_ms: see `import_session`. Where the clock map cannot be determined the recording is kept, and has no
+            labels until it is stated.
+        vision: how the catheter is detected for the clock map.
         lossless: keep images as PNG.
         jpeg_quality: of images that are kept as JPEG.
         overwrite: replace a recording that is there already.
@@ -103,7 +106,7 @@ def record(
 
     Raises:
         InputError: ``target`` is no name for a recording, or ``tare`` does not fit the force; what the source gave is
-            kept in ``target``, without tare and clock offset.
+            kept in ``target``, without tare and clock map.
         FileFormatError: ``target`` stands already.
         TimeError: force and images do not overlap; kept likewise.
         OutputError: the disk is full; what was written until then is kept in ``target``'s ``.part``, as after a kill.
@@ -122,7 +125,7 @@ def record(
     )
     with writer, source as events:
         if analysis == "along":
-            remarks = write_run(writer, events, info, sensor, tare, offset_ms, settings, progress)
+            remarks = write_run(writer, events, info, sensor, tare, ClockChoice(offset_ms), settings, progress)
         else:
             run = _Run(progress)
             for event in events:
@@ -136,11 +139,11 @@ def record(
                 if sight:
                     for frame in writer.written_frames():
                         sight.take(frame)
-                remarks = _state_facts(writer, run, sight, info, sensor, end.tare or tare, offset_ms)
+                remarks = _state_facts(writer, run, sight, info, sensor, end.tare or tare, ClockChoice(offset_ms))
             except BaseException as error:  # what was written is the only copy of the run; facts can be found again
                 writer.close()
                 if isinstance(error, TipforceError):
-                    raise type(error)(f"{error}; {target} is kept, without tare and clock offset") from None
+                    raise type(error)(f"{error}; {target} is kept, without tare and clock map") from None
                 raise
     return RecordingReport(summarise_recording(target), tuple(remarks))
 
@@ -151,24 +154,29 @@ def write_run(
     info: SessionInfo,
     sensor: SensorInfo | None,
     tare: TareChoice,
-    offset_ms: OffsetChoice,
+    clock: ClockChoice,
     vision: VisionSettings,
     progress: Callable[[int], None] | None,
-    names: tuple[str, str] = ("the images", "the force"),
+    names: tuple[str, str] | None = None,
     status: IntArray | None = None,
 ) -> list[str]:
-    """Write ``events`` and the facts found; returns remarks. ``names`` of images and force log, for TimeError.
+    """Write ``events`` and the facts found; returns remarks.
 
-    ``status`` (n,): status words of the readings, 0 without an error.
+    ``names`` of images and force log, where they come from files. ``status`` (n,): status words of the readings, 0
+    without an error.
     The catheter is detected in the images as they come: for sources that wait, such as files.
+
+    Raises:
+        TimeError: images and force of files do not overlap, or their clock map cannot be determined. Of another source
+            what was recorded is kept, without a map.
     """
-    run, sight = _Run(progress), _Sight(info, vision) if offset_ms == "auto" else None
+    run, sight = _Run(progress), _Sight(info, vision) if clock.offset_ms == "auto" or names else None
     for event in events:
         writer.write(event)
         if sight and isinstance(event, Frame):
             sight.take(event)
         run.add(event)
-    return _state_facts(writer, run, sight, info, sensor, tare, offset_ms, names, status)
+    return _state_facts(writer, run, sight, info, sensor, tare, clock, names, status)
 
 
 def _state_facts(
@@ -178,19 +186,22 @@ def _state_facts(
     info: SessionInfo,
     sensor: SensorInfo | None,
     tare: TareChoice,
-    offset_ms: OffsetChoice,
-    names: tuple[str, str] = ("the images", "the force"),
+    clock: ClockChoice,
+    files: tuple[str, str] | None = None,
     status: IntArray | None = None,
 ) -> list[str]:
-    """Find pose, plausible readings, tare, inertia and clock offset, and store them; returns remarks."""
+    """Find pose, plausible readings, tare, inertia and clock map, and store them; returns remarks."""
+    names = files or ("the images", "the force")
     remarks: list[str] = []
     stamps, force = run.force
     if not len(stamps):
         return remarks
     if sight:
         sight.finish()
-    view, shapes, blind = (sight.view, sight.shapes, sight.blind) if sight else ("camera", [], "")
-    frames = run.stamps(view if sight and not blind else None)
+    seen = Sight(run.stamps(None))
+    if sight:
+        seen = Sight(run.stamps(None if sight.blind else sight.view), sight.shapes, sight.view, sight.blind)
+    frames = seen.frame_ns
     _check_overlap(names, frames, stamps)
     pose = sensor or info.sensor
     if pose.angle_deg is None or pose.reads is None:
@@ -207,15 +218,59 @@ def _state_facts(
     force = plausible.corrected(stamps, force)
     writer.state(plausible)
     writer.state(level)
-    writer.state(inertia)
     most_n = float(np.nanmax(np.abs(force - level.force_n)))
     if most_n > _LARGE_N:
         remarks.append(f"the force log holds up to {most_n:.3g} N: check sensor.log.force_unit and its rows")
     found = ForceCorrections(pose, level, inertia, stage, plausible)
-    _check_tare(writer, frames, shapes, stamps, force, found)
-    offset = find_offset(frames, shapes, info, view, stamps, force, found, offset_ms, remarks, blind)
-    writer.state(offset)
-    return [*remarks, *_check_cover(names, frames, stamps[plausible.usable(stamps)], offset.offset_ns)]
+    remarks += _unknown_inertia(stamps, force, found, info)
+    # what one program recorded runs on one clock; files may come from several
+    shares = files is None or info.stage.clock == "camera"
+    clocks, inertia = find_clock(seen, info, stamps, force, found, clock, remarks, stage_shares=shares)
+    writer.state(inertia)
+    writer.state(clocks)
+    own_clock = clocks.force_ns(frames)
+    _check_tare(writer, own_clock, seen.shapes, stamps, force, replace(found, inertia=inertia))
+    if clocks.how == "refused":
+        why = f"how the camera's clock maps to that of {names[1]} cannot be determined: {clocks.detail}"
+        if files:
+            raise TimeError(f"{names[0]}: {why}. {_STATE_IT}; nothing was written")
+        return [*remarks, f"{why}; the recording has no labels until it is stated"]
+    return [*remarks, *_check_cover(names, frames, stamps[plausible.usable(stamps)], clocks)]
+
+
+_STATE_IT = (
+    'State offset_ms="none" if both share one clock, offset_ms="start" if both began together, or offset_ms=MS (camera '
+    "minus force clock at the log's first row), and rate=RATE where the frame rate of the file is not the true one "
+    "(true over stated: 0.8 if 24 images a second were taken and the file says 30)"
+)
+_SHAKEN_N = 3e-3
+"""Inertia of which less shows while nothing touches is not worth a remark: the noise of a good sensor."""
+
+
+def _unknown_inertia(stamps: IntArray, force: FloatArray, found: ForceCorrections, info: SessionInfo) -> list[str]:
+    """A remark where the sensor rides on something that moves, and no log states how."""
+    if found.inertia.how == "estimated" or not info.sensor.moving_mass_kg or not found.tare.stretches_s:
+        return []
+    start, end = found.tare.stretches_s[0]
+    seconds = (stamps - stamps[0]) * 1e-9
+    free = force[(seconds >= start) & (seconds <= end)]
+    free = free[np.isfinite(free).any(axis=1)][:, np.isfinite(force).any(axis=0)]
+    width = max(1, round(_SMOOTH_S * len(free) / max(end - start, 1e-9)))
+    if len(free) < 4 * width:
+        return []
+    smooth = np.stack([np.convolve(column, np.full(width, 1.0 / width), "valid") for column in np.nan_to_num(free).T])
+    shaken_n = 0.5 * float(np.max(np.ptp(smooth, axis=1)))
+    if shaken_n < _SHAKEN_N:
+        return []
+    remark = (
+        f"the readings hold the inertia of the {1e3 * info.sensor.moving_mass_kg:.0f} g that move with the sensor, "
+        f"+-{1e3 * shaken_n:.0f} mN while nothing touches, and so do the labels: add the log of the stage to remove it"
+    )
+    return [remark]
+
+
+_SMOOTH_S = 0.04
+"""Readings are averaged over so much before their movement is measured."""
 
 
 def _check_tare(
@@ -317,7 +372,7 @@ class _Sight:
         try:
             images = [frame.image for frame in head if frame.view == self.view]
             self._detect = self._calibrated(images[::_EVERY])
-        except InputError as error:  # the recording is worth having without its clock offset
+        except InputError as error:  # the recording is worth having without its clock map
             self.blind = str(error)
         for frame in head:
             self._look(frame)
@@ -353,12 +408,12 @@ def _check_overlap(names: tuple[str, str], frames: IntArray, force: IntArray) ->
         )
 
 
-def _check_cover(names: tuple[str, str], frames: IntArray, force: IntArray, offset_ns: int) -> list[str]:
+def _check_cover(names: tuple[str, str], frames: IntArray, force: IntArray, clock: ClockMap) -> list[str]:
     """A remark where many images get no force. Raises TimeError where almost none gets one."""
-    count = int(covered_frames(frames, force + offset_ns).sum())
+    count = int(covered_frames(clock.force_ns(frames), force).sum())
     if count >= _COVERED * len(frames):
         return []
-    moved = f", moved by the clock offset of {offset_ns * 1e-6:+.1f} ms," if offset_ns else ""
+    moved = f", moved by the clock offset of {clock.offset_ms:+.1f} ms," if clock.offset_ns else ""
     spans = (
         f"{force[0] * 1e-9:.3f} to {force[-1] * 1e-9:.3f} s of the force{moved} against {frames[0] * 1e-9:.3f} to "
         f"{frames[-1] * 1e-9:.3f} s of the images"

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..alignment import Labels, labels, nearest_frames
 from ..errors import InputError
-from ..io import SUBTRACTED_FORCE, ClockOffset, Inertia, RecordingInfo, RecordingReader, Tare, check_image_target
+from ..io import SUBTRACTED_FORCE, ClockMap, Inertia, RecordingInfo, RecordingReader, Tare, check_image_target
 from ..types import FloatArray, SessionInfo
 from ..units import newtons_to_grams
 
@@ -47,7 +47,7 @@ class RecordingSummary:
             "duration_s": self.duration_s,
             "image_size": self.image_size,
             "streams": {name: asdict(stream) for name, stream in info.streams.items()},
-            "clock_offset": _plain(asdict(info.clock_offset) | {"offset_ms": info.clock_offset.offset_ms}),
+            "clock_map": _plain(asdict(info.clock_map) | {"offset_ms": info.clock_map.offset_ms}),
             "tare": _plain(
                 {
                     "how": info.tare.how,
@@ -155,7 +155,7 @@ def plot_summary(summary: RecordingSummary, path: Path | str) -> None:
 
 
 def describe_recording(summary: RecordingSummary) -> list[str]:
-    """One line a fact: file, streams, clock offset, tare, sensor, forces."""
+    """One line a fact: file, streams, clock map, tare, sensor, forces."""
     info, session = summary.info, summary.session_info
     size = f", {summary.image_size[0]}x{summary.image_size[1]} px" if summary.image_size else ""
     lines = [f"{summary.path}: session {session.name}, {summary.duration_s:.1f} s{size}"]
@@ -171,7 +171,7 @@ def describe_recording(summary: RecordingSummary) -> list[str]:
     for name, (low, high) in summary.actuation_range.items():
         lines.append(f"{name:<13} {low:g}" if low == high else f"{name:<13} {low:g} to {high:g}")
     if any(stream.kind == "wrench" for stream in info.streams.values()):
-        lines.append(f"clock offset  {_offset(info.clock_offset)}")
+        lines.append(f"clock map     {_clock(info.clock_map)}")
         lines += [f"implausible   {line}" for line in info.plausibility.lines()]
         lines.append(f"tare          {_tare(info.tare)}")
         if info.inertia.axes:
@@ -217,20 +217,22 @@ def _zero(record: Mapping[str, str]) -> str:
     )
 
 
-def _offset(offset: ClockOffset) -> str:
-    if offset.how == "estimated":
-        return (
-            f"{offset.offset_ms:+.1f} ms +- {offset.stderr_ms:.1f} (estimated; the force explains "
-            f"{100 * offset.explained:.1f} % of the deflection; camera time = force stamp + offset)"
-        )
-    if offset.how == "stated":
-        return f"{offset.offset_ms:+.1f} ms (stated; camera time = force stamp + offset)"
-    if offset.how == "stage":
-        return (
-            f"{offset.offset_ms:+.1f} ms (from the stage's movement, good to some milliseconds; the images do not "
-            f"tell: {offset.detail})"
-        )
-    return f"0 ms (could not be determined: {offset.detail})" if offset.how == "refused" else "0 ms (one clock)"
+def _clock(clock: ClockMap) -> str:
+    if clock.how == "refused":
+        return f"unknown: {clock.detail}"
+    if clock.how == "none":
+        return "offset 0 ms (one clock)"
+    at = f" at {clock.reference_ns * 1e-9:.1f} s of the force log" if clock.rate != 1.0 else ""
+    offset = f"offset {clock.offset_ms:+.1f} ms"
+    if clock.how == "stated":
+        return f"{offset}{at}, rate {clock.rate:.6g} (stated; camera time = rate x force stamp + offset)"
+    if clock.how == "stage":
+        return f"{offset} +- {clock.stderr_ms:.1f} (from the stage's movement in the force; {clock.detail})"
+    rate = f"rate {clock.rate:.7g} +- {clock.rate_stderr:.1g}"
+    return (
+        f"{offset} +- {clock.stderr_ms:.1f}{at}, {rate} (estimated; the force explains {100 * clock.explained:.1f} % "
+        "of the deflection; camera time = rate x force stamp + offset)"
+    )
 
 
 def _inertia(inertia: Inertia) -> str:

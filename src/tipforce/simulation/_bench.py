@@ -21,6 +21,7 @@ from ..types import (
     SensorInfo,
     SessionInfo,
     SimulatedClock,
+    StageInfo,
     TissueInfo,
 )
 from ._imaging import Imaging, make_imaging, view_names
@@ -277,6 +278,7 @@ class SimulatedBench:
             ),
             actuation=ActuationInfo(knob_gain_per_m_deg=float(f"{gain:g}") if gain else None),
             tissue=TissueInfo(self._stated_tissue_n_per_m()),
+            stage=StageInfo(clock="camera"),
             simulated=True,
             preset=self.settings.preset,
         )

@@ -112,6 +112,10 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
         ),
     ),
     "actuation.log": ("How the log of the drives is written: the keys of sensor.log but force and status.", _UNSHOWN),
+    "stage": (
+        "The stage that moves the tissue.",
+        (("clock", '"camera"', "its log runs on the camera's clock; the deflection must tell the clocks otherwise"),),
+    ),
     "stage.log": ("How the log of the stage is written: the same keys.", _UNSHOWN),
     "bag": (
         "Topics of a ROS bag or of another program's MCAP; the only topic of its kind needs no line.",

@@ -169,11 +169,15 @@ class BagInfo:
 
 @dataclass(frozen=True, slots=True)
 class StageInfo:
-    """The stage that moves the tissue. ``log``: how its log is written."""
+    """The stage that moves the tissue.
+
+    ``log``: how its log is written. ``clock``: "camera" where that runs on the camera's clock.
+    """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
 
     log: LogInfo = LogInfo()
+    clock: Literal["camera"] | None = None
 
 
 @dataclass(frozen=True, slots=True)

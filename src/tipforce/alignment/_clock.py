@@ -1,0 +1,486 @@
+"""The map between the camera's clock and the force log's, offset and rate, from the catheter's own deflection.
+
+An elastic shaft takes its shape at once: shape and force belong to the same instant, friction and contact or not. The
+bending moment at s is the lever from s to the tip times the force, and both lever and bend are in the image. So
+
+    B = c0(t) + c1 G + c2 G^2 + c3 G^3,    B = integral w(s) dtheta,    G(t) = integral w(s) [lever(s) x F(t)]_z ds,
+
+with theta the shaft's angle, w a bell over the part that bends, c's that hold the unknown stiffness, and a c0 that
+follows the shaft's slow drift. Trial maps come from `search_clock`; the most likely one leaves the smallest residual.
+A free regression on both components of the force is worse by milliseconds: friction goes with the wall's velocity, so
+its coefficient can stand for a shift in time. Physics binds the two components, up to an error of the sensor's angle
+that is fitted with a prior of two degrees.
+
+The motion of the wall would not do at all: it leads the force by the tissue's loss angle.
+
+What makes the result trustworthy: rivals (another beat, another rate) must leave clearly more of the bend unexplained;
+each stretch of the session on its own must agree with the line; the standard errors hold the scatter between blocks of
+a second and between stretches, and what another elastic law, point of touch or low-pass would change.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from ..io import ClockMap
+from ..types import BoolArray, FloatArray, IntArray
+from ._clock_fit import ANY_ANGLE, SMOOTH_S, STATED_ANGLE, Data, Fit, Force, Tilted, beat_hz
+from ._clock_search import Coarse, search_clock
+
+__all__ = ["estimate_clock"]
+
+_BLOCK_S = 1.0
+_MAX_BLOCKS, _TRIED_BLOCKS = 150, 90
+"""Blocks of a long session that are used, evenly spread; and those that trial maps are compared on."""
+_REPLICATES = 100
+_CANDIDATES = 6
+_SEARCHED_S = 90.0
+"""Images of so many seconds are searched for trial maps; the map found is followed over the others."""
+_WIDE_S, _WIDE_STEP_S, _WIDE_TILT_S = 0.3, 12e-3, 0.08
+"""How far a trial map may be off, in its middle and at its ends: friction makes the free regression late or early."""
+_FINE_S, _FINE_STEP_S, _FINE_TILT_S = 40e-3, 2e-3, 20e-3
+_NEAR_BEST = 4.0
+"""Trial maps that leave so many times more of the bend unexplained than the best one are dropped."""
+_MIN_FRAMES, _MIN_SPAN_S, _MIN_PLAUSIBLE = 50, 3.0, 0.3
+_MIN_EXPLAINED, _MIN_EXPLAINED_INERTIAL = 0.5, 0.8
+"""Share of the bend that the force must explain; the second where the readings hold an unknown inertia: such a fit with
+45 % was off by 230 ms, those with 96 % and more were right (8 simulated sessions)."""
+MAX_STDERR_MS = 5.0
+"""Largest standard error of the time of a label, root mean square over the session: 10 mN at 2 N/s."""
+_RIVAL_Z = 3.0
+_RIVAL_RATIO = 1.5
+"""A rival is excluded where it leaves more of the bend unexplained by so many standard errors of the difference
+between blocks, or as a ratio: a single onset of contact counts in one block only."""
+_RIVAL_BLOCK_S = 2.0
+_RIVAL_APART_S = 0.06
+_OTHER_DEGREES = (2, 5)
+"""Of the elastic law: what they would give tells how much the estimate depends on that choice."""
+_FLOOR_MS = 0.7
+"""What no cross-check shows: bend and levers are seen with errors of a few hundredths of a pixel; the tare drifts."""
+_MAX_TURN_DEG, _FREE_GAIN = 10.0, 0.7
+"""The stated angle is taken for wrong where another, further off than this, leaves less than this share unexplained."""
+_STRETCHES = 8
+_MAX_JUMP_S, _JUMP_Z = 25e-3, 5.0
+"""A stretch that is off the line by more than both is a jump of a clock, or images that are missing."""
+_MIN_ENERGY = 4.0
+"""A stretch counts where its fitted bend has so many times the energy of the usual residual: not without contact."""
+_MIN_ENERGY_SHARE = 0.1
+"""And such a share of the stretches' median."""
+_NEIGHBOURS, _OUTLYING, _OUTLYING_SHARE = 5, 10.0, 0.35
+"""An image is left out where its bend is off the median of so many by more than so many times what is usual, and by
+more than this share of the range of the bend."""
+_SAME_RATE_Z = 2.5
+"""Two clocks whose rates differ by no more standard errors run at one rate."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """Force time = camera time / rate - lag, each since its stream's first stamp, s."""
+
+    rate: float
+    lag_s: float
+
+    def force_s(self, camera_s: FloatArray) -> FloatArray:
+        return camera_s / self.rate - self.lag_s
+
+    def moved(self, tilted: Tilted, span: tuple[float, float]) -> "_Trial":
+        shift, tilt = tilted
+        middle, half = span
+        slower = 1.0 - tilt / half
+        return _Trial(self.rate / slower, self.lag_s * slower + shift - tilt * middle / half)
+
+    def apart_s(self, other: "_Trial", camera_s: FloatArray) -> float:
+        """Largest difference at the first and the last of ``camera_s``."""
+        ends = camera_s[[0, -1]]
+        return float(np.abs(self.force_s(ends) - other.force_s(ends)).max())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Session:
+    """What is compared: usable images (n,) since the first stamp, and the force."""
+
+    time_s: FloatArray
+    coordinates: FloatArray
+    force_s: FloatArray
+    force_n: FloatArray
+    force: Force
+    beat_hz: float
+    fixed_rate: float | None
+
+    @property
+    def min_explained(self) -> float:
+        """Share of the bend that the force must explain."""
+        return _MIN_EXPLAINED_INERTIAL if self.beat_hz else _MIN_EXPLAINED
+
+    def data(
+        self, trial: _Trial, frames: BoolArray, margin_s: float, max_blocks: int = _MAX_BLOCKS
+    ) -> tuple[Data, BoolArray]:
+        """The data of ``frames`` (n,) that have a force by ``trial``, and which these are."""
+        seconds = trial.force_s(self.time_s)
+        kept = frames & self.force.known(seconds, margin_s)
+        blocks = np.floor(seconds / _BLOCK_S).astype(np.int64)
+        stride = max(1, -(-len(np.unique(blocks[kept])) // max_blocks))
+        kept &= blocks % stride == 0
+        return Data(seconds[kept], self.coordinates[kept], blocks[kept], self.force, self.beat_hz), kept
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Candidate:
+    """A trial map after its refinement: ``loss`` (n,) squared residuals, NaN for images without a force by it."""
+
+    trial: _Trial
+    loss: FloatArray
+    share: float
+
+
+def estimate_clock(
+    frame_ns: IntArray,
+    coordinates: FloatArray,
+    force_ns: IntArray,
+    force_n: FloatArray,
+    *,
+    rate: float | None = None,
+    inertial: bool = False,
+    shared_ns: int | None = None,
+) -> ClockMap:
+    """The offset and rate at which force and deflection belong together.
+
+    Args:
+        frame_ns: (n,) stamps of the images.
+        coordinates: (n, 4) of `shape_coordinates`; rows with NaN are left out.
+        force_ns: (m,) stamps of the readings.
+        force_n: (m, 2 or more) N, x and y in the base frame as far as it is known, tared; NaN where a reading is not
+            plausible: images that need it are left out.
+        rate: of the camera's clock against the log's, where a person states it.
+        inertial: whether the readings hold the inertia of a mass whose movement no log states.
+        shared_ns: the offset if the camera shares the clock of the stage. Maps that fit alike are decided by it, but
+            only in favour of the one that fits best.
+
+    Returns:
+        ``how="refused"`` with the reason where the map cannot be determined.
+    """
+    seen = np.flatnonzero(np.isfinite(coordinates).all(axis=1))
+    usable = np.zeros(len(coordinates), np.bool_)
+    usable[seen[~_outlying(coordinates[seen, 0])]] = True
+    seconds = (frame_ns - frame_ns[0]) * 1e-9 if len(frame_ns) else np.empty(0)
+    if usable.sum() < _MIN_FRAMES or np.ptp(seconds[usable]) < _MIN_SPAN_S:
+        return _refused(f"only {int(usable.sum())} images show the catheter; {_MIN_SPAN_S:g} s are needed")
+    plausible = np.isfinite(force_n[:, :2]).all(axis=1)
+    if plausible.mean() < _MIN_PLAUSIBLE or np.ptp(force_ns[plausible]) < _MIN_SPAN_S * 1e9:
+        return _refused(f"only {int(plausible.sum())} of {len(force_ns)} readings of the force are plausible")
+    force_s = (force_ns - force_ns[0]) * 1e-9
+    force = Force(force_s, force_n[:, :2])
+    session = _Session(
+        seconds[usable],
+        coordinates[usable],
+        force_s,
+        force_n[:, :2],
+        force,
+        beat_hz(force) if inertial else 0.0,
+        rate,
+    )
+    searched = _searched(session)
+    nominal = _Trial(rate or 1.0, 1e-9 * float(force_ns[0] - frame_ns[0]) / (rate or 1.0))
+    trials = [_Trial(each.rate, each.lag_s) for each in _coarse(session, searched)]
+    wide = _ranked([_refined(session, trial, searched, wide=True) for trial in (nominal, *trials)])
+    if not wide:
+        return _refused(
+            f"no offset brings images and force of {_MIN_SPAN_S:g} s together; {_MIN_SPAN_S:g} s are needed"
+        )
+    near = [each for each in wide if each.share < _NEAR_BEST * wide[0].share]
+    ranked = _ranked([_refined(session, each.trial, searched, wide=False) for each in near])
+    if not ranked:
+        return _refused(
+            f"no offset brings images and force of {_MIN_SPAN_S:g} s together; {_MIN_SPAN_S:g} s are needed"
+        )
+    best = ranked[0]
+    if 1.0 - best.share < session.min_explained:
+        return _unexplained(1.0 - best.share, session)
+    apart_ns = int(force_ns[0] - frame_ns[0])
+    shared = None if shared_ns is None else _Trial(1.0, 1e-9 * float(apart_ns + shared_ns))
+    if shared is None or best.trial.apart_s(shared, session.time_s) > _RIVAL_APART_S:
+        rivals = [best]
+        for rival in ranked[1:]:
+            if all(rival.trial.apart_s(other.trial, session.time_s) > _RIVAL_APART_S for other in rivals) and _rivals(
+                best, rival, session
+            ):
+                rivals.append(rival)
+        if len(rivals) > 1:
+            alike = " and ".join(_named(each.trial, apart_ns) for each in rivals[:4])
+            return _refused(f"{alike} fit alike: the motion repeats itself or is too little", 1.0 - best.share)
+    return _measured(session, best.trial, frame_ns, force_ns)
+
+
+def _outlying(bend: FloatArray) -> BoolArray:
+    """(n,) images whose bend (n,) is far off that of their neighbours: something else was detected in them."""
+    if len(bend) < _MIN_FRAMES:
+        return np.zeros(len(bend), np.bool_)
+    away = np.abs(bend - median_filter(bend, _NEIGHBOURS))
+    low, high = np.percentile(bend, (5.0, 95.0))
+    limit: float = max(_OUTLYING * float(np.median(away)), _OUTLYING_SHARE * float(high - low))
+    return away > limit
+
+
+def _searched(session: _Session) -> BoolArray:
+    """(n,): the images that are searched: those of the 90 s in which the catheter moves most."""
+    time = session.time_s
+    if np.ptp(time) <= _SEARCHED_S:
+        return np.ones(len(time), np.bool_)
+    moved = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(session.coordinates[:, 0])))])
+    last = np.searchsorted(time, time + _SEARCHED_S) - 1
+    whole = time + _SEARCHED_S <= time[-1]
+    start = int(np.argmax(np.where(whole, moved[last] - moved, -1.0)))
+    return (time >= time[start]) & (time <= time[start] + _SEARCHED_S)
+
+
+def _coarse(session: _Session, frames: BoolArray) -> list[Coarse]:
+    levers = np.median(session.coordinates[frames, 1:3], axis=0)
+    return search_clock(
+        session.time_s[frames],
+        session.coordinates[frames, 0],
+        session.force_s,
+        session.force_n,
+        levers,
+        _CANDIDATES,
+        session.fixed_rate,
+    )
+
+
+def _ranked(candidates: list[_Candidate | None]) -> list[_Candidate]:
+    return sorted((each for each in candidates if each is not None), key=lambda each: each.share)
+
+
+def _refined(session: _Session, trial: _Trial, frames: BoolArray, *, wide: bool) -> _Candidate | None:
+    """The best map near ``trial``; None where too few images have a force."""
+    reach, step, tilt = (_WIDE_S, _WIDE_STEP_S, _WIDE_TILT_S) if wide else (_FINE_S, 2.0 * _FINE_STEP_S, _FINE_TILT_S)
+    tilt = 0.0 if session.fixed_rate else tilt
+    data, kept = session.data(trial, frames, reach + tilt + 3.0 * SMOOTH_S, _TRIED_BLOCKS)
+    if kept.sum() < _MIN_FRAMES or np.ptp(data.time) < _MIN_SPAN_S:
+        return None
+    fit, at, _ = _with_angle(Fit(data.touching(), _ticks(reach + tilt, step)), tilt)
+    loss = np.full(len(frames), math.nan)
+    loss[kept] = fit.residuals(at) ** 2
+    bend = max(float(np.mean(fit.bend**2)), 1e-30)
+    # an image without a force is one of which nothing is explained
+    share = min(1.0, kept.sum() * _stride(data) / frames.sum())
+    unexplained = 1.0 - share * (1.0 - float(np.nanmean(loss)) / bend)
+    return _Candidate(trial.moved(at, fit.span), loss, unexplained)
+
+
+def _with_angle(fit: Fit, tilt_s: float) -> tuple[Fit, Tilted, float]:
+    """``fit`` with a prior of two degrees on the sensor's angle, its best map, and 0.
+
+    Or with the angle open, and by how many degrees the sensor seems turned, where the stated one is clearly wrong.
+    """
+    fit = fit.with_penalty(STATED_ANGLE)
+    fit = fit.with_penalty(fit.penalty_at(fit.best(tilt_s)))
+    free, found = fit.with_penalty(ANY_ANGLE), fit.best(tilt_s)
+    at = free.best(tilt_s)
+    turn_deg = math.degrees(free.angle(at))
+    if abs(turn_deg) > _MAX_TURN_DEG and free.residuals(at).var() < _FREE_GAIN * fit.residuals(found).var():
+        return free, at, turn_deg
+    return fit, found, 0.0
+
+
+def _stride(data: Data) -> int:
+    blocks = np.unique(data.blocks)
+    return max(1, int(np.min(np.diff(blocks)))) if len(blocks) > 1 else 1
+
+
+def _ticks(reach: float, step: float) -> FloatArray:
+    count = round(reach / step)
+    return np.arange(-count, count + 1, dtype=np.float64) * step
+
+
+def _rivals(best: _Candidate, other: _Candidate, session: _Session) -> bool:
+    """Whether ``other`` explains about as much of the bend as ``best``."""
+    both = np.isfinite(best.loss) & np.isfinite(other.loss)
+    if both.sum() < 0.5 * np.isfinite(best.loss).sum():
+        return other.share < _RIVAL_RATIO * best.share
+    usual = float(np.nanmedian(best.loss))
+    mine, others = np.minimum(best.loss[both], 40.0 * usual), other.loss[both]
+    block = np.floor(session.time_s[both] / (_RIVAL_BLOCK_S * best.trial.rate)).astype(np.int64)
+    numbers = np.unique(block, return_inverse=True)[1]
+    gain = np.bincount(numbers, others - mine)
+    z = float(gain.mean() / max(float(gain.std(ddof=1)) / math.sqrt(len(gain)), 1e-30)) if len(gain) > 2 else 0.0
+    return z < _RIVAL_Z and float(others.sum()) < _RIVAL_RATIO * float(mine.sum())
+
+
+def _measured(session: _Session, trial: _Trial, frame_ns: IntArray, force_ns: IntArray) -> ClockMap:
+    """The map near ``trial`` with its standard errors, from all images; refused where a check fails."""
+    every = np.ones(len(session.time_s), np.bool_)
+    margin = _FINE_S + _WIDE_TILT_S + 3.0 * SMOOTH_S
+    tilt = 0.0 if session.fixed_rate else _FINE_TILT_S
+    for frames in (*_growing(session), every):
+        data, _ = session.data(trial, frames, margin)
+        fit, at, _ = _with_angle(Fit(data.touching(), _ticks(2.0 * _FINE_S, 2.0 * _FINE_STEP_S)), 2.0 * tilt)
+        trial = trial.moved(at, fit.span)
+    data, _ = session.data(trial, every, margin)
+    data = data.touching()
+    free = Fit(data, _ticks(_FINE_S, _FINE_STEP_S), ANY_ANGLE)
+    at = free.best(tilt)
+    for _ in range(3):  # images in which something else was detected
+        rest = np.abs(free.residuals(at))
+        # the usual size comes from frames in contact: without it nothing is left to explain, and all seems outlying
+        usual = float(np.median(rest[data.loaded()]))
+        keep = rest <= 6.0 * max(usual, 1e-12)
+        if keep.all():
+            break
+        data = data.subset(keep)
+        free = Fit(data, free.shifts, ANY_ANGLE)
+        at = free.best(tilt)
+    fit, found, turn_deg = _with_angle(free, tilt)
+    penalty, note = fit.penalty, ""
+    if turn_deg:
+        note = (
+            f"force and deflection agree only if the sensor is turned by {turn_deg:.0f} deg more than stated, or the "
+            "images are mirrored or turned: check sensor.angle_deg, sensor.reads, and that the images show the bench "
+            "as it is"
+        )
+    elif fit.slope(found) < 0:
+        note = (
+            "the deflection goes against the force: check the sensor's angle, whether it reads tip-on-tissue, and that "
+            "the images are not mirrored"
+        )
+    explained = fit.explained(found)
+    if explained < session.min_explained:
+        return _unexplained(explained, session)
+    pivot, errors_s = _errors(session, data, fit, penalty, found, tilt)
+    middle, half = fit.span
+    scatter_s = _scatter(fit, data, penalty, found, pivot, errors_s)
+    if isinstance(scatter_s, str):
+        return _refused(scatter_s, explained)
+    errors_s = np.maximum(errors_s, scatter_s)
+    final, at_s = trial.moved(found, fit.span), middle + pivot * half
+    tilted_s = abs(final.rate - 1.0) * half
+    if not session.fixed_rate and tilted_s < _SAME_RATE_Z * errors_s[1]:
+        straight = _Trial(1.0, final.rate * (at_s + final.lag_s) - at_s)
+        same = _measured(replace(session, fixed_rate=1.0), straight, frame_ns, force_ns)
+        # what the rate may be, though 1 is taken for it
+        return _certain(replace(same, rate_stderr=_digits(math.hypot(errors_s[1], tilted_s) / half)), half)
+    reference_ns = int(force_ns[0]) + round(at_s * 1e9)
+    camera_ns = int(frame_ns[0]) + round(final.rate * (at_s + final.lag_s) * 1e9)
+    result = ClockMap(
+        offset_ns=_microsecond(camera_ns - reference_ns),
+        how="estimated",
+        stderr_ms=round(1e3 * float(errors_s[0]), 3),
+        explained=round(explained, 6),
+        detail=note,
+        rate=session.fixed_rate or round(final.rate, 7),
+        rate_stderr=0.0 if session.fixed_rate else _digits(final.rate * float(errors_s[1]) / half),
+        reference_ns=reference_ns,
+    )
+    return _certain(result, half)
+
+
+def _digits(rate_stderr: float) -> float:
+    return round(rate_stderr, 8)
+
+
+def _certain(found: ClockMap, half_s: float) -> ClockMap:
+    """``found``, refused where labels would be uncertain in time: root mean square over ``half_s`` to both sides."""
+    label_ms = math.hypot(found.stderr_ms, 1e3 * found.rate_stderr / found.rate * half_s / math.sqrt(3.0))
+    if found.how == "refused" or label_ms <= MAX_STDERR_MS:
+        return found
+    detail = f"{_text(found)} fits best, but only to +-{label_ms:.0f} ms (standard error): too little motion"
+    return replace(found, how="refused", stderr_ms=round(label_ms, 3), detail=detail)
+
+
+def _growing(session: _Session) -> list[BoolArray]:
+    """Ever longer stretches about the one that was searched, for a map that is followed over a long session."""
+    searched = _searched(session)
+    if searched.all():
+        return []
+    first, last = session.time_s[searched][[0, -1]]
+    stretches: list[BoolArray] = []
+    length = 3.0 * (last - first)
+    while length < 2.0 * np.ptp(session.time_s):
+        stretches.append((session.time_s > first - length / 2) & (session.time_s < last + length / 2))
+        length *= 3.0
+    return stretches
+
+
+def _errors(
+    session: _Session, data: Data, fit: Fit, penalty: float, found: Tilted, tilt: float
+) -> tuple[float, FloatArray]:
+    """Where on the line the shift is known best, as x of `Tilted`; (2,) standard errors there of shift and tilt, s.
+
+    From the scatter between blocks, and from what other laws would give.
+    """
+    even = np.full(fit.count, 1.0 / fit.count)
+    weights = np.random.default_rng(0).multinomial(fit.count, even, _REPLICATES).astype(np.float64)
+    peaks = fit.peaks(weights, found, 2.0 * _FINE_STEP_S, 2.0 * _FINE_STEP_S if tilt else 0.0)
+    others = [Fit(data, fit.shifts, penalty, degree) for degree in _OTHER_DEGREES]
+    others.append(Fit(data.touching(-1.0), fit.shifts, penalty))
+    sharper = replace(data, force=Force(session.force_s, session.force_n, 0.5 * SMOOTH_S))
+    others.append(Fit(sharper, fit.shifts, penalty))
+    laws = np.array([found, *(other.best(tilt) for other in others)])
+    pivot = 0.0
+    if tilt:
+        covariance = np.cov(peaks.T)
+        pivot = float(np.clip(-covariance[0, 1] / max(covariance[1, 1], 1e-30), -0.6, 0.6))
+    for values in (peaks, laws):
+        values[:, 0] += pivot * values[:, 1]
+    floor = 1e-3 * _FLOOR_MS * np.array([1.0, 1.0 if tilt else 0.0])
+    return pivot, np.sqrt(peaks.std(axis=0) ** 2 + (0.5 * np.ptp(laws, axis=0)) ** 2 + floor**2)
+
+
+def _scatter(
+    fit: Fit, data: Data, penalty: float, found: Tilted, pivot: float, errors_s: FloatArray
+) -> FloatArray | str:
+    """(2,) standard errors of shift and tilt by the stretches' scatter about the line, s; or which one is off it."""
+    wide = Fit(data, _ticks(_WIDE_S, 0.5 * _WIDE_STEP_S), penalty)
+    groups = np.minimum((0.5 * (wide.place + 1.0) * _STRETCHES).astype(np.int64), _STRETCHES - 1)
+    groups = np.unique(groups, return_inverse=True)[1]
+    local = wide.local_shifts(found, groups)
+    place = np.array([wide.place[groups == number].mean() for number in range(len(local))]) - pivot
+    moving = local[:, 2] > max(_MIN_ENERGY, _MIN_ENERGY_SHARE * float(np.median(local[:, 2])))
+    local, place = local[moving], place[moving]
+    weight = 1.0 / np.maximum(local[:, 1], 1e-3 * _FLOOR_MS) ** 2
+    most = np.maximum(_MAX_JUMP_S, _JUMP_Z * np.hypot(local[:, 1], errors_s[0]))
+    off = (local[:, 1] < _MAX_JUMP_S) & (np.abs(local[:, 0]) > most)
+    if off.any():
+        number = int(np.flatnonzero(off)[0])
+        middle, half = fit.span
+        at = middle + half * (place[number] + pivot)
+        return (
+            f"at {at:.0f} s of the force log the deflection is {1e3 * local[number, 0]:+.0f} ms off the line through "
+            "all stretches: a clock jumps, or images or readings are missing without a gap in their stamps"
+        )
+    count = 2 if errors_s[1] else 1
+    columns = np.stack([np.ones_like(place), place], axis=1)[:, :count]
+    if len(local) <= count:
+        return np.zeros(2)
+    square = (columns.T * weight) @ columns
+    rest = local[:, 0] - columns @ np.linalg.solve(square, columns.T @ (weight * local[:, 0]))
+    variance = np.diag(np.linalg.inv(square)) * float(weight @ rest**2) / (len(local) - count)
+    return np.append(np.sqrt(variance), 0.0)[:2]
+
+
+def _microsecond(nanoseconds: int) -> int:
+    """To the microsecond: nothing finer is known."""
+    return 1000 * round(nanoseconds / 1000)
+
+
+def _named(trial: _Trial, apart_ns: int) -> str:
+    """The map as a person states it: its offset at the log's first row, and its rate."""
+    offset_ms = 1e3 * trial.rate * trial.lag_s - 1e-6 * float(apart_ns)
+    return f"{offset_ms:+.0f} ms at a rate of {trial.rate:.6g}"
+
+
+def _text(clock: ClockMap) -> str:
+    return f"{clock.offset_ms:+.0f} ms at a rate of {clock.rate:.6g}"
+
+
+def _unexplained(explained: float, session: _Session) -> ClockMap:
+    return _refused(
+        f"the force explains {100.0 * max(explained, 0.0):.0f} % of the deflection at best "
+        f"({100.0 * session.min_explained:.0f} % are needed): too little contact or motion, or a clock that jumps",
+        explained,
+    )
+
+
+def _refused(reason: str, explained: float = math.nan) -> ClockMap:
+    return ClockMap(0, "refused", explained=round(explained, 6), detail=reason)

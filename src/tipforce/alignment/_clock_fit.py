@@ -1,0 +1,374 @@
+"""Force and deflection fitted to one another, for many trial shifts of time and tilts of the clock at once.
+
+Least squares take regressors for exact, and the force is not: where a force along a nearly straight shaft hardly bends
+it, the noise of its small sideways part moves the estimate by milliseconds. So what noise adds to the normal equations
+is estimated from the log itself and taken out again. And the shaft drifts and creeps, which the force does not explain:
+what changes more slowly than the heart beats is left out on both sides.
+"""
+
+import copy
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from ..plausibility import MAX_GAP_S
+from ..types import BoolArray, FloatArray, IntArray
+
+__all__ = ["ANY_ANGLE", "SMOOTH_S", "STATED_ANGLE", "Data", "Fit", "Force", "Tilted", "beat_hz"]
+
+SMOOTH_S = 10e-3
+"""Standard deviation of the force's low-pass: symmetric, so it moves nothing in time. The force's noise pulls the
+estimate late (3 mN and steps of 5 mN at 1 kHz: by 0.7 ms with 2 ms, 0.3 with 4); 24 ms round off touch and release.
+"""
+DEGREE = 3
+"""Degree of the elastic law."""
+STATED_ANGLE, ANY_ANGLE = 1e12, 0.0
+"""Penalties that hold the sensor at its stated angle, and that leave its angle open."""
+_ANGLE_PRIOR = math.tan(math.radians(2.0))
+_SLOW_HZ = 0.2
+_MAX_NOISE_SHARE = 0.7
+"""No more than this share of any regressor is taken for noise: what is left must be able to carry the fit."""
+_HARMONICS = 5
+"""Of the beat, in the inertia of a mass whose movement no log states."""
+_BEAT_HZ = (0.5, 3.5)
+_STEPS = 9
+"""Of the first grid of tilts."""
+
+Tilted = tuple[float, float]
+"""(shift_s, tilt_s): force time = trial force time - shift - tilt x, with x from -1 at the first image to 1 at the
+last."""
+
+
+class Force:
+    """The force on an even grid, low-passed; x and y. A gap (NaN, or no rows) is interpolated; see `known`.
+
+    ``noise`` (2, 2): covariance of what the low-pass leaves of the sensor's noise, N^2.
+    """
+
+    def __init__(self, seconds: FloatArray, force_n: FloatArray, smooth_s: float = SMOOTH_S) -> None:
+        finite = np.isfinite(force_n).all(axis=1)
+        step = max(float(np.median(np.diff(seconds))), 1e-4)
+        self._grid: FloatArray = np.arange(seconds[0], seconds[-1] + step, step)
+        even = np.stack([np.interp(self._grid, seconds[finite], column) for column in force_n[finite].T])
+        sigma = max(smooth_s / step, 1e-3)
+        self._values = gaussian_filter1d(even, sigma, axis=1)
+        known = seconds[finite]
+        gaps = np.zeros(len(self._grid), np.bool_)
+        for number in np.flatnonzero(np.diff(known) > MAX_GAP_S).tolist():
+            first, last = np.searchsorted(self._grid, known[number : number + 2])
+            gaps[max(0, first - round(3.0 * sigma)) : last + round(3.0 * sigma)] = True
+        self._gaps: BoolArray = gaps
+        self._ends = float(known[0]), float(known[-1])
+        # Third differences of neighbouring readings hold no force, only noise, 20 times its variance; the low-pass
+        # leaves 1 / (2 sqrt(pi) sigma) of it.
+        rough = np.diff(even, 3, axis=1)
+        left = 1.0 / max(2.0 * math.sqrt(math.pi) * sigma, 1.0)
+        self.noise: FloatArray = left / 20.0 * (rough @ rough.T) / max(rough.shape[1], 1)
+
+    @property
+    def direction(self) -> FloatArray:
+        """(2,): of the mean force, each instant weighing as its size; zero where there is none."""
+        total = self._values @ np.linalg.norm(self._values, axis=0)
+        return total / max(float(np.linalg.norm(total)), 1e-12)
+
+    @property
+    def even(self) -> tuple[float, FloatArray]:
+        """Its step in seconds and the values (2, k)."""
+        return float(self._grid[1] - self._grid[0]), self._values
+
+    def at(self, seconds: FloatArray) -> FloatArray:
+        """(...) -> (2, ...)."""
+        return np.stack([np.interp(seconds, self._grid, row) for row in self._values])
+
+    def known(self, seconds: FloatArray, margin_s: float) -> BoolArray:
+        """(n,): whether plausible readings exist up to ``margin_s`` before and after each of ``seconds``."""
+        inside = (seconds > self._ends[0] + margin_s) & (seconds < self._ends[1] - margin_s)
+        counts = np.concatenate([[0], np.cumsum(self._gaps)])
+        ends = (
+            np.clip(np.searchsorted(self._grid, seconds + way), 0, len(self._grid)) for way in (-margin_s, margin_s)
+        )
+        first, last = ends
+        return inside & (counts[last] == counts[first])
+
+
+def beat_hz(force: Force) -> float:
+    """The frequency of the heart's beat in the force, Hz."""
+    step_s, values = force.even
+    stride = max(1, round(0.02 / step_s))
+    thin = values[:, ::stride] - values.mean(axis=1, keepdims=True)
+    size = 8 * thin.shape[1]
+    power = np.sum(np.abs(np.fft.rfft(thin * np.hanning(thin.shape[1]), size)) ** 2, axis=0)
+    hertz = np.fft.rfftfreq(size, stride * step_s)
+    inside = np.flatnonzero((hertz >= _BEAT_HZ[0]) & (hertz <= _BEAT_HZ[1]))
+    if not inside.size:
+        return 1.0
+    top = inside[np.argmax(power[inside])]
+    left, here, right = np.log(power[top - 1 : top + 2])
+    return float(hertz[top] + 0.5 * (left - right) / (left - 2.0 * here + right) * hertz[1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Data:
+    """Frames, and the force.
+
+    ``time`` (n,): when each image was taken on the force log's clock by a trial map, s; ``coordinates`` (n, 4) of
+    `shape_coordinates`; ``blocks`` (n,): the stretch that each belongs to. ``beat_hz``: where the readings hold the
+    inertia of a mass whose movement no log states: the beat that it moves with; else 0.
+    """
+
+    time: FloatArray
+    coordinates: FloatArray
+    blocks: IntArray
+    force: Force
+    beat_hz: float = 0.0
+
+    def touching(self, way: float = 1.0) -> "Data":
+        """The levers' end moved by the dome's radius against the mean force, to where the wall is met; -1: and back."""
+        x, y = way * self.force.direction
+        moved = self.coordinates.copy()
+        moved[:, 1] += y * moved[:, 3]
+        moved[:, 2] -= x * moved[:, 3]
+        return replace(self, coordinates=moved)
+
+    def subset(self, keep: BoolArray) -> "Data":
+        """Some of the frames."""
+        return replace(self, time=self.time[keep], coordinates=self.coordinates[keep], blocks=self.blocks[keep])
+
+    def loaded(self) -> BoolArray:
+        """(n,): the half of the frames at which the force is larger."""
+        size = np.linalg.norm(self.force.at(self.time), axis=0)
+        return size >= np.median(size)
+
+    def left_out(self) -> FloatArray:
+        """(n, k): an orthonormal basis of what the force does not explain.
+
+        That is what changes slowly, and with the beat what a carried mass adds to the moment.
+        """
+        span = max(float(np.ptp(self.time)), 1e-9)
+        place = ((self.time - self.time[0]) / span)[:, None]
+        waves = np.cos(np.pi * np.arange(1 + int(2.0 * _SLOW_HZ * span)) * place)
+        # cosines are level at both ends, a drift is not
+        columns = [waves, place, place**2]
+        if self.beat_hz:
+            turns = 2.0 * math.pi * self.beat_hz * np.outer(self.time, np.arange(1, _HARMONICS + 1))
+            beats = np.hstack([np.cos(turns), np.sin(turns)])
+            columns += [beats * self.coordinates[:, [axis]] / self.unit() for axis in (1, 2)]
+        return np.linalg.qr(np.hstack(columns))[0]
+
+    def unit(self) -> float:
+        """A moment that makes powers of it comparable."""
+        force = np.std(self.force.at(self.time), axis=1).max()
+        return max(float(force * np.abs(self.coordinates[:, 1:3]).max()), 1e-12)
+
+    def terms(self, shifts: FloatArray, unit: float, degree: int) -> tuple[FloatArray, FloatArray]:
+        """(shifts, n, terms): G, G^2 ... and what G gains when the sensor turns.
+
+        And (shifts, n, terms, 2): their slopes with the force's x and y.
+        """
+        x, y = self.force.at(self.time - shifts[:, None])
+        across, along = self.coordinates[:, 1] / unit, self.coordinates[:, 2] / unit
+        lever = across * x + along * y
+        columns = [lever**power for power in range(1, degree + 1)]
+        levers = np.stack([across, along], axis=-1)
+        slopes = [(power * lever ** (power - 1))[..., None] * levers for power in range(1, degree + 1)]
+        columns.append(along * x - across * y)
+        slopes.append(np.broadcast_to(np.stack([along, -across], axis=-1), slopes[0].shape))
+        return np.stack(columns, axis=-1), np.stack(slopes, axis=-2)
+
+
+class Fit:
+    """Sums of the regression, block by block, for every trial shift: all that profile and bootstrap need.
+
+    ``penalty``: what the prior on the sensor's angle adds to the squares, see `penalty_at`. ``corrected``: the share of
+    the force's noise that could be taken out. ``place`` (blocks,): x of `Tilted`.
+    """
+
+    def __init__(self, data: Data, shifts: FloatArray, penalty: float = STATED_ANGLE, degree: int = DEGREE) -> None:
+        self._data, self.shifts, self._degree = data, shifts, degree
+        self._basis, self._unit = data.left_out(), data.unit()
+        self._c = self._quick(data.coordinates[:, 0])
+        numbers, block = np.unique(data.blocks, return_inverse=True)
+        self.count = len(numbers)
+        x, noise = self._terms(shifts)
+        parts = [(x[:, block == number], noise[:, block == number]) for number in range(self.count)]
+        self._raw = np.array([np.swapaxes(part, 1, 2) @ part for part, _ in parts])
+        self._noise = np.array([part.sum(axis=1) for _, part in parts])
+        self._xc = np.stack(
+            [np.swapaxes(part, 1, 2) @ self._c[block == number] for number, (part, _) in enumerate(parts)]
+        )
+        self._cc = np.bincount(block, self._c**2)
+        middle, half = self.span
+        times = np.bincount(block, data.time) / np.bincount(block)
+        self.place: FloatArray = (times - middle) / half
+        self._hold(penalty)
+
+    def _hold(self, penalty: float) -> None:
+        self.penalty = penalty
+        prior = np.zeros(self._xc.shape[2])
+        prior[-1] = penalty
+        share = _share(self._raw.sum(axis=0) + np.diag(prior), self._noise.sum(axis=0))
+        self.corrected = min(1.0, _MAX_NOISE_SHARE / share)
+        self._xx = self._raw - self.corrected * self._noise
+
+    def with_penalty(self, penalty: float) -> "Fit":
+        """The same with another prior on the sensor's angle."""
+        other = copy.copy(self)
+        other._hold(penalty)
+        return other
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Middle of the images on the force log's clock, and half their length, s."""
+        first, last = float(self._data.time[0]), float(self._data.time[-1])
+        return 0.5 * (first + last), max(0.5 * (last - first), 1e-9)
+
+    def _quick(self, values: FloatArray) -> FloatArray:
+        """(n,) or (shifts, n, terms): without what the force does not explain."""
+        return values - self._basis @ (self._basis.T @ values)
+
+    def _terms(self, shifts: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(shifts, n, terms), and (shifts, n, terms, terms): what the force's noise adds to their products."""
+        x, slopes = self._data.terms(shifts, self._unit, self._degree)
+        kept = 1.0 - np.sum(self._basis**2, axis=1)
+        noise = (slopes @ self._data.force.noise) @ np.swapaxes(slopes, -1, -2) * kept[:, None, None]
+        return self._quick(x), noise
+
+    def profile(self, weights: FloatArray, tilted: list[Tilted]) -> FloatArray:
+        """(r, blocks) weights, m shifts and tilts -> (r, m): minus the logarithm of what is left unexplained."""
+        shift = np.array(tilted)[:, :1] + np.array(tilted)[:, 1:] * self.place
+        step = self.shifts[1] - self.shifts[0]
+        at = np.clip((shift - self.shifts[0]) / step, 0.0, len(self.shifts) - 1.000001)
+        low = at.astype(np.int64)
+        part = at - low
+        block = np.arange(self.count)
+        terms = self._xc.shape[2]
+        xx = self._xx[block, low] * (1.0 - part)[..., None, None] + self._xx[block, low + 1] * part[..., None, None]
+        xc = self._xc[block, low] * (1.0 - part)[..., None] + self._xc[block, low + 1] * part[..., None]
+        count = len(tilted)
+        all_xx: FloatArray = np.tensordot(weights, xx, (1, 1)).reshape(-1, terms, terms).astype(np.float64)
+        all_xc: FloatArray = np.tensordot(weights, xc, (1, 1)).reshape(-1, terms).astype(np.float64)
+        solved = self._solved(all_xx, all_xc)
+        taken = np.sum(all_xc * solved, axis=1).reshape(len(weights), count)
+        return -np.log(np.maximum((weights @ self._cc)[:, None] - taken, 1e-30))
+
+    def _solved(self, xx: FloatArray, xc: FloatArray) -> FloatArray:
+        """(shifts, terms): what fits best."""
+        places = np.arange(xx.shape[1])
+        xx[:, places, places] *= 1.0 + 1e-9
+        xx[:, places, places] += 1e-9
+        xx[:, -1, -1] += self.penalty
+        solved: FloatArray = np.linalg.solve(xx, xc[..., None])[..., 0].astype(np.float64)
+        return solved
+
+    def best(self, max_tilt_s: float) -> Tilted:
+        """The most likely shift and tilt; a tilt of 0 where ``max_tilt_s`` is."""
+        ones = np.ones((1, self.count))
+        tilts = np.linspace(-max_tilt_s, max_tilt_s, _STEPS) if max_tilt_s else np.zeros(1)
+        grid = [[(float(shift), float(tilt)) for shift in self.shifts] for tilt in tilts]
+        heights = np.array([self.profile(ones, row)[0] for row in grid])
+        row, column = np.unravel_index(int(np.argmax(heights)), heights.shape)
+        at, step = grid[int(row)][int(column)], float(self.shifts[1] - self.shifts[0])
+        tilt_step = float(tilts[1] - tilts[0]) if max_tilt_s else 0.0
+        for _ in range(6):
+            at = self.peaks(ones, at, step, tilt_step)[0]
+            step, tilt_step = max(0.5 * step, 1e-3), max(0.5 * tilt_step, 1e-3) if max_tilt_s else 0.0
+        return float(at[0]), float(at[1])
+
+    def peaks(self, weights: FloatArray, about: Tilted, step: float, tilt_step: float) -> FloatArray:
+        """(r, blocks) weights -> (r, 2): the shift and tilt of each profile's maximum near ``about``.
+
+        By the paraboloid through a grid of five by five points, ``step`` and ``tilt_step`` apart, or the parabola
+        through five where ``tilt_step`` is 0.
+        """
+        ticks = np.arange(-2.0, 3.0)
+        x, y = (part.ravel() for part in np.meshgrid(ticks, ticks if tilt_step else np.zeros(1)))
+        tilted = [(about[0] + a * step, about[1] + b * tilt_step) for a, b in zip(x, y, strict=True)]
+        heights = self.profile(weights, tilted)
+        columns = np.stack([np.ones_like(x), x, x * x, *((y, y * y, x * y) if tilt_step else ())], axis=1)
+        solved = np.linalg.lstsq(columns, heights.T, rcond=None)[0]
+        found = np.zeros((len(weights), 2))
+        best = np.argmax(heights, axis=1)
+        for row, c in enumerate(solved.T):
+            hessian = np.array([[2 * c[2], c[5]], [c[5], 2 * c[4]]]) if tilt_step else np.array([[2 * c[2]]])
+            slope = np.array([c[1], c[3]]) if tilt_step else c[1:2]
+            if np.linalg.eigvalsh(hessian).max() < 0.0:
+                move = np.clip(-np.linalg.solve(hessian, slope), -2.5, 2.5)
+            else:  # no maximum nearby: towards the highest point
+                move = np.array([x[best[row]], y[best[row]]])[: len(slope)]
+            found[row, : len(move)] = move
+        return found * [step, tilt_step or 1.0] + about
+
+    def _solve(self, at: Tilted) -> tuple[FloatArray, FloatArray]:
+        middle, half = self.span
+        straight = replace(self._data, time=self._data.time - at[0] - at[1] * (self._data.time - middle) / half)
+        x, slopes = straight.terms(np.zeros(1), self._unit, self._degree)
+        kept = 1.0 - np.sum(self._basis**2, axis=1)
+        noise = (slopes[0] @ self._data.force.noise) @ np.swapaxes(slopes[0], -1, -2) * kept[:, None, None]
+        quick = self._quick(x[0])
+        return quick, self._solved(
+            (quick.T @ quick - self.corrected * noise.sum(axis=0))[None], (quick.T @ self._c)[None]
+        )[0]
+
+    def residuals(self, at: Tilted) -> FloatArray:
+        """(n,): bend that is left unexplained, rad."""
+        x, solved = self._solve(at)
+        return self._c - x @ solved
+
+    @property
+    def bend(self) -> FloatArray:
+        """(n,): bend without what the force does not explain, rad."""
+        return self._c
+
+    def explained(self, at: Tilted) -> float:
+        """Share of the bend's variance that the force explains."""
+        return float(1.0 - self.residuals(at).var() / max(float(self._c.var()), 1e-30))
+
+    def slope(self, at: Tilted) -> float:
+        """Sign and size of dB/dG, by the straight line through what is fitted: positive for a real shaft."""
+        x, solved = self._solve(at)
+        lever, fitted = x[:, 0], x[:, : self._degree] @ solved[: self._degree]
+        return float(lever @ fitted / max(float(lever @ lever), 1e-30))
+
+    def angle(self, at: Tilted) -> float:
+        """By how much the sensor seems turned, rad."""
+        return math.atan2(float(self._solve(at)[1][-1]), self.slope(at))
+
+    def penalty_at(self, at: Tilted) -> float:
+        """What the prior on the angle adds to the squares: residual variance over (slope times tan 2 deg)^2."""
+        return float(self.residuals(at).var() / max((self.slope(at) * _ANGLE_PRIOR) ** 2, 1e-12))
+
+    def local_shifts(self, at: Tilted, groups: IntArray) -> FloatArray:
+        """(k, 3): the shift beyond ``at`` of each group of blocks, its standard error, and the group's energy.
+
+        The shift, s, is that which fits best with the law of all; the energy is that of the fitted bend over that of
+        the usual residual. ``groups`` (blocks,): 0 to k - 1.
+        """
+        _, solved = self._solve(at)
+        fitted = np.einsum("i,bsij,j->bs", solved, self._xx, solved)
+        losses = self._cc[:, None] - 2.0 * self._xc @ solved + fitted
+        frames = np.bincount(np.unique(self._data.blocks, return_inverse=True)[1])
+        base = max(float(np.mean(self.residuals(at) ** 2)), 1e-30)
+        step = self.shifts[1] - self.shifts[0]
+        found: list[tuple[float, float, float]] = []
+        for number in range(int(groups.max()) + 1):
+            inside = groups == number
+            loss, count = losses[inside].sum(axis=0), int(frames[inside].sum())
+            top = int(np.clip(np.argmin(loss), 1, len(loss) - 2))
+            left, here, right = loss[top - 1 : top + 2]
+            bend = max(float(left - 2 * here + right), 1e-30)
+            shift = self.shifts[top] + step * float(np.clip(0.5 * (left - right) / bend, -1.0, 1.0))
+            expected = at[0] + at[1] * float(self.place[inside].mean())
+            stderr = step * math.sqrt(2.0 * max(float(here) / count, base) / bend)
+            energy = float(fitted[inside, len(self.shifts) // 2].sum()) / (count * base)
+            found.append((shift - expected, stderr, energy))
+        return np.array(found)
+
+
+def _share(square: FloatArray, noise: FloatArray) -> float:
+    """The largest share that ``noise`` has in any direction of ``square``, both (shifts, terms, terms)."""
+    places = np.arange(square.shape[1])
+    square = square.copy()
+    square[:, places, places] = square[:, places, places] * (1.0 + 1e-9) + 1e-12
+    return max(float(np.linalg.eigvals(np.linalg.solve(square, noise)).real.max()), 1e-12)

@@ -1,0 +1,187 @@
+"""Coarse search: which rate and offset bring deflection and force together, over all that a bench may show.
+
+The bend, without what changes slowly, is correlated with both components of the force at every lag at once (by FFT),
+for rates on a logarithmic grid. The free regression on two components is late or early by some milliseconds, for
+friction goes with the wall's velocity; the shape-force law of `Fit` refines what is found here.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import uniform_filter1d
+
+from ..types import FloatArray
+
+__all__ = ["Coarse", "search_clock"]
+
+_NEAR_RATE = 1.5
+"""Rates from its inverse to it are searched first."""
+_ENOUGH = 0.6
+"""Share of the bend's energy from which on no other rates are searched: over 8 simulated sessions wrong rates reached
+at most half of that of the right one."""
+_MAX_RATE = 10.0
+"""Rates from its inverse to it are searched: slow motion by a factor of 8 is recognised."""
+_STEP_S = 0.04
+"""Of the grid on which bend and force are compared: a beat has 20 of them."""
+_SLOW_S = 3.0
+"""Length of the moving mean, taken twice, that is left out: the shaft's drift, about 0.2 Hz."""
+_MISMATCH_S = 0.1
+"""Neighbouring rates differ by no more at both ends of the overlap: a seventh of the fastest beat's period."""
+_MIN_OVERLAP_S = 3.0
+_NEAR_BEST = 0.5
+"""Maxima at a rate that reach less than this share of its best are dropped."""
+_APART_S = 0.12
+"""Two maxima that differ by less at both ends of the images are one."""
+
+
+Spectrum = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
+class Coarse:
+    """A candidate: force time = camera time / ``rate`` - ``lag_s``; ``score``: share of the bend's energy explained."""
+
+    rate: float
+    lag_s: float
+    score: float
+
+
+def search_clock(
+    time_s: FloatArray,
+    bend: FloatArray,
+    force_s: FloatArray,
+    force_n: FloatArray,
+    levers: FloatArray,
+    count: int,
+    rate: float | None = None,
+) -> list[Coarse]:
+    """The candidates: the ``count`` best by a free regression, and as many by the usual levers.
+
+    Friction makes the free regression late or early by up to two tenths of a second; the levers serve only where the
+    sensor's angle is right.
+
+    Args:
+        time_s: (n,) of the images, increasing, s.
+        bend: (n,) the deflection's integral, rad.
+        force_s: (m,) of the readings on their own clock, increasing, s.
+        force_n: (m, 2) N; NaN where a reading is not plausible.
+        levers: (2,) what multiplies the force's x and y in the moment, as it usually is.
+        count: how many candidates of each kind.
+        rate: the only one that is tried, where a person states it.
+    """
+    plausible = np.isfinite(force_n).all(axis=1)
+    start = float(force_s[0])
+    grid = np.arange(0.0, force_s[-1] - start + _STEP_S, _STEP_S)
+    force, covered = _resampled(force_s[plausible] - start, force_n[plausible], grid)
+    force = _quick(force, covered)
+    span = float(time_s[-1] - time_s[0])
+    spectra: dict[int, list[Spectrum]] = {}
+    found: tuple[list[Coarse], list[Coarse]] = ([], [])
+    rates = _rates(span, float(grid[-1])) if rate is None else [rate]
+    near = [trial for trial in rates if 1.0 / _NEAR_RATE <= trial <= _NEAR_RATE] if rate is None else rates
+    for trial in [*near, *(trial for trial in rates if trial not in near)]:
+        if trial not in near and max(each.score for kind in found for each in kind) > _ENOUGH:
+            break  # what fits so well beats at the right rate
+        seconds = (time_s - time_s[0]) / trial
+        own = np.arange(0.0, seconds[-1] + _STEP_S, _STEP_S)
+        values, seen = _resampled(seconds, bend[:, None], own)
+        values = _quick(values, seen)[:, 0]
+        size = 1 << (len(grid) + len(own) - 1).bit_length()
+        if size not in spectra:
+            spectra[size] = _spectra(force, size)
+        lags = np.arange(size)
+        lags = np.where(lags >= len(grid), lags - size, lags) * _STEP_S
+        for kind, scores in zip(found, _scores(spectra[size], values, seen, levers, size), strict=True):
+            high = scores > _NEAR_BEST * scores.max()
+            tops = np.flatnonzero(high & (scores >= np.roll(scores, 1)) & (scores >= np.roll(scores, -1)))
+            # the bend's first sample lies at lag on the force's grid
+            kind.extend(
+                Coarse(trial, float(time_s[0] / trial - lags[top] - start), float(scores[top])) for top in tops.tolist()
+            )
+    ends = (float(time_s[0]), float(time_s[-1]))
+    return [each for kind in found for each in _distinct(kind, *ends, count)]
+
+
+def _rates(span_s: float, log_s: float) -> list[float]:
+    """Rates about 1, so dense that the best of them fits everywhere to half of `_MISMATCH_S`."""
+    rates = [1.0]
+    for way in (1.0, -1.0):
+        rate = 1.0
+        while True:
+            overlap = max(min(span_s / rate, log_s), _MIN_OVERLAP_S)
+            rate *= math.exp(way * 2.0 * _MISMATCH_S / overlap)
+            if not 1.0 / _MAX_RATE <= rate <= _MAX_RATE or span_s / rate < _MIN_OVERLAP_S:
+                break
+            rates.append(rate)
+    return rates
+
+
+def _resampled(at_s: FloatArray, values: FloatArray, grid: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Means of ``values`` (n, k) about each instant of ``grid``; and 1.0 where there is any nearby, else 0.0."""
+    edges = np.append(grid - 0.5 * _STEP_S, grid[-1] + 0.5 * _STEP_S)
+    place = np.clip(np.searchsorted(edges, at_s, side="right") - 1, 0, len(grid) - 1)
+    counts = np.bincount(place, minlength=len(grid))
+    sums = np.stack([np.bincount(place, column, minlength=len(grid)) for column in values.T], axis=1)
+    filled = np.flatnonzero(counts)
+    means = sums[filled] / counts[filled, None]
+    even = np.stack([np.interp(grid, grid[filled], column) for column in means.T], axis=1)
+    nearest = np.abs(grid - at_s[np.clip(np.searchsorted(at_s, grid), 0, len(at_s) - 1)])
+    before = np.abs(grid - at_s[np.clip(np.searchsorted(at_s, grid) - 1, 0, len(at_s) - 1)])
+    return even, (np.minimum(nearest, before) <= 2.0 * _STEP_S).astype(np.float64)
+
+
+def _quick(values: FloatArray, seen: FloatArray) -> FloatArray:
+    """``values`` (n, k) without what changes slowly; 0 where nothing was seen."""
+
+    def mean(column: FloatArray) -> FloatArray:
+        size = round(_SLOW_S / _STEP_S)
+        once: FloatArray = uniform_filter1d(column, size, axis=0, mode="constant")
+        return uniform_filter1d(once, size, axis=0, mode="constant")
+
+    slow = mean(values * seen[:, None]) / np.maximum(mean(seen), 1e-9)[:, None]
+    return (values - slow) * seen[:, None]
+
+
+def _spectra(force: FloatArray, size: int) -> list[Spectrum]:
+    """Of x, y, x^2, x y, y^2."""
+    x, y = force.T
+    return [np.fft.rfft(column, size) for column in (x, y, x * x, x * y, y * y)]
+
+
+def _scores(
+    spectra: list[Spectrum], bend: FloatArray, seen: FloatArray, levers: FloatArray, size: int
+) -> tuple[FloatArray, FloatArray]:
+    """(size,) twice: share of the bend's energy that the force explains, for every circular lag.
+
+    First by both of its components as they fit best, then by the moment with the usual ``levers``.
+    """
+    b, m = np.conj(np.fft.rfft(bend, size)), np.conj(np.fft.rfft(seen, size))
+    bx, by = (np.fft.irfft(s * b, size) for s in spectra[:2])
+    xx, xy, yy = (np.fft.irfft(s * m, size) for s in spectra[2:])
+    floor = 1e-3 * float(max(xx.max(), yy.max(), 1e-30))
+    xx, yy = np.maximum(xx, 0.0) + floor, np.maximum(yy, 0.0) + floor
+    determinant = np.maximum(xx * yy - xy**2, 1e-6 * xx * yy)
+    free = (yy * bx**2 - 2.0 * xy * bx * by + xx * by**2) / determinant
+    across, along = levers / max(float(np.linalg.norm(levers)), 1e-30)
+    moment = np.maximum(across * bx + along * by, 0.0)
+    square = across**2 * xx + 2.0 * across * along * xy + along**2 * yy
+    energy = max(float(bend @ bend), 1e-30)
+    return free / energy, moment**2 / np.maximum(square, floor) / energy
+
+
+def _distinct(found: list[Coarse], first_s: float, last_s: float, count: int) -> list[Coarse]:
+    """The best of those that lie apart at either end of the images."""
+    chosen: list[Coarse] = []
+    for each in sorted(found, key=lambda candidate: -candidate.score):
+        ends = [(t / each.rate - each.lag_s) for t in (first_s, last_s)]
+        if all(
+            max(abs(end - (t / other.rate - other.lag_s)) for end, t in zip(ends, (first_s, last_s), strict=True))
+            > _APART_S
+            for other in chosen
+        ):
+            chosen.append(each)
+        if len(chosen) == count:
+            break
+    return chosen

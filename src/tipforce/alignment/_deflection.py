@@ -1,0 +1,88 @@
+"""The deflection of the shaft and the levers of a force on it, from detected shapes: what `estimate_clock` compares.
+
+The bell keeps out what is seen badly: w and its slope vanish at both ends, so no single point of the centreline counts
+for much, and the dome, where one flank turns into the other, does not count at all but for the lever. The levers are
+turned by one angle for all images, for the seen base turns with the bend and the sensor does not. They end where a
+ball of the shaft's diameter touches a wall that lies across the mean force.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..geometry import arc_length
+from ..types import BasePose, FloatArray
+from ..vision import DetectedShape
+
+__all__ = ["shape_coordinates"]
+
+_SEEN_WELL = 0.9
+"""Of the shaft's length: the rest is the dome, seen five times worse."""
+_LIKELY, _FEW = (0.88, 1.04), 0.1
+"""What is seen of a catheter's known length: its base may be hidden, scale and length are known to a few percent."""
+_NEARLY = 0.96
+
+
+def shape_coordinates(
+    shapes: Sequence[DetectedShape], *, flexible_share: float = 1.0, length_px: float | None = None
+) -> FloatArray:
+    """(n, 4): B in rad; what multiplies the force's x and y in G, in px; how the lever's end weighs in them, in px.
+
+    NaN where nothing was found. ``flexible_share``: of the visible length, from the base; a rigid tip does not bend.
+    ``length_px``: of the whole catheter, where it is known; a part at the base may be hidden. All centrelines are
+    brought to one length: what an image shows beyond it is something else, and where the rigid tip was not detected it
+    is drawn on. The base frame's direction is the median one. The lever ends in the middle of the dome; the last column
+    is the dome's radius times the integral of w.
+    """
+    rows = np.full((len(shapes), 4), math.nan)
+    turns = np.array([np.exp(1j * shape.base.angle_rad) for shape in shapes if shape.base is not None])
+    if turns.size == 0:
+        return rows
+    middle = complex(turns.mean())
+    angle_rad = float(np.angle(middle) + np.median(np.angle(turns * middle.conjugate())))
+    end = min(flexible_share, _SEEN_WELL)
+    diameters = np.array([shape.diameter_px for shape in shapes])
+    known = diameters[np.isfinite(diameters)]
+    radius = 0.5 * float(np.median(known)) if known.size else 0.0
+    length = _common_length([s.centreline.points for s in shapes if s.centreline is not None], length_px)
+    for place, shape in enumerate(shapes):
+        if shape.centreline is None or shape.base is None:
+            continue
+        whole = _of_length(shape.centreline.points, length, flexible_share)
+        if whole is None:
+            continue
+        points = BasePose(shape.base.origin_px, angle_rad).to_base(whole)
+        steps = np.diff(points, axis=0)
+        angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+        share = np.linspace(0.0, 1.0, len(points))
+        bell = (1.0 - np.minimum((2.0 * share / end - 1.0) ** 2, 1.0)) ** 2
+        axis = points[-1] - points[int(_SEEN_WELL * (len(points) - 1))]
+        lever = (points[-1] - radius * axis / np.linalg.norm(axis) - points) * share[1]
+        weight = radius * share[1] * float(bell.sum())
+        # by parts: angles are smoother than their differences
+        rows[place] = -(np.diff(bell) @ angle), -(bell @ lever[:, 1]), bell @ lever[:, 0], weight
+    return rows
+
+
+def _common_length(lines: Sequence[FloatArray], expected_px: float | None) -> float:
+    """The usual length, of those that a catheter of ``expected_px`` may show where any do."""
+    lengths = np.array([float(arc_length(points)[-1]) for points in lines])
+    if expected_px is not None:
+        share = lengths / expected_px
+        likely = lengths[(share > _LIKELY[0]) & (share < _LIKELY[1])]
+        lengths = likely if likely.size >= _FEW * lengths.size else lengths
+    return float(np.median(lengths)) if lengths.size else math.nan
+
+
+def _of_length(points: FloatArray, length: float, flexible_share: float) -> FloatArray | None:
+    """``points`` cut, or drawn on straight where only rigid tip is missing, to ``length``; None where more is."""
+    arc = arc_length(points)
+    if arc[-1] < length * min(_NEARLY, flexible_share - (1.0 - _NEARLY)):
+        return None
+    if arc[-1] < length:
+        axis = points[-1] - points[int(_SEEN_WELL * (len(points) - 1))]
+        points = np.vstack([points, points[-1] + (length - arc[-1]) * axis / np.linalg.norm(axis)])
+        arc = np.append(arc, length)
+    even = np.linspace(0.0, length, len(points))
+    return np.stack([np.interp(even, arc, column) for column in points.T], axis=1)

@@ -1,0 +1,209 @@
+"""The clock map of a run: found from the deflection, checked against the stage, or as a person states it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from ..io import ClockMap, Inertia
+from ..types import FloatArray, IntArray, SensorInfo, SessionInfo
+from ..vision import DetectedShape
+from ._clock import MAX_STDERR_MS, estimate_clock
+from ._deflection import shape_coordinates
+from ._find import ForceCorrections
+from ._inertia import fit_stage_rate
+
+__all__ = ["ClockChoice", "OffsetChoice", "Sight", "find_clock", "stated_clock"]
+
+OffsetChoice = Literal["auto", "none"] | float
+"""Estimated; taken as zero; or stated in milliseconds (positive: the camera's clock is ahead)."""
+
+_APART_MS = 25.0
+"""Two maps that differ by less (and by less than five standard errors) do not contradict each other."""
+_APART_Z = 5.0
+_STAGE_STDERR_MS = 6.0
+"""Of the offset that the stage's movement in the force tells: over 8 simulated sessions it was off by 4 to 15 ms, early
+by what the stage lags behind its commands."""
+_MAX_TIED_MS = 30.0
+"""A deflection that tells the offset less well than this cannot show that camera and stage run on one clock."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockChoice:
+    """What a person states of the clocks: the offset at the log's first row, and the rate; None: not stated."""
+
+    offset_ms: OffsetChoice = "auto"
+    rate: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """The shapes (n,) detected in the images of ``view`` at ``frame_ns`` (n,).
+
+    ``blind``: why the catheter is not detected at all, or empty.
+    """
+
+    frame_ns: IntArray
+    shapes: Sequence[DetectedShape] = field(default_factory=tuple[DetectedShape, ...])
+    view: str = "camera"
+    blind: str = ""
+
+
+def find_clock(
+    sight: Sight,
+    info: SessionInfo,
+    stamps: IntArray,
+    force: FloatArray,
+    facts: ForceCorrections,
+    choice: ClockChoice,
+    remarks: list[str],
+    *,
+    stage_shares: bool = False,
+) -> tuple[ClockMap, Inertia]:
+    """The clock map between camera and force log, and the inertia with the rate of the stage's clock.
+
+    Args:
+        sight: what the images show.
+        info: metadata of the session.
+        stamps: (m,) of the force log.
+        force: (m, 3) N, readings in the sensor's frame; NaN where there is no plausible one.
+        facts: how the force log is read.
+        choice: what a person states of the clocks.
+        remarks: sentences for the user are added to it.
+        stage_shares: whether camera and stage are known to run on one clock, as where one program recorded both. Then
+            the stage's movement in the force tells the offset where the deflection does not.
+
+    Returns:
+        ``how="refused"`` with the reason where the map cannot be determined.
+    """
+    stated = stated_clock(choice, int(stamps[0]))
+    if stated is not None and not sight.shapes:
+        return stated, facts.inertia
+    if sight.blind:
+        found, inertia = ClockMap(how="refused", detail=sight.blind), facts.inertia
+    else:
+        found, inertia = _estimated(sight, info, stamps, force, facts, None if stated else choice.rate)
+    if stated is not None:
+        if found.how == "estimated" and _contradict(found, stated, stamps):
+            remarks.append(
+                f"the stated clock map, {_text(stated, stamps)}, contradicts the deflection, which gives "
+                f"{_text(found, stamps)}: the stated one is used; leave it out to use the other"
+            )
+        return stated, facts.inertia
+    found = _from_stage(found, inertia, remarks, stage_shares=stage_shares)
+    if found.how == "estimated" and found.detail:
+        remarks.append(found.detail)
+    if found.how == "estimated" and choice.rate is None and found.rate != 1.0:
+        remarks.append(_rate_remark(found, sight.frame_ns))
+    if found.how == "estimated" and inertia.how == "estimated" and inertia.rate == 1.0:
+        stage = ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, reference_ns=inertia.reference_ns)
+        if _contradict(found, stage, stamps):
+            both = (
+                f"the deflection gives a clock map of {_text(found, stamps)}, the stage's movement in the force "
+                f"{_text(stage, stamps)}"
+            )
+            if stage_shares:
+                remarks.append(f"{both}: the stage is used, for it runs on the camera's clock")
+                return replace(stage, explained=found.explained, detail=both), inertia
+            remarks.append(
+                f"{both}: the stage's log does not run on the camera's clock, or the images are late; the "
+                "deflection is used"
+            )
+    return found, inertia
+
+
+def stated_clock(choice: ClockChoice, first_ns: int) -> ClockMap | None:
+    """The map that a person states, whose offset holds at ``first_ns``, the log's first row; None for "auto"."""
+    if choice.offset_ms == "auto":
+        return None
+    if choice.offset_ms == "none":
+        return ClockMap() if choice.rate is None else ClockMap(0, "stated", rate=choice.rate, reference_ns=first_ns)
+    return ClockMap(round(choice.offset_ms * 1e6), "stated", rate=choice.rate or 1.0, reference_ns=first_ns)
+
+
+def _estimated(
+    sight: Sight,
+    info: SessionInfo,
+    stamps: IntArray,
+    force: FloatArray,
+    facts: ForceCorrections,
+    rate: float | None,
+) -> tuple[ClockMap, Inertia]:
+    """The map by the deflection; where the clocks differ in rate, the stage may run on either of them."""
+    flexible, rigid = info.catheter.flexible_length_m, info.catheter.rigid_length_m
+    share = flexible / (flexible + rigid) if flexible and rigid else 1.0
+    scale = info.view(sight.view).metres_per_px
+    length = (flexible + (rigid or 0.0)) / scale if flexible and scale else None
+    shape = shape_coordinates(sight.shapes, flexible_share=share, length_px=length)
+    matrix = (facts.sensor or SensorInfo()).matrix
+    missing = np.isnan(force).all(axis=0)
+
+    def by(inertia: Inertia) -> ClockMap:
+        tared = force - facts.tare.force_n - replace(facts, inertia=inertia).carried(stamps)
+        tared[:, missing] = 0.0
+        stage = inertia.how == "estimated"
+        return estimate_clock(
+            sight.frame_ns,
+            shape,
+            stamps,
+            tared @ matrix.T,
+            rate=rate,
+            inertial=not stage and bool(info.sensor.moving_mass_kg or facts.stage.names),
+            shared_ns=inertia.lag_ns if stage and rate is None else None,
+        )
+
+    found = by(facts.inertia)
+    if facts.inertia.how != "estimated" or found.rate == 1.0:
+        return found, facts.inertia
+    own = fit_stage_rate(stamps, force, facts.stage, facts.inertia, (1.0, found.rate))
+    if own == 1.0:
+        return found, facts.inertia
+    inertia = replace(facts.inertia, rate=own)
+    return by(inertia), inertia
+
+
+def _from_stage(found: ClockMap, inertia: Inertia, remarks: list[str], *, stage_shares: bool) -> ClockMap:
+    """The map by the stage's movement in the force, where the deflection alone is not enough.
+
+    The stage must be known to run on the camera's clock, or a less certain deflection must show it.
+    """
+    if found.how != "refused":
+        return found
+    close = abs(found.offset_ms - 1e-6 * inertia.lag_ns) < 2.0 * (found.stderr_ms + _STAGE_STDERR_MS)
+    seen = MAX_STDERR_MS < found.stderr_ms < _MAX_TIED_MS and found.rate == 1.0 and close
+    if inertia.how != "estimated" or not (seen or stage_shares):
+        return ClockMap(how="refused", explained=found.explained, detail=found.detail)
+    why = (
+        f"the deflection, {found.offset_ms:+.1f} +- {found.stderr_ms:.1f} ms, agrees with it but is less certain"
+        if seen
+        else f"the deflection does not tell it: {found.detail}"
+    )
+    remarks.append(
+        f"the clock offset, {1e-6 * inertia.lag_ns:+.1f} ms, is taken from the stage's movement in the force, good to "
+        f"{_STAGE_STDERR_MS:g} ms: {why}"
+    )
+    return ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, found.explained, why, reference_ns=inertia.reference_ns)
+
+
+def _contradict(found: ClockMap, other: ClockMap, stamps: IntArray) -> bool:
+    ends = stamps[[0, -1]]
+    apart_ms = float(np.abs(found.camera_ns(ends) - other.camera_ns(ends)).max()) * 1e-6
+    half_ms = 0.5e-6 * float(ends[1] - ends[0])
+    return apart_ms > max(_APART_MS, _APART_Z * (found.stderr_ms + found.rate_stderr * half_ms))
+
+
+def _text(clock: ClockMap, stamps: IntArray) -> str:
+    """As a person states it: the offset at the log's first row."""
+    first = stamps[:1]
+    offset_ms = 1e-6 * float((clock.camera_ns(first) - first)[0])
+    return f"{offset_ms:+.1f} ms at a rate of {clock.rate:.6g}"
+
+
+def _rate_remark(found: ClockMap, frame_ns: IntArray) -> str:
+    stamped = 1e9 / max(float(np.median(np.diff(frame_ns))), 1.0)
+    return (
+        f"the camera's clock and the force log's differ in rate: found {found.rate:.6g} +- {found.rate_stderr:.1g}, "
+        f"nominal 1. Either {stamped * found.rate:.4g} images a second were taken where the stamps say {stamped:.4g}, "
+        f"or the log's clock is wrong by {100.0 * abs(1.0 / found.rate - 1.0):.2g} %; the labels use the rate found"
+    )
