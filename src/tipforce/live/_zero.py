@@ -18,7 +18,8 @@ __all__ = ["ZeroButton"]
 _MOST, _FEWEST = 512, 3
 """Estimates that are remembered, and those that a zero needs at least."""
 _NO_CONTACT = 0.05
-"""A method that states a lower probability of contact reads its own error, and nothing else."""
+"""A method that states a lower probability of contact reads its own error, and nothing else. `pretrained/compact` on
+bench-2021, seed 0, states 0.006 to 0.057 where it reads below 3 mN, and 0.90 or more above 50 mN."""
 _SAME_N = 0.01
 """A zero that was confirmed may differ by so much from the one that is taken: below it a force is no contact."""
 _DRIFT_S = 1.0
