@@ -1,5 +1,6 @@
 """Labelled samples, sessions and splits."""
 
+from ._calibration_images import calibration_images
 from ._dataset import Dataset, RowStore
 from ._describe import dataset_at, describe_dataset, session_images
 from ._folder import write_dataset
@@ -48,6 +49,7 @@ __all__ = [
     "Warp",
     "blocked_folds",
     "blocked_split",
+    "calibration_images",
     "catheter_splits",
     "dataset_at",
     "describe_dataset",

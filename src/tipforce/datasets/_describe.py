@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..types import FloatArray, Image, SessionInfo
 from ..units import newtons_to_grams
+from ._calibration_images import calibration_images
 from ._dataset import Dataset
 from ._folder import METADATA
 from ._open import holds_samples, open_dataset
@@ -62,8 +63,8 @@ def _spread(values: FloatArray) -> tuple[float, float, float]:
 
 def session_images(
     dataset: Dataset, view: str, every: int = 1
-) -> Iterator[tuple[SessionInfo, list[tuple[str, Image]]]]:
-    """Session by session: what is known of it; name and image of every ``every``-th sample with one in ``view``.
+) -> Iterator[tuple[SessionInfo, tuple[Image, ...], list[tuple[str, Image]]]]:
+    """Session by session: what is known of it; `calibration_images`; name and image of every ``every``-th sample.
 
     Raises InputError where there are images of other views only.
     """
@@ -76,7 +77,7 @@ def session_images(
             if isinstance(image := each.views.get(view), np.ndarray):
                 shown.append((own, image))
         found = found or bool(shown)
-        yield dataset.session_info[name], shown
+        yield dataset.session_info[name], calibration_images(dataset, name, view), shown
     if others and not found:
         there = sorted(others)
         raise InputError(

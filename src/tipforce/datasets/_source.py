@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import FileFormatError, InputError
 from ..io import FileSource
 from ..io import open_source as open_file_source
-from ..types import Actuation, Event, Frame, SessionInfo, ShapeFeatures, Source
+from ..types import Actuation, Event, FloatArray, Frame, SessionInfo, ShapeFeatures, Source
 from ._dataset import Dataset
 from ._folder import METADATA
 from ._open import holds_samples, open_dataset
@@ -49,6 +49,12 @@ class DatasetSource:
     def lacks(self, names: Iterable[str]) -> list[str]:
         """Those of the actuation's ``names`` that never come."""
         return [name for name in names if name not in self._constant and name not in self._own]
+
+    def readings(self, name: str) -> FloatArray:
+        """(n,) all readings of the drive ``name``."""
+        stated = self._constant.get(name, ())
+        values = np.asarray(self._dataset.actuation[name] if name in self._own else stated, np.float64).ravel()
+        return values[np.isfinite(values)]
 
     def file_names(self, view: str) -> Mapping[int, str]:
         """Stamp in ns -> name of the image of ``view``, as the dataset has it."""

@@ -1,6 +1,6 @@
 """Methods that turn what is seen into a force: one file a method, all with the same face."""
 
-from ._base import Estimator, FineTunable, Progress, Stream, calibration_images, no_progress
+from ._base import Estimator, FineTunable, Progress, Stream, no_progress
 from ._card import training_lines
 from ._create import ESTIMATORS, create, method
 from ._fit import Training, train
@@ -42,7 +42,6 @@ __all__ = [
     "SvrSettings",
     "Training",
     "WindowSettings",
-    "calibration_images",
     "check_target",
     "create",
     "export_onnx",

@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel
 
-from ..datasets import Dataset
+from ..datasets import Dataset, calibration_images
 from ..errors import InputError
-from ..types import ADVANCE, ForceEstimate, Image, Observation, SessionInfo
+from ..types import ForceEstimate, Image, Observation, SessionInfo
 from ._summary import ModelSummary
 
-__all__ = ["CentrelineEstimator", "Estimator", "FineTunable", "Progress", "Stream", "calibration_images", "no_progress"]
+__all__ = ["CentrelineEstimator", "Estimator", "FineTunable", "Progress", "Stream", "no_progress"]
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of it that is done (0..1)."""
@@ -226,22 +226,3 @@ class FineTunable(Estimator):
     @abstractmethod
     def run_files(self) -> frozenset[str]:
         """Names of the files that a training leaves in its run directory."""
-
-
-_IMAGES = 16
-"""So many images of a session resolve its detection."""
-
-
-def calibration_images(dataset: Dataset, session: str, view: str) -> tuple[Image, ...]:
-    """Images from all over ``session`` of ``dataset``, or of what it is a part of; their labels play no part.
-
-    None where the clamp is advanced in that session, for then they show the catheter from different places.
-    """
-    whole = dataset.whole or dataset
-    advance = whole.actuation.get(ADVANCE, np.zeros(len(whole)))[whole.session == session]
-    if np.any(advance):
-        return ()
-    rows = np.flatnonzero(whole.session == session)
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, _IMAGES).astype(np.int64))]
-    found = (each.views.get(view) for each in whole.subset(rows).observations())
-    return tuple(image for image in found if isinstance(image, np.ndarray))

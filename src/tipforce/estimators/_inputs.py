@@ -6,16 +6,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import angle_matrix, arc_length, turning_angles
-from ..types import DetectedShape, FloatArray, Image, Observation, SessionInfo, ShapeFeatures, Status
-from ..vision import (
-    NoFeatures,
-    ResolvedVision,
-    ShapeDetector,
-    ShapeFeatureSettings,
-    feature_names,
-    for_session,
-    shape_features,
-)
+from ..types import DetectedShape, FloatArray, Image, Observation, ShapeFeatures, Status
+from ..vision import NoFeatures, SessionDetector, ShapeFeatureSettings, feature_names, shape_features
 from ._reading import Abstention, read_actuation, read_view
 from ._settings import AngleSettings, SvrSettings
 
@@ -25,25 +17,21 @@ _CURVE_POINTS = 65
 
 
 class Inputs:
-    """Reads observations; one for each session, because `ShapeDetector` keeps its working memory.
+    """Reads observations; one for each session, because `SessionDetector` belongs to one.
 
-    ``info``: of that session. ``actuation``: the names wanted, in order. ``shape``: names that ready-made shape
-    numbers must have, in order; None while training. ``vision``: of an auto-calibration; None: what the settings leave
-    open is resolved on each image.
+    ``actuation``: the names wanted, in order. ``detector``: of that session. ``shape``: names that ready-made shape
+    numbers must have, in order; None while training.
     """
 
     def __init__(
         self,
         settings: SvrSettings,
         actuation: Sequence[str],
-        info: SessionInfo,
+        detector: SessionDetector,
         shape: Sequence[str] | None = None,
-        vision: ResolvedVision | None = None,
     ) -> None:
         self._settings, self._view = settings, settings.vision.view
-        self._detection = settings.vision if vision is None else for_session(vision, info)
-        self._actuation = tuple(actuation)
-        self._vision: ShapeDetector | None = None
+        self._actuation, self._detector = tuple(actuation), detector
         self.shape: DetectedShape | None = None
         """Of the last image that was read."""
         self._angles = None
@@ -70,9 +58,7 @@ class Inputs:
         return drives if isinstance(drives, Abstention) else np.concatenate([values, drives])
 
     def _image(self, image: Image) -> FloatArray | Abstention:
-        if self._vision is None:
-            self._vision = ShapeDetector(self._detection)
-        self.shape = detected = self._vision.detect(image)
+        self.shape = detected = self._detector.detect(image)
         if not detected.found:
             return Abstention(detected.status, detected.detail)
         values = shape_features(detected, self._settings.features)

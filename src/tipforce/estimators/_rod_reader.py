@@ -40,9 +40,9 @@ class RodReader:
         return self._detection.shape
 
     @property
-    def vision(self) -> ResolvedVision | VisionSettings:
-        """What the next image is read with."""
-        return self._detection.vision
+    def key(self) -> str:
+        """See `SessionDetector.key`."""
+        return self._detection.key
 
     def read(self, observation: Observation) -> RodLine | Abstention:
         """The stations in metres, or why there are none."""

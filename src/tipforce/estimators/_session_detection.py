@@ -5,19 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError
 from ..types import CentrelinePx, DetectedShape, Image, Observation, SessionInfo, Status
-from ..vision import (
-    INWARD,
-    ResolvedVision,
-    SessionCalibration,
-    ShapeDetector,
-    VisionSettings,
-    auto_calibrate,
-    for_session,
-    image_from_clamp,
-    session_vision,
-)
+from ..vision import INWARD, ResolvedVision, SessionDetector, VisionSettings, image_from_clamp
 from ._reading import Abstention, read_advance_m, read_view
 
 __all__ = ["DetectedLine", "SessionDetection"]
@@ -43,9 +32,7 @@ class DetectedLine:
 class SessionDetection:
     """Detects the catheter in the frames of one session.
 
-    ``images`` of the session resolve the detection beforehand. Without them, or where none of them shows a catheter,
-    ``shared`` is taken, scaled to this session; without that, what the settings leave open is found in each image,
-    until the session's first images have resolved it.
+    Each is looked at as a camera on the clamp would see it. ``images``, ``shared``: see `SessionDetector`.
     """
 
     def __init__(
@@ -56,16 +43,14 @@ class SessionDetection:
         shared: ResolvedVision | None = None,
     ) -> None:
         self._settings, self._info = settings, info
-        self._calibration: SessionCalibration | None = None
-        self.vision: ResolvedVision | VisionSettings = settings if shared is None else for_session(shared, info)
-        if settings.method != "classic":
-            if images:
-                self.vision = session_vision(settings, images, info, shared)
-            if not images or not isinstance(self.vision, ResolvedVision):
-                self._calibration = SessionCalibration(settings, info)
-        self._detector = ShapeDetector(self.vision)
+        self._detector = SessionDetector(settings, info, images, shared)
         self.shape: DetectedShape | None = None
         """Of the last image that was read."""
+
+    @property
+    def key(self) -> str:
+        """See `SessionDetector.key`."""
+        return self._detector.key
 
     def read(self, observation: Observation) -> DetectedLine | Abstention:
         """The catheter in the image of ``observation``, or why there is none."""
@@ -82,25 +67,14 @@ class SessionDetection:
         advance_m = read_advance_m(observation)
         if isinstance(advance_m, Abstention):
             return advance_m
-        side, advance_px = self._side(self._detector), round(advance_m / scale)
+        side, advance_px = self._side(), round(advance_m / scale)
         view = image_from_clamp(view, side, advance_px)
-        detector = self._detector
-        if self._settings.method != "classic" and not isinstance(self.vision, ResolvedVision):
-            try:
-                detector = ShapeDetector(auto_calibrate(self._settings, [view], self._info))
-            except InputError as error:
-                self.shape = DetectedShape(Status.NO_CATHETER, str(error))
-        shape = self.shape or detector.detect(view)
-        shape = self.shape = shape.moved(advance_px * np.array(INWARD[side]))
-        if self._calibration is not None and (found := self._calibration.add(view)) is not None:
-            self.vision, self._detector = found, ShapeDetector(found)
+        shape = self.shape = self._detector.detect(view).moved(advance_px * np.array(INWARD[side]))
         if shape.centreline is None:
             return Abstention(shape.status, shape.detail)
         size_px = view.shape[1], view.shape[0]
-        return DetectedLine(shape, shape.centreline, size_px, self._side(detector), scale, advance_m)
+        return DetectedLine(shape, shape.centreline, size_px, self._side(), scale, advance_m)
 
-    def _side(self, detector: ShapeDetector) -> str:
-        side = detector.settings.base_side
-        if side == "auto":
-            side = self._info.view(self._settings.view).base_side or _NOMINAL_SIDE
-        return side
+    def _side(self) -> str:
+        side = self._detector.base_side
+        return _NOMINAL_SIDE if side == "auto" else side

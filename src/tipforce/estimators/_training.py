@@ -8,11 +8,10 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from ..datasets import Dataset
+from ..datasets import Dataset, calibration_images
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, IntArray, Observation
-from ..vision import ResolvedVision, session_vision
-from ._base import calibration_images
+from ..vision import ResolvedVision, SessionDetector
 from ._inputs import Inputs
 from ._reading import Abstention
 from ._settings import SvrSettings
@@ -27,7 +26,8 @@ class Rows:
     """``features`` (n, k), in windows of ``width``; ``learn_n`` and ``truth_n`` (n, t), ``session`` (n,).
 
     ``names``: the shape numbers in one width, actuation after them. ``why_not``: the first sample without a shape,
-    ``left_out``: see `left_out_by_session`.
+    ``left_out``: see `left_out_by_session`. ``vision``: the detection of the first session in whose images a catheter
+    was found; None where there is none.
     """
 
     features: FloatArray
@@ -38,6 +38,7 @@ class Rows:
     width: int
     why_not: str
     left_out: dict[str, list[int]]
+    vision: ResolvedVision | None
 
     def at(self, index: IntArray) -> "Rows":
         """Only the rows at ``index``."""
@@ -55,12 +56,12 @@ def gather_rows(
     actuation: Sequence[str],
     dataset: Dataset,
     report: Callable[[float], None],
-    vision: ResolvedVision | None = None,
+    classic: ResolvedVision | None = None,
 ) -> Rows:
     """Features and labels of the samples of ``dataset`` whose shape is known.
 
-    ``vision``: resolved over all sessions; the detection of each session is resolved on its own images, and this one is
-    taken where that fails.
+    The detection of each session is resolved on its own images. ``classic``: that of all sessions, for the method
+    classic.
     """
     source = dataset.whole or dataset
     wanted = _needed(settings, dataset, source)
@@ -77,14 +78,18 @@ def gather_rows(
         return (() if view is None else inputs.names(view)), inputs.read(observation)
 
     chosen = settings.model_dump_json(include={"vision", "features", "angles"}) + repr(tuple(actuation))
-    by_session = vision is not None and settings.vision.method != "classic"
+    by_session = settings.vision.method != "classic"
+    vision: ResolvedVision | None = None
     seen: list[tuple[tuple[str, ...], FloatArray | Abstention]] = []
     for name in frames.sessions:
-        info, own = frames.session_info[name], vision
-        if vision is not None and by_session:
-            own = session_vision(settings.vision, calibration_images(frames, name, settings.vision.view), info, vision)
-        inputs = Inputs(settings, actuation, info, vision=own)
-        key = f"svr inputs {chosen}{'' if own is None else own.model_dump_json()}"
+        info, images = frames.session_info[name], ()
+        if by_session:
+            images = calibration_images(frames, name, settings.vision.view)
+        detector = SessionDetector(settings.vision, info, images, classic)
+        if vision is None and isinstance(detector.vision, ResolvedVision) and not detector.vision.refused:
+            vision = detector.vision
+        inputs = Inputs(settings, actuation, detector)
+        key = f"svr inputs {chosen} {detector.key}"
         seen += frames.subset(frames.session == name).derive(key, partial(read, inputs=inputs))
     found: dict[int, FloatArray] = {}
     why_not = ""
@@ -119,6 +124,7 @@ def gather_rows(
         width=width,
         why_not=why_not,
         left_out=left_out_by_session(dataset.session, kept),
+        vision=vision,
     )
 
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.optimize import least_squares
 
-from ..datasets import Dataset
+from ..datasets import Dataset, calibration_images
 from ..errors import InputError
 from ..mechanics import (
     ConstantCurvature,
@@ -30,12 +30,8 @@ from ..mechanics import (
     RodModel,
 )
 from ..types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
-from ..vision import (
-    ResolvedVision,
-    VisionSettings,
-    auto_calibrate,
-)
-from ._base import CentrelineEstimator, Progress, Stream, calibration_images, no_progress
+from ..vision import ResolvedVision, SessionDetector, VisionSettings
+from ._base import CentrelineEstimator, Progress, Stream, no_progress
 from ._builder import MAX_FORCE_N, implausible
 from ._reading import Abstention
 from ._rod_inverse import STATIONS, ForceFit, StationNoise, fit_force, model_stations
@@ -300,13 +296,13 @@ class RodModelEstimator(CentrelineEstimator):
         )
 
     def _shared_vision(self, dataset: Dataset) -> ResolvedVision | None:
-        """What later sessions fall back on where none of their images shows a catheter."""
-        name = dataset.sessions[0]
-        images = calibration_images(dataset, name, self.views[0])
-        try:
-            return auto_calibrate(self.settings.vision, images, dataset.session_info[name]) if images else None
-        except InputError as error:
-            raise InputError(f"{dataset.title}: {error}") from None
+        """The detection of the first session that shows a catheter: sessions without images at hand begin with it."""
+        for name in dataset.sessions:
+            images = calibration_images(dataset, name, self.views[0])
+            vision = SessionDetector(self.settings.vision, dataset.session_info[name], images).vision
+            if isinstance(vision, ResolvedVision) and not vision.refused:
+                return vision
+        return None
 
     def reader(self, info: SessionInfo, images: Sequence[Image] = ()) -> RodReader:
         """What reads the centreline in one session."""
@@ -320,7 +316,7 @@ class RodModelEstimator(CentrelineEstimator):
             info, part = dataset.session_info[name], dataset.subset(dataset.session == name)
             images = calibration_images(dataset, name, self.views[0]) if self.calibrates_on_images else ()
             reader = self.reader(info, images)
-            key = f"rod model lines {reader.vision.model_dump_json()}"
+            key = f"rod model lines {reader.key}"
             found |= dict(zip(part.rows.tolist(), part.derive(key, reader.read), strict=True))
             report(len(found) / len(dataset))
         return [found[row] for row in dataset.rows.tolist()]

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ..datasets import Dataset
 from ..errors import InputError, ModelError, NotFittedError
 from ..types import KNOB, BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo
-from ..vision import ResolvedVision, SessionCalibration, ShapeDetector, auto_calibrate, session_vision
+from ..vision import ResolvedVision, SessionDetector, ShapeDetector, auto_calibrate
 from ._base import CentrelineEstimator, Progress, no_progress
 from ._builder import AXES, EstimateBuilder
 from ._inputs import Inputs
@@ -110,6 +110,7 @@ class Svr(CentrelineEstimator):
         rows = gather_rows(
             settings, actuation, dataset, lambda share: report("detecting the catheter", 0.4 * share), vision
         )
+        vision = vision or rows.vision
         if len(rows.features) < MIN_SAMPLES:
             raise InputError(
                 f"{dataset.title}: the catheter's shape is known in {len(rows.features)} of {count} samples, svr needs "
@@ -173,7 +174,10 @@ class Svr(CentrelineEstimator):
         return self
 
     def _calibrated_vision(self, dataset: Dataset) -> ResolvedVision | None:
-        """Auto-calibrates the vision on images spread over the dataset; returns None where it holds no images."""
+        """Returns the detection for images of any session, from images all over the dataset; None where that fails.
+
+        A session whose images are not at hand begins with it; that of each session is resolved on its own images.
+        """
         some = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, CALIBRATION_SAMPLES).astype(np.int64)))
         warn_of_sizes(dataset, self.settings.vision.view)
         images: list[Image] = []
@@ -187,8 +191,8 @@ class Svr(CentrelineEstimator):
             return None
         try:
             return auto_calibrate(self.settings.vision, images, infos)
-        except InputError as error:
-            raise InputError(f"{dataset.title}: {error}") from None
+        except InputError:
+            return None
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> "SvrStream":
         """A stream for one session; see `Estimator.start`. Raises NotFittedError before ``fit``."""
@@ -318,23 +322,12 @@ class Svr(CentrelineEstimator):
 
 
 class SvrStream:
-    """One session, frame after frame.
-
-    ``images`` of the session resolve the detection beforehand. Without them it begins with the detection that training
-    resolved, scaled to this session, and is resolved again on the session's own frames as these come.
-    """
+    """One session, frame after frame; ``images``: see `SessionDetector`."""
 
     def __init__(self, settings: SvrSettings, fitted: _Fitted, info: SessionInfo, images: Sequence[Image] = ()) -> None:
-        vision = fitted.vision
-        self._calibration: SessionCalibration | None = None
-        if vision is not None and settings.vision.method != "classic":
-            if images:
-                vision = session_vision(settings.vision, images, info, vision)
-            else:
-                self._calibration = SessionCalibration(settings.vision, info)
-        self._settings, self._fitted, self._info = settings, fitted, info
-        self._inputs = self._inputs_with(vision)
-        self._view = settings.vision.view
+        self._fitted, self._info = fitted, info
+        detector = SessionDetector(settings.vision, info, images, fitted.vision)
+        self._inputs = Inputs(settings, fitted.actuation, detector, fitted.shape)
         self._window = Window(settings.window) if settings.window.used else None
         self._machines = fitted.machines
         self._builder = EstimateBuilder(fitted.known, fitted.interval)
@@ -343,8 +336,6 @@ class SvrStream:
         """The force at this observation; its status says why where there is none."""
         row, fitted = self._inputs.read(observation), self._fitted
         shape = self._inputs.shape
-        if self._calibration is not None:
-            self._calibrate(observation)
         if not isinstance(row, Abstention):
             row = unlike_training(observation, fitted.actuation_limits, fitted.actuation, self._info) or row
         if isinstance(row, Abstention):
@@ -352,15 +343,6 @@ class SvrStream:
         if self._window is not None:
             row = self._window.push(observation.stamp_ns, row)
         return self._builder.valid(observation.stamp_ns, self._machines(row), shape)
-
-    def _calibrate(self, observation: Observation) -> None:
-        image = observation.views.get(self._view)
-        assert self._calibration is not None
-        if isinstance(image, np.ndarray) and (found := self._calibration.add(image)) is not None:
-            self._inputs = self._inputs_with(found)
-
-    def _inputs_with(self, vision: ResolvedVision | None) -> Inputs:
-        return Inputs(self._settings, self._fitted.actuation, self._info, self._fitted.shape, vision)
 
 
 def _linear_weights(settings: SvrSettings, rows: Rows) -> FloatArray:

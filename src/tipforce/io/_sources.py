@@ -28,13 +28,14 @@ from ._image_size import image_count
 from ._images import file_bytes, is_image
 from ._reader import RecordingReader
 from ._stack import ImageStack
-from .bags import Bag, is_bag, open_bag
+from .bags import is_bag, open_bag
 from .video import VideoFile
 
 __all__ = [
     "FileSource",
     "can_be_read_again",
     "frame_count",
+    "images_beforehand",
     "open_source",
     "require_actuation",
     "spread_images",
@@ -171,6 +172,11 @@ class _Lacking(Protocol):
     def lacks(self, names: Iterable[str]) -> list[str]: ...
 
 
+@runtime_checkable
+class _Readable(Protocol):
+    def readings(self, name: str) -> FloatArray: ...
+
+
 def can_be_read_again(source: Source) -> bool:
     """Whether ``source`` is a file, which may be iterated more than once, and not a live stream."""
     return isinstance(getattr(source, "path", None), Path)
@@ -228,9 +234,9 @@ def any_reading(source: Source, name: str) -> bool:
 
 
 def _read_of(source: Source, name: str) -> FloatArray:
-    if isinstance(source, FileSource | _Stated | Bag):
-        return source.readings(name)
-    return _readings(source, name) if isinstance(source, RecordingReader) else np.empty(0)
+    if isinstance(source, RecordingReader):
+        return _readings(source, name)
+    return source.readings(name) if isinstance(source, _Readable) else np.empty(0)
 
 
 def require_actuation(source: Source, names: Iterable[str]) -> None:

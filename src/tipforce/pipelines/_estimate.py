@@ -202,9 +202,10 @@ def start_stream(estimator: Estimator, source: Source) -> Stream:
     asked = _asked_curvature(source, view) if KNOB in estimator.required_actuation else None
     if asked is None and not estimator.calibrates_on_images:
         return estimator.start(info)
-    if asked is not None and (why := _against_knob(spread_images(source, view), info, view, asked)):
+    images = images_beforehand(source, view) if estimator.calibrates_on_images else []
+    if asked is not None and (why := _against_knob(images or spread_images(source, view), info, view, asked)):
         raise InputError(f"{getattr(source, 'path', info.name)}: {why}")
-    return estimator.start(info, images_beforehand(source, view) if estimator.calibrates_on_images else ())
+    return estimator.start(info, images)
 
 
 def _asked_curvature(source: Source, view: str) -> float | None:

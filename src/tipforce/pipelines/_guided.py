@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
 from ..io import RecordingReader, spread_images
 from ..types import Event, FloatArray, Frame, Image, Wrench
-from ..vision import ShapeDetector, VisionSettings, auto_calibrate
+from ..vision import SessionDetector, VisionSettings
 from ._summary import RecordingSummary
 
 __all__ = ["PHASES", "Guide", "Phase", "missing_for_training"]
@@ -204,12 +203,10 @@ def _not_detected(path: Path) -> str:
     with RecordingReader(path) as reader:
         view = reader.views[0]
         images = spread_images(reader, view)
-        try:
-            settings = auto_calibrate(VisionSettings(view=view), images, reader.session_info)
-        except InputError as error:
-            return f"the catheter is not detected: {error}"
-        shapes = [ShapeDetector(settings).detect(image) for image in images]
+        detector = SessionDetector(VisionSettings(view=view), reader.session_info, images)
+        shapes = [detector.detect(image) for image in images]
     share = sum(shape.centreline is not None for shape in shapes) / len(shapes)
     if share < _DETECTED:
-        return f"the catheter is detected in {share:.0%} of the images only; see `tipforce inspect {path}`"
+        why = next(shape.detail for shape in shapes if shape.centreline is None)
+        return f"the catheter is detected in {share:.0%} of the images only ({why}); see `tipforce inspect {path}`"
     return ""

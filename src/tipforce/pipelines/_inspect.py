@@ -47,7 +47,10 @@ def inspect(
     if dataset is not None:
         lines, facts = describe_dataset(dataset)
         shared = replace(stated, name="")
-        shown = ((info.updated(shared), images) for info, images in session_images(dataset, vision.view, every))
+        shown = (
+            (info.updated(shared), beforehand, images)
+            for info, beforehand, images in session_images(dataset, vision.view, every)
+        )
         result = inspect_sessions(
             shown, vision, features, title=str(path), room=drawn, progress=progress, total=-(-len(dataset) // every)
         )

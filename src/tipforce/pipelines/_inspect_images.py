@@ -7,29 +7,25 @@ from typing import TYPE_CHECKING, Any
 
 from ..datasets import file_names
 from ..errors import InputError
-from ..io import RecordingReader, frame_count, open_source, read_image, spread_images
+from ..io import RecordingReader, frame_count, images_beforehand, open_source, read_image
 from ..types import Frame, Image, SessionInfo, Source
 from ..vision import (
     ClassicDetector,
     Inspection,
     ResolvedVision,
-    ShapeDetector,
+    SessionDetector,
     ShapeFeatureSettings,
     Tally,
     VisionSettings,
     figure_17,
     figure_18,
     inspect_image,
-    session_vision,
 )
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["InspectionResult", "inspect_frames", "inspect_image_file", "inspect_sessions"]
-
-_CALIBRATION_IMAGES = 16
-"""Images on which vision is calibrated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,8 +49,9 @@ def inspect_image_file(
 ) -> InspectionResult:
     """One image file in detail, with what ``info`` states of it. Raises FileFormatError for what is no image."""
     image = read_image(path)
-    resolved = session_vision(vision, [image], info or SessionInfo())
-    seen: Inspection = inspect_image(image, ShapeDetector(resolved).detect, resolved, features)
+    detector = SessionDetector(vision, info or SessionInfo(), [image])
+    resolved = detector.vision
+    seen: Inspection = inspect_image(image, detector.detect, resolved, features)
     figures = {"file": str(path), **seen.figures(), "vision": resolved.model_dump()}
     return InspectionResult(f"{_stated(resolved, vision)}\n{seen.text()}", figures, seen.drawing, image, resolved)
 
@@ -76,18 +73,18 @@ def inspect_frames(
     tally, first = Tally(room), None
     with open_source(path, stated=stated) as source:
         total, names = frame_count(source, vision.view), file_names(source, vision.view)
-        resolved = session_vision(vision, spread_images(source, vision.view), source.session_info)
-        detect = ShapeDetector(resolved).detect
+        detector = SessionDetector(vision, source.session_info, images_beforehand(source, vision.view))
         for count, frame in enumerate(_frames(source, vision.view)):
             first = frame if first is None else first
             if count % every == 0:
                 seconds, name = (frame.stamp_ns - first.stamp_ns) * 1e-9, names.get(frame.stamp_ns, "")
                 title = name or f"{count}  {seconds:.2f} s"
-                tally.add(title, inspect_image(frame.image, detect, resolved, features), name)
+                tally.add(title, inspect_image(frame.image, detector.detect, detector.vision, features), name)
             if progress:
                 progress(f"frame {count}", min(1.0, count / total) if total else 0.0)
     if first is None:
         raise InputError(f"{path}: there is no frame of the view {vision.view!r} in it{_views_in(path)}")
+    resolved = detector.vision
     figures = {"file": str(path), "every": every, **tally.figures(), "vision": resolved.model_dump()}
     return InspectionResult(
         f"{_stated(resolved, vision)}\n{tally.text()}", figures, tally.contact_sheet(), first.image, resolved
@@ -95,7 +92,7 @@ def inspect_frames(
 
 
 def inspect_sessions(
-    sessions: Iterable[tuple[SessionInfo, Sequence[tuple[str, Image]]]],
+    sessions: Iterable[tuple[SessionInfo, Sequence[Image], Sequence[tuple[str, Image]]]],
     vision: VisionSettings,
     features: ShapeFeatureSettings,
     *,
@@ -104,21 +101,20 @@ def inspect_sessions(
     progress: Callable[[str, float], None] | None = None,
     total: int = 0,
 ) -> InspectionResult:
-    """Named images, session by session with what is known of each; what ``vision`` leaves open is resolved on its own.
+    """Named images, session by session with what is known of each and the images that resolve its detection.
 
     ``total``: of the images, for ``progress``. Raises InputError where there is none.
     """
     tally, first = Tally(room), None
     resolved: VisionSettings | ResolvedVision = vision
-    for info, session in sessions:
+    for info, beforehand, session in sessions:
         if not session:
             continue
-        some = [image for _, image in session[:: -(-len(session) // _CALIBRATION_IMAGES)]]
-        resolved = session_vision(vision, some, info)
-        detect = ShapeDetector(resolved).detect
+        detector = SessionDetector(vision, info, beforehand)
+        resolved = detector.vision
         for name, image in session:
             first = image if first is None else first
-            tally.add(Path(name).stem, inspect_image(image, detect, resolved, features), name)
+            tally.add(Path(name).stem, inspect_image(image, detector.detect, resolved, features), name)
             if progress:
                 progress(f"image {tally.frames}", min(1.0, tally.frames / max(1, total)))
     if first is None:

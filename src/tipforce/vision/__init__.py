@@ -9,7 +9,7 @@ from ._detector import ShapeDetector
 from ._draw import contact_sheet, draw_estimate, draw_shape, shaft_mask
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._inspect import Inspection, InspectSettings, Reasons, Tally, inspect_image
-from ._session_calibration import SessionCalibration, session_vision
+from ._session_calibration import SessionCalibration, SessionDetector, session_vision
 from ._session_size import for_session
 from ._settings import BaseSide, Polarity, ResolvedVision, VisionSettings
 from ._thesis_figures import figure_17, figure_18
@@ -28,6 +28,7 @@ __all__ = [
     "Reasons",
     "ResolvedVision",
     "SessionCalibration",
+    "SessionDetector",
     "ShapeDetector",
     "ShapeFeatureSettings",
     "Tally",

@@ -236,7 +236,9 @@ def auto_calibrate(
         InputError: no frame shows a catheter, what was found cannot be it, or two objects could be it.
     """
     if is_resolved(settings) and (infos is None or settings.length_px is not None):
-        return ResolvedVision.stated(settings)
+        first = infos if infos is None or isinstance(infos, SessionInfo) else next(iter(infos), None)
+        resolved = ResolvedVision.stated(settings if first is None else with_view(settings, first))
+        return resolved.model_copy(update={"settings": settings})
     frames = list(islice(images, _FRAMES))
     if not frames:
         raise InputError("there is no frame for the auto-calibration of the vision settings; give at least one")

@@ -1,16 +1,16 @@
-"""Detection that is resolved session by session, on the session's own images."""
+"""Detection of the catheter in one session, resolved on its own images: the same for every verb and method."""
 
 from collections.abc import Sequence
-from typing import overload
 
 from ..errors import InputError
-from ..types import Image, SessionInfo
+from ..types import DetectedShape, Image, SessionInfo
 from ._auto_calibrate import auto_calibrate
-from ._doubt import doubt, doubting, enough_images
-from ._session_size import for_session, nominal_px
-from ._settings import ResolvedVision, VisionSettings
+from ._detector import ShapeDetector
+from ._doubt import enough_images
+from ._session_size import for_session, nominal_px, with_view
+from ._settings import BaseSide, ResolvedVision, VisionSettings
 
-__all__ = ["SessionCalibration", "session_vision"]
+__all__ = ["SessionCalibration", "SessionDetector", "session_vision"]
 
 _FIRST, _EVERY = 50, 5
 """The detection is resolved on the first 50 images, every fifth of them."""
@@ -18,44 +18,28 @@ _KEPT = 16
 """And again, whenever the session has doubled, on so many images from all over it."""
 
 
-@overload
 def session_vision(
-    settings: VisionSettings, images: Sequence[Image], info: SessionInfo, otherwise: ResolvedVision
-) -> ResolvedVision: ...
-@overload
-def session_vision(
-    settings: VisionSettings, images: Sequence[Image], info: SessionInfo, otherwise: ResolvedVision | None = None
-) -> ResolvedVision | VisionSettings: ...
-def session_vision(
-    settings: VisionSettings, images: Sequence[Image], info: SessionInfo, otherwise: ResolvedVision | None = None
+    settings: VisionSettings, images: Sequence[Image], info: SessionInfo
 ) -> ResolvedVision | VisionSettings:
-    """Auto-calibrates the detection on ``images`` of one session.
-
-    Where that fails, what else could be detected is doubted likewise: where it cannot be the catheter, the settings
-    returned refuse every image and say why. What was refused in all images together would else be found in one.
+    """Resolves what ``settings`` leave open on ``images`` of one session.
 
     Args:
         settings: what the user says.
         images: of the session; from all over it, since the ground beneath the tip must change.
         info: its metadata.
-        otherwise: what is taken, scaled to this session, where the auto-calibration fails. None: ``settings``, each
-            image by itself, where the session's images are too few, or its metadata too little, to refuse it.
+
+    Returns:
+        The resolved settings. Where no catheter is found in ``images``, settings that refuse every image and say why:
+        what was refused in all images together would else be found in one. Where the images are too few, or the
+        metadata too little, to refuse it: ``settings`` with what the metadata state of the view, for each image by
+        itself.
     """
     try:
         return auto_calibrate(settings, images, info)
     except InputError as error:
-        if otherwise is None:
-            told = enough_images(images) and nominal_px(info, settings.view) is not None
-            return _refusing(_any_way(settings), str(error)) if told else settings
-    shared = for_session(otherwise, info)
-    if not enough_images(images):
-        return shared
-    doubts = doubt(shared, images[:_KEPT], info)[0]
-    return _refusing(shared, f"what is found cannot be the catheter: {doubts}") if doubts else doubting(shared)
-
-
-def _refusing(vision: ResolvedVision, why: str) -> ResolvedVision:
-    return vision.model_copy(update={"refused": why})
+        if enough_images(images) and nominal_px(info, settings.view) is not None:
+            return _any_way(settings).model_copy(update={"refused": str(error)})
+        return with_view(settings, info)
 
 
 def _any_way(settings: VisionSettings) -> ResolvedVision:
@@ -64,6 +48,63 @@ def _any_way(settings: VisionSettings) -> ResolvedVision:
     side = "left" if settings.base_side == "auto" else settings.base_side
     stated = ResolvedVision.stated(settings.model_copy(update={"polarity": polarity, "base_side": side}))
     return stated.model_copy(update={"settings": settings})
+
+
+class SessionDetector:
+    """Detects the catheter in the images of one session.
+
+    Images that are at hand beforehand resolve what the settings leave open, once: every verb that is given the same
+    images then detects the same shapes in them. Without such images detection begins with ``shared``, else with each
+    image by itself, and is resolved on the session's own images as these come.
+
+    Args:
+        settings: what the user says.
+        info: the session's metadata; what they state holds in each of these ways.
+        images: of the session, from all over it; see `calibration_rows`.
+        shared: resolved in another session. It is scaled to this one.
+    """
+
+    def __init__(
+        self,
+        settings: VisionSettings,
+        info: SessionInfo,
+        images: Sequence[Image] = (),
+        shared: ResolvedVision | None = None,
+    ) -> None:
+        self._info = info
+        self._calibration: SessionCalibration | None = None
+        if images:
+            vision = session_vision(settings, images, info)
+        else:
+            vision = with_view(settings, info) if shared is None else for_session(shared, info)
+            if settings.method != "classic":
+                self._calibration = SessionCalibration(settings, info)
+        self._detector = ShapeDetector(vision, info)
+        self._base_side: BaseSide = vision.base_side
+
+    @property
+    def vision(self) -> ResolvedVision | VisionSettings:
+        """The settings that the next image is looked at with."""
+        return self._detector.settings
+
+    @property
+    def key(self) -> str:
+        """What a shape depends on beside the image, as text: the settings, and the metadata where these are open."""
+        stated = "" if isinstance(self.vision, ResolvedVision) else repr((self._info.catheter, self._info.views))
+        return self.vision.model_dump_json() + stated
+
+    @property
+    def base_side(self) -> BaseSide:
+        """The border that the shaft came from in the last image; "auto" where nothing states or found it."""
+        return self._base_side
+
+    def detect(self, image: Image) -> DetectedShape:
+        """Returns the catheter's shape in ``image``, (h, w) grey or (h, w, 3) RGB, uint8; or why it was not found."""
+        shape = self._detector.detect(image)
+        self._base_side = self._detector.base_side
+        if self._calibration is not None and (found := self._calibration.add(image)) is not None:
+            self._detector = ShapeDetector(found, self._info)
+        return shape
 
 
 class SessionCalibration:

@@ -47,25 +47,28 @@ def with_view(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
 
 
 def with_nominal(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
-    """Returns ``vision`` with the nominal size of the catheter in the image, where its length is not stated."""
-    nominal = nominal_px(info, vision.view)
-    if nominal is None or vision.length_px is not None:
+    """Returns ``vision`` with the nominal length and diameter of the catheter in the image, where these are open.
+
+    One of them counts where the metadata state only that one.
+    """
+    if vision.length_px is not None:
         return vision
-    update: dict[str, object] = {
-        "nominal_px": nominal,
+    catheter, scale = info.catheter, info.view(vision.view).metres_per_px
+    update: dict[str, object] = {"nominal_px": nominal_px(info, vision.view)}
+    if scale is not None and catheter.flexible_length_m is not None:
+        length_px = (catheter.flexible_length_m + (catheter.rigid_length_m or 0.0)) / scale
         # a base that is marked is in view
-        "length_px": round((_SHOWN if vision.base_region is None else 1.0) * nominal[0], 2),
-        "length_tolerance": _GIVE,
-    }
-    if vision.diameter_px is None:
-        update["diameter_px"] = round(_WIDER * nominal[1], 2)
+        update["length_px"] = round((_SHOWN if vision.base_region is None else 1.0) * length_px, 2)
+        update["length_tolerance"] = _GIVE
+    if scale is not None and catheter.diameter_m is not None and vision.diameter_px is None:
+        update["diameter_px"] = round(_WIDER * catheter.diameter_m / scale, 2)
     return vision.model_copy(update=update)
 
 
 def for_session(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
-    """Returns ``vision`` for the catheter and the scale of another session; as it is where these are unknown.
+    """Returns ``vision`` for another session: with what its metadata state of the view, its catheter and its scale.
 
-    What the networks found in one session is left out in another.
+    Where these are unknown it stays as it is. What the networks found in one session is left out in another.
 
     >>> from tipforce.types import Catheter, ViewInfo
     >>> settings = VisionSettings(polarity="dark", base_side="left", length_px=230.0, diameter_px=12.0)
@@ -76,6 +79,7 @@ def for_session(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
     """
     if vision.keypoints is not None and vision.keypoints.session != info.name:
         vision = vision.model_copy(update={"keypoints": None})
+    vision = _with_stated_view(vision, info)
     nominal = nominal_px(info, vision.view)
     if nominal is None or vision.nominal_px is None or nominal == vision.nominal_px:
         return vision
@@ -85,6 +89,21 @@ def for_session(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
         if value is not None:
             update[name] = round(value * now / then, 2)
     return vision.model_copy(update=update)
+
+
+def _with_stated_view(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
+    """Returns ``vision`` with what the metadata state of the view, in place of what was found in another session."""
+    stated = with_view(vision.settings, info)
+    update: dict[str, object] = {}
+    if stated.base_side not in ("auto", vision.base_side):
+        update |= {"base_side": stated.base_side, "base_region": None}
+    if stated.polarity not in ("auto", vision.polarity):
+        update |= {"polarity": stated.polarity, "threshold": vision.settings.threshold, "tip_template": None}
+    if stated.base_region is not None:
+        update["base_region"] = stated.base_region
+    if stated.roi is not None:
+        update["roi"] = stated.roi
+    return vision.model_copy(update=update) if update else vision
 
 
 def learn_length(

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...datasets import Dataset
+from ...datasets import Dataset, calibration_images
 from ...errors import InputError
 from ...mechanics.planar import FORCE, UNKNOWNS, Line, fit_line, make_work
 from ...types import FloatArray, SessionInfo
-from .._base import Progress, calibration_images
+from .._base import Progress
 from .._reading import Abstention
 from ._detection import Detection
 from ._knowledge import MODES, Knowledge, LineError, noise_unit_m, rod_model
