@@ -103,7 +103,7 @@ def test_inspect_train_and_estimate_detect_the_same_in_the_same_images(
     assert (result.figures["statuses"]["valid"], result.figures["frames"]) == pytest.approx(found, rel=0.1)
     train(path, tmp_path / "svr", estimator="svr", settings=SETTINGS)
     trained = spy()
-    assert len(trained) >= 0.9 * found[1]
+    assert len(trained) > 40
     assert {image: inspected[image] for image in trained} == trained
     for source in sessions_of(path):
         list(estimate(tmp_path / "svr", source))  # type: ignore[arg-type]

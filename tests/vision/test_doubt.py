@@ -184,8 +184,6 @@ def test_a_session_that_is_refused_is_refused_in_each_of_its_images() -> None:
     shape = ShapeDetector(alone).detect(moving[0])
     assert shape.status is Status.NO_CATHETER
     assert "neither moves nor bends" in shape.detail
-    shared = auto_calibrate(VisionSettings(), _clamped(), SESSION)
-    assert "neither moves nor bends" in session_vision(VisionSettings(), moving, SESSION, shared).refused
 
 
 def test_where_the_metadata_tell_no_size_each_image_is_looked_at_by_itself() -> None:
