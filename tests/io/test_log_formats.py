@@ -642,3 +642,19 @@ def test_a_table_of_matlab_is_refused_with_the_line_that_saves_its_columns(tmp_p
         read_force_log(path)
     save_v5(path, {"t": np.arange(9.0), "Fx": np.arange(9.0)})
     assert len(columns_of(path).stamp_ns) == 9
+
+
+@pytest.mark.parametrize(
+    ("stated", "step_ns"),
+    [("Sample Rate: 2 kHz", 500_000), ("Sample interval\t4 ms", 4_000_000), ("rate = 50", 20_000_000)],
+)
+def test_a_rate_in_the_header_has_its_unit(tmp_path: Path, stated: str, step_ns: int) -> None:
+    found = read_force_log(written(tmp_path, f"Logger\n{stated}\nfx_n\tfy_n\n" + "1\t2\n" * 9))
+    assert np.diff(found.stamp_ns).tolist() == [step_ns] * 8
+
+
+def test_a_rate_that_may_be_one_or_a_thousand_is_asked_for(tmp_path: Path) -> None:
+    path = written(tmp_path, "Sample Rate: 1,000 Hz\nfx_n;fy_n\n" + "1;2\n" * 9)
+    with pytest.raises(InputError, match=r"sensor\.log\.rate_hz for a log without times"):
+        read_force_log(path)
+    assert read_force_log(path, ForceLogInfo(rate_hz=1000)).stamp_ns[1] == 1_000_000

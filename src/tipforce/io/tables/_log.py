@@ -23,7 +23,9 @@ MAX_DISORDER_S = 0.1
 _DATE_NAMES = ("date", "datum")
 _SEQUENCE = re.compile(r"^rdt ?sequence$", re.IGNORECASE)
 _RATES = ("rdt sample rate", "sample rate", "sampling rate", "sampling frequency", "frequency", "rate")
-_DELTAS = ("delta_x", "delta x", "sample interval")
+_INTERVALS = ("delta_x", "delta x", "sample interval", "sampling interval")
+_RATE_UNITS = {"": 1.0, "hz": 1.0, "khz": 1e3, "samples/s": 1.0, "s/s": 1.0, "1/s": 1.0, "samples per second": 1.0}
+_INTERVAL_UNITS = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,17 +110,14 @@ class _Reader:
         """Rows per second as ``bench.toml`` or the lines above the table state them, and who states it."""
         if self.info.rate_hz is not None:
             return self.info.rate_hz, f"{self.key}.rate_hz states"
-        for name in (*_RATES, *_DELTAS):
-            found = re.match(r"^[\d.,]+(?:[eE][+-]?\d+)?", self.table.facts.get(name, ""))
-            try:
-                value = float(found[0].replace(",", ".")) if found else 0.0
-            except ValueError:
-                continue
-            if value > 0:
-                rate_hz = 1 / value if name in _DELTAS else value
-                averaged = self.table.facts.get("averaging level", "1")
-                rate_hz /= int(averaged) if averaged.isdigit() and int(averaged) else 1
-                return rate_hz, f"its header states ({name} {found[0] if found else ''})"
+        for name in (*_RATES, *_INTERVALS):
+            text = self.table.facts.get(name, "")
+            rate_hz = _rate_of(text, interval=name in _INTERVALS)
+            if rate_hz:
+                averaged = self.table.facts.get("averaging level", "")
+                each = int(averaged) if averaged.isdigit() and int(averaged) else 1
+                said = f"{name} {text}" + (f", averaging level {averaged}" if averaged else "")
+                return rate_hz / each, f"its header states ({said})"
         return None, ""
 
     def _names(self, rate_hz: float | None) -> tuple[str, ...]:
@@ -309,11 +308,27 @@ class _Reader:
                 )
         lost = int(numbers[-1] - numbers[0] + 1 - len(numbers))
         self.remarks.append(
-            f"times are {sequence} / {rate_hz:g} per second, as {stated}; its own clock has steps of seconds only"
+            f"times are {sequence} / {rate_hz:g} per second, as {stated}"
             + (f"; {lost} rows were lost on the way" if lost else "")
         )
         found = np.rint((numbers - numbers[0]) * (1e9 / rate_hz)).astype(np.int64) + stamps[0]
         return found, rows
+
+
+def _rate_of(text: str, *, interval: bool) -> float | None:
+    """Rows per second of "1000", "1 kHz" or, as an interval, "1 ms"; None for another text, as with grouped thousands.
+
+    >>> [_rate_of("2.5 kHz", interval=False), _rate_of("1 ms", interval=True), _rate_of("1,000", interval=False)]
+    [2500.0, 1000.0, None]
+    """
+    found = re.fullmatch(r"(\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)\s*(\D*)", text.strip())
+    if found is None or re.fullmatch(r"[1-9]\d{0,2}[.,]\d{3}", found[1]):
+        return None
+    factor = (_INTERVAL_UNITS if interval else _RATE_UNITS).get(found[2].strip().lower())
+    value = float(found[1].replace(",", ".")) * (factor or 0.0)
+    if not value:
+        return None
+    return 1.0 / value if interval else value
 
 
 def _unwrapped(numbers: IntArray | None, rows: IntArray) -> IntArray:
