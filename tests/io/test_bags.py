@@ -82,6 +82,7 @@ SENSORS = [*(image(k / 10) for k in range(4)), *(wrench(k / 10, f"/{side}") for 
 ARMS = [image(0.1), image(0.2), joints(0.1, ["a_deg"], [1.0], "/arm"), joints(0.1, ["b_deg"], [1.0], "/hand")]
 
 STUCK = [image(k / 10, header_ns=START_S * 10**9) for k in range(4)]
+JUMPING = [image(0.1), image(0.2), *(wrench(k / 10, header_ns=1 + k // 3 * START_S * 10**9) for k in range(6))]
 JOINT = [image(0.1), image(0.2), joints(0.1, ["q1"], [0.1])]
 UNSTAMPED = [each for each in run_messages(0.5, stamped=False) if each.topic != "/joint_states"]
 
@@ -93,6 +94,7 @@ REFUSED: dict[str, tuple[list[Stamped], str, list[str], list[str]]] = {
     "no arm": (ARMS, 'bag.drives = ["/arm"], or [] for none', [], ["bag.drives=[]"]),
     "stamps that stand still": (STUCK, 'bag.receive_times = ["/camera/image_raw/compressed"]', [],
         ['bag.receive_times=["/camera/image_raw/compressed"]']),
+    "stamps that jump": (JUMPING, 'bag.receive_times = ["/ft/wrench"]', [], ['bag.receive_times=["/ft/wrench"]']),
     "a joint without a unit": (JOINT, 'bag.names = { "q1" = "knob_deg" }', [], ['bag.names={"q1"="knob_deg"}']),
     "a joint that is not needed": (JOINT, "bag.drives = []", [], ["bag.drives=[]"]),
     "no stamps": (UNSTAMPED, 'bag.receive_times = ["/camera/image_raw/compressed", "/ft/wrench"]', [],

@@ -479,6 +479,13 @@ def messages() -> list[tuple[str, str, str, str, list[str]]]:
             ["sensor.log.lines=[1, 61]"],
         ),
         (
+            "clock set forward",
+            head + "0,1\n0.001,1\n1800000000,1\n1800000000.001,1\n",
+            "line 4: is stamped 20833 days after the row above it",
+            "sensor.log.lines = [4, 5]",
+            ["sensor.log.lines=[4, 5]"],
+        ),
+        (
             "out of order",
             head + "0,1\n5,1\n2,1\n3,1\n4,1\n",
             "only out of order",

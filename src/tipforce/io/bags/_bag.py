@@ -15,7 +15,7 @@ from ...types import FORCE_RANGE, Actuation, BagInfo, Event, FloatArray, Frame, 
 from .._container import is_foreign
 from .._force_log import DriveLog, ForceLog
 from .._images import StreamDepth
-from ..tables import ACTUATION_UNITS
+from ..tables import ACTUATION_UNITS, MAX_PAUSE_S
 from ._image_messages import IMAGE_KINDS, image_of, png_of_16_bits
 from ._messages import BagMessage, Topic, listed_topics, messages, only_topic, topics_of
 
@@ -371,6 +371,12 @@ class _Columns:
         stamps = np.array(self.stamps.get(topic, []), np.int64)
         order = np.argsort(stamps, kind="stable")
         keep = np.diff(stamps[order], prepend=-1) > 0
+        if len(stamps) > 1 and np.diff(stamps[order]).max() > MAX_PAUSE_S * 1_000_000_000:
+            raise TimeError(
+                f"{self.path}, topic {topic}: its stamps are from {stamps.min() * 1e-9:.0f} to "
+                f"{stamps.max() * 1e-9:.0f} s, with a pause of more than a day; to use the times at which the messages "
+                f'were received instead, state in bench.toml: bag.receive_times = ["{topic}"]'
+            )
         repeats = int(np.sum(~keep))
         said = (f"{topic}: {repeats} messages repeat the stamp of another and are left out",) if repeats else ()
         return stamps[order][keep], order[keep], said

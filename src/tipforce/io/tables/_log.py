@@ -15,10 +15,13 @@ from ._stamps import TIME_UNITS, TimeUnit, dates_ns, named_unit, numbers_ns, tim
 from ._table import Table, open_table
 from ._ticks import UnevenRows, at_rate, spread_within_ticks
 
-__all__ = ["Log", "open_log"]
+__all__ = ["MAX_PAUSE_S", "Log", "open_log"]
 
 MAX_DISORDER_S = 0.1
 """Rows that are out of order by no more were swapped on their way; where a clock was set back it is more."""
+
+MAX_PAUSE_S = 86_400
+"""A longer pause between two rows is no pause but a clock that was set."""
 
 _DATE_NAMES = ("date", "datum")
 _SEQUENCE = re.compile(r"^rdt ?sequence$", re.IGNORECASE)
@@ -104,7 +107,20 @@ class _Reader:
         else:
             stamps, rows = self._in_order(stamps, rows)
             stamps, rows = self._without_repeats(stamps, rows)
+        self._check_pauses(stamps, rows)
         return Log(self.table, stamps, rows, f"time = {said}", names, tuple(self.remarks))
+
+    def _check_pauses(self, stamps: IntArray, rows: IntArray) -> None:
+        """Raises TimeError where the clock was set forward in the log: no session has a pause of a day."""
+        at = int(np.argmax(np.diff(stamps))) + 1 if len(stamps) > 1 else 0
+        if at and stamps[at] - stamps[at - 1] > MAX_PAUSE_S * 1_000_000_000:
+            line, end = (self.table.place(int(row)).split()[-1] for row in (rows[at], rows[-1]))
+            days = (stamps[at] - stamps[at - 1]) / 86_400e9
+            raise TimeError(
+                f"{self.table.path}, {self.table.place(int(rows[at]))}: is stamped {days:.0f} days after the row above "
+                f"it; if the clock was set there, import the rows from it on: {self.key}.lines = [{line}, {end}] in "
+                "bench.toml"
+            )
 
     def _rate_hz(self) -> tuple[float | None, str]:
         """Rows per second as ``bench.toml`` or the lines above the table state them, and who states it."""
