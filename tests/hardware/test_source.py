@@ -228,3 +228,20 @@ def test_a_bench_without_devices_says_what_to_add(tmp_path):
     path.write_text("[views.camera]\nmetres_per_px = 2.0e-4\n")
     with pytest.raises(InputError, match=r"describes no device; add \[hardware\.cameras\.camera\]"):
         open_bench(path)
+
+
+def test_health_names_a_clipped_force_sensor():
+    rng = np.random.default_rng(0)
+    push = 0.3 * np.maximum(0.0, np.sin(np.arange(5000) * 7e-3))
+    force = np.round((np.outer(push, [1.0, 0.3, 0.0]) + 3e-3 * rng.standard_normal((5000, 3))) / 5e-3) * 5e-3
+    force[:, 0] = np.minimum(force[:, 0], 0.2)
+    readings = [Wrench((k + 1) * 1_000_000, force[k], np.zeros(3), "sensor") for k in range(5000)]
+    with HardwareSource([Scripted("force", "wrench", [readings])]) as source:
+        for _ in range(100):
+            (device,) = source.health()
+            if device.streams[0].count == 5000:
+                break
+            time.sleep(0.05)
+        (device,) = source.health()
+    assert "clipped" in device.message
+    assert "fx stays at 0.2 N, the end of its range" in device.message

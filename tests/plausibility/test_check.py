@@ -104,7 +104,7 @@ def test_findings_are_kept_in_a_record() -> None:
     force[6000:6400] = np.nan
     found = check_force_log(stamps, force)
     found = ForcePlausibility(
-        found.findings, found.unusable_ns, "z", {5_000_000_000: (0.1, 0.0, 0.0)}, 2, 0.02
+        found.findings, found.unusable_ns, "z", {5_000_000_000: (0.1, 0.0, 0.0)}, bridged=2, longest_bridged_s=0.02
     )  # fmt: skip
     kept = ForcePlausibility.of(found.record())
     assert kept.record() == found.record()

@@ -63,3 +63,22 @@ def test_a_contact_that_begins_with_a_jump_is_no_step_of_the_zero() -> None:
     held[10_000:14_000] = BIAS_N + np.array([0.25, 0.0, 0.0])
     held[10_000:14_000] += 3e-3 * np.random.default_rng(0).standard_normal((4000, 3))
     assert not find_zero_steps(stamps, held, BIAS_N)
+
+
+def test_drift_of_the_zero_is_measured_in_contact_free_moments_and_corrected() -> None:
+    stamps, force = bench_log(60.0)
+    drifting = force + np.outer(stamps * 1e-9 / 60.0, [0.08, -0.06, 0.0])
+    found, tare, _ = found_in(stamps, drifting)
+    (finding,) = found.findings
+    assert finding.kind == "drift"
+    assert finding.size_n == pytest.approx(0.1, abs=0.01)
+    assert "mN a minute and is corrected" in finding.detail
+    left = found.corrected(stamps, drifting) - tare.force_n - (force - BIAS_N)
+    assert np.abs(left).max() < 0.01
+    assert ForcePlausibility.of(found.record()).record() == found.record()
+
+
+def test_usual_drift_is_not_named() -> None:
+    stamps, force = bench_log(60.0)
+    found, _, _ = found_in(stamps, force + np.outer(stamps * 1e-9 / 60.0, [2e-3, -2e-3, 2e-3]))
+    assert not found.findings

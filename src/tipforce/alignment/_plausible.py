@@ -6,15 +6,12 @@ import numpy as np
 
 from ..errors import InputError
 from ..io import Inertia, Tare
-from ..plausibility import ForceFinding, ForcePlausibility, ZeroStep, check_force_log, find_zero_steps
+from ..plausibility import ForceFinding, ForcePlausibility, ZeroStep, check_force_log, find_drift, find_zero_steps
 from ..types import BoolArray, FloatArray, IntArray
 from ._find import TareChoice, find_tare_and_inertia
 from ._inertia import StageMotion, carried_n
 
 __all__ = ["find_plausible_force"]
-
-_NAMED_N = 5e-3
-"""A step of an axis that is smaller is not named."""
 
 
 def find_plausible_force(
@@ -59,7 +56,32 @@ def find_plausible_force(
         said = []
         tare, inertia = find_tare_and_inertia(stamps, found.corrected(stamps, force), stage, choice, said)
     remarks += said
-    return found, tare, inertia
+    return _with_drift(found, stamps, force, stage, tare, inertia), tare, inertia
+
+
+def _with_drift(
+    found: ForcePlausibility, stamps: IntArray, force: FloatArray, stage: StageMotion, tare: Tare, inertia: Inertia
+) -> ForcePlausibility:
+    """The findings with the drift of the zero, where there is more than usual."""
+    if not tare.stretches_s:
+        return found
+    rest = found.corrected(stamps, force) - carried_n(stage, inertia, stamps) - tare.force_n
+    axes = ~np.isnan(rest).all(axis=0)
+    rows = np.isfinite(rest[:, axes]).all(axis=1)
+    seconds = (stamps - stamps[0]) * 1e-9
+    start_s, end_s = tare.stretches_s[0]
+    drift = find_drift(seconds[rows], rest[rows], start_s, end_s)
+    if not drift.any():
+        return found
+    per_minute = ", ".join(f"f{'xyz'[axis]} {60e3 * drift[axis]:+.0f}" for axis in range(3) if drift[axis])
+    total = float(np.linalg.norm(drift) * (seconds[-1] - seconds[0]))
+    said = f"the contact-free level moves by {per_minute} mN a minute and is corrected by a straight line"
+    return replace(
+        found,
+        findings=(*found.findings, ForceFinding("drift", 0.0, float(seconds[-1]), size_n=total, detail=said)),
+        drift_n_per_s=(float(drift[0]), float(drift[1]), float(drift[2])),
+        drift_zero_ns=int(stamps[0]) + round(0.5e9 * (start_s + end_s)),
+    )
 
 
 def _zero_steps(stamps: IntArray, force: FloatArray, tare: Tare) -> list[ZeroStep]:
@@ -85,25 +107,17 @@ def _with_steps(found: ForcePlausibility, stamps: IntArray, steps: list[ZeroStep
     unused = np.zeros(len(stamps), np.bool_)
     findings: list[ForceFinding] = []
     for step in steps:
-        axes = [axis for axis in range(3) if abs(step.step_n[axis]) > _NAMED_N]
-        size = ", ".join(f"f{'xyz'[axis]} {step.step_n[axis]:+.3f}" for axis in axes)
-        jump = f"the readings jump by {size} N and stay there"
         at_s, lost = float(seconds[step.row]), 0
         if step.free_s:
-            said = f"{jump}; the new zero is measured in {step.free_s:.1f} s without contact and is corrected"
+            said = f"; the new zero is measured in {step.free_s:.1f} s without contact and is corrected"
         else:
             part: BoolArray = seconds >= at_s if tare_s < at_s else seconds < at_s
             lost, unused = int((part & ~unused).sum()), unused | part
             where = "behind" if tare_s < at_s else "before"
             said = (
-                f"{jump}; no contact-free moment measures the zero {where} it, so the readings there are not used: "
+                f"; no contact-free moment measures the zero {where} it, so the readings there are not used: "
                 "state a contact-free stretch there as the tare (--tare START:END) to use that part instead"
             )
-        findings.append(
-            ForceFinding(
-                "step of the zero", at_s, at_s, "".join("xyz"[axis] for axis in axes),
-                float(np.linalg.norm(step.step_n)), lost, said,
-            )
-        )  # fmt: skip
+        findings.append(ForceFinding.of_step(at_s, step.step_n, lost, said))
     zero = {int(stamps[step.row]): (float(x), float(y), float(z)) for step in steps for x, y, z in [step.step_n]}
     return replace(found.without(stamps, unused), findings=(*found.findings, *findings), zero_steps=zero)

@@ -129,8 +129,9 @@ def _lines(recording: "BenchRecording", over: threading.Event) -> None:
             for device in recording.health()
             for stream in device.streams
         ]
+        trouble = "".join(f"; {device.name}: {device.message}" for device in recording.health() if device.message)
         guide = f"; {recording.guide.prompt()}" if recording.guide else ""
-        say(f"{recording.seconds_so_far():.0f} s: {', '.join(rates) or 'nothing yet'}{guide}")
+        say(f"{recording.seconds_so_far():.0f} s: {', '.join(rates) or 'nothing yet'}{trouble}{guide}")
 
 
 def _table(recording: "BenchRecording") -> "Table":
@@ -158,7 +159,7 @@ def _table(recording: "BenchRecording") -> "Table":
                 else f"{clock.offset_s:+.4f} s, delay {1e3 * clock.delay_s:.2f} ms",
                 counts,
             )
-    lines = [device.message for device in recording.health() if device.message and device.state != "connected"]
+    lines = [device.message for device in recording.health() if device.message]
     if recording.guide:
         lines.insert(0, recording.guide.prompt())
     table.caption = "\n".join(lines)

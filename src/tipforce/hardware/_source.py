@@ -11,7 +11,8 @@ from typing import Any, Literal, Self
 
 from .._clock_map import ClockReport
 from ..errors import DeviceError
-from ..types import Clock, Event, SessionInfo, SystemClock
+from ..plausibility import ForceMonitor
+from ..types import Clock, Event, SessionInfo, SystemClock, Wrench
 from ._driver import DeclaredStream, Driver, EndOfStream, Setting, stream_of
 from ._grbl import GrblActuators, GrblStage
 
@@ -181,6 +182,7 @@ class HardwareSource:
         self.stopped = threading.Event()
         self._changed = threading.Condition()
         self._order = 0
+        self._force = ForceMonitor()
         self._ends_ns: int | None = None
         self._streams: dict[str, _Stream] = {}
         for driver in drivers:
@@ -212,6 +214,8 @@ class HardwareSource:
                 return
             stream.last_ns = event.stamp_ns
             stream.meter.add(now)
+            if isinstance(event, Wrench):
+                self._force.add(event.stamp_ns, event.force_n)
             if len(stream.waiting) >= stream.room:
                 stream.waiting.popleft()
                 stream.dropped += 1
@@ -285,11 +289,11 @@ class HardwareSource:
 
     def health(self) -> tuple[DeviceHealth, ...]:
         """How each device and its streams do now."""
-        now = self.clock.now_ns()
+        now, force = self.clock.now_ns(), self._force.remark
         with self._changed:
-            return tuple(self._health_of(device, now) for device in self._devices)
+            return tuple(self._health_of(device, now, force) for device in self._devices)
 
-    def _health_of(self, device: _Device, now_ns: int) -> DeviceHealth:
+    def _health_of(self, device: _Device, now_ns: int, force_remark: str) -> DeviceHealth:
         driver = device.driver
         clocks = driver.clocks()
         streams = tuple(
@@ -307,7 +311,7 @@ class HardwareSource:
         )
         return DeviceHealth(
             driver.name, device.state, device.connections, device.settings, dict(driver.counts),
-            device.message or driver.remark, streams,
+            device.message or driver.remark or force_remark * any(s.stream.kind == "wrench" for s in streams), streams,
         )  # fmt: skip
 
     def __enter__(self) -> Self:

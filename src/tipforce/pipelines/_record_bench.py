@@ -20,6 +20,7 @@ from ..hardware import (
     StreamMeter,
     open_bench,
 )
+from ..plausibility import ForceMonitor
 from ..simulation import LiveSimulation
 from ..types import Clock, Event, Frame, SessionInfo, Source, Wrench
 from ._guided import Guide, missing_for_training
@@ -186,6 +187,7 @@ class _Watched:
         self._stopped = False
         self._began_ns: int | None = None
         self._meters: dict[tuple[str, str], StreamMeter] = {}
+        self._force = ForceMonitor()
 
     def stop(self) -> None:
         """End after the event that comes next."""
@@ -203,6 +205,8 @@ class _Watched:
                 self._began_ns = event.stamp_ns
             name, kind = _stream(event)
             self._meters.setdefault((name, kind), StreamMeter()).add(self.clock.now_ns())
+            if isinstance(event, Wrench) and not isinstance(self._source, HardwareSource):  # which checks its own
+                self._force.add(event.stamp_ns, event.force_n)
             yield event
             if self._guide is not None:
                 self._guide.take(event)
@@ -222,7 +226,7 @@ class _Watched:
             )
             for (name, kind), meter in tuple(self._meters.items())
         )  # fmt: skip
-        return (DeviceHealth("simulated bench", "connected", 1, (), {}, "", streams),)
+        return (DeviceHealth("simulated bench", "connected", 1, (), {}, self._force.remark, streams),)
 
     def __enter__(self) -> Self:
         return self

@@ -19,6 +19,8 @@ on the beats of the simulated bench (0.3 N, 90 beats a minute)."""
 
 _JOINED_S = 0.1
 """Unusable readings of one kind that are nearer than this are one finding."""
+_NAMED_STEP_N = 5e-3
+"""A step of an axis that is smaller is not named."""
 _SHOWN = 4
 """Stretches that a line for people names."""
 
@@ -51,6 +53,21 @@ class ForceFinding:
     size_n: float = math.nan
     readings: int = 0
     detail: str = ""
+
+    @classmethod
+    def of_step(cls, at_s: float, step_n: FloatArray, readings: int = 0, then: str = "") -> "ForceFinding":
+        """A step of the zero by ``step_n`` (3,) N; ``then``: the rest of the sentence."""
+        axes = [axis for axis in range(3) if abs(step_n[axis]) > _NAMED_STEP_N]
+        size = ", ".join(f"f{'xyz'[axis]} {step_n[axis]:+.3f}" for axis in axes)
+        return cls(
+            kind="step of the zero",
+            start_s=at_s,
+            end_s=at_s,
+            axes="".join("xyz"[axis] for axis in axes),
+            size_n=float(np.linalg.norm(step_n)),
+            readings=readings,
+            detail=f"the readings jump by {size} N and stay there{then}",
+        )
 
     def values(self) -> dict[str, Any]:
         """As JSON values; an unknown size is None."""
@@ -92,7 +109,8 @@ class ForcePlausibility:
 
     ``unusable_ns`` (k, 2): first and last stamp of each run of readings that are not used. ``dead_axes``: letters of
     axes that never measure. ``zero_steps``: stamp of the first reading behind a step of the sensor's zero -> the step
-    (3,) in N, subtracted from all readings from there on. ``bridged``: gaps of at most `MAX_GAP_S`, across which labels
+    (3,) in N, subtracted from all readings from there on. ``drift_n_per_s``: drift of the zero, 0 at
+    ``drift_zero_ns``, subtracted likewise. ``bridged``: gaps of at most `MAX_GAP_S`, across which labels
     are interpolated; ``longest_bridged_s``: the longest of them.
     """
 
@@ -100,6 +118,8 @@ class ForcePlausibility:
     unusable_ns: IntArray = field(default_factory=_no_stretches)
     dead_axes: str = ""
     zero_steps: Mapping[int, tuple[float, float, float]] = field(default_factory=dict[int, tuple[float, float, float]])
+    drift_n_per_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    drift_zero_ns: int = 0
     bridged: int = 0
     longest_bridged_s: float = 0.0
 
@@ -128,11 +148,13 @@ class ForcePlausibility:
             force_n: (n, 3) readings, N, in the sensor's frame.
 
         Returns:
-            (n, 3): NaN where a reading or an axis is not used, steps of the zero subtracted.
+            (n, 3): NaN where a reading or an axis is not used; steps and drift of the zero subtracted.
         """
         made = np.array(force_n, np.float64)
         for stamp, step in self.zero_steps.items():
             made[stamps_ns >= stamp] -= np.array(step)
+        if any(self.drift_n_per_s):
+            made -= np.outer((stamps_ns - self.drift_zero_ns) * 1e-9, self.drift_n_per_s)
         made[~self.usable(stamps_ns)] = math.nan
         made[:, ["xyz".index(axis) for axis in self.dead_axes]] = math.nan
         return made
@@ -155,10 +177,12 @@ class ForcePlausibility:
             "unusable_ns": json.dumps(self.unusable_ns.tolist()),
             "dead_axes": self.dead_axes,
             "zero_steps": json.dumps([[stamp, list(step)] for stamp, step in self.zero_steps.items()]),
+            "drift_n_per_s": json.dumps(list(self.drift_n_per_s)),
+            "drift_zero_ns": str(self.drift_zero_ns),
             "bridged": str(self.bridged),
             "longest_bridged_s": repr(self.longest_bridged_s),
             "meaning": "readings from the first to the last stamp of each pair in unusable_ns, and dead_axes, give no "
-            "labels; zero_steps are subtracted from their stamp on",
+            "labels; subtract zero_steps from their stamp on, and drift_n_per_s times the seconds since drift_zero_ns",
         }
 
     @classmethod
@@ -166,6 +190,7 @@ class ForcePlausibility:
         """The inverse of `record`; no finding where there is none. Raises ValueError, TypeError or FileFormatError."""
         steps = parse_json(record.get("zero_steps", "[]"), "zero_steps")
         findings = parse_json(record.get("findings", "[]"), "findings")
+        x, y, z = parse_json(record.get("drift_n_per_s", "[0, 0, 0]"), "drift_n_per_s")
         axes = record.get("dead_axes", "")
         if set(axes) - set("xyz"):
             raise ValueError(f"dead_axes = {axes!r}: expected letters of x, y, z")
@@ -173,7 +198,9 @@ class ForcePlausibility:
             findings=tuple(ForceFinding.of(dict(values)) for values in findings),
             unusable_ns=np.array(parse_json(record.get("unusable_ns", "[]"), "unusable_ns"), np.int64).reshape(-1, 2),
             dead_axes=axes,
-            zero_steps={int(stamp): (float(x), float(y), float(z)) for stamp, (x, y, z) in steps},
+            zero_steps={int(stamp): (float(fx), float(fy), float(fz)) for stamp, (fx, fy, fz) in steps},
+            drift_n_per_s=(float(x), float(y), float(z)),
+            drift_zero_ns=int(record.get("drift_zero_ns", "0")),
             bridged=int(record.get("bridged", "0")),
             longest_bridged_s=float(record.get("longest_bridged_s", "0.0")),
         )

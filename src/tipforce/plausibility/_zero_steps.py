@@ -13,7 +13,7 @@ from scipy.ndimage import uniform_filter1d
 from ..types import BoolArray, FloatArray, IntArray
 from ._noise import axis_noise
 
-__all__ = ["ZeroStep", "find_zero_steps"]
+__all__ = ["ZeroStep", "find_zero_steps", "resting"]
 
 _MIN_READINGS = 100
 
@@ -24,6 +24,8 @@ _MIN_STEP_N = 0.015
 _MAX_CANDIDATES = 200
 _SPANS_S = (1.0, 2.0, 4.0, 8.0)
 """Stretches before and after a jump whose distributions are compared; the contact may change in the longer ones."""
+_COMPARED = 400
+"""Readings of a stretch that are compared."""
 _QUANTILES = np.linspace(0.02, 0.98, 49)
 _EXPLAINED = 0.35
 """The jump leaves at most this share of the distance between the two distributions."""
@@ -118,8 +120,8 @@ def _at_levels(
     seconds: FloatArray, values: FloatArray, level: FloatArray, jump: FloatArray
 ) -> tuple[FloatArray, float, float]:
     """The step as the contact-free moments behind it measure it, the time in them, and the time at the old level, s."""
-    old = _resting(seconds, values - level)
-    new = _resting(seconds, values - level - jump)
+    old = resting(seconds, values - level)
+    new = resting(seconds, values - level - jump)
     period = max(float(np.median(np.diff(seconds))), 1e-6)
     free_s, old_s = float(new.sum() * period), float(old.sum() * period)
     if free_s < _MIN_FREE_S:
@@ -128,16 +130,16 @@ def _at_levels(
     return (measured if np.linalg.norm(measured - jump) < _NEAR_N else jump), free_s, old_s
 
 
-def _resting(seconds: FloatArray, values: FloatArray) -> BoolArray:
-    """(n,) readings in runs of `_REST_S` or more that stay within `_NEAR_N` of zero, smoothed, in all axes."""
+def resting(seconds: FloatArray, values: FloatArray, least_s: float = _REST_S, near_n: float = _NEAR_N) -> BoolArray:
+    """(n,) readings in runs of ``least_s`` or more that stay within ``near_n`` of zero, smoothed, in all axes."""
     period = max(float(np.median(np.diff(seconds))), 1e-6) if len(seconds) > 1 else 1.0
     width = max(1, round(_SMOOTH_S / period))
     smooth = uniform_filter1d(values, width, axis=0, mode="nearest")
-    near = np.linalg.norm(smooth, axis=1) < _NEAR_N
+    near = np.linalg.norm(smooth, axis=1) < near_n
     edges = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(np.int8), [0]])))
     kept = np.zeros(len(values), np.bool_)
     for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        kept[first:end] = (end - first) * period >= _REST_S
+        kept[first:end] = (end - first) * period >= least_s
     return kept
 
 
@@ -163,7 +165,11 @@ def _explained(seconds: FloatArray, values: FloatArray, row: int, jump: FloatArr
         first, end = np.searchsorted(seconds, (seconds[row] - span, seconds[row] + span)).tolist()
         if row - first < 10 or end - row < 10:
             continue
-        apart = np.quantile(values[row:end], _QUANTILES, axis=0) - np.quantile(values[first:row], _QUANTILES, axis=0)
+        behind, before = (
+            np.quantile(part[:: 1 + len(part) // _COMPARED], _QUANTILES, axis=0)
+            for part in (values[row:end], values[first:row])
+        )
+        apart = behind - before
         whole, left = _distance(apart), _distance(apart - jump)
         if whole > _SHIFTED * size and left < _EXPLAINED * whole:
             gains.append(whole - left)

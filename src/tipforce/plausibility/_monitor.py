@@ -1,0 +1,77 @@
+"""The check of a force log on the last seconds of a live stream."""
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..types import FloatArray
+from ._check import check_force_log
+from ._findings import ForceFinding, ForcePlausibility
+from ._zero_steps import find_zero_steps
+
+__all__ = ["ForceMonitor"]
+
+_WINDOW_NS, _EVERY_NS = 10_000_000_000, 1_000_000_000
+"""The check runs at most once a second, on the readings of the last ten seconds."""
+_MAX_READINGS = 20_000
+"""Of faster sensors the window is shorter."""
+
+
+class ForceMonitor:
+    """Checks the readings of one force sensor while they come, as `check_force_log` checks them afterwards.
+
+    One thread may add readings while another one asks for findings, which are computed then.
+    """
+
+    def __init__(self) -> None:
+        self._readings: deque[tuple[int, FloatArray]] = deque(maxlen=_MAX_READINGS)
+        self._lock = threading.Lock()
+        self._checked_ns: int | None = None
+        self._first_ns: int | None = None
+        self._now = ForcePlausibility()
+        self._steps: dict[int, ForceFinding] = {}
+
+    def add(self, stamp_ns: int, force_n: FloatArray) -> None:
+        """Takes the next reading: its stamp and (3,) N."""
+        with self._lock:
+            if self._first_ns is None:
+                self._first_ns = stamp_ns
+            self._readings.append((stamp_ns, force_n))
+            while stamp_ns - self._readings[0][0] > _WINDOW_NS:
+                self._readings.popleft()
+
+    @property
+    def findings(self) -> tuple[ForceFinding, ...]:
+        """What was found in the last ten seconds, and all steps of the zero; seconds since the first reading."""
+        with self._lock:
+            readings = list(self._readings)
+        if readings and (self._checked_ns is None or readings[-1][0] - self._checked_ns >= _EVERY_NS):
+            self._checked_ns = readings[-1][0]
+            self._check(readings)
+        return (*self._now.findings, *self._steps.values())
+
+    @property
+    def remark(self) -> str:
+        """The findings in one line, or empty."""
+        return "; ".join(ForcePlausibility(self.findings).lines())
+
+    def _check(self, readings: Sequence[tuple[int, FloatArray]]) -> None:
+        stamps = np.array([stamp for stamp, _ in readings], np.int64)
+        force = np.array([reading for _, reading in readings])
+        found = check_force_log(stamps, force)
+        first_ns = self._first_ns or 0
+        late_s = (int(stamps[0]) - first_ns) * 1e-9
+        moved = (
+            replace(finding, start_s=finding.start_s + late_s, end_s=finding.end_s + late_s)
+            for finding in found.findings
+        )
+        self._now = replace(found, findings=tuple(moved))
+        axes = ~np.isnan(force).all(axis=0)
+        rows = np.flatnonzero(found.usable(stamps) & np.isfinite(force[:, axes]).all(axis=1))
+        for step in find_zero_steps(stamps[rows], force[rows]):
+            at_ns = int(stamps[rows[step.row]])
+            if all(abs(at_ns - other) > _EVERY_NS for other in self._steps):
+                self._steps[at_ns] = ForceFinding.of_step((at_ns - first_ns) * 1e-9, step.step_n)
