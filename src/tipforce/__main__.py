@@ -5,11 +5,11 @@ import os
 import signal
 import sys
 
-from ._processes import Interrupted, signals_end_the_program
+from ._processes import ENDING, Interrupted, ending_signals, signals_end_the_program
 
 __all__ = ["main"]
 
-_INTERRUPTED = {128 + signal.SIGINT, 128 + signal.SIGTERM}
+_INTERRUPTED = {128 + each for each in ENDING}
 
 
 def main() -> None:
@@ -27,7 +27,7 @@ def main() -> None:
             _leave(end.code)
         raise
     finally:  # what comes now is the end of the interpreter
-        for each in (signal.SIGINT, signal.SIGTERM):
+        for each in ending_signals():
             signal.signal(each, signal.SIG_DFL)
 
 

@@ -16,9 +16,20 @@ from typing import Any, TypeVar
 
 from ._cores import cores
 
-__all__ = ["Interrupted", "limit_threads", "run_child", "signals_end_the_program", "worker_pool"]
+__all__ = [
+    "ENDING",
+    "Interrupted",
+    "ending_signals",
+    "limit_threads",
+    "run_child",
+    "signals_end_the_program",
+    "worker_pool",
+]
 
-_ENDING = (signal.SIGINT, signal.SIGTERM)
+ENDING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)  # Windows has no SIGHUP
+"""Signals that end a program: Ctrl-C, the operating system, a terminal that is closed."""
 _GRACE_S, _CHILD_GRACE_S = 0.8, 1.5
 """So long a worker may clean up before it is killed, and a program that this one started, which may have workers."""
 _AGAIN_S = 0.01
@@ -30,8 +41,14 @@ _running: dict["subprocess.Popen[str]", bool] = {}
 _T = TypeVar("_T")
 
 
+def ending_signals() -> tuple[signal.Signals, ...]:
+    """Returns those of `ENDING` that this process looks after: not SIGHUP where ``nohup`` has it ignored."""
+    hang_up = getattr(signal, "SIGHUP", None)
+    return tuple(each for each in ENDING if each != hang_up or signal.getsignal(each) != signal.SIG_IGN)
+
+
 class Interrupted(BaseException):
-    """Ctrl-C or SIGTERM; ``signal``: which one. Not an `Exception`: only the end of the program catches it."""
+    """Ctrl-C, SIGTERM or SIGHUP; ``signal``: which one. Not an `Exception`: only the end of the program catches it."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -40,7 +57,9 @@ class Interrupted(BaseException):
 
 @contextmanager
 def signals_end_the_program(*, worker: bool = False) -> Generator[None]:
-    """The first SIGINT or SIGTERM raises `Interrupted`, so that files are cleaned up; the second ends at once.
+    """The first of `ENDING` raises `Interrupted`: drives brake, files are cleaned up. The second ends at once.
+
+    SIGHUP never ends at once: a terminal that is closed may send it twice.
 
     Of a ``worker`` it ends nothing, for its parent and a terminal may both ask; it ends within `_GRACE_S` in any case.
 
@@ -55,8 +74,8 @@ def signals_end_the_program(*, worker: bool = False) -> Generator[None]:
         if _called_by_compiled_code(frame):
             _send_again(number)
             return
-        for each in _ENDING:
-            signal.signal(each, signal.SIG_IGN if worker else second)
+        for each in before:
+            signal.signal(each, signal.SIG_IGN if worker or each.name == "SIGHUP" else second)
         if worker:
             _end_later(number)
         _starts.ended = number
@@ -68,7 +87,7 @@ def signals_end_the_program(*, worker: bool = False) -> Generator[None]:
         if not isinstance(what.exc_value, Interrupted):
             hook_before(what)
             return
-        for each in _ENDING:
+        for each in before:
             signal.signal(each, first)
         _send_again(what.exc_value.signal)
 
@@ -82,7 +101,9 @@ def signals_end_the_program(*, worker: bool = False) -> Generator[None]:
         _end_with(int(parent))
     # what is raised in a finalizer or a callback, such as those of Python's imports, is dropped there: once more, then
     hook_before, sys.unraisablehook = sys.unraisablehook, lost
-    before = {each: signal.signal(each, first) for each in _ENDING}
+    before = {each: signal.getsignal(each) for each in ending_signals()}
+    for each in before:
+        signal.signal(each, first)
     try:
         yield
     except Exception as error:

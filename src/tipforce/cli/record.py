@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .._processes import ending_signals
 from ._common import JsonOption, check_outputs, console, say, write_json
 from ._facts import BenchOption, FactOption, offset_from, tare_from
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 _LINE_EVERY_S = 5.0
-_ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 def command(
@@ -81,19 +81,21 @@ def command(
 
 @contextmanager
 def _asked_to_end(stop: Callable[[], None]) -> Generator[None]:
-    """The first Ctrl-C or SIGTERM ends the recording, with all that it has; the next one the program."""
+    """The first Ctrl-C, SIGTERM or SIGHUP ends the recording, with all that it has; the next one the program."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in _ENDING}
+    before = {number: signal.getsignal(number) for number in ending_signals()}
 
     def first(number: int, frame: Any) -> None:
         del number, frame
         for each, handler in before.items():
-            signal.signal(each, handler)
+            signal.signal(
+                each, signal.SIG_IGN if each.name == "SIGHUP" else handler
+            )  # a closed terminal sends it twice
         stop()
 
-    for number in _ENDING:
+    for number in before:
         signal.signal(number, first)
     try:
         yield
