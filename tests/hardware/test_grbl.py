@@ -1,7 +1,9 @@
 """The stage's driver against a GRBL controller: send-response, read-back, ramps, stops, alarms, a port that is gone."""
 
+import math
 import time
 
+import numpy as np
 import pytest
 
 from tipforce.errors import DeviceError
@@ -160,3 +162,44 @@ def test_the_place_where_it_stands_can_be_made_the_zero(tmp_path):
             until(lambda: stage.actuators.read().values["stage_forward_mm"] == 0.0)
             stage.actuators.command({"stage_forward_mm": 2.0})
             until(lambda: grbl.place[0] == 9.0)
+
+
+def wave(time_s: float) -> dict[str, float]:
+    """4 mm at 1.2 Hz, from rest."""
+    share = min(1.0, time_s)
+    return {"stage_forward_mm": 4.0 * share * share * (3.0 - 2.0 * share) * math.sin(2.0 * math.pi * 1.2 * time_s)}
+
+
+def test_a_course_is_one_smooth_motion_in_time_and_a_stop_brakes_it(bench):
+    grbl, stage, _ = bench
+    began = time.monotonic()
+    stage.actuators.follow(wave)
+    with pytest.raises(DeviceError, match="follows a course; stop it before another command"):
+        stage.actuators.command({"stage_forward_mm": 0.0})
+    seconds, places = [], []
+    while time.monotonic() - began < 6.0:
+        seconds.append(time.monotonic() - began)
+        places.append(grbl.place[0])
+        time.sleep(0.01)
+    late_s, rms_mm = best_fit(np.array(seconds), np.array(places))
+    assert late_s < 0.1
+    assert rms_mm < 0.8  # of 8 mm; 0.1 where the machine is not loaded
+    assert grbl.overruns == 0
+    stage.actuators.stop()
+    until(lambda: stage.state == "Idle")
+    here = grbl.place[0]
+    time.sleep(0.3)
+    assert grbl.place[0] == here
+    stage.actuators.command({"stage_forward_mm": 1.0})
+    until(lambda: grbl.place[0] == 1.0)
+
+
+def best_fit(seconds: np.ndarray, places: np.ndarray) -> tuple[float, float]:
+    """The lateness that explains ``places`` best, and what is left: rms in mm, after two seconds."""
+    lates = np.arange(0.0, 0.4, 0.005)
+    left = [
+        np.sqrt(np.mean([(wave(max(0.0, t - late))["stage_forward_mm"] - place) ** 2
+                         for t, place in zip(seconds, places, strict=True) if t > 2.0]))
+        for late in lates
+    ]  # fmt: skip
+    return float(lates[np.argmin(left)]), float(min(left))

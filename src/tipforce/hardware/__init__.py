@@ -9,7 +9,7 @@ from ._bench import BenchDevices, open_bench, read_devices
 from ._daq import DaqCalibration, DaqForce, DaqForceConfig, read_calibration
 from ._driver import DeclaredStream, DeviceConfig, Driver, EndOfStream, Setting
 from ._genicam import GenICamCamera, GenICamCameraConfig
-from ._grbl import AxisConfig, GrblActuators, GrblConfig, GrblStage
+from ._grbl import AxisConfig, GrblActuators, GrblConfig, GrblStage, MotionConfig
 from ._knob import ConstantKnob, ConstantKnobConfig, LogKnob, LogKnobConfig, SerialKnob, SerialKnobConfig
 from ._net_ft import NetFt, NetFtConfig
 from ._opencv import OpenCvCamera, OpenCvCameraConfig
@@ -39,6 +39,7 @@ __all__ = [
     "HardwareSource",
     "LogKnob",
     "LogKnobConfig",
+    "MotionConfig",
     "NetFt",
     "NetFtConfig",
     "OpenCvCamera",

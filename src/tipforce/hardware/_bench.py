@@ -12,7 +12,7 @@ from ..types import Clock, bench_values, read_bench
 from ._daq import DaqForce, DaqForceConfig
 from ._driver import DeviceConfig, Driver
 from ._genicam import GenICamCamera, GenICamCameraConfig
-from ._grbl import AxisConfig, GrblConfig, GrblStage
+from ._grbl import AxisConfig, GrblConfig, GrblStage, MotionConfig
 from ._knob import ConstantKnob, ConstantKnobConfig, LogKnob, LogKnobConfig, SerialKnob, SerialKnobConfig
 from ._net_ft import NetFt, NetFtConfig
 from ._opencv import OpenCvCamera, OpenCvCameraConfig
@@ -133,7 +133,8 @@ def _config(where: str, section: str, key: str, values: object, folder: Path) ->
 
 def _fields_at(kind: type[DeviceConfig], path: list[str]) -> tuple[str, ...]:
     """What the table at ``path`` within a config may hold."""
-    return tuple((AxisConfig if path[:1] == ["axes"] else kind).model_fields)
+    tables: dict[str, type[DeviceConfig]] = {"axes": AxisConfig, "motion": MotionConfig}
+    return tuple((tables[path[0]] if path else kind).model_fields)
 
 
 def _refuse_strangers(where: str, key: str, values: Mapping[str, Any], known: tuple[str, ...]) -> None:

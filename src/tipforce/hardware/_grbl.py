@@ -1,6 +1,7 @@
 """A motion stage (or the catheter's own drives) behind a GRBL 1.1 controller at a serial port.
 
-Spoken send-response: one line waits for its ``ok`` before the next is sent. Moves are jogs (``$J=``), which keep to the
+Spoken send-response: one line waits for its ``ok`` before the next is sent; only a course (`GrblActuators.follow`)
+sends as many lines ahead as the controller's buffer takes. Moves are jogs (``$J=``), which keep to the
 controller's soft limits and can be cancelled (0x85) without losing the position; ``?`` asks for the status at any time.
 Source: the GRBL v1.1 wiki, "Interface" and "Jogging".
 """
@@ -18,9 +19,20 @@ from pydantic import Field
 from ..errors import DeviceError
 from ..types import JOINTS, STAGE, Actuation, AxisLimits, Clock, Commanded, Event, refuse_unknown
 from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting
+from ._grbl_course import Course, CourseStream
 from ._serial import LinePort
 
-__all__ = ["CANCEL", "HOLD", "RESET", "STATUS", "AxisConfig", "GrblActuators", "GrblConfig", "GrblStage"]
+__all__ = [
+    "CANCEL",
+    "HOLD",
+    "RESET",
+    "STATUS",
+    "AxisConfig",
+    "GrblActuators",
+    "GrblConfig",
+    "GrblStage",
+    "MotionConfig",
+]
 
 STATUS, HOLD, RESET, CANCEL = b"?", b"!", b"\x18", b"\x85"
 """Real-time commands: answered or obeyed at once, wherever in a line they come."""
@@ -55,6 +67,26 @@ class AxisConfig(DeviceConfig):
     scale: Annotated[float, Field(ge=-1e6, le=1e6)] = 1.0
 
 
+class MotionConfig(DeviceConfig):
+    """``[hardware.stage.motion]``: the stage moves like a heart while `tipforce record` runs.
+
+    ``wave``: one of those of `mechanics.HEART_WAVES`. ``amplitude_mm``: forward, half of peak to peak, at ``rate_hz``;
+    to the side it is ``lateral_share`` of that, ``lateral_phase_deg`` ahead. Respiration moves forward, as a sine.
+    ``middle_mm``: of the axis ``stage_forward_mm``, about which all of it happens. ``rest_s``: so long the stage first
+    stands at the middle minus both amplitudes, away from the tip, for the tare.
+    """
+
+    wave: Literal["sine", "half-wave PQRST"] = "sine"
+    amplitude_mm: Annotated[float, Field(gt=0, le=100)]
+    rate_hz: Annotated[float, Field(gt=0, le=10)]
+    lateral_share: Annotated[float, Field(ge=0, le=10)] = 0.0
+    lateral_phase_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    respiration_mm: Annotated[float, Field(ge=0, le=100)] = 0.0
+    respiration_hz: Annotated[float, Field(gt=0, le=2)] = 0.25
+    middle_mm: Number = 0.0
+    rest_s: Annotated[float, Field(ge=0, le=600)] = 5.0
+
+
 class GrblConfig(DeviceConfig):
     """``[hardware.stage]`` with ``driver = "grbl"``; positions are the controller's work coordinates.
 
@@ -70,6 +102,7 @@ class GrblConfig(DeviceConfig):
     zero: bool = False
     status_hz: Annotated[float, Field(gt=0, le=200)] = 50.0
     latency_ms: Annotated[float, Field(ge=0.0, le=900.0)] = 5.0
+    motion: MotionConfig | None = None
 
 
 class GrblStage(Driver):
@@ -94,6 +127,7 @@ class GrblStage(Driver):
         self._waiting_for: str | None = None
         self._sent_s = self._asked_s = self._heard_s = 0.0
         self._cancelled = self._stopping = False
+        self._course: CourseStream | None = None
 
     @property
     def streams(self) -> tuple[DeclaredStream, ...]:
@@ -118,7 +152,7 @@ class GrblStage(Driver):
         settings += [Setting(f"${number}", value, found.get(number, math.nan))
                      for number, value in self.config.settings.items()]  # fmt: skip
         with self.lock:
-            self._wanted, self._sent, self._waiting_for = {}, {}, None
+            self._forget()
             self._cancelled = self._stopping = False
             self.limits = limits
             self.state = self.alarm = ""
@@ -208,25 +242,33 @@ class GrblStage(Driver):
             if match := _STATUS.fullmatch(line):
                 return self._take_status(match[1], match[2])
             if line == "ok":
-                self._waiting_for = None
+                if self._course is None or not self._course.answered():
+                    self._waiting_for = None
             elif line.startswith("error:"):
                 self.counts["errors"] += 1
-                self.remark = f"{self._where}: refused {self._waiting_for or 'a line'} with {line}"
-                self._waiting_for = None
-                self._wanted, self._sent = {}, {}
+                refused = "a move of its course" if self._course else self._waiting_for or "a line"
+                self.remark = f"{self._where}: refused {refused} with {line}"
+                if self._course:
+                    self._stopping = True
+                    self._cancel()
+                self._forget()
             elif line.startswith("ALARM:"):
                 self.counts["alarms"] += 1
                 self._alarmed(line.removeprefix("ALARM:"))
             elif line.startswith("Grbl ") and self.limits:
                 self.counts["resets"] += 1  # somebody pressed its button: it has forgotten what it was doing
-                self._wanted, self._sent, self._waiting_for = {}, {}, None
+                self._forget()
         return ()
+
+    def _forget(self) -> None:
+        """What was commanded does not count any more."""
+        self._wanted, self._sent, self._waiting_for, self._course = {}, {}, None, None
 
     def _alarmed(self, number: str) -> None:
         self.alarm = f"alarm {number}: {_ALARMS.get(number, 'see the manual of GRBL')}"
         self.remark = f"{self._where}: {self.alarm}; look at the stage, then unlock it"
         self.state = "Alarm"
-        self._wanted, self._sent, self._waiting_for = {}, {}, None
+        self._forget()
 
     def _take_status(self, state: str, fields: str) -> Sequence[Event]:
         values: dict[str, list[float]] = {}
@@ -254,6 +296,8 @@ class GrblStage(Driver):
         assert self._clock is not None
         self._read_ns = self._clock.now_ns() - round(self.config.latency_ms * 1e6)
         self._places = {name: place[_LETTERS.index(axis.axis)] / axis.scale for name, axis in self.config.axes.items()}
+        if self._course is not None:
+            self._course.read(self._places, time.monotonic() - 1e-3 * self.config.latency_ms)
         by_stream: dict[str, dict[str, float]] = {}
         for name, value in self._places.items():
             by_stream.setdefault(_stream(name), {})[name] = value
@@ -270,7 +314,15 @@ class GrblStage(Driver):
             if self._waiting_for is not None:
                 return
             if self.state == "Idle":
-                self._cancelled = self._stopping = False
+                self._cancelled = False
+                if self._course is None or not self._course.unanswered:
+                    self._stopping = False
+                if self._course is not None and self._course.ended and not self._stopping:
+                    self._course = None
+            if self._course is not None and self.state in ("Idle", "Jog") and not self._stopping:
+                for line in self._course.due(time.monotonic()):
+                    self._port.write(line.encode())
+                return
             if not self._wanted or self.state not in ("Idle", "Jog") or self._cancelled or self._stopping:
                 return
             if self.state == "Jog" and not self._goes_on():
@@ -285,6 +337,14 @@ class GrblStage(Driver):
             if (target - going) * (going - self._places[name]) < 0:
                 return False
         return True
+
+    def _course_line(self, places: Mapping[str, float], seconds: float) -> str:
+        """A jog to ``places`` that takes ``seconds`` at an even speed."""
+        before, self._sent = {**self._places, **self._sent}, dict(places)
+        scales = {name: self.config.axes[name].scale for name in places}
+        length = math.hypot(*((places[name] - before[name]) * scale for name, scale in scales.items()))
+        words = " ".join(f"{self.config.axes[name].axis}{places[name] * scale:.4f}" for name, scale in scales.items())
+        return f"$J=G90 G21 {words} F{max(1.0, 60.0 * length / seconds):.1f}\n"
 
     def _jog(self) -> None:
         assert self._port is not None
@@ -319,12 +379,26 @@ class GrblStage(Driver):
         """Of `GrblActuators`: new targets of some axes."""
         with self.lock:
             self._need_ready()
+            if self._course is not None:
+                raise DeviceError(f"{self._where}: follows a course; stop it before another command")
             self._wanted |= targets
+
+    def follow(self, course: Course, after_s: float) -> None:
+        """Of `GrblActuators`: jogs along ``course``, beginning after ``after_s``, until it is halted."""
+        with self.lock:
+            self._need_ready()
+            self._wanted, self._sent = {}, {}
+            self._course = CourseStream(course, self._course_line, time.monotonic() + after_s)
 
     def halt(self, axes: Sequence[str]) -> None:
         """Of `GrblActuators`: cancel the jog now; axes that are not to stop go on to their targets afterwards."""
         with self.lock:
             if self._port is None:
+                return
+            if self._course is not None:
+                self._course.end()
+                self._wanted, self._sent, self._stopping = {}, {}, True
+                self._cancel()
                 return
             going = {**self._sent, **self._wanted}
             self._wanted = {name: target for name, target in going.items() if name not in axes}
@@ -391,6 +465,19 @@ class GrblActuators:
         taken = Commanded.of(self._stage.now_ns(), targets, self._stage.limits)
         self._stage.want(taken.targets)
         return taken
+
+    def follow(self, course: Course, after_s: float = 0.0) -> None:
+        """Moves axes along ``course`` until `stop`, as one smooth motion; returns at once.
+
+        Args:
+            course: time since the start in s -> position of each axis by name. The axes are at its beginning; it stays
+                within their limits, and begins at rest.
+            after_s: it begins so long from now.
+
+        Raises:
+            DeviceError: the controller is not there, or in alarm.
+        """
+        self._stage.follow(course, after_s)
 
     def read(self) -> Actuation:
         """Where the axes were at the last status."""

@@ -18,6 +18,7 @@ from ._record import RecordingReport, record
 from ._record_bench import BenchRecording, describe_health
 from ._simulate import SimulateReport, preset_settings, simulate, simulate_dataset
 from ._simulate_samples import write_samples
+from ._stage_motion import StageMotion
 from ._summary import RecordingSummary, describe_recording, plot_summary, summarise_recording
 from ._train import TrainReport, train
 
@@ -41,6 +42,7 @@ __all__ = [
     "RecordingReport",
     "RecordingSummary",
     "SimulateReport",
+    "StageMotion",
     "TrainReport",
     "bench_of_regime",
     "calibrate",

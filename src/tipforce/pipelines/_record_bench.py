@@ -2,7 +2,8 @@
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -15,10 +16,12 @@ from ..hardware import (
     ClockReport,
     DeclaredStream,
     DeviceHealth,
+    GrblConfig,
     HardwareSource,
     StreamHealth,
     StreamMeter,
     open_bench,
+    read_devices,
 )
 from ..plausibility import ForceMonitor
 from ..simulation import LiveSimulation
@@ -27,9 +30,12 @@ from ._guided import Guide, missing_for_training
 from ._live import slow_bench
 from ._record import Ended, RecordingReport, record
 from ._simulate import preset_settings
+from ._stage_motion import StageMotion
 
 __all__ = ["BenchRecording", "describe_health"]
 
+_TO_START_S = 60.0
+"""For the stage to get to where its motion begins."""
 _CONNECT_S = 10.0
 """For all devices to answer."""
 
@@ -68,6 +74,8 @@ class BenchRecording:
         self.guide, self._seconds, self._partial = guide, seconds, partial
         self._stated = stated or SessionInfo()
         self._hardware = None if bench is None else open_bench(bench)
+        stage = None if bench is None else read_devices(bench).stage
+        self._stage = stage if isinstance(stage, GrblConfig) else None
         self._simulation = (
             None if simulated is None else LiveSimulation(preset_settings(simulated), seed, real_time=True)
         )
@@ -127,12 +135,22 @@ class BenchRecording:
         With a guide the remarks end with what is missing to train on it, or say that it can be trained on.
         """
         if self._hardware is not None:
-            with self._hardware as source:
+            with self._hardware as source, self._motion(source):
                 source.begin(self._seconds)
                 return self._run(source, source.clock, target, tare, offset_ms, lossless, overwrite)
         assert self._simulation is not None
         with self._simulation as simulation:
             return self._run(simulation.source, simulation.clock, target, tare, offset_ms, lossless, overwrite)
+
+    @contextmanager
+    def _motion(self, source: HardwareSource) -> Generator[None]:
+        """The stage moves meanwhile where ``bench.toml`` says how; it brakes whatever ends the recording."""
+        if self._stage is None or self._stage.motion is None or (stage := source.actuators) is None:
+            yield
+            return
+        with stage:
+            StageMotion(self._stage.motion).begin(stage, _TO_START_S, lambda: self._stopped)
+            yield
 
     def _run(
         self,

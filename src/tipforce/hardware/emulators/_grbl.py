@@ -12,14 +12,22 @@ from ._pty import PtyDevice
 __all__ = ["GrblEmulator"]
 
 _LETTERS = "XYZ"
+_PLANNED = 15
+"""Moves that the planner holds."""
+_RECEIVE_BYTES = 127
 _WCO_EVERY = 10
 """The work offset comes with every tenth status, as GRBL sends it while idle."""
 
 
 class GrblEmulator(PtyDevice):
-    """Three axes. ``mute``: it answers nothing. Moves are straight, one after the other, each from rest to rest.
+    """Three axes. ``mute``: it answers nothing.
 
-    ``heard``: the lines that it was sent; ``place``: where the axes are, in machine coordinates.
+    Moves are straight; the planner looks ahead over `_PLANNED` of them, so that moves in the same direction pass into
+    each other and a reversal comes to rest. Lines beyond that wait in the receive buffer, unanswered; ``overruns``:
+    bytes that found it full, which GRBL loses.
+
+    ``heard``: the lines that it was sent; ``realtime``: the holds, resets and cancels; ``place``: where the axes are,
+    in machine coordinates.
     """
 
     DEFAULTS: ClassVar[dict[str, float]] = {
@@ -34,11 +42,14 @@ class GrblEmulator(PtyDevice):
         self.settings = {**self.DEFAULTS, **(settings or {})}
         self.place = [0.0, 0.0, 0.0]
         self.heard: list[str] = []
+        self.realtime = b""
         self.mute = False
         self.peak_mm_s = 0.0
         self._offset = [0.0, 0.0, 0.0]
         self._state = "Alarm" if alarm else "Idle"
         self._queue: deque[tuple[list[float], float]] = deque()
+        self._lines: deque[str] = deque()
+        self.overruns = 0
         self._speed = 0.0
         self._braking = False
         self._reports = 0
@@ -62,6 +73,8 @@ class GrblEmulator(PtyDevice):
         """Real-time commands are picked out of the bytes wherever they stand; the rest is lines."""
         for value in data:
             byte = bytes([value])
+            if byte in (HOLD, RESET, CANCEL):
+                self.realtime += byte
             if byte == STATUS:
                 self._report()
             elif byte == RESET:
@@ -79,14 +92,23 @@ class GrblEmulator(PtyDevice):
             elif byte in b"\r\n":
                 line, self._line = self._line.decode("ascii", "replace").strip(), b""
                 if line:
-                    self.heard.append(line)
-                    self._obey(line)
+                    self._lines.append(line)
+                    self._obey_what_fits()
+            elif sum(map(len, self._lines)) + len(self._lines) + len(self._line) >= _RECEIVE_BYTES:
+                self.overruns += 1
             else:
                 self._line += byte
+
+    def _obey_what_fits(self) -> None:
+        while self._lines and not (self._lines[0].startswith("$J=") and len(self._queue) >= _PLANNED):
+            line = self._lines.popleft()
+            self.heard.append(line)
+            self._obey(line)
 
     def _reset(self) -> None:
         moving = self._state == "Jog"
         self._queue.clear()
+        self._lines.clear()
         self._line, self._speed, self._braking = b"", 0.0, False
         self._say("\r\nGrbl 1.1h ['$' for help]")
         if moving:
@@ -145,15 +167,16 @@ class GrblEmulator(PtyDevice):
             step_s = min(left_s, 1e-3)
             left_s -= step_s
             self._move(step_s)
+            self._obey_what_fits()
 
     def _move(self, seconds: float) -> None:
         target, feed = self._queue[0]
         way = [end - here for end, here in zip(target, self.place, strict=True)]
         length = math.hypot(*way)
         share = [abs(each) / length if length else 0.0 for each in way]
-        brake = min((self.settings[str(120 + k)] / share[k] for k in range(3) if share[k]), default=1e9)
-        top = min([feed, *(self.settings[str(110 + k)] / 60.0 / share[k] for k in range(3) if share[k])])
-        stopping = 0.0 if self._braking else math.sqrt(2 * brake * length)
+        brake, top = self._limits_along(share, feed)
+        leaving = self._leaving_speed(way, length)
+        stopping = 0.0 if self._braking else math.sqrt(leaving * leaving + 2 * brake * length)
         self._speed = max(min(self._speed + brake * seconds, top, stopping), self._speed - brake * seconds, 0.0)
         self.peak_mm_s = max(self.peak_mm_s, self._speed)
         ahead = min(self._speed * seconds, length)
@@ -163,10 +186,33 @@ class GrblEmulator(PtyDevice):
             self._queue.clear()
             self._braking, self._state = False, "Idle"
         elif length - ahead < 1e-3:
-            self.place, self._speed = list(target), 0.0
+            self.place, self._speed = list(target), min(self._speed, leaving)
             self._queue.popleft()
             if not self._queue:
                 self._state, self._braking = "Idle", False
+
+    def _limits_along(self, share: list[float], feed: float) -> tuple[float, float]:
+        """Acceleration and speed along a move of which each axis does its ``share``."""
+        brake = min((self.settings[str(120 + k)] / share[k] for k in range(3) if share[k]), default=1e9)
+        return brake, min([feed, *(self.settings[str(110 + k)] / 60.0 / share[k] for k in range(3) if share[k])])
+
+    def _leaving_speed(self, way: list[float], length: float) -> float:
+        """The speed at the end of the first move from which those behind it can still come to rest in time."""
+        here, moves = self._queue[0][0], list(self._queue)[1:]
+        junctions: list[tuple[float, float, float]] = []  # speed at a corner; length and brake of the move behind it
+        feed = self._queue[0][1]
+        for target, next_feed in moves:
+            next_way = [end - start for end, start in zip(target, here, strict=True)]
+            next_length = math.hypot(*next_way)
+            cosine = sum(a * b for a, b in zip(way, next_way, strict=True)) / (length * next_length or 1.0)
+            share = [abs(each) / next_length if next_length else 0.0 for each in next_way]
+            brake, top = self._limits_along(share, next_feed)
+            junctions.append((min(feed, top) * max(0.0, cosine), next_length, brake))
+            here, way, length, feed = target, next_way, next_length, next_feed
+        speed = 0.0
+        for corner, next_length, brake in reversed(junctions):
+            speed = min(corner, math.sqrt(speed * speed + 2 * brake * next_length))
+        return speed
 
     def _report(self) -> None:
         numbers = ",".join(f"{value:.3f}" for value in self.place)
