@@ -17,13 +17,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from tipforce.control import ControlSettings, SafetySettings
+from tipforce.control import LIFTED_LIMIT_N, ControlSettings, SafetySettings
 from tipforce.estimators import Estimator, load_model
 from tipforce.pipelines import REGIMES, bench_of_regime, live_bench, run_control
 from tipforce.simulation import PRESETS, AnySimulationSettings, LiveSimulation
 
 DRIVES = {"perpendicular": "advance", "oblique": "both", "lateral": "both"}
-LIFTED_N = 5.0
 
 
 @lru_cache(maxsize=1)
@@ -65,7 +64,7 @@ def one(job: dict[str, object], seconds: float) -> dict[str, object]:
     controller, regime = str(job["controller"]), str(job["regime"])
     settings = ControlSettings(controller=controller)  # type: ignore[arg-type]
     if controller == "none":
-        settings = settings.model_copy(update={"safety": SafetySettings(limit_n=LIFTED_N)})
+        settings = settings.model_copy(update={"safety": SafetySettings(limit_n=LIFTED_LIMIT_N)})
     named = str(job["preset"]), str(job["tissue"]), regime
     where = (*named, seconds, int(job["seed"]), int(job["session"]), str(job["feedback"]))  # type: ignore[call-overload]
     begun = time.process_time()

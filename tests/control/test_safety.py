@@ -7,7 +7,7 @@ import pytest
 
 from tipforce.control import ControlSettings, ControlState, Path, SafetyAction, SafetyLayer, SafetySettings
 from tipforce.errors import InputError
-from tipforce.types import Status
+from tipforce.types import ForceEstimate, Status
 
 from .conftest import DT_S, FRAME_S, PATH, Plant, estimate_of  # type: ignore[import-not-found]
 
@@ -213,3 +213,75 @@ def test_a_path_of_two_axes_moves_them_together_within_both_limits() -> None:
 def test_a_target_at_the_limit_is_refused() -> None:
     with pytest.raises(ValueError, match=r"below safety\.limit_n"):
         ControlSettings(target_n=0.4)
+
+
+def abstained(stamp_ns: int, low_n: float, high_n: float) -> ForceEstimate:
+    return ForceEstimate.invalid(
+        stamp_ns, Status.UNOBSERVABLE, f"{low_n:g} to {high_n:g} N", abstained_interval_n=(low_n, high_n)
+    )
+
+
+def test_an_abstained_interval_above_the_limit_draws_back() -> None:
+    plant, safety = layer()
+    for number in range(4):
+        plant.clock.sleep_until_ns(number * 33_000_000)
+        safety.observe(estimate_of(number * 33_000_000, 0.2, 0.05), number * 33_000_000)
+    assert safety.check()[0] is SafetyAction.PASS
+    plant.clock.sleep_until_ns(132_000_000)
+    safety.observe(abstained(132_000_000, 0.1, 0.3), 132_000_000)
+    assert safety.check()[0] is SafetyAction.COAST
+    safety.observe(abstained(133_000_000, 0.0, 0.7), 133_000_000)
+    action, reason = safety.check()
+    assert action is SafetyAction.OVER_LIMIT
+    assert "upper end 0.70 N above 0.4 N" in reason
+
+
+def test_a_force_that_rises_fast_is_drawn_back_before_the_limit() -> None:
+    plant, safety = layer()
+    actions = []
+    for number in range(4):
+        stamp_ns = number * 33_000_000
+        plant.clock.sleep_until_ns(stamp_ns + 60_000_000)
+        safety.observe(estimate_of(stamp_ns, 0.08 * number, 0.02), stamp_ns)
+        actions.append(safety.check()[0])
+    assert actions == [SafetyAction.PASS] * 3 + [SafetyAction.OVER_LIMIT]
+    assert safety.upper_n < 0.3
+
+
+def test_without_estimates_the_force_is_taken_to_rise_as_fast_as_it_did() -> None:
+    plant, safety = layer()
+    for number, force in enumerate((0.1, 0.18, 0.2, 0.2)):
+        plant.clock.sleep_until_ns(number * 33_000_000)
+        safety.observe(estimate_of(number * 33_000_000, force, 0.02), number * 33_000_000)
+    plant.clock.sleep_until_ns(132_000_000)
+    safety.observe(ForceEstimate.invalid(132_000_000, Status.NO_CATHETER, "gone"), 132_000_000)
+    assert safety.check()[0] is SafetyAction.COAST
+    plant.clock.sleep_until_ns(180_000_000)
+    action, reason = safety.check()
+    assert action is SafetyAction.OVER_LIMIT
+    assert "rising by 1.8 N/s" in reason
+
+
+def test_until_the_rate_is_known_the_tip_goes_toward_the_wall_slowly(bench: Callable) -> None:
+    made = bench(3.0, 1.0, controller="periodic", gain_n_per_mm=0.1, learn_at_most_s=0.0, learn_s=0.0)
+    made.loop.start()
+    while made.loop.state is not ControlState.HOLD:
+        made.run(DT_S)
+    made.run(0.5)
+    sent = np.array([place for _, place in made.plant.commands])[-50:]
+    assert np.diff(sent).max() <= 5.0 * DT_S + 1e-9
+
+
+def test_held_is_said_of_a_force_at_the_target_only(bench: Callable) -> None:
+    made = bench(controller="pi", gain_n_per_mm=0.08)
+    made.loop.start()
+    while made.loop.state is not ControlState.HOLD:
+        made.run(DT_S)
+    assert not made.loop.held
+    assert "not held yet: brought to 0.20 N (20 g)" in made.loop.progress
+    made.run(8.0)
+    assert made.loop.progress == "the force is held at 0.20 N (20 g)"
+    made.plant.gain = 0.16  # twice the force, at once
+    made.run(0.4)
+    assert not made.loop.held
+    assert "not held" in made.loop.progress

@@ -5,10 +5,11 @@ from ._loop import ControlLoop, ControlState, ControlTick
 from ._observer import Sample, WallObserver
 from ._path import Path
 from ._safety import Applied, SafetyAction, SafetyLayer
-from ._settings import CONTROLLERS, ControllerName, ControlSettings, ObserverSettings, SafetySettings
+from ._settings import CONTROLLERS, LIFTED_LIMIT_N, ControllerName, ControlSettings, ObserverSettings, SafetySettings
 
 __all__ = [
     "CONTROLLERS",
+    "LIFTED_LIMIT_N",
     "Admittance",
     "Applied",
     "ControlLoop",

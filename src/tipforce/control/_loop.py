@@ -7,7 +7,10 @@ from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 from ..types import Actuators, Clock, ForceEstimate
+from ..units import newtons_to_grams
 from ._controllers import Controller, PeriodicRejection, make_controller
 from ._observer import Sample, WallObserver
 from ._path import Path
@@ -36,8 +39,31 @@ _LOST, _KEPT = 0.3, 0.8
 """Shares of the last seconds in contact: below the one the least force is wanted, above the other the target."""
 _LEAST = 0.25
 """Of the target: less is never wanted while it is held."""
+_AHEAD_S = np.arange(0.0, 0.301, 0.05)
+"""The wall is predicted so far, half a beat, to be out of its way in time."""
+_WALL_SIGMAS = 1.0
+"""Standard deviations of wall and gain that are counted against each prediction. Of 0.5 and 1, with rates within 10, 20
+and 40 in log-likelihood, measured on 18 analytic benches: docs/log.md."""
+_RESOLVED_HZ = 0.21
+"""The heart's rate is resolved where the rates that are plausible differ by less."""
+_RIGHT_N, _WRONG_N = 0.1, 0.2
+"""Largest errors of the predicted force within the last second: below the one the tip goes toward the wall as fast as
+the drives can, above the other carefully."""
+_CAREFUL_MM_PER_S = 5.0
+"""So slowly the tip goes toward the wall where its motion is not known: as fast as a drive can, it doubles the speed at
+which wall and tip meet."""
+_OUT_OF_TOUCH_S = 4.0
+"""Without any contact for so long the tip is brought to the wall anew, lightly."""
+_HELD_S = 2.0
+_HELD_SHARE = 0.25
+"""The force is held where its root mean square distance from the target over the last `_HELD_S` is at most this share
+of the target."""
 _FAR_MM = 0.05
 """Nearer than this to the start counts as back."""
+
+
+def _said_n(force_n: float) -> str:
+    return f"{force_n:.2f} N ({newtons_to_grams(force_n):.0f} g)"
 
 
 class ControlState(StrEnum):
@@ -53,7 +79,11 @@ class ControlState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ControlTick:
-    """The loop at one command: ``target_n`` is what is wanted just now, 0 outside of hold."""
+    """The loop at one command.
+
+    ``target_n``: the force that is wanted just now, 0 outside of hold. ``upper_n``: upper end of the force's interval,
+    also of an estimate that abstains because it is too wide; NaN where none is known.
+    """
 
     time_s: float
     state: ControlState
@@ -61,6 +91,7 @@ class ControlTick:
     force_n: float
     low_n: float
     high_n: float
+    upper_n: float
     valid: bool
     position_mm: float
     applied: Applied
@@ -107,8 +138,10 @@ class ControlLoop:
         )
         self._target_n = 0.0
         self._wanted_mm = 0.0
-        self._contact_s = math.inf
+        self._contact_s = self._touched_s = math.inf
         self._touch_mm = self._follow = 0.0
+        self._slack_mm = 0.0
+        """So much nearer than every plausible wall allows the tip may go in hold: it grows while nothing is touched."""
         self._excess: deque[tuple[float, float]] = deque()
         self._forces: deque[tuple[float, float]] = deque()
 
@@ -163,19 +196,22 @@ class ControlLoop:
             captured = estimate.stamp_ns if captured_ns is None else captured_ns
             self.safety.observe(estimate, captured)
             self._estimate = estimate
+            now_s, at_s = self._clock.now_ns() * 1e-9, captured * 1e-9
             if not estimate.valid:
                 self._valid_since_s = None
-                return
-            now_s, at_s = self._clock.now_ns() * 1e-9, captured * 1e-9
-            self._valid_since_s = now_s if self._valid_since_s is None else self._valid_since_s
-            low, high = estimate.magnitude_interval_n.tolist()
-            width = high - low
-            sample = Sample(
-                at_s, estimate.magnitude_n, width / _SIGMAS if math.isfinite(width) else 0.0, self._position_at(at_s)
-            )
-            self._take(sample)
+            elif self._valid_since_s is None:
+                self._valid_since_s = now_s
+            low, high = estimate.magnitude_interval_n if estimate.valid else estimate.abstained_interval_n
+            force_n = estimate.magnitude_n if estimate.valid else 0.5 * (low + high)
+            if math.isfinite(force_n):
+                sigma_n = float(high - low) / _SIGMAS if math.isfinite(high - low) else 0.0
+                self._take(Sample(at_s, float(force_n), sigma_n, self._position_at(at_s)), estimate.valid)
 
-    def _take(self, sample: Sample) -> None:
+    def _take(self, sample: Sample, valid: bool) -> None:
+        """Takes a sample; one that is not ``valid`` is the middle of an abstained interval, with its width.
+
+        Without these the wall's model would know small forces only, where large ones are uncertain.
+        """
         if self.state not in (ControlState.APPROACH, ControlState.CONTACT, ControlState.HOLD):
             return
         self._observer.add(sample)
@@ -197,7 +233,17 @@ class ControlLoop:
                 self._excess.popleft()
             if not self._observer.locked and self._calm(sample.time_s):
                 self._observer.lock()
-            self._controller.add(sample, self._target_n, self._observer.gain_n_per_mm)
+            if valid:
+                self._controller.add(sample, self._target_n, self._observer.gain_n_per_mm)
+            if self._out_of_touch(sample.time_s):
+                self._touch_mm, self._contact_s = self._wanted_mm, sample.time_s
+                self._go(ControlState.CONTACT, "contact was lost")
+
+    def _out_of_touch(self, now_s: float) -> bool:
+        """Whether no force was met for a while although one is wanted: the wall's model knows nothing any more."""
+        if self._forces[-1][1] > self.settings.contact_n or self.settings.controller != "periodic":
+            self._touched_s = now_s
+        return now_s - self._touched_s > _OUT_OF_TOUCH_S
 
     def _touch(self, sample: Sample) -> None:
         """In contact: stay until what the controller needs is known."""
@@ -209,18 +255,44 @@ class ControlLoop:
                 # Sure is: the next beat is known to a small part of what the touch may be deep.
                 spread = self._observer.spread_mm() * self._observer.gain_n_per_mm / settings.touch_n
                 self._follow = 1.0 / (1.0 + spread * spread)
-            ready = self._follow >= _SURE or within >= settings.learn_at_most_s
+            resolved = within >= settings.learn_s and self._observer.rate_range_hz <= _RESOLVED_HZ
+            ready = resolved or self._follow >= _SURE or within >= settings.learn_at_most_s
         else:
             ready = True
         if ready:
             self._controller.begin(self._wanted_mm)
+            self._touched_s, self._slack_mm = sample.time_s, 0.0
             self._target_n = min(0.5 * settings.touch_n, settings.target_n)
-            self._go(ControlState.HOLD, "the force is held")
+            self._go(ControlState.HOLD, "the wall's motion is known well enough")
 
     def _calm(self, now_s: float) -> bool:
         """Whether the force has been near what is wanted for a while: the model is right, its rate too."""
         enough = now_s - self._excess[0][0] >= 0.9 * _EXCESS_S and self._target_n >= self.settings.target_n
         return enough and max(abs(excess) for _, excess in self._excess) < _CALM * self._target_n
+
+    @property
+    def held(self) -> bool:
+        """Whether the force has been at the target for the last seconds: by the estimates, not by the state."""
+        if self.state is not ControlState.HOLD or self._estimate is None or not self._estimate.valid:
+            return False
+        newest_s, target_n = self._forces[-1][0], self.settings.target_n
+        if newest_s - self._forces[0][0] < _HELD_S:
+            return False
+        errors = [force - target_n for time_s, force in self._forces if time_s >= newest_s - _HELD_S]
+        return math.sqrt(sum(error * error for error in errors) / len(errors)) <= _HELD_SHARE * target_n
+
+    @property
+    def progress(self) -> str:
+        """One line for people: why the run is in its state; in hold, whether the force is held, or what is missing."""
+        if self.state is not ControlState.HOLD:
+            return self.reason
+        target = _said_n(self.settings.target_n)
+        if self.held:
+            return f"the force is held at {target}"
+        action, why = self.safety.check()
+        if action is not SafetyAction.PASS:
+            return f"not held at {target}: {why}"
+        return f"not held yet: brought to {target}, {_said_n(self._target_n)} is wanted now"
 
     def tick(self) -> ControlTick:
         """Command the drives, once; returns what was done."""
@@ -247,6 +319,7 @@ class ControlLoop:
                 math.nan if found is None else found.magnitude_n,
                 low,
                 high,
+                math.nan if found is None else found.upper_n,
                 found is not None and found.valid,
                 position,
                 applied,
@@ -274,12 +347,17 @@ class ControlLoop:
                 speed = None
             case ControlState.HOLD:
                 self._raise_target(dt_s)
+                farthest_mm = self._wanted_mm + self._nearing_mm_per_s() * dt_s
                 self._wanted_mm = self._controller.position_mm(now_s, self._target_n) + self._dither_mm(now_s)
+                self._wanted_mm = min(self._wanted_mm, farthest_mm)
                 speed = None
             case ControlState.RETRACT:
                 self._wanted_mm, speed = 0.0, settings.retract_mm_per_s
                 if abs(position) < _FAR_MM:
                     self._arrive()
+        if self.state is ControlState.HOLD and settings.controller == "periodic":
+            self._slack_mm = max(0.0, self._slack_mm + self._touch_speed() * dt_s)
+            self._wanted_mm -= max(0.0, self._excess_mm(now_s) - self._slack_mm)
         applied = self.safety.command(self._wanted_mm, speed)
         if self.state is ControlState.HOLD:
             self._controller.applied(applied.position_mm - self._dither_mm(now_s))
@@ -310,6 +388,24 @@ class ControlLoop:
 
     def _swing_mm(self, now_s: float) -> float:
         return self._controller.swing_mm(now_s) if isinstance(self._controller, PeriodicRejection) else 0.0
+
+    def _nearing_mm_per_s(self) -> float:
+        """Returns how fast the tip may go toward the goal in hold: slower where the wall's model was wrong of late."""
+        fastest = self.safety.max_speed_mm_per_s
+        if self._observer.rate_range_hz > _RESOLVED_HZ:
+            return min(_CAREFUL_MM_PER_S, fastest)
+        trust = (_WRONG_N - self._observer.surprise_n) / (_WRONG_N - _RIGHT_N)
+        return max(min(_CAREFUL_MM_PER_S, fastest), fastest * min(1.0, trust))
+
+    def _excess_mm(self, now_s: float) -> float:
+        """Returns by how much the wanted place is too near to a wall that is plausible, now or soon.
+
+        The drives have to get away in time from a wall that will be nearer.
+        """
+        settings = self.settings
+        places_mm = self._wanted_mm - self.safety.max_speed_mm_per_s * _AHEAD_S
+        times_s = now_s + settings.drive_delay_s + _AHEAD_S
+        return self._observer.excess_mm(times_s, places_mm, self.safety.limit_n / settings.reserve, _WALL_SIGMAS)
 
     def _raise_target(self, dt_s: float) -> None:
         """Toward the target, as far as the force's excess over what is wanted leaves room below the limit."""

@@ -7,10 +7,12 @@ model has none tells nothing, one where it has some tells that the wall is farth
 """
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..types import FloatArray, IntArray
 from ._settings import ObserverSettings
 
 __all__ = ["Sample", "WallObserver"]
@@ -19,6 +21,11 @@ _BREATH, _HEART = 1, 3
 _TWO_PI = 2.0 * math.pi
 _MEMORY_S = 10.0
 """So long counts what a rate explained, and what it did not."""
+_PLAUSIBLE = 20.0
+"""A rate counts as long as its log-likelihood is at most so much smaller than that of the most likely one."""
+_TEMPERED = 0.25
+"""Share of a difference in log-likelihood that counts: errors of neighbouring estimates are alike."""
+_SURPRISE_S = 1.0
 _PHASES = 8
 """Of a beat, at which the prediction's spread is looked at."""
 
@@ -68,6 +75,7 @@ class WallObserver:
         self._q = np.diag(wander**2)
         self._numbers = numbers
         self._likelihood = np.zeros(count)
+        self._surprises: deque[tuple[float, float]] = deque()
         self.locked = False
 
     @property
@@ -118,21 +126,68 @@ class WallObserver:
         """The wall's constant: where it is without heart and breath."""
         return float(self._x[self.best, 0])
 
+    @property
+    def rate_range_hz(self) -> float:
+        """How far the rates that are plausible lie apart."""
+        return float(np.ptp(self._x[self._plausible, self._rate])) / _TWO_PI
+
+    @property
+    def surprise_n(self) -> float:
+        """Largest difference of late between the force and what the most likely model expected; infinite before any."""
+        return max((size for _, size in self._surprises), default=math.inf)
+
     def spread_mm(self) -> float:
-        """Standard deviation of `wall_mm` where it is largest within the next period of the heart."""
-        row = self.best
-        x, rate = self._x[row], float(self._x[row, self._rate])
-        ahead = np.linspace(0.0, _TWO_PI / rate, _PHASES)
-        h = np.zeros((_PHASES, x.size))
-        h[:, 0] = 1.0
-        breath = _TWO_PI * self.settings.respiration_hz * ahead
-        h[:, _BREATH], h[:, _BREATH + 1] = np.cos(breath), np.sin(breath)
-        angles = np.outer(ahead, self._numbers * rate)
-        cos, sin = np.cos(angles), np.sin(angles)
-        h[:, _HEART : self._rate : 2], h[:, _HEART + 1 : self._rate : 2] = cos, sin
-        pairs = x[_HEART : self._rate].reshape(-1, 2)
-        h[:, self._rate] = ahead * ((-sin * pairs[:, 0] + cos * pairs[:, 1]) @ self._numbers)
-        return float(np.sqrt(np.einsum("ki,ij,kj->k", h, self._p[row], h).max()))
+        """Standard deviation of `wall_mm` where it is largest within the next period of the heart.
+
+        The rates that are plausible count as likely as they are: where they predict different walls, it is large.
+        """
+        rows = self._plausible
+        weights = np.exp(_TEMPERED * (self._likelihood[rows] - self._likelihood.max()))
+        weights /= weights.sum()
+        ahead = np.linspace(0.0, _TWO_PI / float(self._x[self.best, self._rate]), _PHASES)
+        wall, h = self._predictions(rows, ahead)
+        variance = np.einsum("bki,bij,bkj->bk", h, self._p[rows], h)
+        return float(np.sqrt((weights @ (variance + (wall - weights @ wall) ** 2)).max()))
+
+    def excess_mm(self, times_s: FloatArray, places_mm: FloatArray, force_n: float, sigmas: float) -> float:
+        """Returns by how many mm the tip goes too far for the worst of all plausible rates; at least 0.
+
+        Args:
+            times_s: (k,) not before the last estimate.
+            places_mm: (k,) where the tip is on the path then.
+            force_n: largest force that is allowed, in newtons.
+            sigmas: standard deviations of the predicted force that are added to it.
+        """
+        if self.time_s is None:
+            return 0.0
+        rows = self._plausible
+        wall, h = self._predictions(rows, times_s - self.time_s)
+        gain = np.exp(self._x[rows, self._gain])[:, None]
+        depth = places_mm + wall
+        h[:, :, self._gain] = np.maximum(depth, 0.0)
+        spread = np.sqrt(np.maximum(np.einsum("bki,bij,bkj->bk", h, self._p[rows], h), 0.0))
+        return max(0.0, float((depth + sigmas * spread - force_n / gain).max()))
+
+    @property
+    def _plausible(self) -> IntArray:
+        """(b,) rows of the rates that are not ruled out yet."""
+        return np.flatnonzero(self._likelihood >= self._likelihood.max() - _PLAUSIBLE)
+
+    def _predictions(self, rows: IntArray, ahead_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns the wall (b, k) in mm, of ``rows`` (b,) at ``ahead_s`` (k,), and its gradient by the state."""
+        x = self._x[rows]
+        rate = x[:, self._rate, None, None]
+        h = np.zeros((len(x), ahead_s.size, x.shape[1]))
+        h[:, :, 0] = 1.0
+        breath = _TWO_PI * self.settings.respiration_hz * ahead_s
+        h[:, :, _BREATH], h[:, :, _BREATH + 1] = np.cos(breath), np.sin(breath)
+        turns = np.multiply.outer(ahead_s, self._numbers)
+        cos, sin = np.cos(rate * turns), np.sin(rate * turns)
+        h[:, :, _HEART : self._rate : 2], h[:, :, _HEART + 1 : self._rate : 2] = cos, sin
+        wall = np.einsum("bki,bi->bk", h, x)
+        pairs = x[:, None, _HEART : self._rate].reshape(len(x), 1, -1, 2)
+        h[:, :, self._rate] = ((-sin * pairs[..., 0] + cos * pairs[..., 1]) * turns).sum(axis=2)
+        return wall, h
 
     def _predict(self, dt_s: float) -> None:
         x, count, size = self._x, *self._x.shape
@@ -170,6 +225,9 @@ class WallObserver:
         noise = max(sample.sigma_n, self.settings.noise_n) ** 2
         variance = np.einsum("bi,bi->b", h, ph) + noise
         wrong = sample.force_n - np.where(informative, gain * depth, expected)
+        self._surprises.append((sample.time_s, abs(sample.force_n - float(expected[self.best]))))
+        while self._surprises[0][0] < sample.time_s - _SURPRISE_S:
+            self._surprises.popleft()
         step = np.where(informative, wrong / variance, 0.0)
         # Beyond three standard deviations an estimate counts as if it were there: the model, not the wall, jumped.
         bound = 3.0 / np.sqrt(variance)

@@ -1,6 +1,8 @@
 """The layer between a controller and the drives: nothing reaches them but through it."""
 
+import math
 import threading
+from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -16,9 +18,11 @@ class SafetyAction(StrEnum):
 
     PASS = "pass"
     COAST = "coast"
-    """No valid estimate just now: what is wanted still passes, but not nearer to the goal than before."""
+    """No valid estimate just now, and the force cannot have reached the limit since the last one: the controller's
+    command still passes."""
     OVER_LIMIT = "over_limit"
-    """The upper end of the force is above the limit: drawn back as fast as allowed until it is not."""
+    """The upper end of the force is above the limit, or will be before the drives answer: drawn back as fast as allowed
+    until it is not."""
     RETRACT = "retract"
     """No valid estimate for too long, or above the limit for too long: back to the start."""
     STOPPED = "stopped"
@@ -56,7 +60,8 @@ class SafetyLayer:
         self._stale_ns = round(1e9 * max(settings.least_stale_s, settings.stale_frames * frame_period_s))
         self._valid_ns: int | None = None
         self._usual_ns = 0
-        self._upper_n, self._limit_n = 0.0, settings.limit_n
+        self._limit_n = settings.limit_n
+        self._bound = _Bound(settings)
         self._over_since_ns: int | None = None
         self._why = ""
         self._sent_mm: float | None = None
@@ -67,8 +72,8 @@ class SafetyLayer:
 
     @property
     def upper_n(self) -> float:
-        """Upper end of the last valid estimate's interval."""
-        return self._upper_n
+        """Upper end of the last interval, of an estimate that was valid or abstained; 0 before the first."""
+        return self._bound.upper_n
 
     @property
     def limit_n(self) -> float:
@@ -77,10 +82,7 @@ class SafetyLayer:
 
     def set_limit(self, limit_n: float) -> None:
         """The operator's limit, from now on, on the thread of `check`; that of the settings is never raised."""
-        limit_n = min(limit_n, self.settings.limit_n)
-        if limit_n != self._limit_n:
-            self._limit_n = limit_n
-            self._compare()
+        self._limit_n = min(limit_n, self.settings.limit_n)
 
     @property
     def stopped(self) -> bool:
@@ -93,6 +95,7 @@ class SafetyLayer:
 
     def observe(self, estimate: ForceEstimate, captured_ns: int) -> None:
         """Take an estimate of the image at ``captured_ns`` on the clock, valid or not."""
+        self._bound.add(estimate, captured_ns)
         if not estimate.valid:
             self._why = f"{estimate.status.value}: {estimate.detail}" if estimate.detail else estimate.status.value
             return
@@ -103,15 +106,15 @@ class SafetyLayer:
         if self._valid_ns is not None and captured_ns <= self._valid_ns:
             return
         self._valid_ns, self._why = captured_ns, ""
-        high = float(estimate.magnitude_interval_n[1])
-        self._upper_n = high if high == high else float(estimate.magnitude_n)
-        self._compare()
 
-    def _compare(self) -> None:
-        if self._upper_n > self._limit_n:
-            self._over_since_ns = self._clock.now_ns() if self._over_since_ns is None else self._over_since_ns
-        elif self._upper_n < self.settings.release_share * self._limit_n:
+    def _compare(self, now_ns: int) -> float:
+        """Returns the bound of the force, in newtons, and remembers since when it is above the limit."""
+        bound_n = self._bound.at_n(now_ns)
+        if bound_n > self._limit_n:
+            self._over_since_ns = now_ns if self._over_since_ns is None else self._over_since_ns
+        elif bound_n < self.settings.release_share * self._limit_n:
             self._over_since_ns = None
+        return bound_n
 
     def age_ns(self) -> int | None:
         """How old the last valid estimate is, beyond the usual delay; None before the first."""
@@ -120,6 +123,7 @@ class SafetyLayer:
     def check(self) -> tuple[SafetyAction, str]:
         """What is to be done now, and why."""
         now, age, settings = self._clock.now_ns(), self.age_ns(), self.settings
+        bound_n = self._compare(now)
         if self._stopped:
             return SafetyAction.STOPPED, "the stop key was pressed"
         if age is None:
@@ -129,7 +133,7 @@ class SafetyLayer:
         if self._over_since_ns is not None:
             if now - self._over_since_ns > settings.max_above_s * 1e9:
                 return SafetyAction.RETRACT, f"above {self._limit_n:g} N for {settings.max_above_s:g} s"
-            return SafetyAction.OVER_LIMIT, f"upper end {self._upper_n:.2f} N above {self._limit_n:g} N"
+            return SafetyAction.OVER_LIMIT, self._bound.reason(bound_n, self._limit_n)
         if self._why:
             return SafetyAction.COAST, self._why
         return SafetyAction.PASS, ""
@@ -168,3 +172,53 @@ class SafetyLayer:
     def release(self) -> None:
         """After a stop: commands pass again, from where the drives are."""
         self._stopped, self._sent_mm, self._over_since_ns = False, None, None
+
+
+class _Bound:
+    """Largest force that the tip can have, from the last interval and from how fast the force rises."""
+
+    def __init__(self, settings: SafetySettings) -> None:
+        self._settings = settings
+        self.upper_n = 0.0
+        self._middle_n = self._rise_n_per_s = 0.0
+        self._captured_ns: int | None = None
+        self._missed = False
+        """Whether an estimate without an interval came since."""
+        self._rises: deque[tuple[int, float]] = deque()
+
+    def add(self, estimate: ForceEstimate, captured_ns: int) -> None:
+        """Takes an estimate, valid or not; one without an interval leaves the bound to rise."""
+        if self._captured_ns is not None and captured_ns <= self._captured_ns:
+            return
+        if math.isnan(estimate.upper_n):
+            self._missed = True
+            return
+        middle_n = estimate.magnitude_n if estimate.valid else 0.5 * sum(estimate.abstained_interval_n)
+        if self._captured_ns is not None:
+            seconds = (captured_ns - self._captured_ns) * 1e-9
+            self._rise_n_per_s = max(0.0, middle_n - self._middle_n - self._settings.noise_n) / seconds
+        self._rises.append((captured_ns, self._rise_n_per_s))
+        while self._rises[0][0] < captured_ns - 1e9 * self._settings.rise_memory_s:
+            self._rises.popleft()
+        self.upper_n, self._middle_n, self._captured_ns, self._missed = estimate.upper_n, middle_n, captured_ns, False
+
+    def rise_n_per_s(self) -> float:
+        """How fast the force may rise now: as between the last two intervals, or faster while none comes."""
+        if not self._missed:
+            return self._rise_n_per_s
+        return max(self._settings.least_rise_n_per_s, max(rise for _, rise in self._rises))
+
+    def at_n(self, now_ns: int) -> float:
+        """Upper end of the force when a command of ``now_ns`` takes effect."""
+        if self._captured_ns is None:
+            return 0.0
+        return self.upper_n + self.rise_n_per_s() * ((now_ns - self._captured_ns) * 1e-9 + self._settings.reaction_s)
+
+    def reason(self, bound_n: float, limit_n: float) -> str:
+        """One line on why the catheter is drawn back."""
+        if self.upper_n > limit_n:
+            return f"upper end {self.upper_n:.2f} N above {limit_n:g} N"
+        return (
+            f"upper end {self.upper_n:.2f} N, rising by {self.rise_n_per_s():.1f} N/s: {bound_n:.2f} N before the "
+            f"drives answer, limit {limit_n:g} N"
+        )

@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ..clinical import CONTACT_N, LIMIT_N
 
-__all__ = ["CONTROLLERS", "ControlSettings", "ControllerName", "ObserverSettings", "SafetySettings"]
+__all__ = ["CONTROLLERS", "LIFTED_LIMIT_N", "ControlSettings", "ControllerName", "ObserverSettings", "SafetySettings"]
 
 ControllerName = Literal["none", "pi", "periodic", "admittance"]
 CONTROLLERS: tuple[ControllerName, ...] = ("none", "pi", "periodic", "admittance")
@@ -17,6 +17,10 @@ _Seconds = Annotated[float, Field(ge=0, le=600)]
 
 class _Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+LIFTED_LIMIT_N = 1000.0
+"""A limit that no force reaches: for baselines in simulation."""
 
 
 class SafetySettings(_Settings):
@@ -30,6 +34,14 @@ class SafetySettings(_Settings):
     """Longer above the limit, although it is drawn back: all the way to the start."""
     max_advance_mm_per_s: _Positive = 30.0
     max_knob_deg_per_s: _Positive = 90.0
+    reaction_s: _Seconds = 50e-3
+    """From a command until the clamp moves back: delay and lag of the drives, and the time in which they brake."""
+    noise_n: _Positive = 0.02
+    """A change between two estimates that is smaller counts as noise, not as a rise of the force."""
+    rise_memory_s: _Seconds = 2.0
+    """While no estimate comes, the force may rise as fast as its fastest rise within this time."""
+    least_rise_n_per_s: _Positive = 0.5
+    """While no estimate comes, the force may rise at least so fast."""
     coast_s: _Seconds = 0.2
     """So long without a valid estimate the controller goes on with what it knows; then the catheter is drawn back."""
     least_stale_s: _Seconds = 0.2
@@ -87,14 +99,15 @@ class ControlSettings(_Settings):
     learn_s: _Seconds = 4.0
     """Time in contact before a controller that rejects the heart's motion begins to follow the wall, at first as far
     as it is sure of it."""
-    learn_at_most_s: _Seconds = 6.0
-    """Then it holds, sure or not."""
+    learn_at_most_s: _Seconds = 12.0
+    """Then the hold begins, sure or not; where the tip may go is bounded by every wall that is still plausible."""
     settle_s: _Seconds = 12.0
     """Controller ``none``: the time in which the mean force is brought to the target, before the drives rest."""
     ramp_n_per_s: _Positive = 0.08
     """How fast the wanted force rises to the target; it falls five times as fast."""
     reserve: _Positive = 1.3
-    """The wanted force is so low that so many times the last seconds' largest excess still stay below the limit."""
+    """The wanted force is so low that so many times the last seconds' largest excess still stay below the limit; and no
+    plausible wall may make more force than the limit over this."""
     drive_delay_s: _Seconds = 30e-3
     """From a command until the tip's clamp is there, delay and lag together: what is compensated."""
     loop_delay_s: _Positive = 0.12

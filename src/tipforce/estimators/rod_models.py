@@ -73,7 +73,7 @@ class RodModelSettings(BaseModel):
     stiffness_nm2: Annotated[float, Field(ge=1e-8, le=10)] | None = None
     """Bending stiffness in place of the one that the session's metadata state."""
     force_std_n: Annotated[float, Field(gt=0, le=10)] = 0.2
-    """Prior standard deviation of each force component, about 0: contact forces are 0.1 to 0.4 N. It decides along
+    """Prior standard deviation of each force component, about 0: contact forces are some 0.1 to 0.4 N. It decides along
     directions in which a force hardly bends the shaft."""
     station_std_m: Annotated[float, Field(gt=0, le=0.1)] = 1e-4
     """Standard deviation of a detected point: half a pixel of a usual bench."""

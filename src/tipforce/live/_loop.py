@@ -16,12 +16,13 @@ LoopState = Literal["idle", "approach", "contact", "hold", "retract", "stopped"]
 class LoopStatus:
     """A loop as the page shows it.
 
-    ``reason``: why it is in its state, or what is missing. ``resumes``: it is idle and will begin its approach again by
-    itself. ``target_n``: what shall be held in the end, ``wanted_n``: just now, NaN outside of hold; ``limit_n``: that
-    of its safety layer. ``force_n``: as the loop has read it last, NaN where that was not valid; ``upper_n``: upper end
-    of its 90 % interval. ``place_mm`` of ``length_mm``: where the drives are on the path from the marked start; NaN
-    without a path. ``axes``: what the drives read, by name; ``start`` and ``goal``: where they were marked.
-    ``action``: what the safety layer does with what is wanted.
+    ``reason``: why it is in its state, or what is missing. ``resumes``: it is idle and will begin its approach
+    again by itself. ``target_n``: what shall be held in the end, ``wanted_n``: just now, NaN outside of hold;
+    ``limit_n``: that of its safety layer. ``held``: the force has been at the target for the last seconds.
+    ``force_n``: as the loop has read it last, NaN where that was not valid; ``upper_n``: upper end of its 90 %
+    interval. ``place_mm`` of ``length_mm``: where the drives are on the path from the marked start; NaN without a
+    path. ``axes``: what the drives read, by name; ``start`` and ``goal``: where they were marked. ``action``: what
+    the safety layer does with what is wanted.
     """
 
     state: LoopState = "idle"
@@ -30,6 +31,7 @@ class LoopStatus:
     target_n: float = float("nan")
     wanted_n: float = float("nan")
     limit_n: float = float("nan")
+    held: bool = False
     force_n: float = float("nan")
     upper_n: float = float("nan")
     place_mm: float = float("nan")

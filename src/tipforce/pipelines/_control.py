@@ -10,7 +10,8 @@ from typing import Any, Literal, Self
 import numpy as np
 
 from ..alignment import observations
-from ..control import ControlLoop, ControlSettings, ControlState, ControlTick, Path, SafetyAction
+from ..clinical import LIMIT_N, WINDOW_N
+from ..control import LIFTED_LIMIT_N, ControlLoop, ControlSettings, ControlState, ControlTick, Path, SafetyAction
 from ..errors import InputError
 from ..estimators import Estimator, missing_metadata
 from ..simulation import AnySimulationSettings, LiveSimulation, SimulationSettings
@@ -41,7 +42,9 @@ _FREE_SHARE = {"perpendicular": (0.4, 0.55), "oblique": (0.1, 0.5), "lateral": (
 _BACK_MM, _ON_MM = 8.0, 12.0
 """So far the clamp may be drawn back and advanced from where it stands when the bench is set up."""
 _KNOB_DEG = {"advance": None, "knob": (-20.0, 70.0), "both": (-14.0, 46.0)}
-_BEFORE_S = 25.0
+_BACK = (SafetyAction.OVER_LIMIT.value, SafetyAction.RETRACT.value)
+"""With these the catheter is drawn back."""
+_BEFORE_S = 40.0
 """Tare, approach and learning, before the seconds that are held."""
 ESTIMATE_S = 10e-3
 """From an image to its estimate: simulated time stands still while an estimator works, so this stands for it."""
@@ -109,31 +112,60 @@ class ControlRun:
         """(n,) of each tick."""
         return np.array([tick.time_s for tick in self.ticks])
 
+    @property
+    def judged_limit_n(self) -> float:
+        """The limit of the run; the default one where it was lifted."""
+        limit_n = self.settings.safety.limit_n
+        return limit_n if limit_n < LIFTED_LIMIT_N else LIMIT_N
+
     def figures(self, seconds: float) -> dict[str, float]:
-        """Over ``seconds`` from when the target was first held."""
-        time = self.time_s
+        """Returns peaks and times above the limits of the whole run, and how well the target was held.
+
+        Args:
+            seconds: the target is judged over so long from when it was first wanted in hold; where it never was, the
+                figures of the hold are missing.
+
+        Returns:
+            Forces in N, times in s. ``unforeseen``: how often the true force passed the limit before the retraction had
+            begun.
+        """
+        time, limit_n = self.time_s, self.judged_limit_n
+        step_s = np.diff(time, append=time[-1:])
+        upper = np.array([tick.upper_n for tick in self.ticks])
+        back = np.isin([tick.applied.action.value for tick in self.ticks], _BACK)
+        passes = np.flatnonzero((self.true_n[1:] > limit_n) & (self.true_n[:-1] <= limit_n))
+        whole = {
+            "judged_limit_n": limit_n,
+            "peak_whole_run_n": float(self.true_n.max()),
+            "peak_at_s": float(time[self.true_n.argmax()]),
+            "above_limit_s": float(step_s[self.true_n > limit_n].sum()),
+            "above_thesis_limit_s": float(step_s[self.true_n > WINDOW_N[1]].sum()),
+            "peak_upper_n": float(np.fmax.reduce(upper, initial=0.0)),
+            "passes": float(len(passes)),
+            "unforeseen": float(np.count_nonzero(~back[passes])),
+            "restarts": float(self.restarts),
+        }
         held = np.array([tick.state is ControlState.HOLD for tick in self.ticks])
         target = self.settings.target_n
         full = held & (np.array([tick.target_n for tick in self.ticks]) >= target)
         if not full.any():
-            return {"held_s": 0.0}
+            return {"held_s": 0.0, **whole}
         start = float(time[full][0])
         window = (time >= start) & (time < start + seconds)
         error = self.true_n[window] - target
         action = np.array([tick.applied.action.value for tick in self.ticks])[window]
         valid = np.array([tick.valid for tick in self.ticks])[window]
         return {
+            **whole,
             "start_s": start,
             "held_s": float(np.mean(held[window])) * float(time[window][-1] - start),
             "rms_n": float(np.sqrt(np.mean(error**2))),
             "bias_n": float(error.mean()),
             "within_20_mn": float(np.mean(np.abs(error) <= 0.02)),
             "peak_n": float(self.true_n[window].max()),
-            "peak_whole_run_n": float(self.true_n.max()),
             "not_valid_share": float(1.0 - valid.mean()),
             "over_limit_share": float(np.mean(action == SafetyAction.OVER_LIMIT)),
             "retract_share": float(np.mean(action == SafetyAction.RETRACT)),
-            "restarts": float(self.restarts),
         }
 
 

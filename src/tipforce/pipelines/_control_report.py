@@ -16,7 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..alignment import ClockChoice
-from ..control import ControlState, SafetyAction
+from ..clinical import WINDOW_N
+from ..control import LIFTED_LIMIT_N, ControlState, SafetyAction
 from ..errors import InputError
 from ..io import RecordingWriter, atomic_text, write_atomic
 from ..types import BoolArray, Event, FloatArray, Frame
@@ -30,7 +31,7 @@ __all__ = ["control", "plot_control", "verdict"]
 
 _COLUMNS = (
     "time_s", "state", "target_n", "force_n", "low_n", "high_n", "valid", "true_n", "position_mm", "sent_mm",
-    "safety", "reason", "gain_n_per_mm", "heart_hz",
+    "upper_n", "safety", "reason", "gain_n_per_mm", "heart_hz",
 )  # fmt: skip
 _BANDS = {
     ControlState.APPROACH: "#e8eef3",
@@ -102,10 +103,11 @@ def _write_table(run: ControlRun, table: TextIO) -> None:
     rows.writerow(_COLUMNS)
     for tick, true in zip(run.ticks, run.true_n.tolist(), strict=True):
         forces = (_cell(value) for value in (tick.force_n, tick.low_n, tick.high_n))
+        upper = _cell(tick.upper_n)
         rows.writerow(
             [
                 f"{tick.time_s:.4f}", tick.state.value, f"{tick.target_n:.4f}", *forces, int(tick.valid), _cell(true),
-                f"{tick.position_mm:.4f}", f"{tick.applied.position_mm:.4f}", tick.applied.action.value,
+                f"{tick.position_mm:.4f}", f"{tick.applied.position_mm:.4f}", upper, tick.applied.action.value,
                 tick.applied.reason, f"{tick.gain_n_per_mm:.5f}", f"{tick.heart_hz:.4f}",
             ]
         )  # fmt: skip
@@ -146,12 +148,12 @@ def _forces(axes: Axes, run: ControlRun, time: FloatArray) -> None:
     )
     valid = np.array([tick.valid for tick in run.ticks])
     target = np.array([tick.target_n for tick in run.ticks])
-    limit = run.settings.safety.limit_n
+    limit = run.judged_limit_n
     axes.fill_between(time, low, high, where=valid.tolist(), color=COLOURS[0], alpha=0.22, lw=0, label="90 % interval")
     axes.plot(time, np.where(valid, force, np.nan), color=COLOURS[0], lw=0.9, label="estimate")
     axes.plot(time, run.true_n, color=INK, lw=1.1, label="true force")
     axes.plot(time, np.where(target > 0.0, target, np.nan), color=COLOURS[1], lw=1.6, ls="--", label="target")
-    axes.axhline(limit, color=COLOURS[1], lw=1.0, label="limit")
+    axes.axhline(limit, color=COLOURS[1], lw=1.0, label=f"limit {limit:g} N")
     top = 1.12 * max(limit if limit < 1.0 else 0.0, float(run.true_n.max()), run.settings.target_n)
     for number, (first, end) in enumerate(_stretches(~valid & (time > time[0] + 1.0))):
         label = "" if number else "no valid estimate"
@@ -209,30 +211,52 @@ _STYLE = (
 
 
 def verdict(figures: dict[str, Any]) -> str:
-    """The answer in one sentence."""
+    """Returns the result in three sentences: the hold, the peak, and the time above the limits."""
     target = figures["settings"]["target_n"]
-    if "rms_n" not in figures:
-        return f"{target:g} N was never held."
+    if "rms_n" in figures:
+        held = (
+            f"{target:g} N was held to {1e3 * figures['rms_n']:.0f} mN RMS of the true force "
+            f"({newtons_to_grams(figures['rms_n']):.1f} g); {figures['within_20_mn']:.0%} of the time within 20 mN; "
+            f"{figures['not_valid_share']:.1%} of the time without a valid estimate."
+        )
+    else:
+        held = f"{target:g} N was never held."
+    peak_n = figures["peak_whole_run_n"]
+    passes, unforeseen = round(figures["passes"]), round(figures["unforeseen"])
+    begun = "" if not passes else f", passed {passes} times, {unforeseen} of them before the retraction had begun"
     return (
-        f"{target:g} N was held to {1e3 * figures['rms_n']:.0f} mN RMS of the true force "
-        f"({newtons_to_grams(figures['rms_n']):.1f} g); {figures['within_20_mn']:.0%} of the time within 20 mN; peak "
-        f"{figures['peak_whole_run_n']:.2f} N; {figures['not_valid_share']:.1%} of the time without a valid estimate."
+        f"{held} Peak of the true force: {peak_n:.2f} N ({newtons_to_grams(peak_n):.0f} g). "
+        f"{figures['above_limit_s']:.2f} s above {_limit(figures)}{begun}; "
+        f"{figures['above_thesis_limit_s']:.2f} s above the thesis's safe limit, {WINDOW_N[1]:g} N."
     )
 
 
+def _limit(figures: dict[str, Any]) -> str:
+    lifted = figures["settings"]["safety"]["limit_n"] >= LIFTED_LIMIT_N
+    return f"the loop's limit, {figures['judged_limit_n']:g} N" + ", which was lifted in this run" * lifted
+
+
 def _facts(figures: dict[str, Any]) -> list[tuple[str, str]]:
+    whole = [
+        ("peak of the whole run, true force", f"{figures['peak_whole_run_n']:.3f} N at {figures['peak_at_s']:.1f} s"),
+        ("largest upper end of the estimates", f"{figures['peak_upper_n']:.3f} N"),
+        (f"time above {_limit(figures)}", f"{figures['above_limit_s']:.2f} s"),
+        (f"time above the thesis's safe limit, {WINDOW_N[1]:g} N", f"{figures['above_thesis_limit_s']:.2f} s"),
+        ("limit passed; before the retraction had begun",
+         f"{figures['passes']:.0f} times; {figures['unforeseen']:.0f}"),
+        ("begun again by itself", f"{figures['restarts']:.0f} times"),
+    ]  # fmt: skip
     if "rms_n" not in figures:
-        return []
+        return whole
     return [
         ("RMS error of the true force", f"{1e3 * figures['rms_n']:.1f} mN"),
         ("mean error", f"{1e3 * figures['bias_n']:+.1f} mN"),
         ("share of time within 20 mN", f"{figures['within_20_mn']:.1%}"),
         ("peak while it was held", f"{figures['peak_n']:.3f} N"),
-        ("peak of the whole run", f"{figures['peak_whole_run_n']:.3f} N"),
+        *whole,
         ("held", f"{figures['held_s']:.1f} s"),
         ("time without a valid estimate", f"{figures['not_valid_share']:.1%}"),
         ("time drawn back above the limit", f"{figures['over_limit_share']:.1%}"),
-        ("begun again by itself", f"{figures['restarts']:.0f} times"),
     ]
 
 

@@ -210,7 +210,7 @@ class LiveControl:
         if self._stopped:
             state, reason = "stopped", self._why_stopped
         elif loop is not None:
-            state, reason = loop.state.value, reason or loop.reason or "ready"
+            state, reason = loop.state.value, reason or loop.progress or "ready"
         elif not reason:
             missing = [name for name, places in (("start", marks.start), ("goal", marks.goal)) if places is None]
             reason = f"mark {' and '.join(missing)}" if missing else "waiting for the drives"
@@ -224,6 +224,7 @@ class LiveControl:
             target_n=settings.target_n,
             wanted_n=tick.target_n if tick is not None and tick.state is ControlState.HOLD else math.nan,
             limit_n=self._limit_n,
+            held=loop is not None and not self._stopped and loop.held,
             force_n=float(latest.estimate.magnitude_n) if latest is not None and valid else math.nan,
             upper_n=float(latest.estimate.magnitude_interval_n[1]) if latest is not None and valid else math.nan,
             place_mm=round(place_mm, 2),

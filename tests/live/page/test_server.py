@@ -207,7 +207,7 @@ def test_pages_learn_session_model_and_limits(server: PageServer) -> None:
     with opened(server) as client:
         state = client.state
     assert (state["session"], state["model"], state["simulated"]) == ("pig 4", "fusion", True)
-    assert state["contact"] == {"contact_n": 0.01, "window_n": [0.1, 0.4], "limit_n": 0.4}
+    assert state["contact"] == {"contact_n": 0.01, "window_n": [0.1, 0.3], "limit_n": 0.4}
 
 
 def test_a_ping_is_answered_with_the_engines_clock(server: PageServer) -> None:

@@ -30,7 +30,7 @@ const set = (id, text) => {
 const app = {
   alarm: new Alarm(),
   sound: new Sound(),
-  state: { contact: { contact_n: 0.01, window_n: [0.1, 0.4], limit_n: 0.4 } },
+  state: { contact: { contact_n: 0.01, window_n: [0.1, 0.3], limit_n: 0.4 } },
   update: null,
   verdict: { kind: "waiting", live: false },
   view: "",
