@@ -41,7 +41,8 @@ def command(
 
     Each row also tells contact state and class, the probability of a force above the limit, and since the first frame
     the seconds in the force window, above the limit and without a valid force, and the force-time integral. --set
-    changes the thresholds: window_n=[0.1,0.3], limit_n=0.35, contact_n, swing_n, class_s.
+    changes the thresholds: window_n=[0.1,0.4], limit_n=0.35, contact_n, swing_n, class_s. The window of 0.1 to 0.3 N is
+    the thesis's, the limit of 0.4 N this program's.
 
     Example:
         tipforce estimate models/svr video.mp4 --knob-deg 10 -o forces.csv --overlay out.mp4

@@ -53,7 +53,8 @@ def command(
     devices that bench.toml describes. Ctrl-C ends it.
 
     --set changes rate_hz and loop of a file, seed of the simulated bench, contact.window_n, contact.limit_n, and how
-    long a value counts (stale_s). docs/live.md explains each reason of NOT VALID; docs/streams.md the outputs.
+    long a value counts (stale_s). docs/live.md explains each reason of NOT VALID; docs/streams.md the outputs. The
+    window of 0.1 to 0.3 N is the thesis's, the limit of 0.4 N, of alarm and loop, this program's.
 
     --set hold.target_n=0.2 gives the page a panel from which a loop that holds a force with the drives of the bench is
     started, stopped and retracted; hold.drives, hold.start, hold.goal and all settings of the control are in
