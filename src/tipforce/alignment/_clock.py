@@ -159,7 +159,8 @@ def estimate_clock(
             only in favour of the one that fits best.
 
     Returns:
-        ``how="refused"`` with the reason where the map cannot be determined.
+        ``how="refused"`` with the reason where the map cannot be determined; its offset and rate, where they are not 0
+        and 1, are only the best of the trial maps.
     """
     seen = np.flatnonzero(np.isfinite(coordinates).all(axis=1))
     usable = np.zeros(len(coordinates), np.bool_)
@@ -195,10 +196,15 @@ def estimate_clock(
         return _refused(
             f"no offset brings images and force of {_MIN_SPAN_S:g} s together; {_MIN_SPAN_S:g} s are needed"
         )
-    best = ranked[0]
+    best, apart_ns = ranked[0], int(force_ns[0] - frame_ns[0])
     if 1.0 - best.share < session.min_explained:
-        return _unexplained(1.0 - best.share, session)
-    apart_ns = int(force_ns[0] - frame_ns[0])
+        offset_ns = round(1e9 * best.trial.rate * best.trial.lag_s) - apart_ns
+        return replace(  # a stage on the camera's clock may yet be taken out of the force at this rate
+            _unexplained(1.0 - best.share, session),
+            offset_ns=offset_ns,
+            rate=best.trial.rate,
+            reference_ns=int(force_ns[0]),
+        )
     shared = None if shared_ns is None else _Trial(1.0, 1e-9 * float(apart_ns + shared_ns))
     if shared is None or best.trial.apart_s(shared, session.time_s) > _RIVAL_APART_S:
         rivals = [best]

@@ -12,7 +12,7 @@ from ..vision import DetectedShape
 from ._clock import MAX_STDERR_MS, estimate_clock
 from ._deflection import shape_coordinates
 from ._find import ForceCorrections
-from ._inertia import fit_stage_rate
+from ._inertia import best_inertia, fit_inertia
 
 __all__ = ["ClockChoice", "OffsetChoice", "Sight", "find_clock", "stated_clock"]
 
@@ -25,6 +25,8 @@ _APART_Z = 5.0
 _STAGE_STDERR_MS = 6.0
 """Of the offset that the stage's movement in the force tells: over 8 simulated sessions it was off by 4 to 15 ms, early
 by what the stage lags behind its commands."""
+_FAR_MS = 250.0
+"""From this offset on, the lag of the stage may be beyond those that are tried when the tare is found."""
 _MAX_TIED_MS = 30.0
 """A deflection that tells the offset less well than this cannot show that camera and stage run on one clock."""
 
@@ -154,12 +156,20 @@ def _estimated(
         )
 
     found = by(facts.inertia)
-    if facts.inertia.how != "estimated" or found.rate == 1.0:
+    moved = found.rate != 1.0 or abs(found.offset_ms) > _FAR_MS
+    if not facts.stage.names or not facts.tare.stretches_s or not moved:
         return found, facts.inertia
-    own = fit_stage_rate(stamps, force, facts.stage, facts.inertia, (1.0, found.rate))
-    if own == 1.0:
+    # the stage may run on the camera's clock, which is now known to be another one than the log's
+    stretch = facts.tare.stretches_s[0]
+    middle = np.array([int(stamps[0]) + round(0.5e9 * sum(stretch))])
+    lag_ns = int((found.camera_ns(middle) - middle)[0])
+    _, other = fit_inertia(stamps, force, facts.stage, stretch, rate=found.rate, lag_ns=lag_ns)
+    possible = [each for each in (facts.inertia, other) if each.how == "estimated"]
+    if not possible:
         return found, facts.inertia
-    inertia = replace(facts.inertia, rate=own)
+    inertia = best_inertia(stamps, force, facts.stage, possible)
+    if inertia is facts.inertia:
+        return found, inertia
     return by(inertia), inertia
 
 

@@ -11,7 +11,6 @@ the stage's movement, whatever delays it is made of. The same sum is then subtra
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from ..errors import InputError
 from ..io import Inertia, Tare
 from ..types import FloatArray, IntArray
 
-__all__ = ["StageMotion", "carried_n", "fit_inertia", "fit_stage_rate"]
+__all__ = ["StageMotion", "best_inertia", "carried_n", "fit_inertia"]
 
 _GRID_S = 0.01
 _WINDOW, _DEGREE = 9, 4
@@ -86,11 +85,14 @@ def fit_inertia(
     stretch_s: tuple[float, float],
     *,
     window_s: float = 0.3,
+    rate: float = 1.0,
+    lag_ns: int = 0,
 ) -> tuple[Tare, Inertia]:
     """Tare and inertia from the contact-free ``stretch_s`` (seconds since the log's first row).
 
-    ``stamps_ns`` (n,), ``force_n`` (n, 3): readings as they are. Lags within +-``window_s`` are tried. ``how="none"``
-    with the reason where the readings do not show the stage's movement; the tare is then their mean. Raises InputError
+    ``stamps_ns`` (n,), ``force_n`` (n, 3): readings as they are. Lags within +-``window_s`` of
+    ``lag_ns`` (in the middle of the stretch, with the stage's clock at ``rate``) are tried. ``how="none"`` with the
+    reason where the readings do not show the stage's movement; the tare is then their mean. Raises InputError
     where fewer than a second of readings lies in the stretch.
     """
     seconds = (stamps_ns - stamps_ns[0]) * 1e-9
@@ -106,7 +108,9 @@ def fit_inertia(
     _, place, filled = np.unique(number, return_inverse=True, return_counts=True)
     known = np.stack([np.bincount(place, column) / filled for column in force_n[inside][:, axes].T], axis=1)
     middle = np.bincount(place, (stamps_ns[inside] - stamps_ns[0]).astype(np.float64)) / filled
-    at = stamps_ns[0] + np.round(middle).astype(np.int64)
+    middle_ns = int(stamps_ns[0]) + round(0.5e9 * sum(stretch_s))
+    nominal = Inertia(lag_ns=lag_ns, rate=rate, reference_ns=middle_ns)
+    at = nominal.stage_ns(stamps_ns[0] + np.round(middle).astype(np.int64))
     stated = at >= stage.start_ns + round((window_s + _EDGE_S) * 1e9)  # at every lag that is tried the stage has spoken
     if stated.sum() * _BIN_S >= 0.5 * span:
         at, known = at[stated], known[stated]
@@ -136,39 +140,36 @@ def fit_inertia(
     tare = Tare(level, stderr, (stretch_s,), "stated")
     if not gains.any():
         return tare, Inertia(detail="the readings do not show the stage's movement: no inertia is taken out")
-    middle_ns = int(stamps_ns[0]) + round(0.5e9 * sum(stretch_s))
-    return tare, Inertia(stage.names, gains, 1000 * round(lag_s * 1e6), "estimated", reference_ns=middle_ns)
+    lag_ns += 1000 * round(lag_s * 1e6)
+    return tare, Inertia(stage.names, gains, lag_ns, "estimated", rate=rate, reference_ns=middle_ns)
 
 
-def fit_stage_rate(
-    stamps_ns: IntArray, force_n: FloatArray, stage: StageMotion, inertia: Inertia, rates: Sequence[float]
-) -> float:
-    """The one of ``rates`` at which the stage's clock runs against the force log's.
+def best_inertia(stamps_ns: IntArray, force_n: FloatArray, stage: StageMotion, found: Sequence[Inertia]) -> Inertia:
+    """The one of ``found`` whose clock map between force log and stage holds for the whole log.
 
-    Contact and inertia both follow the stage's movement, so the readings of the whole log are regressed on its
-    accelerations now, a little before and a little after; the rate that leaves least is the right one.
+    Contact and inertia both follow the stage's movement, so all readings are regressed on its accelerations now, a
+    little before and a little after; the right map leaves least.
 
     Args:
         stamps_ns: (n,) of the readings.
         force_n: (n, 3) N; NaN where there is no plausible reading.
         stage: how the stage moved on its own clock.
-        inertia: with the lag in the stretch without contact, at its ``reference_ns``.
-        rates: those that are possible.
+        found: at least one.
     """
     axes = ~np.isnan(force_n).all(axis=0)
-    step_ns = max(1, round(_RATE_STEP_S * 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0)))
+    step = max(1, round(_RATE_STEP_S * 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0)))
     finite = np.flatnonzero(np.isfinite(force_n[:, axes]).all(axis=1))
-    count = len(finite) // step_ns * step_ns
-    known = force_n[finite[:count]][:, axes].reshape(-1, step_ns, int(axes.sum())).mean(axis=1)
-    at = stamps_ns[finite[:count]].reshape(-1, step_ns)[:, step_ns // 2]
+    count = len(finite) // step * step
+    known = force_n[finite[:count]][:, axes].reshape(-1, step, int(axes.sum())).mean(axis=1)
+    at = stamps_ns[finite[:count]].reshape(-1, step)[:, step // 2]
     left: list[float] = []
-    for rate in rates:
-        when = replace(inertia, rate=rate).stage_ns(at)
+    for inertia in found:
+        when = inertia.stage_ns(at)
         shifted = [stage.acceleration(when + round(1e9 * way * _AROUND_S), stage.names) for way in (-1.0, 0.0, 1.0)]
         columns = np.column_stack([np.ones(len(at)), *shifted])
         solved = np.linalg.lstsq(columns, known, rcond=1e-6)[0]
         left.append(float(np.sum((known - columns @ solved) ** 2)))
-    return rates[int(np.argmin(left))]
+    return found[int(np.argmin(left))]
 
 
 def _crookedness(gains: FloatArray) -> float:
