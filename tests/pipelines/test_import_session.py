@@ -207,6 +207,7 @@ def test_an_import_that_was_killed_is_simply_run_again(run: Run, tmp_path: Path)
     writer._halt()
     writer._mcap.flush()
     writer._stream.close()
+    writer._held.close()  # a process that is killed lets go of its locks
     with pytest.raises(FileFormatError, match="run the import again"):
         RecordingReader(tmp_path / "run.mcap")
     import_session(run.video, run.force, tmp_path / "run.mcap", offset_ms="none")
