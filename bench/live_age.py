@@ -430,7 +430,9 @@ def foxglove(port: int) -> Iterator[dict[str, Any]]:
     from websockets.sync.client import connect
     from websockets.typing import Subprotocol
 
-    with connect(f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol("foxglove.sdk.v1")], max_queue=1) as client:
+    with connect(
+        f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol("foxglove.sdk.v1")], max_queue=1, ping_interval=None
+    ) as client:
         wanted: dict[str, int] = {}
         while "/live" not in wanted:
             said = json.loads(client.recv())
