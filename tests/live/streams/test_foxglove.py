@@ -1,5 +1,6 @@
 """A client that speaks foxglove.sdk.v1 by hand: nothing of foxglove-sdk is on its side."""
 
+import contextlib
 import json
 import struct
 import time
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
@@ -96,6 +97,42 @@ def _burst(client: ClientConnection, topics: dict[int, str]) -> Iterator[tuple[s
             kind, subscription, log_time = MESSAGE_DATA.unpack_from(data)
             assert kind == 1
             yield topics[subscription], (log_time, data[MESSAGE_DATA.size :])
+
+
+def test_a_client_that_stops_reading_gets_a_few_old_messages_then_the_newest_and_the_last_one(
+    served: tuple[Sink, str], update: Callable[..., LiveUpdate]
+) -> None:
+    sink, url = served
+    sink.put(update(0))
+    with connect(url, subprotocols=SDK, max_queue=1) as client:
+        client.recv(WAIT_S)
+        channel = advertised(client, 3)["/live"]["id"]
+        client.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 0, "channelId": channel}]}))
+        deadline, first = time.monotonic() + WAIT_S, None
+        while first is None:
+            assert time.monotonic() < deadline
+            sink.put(update(0))
+            with contextlib.suppress(TimeoutError):
+                first = client.recv(0.1)
+        for number in range(1, 150):
+            sink.put(update(number))
+            time.sleep(0.005)
+        time.sleep(0.2)
+        seen = [number_in(client.recv(WAIT_S))]
+        while seen[-1] < 149:
+            seen.append(number_in(client.recv(WAIT_S)))
+        assert seen == sorted(seen)
+        assert len([number for number in seen if 0 < number < 149]) <= 10, "of 148"
+        sink.put(update(150, valid=False))
+        sink.close()
+        assert number_in(client.recv(WAIT_S)) == 150
+        with pytest.raises(ConnectionClosed):
+            client.recv(WAIT_S)
+
+
+def number_in(data: str | bytes) -> int:
+    assert isinstance(data, bytes)
+    return json.loads(data[MESSAGE_DATA.size :])["number"]
 
 
 def test_foreign_web_pages_are_refused_and_foxgloves_own_is_not(served: tuple[Sink, str]) -> None:

@@ -2,6 +2,7 @@
 
 import secrets
 import sys
+import time
 from typing import Any
 
 from ...io import COMPRESSED_IMAGE, ESTIMATE, FORCE_ESTIMATE, SCHEMAS, encode_image, pack_estimate, pack_image
@@ -18,7 +19,12 @@ APP = "https://app.foxglove.dev"
 """The page that shows such streams; the desktop program has an origin of its own."""
 DESKTOP = "foxglove://"
 _BACKLOG = 8
-"""Messages that a slow client may lag behind; the oldest give way."""
+"""Messages that wait in foxglove-sdk; the oldest give way."""
+_FLUSH_S = 0.2
+"""foxglove-sdk sends in the background, and its stop does not wait for that."""
+_SUBPROTOCOL = "foxglove.sdk.v1"
+_MESSAGE_DATA = 1
+"""First byte of a message of a channel; four bytes of the subscription follow."""
 _QUALITY = 80
 
 
@@ -60,7 +66,9 @@ class FoxgloveServer:
             message_backlog_size=_BACKLOG,
         )
         self._behind = host, self._server.port
-        self._door = OriginDoor(*self._target, self._behind, origins=self._origins)
+        self._door = OriginDoor(
+            *self._target, self._behind, origins=self._origins, subprotocol=_SUBPROTOCOL, key_of=_subscription
+        )
         self._live = foxglove.Channel("/live", schema=LiveMessage.model_json_schema(), context=self._context)
         self._estimate = self._ros2(f"/{ESTIMATE}", FORCE_ESTIMATE)
 
@@ -74,11 +82,12 @@ class FoxgloveServer:
         self._live.log(text.encode(), log_time=at)
 
     def close(self) -> None:
-        """End all connections."""
+        """End all connections, after the last messages."""
+        if self._server is not None:
+            time.sleep(_FLUSH_S)
+            self._server.stop()
         if self._door is not None:
             self._door.close()
-        if self._server is not None:
-            self._server.stop()
         self._door = self._server = None
 
     def _publish(self, view: str, image: Image, stamp_ns: int) -> None:
@@ -93,6 +102,11 @@ class FoxgloveServer:
     def _ros2(self, topic: str, schema: str) -> Any:
         described = self._foxglove.Schema(name=schema, encoding="ros2msg", data=SCHEMAS[schema].encode())
         return self._foxglove.Channel(topic, schema=described, message_encoding="cdr", context=self._context)
+
+
+def _subscription(message: str | bytes) -> bytes | None:
+    """The subscription of a message of a channel, of which the newest counts; None for any other message."""
+    return message[:5] if isinstance(message, bytes) and message[:1] == bytes([_MESSAGE_DATA]) else None
 
 
 def _unknown_loopback() -> str:

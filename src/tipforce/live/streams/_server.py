@@ -5,27 +5,22 @@ page that is open in a browser on this machine could read the stream.
 """
 
 import contextlib
-import io
-import socket
-import socketserver
 import threading
-from collections.abc import Callable, Sequence
-from http.client import HTTPException, parse_headers
+from collections.abc import Callable, Hashable, Sequence
 
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
 from websockets.sync.server import Server, ServerConnection, serve
-from websockets.typing import Origin
+from websockets.typing import Origin, Subprotocol
 
 __all__ = ["OriginDoor", "OriginServer"]
 
 _LARGEST_REQUEST = 1 << 16
-"""Bytes of a message or of the head of a request."""
-_HEAD_S = 5.0
-"""So long a client may take to send the head of its request."""
-_AT_ONCE = 1 << 18
-"""Bytes that are passed on at once, and that wait for a slow client in this machine's buffers."""
+"""Bytes of a message from a client."""
 _CLOSE_S = 1.0
 """So long the end of the run waits for a client that does not answer."""
-_REFUSED = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
+_ACKNOWLEDGED_S = 0.05
+"""How often it is checked for the end of the run while a client has not acknowledged what it got."""
 
 
 class OriginServer:
@@ -38,6 +33,7 @@ class OriginServer:
         handler: Callable[[ServerConnection], None],
         *,
         origins: Sequence[str] = (),
+        subprotocols: Sequence[Subprotocol] | None = None,
     ) -> None:
         """``origins``: those that are let in, as in ``http://127.0.0.1:8000``. Raises OSError: the port is in use."""
         self._server: Server = serve(
@@ -45,6 +41,7 @@ class OriginServer:
             host,
             port,
             origins=[None, *map(Origin, origins)],
+            subprotocols=subprotocols,
             max_size=_LARGEST_REQUEST,
             compression=None,  # costs more time than a local network
             close_timeout=_CLOSE_S,
@@ -59,76 +56,111 @@ class OriginServer:
 
 
 class OriginDoor:
-    """In front of a WebSocket server that lets every web page in: passes the others on, byte by byte."""
+    """In front of a WebSocket server that lets every web page in, and feeds slow clients from a queue.
 
-    def __init__(self, host: str, port: int, behind: tuple[str, int], *, origins: Sequence[str]) -> None:
-        """``behind``: where the server listens. Raises OSError: the port is in use."""
+    Each client has a connection of its own to that server. Of the messages that come for a client before it has
+    acknowledged the ones before, those with the same key give way to the newest.
 
-        class Handler(socketserver.BaseRequestHandler):
-            def handle(self) -> None:
-                client: socket.socket = self.request
-                with contextlib.suppress(OSError):  # one of both is gone
-                    _let_in(client, behind, origins)
+    Args:
+        host: where the door listens.
+        port: of the same.
+        behind: where the server listens.
+        origins: web pages that are let in.
+        subprotocol: of WebSocket, of client and server.
+        key_of: what a message is about; None for one that may not be left out.
 
-        class Door(socketserver.ThreadingTCPServer):
-            allow_reuse_address, daemon_threads, block_on_close = True, True, False
-            address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    Raises OSError where the port is in use.
+    """
 
-        self._server = Door((host, port), Handler)
-        self._thread = threading.Thread(
-            target=self._server.serve_forever, args=(0.05,), name=f"door-{port}", daemon=True
-        )
-        self._thread.start()
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        behind: tuple[str, int],
+        *,
+        origins: Sequence[str],
+        subprotocol: str,
+        key_of: Callable[[str | bytes], Hashable],
+    ) -> None:
+        self._behind, self._subprotocol, self._key_of = behind, Subprotocol(subprotocol), key_of
+        self._clients = 0
+        self._left = threading.Condition()
+        self._server = OriginServer(host, port, self._serve, origins=origins, subprotocols=[self._subprotocol])
 
     def close(self) -> None:
-        """Stop listening. Open connections end with the server behind."""
-        self._server.shutdown()
-        self._thread.join()
-        self._server.server_close()
+        """Stop listening, when the server behind has ended and all clients have its last messages."""
+        with self._left:
+            self._left.wait_for(lambda: self._clients == 0, _CLOSE_S)
+        self._server.close()
+
+    def _serve(self, client: ServerConnection) -> None:
+        host, port = self._behind
+        with self._left:
+            self._clients += 1
+        try:
+            with connect(
+                f"ws://{host}:{port}", subprotocols=[self._subprotocol], compression=None, max_size=None
+            ) as server:
+                waiting = _Waiting(self._key_of)
+                threading.Thread(target=waiting.fill, args=(server,), name="door-out", daemon=True).start()
+                threading.Thread(target=_forward, args=(client, server), name="door-in", daemon=True).start()
+                _feed(client, waiting)
+        except (ConnectionClosed, OSError):  # one of both is gone
+            pass
+        finally:
+            with self._left:
+                self._clients -= 1
+                self._left.notify_all()
 
 
-def _let_in(client: socket.socket, behind: tuple[str, int], origins: Sequence[str]) -> None:
-    head = _head(client)
-    if not head or _foreign(head, origins):
-        client.sendall(_REFUSED)
-        return
-    with socket.create_connection(behind) as server:
-        for each in (client, server):
-            each.settimeout(None)
-            each.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _AT_ONCE)
-        server.sendall(head)
-        back = threading.Thread(target=_pump, args=(client, server), name="door-back", daemon=True)
-        back.start()
-        _pump(server, client)
-        back.join()
+class _Waiting:
+    """What waits for a client; the newest of each key."""
+
+    def __init__(self, key_of: Callable[[str | bytes], Hashable]) -> None:
+        self._key_of = key_of
+        self._changed = threading.Condition()
+        self._messages: dict[Hashable, str | bytes] = {}
+        self._count = 0
+        self.ended = False
+
+    def fill(self, server: ClientConnection) -> None:
+        """Takes all messages of ``server`` until it ends."""
+        with contextlib.suppress(ConnectionClosed):
+            for message in server:
+                self._put(message)
+        with self._changed:
+            self.ended = True
+            self._changed.notify()
+
+    def _put(self, message: str | bytes) -> None:
+        with self._changed:
+            self._count += 1
+            key = self._key_of(message)
+            self._messages.pop(key, None)
+            self._messages[self._count if key is None else key] = message
+            self._changed.notify()
+
+    def take(self) -> list[str | bytes]:
+        """Waits for messages and returns them; none where there will be none any more."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._messages or self.ended)
+            taken, self._messages = list(self._messages.values()), {}
+            return taken
 
 
-def _head(client: socket.socket) -> bytes:
-    """The head of the request and what came with it; nothing where there is none."""
-    client.settimeout(_HEAD_S)
-    head = b""
-    while b"\r\n\r\n" not in head:
-        more = client.recv(_LARGEST_REQUEST)
-        head += more
-        if not more or len(head) > _LARGEST_REQUEST:
-            return b""
-    return head
+def _feed(client: ServerConnection, waiting: _Waiting) -> None:
+    """Sends what waits, and after it has been acknowledged what came meanwhile."""
+    while messages := waiting.take():
+        for message in messages:
+            client.send(message)
+        taken = client.ping(ack_on_close=True)
+        while not waiting.ended and not taken.wait(_ACKNOWLEDGED_S):
+            pass
 
 
-def _foreign(head: bytes, origins: Sequence[str]) -> bool:
-    try:
-        stated = parse_headers(io.BytesIO(head.partition(b"\r\n")[2])).get_all("Origin", [])
-    except HTTPException:
-        return True
-    return any(each.strip() not in origins for each in stated)
-
-
-def _pump(source: socket.socket, target: socket.socket) -> None:
-    """All bytes of ``source`` to ``target``, until one of them ends; then both do."""
-    with contextlib.suppress(OSError):
-        while data := source.recv(_AT_ONCE):
-            target.sendall(data)
-    for each in (source, target):
-        with contextlib.suppress(OSError):  # ended already
-            each.shutdown(socket.SHUT_RDWR)
+def _forward(client: ServerConnection, server: ClientConnection) -> None:
+    """Passes all that ``client`` says to ``server``, until one of them ends; then the server's end does."""
+    with contextlib.suppress(ConnectionClosed):
+        for message in client:
+            server.send(message)
+    server.close()
