@@ -392,6 +392,8 @@ class ControlLoop:
     def _nearing_mm_per_s(self) -> float:
         """Returns how fast the tip may go toward the goal in hold: slower where the wall's model was wrong of late."""
         fastest = self.safety.max_speed_mm_per_s
+        if self.settings.controller != "periodic":  # the others follow the force, not the wall's model
+            return fastest
         if self._observer.rate_range_hz > _RESOLVED_HZ:
             return min(_CAREFUL_MM_PER_S, fastest)
         trust = (_WRONG_N - self._observer.surprise_n) / (_WRONG_N - _RIGHT_N)
