@@ -29,7 +29,7 @@ _MAX_CHANGE, _MAX_CHANGE_NO_STAGE = 0.25, 0.6
 to 0.16 in 35 clean simulated sessions and 0.2 to 1.1 in stretches of contact."""
 _MAX_MASS = 1.6
 """Largest carried mass that is found, as a share of the stated one: 0.8 to 1.24 in the clean sessions; contact gives
-more than 1.6 wherever the force changes by less than the share above."""
+more than 1.6, and shows more than the least change, wherever the force changes by less than the share above."""
 _MIN_PULL, _MIN_PULL_N, _MIN_FRAMES = 0.35, 0.03, 50
 """Least share of pull along the tip's axis in the sum of all forces, least mean force, and least number of images. Pure
 push is -1; friction on a wall along the shaft gives at most 0.3."""
@@ -67,7 +67,8 @@ def changing_tare(
     known = np.isfinite(force[:, axes]).all(axis=1)
     if not stage.names and moving_mass_kg:  # what the mass shows cannot be told from contact
         return None
-    rest = (force - carried_n(stage, inertia, stamps))[known][:, axes]
+    shown = np.broadcast_to(carried_n(stage, inertia, stamps), force.shape)[known][:, axes]
+    rest = force[known][:, axes] - shown
     inside, outside = inside[known], ~inside[known]
     if inside.sum() < 10 or outside.sum() < 10:
         return None
@@ -81,7 +82,7 @@ def changing_tare(
             said += " (if the sensor rides on a moving stage, import the stage's log too)"
         return _finding(tare, change, said)
     heaviest = float(np.linalg.norm(inertia.gain_kg, axis=1).max(initial=0.0))
-    if moving_mass_kg and heaviest > _MAX_MASS * moving_mass_kg:
+    if moving_mass_kg and heaviest > _MAX_MASS * moving_mass_kg and _spread(shown[inside]) > _MIN_CHANGE_N:
         return _finding(
             tare,
             change,
