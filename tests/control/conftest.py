@@ -74,6 +74,7 @@ class Bench:
         self.ticks: list[ControlTick] = []
         self.forces: list[float] = []
         self.status, self.silent = Status.VALID, False
+        self.spoil: Callable[[ForceEstimate], ForceEstimate] = lambda estimate: estimate
 
     def run(self, seconds: float) -> np.ndarray:
         """(n,) the true force meanwhile."""
@@ -89,7 +90,7 @@ class Bench:
                     if self.status is Status.VALID
                     else ForceEstimate.invalid(now_ns, self.status, "no catheter in the image")
                 )
-                self.waiting.append((now + IMAGE_DELAY_S, found))
+                self.waiting.append((now + IMAGE_DELAY_S, self.spoil(found)))
             while self.waiting and self.waiting[0][0] <= now:
                 self.loop.update(self.waiting.popleft()[1])
             self.ticks.append(self.loop.tick())

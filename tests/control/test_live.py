@@ -1,5 +1,6 @@
 """The loop on live updates: what reaches it, who may command it, and what ends it. Drives and clock are fakes."""
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -253,6 +254,21 @@ def test_an_error_of_the_drives_stops_the_run_and_is_told() -> None:
         assert run.control.status.state == "stopped"  # until somebody has looked
         run.control.release()
         run.reach("idle")
+
+
+def test_a_force_expires_in_the_status_though_the_drives_do_not_answer() -> None:
+    with made() as run:
+        hangs = threading.Event()
+        read = run.drives.read
+        run.drives.read = lambda: (hangs.wait(3.0) and read()) or read()  # type: ignore[method-assign]
+        run.silent.set()
+        run.put()
+        assert run.control.status.force_n == 0.0
+        time.sleep(1.05)
+        assert math.isnan(run.control.status.force_n)
+        assert math.isnan(run.control.status.upper_n)
+        assert not run.control.status.held
+        hangs.set()
 
 
 def test_drives_that_are_not_there_yet_are_waited_for() -> None:

@@ -285,3 +285,36 @@ def test_held_is_said_of_a_force_at_the_target_only(bench: Callable) -> None:
     made.run(0.4)
     assert not made.loop.held
     assert "not held" in made.loop.progress
+
+
+def test_intervals_that_abstain_around_the_target_are_not_a_force_that_is_held(bench: Callable) -> None:
+    made = bench(controller="pi", gain_n_per_mm=0.08)
+    made.loop.start()
+    while not made.loop.held:
+        made.run(DT_S)
+
+    def half_abstain(estimate: ForceEstimate) -> ForceEstimate:
+        if estimate.stamp_ns // round(1e9 * FRAME_S) % 2:
+            return estimate
+        middle_n = estimate.magnitude_n
+        wide = (max(0.0, middle_n - 0.15), middle_n + 0.15)
+        return ForceEstimate.invalid(estimate.stamp_ns, Status.UNOBSERVABLE, "too wide", abstained_interval_n=wide)
+
+    made.spoil = half_abstain
+    made.run(4.0)
+    while not made.ticks[-1].valid:
+        made.run(DT_S)
+    assert made.loop.state is ControlState.HOLD
+    assert not made.loop.held
+
+
+def test_no_estimate_counts_for_longer_than_a_second_however_slow_the_camera_is() -> None:
+    plant = Plant(lambda _: 100.0, 0.1)
+    safety = SafetyLayer(plant, plant.clock, PATH, SafetySettings(), 4.0)
+    safety.observe(estimate_of(0, 0.1), 0)
+    plant.clock.sleep_until_ns(990_000_000)
+    assert safety.check()[0] is SafetyAction.PASS
+    plant.clock.sleep_until_ns(1_010_000_000)
+    action, reason = safety.check()
+    assert action is SafetyAction.RETRACT
+    assert "stale: no estimate for 1.01 s" in reason

@@ -84,6 +84,21 @@ def test_an_invalid_estimate_stays_as_it_is():
     assert button.apply(lost, 1100 * MS) is lost
 
 
+def test_an_interval_that_abstains_spans_the_force_with_and_without_the_zero():
+    button, _ = zeroed()
+    wide = ForceEstimate.invalid(0, Status.UNOBSERVABLE, "too wide", abstained_interval_n=(0.02, 0.39))
+    found = button.apply(wide, 1100 * MS)
+    assert not found.valid
+    assert found.abstained_interval_n == pytest.approx((0.0, 0.42))
+
+
+def test_a_component_that_was_unknown_when_the_zero_was_taken_stays_as_it_is():
+    button, _ = zeroed()
+    both = replace(force_estimate(1, 0.23), known=np.array([True, True, True]), force_n=np.array([0.23, 0.0, 0.1]))
+    found = button.apply(both, 1001 * MS)
+    np.testing.assert_allclose(found.force_n, [0.2, 0.0, 0.1])
+
+
 def test_a_method_that_yields_the_magnitude_alone_is_zeroed_too():
     nan = np.full(3, np.nan)
     button = ZeroButton(LiveSettings())

@@ -144,6 +144,8 @@ class ControlLoop:
         """So much nearer than every plausible wall allows the tip may go in hold: it grows while nothing is touched."""
         self._excess: deque[tuple[float, float]] = deque()
         self._forces: deque[tuple[float, float]] = deque()
+        self._distances: deque[tuple[float, float]] = deque()
+        """Of the force from the target, by which `held` is judged."""
 
     def start(self) -> None:
         """The operator starts: from wherever the catheter is to the marked start, then toward the goal.
@@ -219,6 +221,11 @@ class ControlLoop:
         self._forces.append((sample.time_s, sample.force_n))
         while self._forces[0][0] < sample.time_s - span_s:
             self._forces.popleft()
+        # of an abstained interval the end that is farther from the target counts: its middle is no force
+        half_width_n = 0.0 if valid else 0.5 * _SIGMAS * sample.sigma_n
+        self._distances.append((sample.time_s, abs(sample.force_n - self.settings.target_n) + half_width_n))
+        while len(self._distances) > 1 and self._distances[1][0] <= sample.time_s - _HELD_S:
+            self._distances.popleft()
         if self.state is ControlState.APPROACH:
             if sample.force_n > self.settings.contact_n:
                 recoil_mm = 0.0 if self.settings.controller == "none" else self.settings.recoil_mm
@@ -273,26 +280,27 @@ class ControlLoop:
     @property
     def held(self) -> bool:
         """Whether the force has been at the target for the last seconds: by the estimates, not by the state."""
-        if self.state is not ControlState.HOLD or self._estimate is None or not self._estimate.valid:
-            return False
-        newest_s, target_n = self._forces[-1][0], self.settings.target_n
-        if newest_s - self._forces[0][0] < _HELD_S:
-            return False
-        errors = [force - target_n for time_s, force in self._forces if time_s >= newest_s - _HELD_S]
-        return math.sqrt(sum(error * error for error in errors) / len(errors)) <= _HELD_SHARE * target_n
+        with self._lock:
+            if self.state is not ControlState.HOLD or self._estimate is None or not self._estimate.valid:
+                return False
+            if self._distances[-1][0] - self._distances[0][0] < _HELD_S:
+                return False
+            mean_square_n2 = sum(distance * distance for _, distance in self._distances) / len(self._distances)
+            return math.sqrt(mean_square_n2) <= _HELD_SHARE * self.settings.target_n
 
     @property
     def progress(self) -> str:
         """One line for people: why the run is in its state; in hold, whether the force is held, or what is missing."""
-        if self.state is not ControlState.HOLD:
-            return self.reason
-        target = _said_n(self.settings.target_n)
-        if self.held:
-            return f"the force is held at {target}"
-        action, why = self.safety.check()
-        if action is not SafetyAction.PASS:
-            return f"not held at {target}: {why}"
-        return f"not held yet: brought to {target}, {_said_n(self._target_n)} is wanted now"
+        with self._lock:
+            if self.state is not ControlState.HOLD:
+                return self.reason
+            target = _said_n(self.settings.target_n)
+            if self.held:
+                return f"the force is held at {target}"
+            action, why = self.safety.check()
+            if action is not SafetyAction.PASS:
+                return f"not held at {target}: {why}"
+            return f"not held yet: brought to {target}, {_said_n(self._target_n)} is wanted now"
 
     def tick(self) -> ControlTick:
         """Command the drives, once; returns what was done."""

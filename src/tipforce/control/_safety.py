@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
 
-from ..types import Actuators, Clock, ForceEstimate
+from ..types import MAX_AGE_S, Actuators, Clock, ForceEstimate
 from ._path import Path
 from ._settings import SafetySettings
 
@@ -67,6 +67,8 @@ class SafetyLayer:
         self._sent_mm: float | None = None
         self._sent_ns = 0
         self._stopped = False
+        self._judging = threading.Lock()
+        """Held while an estimate changes the bound, or the bound is compared: they come from different threads."""
         self._sending = threading.Lock()
         """Held while the drives are spoken to: no command may follow a stop that came while it was on its way."""
 
@@ -95,7 +97,8 @@ class SafetyLayer:
 
     def observe(self, estimate: ForceEstimate, captured_ns: int) -> None:
         """Take an estimate of the image at ``captured_ns`` on the clock, valid or not."""
-        self._bound.add(estimate, captured_ns)
+        with self._judging:
+            self._bound.add(estimate, captured_ns)
         if not estimate.valid:
             self._why = f"{estimate.status.value}: {estimate.detail}" if estimate.detail else estimate.status.value
             return
@@ -109,12 +112,13 @@ class SafetyLayer:
 
     def _compare(self, now_ns: int) -> float:
         """Returns the bound of the force, in newtons, and remembers since when it is above the limit."""
-        bound_n = self._bound.at_n(now_ns)
-        if bound_n > self._limit_n:
-            self._over_since_ns = now_ns if self._over_since_ns is None else self._over_since_ns
-        elif bound_n < self.settings.release_share * self._limit_n:
-            self._over_since_ns = None
-        return bound_n
+        with self._judging:
+            bound_n = self._bound.at_n(now_ns)
+            if bound_n > self._limit_n:
+                self._over_since_ns = now_ns if self._over_since_ns is None else self._over_since_ns
+            elif bound_n < self.settings.release_share * self._limit_n:
+                self._over_since_ns = None
+            return bound_n
 
     def age_ns(self) -> int | None:
         """How old the last valid estimate is, beyond the usual delay; None before the first."""
@@ -128,12 +132,14 @@ class SafetyLayer:
             return SafetyAction.STOPPED, "the stop key was pressed"
         if age is None:
             return SafetyAction.RETRACT, self._why or "no valid estimate so far"
-        if age > self._stale_ns or (self._why and age > settings.coast_s * 1e9):
+        stale_ns = min(self._stale_ns, round(1e9 * MAX_AGE_S) - self._usual_ns)
+        if age > stale_ns or (self._why and age > settings.coast_s * 1e9):
             return SafetyAction.RETRACT, self._why or f"stale: no estimate for {age * 1e-9:.2f} s"
         if self._over_since_ns is not None:
             if now - self._over_since_ns > settings.max_above_s * 1e9:
                 return SafetyAction.RETRACT, f"above {self._limit_n:g} N for {settings.max_above_s:g} s"
-            return SafetyAction.OVER_LIMIT, self._bound.reason(bound_n, self._limit_n)
+            with self._judging:
+                return SafetyAction.OVER_LIMIT, self._bound.reason(bound_n, self._limit_n)
         if self._why:
             return SafetyAction.COAST, self._why
         return SafetyAction.PASS, ""

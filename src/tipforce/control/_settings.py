@@ -47,7 +47,8 @@ class SafetySettings(_Settings):
     least_stale_s: _Seconds = 0.2
     stale_frames: _Positive = 2.5
     """An estimate is stale after the longer of ``least_stale_s`` and so many frame periods since its mid-exposure,
-    not counting the usual delay from mid-exposure to estimate."""
+    not counting the usual delay from mid-exposure to estimate; with that delay, never after more than
+    `tipforce.types.MAX_AGE_S`."""
 
 
 class ObserverSettings(_Settings):

@@ -19,10 +19,10 @@ class LoopStatus:
     ``reason``: why it is in its state, or what is missing. ``resumes``: it is idle and will begin its approach
     again by itself. ``target_n``: what shall be held in the end, ``wanted_n``: just now, NaN outside of hold;
     ``limit_n``: that of its safety layer. ``held``: the force has been at the target for the last seconds.
-    ``force_n``: as the loop has read it last, NaN where that was not valid; ``upper_n``: upper end of its 90 %
-    interval. ``place_mm`` of ``length_mm``: where the drives are on the path from the marked start; NaN without a
-    path. ``axes``: what the drives read, by name; ``start`` and ``goal``: where they were marked. ``action``: what
-    the safety layer does with what is wanted.
+    ``force_n``: as the loop has read it last, NaN where that was not valid or has expired; ``upper_n``: upper end of
+    its 90 % interval. ``place_mm`` of ``length_mm``: where the drives are on the path from the marked start; NaN
+    without a path. ``axes``: what the drives read, by name; ``start`` and ``goal``: where they were marked.
+    ``action``: what the safety layer does with what is wanted.
     """
 
     state: LoopState = "idle"
@@ -57,7 +57,7 @@ class LoopCommands(Protocol):
 
     @property
     def status(self) -> LoopStatus:
-        """As it was at its last command to the drives; returns at once."""
+        """As it was at its last command to the drives, with the force as it is now; returns at once."""
         ...
 
     def mark_start(self) -> None:

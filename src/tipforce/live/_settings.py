@@ -5,11 +5,9 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..clinical import ContactSettings
+from ..types import MAX_AGE_S
 
-__all__ = ["MAX_AGE_S", "LiveSettings"]
-
-MAX_AGE_S = 1.0
-"""No force counts whose image is older, whatever the settings and however slow the camera."""
+__all__ = ["LiveSettings"]
 
 _Seconds = Annotated[float, Field(gt=0, le=60)]
 

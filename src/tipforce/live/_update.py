@@ -8,8 +8,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from ..clinical import ClinicalState
-from ..types import FloatArray, ForceEstimate, Image, Status, frozen
-from ._settings import MAX_AGE_S
+from ..types import MAX_AGE_S, FloatArray, ForceEstimate, Image, Status, frozen
 
 __all__ = ["CAMERA_STATES", "CameraState", "LiveHealth", "LiveUpdate", "SinkHealth", "Zero"]
 
@@ -62,7 +61,8 @@ class LiveHealth:
 class Zero:
     """What the operator's zero button subtracts from every estimate since.
 
-    ``offset_n`` (3,): force that was read then, base frame; components that the method leaves unknown are NaN.
+    ``offset_n`` (3,): force that was read then, base frame; components that the method left unknown are NaN, and
+    nothing is subtracted from them.
     ``magnitude_n``: its magnitude. ``since_ns``: when, on the engine's clock; ``since_unix_s``: the same in seconds
     since 1970. ``by``: who pressed it, as the page says it. ``confirmed``: whether it was pressed although the tip may
     have been in contact. ``contact``: probability of contact that the method stated then, NaN from methods that state

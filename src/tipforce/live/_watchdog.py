@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..types import Image
-from ._settings import MAX_AGE_S, LiveSettings
+from ..types import MAX_AGE_S, Image
+from ._settings import LiveSettings
 from ._update import CAMERA_STATES, CameraState
 
 __all__ = ["CameraWatch", "Fault", "worst"]

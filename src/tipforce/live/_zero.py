@@ -101,13 +101,13 @@ class ZeroButton:
     def apply(self, estimate: ForceEstimate, now_ns: int) -> ForceEstimate:
         """Remembers an estimate as the method gave it; returns it with the zero subtracted."""
         if not estimate.valid:
-            return estimate
+            return self._widened(estimate)
         self._recent.append((now_ns, estimate))
         if self._zero is None:
             return estimate
         left = _vector(estimate) - self._subtracted(estimate)
         self._follow_drift(estimate, left, now_ns)
-        offset = np.where(estimate.known, self._zero.offset_n, 0.0)
+        offset = np.where(estimate.known, np.nan_to_num(self._zero.offset_n), 0.0)
         magnitude = float(np.linalg.norm(left)) if estimate.known.any() else max(0.0, float(left[0]))
         low, high = np.maximum(0.0, estimate.magnitude_interval_n + (magnitude - estimate.magnitude_n))
         low = min(low, estimate.magnitude_interval_n[0])
@@ -128,10 +128,18 @@ class ZeroButton:
             magnitude_interval_n=np.array([low, high]),
         )
 
+    def _widened(self, estimate: ForceEstimate) -> ForceEstimate:
+        """Widens an abstained interval so that it spans the force with and without the zero, in whatever direction."""
+        low, high = estimate.abstained_interval_n
+        if self._zero is None or math.isnan(high):
+            return estimate
+        zero_n = self._zero.magnitude_n
+        return replace(estimate, abstained_interval_n=(max(0.0, low - zero_n), high + zero_n))
+
     def _subtracted(self, estimate: ForceEstimate) -> FloatArray:
         assert self._zero is not None
         known = estimate.known
-        return self._zero.offset_n[known] if known.any() else np.array([self._zero.magnitude_n])
+        return np.nan_to_num(self._zero.offset_n[known]) if known.any() else np.array([self._zero.magnitude_n])
 
     def _follow_drift(self, estimate: ForceEstimate, left: FloatArray, now_ns: int) -> None:
         zero = self._zero

@@ -214,8 +214,6 @@ class LiveControl:
         elif not reason:
             missing = [name for name, places in (("start", marks.start), ("goal", marks.goal)) if places is None]
             reason = f"mark {' and '.join(missing)}" if missing else "waiting for the drives"
-        latest = self._latest
-        valid = latest is not None and latest.estimate.valid
         place_mm = loop.path.position_mm(axes) if loop is not None and axes else math.nan
         return LoopStatus(
             state=state,
@@ -225,8 +223,6 @@ class LiveControl:
             wanted_n=tick.target_n if tick is not None and tick.state is ControlState.HOLD else math.nan,
             limit_n=self._limit_n,
             held=loop is not None and not self._stopped and loop.held,
-            force_n=float(latest.estimate.magnitude_n) if latest is not None and valid else math.nan,
-            upper_n=float(latest.estimate.magnitude_interval_n[1]) if latest is not None and valid else math.nan,
             place_mm=round(place_mm, 2),
             length_mm=math.nan if loop is None else loop.path.length_mm,
             action="" if tick is None else tick.applied.action.value,
@@ -239,8 +235,17 @@ class LiveControl:
 
     @property
     def status(self) -> LoopStatus:
-        """As it was at the last tick."""
-        return self._status
+        """As it was at the last tick; the force as it is now, also while the drives do not answer and no tick ends."""
+        latest, status = self._latest, self._status
+        if latest is None:
+            return status
+        estimate = latest.as_of(self._clock.now_ns()).estimate
+        return replace(
+            status,
+            force_n=estimate.magnitude_n,
+            upper_n=estimate.upper_n if estimate.valid else math.nan,
+            held=status.held and estimate.valid,
+        )
 
     @property
     def running(self) -> bool:

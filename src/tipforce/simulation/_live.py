@@ -152,20 +152,17 @@ class RealTimeClock(SystemClock):
             return
         self._zero_ns += behind_ns
         if behind_ns < _HALT_NS:
-            self._lost.append((self._machine.now_ns(), behind_ns))
-        self._forget()
+            now_ns = self._machine.now_ns()
+            self._lost.append((now_ns, behind_ns))
+            while self._lost[0][0] < now_ns - _PACE_NS:
+                self._lost.popleft()
 
     @property
     def pace(self) -> float:
         """Seconds of this clock in a second of the machine's, over the last five; 1 on a fast computer."""
-        self._forget()
-        lost_ns = sum(lost for _, lost in tuple(self._lost))
-        return max(0.0, 1.0 - lost_ns / min(_PACE_NS, max(1, self._machine.now_ns() - self._began_ns)))
-
-    def _forget(self) -> None:
-        since_ns = self._machine.now_ns() - _PACE_NS
-        while self._lost and self._lost[0][0] < since_ns:
-            self._lost.popleft()
+        now_ns = self._machine.now_ns()
+        lost_ns = sum(lost for at_ns, lost in tuple(self._lost) if at_ns >= now_ns - _PACE_NS)
+        return max(0.0, 1.0 - lost_ns / min(_PACE_NS, max(1, now_ns - self._began_ns)))
 
 
 class _LiveSource(SimulatedBench):
