@@ -2,6 +2,7 @@ import json
 import shutil
 import socket
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -105,6 +106,31 @@ def test_a_server_that_stops_reading_gets_what_its_machine_kept_and_then_the_new
                     old, status = old + 1, json.loads(message.string)["status"]
             assert old < 60, "of 300"
     sink.close()
+
+
+def test_the_last_message_reaches_a_server_that_reads_slowly(
+    update: Callable[..., LiveUpdate], info: SessionInfo
+) -> None:
+    with socket.socket() as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8192)
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        sink = open_sink(f"igtl://127.0.0.1:{server.getsockname()[1]}")
+        sink.start(info, "m")
+        with server.accept()[0] as connection:
+            for number in range(300):
+                sink.put(update(number))
+            sink.put(update(300, valid=False))
+            closing = threading.Thread(target=sink.close)
+            closing.start()
+            connection.settimeout(WAIT_S)
+            status = "valid"
+            while status == "valid":
+                message = received(connection)
+                if message.message_type == "STRING":
+                    status = json.loads(message.string)["status"]
+            assert connection.recv(1) == b"", "it was the last one"
+            closing.join()
 
 
 def test_without_a_server_the_start_fails(info: SessionInfo, free_port: int) -> None:

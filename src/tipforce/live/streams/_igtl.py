@@ -4,6 +4,7 @@ The messages are packed by pyigtl. Its client is not used: it polls every 10 ms,
 server that comes back, and prints tracebacks.
 """
 
+import contextlib
 import json
 import math
 import socket
@@ -23,6 +24,8 @@ TIP_DEVICE, FORCE_DEVICE = "TipToBase", "TipForce"
 """Names of the transform and of the string, which become names of nodes in Slicer."""
 PORT = 18944
 _TIMEOUT_S = 2.0
+_LAST_S = 1.0
+"""How long the end of the run waits for a server that takes nothing, so that the last message reaches it."""
 _ROOM = 1 << 16
 _SEND_BUFFER = 4096
 """Bytes that wait in this machine for a server that reads slowly: some updates. Linux takes twice as many."""
@@ -52,6 +55,8 @@ class OpenIGTLink:
         self._session, self._model = SessionInfo(), ""
         self._socket: socket.socket | None = None
         self._unsent = b""
+        self._left_out: LiveUpdate | None = None
+        """The newest update, where the server had not taken the one before."""
         self._taken_s = 0.0
 
     def start(self, info: SessionInfo, model: str) -> None:
@@ -61,7 +66,7 @@ class OpenIGTLink:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         self._socket.setblocking(False)
-        self._unsent, self._taken_s = b"", time.monotonic()
+        self._unsent, self._left_out, self._taken_s = b"", None, time.monotonic()
 
     def put(self, update: LiveUpdate) -> None:
         """Send both messages. Raises OSError where the server is gone, or takes nothing for two seconds."""
@@ -69,19 +74,21 @@ class OpenIGTLink:
         self._refuse_end(self._socket)
         self._send(self._socket)
         if self._unsent:
+            self._left_out = update
             if time.monotonic() - self._taken_s > _TIMEOUT_S:
                 raise TimeoutError(f"the OpenIGTLink server has taken nothing for {_TIMEOUT_S:g} s")
             return
+        self._unsent, self._left_out = self._packed(update), None
+        self._taken_s = time.monotonic()
+        self._send(self._socket)
+
+    def _packed(self, update: LiveUpdate) -> bytes:
         message = message_of(update, self._session, self._model).model_dump(mode="json")
         text = json.dumps({name: message[name] for name in _SENT})  # ASCII: pyigtl packs nothing else
         pose = tip_pose(update, self._session)
         stamp_s = update.captured_unix_ns * 1e-9
-        self._unsent = (
-            self._transform(_UNKNOWN if pose is None else pose.matrix, stamp_s)
-            + self._igtl.StringMessage(text, timestamp=stamp_s, device_name=FORCE_DEVICE).pack()
-        )
-        self._taken_s = time.monotonic()
-        self._send(self._socket)
+        transform: bytes = self._transform(_UNKNOWN if pose is None else pose.matrix, stamp_s)
+        return transform + self._igtl.StringMessage(text, timestamp=stamp_s, device_name=FORCE_DEVICE).pack()
 
     def _send(self, connection: socket.socket) -> None:
         """Sends what can be sent at once."""
@@ -106,7 +113,14 @@ class OpenIGTLink:
             pass  # nothing more to read: it is there
 
     def close(self) -> None:
-        """Close the connection."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+        """Close the connection, after the last message."""
+        connection, self._socket = self._socket, None
+        if connection is None:
+            return
+        with (
+            contextlib.closing(connection),
+            contextlib.suppress(OSError),
+        ):  # a server that is gone takes nothing
+            last = b"" if self._left_out is None else self._packed(self._left_out)
+            connection.settimeout(_LAST_S)
+            connection.sendall(self._unsent + last)
