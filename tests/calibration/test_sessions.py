@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tipforce.calibration import CalibrationSession, calibrate_sessions, combined, fit_knob, fit_tissue, read_session
+from tipforce.calibration._session import _past as mean_of_past_forces
 from tipforce.errors import InputError
 from tipforce.io import Inertia, RecordingWriter
 from tipforce.mechanics.actuation import Play
@@ -110,3 +111,11 @@ def test_a_recording_in_which_the_clamp_is_advanced_is_refused(tmp_path: Path) -
             writer.write(Frame(k, np.zeros((8, 8), np.uint8)))
     with pytest.raises(InputError, match="the clamp is advanced in this recording"):
         read_session(path)
+
+
+def test_a_gap_in_the_force_is_no_time_without_contact() -> None:
+    stamps, force = np.arange(0, 60_000_000_000, 40_000_000), np.full((1500, 2), 0.2)
+    whole = mean_of_past_forces(stamps, force)
+    force[700:1000] = np.nan  # 12 s in which the sensor was clipped
+    np.testing.assert_allclose(mean_of_past_forces(stamps, force), whole)
+    assert not mean_of_past_forces(stamps, np.full_like(force, np.nan)).any()

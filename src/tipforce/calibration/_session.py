@@ -263,9 +263,15 @@ def _forces(reader: RecordingReader, info: SessionInfo, view: str, later_s: floa
 
 
 def _past(stamp_ns: IntArray, force: FloatArray) -> FloatArray:
-    """(n, 2): mean of the forces before each stamp, the recent ones weighing more."""
+    """(n, 2): mean of the forces before each stamp, the recent ones weighing more; gaps are bridged by straight lines.
+
+    Before the first frame with a force there is none.
+    """
     past = np.zeros_like(force)
-    known = np.nan_to_num(force)
+    there = np.isfinite(force).all(axis=1)
+    if not there.any():
+        return past
+    known = np.stack([np.interp(stamp_ns, stamp_ns[there], column[there], left=0.0) for column in force.T], axis=1)
     keep = np.exp(-np.diff(stamp_ns) * 1e-9 / CREEP_S)
     for k in range(1, len(force)):
         past[k] = keep[k - 1] * past[k - 1] + (1.0 - keep[k - 1]) * 0.5 * (known[k - 1] + known[k])
@@ -328,7 +334,8 @@ def _mass_std(reader: RecordingReader) -> FloatArray:
     free = np.zeros(len(stamps), np.bool_)
     for start, end in facts.tare.stretches_s:
         free |= (seconds >= start) & (seconds <= end)
-    moved = stage.acceleration(stamps[free] + facts.inertia.lag_ns, facts.inertia.axes)
+    free &= np.isfinite(force).any(axis=1)
+    moved = stage.acceleration(facts.inertia.stage_ns(stamps[free]), facts.inertia.axes)
     left = force[free] - facts.tare.force_n - moved @ facts.inertia.gain_kg
     # what is left is not independent within some hundredths of a second
     spread = float(np.nanvar(left)) * _CORRELATED_S * len(left) / max(float(np.ptp(seconds[free])), 1e-9)
