@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
-from tipforce.errors import TipforceError
+from tipforce.errors import InputError, TipforceError
 from tipforce.io import RecordingReader, write_video
 from tipforce.types import Catheter, Frame, ViewInfo
 
@@ -82,6 +82,11 @@ def test_recordings_become_a_dataset_folder(files: Path) -> None:
     assert figures["sessions"] == ["a", "b"]
     assert figures["samples"] == 160
     assert (files / "dataset" / "metadata.csv").exists()
+    with pytest.raises(InputError, match=r"have their own clock maps; .*tipforce import \S+a.mcap -o NEW.mcap"):
+        run("import", files / "a.mcap", "-o", files / "other", "--offset-ms", 5)
+    run("import", files / "a.mcap", "-o", files / "NEW.mcap", "--offset-ms", 5)
+    with pytest.raises(InputError, match="--tare is for a video and its logs"):
+        run("import", files / "a.mcap", "-o", files / "other.mcap", "--tare", "0:1")
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,23 @@ def test_the_knob_may_be_a_column_or_a_log_of_its_own(run: Run, tmp_path: Path) 
         import_session(run.video, [knob, run.force], tmp_path / "c.mcap", bench=constant)
 
 
+def test_a_moving_knob_by_a_clock_that_is_far_from_the_cameras_is_named(run: Run, tmp_path: Path) -> None:
+    table = tmp_path / "force.csv"
+    table.write_text("time_s,fx_n,knob\n" + "".join(f"{k / 1000:.3f},0.1,{k / 100}\n" for k in range(8000)))
+    bench = SessionInfo(actuation=ActuationInfo(knob_column="knob"))
+    near = import_session(run.video, table, tmp_path / "a.mcap", bench=bench, offset_ms=50.0)
+    assert not any("is placed by the stamps" in remark for remark in near.remarks)
+    far = import_session(run.video, table, tmp_path / "b.mcap", bench=bench, offset_ms=50.0, rate=0.9)
+    said = next(remark for remark in far.remarks if "is placed by the stamps" in remark)
+    assert "knob_deg of force.csv" in said
+    assert "up to 0.75 s from the camera's" in said
+    still = tmp_path / "still.csv"  # the way out that the remark names, with a knob that rests
+    still.write_text("time_s,knob_deg\n" + "".join(f"{k / 10:.1f},5\n" for k in range(81)))
+    logs = {"force": run.force, "knob": still}
+    other = import_session(run.video, logs, tmp_path / "c.mcap", offset_ms=50.0, rate=0.9)
+    assert not any("is placed by the stamps" in remark for remark in other.remarks)
+
+
 @pytest.mark.parametrize("shift_s", [1.7e9, -1e3])
 def test_a_knob_log_on_another_clock_is_refused(run: Run, tmp_path: Path, shift_s: float) -> None:
     knob = tmp_path / "knob.csv"
@@ -150,6 +167,16 @@ def test_a_stated_offset_that_the_deflection_contradicts_is_said_with_both(run: 
     said = next(remark for remark in report.remarks if "contradicts the deflection" in remark)
     assert "-400.0 ms at a rate of 1" in said
     assert report.summary.info.clock_map.offset_ms == -400.0
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan")])
+def test_a_rate_that_is_no_rate_is_refused_wherever_it_is_stated(run: Run, tmp_path: Path, rate: float) -> None:
+    with pytest.raises(InputError, match="the true over the stated frame rate"):
+        import_session(run.video, run.force, tmp_path / "run.mcap", offset_ms="none", rate=rate)
+    import_session(run.video, run.force, tmp_path / "run.mcap", offset_ms="none")
+    with pytest.raises(InputError, match="the true over the stated frame rate"):
+        copy_recording(tmp_path / "run.mcap", tmp_path / "copy.mcap", offset_ms="none", rate=rate)
+    assert not list(tmp_path.glob("copy*"))
 
 
 def test_a_recording_of_unknown_clocks_has_labels_once_they_are_stated(run: Run, tmp_path: Path) -> None:

@@ -198,3 +198,22 @@ def test_the_stage_tells_the_offset_only_where_it_shares_the_cameras_clock(
     assert found.offset_ms == {"stage": 45.0, "refused": 0.0}.get(how, seen.offset_ms)
     assert said in " ".join(remarks)
     assert bool(said) == bool(remarks)
+
+
+@pytest.mark.parametrize(
+    ("stated", "stage_rate", "how"),
+    [(0.8, 0.8, "stage"), (0.8, 1.0, "refused"), (None, 0.8, "refused"), (None, 1.0, "stage")],
+)
+def test_the_stage_gives_the_offset_at_the_stated_rate_or_not_at_all(monkeypatch, stated, stage_rate, how):
+    seen = ClockMap(how="refused", detail="no motion")
+    monkeypatch.setattr(_find_clock, "_estimated", lambda *rest: (seen, rest[4].inertia))
+    facts = ForceCorrections(
+        None, Tare(), Inertia(how="estimated", lag_ns=45_000_000, rate=stage_rate), StageMotion.of([])
+    )
+    stamps = np.arange(10, dtype=np.int64) * 1_000_000_000
+    found, _ = _find_clock.find_clock(
+        _find_clock.Sight(stamps, [DetectedShape(Status.NO_CATHETER)]), SessionInfo(), stamps, np.zeros((10, 3)),
+        facts, _find_clock.ClockChoice("auto", stated), [], stage_shares=True,
+    )  # fmt: skip
+    assert found.how == how
+    assert found.rate == (stated or 1.0 if how == "stage" else 1.0)

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..errors import InputError
 from ..io import ClockMap, Inertia
 from ..types import FloatArray, IntArray, SensorInfo, SessionInfo
 from ..vision import DetectedShape
@@ -27,16 +28,25 @@ _STAGE_STDERR_MS = 6.0
 by what the stage lags behind its commands."""
 _FAR_MS = 250.0
 """From this offset on, the lag of the stage may be beyond those that are tried when the tare is found."""
+_MIN_RATE, _MAX_RATE = 1e-3, 1e3
 _MAX_TIED_MS = 30.0
 """A deflection that tells the offset less well than this cannot show that camera and stage run on one clock."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClockChoice:
-    """What a person states of the clocks: the offset at the log's first row, and the rate; None: not stated."""
+    """What a person states of the clocks: the offset at the log's first row, and the rate; None: not stated.
+
+    Raises:
+        InputError: ``rate`` is no frame rate over another one.
+    """
 
     offset_ms: OffsetChoice = "auto"
     rate: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.rate is not None and not _MIN_RATE < self.rate < _MAX_RATE:
+            raise InputError(f"rate={self.rate:g}: expected the true over the stated frame rate, as 0.8 for 24 over 30")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,13 +103,14 @@ def find_clock(
                 f"{_text(found, stamps)}: the stated one is used; leave it out to use the other"
             )
         return stated, facts.inertia
-    found = _from_stage(found, inertia, remarks, stage_shares=stage_shares)
+    rate = choice.rate or 1.0
+    found = _from_stage(found, inertia, rate, remarks, stage_shares=stage_shares)
     if found.how == "estimated" and found.detail:
         remarks.append(found.detail)
     if found.how == "estimated" and choice.rate is None and found.rate != 1.0:
         remarks.append(_rate_remark(found, sight.frame_ns))
-    if found.how == "estimated" and inertia.how == "estimated" and inertia.rate == 1.0:
-        stage = ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, reference_ns=inertia.reference_ns)
+    if found.how == "estimated" and inertia.how == "estimated" and inertia.rate == rate:
+        stage = ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, rate=rate, reference_ns=inertia.reference_ns)
         if _contradict(found, stage, stamps):
             both = (
                 f"the deflection gives a clock map of {_text(found, stamps)}, the stage's movement in the force "
@@ -173,16 +184,17 @@ def _estimated(
     return by(inertia), inertia
 
 
-def _from_stage(found: ClockMap, inertia: Inertia, remarks: list[str], *, stage_shares: bool) -> ClockMap:
+def _from_stage(found: ClockMap, inertia: Inertia, rate: float, remarks: list[str], *, stage_shares: bool) -> ClockMap:
     """The map by the stage's movement in the force, where the deflection alone is not enough.
 
-    The stage must be known to run on the camera's clock, or a less certain deflection must show it.
+    The stage must be known to run on the camera's clock, or a less certain deflection must show it; and its movement
+    must show in the force at ``rate``, the stated rate of the camera's clock against the log's, or 1.
     """
     if found.how != "refused":
         return found
     close = abs(found.offset_ms - 1e-6 * inertia.lag_ns) < 2.0 * (found.stderr_ms + _STAGE_STDERR_MS)
     seen = MAX_STDERR_MS < found.stderr_ms < _MAX_TIED_MS and found.rate == 1.0 and close
-    if inertia.how != "estimated" or not (seen or stage_shares):
+    if inertia.how != "estimated" or inertia.rate != rate or not (seen or stage_shares):
         return ClockMap(how="refused", explained=found.explained, detail=found.detail)
     why = (
         f"the deflection, {found.offset_ms:+.1f} +- {found.stderr_ms:.1f} ms, agrees with it but is less certain"
@@ -193,7 +205,9 @@ def _from_stage(found: ClockMap, inertia: Inertia, remarks: list[str], *, stage_
         f"the clock offset, {1e-6 * inertia.lag_ns:+.1f} ms, is taken from the stage's movement in the force, good to "
         f"{_STAGE_STDERR_MS:g} ms: {why}"
     )
-    return ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, found.explained, why, reference_ns=inertia.reference_ns)
+    return ClockMap(
+        inertia.lag_ns, "stage", _STAGE_STDERR_MS, found.explained, why, rate, reference_ns=inertia.reference_ns
+    )
 
 
 def _contradict(found: ClockMap, other: ClockMap, stamps: IntArray) -> bool:

@@ -83,9 +83,15 @@ def command(
 
     check_outputs([*inputs, *filter(None, (stage, knob))], *([output] if output.suffix == ".mcap" else []), json)
     if all(path.suffix in (".mcap", ".part") for path in inputs) and not (len(inputs) == 1 and is_bag(inputs[0])):
+        _refuse_options(inputs[0], tare=tare, stage=stage, knob=knob)
         if output.suffix == ".mcap":
             _recover(inputs, output, offset_from(offset_ms), rate, overwrite=overwrite, json=json)
             return
+        if offset_ms != "auto" or rate is not None:
+            raise InputError(
+                f"{output}: the recordings of a dataset have their own clock maps; state --offset-ms and --rate in a "
+                f"copy of the recording that lacks one: tipforce import {inputs[0]} -o NEW.mcap --offset-ms MS"
+            )
         _dataset(inputs, output, overwrite=overwrite, json=json)
         return
     frames, *others = inputs
@@ -107,6 +113,17 @@ def command(
     for line in (*done.remarks, *describe_recording(done.summary)):
         say(line)
     write_json(done.summary.figures() | {"remarks": list(done.remarks)}, json)
+
+
+def _refuse_options(recording: Path, *, tare: str, stage: Path | None, knob: Path | None) -> None:
+    """Raises InputError for options that have no effect on a recording."""
+    given = [
+        name
+        for name, stated in (("--tare", tare != "auto"), ("--stage", stage is not None), ("--knob", knob is not None))
+        if stated
+    ]
+    if given:
+        raise InputError(f"{recording}: {', '.join(given)} is for a video and its logs, and this is a recording")
 
 
 def _by_kind(others: list[Path], stated: dict[str, Path]) -> dict[str, Path]:

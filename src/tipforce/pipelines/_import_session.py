@@ -12,6 +12,7 @@ from ..alignment import ClockChoice, OffsetChoice, TareChoice, stated_tare
 from ..errors import FileFormatError, InputError, TimeError
 from ..io import (
     Bag,
+    ClockMap,
     DriveLog,
     FileSource,
     ForceLog,
@@ -36,6 +37,8 @@ Logs = Path | str | Sequence[Path | str] | Mapping[str, Path | str] | None
 Readings = tuple[IntArray, dict[str, FloatArray]]
 """(n,) stamps, and (n,) values by name."""
 
+_MAX_DRIVE_SHIFT_S = 0.1
+"""A hand that turns the knob by 30 degrees a second turns it by 3 within this time."""
 _NO_TORQUE = np.full(3, np.nan)
 _BLOCK = 1 << 14
 """Rows handed out at a time: a log may run for hours after the last frame."""
@@ -138,8 +141,7 @@ def import_session(
     """
     target, info = Path(output), session_info_from(bench)
     refuse_target(target, overwrite=overwrite, origin="import")
-    if rate is not None and not 1e-3 < rate < 1e3:
-        raise InputError(f"rate={rate:g}: expected the true over the stated frame rate, as 0.8 for 24 over 30")
+    clock = ClockChoice("none" if offset_ms == "start" else offset_ms, rate)
     bag, logs = _bag(Path(frames), logs, info)
     by_kind = _by_kind(logs, info)
     force_log, knob_log, stage_log = (by_kind.get(kind) for kind in ("force", "knob", "stage"))
@@ -204,7 +206,7 @@ def import_session(
             source.session_info,
             None,
             tare,
-            ClockChoice("none" if offset_ms == "start" else offset_ms, rate),
+            clock,
             vision or VisionSettings(),
             report,
             names,
@@ -217,7 +219,12 @@ def import_session(
     except BaseException:
         writer.abandon()
         raise
-    return RecordingReport(summarise_recording(target), (*remarks, *facts))
+    summary = summarise_recording(target)
+    if log is not None and JOINTS in drives:
+        stamps, values = drives[JOINTS]
+        late = _late_drives(stamps + shift_ns, values, summary.info.clock_map, knob_log or origin, knob_log is None)
+        facts += [late] if late else []
+    return RecordingReport(summary, (*remarks, *facts))
 
 
 def _bag(frames: Path, logs: Logs, info: SessionInfo) -> tuple[Bag | None, Logs]:
@@ -289,6 +296,31 @@ def _check_drives(
                 f"overlap with the images, {frames[0] * 1e-9:.3f} to {frames[1] * 1e-9:.3f} s; bring its stamps to "
                 "the camera's clock"
             )
+
+
+def _late_drives(
+    stamps: IntArray, values: Mapping[str, FloatArray], clock: ClockMap, log: Path, by_force_clock: bool
+) -> str:
+    """A remark where the drives move and the clock map, which is not applied to them, would shift their readings.
+
+    Args:
+        stamps: (n,) of the readings.
+        values: name -> (n,) readings.
+        clock: between the force log and the camera.
+        log: the file that holds the readings.
+        by_force_clock: whether the stamps are those of the force.
+    """
+    moving = [name for name, readings in values.items() if np.nanmax(readings) > np.nanmin(readings)]
+    shift_s = 1e-9 * float(np.abs(clock.camera_ns(stamps[[0, -1]]) - stamps[[0, -1]]).max())
+    if not moving or shift_s < _MAX_DRIVE_SHIFT_S:
+        return ""
+    remedy = "bring its stamps to the camera's clock unless they are of that clock already"
+    if by_force_clock:
+        remedy = "write it to a log of its own with stamps of the camera's clock, and import that with --knob FILE"
+    return (
+        f"{', '.join(moving)} of {log.name} is placed by the stamps as they are, but the force log's clock is up to "
+        f"{shift_s:.2g} s from the camera's: {remedy}"
+    )
 
 
 def _origin(
