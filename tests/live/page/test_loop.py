@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
 from playwright.sync_api import Page, sync_playwright
@@ -169,6 +170,22 @@ def test_a_run_is_started_stopped_and_released_in_the_page(page: Page, loop: Fak
     page.click("#loop-stop")
     shows(page, "stopped")
     assert loop.told == ["mark_goal", "start", "stop", *["release", "stop"] * 3]
+
+
+def test_a_force_of_the_loop_is_shown_for_at_most_a_second_after_it_was_heard(page: Page, loop: FakeLoop) -> None:
+    def shown() -> list[str | None]:
+        force, state = (
+            "document.querySelector('#loop-force').innerText",
+            "document.querySelector('#loop').dataset.state",
+        )
+        return page.evaluate(f"[{force}, {state}]")
+
+    loop.release()
+    eventually(lambda: shown() == ["15.3 g", "idle"])
+    status, loop.status = loop.status, SimpleNamespace(text=str)
+    eventually(lambda: shown() == ["\N{EN DASH}", "idle"])
+    loop.status = status
+    eventually(lambda: shown() == ["15.3 g", "idle"])
 
 
 def test_a_stop_that_is_not_answered_is_told(page: Page, loop: FakeLoop) -> None:

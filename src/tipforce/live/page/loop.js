@@ -3,7 +3,8 @@
 import { inGrams, inNewtons, NOTHING } from "./numbers.js";
 
 const CONFIRM_MS = 3000; // start is pressed a second time within this: something will move
-const UNHEARD_MS = 2500; // the state comes each second at least; older, it is not known
+const UNHEARD_MS = 2500; // the state comes twice a second at least; older, it is not known
+const FORCE_MS = 1000; // no force is shown for longer after it was heard
 const ANSWER_MS = 1000; // a stop that is not answered within this is told as not confirmed
 
 const WORDS = {
@@ -118,7 +119,7 @@ export class LoopPanel {
     const why = known ? `${again}${ACTIONS[status.action] ?? status.reason}` : "nothing was heard of the loop; STOP is sent all the same";
     set("loop-reason", why);
     $("loop-reason").title = why;
-    this.#showNumbers(status, known);
+    this.#showNumbers(status, known && nowMs - this.#heardAt < FORCE_MS);
     this.#showPath(status);
     this.#refreshButtons(status, known, nowMs);
   }

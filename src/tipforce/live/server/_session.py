@@ -38,7 +38,7 @@ _MOST_WAITING = 4
 """Commands of one page that may wait for the engine at a time."""
 _MOST_ANSWERS = 16
 """Answers that may wait for a socket; a page that does not take them gets no more."""
-_LOOP_S, _LOOP_AGAIN_S = 0.1, 1.0
+_LOOP_S, _LOOP_AGAIN_S = 0.1, 0.5
 """The loop's state is sent this often where it changes, and this often where it does not."""
 _Order = ZeroForce | UndoZero | Integral | Record | Limits | Loop
 """What an operator asks for, and is answered."""
