@@ -89,10 +89,8 @@ def _asked_to_end(stop: Callable[[], None]) -> Generator[None]:
 
     def first(number: int, frame: Any) -> None:
         del number, frame
-        for each, handler in before.items():
-            signal.signal(
-                each, signal.SIG_IGN if each.name == "SIGHUP" else handler
-            )  # a closed terminal sends it twice
+        for each, handler in before.items():  # a terminal that is closed sends SIGHUP twice
+            signal.signal(each, signal.SIG_IGN if each.name == "SIGHUP" else handler)
         stop()
 
     for number in before:

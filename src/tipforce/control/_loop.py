@@ -34,11 +34,11 @@ _EXCESS_S = 2.0
 _FALL = 5.0
 """How much faster the wanted force falls than it rises."""
 _CALM = 0.4
-"""Of the target: with smaller errors the heart's rate counts as found."""
+"""With errors below this share of the target the heart's rate counts as found."""
 _LOST, _KEPT = 0.3, 0.8
 """Shares of the last seconds in contact: below the one the least force is wanted, above the other the target."""
 _LEAST = 0.25
-"""Of the target: less is never wanted while it is held."""
+"""Least share of the target that is wanted in hold."""
 _AHEAD_S = np.arange(0.0, 0.301, 0.05)
 """The wall is predicted so far, half a beat, to be out of its way in time."""
 _WALL_SIGMAS = 1.0
@@ -62,7 +62,7 @@ _FAR_MM = 0.05
 """Nearer than this to the start counts as back."""
 
 
-def _said_n(force_n: float) -> str:
+def _force_text(force_n: float) -> str:
     return f"{force_n:.2f} N ({newtons_to_grams(force_n):.0f} g)"
 
 
@@ -145,7 +145,7 @@ class ControlLoop:
         self._excess: deque[tuple[float, float]] = deque()
         self._forces: deque[tuple[float, float]] = deque()
         self._distances: deque[tuple[float, float]] = deque()
-        """Of the force from the target, by which `held` is judged."""
+        """Time in s and distance of the force from the target in N: `held` is judged by them."""
 
     def start(self) -> None:
         """The operator starts: from wherever the catheter is to the marked start, then toward the goal.
@@ -294,13 +294,13 @@ class ControlLoop:
         with self._lock:
             if self.state is not ControlState.HOLD:
                 return self.reason
-            target = _said_n(self.settings.target_n)
+            target = _force_text(self.settings.target_n)
             if self.held:
                 return f"the force is held at {target}"
             action, why = self.safety.check()
             if action is not SafetyAction.PASS:
                 return f"not held at {target}: {why}"
-            return f"not held yet: brought to {target}, {_said_n(self._target_n)} is wanted now"
+            return f"not held yet: brought to {target}, {_force_text(self._target_n)} is wanted now"
 
     def tick(self) -> ControlTick:
         """Command the drives, once; returns what was done."""

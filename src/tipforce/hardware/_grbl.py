@@ -304,7 +304,7 @@ class GrblStage(Driver):
         return [Actuation(self._read_ns, each, stream) for stream, each in by_stream.items()]
 
     def _send_what_waits(self) -> None:
-        """Send the newest targets: at once where all axes go on as they go, else once what moves is at rest."""
+        """Sends the newest targets: at once if no axis changes direction, else after the moving axes have stopped."""
         assert self._port is not None
         with self.lock:
             if self._waiting_for is not None and time.monotonic() - self._sent_s > _SILENT_S:
@@ -376,7 +376,7 @@ class GrblStage(Driver):
         self.state = "Jog"  # until a status that was asked for after this says that it stands
 
     def want(self, targets: Mapping[str, float]) -> None:
-        """Of `GrblActuators`: new targets of some axes."""
+        """Takes new targets of some axes; see `GrblActuators.command`."""
         with self.lock:
             self._need_ready()
             if self._course is not None:
@@ -384,14 +384,14 @@ class GrblStage(Driver):
             self._wanted |= targets
 
     def follow(self, course: Course, after_s: float) -> None:
-        """Of `GrblActuators`: jogs along ``course``, beginning after ``after_s``, until it is halted."""
+        """Jogs along a course until it is halted; see `GrblActuators.follow`."""
         with self.lock:
             self._need_ready()
             self._wanted, self._sent = {}, {}
             self._course = CourseStream(course, self._course_line, time.monotonic() + after_s)
 
     def halt(self, axes: Sequence[str]) -> None:
-        """Of `GrblActuators`: cancel the jog now; axes that are not to stop go on to their targets afterwards."""
+        """Cancels the jog now; axes that are not to stop go on afterwards; see `GrblActuators.stop`."""
         with self.lock:
             if self._port is None:
                 return
@@ -409,7 +409,7 @@ class GrblStage(Driver):
                 self._cancel()
 
     def position(self) -> Actuation:
-        """Of `GrblActuators`: the last status."""
+        """Returns where the axes were at the last status; see `GrblActuators.read`."""
         with self.lock:
             self._need_ready(moving=False)
             return Actuation(self._read_ns, dict(self._places))

@@ -14,7 +14,7 @@ SEGMENT_S = 0.025
 AHEAD_S = 0.25
 """So far ahead jogs are sent: the planner holds 15 moves, 0.375 s, and has to see where it can brake."""
 _RECEIVE_BYTES = 120
-"""Of the controller's receive buffer, 127, that may hold lines it has not answered yet."""
+"""Lines that the controller has not answered yet take at most so much of its receive buffer, which holds 127."""
 _LONGEST_LINE = 50
 _MEMORY_S = 0.5
 """Time constant with which it is learnt how late the axes are."""
@@ -81,7 +81,12 @@ class CourseStream:
         return False
 
     def read(self, places: Mapping[str, float], now_s: float) -> None:
-        """Learns from where the axes are at ``now_s`` how late they are."""
+        """Learns how late the axes are.
+
+        Args:
+            places: where each axis is, by name, in its own unit.
+            now_s: when it was there, on the clock of ``start_s``.
+        """
         at_s = now_s - self._start_s
         seconds, self._read_s = (0.0 if self._read_s is None else now_s - self._read_s), now_s
         if at_s < SEGMENT_S:

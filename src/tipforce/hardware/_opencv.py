@@ -184,8 +184,8 @@ class OpenCvCamera(Driver):
         """The driver's stamp on the host's clock: V4L2 states the monotonic clock at which the image was taken.
 
         None where it states none. Images that were taken before the computer slept are older than their stamps show:
-        ``_awake_ns`` is the time since when it has been awake, None
-        where it has not slept.
+        ``_awake_ns`` is the time since when it has been
+        awake, None where it has not slept.
         """
         import cv2
 

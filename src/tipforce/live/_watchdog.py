@@ -29,7 +29,7 @@ class Fault:
 
 
 def worst(faults: list[Fault]) -> Fault | None:
-    """Of several faults the one that is told; None without any."""
+    """Returns the fault that is reported, of several; None without any."""
     return max(faults, key=lambda fault: CAMERA_STATES.index(fault.camera), default=None)
 
 

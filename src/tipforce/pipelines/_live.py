@@ -44,7 +44,7 @@ _FRAME_S = 1 / 30
 """Between images of a camera that promises nothing."""
 _OTHER_SESSION = "the simulated session has ended; its drives are where they stand at the beginning of another one"
 _SLOW_PACE = 0.9
-"""A simulated bench that runs slower than this share of real time is too slow, and that is said."""
+"""A simulated bench that runs slower than this share of real time is too slow, and a message says so."""
 _T = TypeVar("_T")
 _LINE_S = 0.25
 """The line on the terminal changes this often."""

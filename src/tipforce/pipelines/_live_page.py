@@ -1,4 +1,4 @@
-"""The page of a live run: served before there is an estimator or a camera, and told what the program does meanwhile."""
+"""The page of a live run: it is served at once, and shows what the program does until the run begins."""
 
 import time
 from dataclasses import dataclass

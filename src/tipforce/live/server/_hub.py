@@ -99,7 +99,12 @@ class Hub:
         self.wake()
 
     def begin(self, commands: Commands, settings: PageSettings) -> None:
-        """The run begins: buttons work from now on, and ``settings`` say which."""
+        """The run begins: buttons work from now on.
+
+        Args:
+            commands: the engine's buttons.
+            settings: clock, window and limit, and what the page may do.
+        """
         self.settings, self.commands = settings, commands
         self.change(
             starting="",

@@ -33,7 +33,6 @@ class Address:
 
     ``text``: as it was given; ``place``: all between // and the path, in its own case.
 
-
     >>> Address.of("json-udp://127.0.0.1:9000?rate_hz=10").options
     mappingproxy({'rate_hz': ('10',)})
     """
