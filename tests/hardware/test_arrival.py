@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tipforce.errors import DeviceError
-from tipforce.hardware import ClockMap
+from tipforce.hardware import ArrivalClock
 from tipforce.hardware._arrival import ArrivalWait, LatenessCheck
 
 MS = 1_000_000
@@ -95,7 +95,7 @@ def test_images_that_come_in_bursts_are_as_old_as_they_are():
 
 @pytest.mark.parametrize("catch_up", [1.0, 1.2, 100.0])
 def test_stamps_of_a_camera_show_old_images_however_long_the_pause(catch_up):
-    clock, waits = ClockMap(1_000_000_000), []
+    clock, waits = ArrivalClock(1_000_000_000), []
     taken, arrived = camera(15.0, catch_up, seconds=40.0)
     for stamp, at in zip(np.round(taken * 1e9).astype(int), np.round(arrived * 1e9).astype(int), strict=True):
         waits.append(1e-9 * (at - clock.host_ns(int(stamp) + 77 * 10**9, int(at))))

@@ -8,7 +8,7 @@ import pytest
 
 from tipforce.errors import DeviceError, FileFormatError, InputError
 from tipforce.hardware import (
-    ClockMap,
+    ArrivalClock,
     ConstantKnob,
     ConstantKnobConfig,
     DeclaredStream,
@@ -142,7 +142,7 @@ def test_the_least_delay_of_late_tells_the_clocks_apart():
     device = np.arange(0, 30_000_000_000, 10_000_000)
     true = device * (1 + 40e-6) + 5_000_000_000  # 40 ppm slow
     arrival = true + rng.exponential(2e6, len(device)) + 300_000
-    clock = ClockMap()
+    clock = ArrivalClock()
     stamps = np.array([clock.host_ns(int(d), int(a)) for d, a in zip(device, arrival, strict=True)])
     assert np.all(np.diff(stamps) > 0)
     error_ms = 1e-6 * (stamps - true)[200:]
@@ -155,7 +155,7 @@ def test_the_least_delay_of_late_tells_the_clocks_apart():
 def test_a_device_whose_clock_stood_still_is_found_within_two_seconds():
     device = np.arange(0, 8_000_000_000, 10_000_000)
     arrival = device + 1_000_000_000 + 400_000_000 * (device > 4_000_000_000)
-    clock = ClockMap()
+    clock = ArrivalClock()
     stamps = np.array([clock.host_ns(int(d), int(a)) for d, a in zip(device, arrival, strict=True)])
     assert np.all(np.diff(stamps) > 0)
     assert (arrival - stamps)[device > 6_500_000_000].max() == 0

@@ -56,11 +56,11 @@ between blocks, or as a ratio: a single onset of contact counts in one block onl
 _RIVAL_BLOCK_S = 2.0
 _RIVAL_APART_S = 0.06
 _OTHER_DEGREES = (2, 5)
-"""Of the elastic law: what they would give tells how much the estimate depends on that choice."""
+"""Degrees of the elastic law that are tried too: their results show how much the estimate depends on the degree."""
 _FLOOR_MS = 0.7
 """What no cross-check shows: bend and levers are seen with errors of a few hundredths of a pixel; the tare drifts."""
 _MAX_TURN_DEG, _FREE_GAIN = 10.0, 0.7
-"""The stated angle is taken for wrong where another, further off than this, leaves less than this share unexplained."""
+"""The stated angle counts as wrong where another, further off than this, leaves less than this share unexplained."""
 _STRETCHES = 8
 _MAX_JUMP_S, _JUMP_Z = 25e-3, 5.0
 """A stretch that is off the line by more than both is a jump of a clock, or images that are missing."""

@@ -31,10 +31,10 @@ _SLOW_HZ = 0.2
 _MAX_NOISE_SHARE = 0.7
 """No more than this share of any regressor is taken for noise: what is left must be able to carry the fit."""
 _HARMONICS = 5
-"""Of the beat, in the inertia of a mass whose movement no log states."""
+"""Harmonics of the beat in the inertia of a mass whose movement no log states."""
 _BEAT_HZ = (0.5, 3.5)
 _STEPS = 9
-"""Of the first grid of tilts."""
+"""Points of the first grid of tilts."""
 
 Tilted = tuple[float, float]
 """(shift_s, tilt_s): force time = trial force time - shift - tilt x, with x from -1 at the first image to 1 at the

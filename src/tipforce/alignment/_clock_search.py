@@ -24,7 +24,7 @@ at most half of that of the right one."""
 _MAX_RATE = 10.0
 """Rates from its inverse to it are searched: slow motion by a factor of 8 is recognised."""
 _STEP_S = 0.04
-"""Of the grid on which bend and force are compared: a beat has 20 of them."""
+"""Step of the grid on which bend and force are compared: a beat has 20 of them."""
 _SLOW_S = 3.0
 """Length of the moving mean, taken twice, that is left out: the shaft's drift, about 0.2 Hz."""
 _MISMATCH_S = 0.1
@@ -145,7 +145,7 @@ def _quick(values: FloatArray, seen: FloatArray) -> FloatArray:
 
 
 def _spectra(force: FloatArray, size: int) -> list[Spectrum]:
-    """Of x, y, x^2, x y, y^2."""
+    """Returns the spectra of x, y, x^2, x y and y^2 of the force (n, 2), padded to ``size``."""
     x, y = force.T
     return [np.fft.rfft(column, size) for column in (x, y, x * x, x * y, y * y)]
 

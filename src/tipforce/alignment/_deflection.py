@@ -18,7 +18,7 @@ from ..vision import DetectedShape
 __all__ = ["shape_coordinates"]
 
 _SEEN_WELL = 0.9
-"""Of the shaft's length: the rest is the dome, seen five times worse."""
+"""Share of the shaft's length that is used: the rest is the dome, seen five times worse."""
 _LIKELY, _FEW = (0.88, 1.04), 0.1
 """What is seen of a catheter's known length: its base may be hidden, scale and length are known to a few percent."""
 _NEARLY = 0.96

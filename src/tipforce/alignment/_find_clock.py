@@ -24,8 +24,8 @@ _APART_MS = 25.0
 """Two maps that differ by less (and by less than five standard errors) do not contradict each other."""
 _APART_Z = 5.0
 _STAGE_STDERR_MS = 6.0
-"""Of the offset that the stage's movement in the force tells: over 8 simulated sessions it was off by 4 to 15 ms, early
-by what the stage lags behind its commands."""
+"""Standard error of the offset from the stage's movement in the force: over 8 simulated sessions it was off by 4 to
+15 ms, early by what the stage lags behind its commands."""
 _FAR_MS = 250.0
 """From this offset on, the lag of the stage may be beyond those that are tried when the tare is found."""
 _MIN_RATE, _MAX_RATE = 1e-3, 1e3
@@ -218,7 +218,7 @@ def _contradict(found: ClockMap, other: ClockMap, stamps: IntArray) -> bool:
 
 
 def _text(clock: ClockMap, stamps: IntArray) -> str:
-    """As a person states it: the offset at the log's first row."""
+    """Returns the map in the words in which it is stated: the offset at the log's first row, and the rate."""
     first = stamps[:1]
     offset_ms = 1e-6 * float((clock.camera_ns(first) - first)[0])
     return f"{offset_ms:+.1f} ms at a rate of {clock.rate:.6g}"

@@ -4,7 +4,7 @@ Each driver has a typed config, a table of ``bench.toml``; reads the settings ba
 where it is lost; and has an emulator in `tipforce.hardware.emulators`, or a stand-in in the tests.
 """
 
-from .._clock_map import ClockMap, ClockReport
+from .._arrival_clock import ArrivalClock, ClockReport
 from ._bench import BenchDevices, open_bench, read_devices
 from ._daq import DaqCalibration, DaqForce, DaqForceConfig, read_calibration
 from ._driver import DeclaredStream, DeviceConfig, Driver, EndOfStream, Setting
@@ -17,9 +17,9 @@ from ._source import DeviceHealth, HardwareSource, StreamHealth, StreamMeter
 from ._video import Video, VideoConfig
 
 __all__ = [
+    "ArrivalClock",
     "AxisConfig",
     "BenchDevices",
-    "ClockMap",
     "ClockReport",
     "ConstantKnob",
     "ConstantKnobConfig",

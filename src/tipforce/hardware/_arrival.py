@@ -6,7 +6,7 @@ come first, and faster than a camera takes images: each of them is older than it
 
 from collections import deque
 
-from .._clock_map import ClockMap
+from .._arrival_clock import ArrivalClock
 from ..errors import DeviceError
 
 __all__ = ["MAX_WAIT_NS", "ArrivalWait", "LatenessCheck"]
@@ -68,7 +68,7 @@ class ArrivalWait:
         self._intervals: deque[int] = deque(maxlen=_INTERVALS)
         self._last_ns: int | None = None
         self._counted_ns = self._wait_ns = self._waits = 0
-        self._map = ClockMap(_LATE_NS)
+        self._map = ArrivalClock(_LATE_NS)
 
     def wait_ns(self, asked_ns: int, arrival_ns: int) -> int:
         """Takes the next image; returns for how long it may have waited, nanoseconds.
@@ -99,7 +99,7 @@ class ArrivalWait:
 
     def _restart(self, arrival_ns: int) -> int:
         """The image that arrived now has not waited."""
-        self._map = ClockMap(_LATE_NS)
+        self._map = ArrivalClock(_LATE_NS)
         self._map.host_ns(self._counted_ns, arrival_ns)
         self._wait_ns = 0
         return 0

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from pydantic import Field
 
-from .._clock_map import ClockMap, ClockReport
+from .._arrival_clock import ArrivalClock, ClockReport
 from ..errors import DeviceError, FileFormatError, MissingExtraError
 from ..types import Clock, Event, FloatArray, Wrench
 from ._driver import DeclaredStream, DeviceConfig, Driver, Setting
@@ -126,7 +126,7 @@ class DaqForce(Driver):
         self._nidaqmx = nidaqmx
         self._task: Any = None
         self._clock: Clock | None = None
-        self._map = ClockMap()
+        self._map = ArrivalClock()
         self._rate_hz = config.rate_hz
         self._samples = 0
         self._heard_ns = 0
@@ -167,7 +167,7 @@ class DaqForce(Driver):
             self._task.start()
         except (module.errors.Error, OSError) as error:
             raise DeviceError(f"{self._where}: {str(error).splitlines()[0]}") from None
-        self._clock, self._map, self._samples = clock, ClockMap(), 0
+        self._clock, self._map, self._samples = clock, ArrivalClock(), 0
         self._heard_ns = clock.now_ns()
         self._zero, self._at_zero = np.zeros(_GAUGES), []
         return (

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from .._clock_map import ClockReport
+from .._arrival_clock import ClockReport
 from ..types import Clock, Event, Frame, Wrench
 
 __all__ = [

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from .._clock_map import ClockMap, ClockReport
+from .._arrival_clock import ArrivalClock, ClockReport
 from ..errors import DeviceError, MissingExtraError
 from ..types import Clock, Event, Frame, Image
 from ._arrival import MAX_WAIT_NS, ArrivalWait, LatenessCheck
@@ -48,7 +48,7 @@ class GenICamCamera(Driver):
         self._harvester: Any = None
         self._acquirer: Any = None
         self._clock: Clock | None = None
-        self._map, self._wait, self._late = ClockMap(), ArrivalWait(local=True), LatenessCheck()
+        self._map, self._wait, self._late = ArrivalClock(), ArrivalWait(local=True), LatenessCheck()
         self._size = ""
         self._stamped = True
         self._heard_ns = self._asked_ns = 0
@@ -72,7 +72,7 @@ class GenICamCamera(Driver):
         if not config.producer.is_file():
             raise DeviceError(f"{self._where}: there is no GenTL producer {config.producer}")
         self._clock, self._stamped, self._size = clock, True, ""
-        self._map, self._wait, self._late = ClockMap(_LONGEST_STEP_NS), ArrivalWait(local=True), LatenessCheck()
+        self._map, self._wait, self._late = ArrivalClock(_LONGEST_STEP_NS), ArrivalWait(local=True), LatenessCheck()
         self._heard_ns, self._asked_ns = clock.now_ns(), 0
         try:
             self._harvester = Harvester()

@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 from pydantic import Field
 
-from .._clock_map import ClockMap, ClockReport
+from .._arrival_clock import ArrivalClock, ClockReport
 from ..errors import DeviceError
 from ..types import Clock, Event, Wrench
 from ._driver import DeclaredStream, DeviceConfig, Driver, Setting
@@ -174,7 +174,7 @@ class NetFt(Driver):
         self._rate_hz = config.rate_hz or 1000.0
         self._scale = np.ones(6)
         self._clock: Clock | None = None
-        self._map = ClockMap()
+        self._map = ArrivalClock()
         self._check = RdtCheck(self.counts)
         self._zero: int | None = None
         self._heard_ns = self._asked_ns = 0
@@ -203,7 +203,7 @@ class NetFt(Driver):
             )
         force, torque = unit_in_newtons(facts["scfgfu"]), unit_in_newton_metres(facts["scfgtu"])
         self._scale = np.repeat([force / counts[0], torque / counts[1]], 3)
-        self._clock, self._map, self._check = clock, ClockMap(), RdtCheck(self.counts)
+        self._clock, self._map, self._check = clock, ArrivalClock(), RdtCheck(self.counts)
         self._zero = None
         made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
@@ -265,7 +265,7 @@ class NetFt(Driver):
         restarts = self.counts["restarts"]
         taken = self._check.take(packet)
         if self.counts["restarts"] > restarts:
-            self._map, self._zero = ClockMap(), None
+            self._map, self._zero = ArrivalClock(), None
         if self._check.status:
             self.remark = f"{self._where}: refused readings with the status word 0x{self._check.status:08x}"
         if taken is None:

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from .._clock_map import ClockMap, ClockReport
+from .._arrival_clock import ArrivalClock, ClockReport
 from ..errors import DeviceError
 from ..types import Clock, Frame, Image
 from ._arrival import MAX_WAIT_NS, ArrivalWait, LatenessCheck
@@ -59,7 +59,7 @@ class NetworkStream:
         self._clock: Clock | None = None
         self._frames: Iterator[tuple[int | None, Image]] = iter(())
         self._size = ""
-        self._map, self._wait, self._late = ClockMap(), ArrivalWait(local=False), LatenessCheck()
+        self._map, self._wait, self._late = ArrivalClock(), ArrivalWait(local=False), LatenessCheck()
         self._stamped = False
 
     def open(self, clock: Clock) -> tuple[Setting, ...]:
@@ -71,7 +71,7 @@ class NetworkStream:
         import av.error
 
         self._clock, self._size = clock, ""
-        self._map, self._wait, self._late = ClockMap(1_000_000_000), ArrivalWait(local=False), LatenessCheck()
+        self._map, self._wait, self._late = ArrivalClock(1_000_000_000), ArrivalWait(local=False), LatenessCheck()
         options = {"fflags": "nobuffer", "flags": "low_delay"}
         if self._source.startswith("rtsp"):
             options["rtsp_transport"] = "tcp"

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from .._clock_map import ClockReport
+from .._arrival_clock import ClockReport
 from ..errors import DeviceError
 from ..io import open_source
 from ..types import Clock, Event, Frame

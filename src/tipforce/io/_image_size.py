@@ -150,7 +150,7 @@ def _jpeg(data: memoryview) -> tuple[int, int]:
 
 
 def _tiff(data: memoryview) -> tuple[int, int]:
-    """Of the first page."""
+    """Returns width and height of the first page, px."""
     first = next(_tiff_pages(data))
     return first[_TIFF_WIDTH], first[_TIFF_HEIGHT]
 

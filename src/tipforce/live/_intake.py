@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .._clock_map import ClockMap
+from .._arrival_clock import ArrivalClock
 from ..alignment import PAIR_S, Pairing
 from ..io import ActuationSeries
 from ..types import STAGE, Actuation, Event, Frame, Observation, SessionInfo
@@ -71,7 +71,7 @@ class Intake:
         self._begin_run()
 
     def _begin_run(self) -> None:
-        self._clock = ClockMap(_LONGEST_STEP_NS)
+        self._clock = ArrivalClock(_LONGEST_STEP_NS)
         self._series, self._read_ns = ActuationSeries(), dict[str, int]()
         self._pairing = Pairing(self._views)
         self._waiting: deque[tuple[Frame, int]] = deque(maxlen=_WAITING)
@@ -93,7 +93,7 @@ class Intake:
         """The source was opened again."""
         with self._new:
             self._source = None
-            self._clock = ClockMap(_LONGEST_STEP_NS)
+            self._clock = ArrivalClock(_LONGEST_STEP_NS)
             for watch in self._watches.values():
                 watch.restart()
 

@@ -58,7 +58,7 @@ class LiveRunSettings(LiveSettings):
     loop: bool = False
     """A file begins again at its end."""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
-    """Of the simulated bench's session."""
+    """Seed of the simulated bench's session."""
     hold: HoldSettings | None = None
     """A loop that holds a force with the drives of the bench, commanded from the page; None: nothing moves."""
 

@@ -16,7 +16,7 @@ __all__ = ["StageMotion"]
 _RAMP_S = 2.0
 """The motion grows from rest within this time."""
 _SAMPLES = 2000
-"""Of one beat, from which largest speed and acceleration are found."""
+"""Points of one beat from which the largest speed and acceleration are found."""
 _ARRIVED_MM = 0.02
 _POLL_S = 0.02
 

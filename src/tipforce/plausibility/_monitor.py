@@ -17,7 +17,7 @@ __all__ = ["ForceMonitor"]
 _WINDOW_NS, _EVERY_NS = 10_000_000_000, 1_000_000_000
 """The check runs at most once a second, on the readings of the last ten seconds."""
 _MAX_READINGS = 20_000
-"""Of faster sensors the window is shorter."""
+"""Largest number of readings in the window, which is shorter for faster sensors."""
 
 
 class ForceMonitor:

@@ -1,27 +1,30 @@
-"""Stamps of one clock brought to another by the delay of their arrival."""
+"""Stamps of a device brought to the clock of the host by the delay of their arrival.
+
+Here because `hardware` and `live` need it and do not import one another.
+"""
 
 import math
 from dataclasses import dataclass
 
-__all__ = ["ClockMap", "ClockReport"]
+__all__ = ["ArrivalClock", "ClockReport"]
 
 _BUCKET_NS = 1_000_000_000
 _BUCKETS = 10
 """The least delay of the last ten seconds in which anything came counts: a drift of 50 ppm then moves a stamp by half a
 millisecond."""
-_STOOD_NS = 100_000_000
-_WHOLE_NS = 500_000_000
+_MIN_STANDSTILL_NS = 100_000_000
+_MIN_SPREAD_NS = 500_000_000
 """A second in which readings came over a shorter time tells nothing of the clocks: they may have waited in a buffer."""
 _CAUGHT_UP_SHARE = 0.1
-"""Of the time: readings whose delay falls faster come out of a buffer."""
+"""Readings whose delay falls by more than this share of the time that passes come out of a buffer."""
 _DRIFT_AFTER_S = 20.0
-_SHARE = 0.02
-"""Of a new reading in the mean delay."""
+_NEW_DELAY_WEIGHT = 0.02
+"""Weight of a new reading in the mean delay."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClockReport:
-    """How a device's clock lies: ``offset_s`` = host minus device; NaN where its stamps are those of the arrival.
+    """Offset of a device's clock: ``offset_s`` = host minus device; NaN where its stamps are those of the arrival.
 
     ``delay_s``: mean delay of the arrival beyond the least one; ``drift_ppm``: of the offset, NaN until it is known.
     """
@@ -31,7 +34,7 @@ class ClockReport:
     drift_ppm: float = math.nan
 
 
-class ClockMap:
+class ArrivalClock:
     """Brings stamps of a device's clock to the host's: by the least delay of the arrival in the last seconds.
 
     A network or an operating system can only delay; the least delay is the nearest to none. Where readings come later
@@ -40,7 +43,7 @@ class ClockMap:
     Args:
         longest_step_ns: a clock that stood still for longer is taken for readings that are late; None: no limit.
 
-    >>> clock = ClockMap()
+    >>> clock = ArrivalClock()
     >>> [clock.host_ns(device, arrival) for device, arrival in ((0, 1_005), (100, 1_101), (200, 1_209))]
     [1005, 1101, 1201]
     """
@@ -72,7 +75,9 @@ class ClockMap:
         self._second[1:] = [(arrival_ns, delay)]
         offset = self.offset_ns
         beyond = float(delay - offset)
-        self._delay_ns = beyond if math.isnan(self._delay_ns) else self._delay_ns + _SHARE * (beyond - self._delay_ns)
+        self._delay_ns = (
+            beyond if math.isnan(self._delay_ns) else self._delay_ns + _NEW_DELAY_WEIGHT * (beyond - self._delay_ns)
+        )
         stamp = device_ns + offset
         if self._last_ns is not None and stamp <= self._last_ns:
             stamp = self._last_ns + 1
@@ -88,14 +93,14 @@ class ClockMap:
     def _stood_still(self) -> bool:
         """Whether nothing came as fast as before for a whole second, and it was no buffer that was emptied."""
         step_ns = self._least[-1][1] - self.offset_ns
-        if step_ns <= _STOOD_NS or (self._longest_step_ns is not None and step_ns > self._longest_step_ns):
+        if step_ns <= _MIN_STANDSTILL_NS or (self._longest_step_ns is not None and step_ns > self._longest_step_ns):
             return False
-        return self._second[-1][0] - self._second[0][0] >= _WHOLE_NS and not self._catches_up()
+        return self._second[-1][0] - self._second[0][0] >= _MIN_SPREAD_NS and not self._catches_up()
 
     def _catches_up(self) -> bool:
         """Whether the delay fell over the last second."""
         (began_ns, first_ns), (ended_ns, last_ns) = self._second[0], self._second[-1]
-        return first_ns - last_ns > max(_STOOD_NS, _CAUGHT_UP_SHARE * (ended_ns - began_ns))
+        return first_ns - last_ns > max(_MIN_STANDSTILL_NS, _CAUGHT_UP_SHARE * (ended_ns - began_ns))
 
     @property
     def offset_ns(self) -> int:
