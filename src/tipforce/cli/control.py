@@ -58,11 +58,14 @@ def command(
         tipforce control truth --controller none --no-limit --seconds 5 -o baseline/
     """
     from ..control import LIFTED_LIMIT_N, ControlSettings
+    from ..errors import InputError
     from ..estimators import load_model
     from ..pipelines import ControlSession, bench_of_regime, live_bench, preset_settings, verdict
     from ..pipelines import control as run_and_report
 
     check_outputs([], json_file)
+    if no_limit and any(each.partition("=")[0].strip() == "safety.limit_n" for each in settings or ()):
+        raise InputError("--no-limit lifts the limit that --set safety.limit_n states; leave one of both out")
     lifted = [f"safety.limit_n={LIFTED_LIMIT_N}"] if no_limit else []
     stated = [f"target_n={target_n}", f"controller={controller}", *lifted, *(settings or [])]
     chosen = settings_from(ControlSettings, stated)
