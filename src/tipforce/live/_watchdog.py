@@ -79,7 +79,8 @@ class CameraWatch:
     @property
     def period_s(self) -> float:
         """Median time between the last images, seconds; 0 before the second one."""
-        return statistics.median(self._intervals) * 1e-9 if self._intervals else 0.0
+        intervals = tuple(self._intervals)  # another thread adds to them, and clears them where the source is reopened
+        return statistics.median(intervals) * 1e-9 if intervals else 0.0
 
     @property
     def fresh_ns(self) -> int | None:

@@ -243,7 +243,7 @@ class LiveControl:
         return replace(
             status,
             force_n=estimate.magnitude_n,
-            upper_n=estimate.upper_n if estimate.valid else math.nan,
+            upper_n=float(estimate.magnitude_interval_n[1]),
             held=status.held and estimate.valid,
         )
 

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -186,6 +187,13 @@ def test_a_force_of_the_loop_is_shown_for_at_most_a_second_after_it_was_heard(pa
     eventually(lambda: shown() == ["\N{EN DASH}", "idle"])
     loop.status = status
     eventually(lambda: shown() == ["15.3 g", "idle"])
+
+
+def test_a_difference_is_within_90_percent_only_of_a_force_with_an_interval(page: Page, loop: FakeLoop) -> None:
+    loop.status = replace(loop.status, state="hold", wanted_n=0.16)
+    eventually(lambda: page.inner_text("#loop-off-note") == "within 90 %")
+    loop.status = replace(loop.status, upper_n=float("nan"))
+    eventually(lambda: page.inner_text("#loop-off-note") == "" and page.inner_text("#loop-off") == "−1.0 g")
 
 
 def test_a_stop_that_is_not_answered_is_told(page: Page, loop: FakeLoop) -> None:

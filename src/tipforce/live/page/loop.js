@@ -141,8 +141,9 @@ export class LoopPanel {
     const known = force !== null && wanted !== null;
     const difference = known ? force - wanted : null;
     set("loop-off", known ? `${inGrams(difference, true)} g` : NOTHING);
-    const far = known && status.upper_n !== null && Math.abs(difference) > status.upper_n - force;
-    set("loop-off-note", known ? (far ? (difference > 0 ? "too much" : "too little") : "within 90 %") : "");
+    const judged = known && status.upper_n !== null; // without an interval nothing is said of the difference
+    const far = judged && Math.abs(difference) > status.upper_n - force;
+    set("loop-off-note", judged ? (far ? (difference > 0 ? "too much" : "too little") : "within 90 %") : "");
     $("loop-difference").classList.toggle("warn", far);
   }
 
