@@ -89,6 +89,21 @@ def test_recordings_become_a_dataset_folder(files: Path) -> None:
         run("import", files / "a.mcap", "-o", files / "other.mcap", "--tare", "0:1")
 
 
+def test_logs_beside_one_of_a_stated_kind_are_told_apart_as_bench_toml_describes_them(files: Path) -> None:
+    log = (files / "log.csv").read_text().partition("\n")[2]
+    (files / "bare.csv").write_text(log)
+    (files / "knob.csv").write_text("time_s,knob_deg\n" + "".join(f"{k},{k}\n" for k in range(10)))
+    (files / "stage.csv").write_text("time_s,stage_mm\n" + "".join(f"{k},{k}\n" for k in range(10)))
+    facts = ['sensor.log.columns=["zeit_ms", "Fx", "Fy"]', "sensor.log.force_unit=N"]
+    run(
+        "import", files / "video.mp4", files / "bare.csv", files / "knob.csv", "--stage", files / "stage.csv",
+        *(word for fact in facts for word in ("--fact", fact)), "--tare", "none", "--offset-ms", "none",
+        "-o", files / "run.mcap",
+    )  # fmt: skip
+    with RecordingReader(files / "run.mcap") as reader:
+        assert {stream.kind for stream in reader.info.streams.values()} >= {"frame", "wrench", "actuation"}
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from ..errors import InputError
+from ..types import SessionInfo
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._facts import BenchOption, FactOption, KnobOption, offset_from, stated_info, tare_from
 
@@ -96,13 +97,14 @@ def command(
         return
     frames, *others = inputs
     stated = {kind: path for kind, path in (("stage", stage), ("knob", knob)) if path is not None}
-    logs = _by_kind(others, stated) if stated else others
+    info = stated_info(bench, fact, knob_deg)
+    logs = _by_kind(others, stated, info) if stated else others
     with progress_bar() as report:
         done = import_session(
             frames,
             logs,
             output,
-            bench=stated_info(bench, fact, knob_deg),
+            bench=info,
             tare=tare_from(tare),
             offset_ms=offset_from(offset_ms),
             rate=rate,
@@ -126,11 +128,12 @@ def _refuse_options(recording: Path, *, tare: str, stage: Path | None, knob: Pat
         raise InputError(f"{recording}: {', '.join(given)} is for a video and its logs, and this is a recording")
 
 
-def _by_kind(others: list[Path], stated: dict[str, Path]) -> dict[str, Path]:
+def _by_kind(others: list[Path], stated: dict[str, Path], info: SessionInfo) -> dict[str, Path]:
     """The logs, some of which have a stated kind; the only other one is that of the force."""
     from ..io import logs_by_kind
 
-    found = logs_by_kind(others) if others else {}
+    written = {"force": info.sensor.log, "knob": info.actuation.log, "stage": info.stage.log}
+    found = logs_by_kind(others, written) if others else {}
     clash = sorted(set(found) & set(stated))
     if clash:
         raise InputError(f"{found[clash[0]]}: is a log of the {clash[0]}, too; state it once")

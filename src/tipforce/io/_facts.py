@@ -201,7 +201,8 @@ class Inertia:
             "detail": self.detail,
             "rate": repr(self.rate),
             "reference_ns": str(self.reference_ns),
-            "meaning": "subtract the sum over axes of gain_kg x acceleration of the stage at force stamp + lag_ns",
+            "meaning": "subtract the sum over axes of gain_kg x acceleration of the stage at force stamp + lag_ns "
+            "+ (rate - 1) (force stamp - reference_ns)",
         }
 
     @classmethod

@@ -240,7 +240,8 @@ def _inertia(inertia: Inertia) -> str:
         f"{1e3 * float(np.linalg.norm(gain)):.1f} g by {axis}"
         for axis, gain in zip(inertia.axes, inertia.gain_kg, strict=True)
     )
-    return f"of the stage's movement taken out: {carried}; force stamp + {1e-6 * inertia.lag_ns:.1f} ms"
+    rate = "" if inertia.rate == 1.0 else f", rate {inertia.rate:.6g}"
+    return f"of the stage's movement taken out: {carried}; force stamp + {1e-6 * inertia.lag_ns:.1f} ms{rate}"
 
 
 def _tare(tare: Tare) -> str:
