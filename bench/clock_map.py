@@ -17,8 +17,8 @@ import numpy as np
 
 from tipforce.alignment import (
     ClockChoice,
+    DetectedShapes,
     ForceCorrections,
-    Sight,
     StageMotion,
     find_clock,
     find_tare_and_inertia,
@@ -98,7 +98,7 @@ def judge(path: Path, seed: int, number: int) -> dict[str, Any]:
     stretch = tuple(log_rate * kept["no_contact"])
     tare, inertia = find_tare_and_inertia(log_ns, force, stage, (stretch[0], stretch[1]), remarks)
     facts = ForceCorrections(info.sensor, tare, inertia, stage)
-    sight = Sight(frame_ns, _shapes(kept))
+    sight = DetectedShapes(frame_ns, _shapes(kept))
     clock, inertia = find_clock(sight, info, log_ns, force, facts, ClockChoice(), remarks)
     row: dict[str, Any] = {"session": number, "case": case, "seconds": SECONDS[number % 4], "how": clock.how}
     true_rate = video * (1.0 + float(kept["drift"])) / log_rate

@@ -191,7 +191,8 @@ def test_the_stage_tells_the_offset_only_where_it_shares_the_cameras_clock(
     stamps = np.arange(10, dtype=np.int64) * 1_000_000_000
     remarks: list[str] = []
     found, _ = _find_clock.find_clock(
-        _find_clock.Sight(stamps, [DetectedShape(Status.NO_CATHETER)]), SessionInfo(), stamps, np.zeros((10, 3)),
+        _find_clock.DetectedShapes(stamps, [DetectedShape(Status.NO_CATHETER)]), SessionInfo(), stamps,
+        np.zeros((10, 3)),
         facts, _find_clock.ClockChoice(), remarks, stage_shares=shares,
     )  # fmt: skip
     assert found.how == how
@@ -212,7 +213,8 @@ def test_the_stage_gives_the_offset_at_the_stated_rate_or_not_at_all(monkeypatch
     )
     stamps = np.arange(10, dtype=np.int64) * 1_000_000_000
     found, _ = _find_clock.find_clock(
-        _find_clock.Sight(stamps, [DetectedShape(Status.NO_CATHETER)]), SessionInfo(), stamps, np.zeros((10, 3)),
+        _find_clock.DetectedShapes(stamps, [DetectedShape(Status.NO_CATHETER)]), SessionInfo(), stamps,
+        np.zeros((10, 3)),
         facts, _find_clock.ClockChoice("auto", stated), [], stage_shares=True,
     )  # fmt: skip
     assert found.how == how

@@ -4,7 +4,7 @@ from ..plausibility import MAX_GAP_S
 from ._clock import estimate_clock
 from ._deflection import shape_coordinates
 from ._find import ForceCorrections, TareChoice, find_tare_and_inertia
-from ._find_clock import ClockChoice, OffsetChoice, Sight, find_clock, stated_clock
+from ._find_clock import ClockChoice, DetectedShapes, OffsetChoice, find_clock, stated_clock
 from ._inertia import StageMotion, fit_inertia
 from ._labels import Labels, covered_frames, label_log, labels
 from ._observations import PAIR_S, Pairing, nearest_frames, observations
@@ -16,11 +16,11 @@ __all__ = [
     "MAX_GAP_S",
     "PAIR_S",
     "ClockChoice",
+    "DetectedShapes",
     "ForceCorrections",
     "Labels",
     "OffsetChoice",
     "Pairing",
-    "Sight",
     "StageMotion",
     "TareChoice",
     "changing_tare",

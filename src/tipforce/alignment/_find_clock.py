@@ -15,7 +15,7 @@ from ._deflection import shape_coordinates
 from ._find import ForceCorrections
 from ._inertia import best_inertia, fit_inertia
 
-__all__ = ["ClockChoice", "OffsetChoice", "Sight", "find_clock", "stated_clock"]
+__all__ = ["ClockChoice", "DetectedShapes", "OffsetChoice", "find_clock", "stated_clock"]
 
 OffsetChoice = Literal["auto", "none"] | float
 """Estimated; taken as zero; or stated in milliseconds (positive: the camera's clock is ahead)."""
@@ -50,7 +50,7 @@ class ClockChoice:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class DetectedShapes:
     """The shapes (n,) detected in the images of ``view`` at ``frame_ns`` (n,).
 
     ``blind``: why the catheter is not detected at all, or empty.
@@ -63,7 +63,7 @@ class Sight:
 
 
 def find_clock(
-    sight: Sight,
+    sight: DetectedShapes,
     info: SessionInfo,
     stamps: IntArray,
     force: FloatArray,
@@ -127,7 +127,12 @@ def find_clock(
 
 
 def stated_clock(choice: ClockChoice, first_ns: int) -> ClockMap | None:
-    """The map that a person states, whose offset holds at ``first_ns``, the log's first row; None for "auto"."""
+    """Returns the map that a person states; None for "auto".
+
+    Args:
+        choice: offset and rate.
+        first_ns: stamp of the log's first row, at which the offset holds.
+    """
     if choice.offset_ms == "auto":
         return None
     if choice.offset_ms == "none":
@@ -136,7 +141,7 @@ def stated_clock(choice: ClockChoice, first_ns: int) -> ClockMap | None:
 
 
 def _estimated(
-    sight: Sight,
+    sight: DetectedShapes,
     info: SessionInfo,
     stamps: IntArray,
     force: FloatArray,

@@ -12,9 +12,9 @@ import numpy as np
 from ..alignment import (
     MAX_GAP_S,
     ClockChoice,
+    DetectedShapes,
     ForceCorrections,
     OffsetChoice,
-    Sight,
     StageMotion,
     TareChoice,
     changing_tare,
@@ -135,7 +135,7 @@ def record(
             for name, values in end.notes.items():
                 writer.note(name, dict(values))
             try:
-                sight = _Sight(info, settings) if offset_ms == "auto" and len(run.force[0]) else None
+                sight = _RunDetector(info, settings) if offset_ms == "auto" and len(run.force[0]) else None
                 if sight:
                     for frame in writer.written_frames():
                         sight.take(frame)
@@ -170,7 +170,7 @@ def write_run(
         TimeError: images and force of files do not overlap, or their clock map cannot be determined. Of another source
             what was recorded is kept, without a map.
     """
-    run, sight = _Run(progress), _Sight(info, vision) if clock.offset_ms == "auto" or names else None
+    run, sight = _Run(progress), _RunDetector(info, vision) if clock.offset_ms == "auto" or names else None
     for event in events:
         writer.write(event)
         if sight and isinstance(event, Frame):
@@ -182,7 +182,7 @@ def write_run(
 def _state_facts(
     writer: RecordingWriter,
     run: "_Run",
-    sight: "_Sight | None",
+    sight: "_RunDetector | None",
     info: SessionInfo,
     sensor: SensorInfo | None,
     tare: TareChoice,
@@ -198,9 +198,9 @@ def _state_facts(
         return remarks
     if sight:
         sight.finish()
-    seen = Sight(run.stamps(None))
+    seen = DetectedShapes(run.stamps(None))
     if sight:
-        seen = Sight(run.stamps(None if sight.blind else sight.view), sight.shapes, sight.view, sight.blind)
+        seen = DetectedShapes(run.stamps(None if sight.blind else sight.view), sight.shapes, sight.view, sight.blind)
     frames = seen.frame_ns
     _check_overlap(names, frames, stamps)
     pose = sensor or info.sensor
@@ -337,8 +337,8 @@ class _Run:
         return StageMotion.of(self._stage)
 
 
-class _Sight:
-    """The catheter's shape in each frame of one view: the view that is asked for, or else that which comes first."""
+class _RunDetector:
+    """Detects the catheter in each frame of one view: the requested view, or else the one that comes first."""
 
     def __init__(self, info: SessionInfo, settings: VisionSettings) -> None:
         self._context, self._settings = info, settings
@@ -363,7 +363,7 @@ class _Sight:
             self.finish()
 
     def finish(self) -> None:
-        """Look at the first frames, however few there are."""
+        """Detects the catheter in the first frames, however few there are."""
         head, self._head = self._head, None
         if head is None:
             return
@@ -387,7 +387,7 @@ class _Sight:
         self._detect = self._calibrated_again(frame.image) or self._detect
 
     def _calibrated_again(self, image: Image) -> Callable[[Image], DetectedShape] | None:
-        """A way of looking that knows more of the run: while the catheter stands still, what lies beneath it does."""
+        """Returns a detector calibrated on more of the run: a catheter at rest hides its background; None: not yet."""
         if (len(self.shapes) - 1) % self._every == 0:
             self._kept.append(image)
         if len(self._kept) < 2 * _KEPT:

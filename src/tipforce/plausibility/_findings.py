@@ -56,7 +56,14 @@ class ForceFinding:
 
     @classmethod
     def of_step(cls, at_s: float, step_n: FloatArray, readings: int = 0, then: str = "") -> "ForceFinding":
-        """A step of the zero by ``step_n`` (3,) N; ``then``: the rest of the sentence."""
+        """Returns a step of the zero.
+
+        Args:
+            at_s: time of the step since the log's first row, s.
+            step_n: (3,) N.
+            readings: how many are not used because of it.
+            then: the rest of the sentence.
+        """
         axes = [axis for axis in range(3) if abs(step_n[axis]) > _NAMED_STEP_N]
         size = ", ".join(f"f{'xyz'[axis]} {step_n[axis]:+.3f}" for axis in axes)
         return cls(
@@ -135,7 +142,12 @@ class ForcePlausibility:
         return (run < 0) | (stamps_ns > self.unusable_ns[np.maximum(run, 0), 1])
 
     def without(self, stamps_ns: IntArray, rows: BoolArray) -> "ForcePlausibility":
-        """The same, with those of the readings at ``stamps_ns`` (n,) that ``rows`` (n,) names not used either."""
+        """Returns the same findings with more readings that are not used.
+
+        Args:
+            stamps_ns: (n,) stamps of all readings of the log.
+            rows: (n,) True for each reading that is not used either.
+        """
         bad = rows | ~self.usable(stamps_ns)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(np.int8), [0]])))
         return replace(self, unusable_ns=np.stack([stamps_ns[edges[::2]], stamps_ns[edges[1::2] - 1]], axis=1))
@@ -225,9 +237,11 @@ def _stretch(finding: ForceFinding) -> str:
 
 
 def stretches(rows: BoolArray, seconds: FloatArray) -> list[tuple[int, int]]:
-    """(first, last) row of each stretch in which ``rows`` (n,) are set; those less than 0.1 s apart are one.
+    """Returns (first, last) row of each stretch in which ``rows`` are set; stretches less than 0.1 s apart are one.
 
-    ``seconds`` (n,): times of the rows.
+    Args:
+        rows: (n,) whether each row counts.
+        seconds: (n,) times of the rows, s.
     """
     at = np.flatnonzero(rows)
     if not len(at):
