@@ -237,7 +237,7 @@ class _BenchInRealTime:
                 "the simulated bench draws its first image; it is compiled when a computer draws one for the first time"
             )
         rate_hz = 1.0 / self.frame_period_s
-        fewer = f"state fewer images, as in --set rate_hz={max(1.0, rate_hz / 2):.0f}"
+        fewer = f"state fewer images, as in `--set rate_hz={max(1.0, rate_hz / 2):.0f}`"
         return slow_bench(self._simulation.clock, rate_hz, fewer)
 
     def __enter__(self) -> Self:
