@@ -75,8 +75,8 @@ def test_dcfe_to_the_letter_trains_on_all_images_and_stands_beside_the_thesis(im
 
 def test_only_the_thesis_s_methods_are_trained_to_the_letter(images, tmp_path):
     for words, said in (
-        (("compact",), "compact: the thesis has no such method; --to-the-letter goes with svr and dcfe"),
-        (("dcfe", "--from", "pretrained"), "leave --from out"),
+        (("compact",), "compact: the thesis has no such method; to_the_letter goes with svr and dcfe"),
+        (("dcfe", "--from", "pretrained"), "leave init_from out"),
         (("dcfe", "--set", "schedule=plateau"), "patience=null, schedule=cosine"),
     ):
         command = ["evaluate", *words, "--to-the-letter", "--data", str(images), "-o", str(tmp_path / "r")]

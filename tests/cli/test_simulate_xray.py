@@ -121,7 +121,7 @@ def test_of_two_views_inspect_looks_at_the_one_that_is_named_and_asks_for_it(wan
     if len(wanted.views) > 1:
         result = run("inspect", made, "-o", tmp_path / "sheet.png")
         assert isinstance(result.exception, InputError)
-        assert "its views are a, b: set view=a" in str(result.exception)
+        assert "its views are a, b: for example view=a" in str(result.exception)
     result = run("inspect", made, "-o", tmp_path / "sheet.png", "--set", f"vision.view={wanted.views[-1]}")
     assert result.exit_code == 0, result.output
     assert (tmp_path / "sheet.png").is_file()

@@ -44,10 +44,10 @@ def test_importing_loads_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_a_verb_has_fewer_than_ten_options_of_its_own(verb: str) -> None:
+def test_a_verb_has_at_most_ten_options_of_its_own(verb: str) -> None:
     command = get_command(app).commands[verb]  # type: ignore[attr-defined]
     own = [p.name for p in command.params if p.param_type_name == "option" and p.name not in COMMON]
-    assert len(own) < 10, own
+    assert len(own) <= 10, own
 
 
 def messages(path: Path) -> list[tuple[int, str]]:

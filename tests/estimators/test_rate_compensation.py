@@ -129,6 +129,6 @@ def test_samples_in_any_order_and_of_several_sessions_are_used():
 
 
 def test_a_network_that_hardly_moves_is_not_compensated():
-    rate = np.full((40, 1), 1e-4)
-    compensation = fit_rate_compensation(np.full((40, 1), 0.1), rate, np.full((40, 1), 0.3), NOTHING)
-    assert not compensation.used, "minutes of compensation are no tissue's"
+    rate = np.full((40, 2), 1e-4)
+    compensation = fit_rate_compensation(np.full((40, 2), 0.1), rate, np.full((40, 2), 0.3), NOTHING)
+    assert compensation is NOTHING, "minutes of compensation are no tissue's"

@@ -14,6 +14,7 @@ from tipforce.hardware.emulators import CameraEmulator, EncoderEmulator, GrblEmu
 from tipforce.io import RecordingReader, RecordingWriter
 from tipforce.pipelines import BenchRecording, Guide, missing_for_training
 from tipforce.pipelines._guided import Phase
+from tipforce.simulation import PRESETS
 from tipforce.types import Actuation, Frame, SessionInfo, SystemClock, Wrench
 
 BENCH = """
@@ -204,6 +205,7 @@ class Simulation:
         self.clock = SystemClock(10**9)
         self.source = self
         self.session_info = SessionInfo("one", simulated=True)
+        self.settings = PRESETS["bench-2021"]
 
     def __iter__(self):
         for event in events():

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tipforce.errors import InputError, MissingExtraError
+from tipforce.errors import FileFormatError, InputError, MissingExtraError
 from tipforce.io import ForceLog, read_drive_log, read_force_log
+from tipforce.io.tables import _matlab as matlab
 from tipforce.types import ForceLogInfo, info_from_facts
 from tipforce.units import FORCE_UNITS, GRAM_N, POUND_N
 
@@ -333,6 +334,16 @@ def test_variables_of_matlab_are_columns(tmp_path: Path, save: Callable[[Path, d
     save(path, {"data": np.column_stack([time, force])})
     stated = ForceLogInfo(columns=("time_s", "fx_n", "fy_n", "fz_n"))
     np.testing.assert_allclose(read_force_log(path, stated).force_n, force)
+
+
+def test_a_file_that_crashes_the_reader_of_matlab_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "force.mat"
+    save_v5(path, {"t": np.arange(50) / 1000, "Fx": np.ones(50)})
+    crash = "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"
+    run_child = matlab.run_child
+    monkeypatch.setattr(matlab, "run_child", lambda command, **how: run_child([command[0], "-c", crash], **how))
+    with pytest.raises(FileFormatError, match=r"force\.mat: is damaged: the reader of MATLAB files crashes on it"):
+        read_force_log(path)
 
 
 def test_a_log_of_the_stage_has_the_same_formats(tmp_path: Path) -> None:

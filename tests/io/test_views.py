@@ -53,7 +53,7 @@ class Bench:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     path = tmp_path_factory.mktemp("views") / "run.mcap"
-    record(Bench(), path, tare="none", lossless=True)
+    record(Bench(), path, tare="none", offset_ms="none", lossless=True)
     return path
 
 

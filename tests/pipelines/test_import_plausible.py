@@ -108,8 +108,10 @@ def test_spikes_and_a_gap_give_no_labels(run: Run, tmp_path: Path) -> None:
 
 
 def test_a_tare_in_contact_is_refused_with_a_stretch_that_does(run: Run, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"in contact at 3 to 6 s of the force log.*--tare START:END, for example 0:2"):
+    with pytest.raises(InputError, match=r"in contact at 3 to 6 s of the force log.*for example tare=\(0, 2\)"):
         imported(run, tmp_path, table(run), tare=(3.0, 6.0))
+    with pytest.raises(InputError, match=r"tare=\(0, inf\): expected a stretch of time"):
+        imported(run, tmp_path, table(run), tare=(0.0, float("inf")))
     assert not list(tmp_path.glob("*.mcap*"))
     _, found, rms = imported(run, tmp_path, table(run), tare=(0.0, 2.0))
     assert labelled(found) > 185

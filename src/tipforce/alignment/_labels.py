@@ -48,8 +48,8 @@ def labels(
     if info.clock_map.how == "refused":
         raise InputError(
             f"{reader.path}: no image has a label, for it is unknown how the camera's clock maps to the force log's: "
-            f"{info.clock_map.detail}; state it in a copy of the recording: `tipforce import {reader.path} -o NEW.mcap "
-            "--offset-ms MS` (camera minus force clock; none: both share one clock)"
+            f"{info.clock_map.detail}; state it in a copy of the recording, as the camera's clock minus the force's "
+            f"(none: both share one clock): `tipforce import --offset-ms MS {reader.path} -o NEW.mcap`"
         )
     stage = StageMotion.of(reader.stage_readings() if info.inertia.axes else [])
     facts = ForceCorrections(info.sensor, info.tare, info.inertia, stage, info.plausibility)

@@ -90,9 +90,9 @@ def _zero_steps(stamps: IntArray, force: FloatArray, tare: Tare) -> list[ZeroSte
     rows = np.flatnonzero(np.isfinite(force[:, axes]).all(axis=1))
     if tare.how == "none" or not tare.stretches_s:
         return [replace(step, row=int(rows[step.row])) for step in find_zero_steps(stamps[rows], force[rows])]
-    start_ns, end_ns = (int(stamps[0]) + round(1e9 * second) for second in tare.stretches_s[0])
-    later = rows[stamps[rows] >= start_ns]
-    earlier = rows[stamps[rows] <= end_ns][::-1]
+    seconds = (stamps[rows] - stamps[0]) * 1e-9
+    start_s, end_s = tare.stretches_s[0]
+    later, earlier = rows[seconds >= start_s], rows[seconds <= end_s][::-1]
     forwards = find_zero_steps(stamps[later], force[later], tare.force_n)
     backwards = find_zero_steps(-stamps[earlier], force[earlier], tare.force_n)
     steps = [replace(step, row=int(later[step.row])) for step in forwards]
@@ -116,7 +116,7 @@ def _with_steps(found: ForcePlausibility, stamps: IntArray, steps: list[ZeroStep
             where = "behind" if tare_s < at_s else "before"
             said = (
                 f"; no contact-free moment measures the zero {where} it, so the readings there are not used: "
-                "state a contact-free stretch there as the tare (--tare START:END) to use that part instead"
+                "state a contact-free stretch there as the tare (tare=(START, END)) to use that part instead"
             )
         findings.append(ForceFinding.of_step(at_s, step.step_n, lost, said))
     zero = {int(stamps[step.row]): (float(x), float(y), float(z)) for step in steps for x, y, z in [step.step_n]}

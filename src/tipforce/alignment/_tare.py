@@ -23,6 +23,8 @@ def stated_tare(stamps_ns: IntArray, force_n: FloatArray, start_s: float, end_s:
 
     Raises InputError where fewer than ten readings lie there.
     """
+    if not (math.isfinite(start_s) and math.isfinite(end_s)):
+        raise InputError(f"tare=({start_s:g}, {end_s:g}): expected a stretch of time in seconds, as in (0, 5)")
     seconds = (stamps_ns - stamps_ns[0]) * 1e-9
     axes = ~np.isnan(force_n).all(axis=0)
     inside = (seconds >= start_s) & (seconds <= end_s) & np.isfinite(force_n[:, axes]).all(axis=1)

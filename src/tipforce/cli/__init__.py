@@ -70,6 +70,8 @@ _OPTIONS = (
     (r"\boffset_ms=MS\b", "--offset-ms MS"),
     (r"\brate=(RATE\b|[\d.e-]+)", r"--rate \1"),
     (r"\btare=\((\S+), (\S+)\)", r"--tare \1:\2"),
+    (r'\btare="(\w+)"', r"--tare \1"),
+    (r"\bto_the_letter\b", "--to-the-letter"),
     (r"\bwithout=(\S+)", r"--without \1"),
     (r"\bsamples_per_session=(\S+)", r"--samples-per-session \1"),
     (r"\bfact (\S+=)", r"--fact \1"),

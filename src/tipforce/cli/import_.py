@@ -67,7 +67,7 @@ def command(
 
     Example: tipforce import video.mp4 force.csv --bench bench.toml -o runs/monday.mcap
 
-    Example: tipforce import frames/ log.tsv --fact sensor.log.time_unit=ms --fact sensor.log.force_unit=g -o run.mcap
+    Example: tipforce import frames/ log.tsv --offset-ms none --fact sensor.log.time_unit=ms --fact sensor.log.force_unit=g -o run.mcap
 
     Example: tipforce import video.mp4 force.csv stage.csv --knob-deg 10 -o run.mcap
 
@@ -78,7 +78,7 @@ def command(
     Example: tipforce import damaged.mcap -o recovered.mcap
 
     Example: tipforce import unlabelled.mcap -o labelled.mcap --offset-ms -8.8
-    """
+    """  # noqa: E501
     from ..io import is_bag
     from ..pipelines import describe_recording, import_session
 

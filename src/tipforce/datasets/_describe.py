@@ -62,11 +62,11 @@ def _spread(values: FloatArray) -> tuple[float, float, float]:
 
 
 def session_images(
-    dataset: Dataset, view: str, every: int = 1
+    dataset: Dataset, view: str, title: str, every: int = 1
 ) -> Iterator[tuple[SessionInfo, tuple[Image, ...], list[tuple[str, Image]]]]:
     """Session by session: what is known of it; `calibration_images`; name and image of every ``every``-th sample.
 
-    Raises InputError where there are images of other views only.
+    ``title``: what a message calls the dataset. Raises InputError where there are images of other views only.
     """
     others, found = set[str](), False
     for name in dataset.sessions:
@@ -81,5 +81,5 @@ def session_images(
     if others and not found:
         there = sorted(others)
         raise InputError(
-            f"{dataset.title}: has no image of the view {view!r}; its views are {', '.join(there)}: set view={there[0]}"
+            f"{title}: has no image of the view {view!r}; its views are {', '.join(there)}: for example view={there[0]}"
         )

@@ -252,8 +252,8 @@ def logs_by_kind(paths: Sequence[Path], infos: Mapping[str, LogInfo] | None = No
         if not kind or kind in found:
             raise TableError(
                 f"{path}: cannot tell what it is a log of ({listed(header)}); a log of the force has columns like "
-                "fx_n, one of the stage like forward_mm, one of the knob knob_deg, and there is one of each; say it "
-                "with the options --stage and --knob"
+                "fx_n, one of the stage like forward_mm, one of the knob knob_deg, and there is one of each; state "
+                "which log is the stage's and which the knob's: `tipforce import VIDEO FORCE --stage FILE --knob FILE`"
             )
         found[kind] = path
     return found

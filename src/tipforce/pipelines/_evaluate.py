@@ -118,8 +118,8 @@ def evaluate(
     }
     if to_the_letter and (len(named) < len(names) or init_from is not None):
         raise InputError(
-            "--to-the-letter trains the thesis's own methods from nothing: name svr or dcfe, no saved model, and leave "
-            "--from out"
+            "to_the_letter trains the thesis's own methods from nothing: name svr or dcfe, no saved model, and leave "
+            "init_from out"
         )
     methods = methods_from(names, chosen, None if init_from is None else str(init_from))
     dataset = data_of(data, session_info_from(bench))
@@ -160,7 +160,7 @@ def thesis_settings(name: str) -> Mapping[str, Any]:
     settings = ESTIMATORS[name].thesis_settings
     if settings is None:
         known = " and ".join(each for each in ESTIMATORS if ESTIMATORS[each].thesis_settings is not None)
-        raise InputError(f"{name}: the thesis has no such method; --to-the-letter goes with {known}")
+        raise InputError(f"{name}: the thesis has no such method; to_the_letter goes with {known}")
     return settings
 
 

@@ -49,7 +49,7 @@ def inspect(
         shared = replace(stated, name="")
         shown = (
             (info.updated(shared), beforehand, images)
-            for info, beforehand, images in session_images(dataset, vision.view, every)
+            for info, beforehand, images in session_images(dataset, vision.view, str(path), every)
         )
         result = inspect_sessions(
             shown, vision, features, title=str(path), room=drawn, progress=progress, total=-(-len(dataset) // every)

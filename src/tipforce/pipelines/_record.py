@@ -292,11 +292,11 @@ def _check_tare(
     plausible = facts.plausibility.without(stamps, np.ones(len(stamps), np.bool_))
     writer.state(replace(plausible, findings=(*plausible.findings, contact)))
     other = contact_free_stretch(stamps, force, facts.stage, mass) if changing else None
-    example = f", for example {other[0]:g}:{other[1]:g}" if other else ""
+    example = f", for example tare=({other[0]:g}, {other[1]:g})" if other else ""
     raise InputError(
         f"tare: the tip seems to be in contact at {contact.start_s:g} to {contact.end_s:g} s of the force log: "
-        f"{contact.detail}; state a stretch without contact, --tare START:END{example}, or --tare none if the sensor's "
-        "zero needs no correction"
+        f"{contact.detail}; state a stretch without contact, tare=(START, END){example}, "
+        """or tare="none" if the sensor's zero needs no correction"""
     )
 
 

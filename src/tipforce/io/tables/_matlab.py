@@ -1,6 +1,14 @@
-"""Variables of MATLAB (.mat) as tables: version 5 (scipy) and 7.3 (HDF5, h5py)."""
+"""Variables of MATLAB (.mat) as tables: version 5 (scipy) and 7.3 (HDF5, h5py).
+
+The compiled readers of both can crash on a damaged file, so a child process reads the file: this module run as a
+program (``FILE TARGET.npz``).
+"""
 
 import importlib
+import importlib.util
+import subprocess
+import sys
+import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -8,6 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat
 
+from ..._processes import run_child
 from ...errors import FileFormatError, MissingExtraError, TableError
 from ...types import LogInfo
 from ._cells import ColumnTable
@@ -16,6 +25,9 @@ from ._columns import listed
 __all__ = ["open_variables"]
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+_MAX_READING_S = 120.0
+_REFUSED = 3
+"""Exit code of the child process that has written a sentence about the file to standard error."""
 _TABLE_REMEDY = (
     'save a table as a struct of its columns: S = table2struct(T, "ToScalar", true); save("log.mat", "-struct", "S")'
 )
@@ -37,7 +49,7 @@ def open_variables(path: Path, log: LogInfo, key: str) -> ColumnTable:
         TableError: it has no columns, or ``log.columns`` does not fit.
         MissingExtraError: the file is of version 7.3 and h5py is not installed.
     """
-    found = dict(_flat(_variables(path)))
+    found = _read_in_child(path)
     columns: dict[str, Any] = {}
     for name, array in found.items():
         if array.ndim == 1:
@@ -58,10 +70,34 @@ def open_variables(path: Path, log: LogInfo, key: str) -> ColumnTable:
     return ColumnTable(path, columns, log, key)
 
 
-def _variables(path: Path) -> dict[str, Any]:
+def _is_hdf5(path: Path) -> bool:
     with path.open("rb") as stream:
         head = stream.read(1024)
-    if _HDF5 in (head[:8], head[512:520]):
+    return _HDF5 in (head[:8], head[512:520])
+
+
+def _read_in_child(path: Path) -> dict[str, Any]:
+    """Vectors (n,) and matrices (n, m) of the file by name."""
+    if _is_hdf5(path) and importlib.util.find_spec("h5py") is None:
+        raise MissingExtraError("h5py", extra="tables")
+    with tempfile.TemporaryDirectory(prefix="tipforce-") as folder:
+        target = Path(folder) / "variables.npz"
+        try:
+            ended = run_child(
+                [sys.executable, "-m", __name__, str(path), str(target)], capture=True, timeout_s=_MAX_READING_S
+            )
+        except subprocess.TimeoutExpired:
+            raise FileFormatError(f"{path}: is not read within {_MAX_READING_S:g} s; export it as CSV") from None
+        if ended.returncode == _REFUSED:
+            raise FileFormatError(ended.stderr.strip().rpartition("\n")[2])
+        if ended.returncode:
+            raise FileFormatError(f"{path}: is damaged: the reader of MATLAB files crashes on it; export it as CSV")
+        with np.load(target) as stored:
+            return {name: stored[f"arr_{place}"] for place, name in enumerate(stored["names"].tolist())}
+
+
+def _variables(path: Path) -> dict[str, Any]:
+    if _is_hdf5(path):
         return _hdf5_variables(path)
     try:
         loaded = loadmat(path, squeeze_me=True, struct_as_record=False)
@@ -71,10 +107,7 @@ def _variables(path: Path) -> dict[str, Any]:
 
 
 def _hdf5_variables(path: Path) -> dict[str, Any]:
-    try:
-        h5py: Any = importlib.import_module("h5py")
-    except ImportError:
-        raise MissingExtraError("h5py", extra="tables") from None
+    h5py: Any = importlib.import_module("h5py")
 
     def value(node: Any) -> Any:
         if isinstance(node, h5py.Group):
@@ -117,3 +150,19 @@ def _fields(value: Any) -> dict[str, Any] | None:
         return value
     names = getattr(value, "_fieldnames", None)
     return None if names is None else {name: getattr(value, name) for name in names}
+
+
+def main() -> None:
+    """Reads the file that the first argument names and stores its arrays in the second (.npz)."""
+    try:
+        found = dict(_flat(_variables(Path(sys.argv[1]))))
+    except FileFormatError as error:
+        sys.stderr.write(f"{error}\n")
+        sys.exit(_REFUSED)
+    arrays = [array.astype(np.str_) if array.dtype == object else array for array in found.values()]
+    with Path(sys.argv[2]).open("wb") as file:
+        np.savez(file, *arrays, names=np.array(list(found), np.str_))
+
+
+if __name__ == "__main__":
+    main()
