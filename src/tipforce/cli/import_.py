@@ -71,13 +71,10 @@ def command(
 
     Example: tipforce import video.mp4 force.csv stage.csv --knob-deg 10 -o run.mcap
 
-    Example: tipforce import run.bag --bench bench.toml -o runs/monday.mcap
-
     Example: tipforce import runs/*.mcap -o dataset/
 
     Example: tipforce import damaged.mcap -o recovered.mcap
 
-    Example: tipforce import unlabelled.mcap -o labelled.mcap --offset-ms -8.8
     """  # noqa: E501
     from ..io import is_bag
     from ..pipelines import describe_recording, import_session

@@ -74,11 +74,11 @@ class ClockMap:
         return {
             "offset_ns": str(self.offset_ns),
             "how": self.how,
-            "stderr_ms": repr(self.stderr_ms),
-            "explained": repr(self.explained),
+            "stderr_ms": repr(float(self.stderr_ms)),
+            "explained": repr(float(self.explained)),
             "detail": self.detail,
-            "rate": repr(self.rate),
-            "rate_stderr": repr(self.rate_stderr),
+            "rate": repr(float(self.rate)),
+            "rate_stderr": repr(float(self.rate_stderr)),
             "reference_ns": str(self.reference_ns),
             "meaning": "camera time = force stamp + offset_ns + (rate - 1) (force stamp - reference_ns)",
         }
@@ -199,7 +199,7 @@ class Inertia:
             "lag_ns": str(self.lag_ns),
             "how": self.how,
             "detail": self.detail,
-            "rate": repr(self.rate),
+            "rate": repr(float(self.rate)),
             "reference_ns": str(self.reference_ns),
             "meaning": "subtract the sum over axes of gain_kg x acceleration of the stage at force stamp + lag_ns "
             "+ (rate - 1) (force stamp - reference_ns)",

@@ -316,7 +316,10 @@ def _late_drives(
         return ""
     remedy = "bring its stamps to the camera's clock unless they are of that clock already"
     if by_force_clock:
-        remedy = "write it to a log of its own with stamps of the camera's clock, and import that with --knob FILE"
+        remedy = (
+            "write it to a log of its own with stamps of the camera's clock, and import that beside it: "
+            "`tipforce import VIDEO FORCE --knob FILE`"
+        )
     return (
         f"{', '.join(moving)} of {log.name} is placed by the stamps as they are, but the force log's clock is up to "
         f"{shift_s:.2g} s from the camera's: {remedy}"
