@@ -53,7 +53,7 @@ def test_without_contact_free_moments_behind_a_step_the_readings_there_are_not_u
     found, _, _ = found_in(stamps, force)
     (finding,) = [each for each in found.findings if each.start_s > 10.0]
     assert finding.readings == 8000
-    assert "--tare START:END" in finding.detail
+    assert "tare=(START, END)" in finding.detail
     assert np.flatnonzero(~found.usable(stamps)).tolist() == list(range(12_000, 20_000))
 
 
