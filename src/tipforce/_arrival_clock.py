@@ -104,7 +104,7 @@ class ArrivalClock:
 
     @property
     def offset_ns(self) -> int:
-        """What is added to a stamp; 0 before the first one."""
+        """Offset that is added to a stamp, ns; 0 before the first one."""
         return min((delay for _, delay in self._least), default=0)
 
     def report(self) -> ClockReport:

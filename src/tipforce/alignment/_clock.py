@@ -58,7 +58,7 @@ _RIVAL_APART_S = 0.06
 _OTHER_DEGREES = (2, 5)
 """Degrees of the elastic law that are tried too: their results show how much the estimate depends on the degree."""
 _FLOOR_MS = 0.7
-"""What no cross-check shows: bend and levers are seen with errors of a few hundredths of a pixel; the tare drifts."""
+"""Floor of the standard error: cross-checks do not show errors of detection (hundredths of a pixel) and of the tare."""
 _MAX_TURN_DEG, _FREE_GAIN = 10.0, 0.7
 """The stated angle counts as wrong where another, further off than this, leaves less than this share unexplained."""
 _STRETCHES = 8
@@ -99,7 +99,7 @@ class _Trial:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Session:
-    """What is compared: usable images (n,) since the first stamp, and the force."""
+    """The data of the fit: usable images (n,) since the first stamp, and the force."""
 
     time_s: FloatArray
     coordinates: FloatArray

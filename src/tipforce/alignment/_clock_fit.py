@@ -69,7 +69,7 @@ class Force:
 
     @property
     def direction(self) -> FloatArray:
-        """(2,): of the mean force, each instant weighing as its size; zero where there is none."""
+        """Direction (2,) of the mean force, weighted by its size; zero without a force."""
         total = self._values @ np.linalg.norm(self._values, axis=0)
         return total / max(float(np.linalg.norm(total)), 1e-12)
 
@@ -336,7 +336,7 @@ class Fit:
         return math.atan2(float(self._solve(at)[1][-1]), self.slope(at))
 
     def penalty_at(self, at: Tilted) -> float:
-        """What the prior on the angle adds to the squares: residual variance over (slope times tan 2 deg)^2."""
+        """Returns the weight of the prior on the angle: residual variance over (slope times tan 2 deg)^2."""
         return float(self.residuals(at).var() / max((self.slope(at) * _ANGLE_PRIOR) ** 2, 1e-12))
 
     def local_shifts(self, at: Tilted, groups: IntArray) -> FloatArray:

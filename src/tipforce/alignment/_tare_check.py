@@ -141,7 +141,7 @@ def pulling_force(
 def contact_free_stretch(
     stamps: IntArray, force: FloatArray, stage: StageMotion, moving_mass_kg: float | None
 ) -> tuple[float, float] | None:
-    """(start, end) in seconds of the log of the first stretch that would do as a tare; None where there is none."""
+    """Returns (start, end) in seconds of the log of the first stretch that can serve as a tare, or None."""
     last_s = float(stamps[-1] - stamps[0]) * 1e-9
     for start in np.arange(0.0, last_s - _TRIED_S, _TRIED_S).tolist():
         stretch = (start, start + _TRIED_S)

@@ -265,7 +265,7 @@ def _forces(reader: RecordingReader, info: SessionInfo, view: str, later_s: floa
 def _past(stamp_ns: IntArray, force: FloatArray) -> FloatArray:
     """(n, 2): mean of the forces before each stamp, the recent ones weighing more; gaps are bridged by straight lines.
 
-    Before the first frame with a force there is none.
+    There is no estimate before the first frame with a force.
     """
     past = np.zeros_like(force)
     there = np.isfinite(force).all(axis=1)
