@@ -398,7 +398,7 @@ class ControlLoop:
         return self._controller.swing_mm(now_s) if isinstance(self._controller, PeriodicRejection) else 0.0
 
     def _nearing_mm_per_s(self) -> float:
-        """Returns the largest speed toward the goal in hold; an error of the wall's model in the last second lowers it."""
+        """Returns the largest speed toward the goal in hold; a recent error of the wall's model lowers it."""
         fastest = self.safety.max_speed_mm_per_s
         if self.settings.controller != "periodic":  # the others follow the force, not the wall's model
             return fastest
