@@ -28,6 +28,9 @@ class Update:
             stamp_ns, np.zeros(3), np.ones(3, np.bool_), np.zeros((3, 3)), np.zeros((3, 2)), 0.0, np.zeros(2)
         )
 
+    def as_of(self, now_ns):
+        return self
+
 axis = AxisConfig(axis="X", low=0.0, high=150.0)
 source = HardwareSource([GrblStage(GrblConfig(port=sys.argv[1], axes={"advance_mm": axis}))])
 hold = HoldSettings(start={"advance_mm": 0.0}, goal={"advance_mm": 140.0}, approach_mm_per_s=8.0)
