@@ -28,8 +28,11 @@ def test_a_verb_has_help_with_an_example_and_stands_in_the_readme(verb: str) -> 
 
 
 def documents() -> list[Path]:
+    """Returns the current documents; ``docs/archive`` is history, whose links and commands may be void."""
     named = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")
-    return [*(ROOT / name for name in named), *sorted((ROOT / "docs").rglob("*.md"))]
+    archive = ROOT / "docs" / "archive"
+    pages = [page for page in sorted((ROOT / "docs").rglob("*.md")) if archive not in page.parents]
+    return [*(ROOT / name for name in named), *pages]
 
 
 def anchors(document: Path) -> set[str]:
