@@ -147,7 +147,7 @@ def test_a_run_is_started_stopped_and_released_in_the_page(page: Page, loop: Fak
     assert loop.told == ["mark_goal"]
     page.click("#loop-begin")
     shows(page, "hold")
-    assert page.inner_text("#loop-wanted") == "18.4 g"
+    eventually(lambda: page.inner_text("#loop-wanted") == "18.4 g")
     page.keyboard.press("l")  # a dialog with a number in it
     page.focus("#limit")
     page.keyboard.press(" ")  # stops wherever the focus is while the drives move

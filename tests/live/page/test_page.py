@@ -278,6 +278,30 @@ def test_the_subtracted_force_is_shown_and_can_be_undone(
         page.page.wait_for_selector("#undo-zero", state="hidden", timeout=5_000)
 
 
+def test_a_number_never_appears_before_the_zero_that_was_subtracted_from_it(
+    page: OpenPage, publisher: Publisher
+) -> None:
+    forces_n = [0.03, 0.15, 0.04, 0.16, 0.05, 0.17, 0.06, 0.18, 0.07, 0.19]  # each has another word on the strip
+    with feeding(lambda: publisher.put(0.2)):
+        page.wait("in_window")
+        page.page.wait_for_selector("#zeroed", state="hidden", timeout=5_000)
+    page.page.evaluate("""() => {
+      globalThis.zeroShown = {};
+      globalThis.watch = new MutationObserver(() => {
+        const newtons = document.querySelector('#newtons').textContent;
+        globalThis.zeroShown[newtons] ??= !document.querySelector('#undo-zero').hidden;
+      });
+      globalThis.watch.observe(document.querySelector('#newtons'), { childList: true });
+    }""")
+    for number, force in enumerate(forces_n):
+        amount = np.array([0.03, 0.0, np.nan])
+        publisher.zero = Zero(amount, 0.03, CLOCK.now_ns(), time.time(), "page 1") if number % 2 else None
+        with feeding(lambda force=force: publisher.put(force)):
+            eventually(lambda force=force: page.text("#newtons") == f"{force:.3f} N")
+    shown = page.page.evaluate("() => { globalThis.watch.disconnect(); return globalThis.zeroShown; }")
+    assert shown == {f"{force:.3f} N": number % 2 == 1 for number, force in enumerate(forces_n)}
+
+
 def test_keys_press_buttons(page: OpenPage, publisher: Publisher, engine: FakeEngine) -> None:
     press = page.page.keyboard.press
     with feeding(lambda: publisher.put(0.2)):
@@ -607,7 +631,7 @@ def test_a_notice_without_an_image_says_why_although_the_last_image_is_old(
 ) -> None:
     with feeding(lambda: publisher.put_invalid(Status.STALE, "the camera is silent", age_s=0.6, views={})):
         live.wait("invalid")
-        assert live.text("#detail") == "the camera is silent"
+        eventually(lambda: live.text("#detail") == "the camera is silent")
         eventually(lambda: _opacity(live, "#scene") == 1.0)
 
 

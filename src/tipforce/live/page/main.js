@@ -129,6 +129,7 @@ function present() {
   const due = old || verdict.kind !== digitsKind; // strip and number never contradict each other
   if (told && (due || !values)) {
     showDigits(values);
+    controls.refresh(now); // a number and what is subtracted from it appear together
     digits = values ? update : null;
     digitsKind = verdict.kind;
     digitsAt = now;
