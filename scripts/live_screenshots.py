@@ -181,7 +181,7 @@ def main() -> None:
 
 
 def write_figures(taken: Path, figures: Path, chosen: Mapping[str, str] = FIGURES) -> None:
-    """Figures of docs/live-page.md, name there -> screenshot.
+    """Figures of docs/live.md and docs/control.md, name there -> screenshot.
 
     They are narrower and have fewer colours, since git keeps every version of them.
     """

@@ -1,4 +1,4 @@
-// Reads the binary message of one frame: header, JSON, JPEG. The layout is described in docs/live-page.md.
+// Reads the binary message of one frame: header, JSON, JPEG. The layout is described in live/server/_messages.py.
 
 const MAGIC = 0x46504954; // "TIPF", little endian
 const VERSION = 1;
