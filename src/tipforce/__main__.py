@@ -7,8 +7,6 @@ import sys
 
 from ._processes import ENDING, Interrupted, ending_signals, signals_end_the_program
 
-__all__ = ["main"]
-
 _INTERRUPTED = {128 + each for each in ENDING}
 
 

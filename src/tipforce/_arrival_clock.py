@@ -6,8 +6,6 @@ Here because `hardware` and `live` need it and do not import one another.
 import math
 from dataclasses import dataclass
 
-__all__ = ["ArrivalClock", "ClockReport"]
-
 _BUCKET_NS = 1_000_000_000
 _BUCKETS = 10
 """The least delay of the last ten seconds in which anything came counts: a drift of 50 ppm then moves a stamp by half a

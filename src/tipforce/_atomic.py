@@ -17,18 +17,6 @@ from typing import TextIO
 from ._locks import output_lock
 from .errors import OutputError
 
-__all__ = [
-    "REMEDIES",
-    "atomic_path",
-    "atomic_text",
-    "check_folder",
-    "check_output_file",
-    "part_of",
-    "replacing_folder",
-    "write_atomic",
-    "writing",
-]
-
 REMEDIES = {
     errno.ENOSPC: "there is no space left on the device; make room or choose another place",
     errno.EDQUOT: "the quota is used up; make room or choose another place",

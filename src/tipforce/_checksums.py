@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from functools import cache
 
-__all__ = ["combined_crc"]
-
 _POLYNOMIAL = 0xEDB88320
 _ONE = 1 << 31
 """The polynomial 1: bits are in the reversed order of CRC-32, x is half of it."""

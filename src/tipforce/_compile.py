@@ -6,8 +6,6 @@ from typing import Any
 
 from numba import njit
 
-__all__ = ["STEADY", "compiled_together"]
-
 STEADY = {"nnan", "ninf", "nsz"}
 """The liberties of fast mathematics that change no result. The others let a loop round otherwise when it is compiled
 anew than when it comes from the cache, and then the same seed would not give the same bytes."""

@@ -4,8 +4,6 @@ import os
 
 from .errors import InputError
 
-__all__ = ["CORES", "cores"]
-
 CORES = "TIPFORCE_CORES"
 """The environment variable that says how many cores to use, as on a machine that others work on too."""
 _MOST = 1024

@@ -11,8 +11,6 @@ from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
 from ._cores import cores
 from ._processes import worker_pool
 
-__all__ = ["Executor", "ExecutorName", "LocalExecutor", "Task", "executor_of"]
-
 ExecutorName = Literal["local", "ray"]
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")

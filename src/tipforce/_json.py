@@ -9,17 +9,6 @@ from typing import Any
 
 from .errors import FileFormatError
 
-__all__ = [
-    "MAX_BYTES",
-    "MAX_DEPTH",
-    "check_depth",
-    "parse_json",
-    "parse_json_lines",
-    "read_json",
-    "read_small_text",
-    "too_deep",
-]
-
 MAX_BYTES = 16 << 20
 """Longest file that is read as one JSON value."""
 MAX_DEPTH = 64

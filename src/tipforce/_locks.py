@@ -13,8 +13,6 @@ from types import ModuleType
 
 from .errors import OutputError
 
-__all__ = ["lock_holder", "output_lock"]
-
 _held: set[str] = set()
 """Keys of the locks that this process holds: it may take them again."""
 

@@ -13,8 +13,6 @@ import numpy.typing as npt
 
 from .errors import FileFormatError
 
-__all__ = ["MAX_ARRAYS", "MAX_BYTES", "MAX_RATIO", "read_npz"]
-
 MAX_ARRAYS = 4096
 """Most arrays in an archive."""
 MAX_BYTES = 4 << 30

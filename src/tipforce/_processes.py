@@ -16,16 +16,6 @@ from typing import Any, TypeVar
 
 from ._cores import cores
 
-__all__ = [
-    "ENDING",
-    "Interrupted",
-    "ending_signals",
-    "limit_threads",
-    "run_child",
-    "signals_end_the_program",
-    "worker_pool",
-]
-
 ENDING = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )  # Windows has no SIGHUP

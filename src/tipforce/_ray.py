@@ -16,8 +16,6 @@ from ._executor import Task
 from ._processes import limit_threads
 from .errors import InputError, MissingExtraError
 
-__all__ = ["ADDRESS", "RayExecutor"]
-
 ADDRESS = "RAY_ADDRESS"
 """Environment variable: where the cluster is, as in ``10.0.0.1:6379``; without it Ray is started on this machine."""
 _RETRIES = 5

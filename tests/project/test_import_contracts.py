@@ -120,7 +120,7 @@ def public_packages() -> list[str]:
         *(
             m.name
             for m in pkgutil.iter_modules(tipforce.__path__, "tipforce.")
-            if m.name not in ("tipforce.cli", "tipforce.__main__")
+            if m.name != "tipforce.cli" and not m.name.startswith("tipforce._")
         ),
     ]
 
@@ -147,6 +147,12 @@ def test_public_names_are_exactly_dunder_all(name: str) -> None:
             for alias in node.names
         }
         assert {t for t in taken if not t.startswith("_")} - children == set(exported) - {"__version__"} - children
+
+
+def test_only_packages_and_public_modules_have_dunder_all() -> None:
+    public = {"__init__.py", *(f"{name.removeprefix('tipforce.')}.py" for name in public_packages())}
+    private = [path for path in SOURCE.rglob("*.py") if path.name not in public]
+    assert not [str(path.relative_to(SOURCE)) for path in private if "__all__ = " in path.read_text(encoding="utf-8")]
 
 
 NEVER = ("torch", "monai", "onnx", "onnxscript", "onnxruntime", "openvino")

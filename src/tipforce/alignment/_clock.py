@@ -29,8 +29,6 @@ from ..types import BoolArray, FloatArray, IntArray
 from ._clock_fit import ANY_ANGLE, SMOOTH_S, STATED_ANGLE, Data, Fit, Force, Tilted, beat_hz
 from ._clock_search import Coarse, search_clock
 
-__all__ = ["estimate_clock"]
-
 _BLOCK_S = 1.0
 _MAX_BLOCKS, _TRIED_BLOCKS = 150, 90
 """Blocks of a long session that are used, evenly spread; and those that trial maps are compared on."""

@@ -16,8 +16,6 @@ from scipy.ndimage import gaussian_filter1d
 from ..plausibility import MAX_GAP_S
 from ..types import BoolArray, FloatArray, IntArray
 
-__all__ = ["ANY_ANGLE", "SMOOTH_S", "STATED_ANGLE", "Data", "Fit", "Force", "Tilted", "beat_hz"]
-
 SMOOTH_S = 10e-3
 """Standard deviation of the force's low-pass: symmetric, so it moves nothing in time. The force's noise pulls the
 estimate late (3 mN and steps of 5 mN at 1 kHz: by 0.7 ms with 2 ms, 0.3 with 4); 24 ms round off touch and release.

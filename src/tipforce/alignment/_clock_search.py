@@ -14,8 +14,6 @@ from scipy.ndimage import uniform_filter1d
 
 from ..types import FloatArray
 
-__all__ = ["Coarse", "search_clock"]
-
 _NEAR_RATE = 1.5
 """Rates from its inverse to it are searched first."""
 _ENOUGH = 0.6

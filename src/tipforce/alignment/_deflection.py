@@ -15,8 +15,6 @@ from ..geometry import arc_length
 from ..types import BasePose, FloatArray
 from ..vision import DetectedShape
 
-__all__ = ["shape_coordinates"]
-
 _SEEN_WELL = 0.9
 """Share of the shaft's length that is used: the rest is the dome, seen five times worse."""
 _LIKELY, _FEW = (0.88, 1.04), 0.1

@@ -9,8 +9,6 @@ from ..types import FloatArray, IntArray, SensorInfo
 from ._inertia import StageMotion, carried_n, fit_inertia
 from ._tare import find_tare, stated_tare
 
-__all__ = ["ForceCorrections", "TareChoice", "find_tare_and_inertia"]
-
 TareChoice = Literal["auto", "none"] | tuple[float, float]
 """Found; nothing subtracted; or from and to, in seconds of the force log."""
 

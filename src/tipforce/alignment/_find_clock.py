@@ -15,8 +15,6 @@ from ._deflection import shape_coordinates
 from ._find import ForceCorrections
 from ._inertia import best_inertia, fit_inertia
 
-__all__ = ["ClockChoice", "DetectedShapes", "OffsetChoice", "find_clock", "stated_clock"]
-
 OffsetChoice = Literal["auto", "none"] | float
 """Estimated; taken as zero; or stated in milliseconds (positive: the camera's clock is ahead)."""
 

@@ -18,8 +18,6 @@ from ..errors import InputError
 from ..io import Inertia, Tare
 from ..types import FloatArray, IntArray
 
-__all__ = ["StageMotion", "best_inertia", "carried_n", "fit_inertia"]
-
 _GRID_S = 0.01
 _WINDOW, _DEGREE = 9, 4
 _BIN_S = 4e-3

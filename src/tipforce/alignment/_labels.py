@@ -13,8 +13,6 @@ from ..types import BoolArray, FloatArray, IntArray, SensorInfo
 from ._find import ForceCorrections, TareChoice, find_tare_and_inertia
 from ._inertia import StageMotion
 
-__all__ = ["MAX_GAP_S", "Labels", "covered_frames", "label_log", "labels"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Labels:

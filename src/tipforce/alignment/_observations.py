@@ -8,8 +8,6 @@ import numpy as np
 from ..io import WAIT_S, ActuationSeries
 from ..types import STAGE, Actuation, Event, Frame, Image, IntArray, Observation
 
-__all__ = ["PAIR_S", "Pairing", "nearest_frames", "observations"]
-
 PAIR_S = 0.02
 """Two images belong to one instant where their stamps differ by no more."""
 

@@ -11,8 +11,6 @@ from ..types import BoolArray, FloatArray, IntArray
 from ._find import TareChoice, find_tare_and_inertia
 from ._inertia import StageMotion, carried_n
 
-__all__ = ["find_plausible_force"]
-
 
 def find_plausible_force(
     stamps: IntArray,

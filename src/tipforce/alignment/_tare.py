@@ -8,8 +8,6 @@ from ..errors import InputError
 from ..io import Tare
 from ..types import BoolArray, FloatArray, IntArray
 
-__all__ = ["find_tare", "stated_tare"]
-
 _BIN_S = 0.05
 _WINDOW_BINS = 10
 _MIN_RUN_S = 1.0

@@ -19,8 +19,6 @@ from ..vision import DetectedShape
 from ._find import ForceCorrections, find_tare_and_inertia
 from ._inertia import StageMotion, carried_n
 
-__all__ = ["changing_tare", "contact_free_stretch", "pulling_force"]
-
 _SMOOTH_S = 0.02
 _SPREAD = (5.0, 95.0)
 _MIN_CHANGE_N = 0.03

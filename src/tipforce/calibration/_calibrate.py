@@ -15,8 +15,6 @@ from ._rod_fit import RodFit, fit_rod, line_forces
 from ._session import CalibrationSession
 from ._tissue import TissueFit, fit_tissue
 
-__all__ = ["Calibration", "SessionResult", "calibrate_sessions"]
-
 _ROD_FRAMES, _KNOB_FRAMES, _TRIAL_FRAMES, _SHOWN_FRAMES = 60, 120, 16, 150
 """Frames of one session that are used: neighbouring frames err alike, more of them only seem to tell more."""
 _LIGHT_N = 0.05

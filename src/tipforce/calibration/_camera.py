@@ -18,8 +18,6 @@ from ..types import FloatArray, Image
 from ._quantity import Quantity
 from ._session import CalibrationSession
 
-__all__ = ["BoardResult", "BoardSettings", "calibrate_board", "scale_from_diameter", "scale_from_ruler"]
-
 _LEAST_CORNERS, _LEAST_LENS_IMAGES = 8, 6
 """Corners of one image; images from which the lens is found too."""
 _CLICK_PX = 1.0

@@ -15,8 +15,6 @@ from ..errors import InputError
 from ..mechanics.actuation import Play
 from ..types import FloatArray, IntArray
 
-__all__ = ["KnobFit", "fit_knob"]
-
 _LEAST_FRAMES = 8
 _LEAST_RANGE_DEG = 3.0
 """Of the knob's angle: less tells no gain."""

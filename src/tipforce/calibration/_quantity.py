@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Quantity", "combined"]
-
 
 @dataclass(frozen=True, slots=True)
 class Quantity:

@@ -19,8 +19,6 @@ from ..estimators.rod import MODES, POINTS, Knowledge, LineError, RodSettings, r
 from ..mechanics.planar import FORCE, UNKNOWNS, Line, Model, Work, fit_line, make_work, predict_line
 from ..types import FloatArray, IntArray, SessionInfo
 
-__all__ = ["RodFit", "fit_rod", "line_forces"]
-
 _CONSTANTS = len(UNKNOWNS) - FORCE
 _SENSOR = ("turn_rad", "tare_x_n", "tare_y_n", "late_s")
 _COUNT = _CONSTANTS + MODES + len(_SENSOR)

@@ -29,8 +29,6 @@ from ..types import (
 )
 from ..vision import VisionSettings
 
-__all__ = ["CREEP_S", "CalibrationSession", "read_session"]
-
 CREEP_S = 2.0
 """Time constant of the shaft's creep: forces so long ago still bend it a little."""
 _AXIS_SHARE = 0.1

@@ -21,8 +21,6 @@ from ..errors import InputError
 from ..types import STAGE_FORWARD, FloatArray
 from ._session import CalibrationSession
 
-__all__ = ["TissueFit", "fit_tissue"]
-
 _LEAST_FRAMES = 40
 _CONTACT_N = 0.03
 _LEAST_PEAK_N = 0.06

@@ -16,11 +16,6 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from ..errors import InputError
 
-__all__ = [
-    "ExecutorOption", "JsonOption", "check_new", "check_outputs", "console", "in_one_line", "progress_bar", "say",
-    "shown", "write_json",
-]  # fmt: skip
-
 console = Console(stderr=True, highlight=False, markup=False, emoji=False)
 """Everything meant for people goes to standard error, so that standard output can carry figures.
 

@@ -9,8 +9,6 @@ import typer
 from ..errors import InputError
 from ..types import SessionInfo, info_from_facts, read_bench
 
-__all__ = ["BenchOption", "FactOption", "KnobOption", "number_from", "offset_from", "stated_info", "tare_from"]
-
 BenchOption = Annotated[
     Path | None, typer.Option("--bench", metavar="FILE", help="bench.toml of the bench; see `tipforce init-bench`.")
 ]

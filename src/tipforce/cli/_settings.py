@@ -9,8 +9,6 @@ from pydantic import BaseModel, ValidationError
 
 from ..errors import InputError
 
-__all__ = ["SetOption", "settings_from"]
-
 M = TypeVar("M", bound=BaseModel)
 
 SetOption = Annotated[

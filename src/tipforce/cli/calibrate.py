@@ -9,8 +9,6 @@ from ..errors import InputError
 from ._common import JsonOption, check_new, check_outputs, progress_bar, say, write_json
 from ._facts import BenchOption, number_from, stated_info
 
-__all__ = ["command"]
-
 
 def command(
     recordings: Annotated[

@@ -8,8 +8,6 @@ import typer
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._settings import SetOption, settings_from
 
-__all__ = ["command"]
-
 
 def command(
     model: Annotated[str, typer.Argument(help="A model folder, pretrained/NAME, rod or fusion; or truth, to compare.")],

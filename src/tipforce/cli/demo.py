@@ -9,8 +9,6 @@ import typer
 
 from ._common import JsonOption, check_outputs, say, write_json
 
-__all__ = ["command"]
-
 
 def command(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where everything goes.")] = Path(

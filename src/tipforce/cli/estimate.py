@@ -10,8 +10,6 @@ from ._common import JsonOption, check_new, check_outputs, progress_bar, say, wr
 from ._facts import BenchOption, FactOption, KnobOption, number_from, stated_info
 from ._settings import SetOption, settings_from
 
-__all__ = ["command"]
-
 
 def command(
     model: Annotated[Path, typer.Argument(help="A model folder of `tipforce train`, pretrained/NAME, or rod.")],

@@ -10,8 +10,6 @@ from ..types import SessionInfo
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._facts import BenchOption, FactOption, KnobOption, offset_from, stated_info, tare_from
 
-__all__ = ["command"]
-
 
 def command(
     inputs: Annotated[

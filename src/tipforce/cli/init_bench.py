@@ -13,8 +13,6 @@ from ..types import SessionInfo, bench_text, merged_values
 from ._common import check_new, check_outputs, say
 from ._facts import BenchOption, FactOption, stated_info
 
-__all__ = ["command"]
-
 _QUESTIONS: tuple[tuple[str, str, float | None], ...] = (
     ("catheter.name", "Name of the catheter", None),
     ("catheter.diameter_m", "Diameter of the shaft in mm", 1e-3),

@@ -10,8 +10,6 @@ from ._common import JsonOption, check_new, check_outputs, progress_bar, say, wr
 from ._facts import BenchOption, FactOption, stated_info
 from ._settings import SetOption, settings_from
 
-__all__ = ["command"]
-
 _THESIS_FIGURES = ("figure17", "figure18")
 _DRAWN = 12
 

@@ -14,8 +14,6 @@ from ._settings import SetOption, settings_from
 if TYPE_CHECKING:
     from ..live import LiveReport, LiveUpdate
 
-__all__ = ["command"]
-
 _LINE_EVERY_S = 10.0
 """Where nobody looks at a terminal, as in a log, there is a line this often."""
 

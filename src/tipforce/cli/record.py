@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from ..pipelines import BenchRecording
 
-__all__ = ["command"]
-
 _LINE_EVERY_S = 5.0
 
 

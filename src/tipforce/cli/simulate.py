@@ -12,8 +12,6 @@ from ._settings import SetOption, settings_from
 if TYPE_CHECKING:
     from ..simulation import AnySimulationSettings
 
-__all__ = ["command"]
-
 
 def command(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the sessions go.")],

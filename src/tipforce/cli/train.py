@@ -9,8 +9,6 @@ from ._common import ExecutorOption, JsonOption, check_outputs, progress_bar, sa
 from ._facts import BenchOption
 from ._settings import SetOption, settings_from
 
-__all__ = ["command"]
-
 
 def command(
     data: Annotated[

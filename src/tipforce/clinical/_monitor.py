@@ -11,8 +11,6 @@ from ._probability import probability_above
 from ._settings import ContactSettings
 from ._state import ContactClass, ContactState, contact_class, contact_state
 
-__all__ = ["ClinicalState", "ContactMonitor", "Duration"]
-
 
 @dataclass(frozen=True, slots=True)
 class Duration:

@@ -7,8 +7,6 @@ import numpy as np
 
 from ..types import ForceEstimate
 
-__all__ = ["probability_above"]
-
 _END = NormalDist().inv_cdf(0.95)
 """Standard deviations from the middle to either end of a 90 % interval."""
 

@@ -4,8 +4,6 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-__all__ = ["CONTACT_N", "LIMIT_N", "WINDOW_N", "ContactSettings"]
-
 CONTACT_N = 0.01
 """Above this magnitude the tip counts as in contact."""
 WINDOW_N = (0.1, 0.3)

@@ -5,8 +5,6 @@ from enum import StrEnum
 
 from ._settings import ContactSettings
 
-__all__ = ["ContactClass", "ContactState", "contact_class", "contact_state"]
-
 
 class ContactState(StrEnum):
     """What the force of one instant amounts to."""

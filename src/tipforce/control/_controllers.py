@@ -6,8 +6,6 @@ from typing import Protocol
 from ._observer import Sample, WallObserver
 from ._settings import ControllerName, ControlSettings
 
-__all__ = ["Admittance", "Controller", "PeriodicRejection", "ProportionalIntegral", "Still", "make_controller"]
-
 
 class Controller(Protocol):
     """Holds a force: told each estimate, asked every few milliseconds where to go."""

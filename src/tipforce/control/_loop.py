@@ -17,8 +17,6 @@ from ._path import Path
 from ._safety import Applied, SafetyAction, SafetyLayer
 from ._settings import ControlSettings
 
-__all__ = ["ControlLoop", "ControlState", "ControlTick"]
-
 _HISTORY_S = 2.0
 """So long the drives' places are remembered: older images are of no use."""
 _SIGMAS = 2 * 1.6449

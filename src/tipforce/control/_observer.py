@@ -15,8 +15,6 @@ import numpy as np
 from ..types import FloatArray, IntArray
 from ._settings import ObserverSettings
 
-__all__ = ["Sample", "WallObserver"]
-
 _BREATH, _HEART = 1, 3
 _TWO_PI = 2.0 * math.pi
 _MEMORY_S = 10.0

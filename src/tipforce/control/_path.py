@@ -7,8 +7,6 @@ from ..errors import InputError
 from ..types import ADVANCE, KNOB, Actuators, AxisLimits
 from ._settings import SafetySettings
 
-__all__ = ["Path"]
-
 _UNITS_PER_MM = {ADVANCE: 1.0, KNOB: 3.0}
 """Of each axis what counts as a mm of the path: 3 degrees of the knob move a tip that is 40 mm away by some 2 mm."""
 

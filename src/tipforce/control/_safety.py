@@ -10,8 +10,6 @@ from ..types import MAX_AGE_S, Actuators, Clock, ForceEstimate
 from ._path import Path
 from ._settings import SafetySettings
 
-__all__ = ["Applied", "SafetyAction", "SafetyLayer"]
-
 
 class SafetyAction(StrEnum):
     """What the layer does with what a controller wants."""

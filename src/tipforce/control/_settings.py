@@ -6,8 +6,6 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ..clinical import CONTACT_N, LIMIT_N
 
-__all__ = ["CONTROLLERS", "LIFTED_LIMIT_N", "ControlSettings", "ControllerName", "ObserverSettings", "SafetySettings"]
-
 ControllerName = Literal["none", "pi", "periodic", "admittance"]
 CONTROLLERS: tuple[ControllerName, ...] = ("none", "pi", "periodic", "admittance")
 

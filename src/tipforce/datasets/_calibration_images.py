@@ -6,8 +6,6 @@ from ..io import spread_rows
 from ..types import ADVANCE, Image
 from ._dataset import Dataset
 
-__all__ = ["calibration_images"]
-
 
 def calibration_images(dataset: Dataset, session: str, view: str) -> tuple[Image, ...]:
     """Returns images from all over ``session`` of ``dataset``, or of what it is a part of; their labels play no part.

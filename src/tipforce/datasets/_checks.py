@@ -13,8 +13,6 @@ from typing import Any
 
 from ..errors import FileFormatError
 
-__all__ = ["check_image", "check_shards", "crc_column", "crc_text", "shard_facts"]
-
 _NUMBERED = re.compile(r"(.*)-(\d{5})-of-(\d{5})(\.parquet)$")
 _FOOTER_END = struct.Struct("<I4s")
 _REMEDY = "copy the dataset again from where it was made, or make it anew"

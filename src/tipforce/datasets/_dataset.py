@@ -11,8 +11,6 @@ import numpy.typing as npt
 
 from ..types import BoolArray, FloatArray, Image, IntArray, Observation, SessionInfo
 
-__all__ = ["Dataset", "RowStore"]
-
 T = TypeVar("T")
 
 

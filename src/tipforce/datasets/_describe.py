@@ -14,8 +14,6 @@ from ._dataset import Dataset
 from ._folder import METADATA
 from ._open import holds_samples, open_dataset
 
-__all__ = ["dataset_at", "describe_dataset", "session_images"]
-
 
 def dataset_at(path: Path) -> Dataset | None:
     """The dataset at ``path`` where it is more than the frames of one session, else None.

@@ -13,8 +13,6 @@ from .._json import read_json
 from ..errors import FileFormatError
 from ..types import SessionInfo, merged_values
 
-__all__ = ["FACTS", "FolderFacts", "facts_text", "read_facts", "session_info_of"]
-
 FACTS = "dataset.json"
 _MAX_NAME = 1000
 

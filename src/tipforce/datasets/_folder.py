@@ -25,8 +25,6 @@ from ._facts import FACTS, facts_text, read_facts
 from ._label_table import FORCES, dataset_of
 from ._stores import ImageFiles, ShapeTable
 
-__all__ = ["FILE", "METADATA", "cell", "open_folder", "write_dataset"]
-
 METADATA = "metadata.csv"
 FILE = "file_name"
 MASKS = "masks"

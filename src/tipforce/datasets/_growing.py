@@ -19,9 +19,6 @@ from ._folder import FILE, METADATA, cell
 from ._label_table import FORCES
 from ._parquet import IMAGE, SUFFIX, arrow
 
-__all__ = ["Growing", "GrowingImages", "GrowingShards", "SessionSamples"]
-
-
 _MAX_PART_BYTES = 256 << 20
 """Longest file with the labels of one session: some 300 bytes a sample."""
 _REMEDY = "remove it, and the same command makes its session again"

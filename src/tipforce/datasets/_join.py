@@ -10,8 +10,6 @@ from ..errors import InputError
 from ..types import Image, IntArray, Observation
 from ._dataset import Dataset
 
-__all__ = ["every_nth", "join", "random_subset", "without_sessions"]
-
 
 def random_subset(dataset: Dataset, samples: int, seed: int = 0) -> Dataset:
     """``samples`` rows drawn at random without replacement, kept in order (the thesis has 220).

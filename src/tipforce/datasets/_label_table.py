@@ -12,8 +12,6 @@ from ..types import FORCE_RANGE, FloatArray, IntArray
 from ._dataset import Dataset, RowStore
 from ._facts import FolderFacts, session_info_of
 
-__all__ = ["FORCES", "LabelTable", "check_stamps", "dataset_of"]
-
 FORCES = ("fx_n", "fy_n", "fz_n")
 
 

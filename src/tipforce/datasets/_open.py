@@ -15,8 +15,6 @@ from .layouts import LAYOUTS
 _PART = ".mcap.part"
 _UNFINISHED = "is still being written, or was cut off, and is left out"
 
-__all__ = ["holds_samples", "open_dataset"]
-
 
 def holds_samples(path: Path) -> bool:
     """Whether ``path`` is a dataset folder or its table, Parquet shards, or a published layout: more than frames."""

@@ -23,8 +23,6 @@ from ._facts import FACTS, read_facts
 from ._label_table import dataset_of
 from ._stores import Table
 
-__all__ = ["IMAGE", "SUFFIX", "arrow", "open_shards"]
-
 SUFFIX = ".parquet"
 IMAGE = "image"
 

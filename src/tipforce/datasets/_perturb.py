@@ -11,19 +11,6 @@ from ..errors import InputError
 from ..types import FloatArray, Image, IntArray, Observation, ShapeFeatures, View
 from ._dataset import Dataset, RowStore
 
-__all__ = [
-    "PERTURBATIONS",
-    "Blur",
-    "Disc",
-    "ImageOperation",
-    "Light",
-    "Noise",
-    "Perturbation",
-    "Warp",
-    "in_memory",
-    "perturbed",
-]
-
 
 class ImageOperation(Protocol):
     """From an image to what is seen of it; the same for the same numbers. Comparable and hashable."""

@@ -13,8 +13,6 @@ from ..types import FloatArray, IntArray, SessionInfo
 from ._dataset import Dataset
 from ._stores import Recordings
 
-__all__ = ["open_recordings"]
-
 
 def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = None, force: str = "force") -> Dataset:
     """The frames of ``paths`` that have a force; frames outside the force log's time are left out.

@@ -15,8 +15,6 @@ from ._dataset import Dataset
 from ._folder import METADATA
 from ._open import holds_samples, open_dataset
 
-__all__ = ["DatasetSource", "file_names", "open_source"]
-
 
 class DatasetSource:
     """One session of a dataset as a `Source`: its images and drives, never its labels.

@@ -11,23 +11,6 @@ from ..types import Catheter, IntArray
 from ._dataset import Dataset
 from ._join import random_subset
 
-__all__ = [
-    "LEAVE_ONE_OUT_SESSIONS",
-    "THESIS_SESSIONS",
-    "Protocol",
-    "Split",
-    "blocked_folds",
-    "blocked_split",
-    "catheter_splits",
-    "random_folds",
-    "random_split",
-    "session_folds",
-    "session_split",
-    "splits",
-    "standard_split",
-    "thesis_split",
-]
-
 LEAVE_ONE_OUT_SESSIONS = 10
 """Up to so many sessions each is held out alone; more are held out in so many groups."""
 

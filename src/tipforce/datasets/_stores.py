@@ -14,8 +14,6 @@ from ..io import RecordingReader, StreamDepth, read_image
 from ..types import FloatArray, Image, IntArray, Observation, ShapeFeatures, View
 from ._checks import check_image
 
-__all__ = ["ImageArray", "ImageFiles", "Recordings", "ShapeTable", "Table"]
-
 
 @dataclass(frozen=True, eq=False)
 class Table:

@@ -14,8 +14,6 @@ from ..errors import InputError
 from ..types import ForceEstimate, Image, Observation, SessionInfo
 from ._summary import ModelSummary
 
-__all__ = ["CentrelineEstimator", "Estimator", "FineTunable", "Progress", "Stream", "no_progress"]
-
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of it that is done (0..1)."""
 

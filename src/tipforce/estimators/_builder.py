@@ -7,8 +7,6 @@ import numpy as np
 from ..types import BoolArray, DetectedShape, FloatArray, ForceEstimate, Status
 from .uncertainty import Interval
 
-__all__ = ["AXES", "MAX_FORCE_N", "EstimateBuilder", "implausible", "within_error"]
-
 AXES = ("fx", "fy", "fz")
 """Names of the force components."""
 

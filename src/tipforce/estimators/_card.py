@@ -6,8 +6,6 @@ from typing import Any
 from ._create import method
 from ._summary import count_of
 
-__all__ = ["model_card", "training_lines"]
-
 
 def model_card(manifest: Mapping[str, Any]) -> str:
     """``README.md`` of a model folder, from its manifest."""

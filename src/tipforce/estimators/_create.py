@@ -13,8 +13,6 @@ from .rod import Rod, RodTrack
 from .rod_models import Arcs, Beam, Elastica, Links, MassSprings, PseudoRigid, StrainArcs
 from .svr import Svr
 
-__all__ = ["ESTIMATORS", "create", "method"]
-
 _ROD_MODELS = (Beam, Links, MassSprings, Elastica, Arcs, StrainArcs, PseudoRigid)
 
 ESTIMATORS: dict[str, type[Estimator]] = {

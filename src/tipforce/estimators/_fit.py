@@ -11,8 +11,6 @@ from ..errors import InputError
 from ..types import FloatArray
 from ._base import Estimator, FineTunable, Progress
 
-__all__ = ["Training", "train"]
-
 
 @dataclass(frozen=True, eq=False)
 class Training:

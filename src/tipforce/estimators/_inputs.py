@@ -11,8 +11,6 @@ from ..vision import NoFeatures, SessionDetector, ShapeFeatureSettings, feature_
 from ._reading import Abstention, read_actuation, read_view
 from ._settings import AngleSettings, SvrSettings
 
-__all__ = ["Inputs", "angles_of_polynomial"]
-
 _CURVE_POINTS = 65
 
 

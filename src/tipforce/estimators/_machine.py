@@ -13,9 +13,6 @@ from pydantic import Field
 from ..types import FloatArray, IntArray
 from ._values import stored_array
 
-__all__ = ["Constants", "Machines", "evaluate", "fit_machines", "gram", "largest", "squared_distances"]
-
-
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 

@@ -13,8 +13,6 @@ from ..types import FloatArray
 from ._base import Estimator
 from ._machine import Machines
 
-__all__ = ["PARITY_N", "export_onnx", "regression_graph"]
-
 PARITY_N = 1e-6
 """Answers may differ from scikit-learn's, and a graph's from this program's, by less than this."""
 

@@ -4,8 +4,6 @@ from pathlib import Path
 
 from ..errors import ModelError
 
-__all__ = ["located", "pretrained_folder", "pretrained_names"]
-
 PRETRAINED = Path(__file__).parent / "pretrained"
 """Holds a model folder for each, as the store writes them."""
 

@@ -10,17 +10,6 @@ from ..datasets import Dataset
 from ..errors import InputError
 from ..types import ADVANCE, KNOB, FloatArray, Observation, SessionInfo, Status, View, actuation_range
 
-__all__ = [
-    "Abstention",
-    "actuation_names",
-    "implausible_actuation",
-    "limits_of",
-    "read_actuation",
-    "read_advance_m",
-    "read_view",
-    "unlike_training",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Abstention:

@@ -2,8 +2,6 @@
 
 import math
 
-__all__ = ["RecentShare"]
-
 
 class RecentShare:
     """Share of the frames so far that something was true of, each remembered for ``memory_s``; 1 before the first.

@@ -7,8 +7,6 @@ import numpy as np
 from ..mechanics import RodModel
 from ..types import FloatArray
 
-__all__ = ["STATIONS", "ForceFit", "StationNoise", "fit_force", "line_stations", "model_stations"]
-
 STATIONS = 8
 """Points of the centreline that a model is compared with, uniform in arc length, the tip last."""
 

@@ -11,8 +11,6 @@ from ._reading import Abstention, implausible_actuation, read_actuation
 from ._rod_inverse import line_stations
 from ._session_detection import SessionDetection
 
-__all__ = ["RodLine", "RodReader"]
-
 _KNOB = "knob_deg"
 
 

@@ -12,8 +12,6 @@ from ..training import CHECKPOINT_FILE
 from ._base import Estimator, FineTunable
 from .store import MANIFEST, load_model
 
-__all__ = ["initial_model_folder", "load_initial_model", "run_directory", "training_started"]
-
 
 def load_initial_model(method: Estimator, start: str | None, *, resume: bool = False) -> FineTunable | None:
     """The model that training is to begin with: the folder ``start``, None where that is None.

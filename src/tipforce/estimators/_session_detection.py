@@ -9,8 +9,6 @@ from ..types import CentrelinePx, DetectedShape, Image, Observation, SessionInfo
 from ..vision import INWARD, ResolvedVision, SessionDetector, VisionSettings, image_from_clamp
 from ._reading import Abstention, read_advance_m, read_view
 
-__all__ = ["DetectedLine", "SessionDetection"]
-
 _NOMINAL_SIDE = "left"
 
 

@@ -4,8 +4,6 @@ from collections.abc import Iterable
 
 from ..types import ForceEstimate, Observation, SessionInfo, Status
 
-__all__ = ["UninformedStream", "missing_metadata"]
-
 
 def missing_metadata(needed: Iterable[str], info: SessionInfo) -> str:
     """Which of the ``needed`` keys ``info`` does not state, and how they are stated; empty where it states all.

@@ -6,8 +6,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..vision import ShapeFeatureSettings, VisionSettings
 
-__all__ = ["AngleSettings", "SvrSettings", "WindowSettings"]
-
 Grid = Annotated[tuple[Annotated[float, Field(ge=1e-9, le=1e9)], ...], Field(min_length=1, max_length=100)]
 _Milliseconds = Annotated[float, Field(ge=0, le=3_600_000)]
 """At most an hour."""

@@ -14,8 +14,6 @@ import numpy.typing as npt
 
 from ..types import FloatArray
 
-__all__ = ["NO_STRETCH", "Stretch", "fit_stretch"]
-
 _TOUCHING_N = 0.03
 """Beyond the noise of a force sensor."""
 _LEAST_SESSIONS, _LEAST_FRAMES = 10, 200

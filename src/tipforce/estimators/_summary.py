@@ -10,16 +10,6 @@ import numpy.typing as npt
 from ..errors import InputError
 from ..types import BoolArray
 
-__all__ = [
-    "ModelSummary",
-    "count_of",
-    "half_width_text",
-    "left_out_by_session",
-    "left_out_text",
-    "magnitude_intervals",
-    "refuse_left_out",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class ModelSummary:

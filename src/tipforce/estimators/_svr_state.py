@@ -8,8 +8,6 @@ from ..vision import ResolvedVision
 from ._machine import Constants
 from ._values import LARGEST
 
-__all__ = ["SvrState"]
-
 _Names = tuple[str, ...]
 _Count = Annotated[int, Field(ge=0, lt=1 << 53)]
 _Newtons = Annotated[float, Field(ge=0, le=LARGEST)]

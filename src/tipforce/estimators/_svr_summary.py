@@ -5,8 +5,6 @@ from typing import Any
 
 from ._summary import ModelSummary, count_of, half_width_text, left_out_text, magnitude_intervals
 
-__all__ = ["svr_summary"]
-
 
 def svr_summary(facts: Mapping[str, Any]) -> ModelSummary:
     """Returns the summary of the facts that `Svr.describe` gives."""

@@ -18,8 +18,6 @@ from ._settings import SvrSettings
 from ._summary import left_out_by_session
 from ._window import Window
 
-__all__ = ["Rows", "gather_rows", "warn_of_sizes"]
-
 
 @dataclass(frozen=True, eq=False)
 class Rows:

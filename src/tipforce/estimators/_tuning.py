@@ -12,8 +12,6 @@ from ..types import FloatArray, IntArray
 from ._machine import Constants, gram, largest, squared_distances
 from ._settings import SvrSettings
 
-__all__ = ["MIN_SESSIONS", "Fold", "Scaling", "choose", "make_folds", "residuals", "scaling_of"]
-
 MIN_SESSIONS = 3
 """From so many sessions on, whole sessions are held out instead of shuffled samples."""
 

@@ -8,8 +8,6 @@ import numpy.typing as npt
 
 from ..types import FloatArray
 
-__all__ = ["LARGEST", "stored_array", "stored_number"]
-
 LARGEST = 1e12
 """No fitted number is larger, in whatever unit."""
 

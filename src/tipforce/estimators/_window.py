@@ -7,8 +7,6 @@ import numpy as np
 from ..types import FloatArray
 from ._settings import WindowSettings
 
-__all__ = ["Window"]
-
 
 class Window:
     """Rows (k,) in, rows (k * lags,) out, the newest lag first as listed in the settings."""

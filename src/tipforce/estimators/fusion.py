@@ -35,8 +35,6 @@ from .networks import Compact, CompactStream
 from .rod import RodTrack, RodTrackSettings
 from .uncertainty import Interval, gaussian_interval, magnitude_sigma, normalised_interval
 
-__all__ = ["Fusion", "FusionSettings"]
-
 _DETAILS = {"both": "", "rod": "rod-track alone", "network": "network alone"}
 """What an estimate says of its source."""
 _Std = Annotated[float, Field(ge=0, le=10)]

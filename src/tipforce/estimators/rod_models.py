@@ -41,8 +41,6 @@ from ._summary import ModelSummary, left_out_by_session, left_out_text, refuse_l
 from ._values import LARGEST, stored_array
 from .uncertainty import Interval, gaussian_interval, magnitude_sigma, normalised_interval
 
-__all__ = ["Arcs", "Beam", "Elastica", "Links", "MassSprings", "PseudoRigid", "RodModelSettings", "StrainArcs"]
-
 MIN_SAMPLES = 20
 """Fewer samples say too little of the stations' covariance."""
 

@@ -25,8 +25,6 @@ from ._create import ESTIMATORS
 from ._pretrained import PRETRAINED, located, pretrained_folder
 from .networks import check_graph_file, try_graph
 
-__all__ = ["FORMAT_VERSION", "check_target", "load_model", "load_pretrained", "read_manifest", "save_model"]
-
 FORMAT_VERSION = 2
 """Version of the model folder's format; other versions are not read."""
 

@@ -32,8 +32,6 @@ from ._tuning import choose, make_folds, residuals, scaling_of
 from ._window import Window
 from .uncertainty import Interval, conformal_interval
 
-__all__ = ["MIN_SAMPLES", "PARITY_N", "Svr"]
-
 MIN_SAMPLES = 20
 """Fewer samples cannot be trained and cross-validated on."""
 

@@ -10,8 +10,6 @@ from ..units import grams_to_newtons
 from ._constant import Constant
 from ._evaluate import Evaluation
 
-__all__ = ["LOAD_BINS_N", "SENSOR_MAE_N", "SENSOR_SOURCE", "comparison"]
-
 LOAD_BINS_N = (0.0, 0.025, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6)
 """Edges of the bins of the measured magnitude in which errors are drawn over the load."""
 

@@ -14,8 +14,6 @@ from ..errors import InputError, NotFittedError
 from ..estimators import Estimator, Progress, Stream
 from ..types import ForceEstimate, Image, Observation, SessionInfo
 
-__all__ = ["Constant"]
-
 
 class _NoSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")

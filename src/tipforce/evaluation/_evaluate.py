@@ -33,8 +33,6 @@ from ._protocols import (
 )
 from ._robustness import perturbed_metrics, require_images
 
-__all__ = ["Evaluation", "EvaluationSettings", "ShowsFeatures", "evaluate"]
-
 
 @dataclass(frozen=True)
 class EvaluationSettings:

@@ -14,8 +14,6 @@ from ..types import BoolArray, FloatArray, IntArray
 from ._predictions import Predictions
 from ._statistics import CONTACT_ANGLE_BINS_DEG
 
-__all__ = ["BOUND_KINDS", "FORCE_BOUND_BINS_N", "CramerRaoBounds", "bound_at", "bound_ratios", "truth_at"]
-
 FORCE_BOUND_BINS_N = (0.01, 0.05, 0.1, 0.2, 0.35)
 """Edges of the bins of the force's magnitude in which ratios to the bound are given; contact begins at the first."""
 

@@ -29,8 +29,6 @@ from ..estimators import (
 )
 from ._methods import Method
 
-__all__ = ["KeptFits", "kept_fits"]
-
 
 class KeptFits:
     """Fits methods on splits; with a folder, each fit becomes a model in it, named by what it was learnt from.

@@ -20,8 +20,6 @@ from ..estimators import (
     read_manifest,
 )
 
-__all__ = ["Method", "methods_from"]
-
 
 @dataclass(frozen=True, eq=False)
 class Method:

@@ -21,8 +21,6 @@ from ._statistics import (
 )
 from ._trust import trust_metrics
 
-__all__ = ["FORCE_BINS_N", "error_metrics", "interval_metrics", "json_ready", "percent_of_true", "score"]
-
 FORCE_BINS_N = (0.0, 0.1, 0.3, 0.6, 1.0, math.inf)
 """Edges of the bins of the reference magnitude in newtons, for errors by force."""
 

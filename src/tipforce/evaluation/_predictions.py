@@ -10,8 +10,6 @@ from ..clinical import CONTACT_N
 from ..datasets import Dataset
 from ..types import BoolArray, FloatArray, ForceEstimate, IntArray
 
-__all__ = ["AXES", "Predictions", "collect", "concatenate", "in_contact", "with_reference"]
-
 AXES = ("x", "y", "z")
 
 

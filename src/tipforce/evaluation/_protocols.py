@@ -19,22 +19,6 @@ from ._metrics import score
 from ._predictions import Predictions, collect, concatenate, with_reference
 from ._trust import session_groups
 
-__all__ = [
-    "AS_SAVED",
-    "BY_SESSION",
-    "PROTOCOLS",
-    "PROTOCOL_WORDS",
-    "STRICTNESS",
-    "FittedSplit",
-    "MethodResult",
-    "ScoredData",
-    "fine_tuning_notes",
-    "index_in",
-    "run_protocol",
-    "run_saved",
-    "run_saved_alone",
-]
-
 PROTOCOLS: tuple[Protocol, ...] = ("random", "blocked", "session")
 """The thesis's split, contiguous blocks with a gap, and whole sessions held out: the one that counts."""
 

@@ -18,8 +18,6 @@ from ._metrics import error_metrics, interval_metrics
 from ._predictions import Predictions, collect, concatenate
 from ._protocols import AS_SAVED, MethodResult, ScoredData, index_in
 
-__all__ = ["UNPERTURBED", "perturbed_metrics", "require_images"]
-
 UNPERTURBED = "unperturbed"
 """Kind of the first line of a table: the same samples with their images as they are."""
 

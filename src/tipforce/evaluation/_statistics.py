@@ -16,19 +16,6 @@ from ..clinical import LIMIT_N, WINDOW_N
 from ..types import BoolArray, FloatArray
 from ._predictions import Predictions
 
-__all__ = [
-    "CONTACT_ANGLE_BINS_DEG",
-    "COVERAGE_FORCE_BINS_N",
-    "FEW_SAMPLES",
-    "MIN_SESSIONS",
-    "WRONG_N",
-    "bland_altman",
-    "bootstrap_mean",
-    "coverage_by_stratum",
-    "stratum_metrics",
-    "wrong_share",
-]
-
 MIN_SESSIONS = 5
 """With fewer sessions no bootstrap interval is given: resampling so few says little of the spread between sessions."""
 

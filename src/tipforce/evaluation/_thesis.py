@@ -10,8 +10,6 @@ from ._constant import Constant
 from ._evaluate import Evaluation
 from ._protocols import MethodResult
 
-__all__ = ["THESIS_FIGURES", "THESIS_MAE_N", "beside_thesis"]
-
 THESIS_MAE_N = 0.042
 """Table 4 of the thesis: mean absolute error of its own test samples, forces of 0.160-0.275 N."""
 

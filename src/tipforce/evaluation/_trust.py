@@ -12,15 +12,6 @@ from ..types import FloatArray
 from ._predictions import Predictions
 from ._statistics import FEW_SAMPLES, WRONG_N, coverage_by_stratum, stratum_metrics, wrong_share
 
-__all__ = [
-    "AXIS_ANGLE_BINS_DEG",
-    "TRUST_FORCE_BINS_N",
-    "axis_angle_deg",
-    "retention",
-    "session_groups",
-    "trust_metrics",
-]
-
 TRUST_FORCE_BINS_N = (0.0, 0.1, 0.2, 0.3, math.inf)
 """Edges of the strata of the reference magnitude, in newtons."""
 

@@ -10,8 +10,6 @@ from ..types import BasePose, FloatArray, frozen
 from ._lens import project, straighten
 from ._pose import Pose
 
-__all__ = ["CameraModel"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraModel:

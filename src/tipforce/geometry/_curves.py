@@ -10,8 +10,6 @@ from numpy.polynomial import legendre
 
 from ..types import FloatArray
 
-__all__ = ["angle_matrix", "arc_length", "curve_from_angle", "fit_angle", "fit_polynomial", "turning_angles"]
-
 
 @njit(cache=True, nogil=True)
 def fit_polynomial(x: FloatArray, y: FloatArray, degree: int, constant: bool = True) -> FloatArray:

@@ -11,8 +11,6 @@ from numba import njit
 
 from ..types import FloatArray
 
-__all__ = ["project", "straighten", "triangulate"]
-
 _MAX_ITERATIONS = 50
 _TOO_FLAT = 1e-12
 """Determinant of the normal equations over the product of their diagonal, below which rays count as parallel."""

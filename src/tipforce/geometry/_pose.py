@@ -8,8 +8,6 @@ from numpy.typing import ArrayLike
 
 from ..types import FloatArray, frozen
 
-__all__ = ["Pose"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:

@@ -10,8 +10,6 @@ from ..types import FloatArray, frozen
 from ._camera import CameraModel
 from ._lens import triangulate as _triangulate
 
-__all__ = ["Triangulated", "triangulate"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Triangulated:

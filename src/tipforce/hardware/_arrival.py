@@ -9,8 +9,6 @@ from collections import deque
 from .._arrival_clock import ArrivalClock
 from ..errors import DeviceError
 
-__all__ = ["MAX_WAIT_NS", "ArrivalWait", "LatenessCheck"]
-
 MAX_WAIT_NS = 200_000_000
 """An image without a stamp is discarded where it may have waited for longer: nobody knows when it was taken."""
 _LATE_NS = 1_000_000_000

@@ -19,8 +19,6 @@ from ._opencv import OpenCvCamera, OpenCvCameraConfig
 from ._source import HardwareSource
 from ._video import Video, VideoConfig
 
-__all__ = ["BenchDevices", "open_bench", "read_devices"]
-
 _Make = Callable[[Any, str], Driver]
 _DRIVERS: dict[str, dict[str, tuple[type[DeviceConfig], _Make]]] = {
     "cameras": {

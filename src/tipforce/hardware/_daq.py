@@ -16,8 +16,6 @@ from ..types import Clock, Event, FloatArray, Wrench
 from ._driver import DeclaredStream, DeviceConfig, Driver, Setting
 from ._net_ft import unit_in_newton_metres, unit_in_newtons
 
-__all__ = ["DaqCalibration", "DaqForce", "DaqForceConfig", "read_calibration"]
-
 _AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 _GAUGES = 6
 _MAX_BYTES = 1 << 20

@@ -13,18 +13,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from .._arrival_clock import ClockReport
 from ..types import Clock, Event, Frame, Wrench
 
-__all__ = [
-    "DeclaredStream",
-    "DeviceConfig",
-    "Driver",
-    "EndOfStream",
-    "Number",
-    "Setting",
-    "StreamKind",
-    "monotonic_to",
-    "stream_of",
-]
-
 StreamKind = Literal["frame", "wrench", "actuation"]
 Number = Annotated[float, Field(ge=-1e12, le=1e12)]
 """A number in the units of a device."""

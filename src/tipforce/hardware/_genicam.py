@@ -14,8 +14,6 @@ from ._arrival import MAX_WAIT_NS, ArrivalWait, LatenessCheck
 from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting
 from ._stream import size_of
 
-__all__ = ["GenICamCamera", "GenICamCameraConfig"]
-
 _SILENT_S = 2.0
 _LONGEST_STEP_NS = 1_000_000_000
 _BAYER = {"BayerRG8": "BayerRGGB", "BayerGB8": "BayerGBRG", "BayerGR8": "BayerGRBG", "BayerBG8": "BayerBGGR"}

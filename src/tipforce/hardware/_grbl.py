@@ -22,18 +22,6 @@ from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting
 from ._grbl_course import Course, CourseStream
 from ._serial import LinePort
 
-__all__ = [
-    "CANCEL",
-    "HOLD",
-    "RESET",
-    "STATUS",
-    "AxisConfig",
-    "GrblActuators",
-    "GrblConfig",
-    "GrblStage",
-    "MotionConfig",
-]
-
 STATUS, HOLD, RESET, CANCEL = b"?", b"!", b"\x18", b"\x85"
 """Real-time commands: answered or obeyed at once, wherever in a line they come."""
 _LETTERS = "XYZABC"

@@ -4,8 +4,6 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping
 
-__all__ = ["Course", "CourseStream"]
-
 Course = Callable[[float], Mapping[str, float]]
 """Time since the start in s -> where each axis shall be then, by name, in its own unit."""
 

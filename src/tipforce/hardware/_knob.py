@@ -15,8 +15,6 @@ from ..types import KNOB, Actuation, Clock, Event, LogInfo, actuation_range
 from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting
 from ._serial import LinePort
 
-__all__ = ["ConstantKnob", "ConstantKnobConfig", "LogKnob", "LogKnobConfig", "SerialKnob", "SerialKnobConfig"]
-
 STREAM = "knob"
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _SILENT_S = 1.0

@@ -22,8 +22,6 @@ from ..errors import DeviceError
 from ..types import Clock, Event, Wrench
 from ._driver import DeclaredStream, DeviceConfig, Driver, Setting
 
-__all__ = ["RDT_REPLY", "RDT_REQUEST", "NetFt", "NetFtConfig", "RdtCheck", "unit_in_newton_metres", "unit_in_newtons"]
-
 RDT_REQUEST = struct.Struct("!HHI")
 """Header 0x1234, command, number of samples (0: until stopped)."""
 RDT_REPLY = struct.Struct("!3I6i")

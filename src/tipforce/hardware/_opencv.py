@@ -16,8 +16,6 @@ from ._arrival import MAX_WAIT_NS, ArrivalWait, LatenessCheck
 from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting, monotonic_to
 from ._stream import NetworkStream, size_of
 
-__all__ = ["OpenCvCamera", "OpenCvCameraConfig", "upright_image"]
-
 _WAIT_MS = 2000
 """For a camera to open or to give an image, where OpenCV can be told."""
 _STAMP_NEWEST_S, _STAMP_OLDEST_S = 1e-3, 1.0

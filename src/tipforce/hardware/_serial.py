@@ -4,8 +4,6 @@ from typing import Any, Self
 
 from ..errors import DeviceError, MissingExtraError
 
-__all__ = ["LinePort"]
-
 _LONGEST_LINE = 1024
 """What is longer is noise, or another baud rate."""
 

@@ -16,8 +16,6 @@ from ..types import Clock, Event, SessionInfo, SystemClock, Wrench
 from ._driver import DeclaredStream, Driver, EndOfStream, Setting, stream_of
 from ._grbl import GrblActuators, GrblStage
 
-__all__ = ["DeviceHealth", "DeviceState", "HardwareSource", "StreamHealth", "StreamMeter"]
-
 _log = logging.getLogger(__name__)
 
 DeviceState = Literal["connecting", "connected", "lost", "ended"]

@@ -10,8 +10,6 @@ from ..types import Clock, Frame, Image
 from ._arrival import MAX_WAIT_NS, ArrivalWait, LatenessCheck
 from ._driver import Setting
 
-__all__ = ["NetworkStream", "size_of"]
-
 _TIMEOUT_S = 2.0
 _NO_TIMESTAMPS = 0x80
 """FFmpeg's AVFMT_NOTIMESTAMPS: the format has no stamps, and FFmpeg counts 25 images a second, whatever the camera."""

@@ -13,8 +13,6 @@ from ..types import Clock, Event, Frame
 from ._driver import DeclaredStream, DeviceConfig, Driver, EndOfStream, Setting
 from ._stream import NetworkStream
 
-__all__ = ["Video", "VideoConfig"]
-
 
 class VideoConfig(DeviceConfig):
     """``[hardware.cameras.VIEW]`` with ``driver = "video"``.

@@ -6,8 +6,6 @@ import numpy as np
 
 from ..types import Actuation, FloatArray, IntArray
 
-__all__ = ["WAIT_S", "ActuationSeries"]
-
 WAIT_S = 0.5
 """How much later than a frame a reading may come and still be used to interpolate at the frame."""
 

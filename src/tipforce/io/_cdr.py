@@ -12,24 +12,6 @@ import numpy as np
 from ..errors import FileFormatError
 from ..types import FloatArray, ForceEstimate, Status
 
-__all__ = [
-    "COMPRESSED_IMAGE",
-    "ESTIMATE",
-    "FORCE_ESTIMATE",
-    "JOINT_STATE",
-    "SCHEMAS",
-    "WRENCH_STAMPED",
-    "pack_estimate",
-    "pack_image",
-    "pack_joints",
-    "pack_wrench",
-    "unpack_estimate",
-    "unpack_image",
-    "unpack_joints",
-    "unpack_wrench",
-    "wrench_layout",
-]
-
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 WRENCH_STAMPED = "geometry_msgs/msg/WrenchStamped"
 JOINT_STATE = "sensor_msgs/msg/JointState"

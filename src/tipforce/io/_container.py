@@ -30,17 +30,6 @@ from .._checksums import combined_crc
 from ..errors import FileFormatError
 from ..types import IntArray
 
-__all__ = [
-    "MESSAGE_HEAD",
-    "Container",
-    "Entries",
-    "frame_is_whole",
-    "is_foreign",
-    "recovered_name",
-    "recovery_advice",
-    "whole_summary",
-]
-
 SESSION = "tipforce.session"
 """The metadata record of every recording of ours."""
 MESSAGE_HEAD = 31

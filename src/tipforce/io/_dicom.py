@@ -14,8 +14,6 @@ from ..types import Frame, Image
 from ._image_size import check_pixels
 from ._square_pixels import square_pixels
 
-__all__ = ["DicomFile", "is_dicom"]
-
 _MAGIC_AT = 128
 
 

@@ -15,8 +15,6 @@ from .._json import parse_json
 from ..errors import FileFormatError
 from ..types import FloatArray, IntArray, SessionInfo, frozen
 
-__all__ = ["SUBTRACTED_FORCE", "ClockMap", "Inertia", "Tare", "fact_from", "session_from", "session_record"]
-
 SUBTRACTED_FORCE = "tipforce.zero"
 """Name, before its number, of a metadata record: an operator's zero, which is subtracted from the estimates of a
 recording from ``stamp_ns`` on until the next record; a ``magnitude_n`` of 0 undoes it."""

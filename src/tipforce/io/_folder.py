@@ -14,8 +14,6 @@ from ..types import FloatArray, Frame, IntArray
 from ._images import IMAGE_SUFFIXES, StreamDepth, read_image
 from .tables import STILL_STEP_NS, TIME_UNITS, Table, check_actuation, is_actuation, open_table
 
-__all__ = ["ImageFolder", "InFolder", "read_folder"]
-
 _TABLES = ("stamps.csv", "metadata.csv")
 _SEC_NANOSEC = re.compile(r"(?<!\d)(\d{9,10})[-_.](\d{9})(?!\d)")
 _WITH_UNIT = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)_?(ns|us|ms|s)(?![A-Za-z0-9])")

@@ -13,8 +13,6 @@ from ..types import FORCE_RANGE, FloatArray, ForceLogInfo, IntArray, LogInfo
 from ..units import FORCE_UNITS, force_unit
 from .tables import Log, check_actuation, listed, open_log, open_table
 
-__all__ = ["DriveLog", "ForceLog", "logs_by_kind", "read_drive_log", "read_force_log"]
-
 _UNIT = r"(?:[ _]*[\[(]?(k?n|[cm]n|k?gf?|lbf?|ozf?|counts)[\])]?)?"
 _AXIS = re.compile(rf"^(?:.*wrench[._/])?f(?:orce)?[ ._-]*([xyz]){_UNIT}$", re.IGNORECASE)
 _UNIT_AT_END = re.compile(r"[ _\[(](k?n|[cm]n|k?gf?|lbf?|ozf?|counts)[\])]?$", re.IGNORECASE)

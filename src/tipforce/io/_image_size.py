@@ -6,17 +6,6 @@ from collections.abc import Callable, Iterator
 
 from ..errors import FileFormatError, InputError
 
-__all__ = [
-    "MAX_MEGAPIXELS",
-    "check_encoded",
-    "check_pixels",
-    "encoded_size",
-    "image_count",
-    "max_file_bytes",
-    "max_pixels",
-    "tiff_pages",
-]
-
 MAX_MEGAPIXELS = "TIPFORCE_MAX_MEGAPIXELS"
 """The environment variable that replaces the limit of `_MEGAPIXELS`."""
 _MEGAPIXELS = 100.0

@@ -28,21 +28,6 @@ from ._image_size import check_encoded, encoded_size, image_count, max_file_byte
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "IMAGE_SUFFIXES",
-    "StreamDepth",
-    "bits_in_use",
-    "check_image_target",
-    "decode_image",
-    "eight_bits",
-    "encode_image",
-    "file_bytes",
-    "is_image",
-    "raw_image",
-    "read_image",
-    "save_image",
-]
-
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 _MAX_OF_12_BITS = 4095
 """A stream of images without a greater value has 12 bits in use."""

@@ -46,8 +46,6 @@ from ._facts import ClockMap, Inertia, Tare, fact_from, session_from
 from ._images import StreamDepth, decode_image
 from ._recover import resolve
 
-__all__ = ["RecordingInfo", "RecordingReader", "StreamInfo", "open_recording"]
-
 _T = TypeVar("_T")
 _KINDS = {COMPRESSED_IMAGE: "frame", WRENCH_STAMPED: "wrench", JOINT_STATE: "actuation", FORCE_ESTIMATE: "estimate"}
 _EVENTS = ("frame", "wrench", "actuation")

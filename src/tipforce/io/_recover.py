@@ -24,8 +24,6 @@ from ..errors import FileFormatError, OutputError
 from ._container import frame_is_whole, recovered_name, whole_summary
 from ._facts import ClockMap
 
-__all__ = ["check_target", "lock", "recover", "recover_recording", "resolve", "whole_records"]
-
 _HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of the compression's name
 

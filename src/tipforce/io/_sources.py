@@ -31,18 +31,6 @@ from ._stack import ImageStack
 from .bags import is_bag, open_bag
 from .video import VideoFile
 
-__all__ = [
-    "FileSource",
-    "can_be_read_again",
-    "frame_count",
-    "images_beforehand",
-    "open_source",
-    "require_actuation",
-    "spread_images",
-    "spread_rows",
-    "steady_reading",
-]
-
 
 class FileSource:
     """A video, a DICOM file, images or a folder of them as a `Source`: may be iterated again, and reads when asked."""

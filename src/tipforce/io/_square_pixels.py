@@ -9,8 +9,6 @@ from ..errors import FileFormatError
 from ..types import Image
 from ._image_size import check_pixels
 
-__all__ = ["square_pixels"]
-
 _MAX_ASPECT = 4
 """Pixels that are more elongated than this are taken for a fault in the file."""
 

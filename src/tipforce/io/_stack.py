@@ -14,8 +14,6 @@ from ._image_size import check_encoded, tiff_pages
 from ._images import bits_in_use, eight_bits, file_bytes
 from .tables import STILL_STEP_NS
 
-__all__ = ["ImageStack"]
-
 
 class ImageStack:
     """All pages of a TIFF file, in their order; thumbnails and masks are left out. Nobody states when they were taken.

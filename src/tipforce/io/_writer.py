@@ -48,8 +48,6 @@ from ._images import decode_image, encode_image
 from ._recover import check_target, lock, whole_records
 from .tables import MAX_STAMP_S
 
-__all__ = ["RecordingWriter", "write_force_csv"]
-
 LIBRARY = "tipforce"
 _FLUSH_NS = 250_000_000
 """Age at which what is pending goes to the operating system; half a second is promised, a second allowed."""

@@ -22,8 +22,6 @@ from ._priors import (
     unknown_parameters,
 )
 
-__all__ = ["CramerRaoBound", "ForceCovarianceBound"]
-
 _PLAY = "place in the backlash"
 
 

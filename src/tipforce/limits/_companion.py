@@ -16,8 +16,6 @@ from ..types import FloatArray, IntArray
 from ._bound import CramerRaoBound
 from ._priors import BROAD_FORCE_STD_N, CONTACT_FORCE_PRIORS_N2, Parameter, noise_preset
 
-__all__ = ["CompanionBound", "describe_nuisances", "read_companion_bounds"]
-
 _FEW = 4
 """Sessions that are done sooner than another process has started."""
 

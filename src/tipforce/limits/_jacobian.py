@@ -15,8 +15,6 @@ from ..simulation.rendering.camera import Lens
 from ..simulation.world import BenchModel, Device, SessionParameters, build_bench_model
 from ..types import BoolArray, FloatArray, IntArray
 
-__all__ = ["POINTS", "BoundInputs", "bound_inputs", "centreline_jacobian", "perturb_lens"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoundInputs:

@@ -12,18 +12,6 @@ from ..simulation import PRESETS, AnySimulationSettings, SimulationSettings
 from ..simulation.world import SessionParameters
 from ..types import FloatArray
 
-__all__ = [
-    "BROAD_FORCE_STD_N",
-    "CENTRELINE_NOISE",
-    "CONTACT_FORCE_PRIORS_N2",
-    "SESSION_NOISE",
-    "CentrelineNoise",
-    "DentReading",
-    "Parameter",
-    "noise_preset",
-    "unknown_parameters",
-]
-
 BROAD_FORCE_STD_N = 0.3
 """Prior standard deviation of each in-plane component of the force: broad, independent in every frame."""
 SESSION_NOISE = "detection, per session"

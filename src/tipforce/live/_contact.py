@@ -5,8 +5,6 @@ from dataclasses import replace
 from ..clinical import ClinicalState, ContactMonitor, ContactSettings, ContactState, probability_above
 from ..types import ForceEstimate
 
-__all__ = ["ContactTotals"]
-
 
 class ContactTotals:
     """`ContactMonitor` with buttons. ``start`` begins times and integral anew; ``stop`` holds the integral."""

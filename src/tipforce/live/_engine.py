@@ -27,8 +27,6 @@ from ._update import LiveHealth, LiveUpdate, SinkHealth
 from ._watchdog import Fault
 from ._zero import ZeroButton
 
-__all__ = ["Engine"]
-
 _log = logging.getLogger(__name__)
 
 _IDLE_S = 0.1

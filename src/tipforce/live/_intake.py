@@ -15,8 +15,6 @@ from ._latency import Rate
 from ._settings import LiveSettings
 from ._watchdog import CameraWatch, Fault, worst
 
-__all__ = ["Instant", "Intake"]
-
 _PAIR_NS = round(PAIR_S * 1e9)
 _BACK_NS = 1_000_000_000
 """A stamp that goes back by more is one of a clock that began anew; by less, of a frame that comes too late."""

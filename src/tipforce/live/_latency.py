@@ -5,8 +5,6 @@ from collections import deque
 
 import numpy as np
 
-__all__ = ["Histogram", "Rate", "RecentDelays"]
-
 
 class Rate:
     """Events per second over the last ``window_s``; up to ``most`` events are remembered."""

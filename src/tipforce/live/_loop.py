@@ -7,8 +7,6 @@ from typing import Literal, Protocol
 
 from ._numbers import number
 
-__all__ = ["LoopCommands", "LoopState", "LoopStatus"]
-
 LoopState = Literal["idle", "approach", "contact", "hold", "retract", "stopped"]
 
 

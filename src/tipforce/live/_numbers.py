@@ -2,8 +2,6 @@
 
 import math
 
-__all__ = ["number"]
-
 
 def number(value: float, digits: int = 5) -> float | None:
     """Rounded, or None where it is not finite.

@@ -8,8 +8,6 @@ from typing import Self
 from ..errors import InputError
 from ..types import Clock, Event, Frame, SessionInfo, Source, SystemClock
 
-__all__ = ["PacedSource"]
-
 _BEHIND_NS = 50_000_000
 """Who reads a file this much too late plays it slower from then on: a camera that is read too late sends on, a file
 waits."""

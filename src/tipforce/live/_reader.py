@@ -7,8 +7,6 @@ from ..types import Clock, Source
 from ._intake import Intake
 from ._settings import LiveSettings
 
-__all__ = ["SourceReader"]
-
 _log = logging.getLogger(__name__)
 
 

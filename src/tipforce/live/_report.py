@@ -8,8 +8,6 @@ from typing import Any
 
 from ._update import SinkHealth
 
-__all__ = ["LiveReport"]
-
 
 @dataclass(slots=True)
 class LiveReport:

@@ -11,8 +11,6 @@ from ._settings import LiveSettings
 from ._sinks import Sink
 from ._update import LiveUpdate, SinkHealth
 
-__all__ = ["SinkRunner"]
-
 _log = logging.getLogger(__name__)
 
 _LOOK_S = 0.05

@@ -7,8 +7,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from ..clinical import ContactSettings
 from ..types import MAX_AGE_S
 
-__all__ = ["LiveSettings"]
-
 _Seconds = Annotated[float, Field(gt=0, le=60)]
 
 

@@ -15,8 +15,6 @@ from ..vision import (
     image_from_clamp,
 )
 
-__all__ = ["ShapeFinder"]
-
 
 class ShapeFinder:
     """Detects the catheter in the images of one view, from when its first images have resolved how.

@@ -5,8 +5,6 @@ from typing import Protocol
 from ..types import SessionInfo
 from ._update import LiveUpdate
 
-__all__ = ["Sink"]
-
 
 class Sink(Protocol):
     """Takes updates: a page, a recording, a stream to another program, a controller.

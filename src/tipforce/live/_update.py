@@ -10,8 +10,6 @@ from typing import Literal
 from ..clinical import ClinicalState
 from ..types import MAX_AGE_S, FloatArray, ForceEstimate, Image, Status, frozen
 
-__all__ = ["CAMERA_STATES", "CameraState", "LiveHealth", "LiveUpdate", "SinkHealth", "Zero"]
-
 CameraState = Literal["waiting", "running", "late", "frozen", "black", "wrong_size", "lost"]
 CAMERA_STATES: tuple[CameraState, ...] = ("waiting", "running", "late", "frozen", "black", "wrong_size", "lost")
 """No image yet; images come; they are too old; the same one comes again and again; nothing is on them; their size

@@ -10,8 +10,6 @@ from ..types import MAX_AGE_S, Image
 from ._settings import LiveSettings
 from ._update import CAMERA_STATES, CameraState
 
-__all__ = ["CameraWatch", "Fault", "worst"]
-
 _INTERVALS = 16
 """The period is the median of so many last intervals between images: neither a slow start nor a pause changes it."""
 _AHEAD_NS = 10_000_000

@@ -13,8 +13,6 @@ from ..units import newtons_to_grams
 from ._settings import LiveSettings
 from ._update import Zero
 
-__all__ = ["ZeroButton"]
-
 _MOST, _FEWEST = 512, 3
 """Estimates that are remembered, and those that a zero needs at least."""
 _NO_CONTACT = 0.05

@@ -4,8 +4,6 @@ import numpy as np
 
 from ..types import FloatArray
 
-__all__ = ["arc_m", "element_lengths_m", "joint_spans_m", "way_m"]
-
 
 def element_lengths_m(flexible_length_m: float, rigid_length_m: float, segments: int) -> FloatArray:
     """(segments + 1,): of the segments, then of the electrode."""

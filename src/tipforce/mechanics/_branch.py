@@ -2,8 +2,6 @@
 
 from enum import IntEnum
 
-__all__ = ["Branch"]
-
 
 class Branch(IntEnum):
     """How a shape hangs together with the unloaded one. Above the buckling load one load has several equilibria."""

@@ -18,8 +18,6 @@ from .spatial._state import Elastic as SpatialElastic
 from .spatial._state import Load as SpatialLoad
 from .spatial._state import elastic_of as spatial_elastic_of
 
-__all__ = ["Derivatives", "derivatives"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Derivatives:

@@ -9,8 +9,6 @@ import numpy as np
 
 from ..types import STAGE_ACROSS, STAGE_FORWARD, FloatArray
 
-__all__ = ["HEART_WAVES", "HeartMotion", "half_wave", "sine"]
-
 Wave = Callable[[FloatArray], FloatArray]
 
 # Centre and width in degrees of the cycle, and height: what is left of P, R and T when only the half-waves above the

@@ -12,18 +12,6 @@ from scipy.optimize import least_squares
 from ..types import FloatArray, frozen
 from ._derivatives import Derivatives
 
-__all__ = [
-    "CentrelineNoise",
-    "CramerRaoBound",
-    "Information",
-    "LineNoise",
-    "Priors",
-    "cramer_rao",
-    "fisher_information",
-    "posterior_covariance",
-    "posterior_covariance_along",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class CentrelineNoise:

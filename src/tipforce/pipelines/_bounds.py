@@ -9,8 +9,6 @@ if TYPE_CHECKING:
     from ..datasets import Dataset
     from ..evaluation import CramerRaoBounds
 
-__all__ = ["bounds_from"]
-
 
 def bounds_from(dataset: "Dataset", folder: Path, progress: Callable[[str, float], None]) -> "CramerRaoBounds":
     """The bounds of the sessions of ``dataset`` whose truth lies under ``folder``, or notes on why they have none."""

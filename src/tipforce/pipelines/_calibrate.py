@@ -24,8 +24,6 @@ from ..io import is_image, read_image
 from ..types import SessionInfo, ViewInfo, bench_text, edited_bench
 from ._estimate import session_info_from
 
-__all__ = ["CalibrateReport", "calibrate", "describe_calibration", "plot_calibration"]
-
 _SPLIT = 0.9
 """Of the progress: reading the recordings takes longest."""
 

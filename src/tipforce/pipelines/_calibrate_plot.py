@@ -10,8 +10,6 @@ from ..calibration import Calibration, KnobFit, SessionResult
 from ..io import atomic_path, check_image_target
 from ._plot import COLOURS, GREY, INK, plain_axes
 
-__all__ = ["draw_calibration"]
-
 
 def draw_calibration(calibration: Calibration, path: Path) -> None:
     """Three panels, of all sessions; an empty one says why."""

@@ -17,18 +17,6 @@ from ..estimators import Estimator, missing_metadata
 from ..simulation import AnySimulationSettings, LiveSimulation, SimulationSettings
 from ..types import ADVANCE, KNOB, Actuation, Event, FloatArray, ForceEstimate, Frame, Wrench
 
-__all__ = [
-    "REGIMES",
-    "ControlRun",
-    "ControlSession",
-    "Drives",
-    "Regime",
-    "bench_of_regime",
-    "live_bench",
-    "path_of_drives",
-    "run_control",
-]
-
 Regime = Literal["perpendicular", "oblique", "lateral"]
 Drives = Literal["advance", "knob", "both"]
 REGIMES: dict[str, tuple[float, float]] = {

@@ -27,8 +27,6 @@ from ._control import ControlRun, ControlSession
 from ._plot import COLOURS, GREY, INK, plain_axes
 from ._record import write_run
 
-__all__ = ["control", "plot_control", "verdict"]
-
 _COLUMNS = (
     "time_s", "state", "target_n", "force_n", "low_n", "high_n", "valid", "true_n", "position_mm", "sent_mm",
     "upper_n", "safety", "reason", "gain_n_per_mm", "heart_hz",

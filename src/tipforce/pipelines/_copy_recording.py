@@ -7,8 +7,6 @@ from ..alignment import ClockChoice, OffsetChoice, stated_clock
 from ..errors import InputError
 from ..io import RecordingReader, recover_recording
 
-__all__ = ["copy_recording"]
-
 
 def copy_recording(
     recording: Path | str,

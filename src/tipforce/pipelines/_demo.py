@@ -18,8 +18,6 @@ from .._json import read_json
 from .._processes import run_child
 from ..errors import TipforceError
 
-__all__ = ["DemoReport", "demo"]
-
 Say = Callable[[str, str | None], None]
 """Called with a line for people and its style ("bold", "cyan", "dim" or None)."""
 

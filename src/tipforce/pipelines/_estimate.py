@@ -46,8 +46,6 @@ from ..types import (
 from ..units import newtons_to_grams
 from ..vision import Reasons, VisionSettings, auto_calibrate, bends_against_knob, draw_estimate
 
-__all__ = ["COLUMNS", "EstimateReport", "estimate", "write_estimates"]
-
 COLUMNS = (
     "frame", "time_s", "stamp_ns", "magnitude_n", "magnitude_low_n", "magnitude_high_n",
     "fx_n", "fx_low_n", "fx_high_n", "fy_n", "fy_low_n", "fy_high_n", "fz_n", "fz_low_n", "fz_high_n",

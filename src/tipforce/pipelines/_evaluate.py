@@ -27,8 +27,6 @@ from ._bounds import bounds_from
 from ._estimate import session_info_from
 from ._train import Data, data_of
 
-__all__ = ["EvaluateReport", "evaluate", "thesis_settings"]
-
 Protocol = Literal["all", "random", "blocked", "session", "thesis", "standard", "catheter", "saved"]
 
 

@@ -13,8 +13,6 @@ from ..types import Event, FloatArray, Frame, Image, Wrench
 from ..vision import SessionDetector, VisionSettings
 from ._summary import RecordingSummary
 
-__all__ = ["PHASES", "Guide", "Phase", "missing_for_training"]
-
 _QUIET_N = 0.02
 """Range of the means of half seconds while nothing touches; with more the tare is begun again."""
 _HALF_S = 0.5

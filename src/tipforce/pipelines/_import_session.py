@@ -29,8 +29,6 @@ from ._estimate import session_info_from
 from ._record import RecordingReport, refuse_target, write_run
 from ._summary import summarise_recording
 
-__all__ = ["Readings", "import_session", "merged"]
-
 Logs = Path | str | Sequence[Path | str] | Mapping[str, Path | str] | None
 """A force log, several logs, or kind -> log."""
 

@@ -12,8 +12,6 @@ from ..vision import InspectSettings
 from ._estimate import session_info_from
 from ._inspect_images import InspectionResult, inspect_frames, inspect_image_file, inspect_sessions
 
-__all__ = ["inspect"]
-
 
 def inspect(
     path: str | Path,

@@ -25,8 +25,6 @@ from ..vision import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["InspectionResult", "inspect_frames", "inspect_image_file", "inspect_sessions"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InspectionResult:

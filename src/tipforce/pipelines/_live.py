@@ -36,8 +36,6 @@ from ._live_control import HoldSettings, LiveControl
 from ._live_page import LivePage, PageAddress
 from ._simulate import preset_settings
 
-__all__ = ["LiveRunSettings", "live", "live_line", "open_live_source"]
-
 _SESSION_S = 95.0
 """A simulated session with drives has so many seconds besides its beginning: more take longer to draw."""
 _FRAME_S = 1 / 30

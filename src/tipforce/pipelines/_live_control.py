@@ -16,8 +16,6 @@ from ..live import LiveUpdate, LoopState, LoopStatus, Sink
 from ..types import ADVANCE, KNOB, Actuators, Clock, SessionInfo
 from ._control import Drives, Regime
 
-__all__ = ["AXES", "HoldSettings", "LiveControl"]
-
 _log = logging.getLogger(__name__)
 
 AXES: dict[Drives, tuple[str, ...]] = {"advance": (ADVANCE,), "knob": (KNOB,), "both": (ADVANCE, KNOB)}

@@ -15,8 +15,6 @@ from ._live_control import LiveControl
 if TYPE_CHECKING:
     from ..live.server import PageServer
 
-__all__ = ["LivePage", "PageAddress"]
-
 
 @dataclass(frozen=True, slots=True)
 class PageAddress:

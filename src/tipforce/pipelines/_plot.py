@@ -12,8 +12,6 @@ from ..io import ClockMap, RecordingReader, atomic_path
 from ..types import FloatArray, Image
 from ..units import newtons_to_grams
 
-__all__ = ["COLOURS", "GREY", "INK", "plain_axes", "plot_run"]
-
 INK, GREY = "#15202b", "#8a939c"
 COLOURS = ("#0072b2", "#d55e00", "#009e73")
 FINDING_COLOURS: dict[str, str] = {

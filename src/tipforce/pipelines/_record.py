@@ -30,8 +30,6 @@ from ..types import STAGE, Clock, Event, FloatArray, Frame, Image, IntArray, Sen
 from ..vision import DetectedShape, ShapeDetector, VisionSettings, auto_calibrate
 from ._summary import RecordingSummary, summarise_recording
 
-__all__ = ["Analysis", "Ended", "RecordingReport", "record", "refuse_target", "write_run"]
-
 Analysis = Literal["afterwards", "along"]
 
 _COVERED = 0.9

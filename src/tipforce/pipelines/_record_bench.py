@@ -32,8 +32,6 @@ from ._record import Ended, RecordingReport, record
 from ._simulate import preset_settings
 from ._stage_motion import StageMotion
 
-__all__ = ["BenchRecording", "describe_health"]
-
 _TO_START_S = 60.0
 """For the stage to get to where its motion begins."""
 _CONNECT_S = 10.0

@@ -15,8 +15,6 @@ from ..simulation import simulate as simulate_sessions
 from ._simulate_samples import write_samples
 from ._simulate_sessions import FORMS, refuse_form
 
-__all__ = ["SimulateReport", "preset_settings", "simulate", "simulate_dataset"]
-
 
 @dataclass(frozen=True)
 class SimulateReport:

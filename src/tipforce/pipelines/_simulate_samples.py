@@ -27,8 +27,6 @@ from ..simulation import (
 )
 from ..types import Actuation, Frame, IntArray, Observation
 
-__all__ = ["write_samples"]
-
 _BYTES_PER_PX = {False: 0.2, True: 2.6}
 """Of an image, lossless or not, with a margin."""
 _LARGE = 1e9

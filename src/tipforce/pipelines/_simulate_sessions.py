@@ -11,8 +11,6 @@ from ..simulation.rendering.fluoroscope import XrayScene, write_dicom
 from ..types import Frame, SimulatedClock
 from ._record import record
 
-__all__ = ["FORMS", "leave_dicom", "leave_files", "record_session", "refuse_form"]
-
 
 def record_session(bench: SimulatedBench, target: Path, tick: Callable[[], None], lossless: bool = False) -> None:
     """Record ``bench``, with what its session metadata state of sensor, tare and view."""

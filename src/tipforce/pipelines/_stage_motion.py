@@ -11,8 +11,6 @@ from ..hardware import GrblActuators, MotionConfig
 from ..mechanics import HeartMotion
 from ..types import STAGE_ACROSS, STAGE_FORWARD, AxisLimits
 
-__all__ = ["StageMotion"]
-
 _RAMP_S = 2.0
 """The motion grows from rest within this time."""
 _SAMPLES = 2000

@@ -14,8 +14,6 @@ from ..io import SUBTRACTED_FORCE, ClockMap, Inertia, RecordingInfo, RecordingRe
 from ..types import FloatArray, SessionInfo
 from ..units import newtons_to_grams
 
-__all__ = ["RecordingSummary", "describe_recording", "plot_summary", "summarise_recording"]
-
 
 @dataclass(frozen=True, slots=True)
 class RecordingSummary:

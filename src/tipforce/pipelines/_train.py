@@ -27,8 +27,6 @@ from ..estimators import train as fit
 from ..types import SessionInfo
 from ._estimate import session_info_from
 
-__all__ = ["Data", "TrainReport", "data_of", "train"]
-
 Data = str | Path | Dataset | Sequence[str | Path | Dataset]
 """Labelled samples: a dataset, or recordings, a dataset folder, Parquet shards or a published layout; or several."""
 _STEPS = 1000

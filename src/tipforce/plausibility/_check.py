@@ -9,8 +9,6 @@ from ..types import BoolArray, FloatArray, IntArray
 from ._findings import MAX_GAP_S, FindingKind, ForceFinding, ForcePlausibility, stretches
 from ._noise import AxisNoise, axis_noise, run_lengths
 
-__all__ = ["check_force_log"]
-
 _MIN_READINGS = 100
 """Fewer readings show neither noise nor a plateau."""
 _MIN_CLIPPED = 10

@@ -7,8 +7,6 @@ import numpy as np
 from ..types import FloatArray
 from ._zero_steps import resting
 
-__all__ = ["find_drift"]
-
 _WINDOW_S = 5.0
 _MIN_REST_S = 0.3
 """Least time at rest in a window that gives a level."""

@@ -11,8 +11,6 @@ import numpy as np
 from .._json import parse_json
 from ..types import BoolArray, FloatArray, IntArray
 
-__all__ = ["MAX_GAP_S", "FindingKind", "ForceFinding", "ForcePlausibility", "stretches"]
-
 MAX_GAP_S = 0.05
 """Readings farther apart give no force to the images between them. Over 50 ms a straight line is off by less than 5 mN
 on the beats of the simulated bench (0.3 N, 90 beats a minute)."""

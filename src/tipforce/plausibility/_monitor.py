@@ -12,8 +12,6 @@ from ._check import check_force_log
 from ._findings import ForceFinding, ForcePlausibility
 from ._zero_steps import find_zero_steps
 
-__all__ = ["ForceMonitor"]
-
 _WINDOW_NS, _EVERY_NS = 10_000_000_000, 1_000_000_000
 """The check runs at most once a second, on the readings of the last ten seconds."""
 _MAX_READINGS = 20_000

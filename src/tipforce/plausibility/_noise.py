@@ -7,8 +7,6 @@ import numpy as np
 
 from ..types import FloatArray, IntArray
 
-__all__ = ["AxisNoise", "axis_noise", "run_lengths"]
-
 _WINDOW = 51
 """Readings of a window in which noise is measured."""
 _MIN_WINDOWS = 20

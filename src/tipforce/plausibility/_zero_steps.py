@@ -13,8 +13,6 @@ from scipy.ndimage import uniform_filter1d
 from ..types import BoolArray, FloatArray, IntArray
 from ._noise import axis_noise
 
-__all__ = ["ZeroStep", "find_zero_steps", "resting"]
-
 _MIN_READINGS = 100
 
 _FIT_S, _FIT_READINGS = 8e-3, (3, 20)

@@ -30,8 +30,6 @@ from ._trajectory_sampling import Readings, TrajectoryInterpolator
 from .rendering.camera import ImageTruth
 from .world import FINE, Resolution, SensorLog, Session, Trajectory, run_session
 
-__all__ = ["SimulatedBench"]
-
 _MAX_FRAMES = 1_000_000
 """More images than any session has: where sessions share a camera, each has its own noise."""
 

@@ -5,8 +5,6 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-__all__ = ["NotNegative", "Number", "Positive", "Range", "Settings", "Share", "Some", "standard_uncertainty"]
-
 _LARGEST = 1e9
 """No value of a bench is larger, in whatever unit."""
 

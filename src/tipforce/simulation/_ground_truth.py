@@ -19,8 +19,6 @@ from ..types import BasePose, BoolArray, FloatArray, IntArray
 from ._bench import SimulatedBench
 from ._fields import Settings
 
-__all__ = ["Truth", "ViewTruth", "collect_truth", "read_truth", "settings_record", "truth_path", "write_truth"]
-
 _SUFFIX = ".truth.npz"
 _REMEDY = "delete it with its recording and run `tipforce simulate` again"
 Bytes = npt.NDArray[np.uint8]

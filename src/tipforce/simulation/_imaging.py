@@ -16,8 +16,6 @@ from .rendering.camera import CameraRenderer, CameraScene, Framing, ImageTruth, 
 from .rendering.fluoroscope import Pulse, XrayRenderer, XrayScene, sample_xray_scene
 from .world import APPROACH_S, BenchModel, Session
 
-__all__ = ["CameraImaging", "Imaging", "XrayImaging", "make_imaging", "view_names"]
-
 Exposed = Callable[[float, float, int], tuple[FloatArray, TissueState]]
 """Middle of an exposure and its length in seconds, number of instants -> shapes (m, n, 3) and the tissue."""
 _CAMERA_INSTANTS, _XRAY_INSTANTS = 9, 5

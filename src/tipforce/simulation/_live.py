@@ -31,8 +31,6 @@ from ._ground_truth import Truth, collect_truth
 from ._settings import AnySimulationSettings
 from .world import Drive, Session, Trajectory, TrajectoryIntegrator, WorldSettings, instants_until
 
-__all__ = ["LiveSimulation", "RealTimeClock", "SimulatedActuators"]
-
 _PER_UNIT = {ADVANCE: 1e3, KNOB: 1.0, STAGE_FORWARD: 1e3, STAGE_ACROSS: 1e3}
 _DIGITS = {ADVANCE: 4, KNOB: 2, STAGE_FORWARD: 4, STAGE_ACROSS: 4}
 

@@ -9,8 +9,6 @@ import numpy as np
 from ..types import FloatArray, IntArray, bench_text
 from ._bench import SimulatedBench
 
-__all__ = ["write_logs"]
-
 
 def write_logs(bench: SimulatedBench, folder: Path) -> None:
     """``force.csv``, ``stage.csv`` and ``bench.toml`` of a session, and ``knob.csv`` where the knob moves.

@@ -13,8 +13,6 @@ from ._imaging import view_names
 from ._settings import AnySimulationSettings
 from .world import APPROACH_S, FAST, require_long_enough
 
-__all__ = ["SampleSet", "sample_set"]
-
 _FIRST = 100_000
 """Recordings are sessions 0 to 999 of a seed: what single images are taken from is never one of them."""
 _OFFSET_MS = 0.5

@@ -15,8 +15,6 @@ from ._imaging import view_names
 from ._settings import AnySimulationSettings, SimulationSettings
 from .world import require_long_enough
 
-__all__ = ["WriteSession", "require_same_settings", "simulate"]
-
 
 def require_same_settings(place: Path, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
     """Raises InputError where the session at ``place`` was made from something else than ``wanted``."""

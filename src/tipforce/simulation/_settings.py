@@ -19,8 +19,6 @@ from .world.settings import (
     WorldSettings,
 )
 
-__all__ = ["PRESETS", "AnySimulationSettings", "FluoroSettings", "SimulationSettings"]
-
 
 class _BenchSettings(Settings):
     preset: str = "bench-2021"

@@ -8,8 +8,6 @@ from ..types import ADVANCE, JOINTS, KNOB, STAGE, STAGE_ACROSS, STAGE_FORWARD, A
 from .rendering.camera import TissueState
 from .world import LEAD_S, STEP_S, BenchModel, ForceSensor, Load, Resolution, Trajectory, smooth_centrelines
 
-__all__ = ["Place", "Readings", "TrajectoryInterpolator"]
-
 _POINTS = 97
 """Of the true centreline: half a millimetre apart."""
 

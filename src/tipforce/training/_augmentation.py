@@ -14,8 +14,6 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["CURVATURE", "Augmentation", "AugmentedImage", "augment_image", "centre_crop"]
-
 Grey = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]
 _Transform = tuple[float, float, npt.NDArray[np.float64]]

@@ -15,17 +15,6 @@ from ._config import TrainConfig
 from ._data import TrainingSamples
 from ._task import Task, Weights
 
-__all__ = [
-    "CHECKPOINT_FILE",
-    "LOG_FILE",
-    "TrainingLog",
-    "duration_text",
-    "progress_text",
-    "read_checkpoint",
-    "run_identity",
-    "write_checkpoint",
-]
-
 CHECKPOINT_FILE = "checkpoint.pt"
 LOG_FILE = "training.jsonl"
 

@@ -28,16 +28,6 @@ from ._task import Batch, Weights
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-__all__ = [
-    "COMPACT_OUTPUTS",
-    "COMPACT_UNIT_N",
-    "TISSUE_N_PER_M",
-    "TISSUE_OUTPUTS",
-    "CompactTask",
-    "build_compact",
-    "tissue_shares",
-]
-
 COMPACT_OUTPUTS = (
     "force_n",
     "log_variance",

@@ -11,8 +11,6 @@ from ..errors import InputError
 from ..types import IntArray
 from ._config import TrainConfig
 
-__all__ = ["HEATMAP_UNKNOWN", "TrainValSplit", "TrainingSamples", "train_val_split"]
-
 HEATMAP_UNKNOWN = 255
 """Value of every pixel of a heatmap that is not known. A catheter never fills its image, so it cannot be meant."""
 

@@ -10,8 +10,6 @@ from typing import Any
 from ..errors import MissingExtraError
 from ._config import TrainConfig
 
-__all__ = ["Device", "choose_device", "deterministic", "import_extra", "require_torch"]
-
 
 def require_torch() -> None:
     """Check that every package for training and export is installed, before any work is done.

@@ -15,8 +15,6 @@ from ._device import import_extra
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-__all__ = ["export_graph", "graph_weights", "parity_n", "store_in_half_precision", "to_single_precision"]
-
 OPSET = 18
 IR_VERSION = 10
 

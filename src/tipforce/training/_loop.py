@@ -23,8 +23,6 @@ from ._device import Device, choose_device, deterministic, require_torch
 from ._task import Task, Weights
 from ._trainer import BatchLoader, Trainer, batch_loader
 
-__all__ = ["Progress", "TrainResult", "train_network"]
-
 Progress = Callable[[str, float], None]
 """Called with a description of the current work and its finished share (0..1)."""
 

@@ -14,8 +14,6 @@ import numpy.typing as npt
 from ._device import import_extra
 from ._export import to_single_precision
 
-__all__ = ["MAX_ERROR_GROWTH", "error_growth", "group_pixels", "quantise"]
-
 MAX_ERROR_GROWTH = 0.05
 """Largest relative growth of the error by quantisation: beyond it the graph in single precision stays in use."""
 

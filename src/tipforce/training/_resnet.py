@@ -13,8 +13,6 @@ from ._task import Batch, Weights
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-__all__ = ["RESNET_OUTPUTS", "ResnetTask", "component_rms"]
-
 RESNET_OUTPUTS = ("force_n", "pooled")
 """Outputs of the network: force (n, outputs) in newtons, and the pooled features (n, `FEATURES`) it is made of."""
 

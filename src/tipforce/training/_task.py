@@ -13,8 +13,6 @@ from ._data import TrainingSamples
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-__all__ = ["Batch", "Task", "Weights", "load_weights", "network_from_weights", "network_weights"]
-
 Batch = dict[str, npt.NDArray[Any]]
 """Arrays of one batch by name, (b, ...) each: the inputs of the network and its labels."""
 

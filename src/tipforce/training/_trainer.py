@@ -17,8 +17,6 @@ from ._data import TrainingSamples
 from ._device import Device
 from ._task import Batch, Task, Weights, load_weights
 
-__all__ = ["BatchLoader", "Trainer", "batch_indices", "batch_loader"]
-
 PREFETCH = 3
 """Batches a thread that are prepared before they are asked for."""
 

@@ -4,8 +4,6 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-__all__ = ["ADVANCE", "KNOB", "STAGE_ACROSS", "STAGE_FORWARD", "AxisLimits", "Commanded", "refuse_unknown"]
-
 ADVANCE = "advance_mm"
 """The catheter's clamp, along the base tangent; the free length stays."""
 KNOB = "knob_deg"

@@ -8,8 +8,6 @@ from ..errors import InputError
 from ._bench_file import toml_key, toml_value
 from ._session import merged_values
 
-__all__ = ["edited_bench"]
-
 
 def edited_bench(text: str, values: Mapping[str, tuple[Any, str]], where: str = "bench.toml") -> str:
     r"""``text`` of a ``bench.toml`` with some of its values set.

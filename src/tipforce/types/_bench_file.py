@@ -11,8 +11,6 @@ from .._json import check_depth, read_small_text, too_deep
 from ..errors import FileFormatError, InputError
 from ._session import SessionInfo, merged_values
 
-__all__ = ["bench_text", "bench_values", "info_from_facts", "read_bench", "toml_key", "toml_value"]
-
 _TABLE = (
     ("columns", '["time_s", "", "fx_n"]', "names of all columns, for a log without a header; empty: not read"),
     ("time", '"Time [s]"', "the column with the times"),

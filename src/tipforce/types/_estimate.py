@@ -9,8 +9,6 @@ from ._arrays import BoolArray, FloatArray, frozen
 from ._shape import DetectedShape
 from ._status import Status
 
-__all__ = ["MAX_AGE_S", "ForceEstimate"]
-
 MAX_AGE_S = 1.0
 """No force counts whose image is older, whatever the settings and however slow the camera: live and in the loop."""
 

@@ -9,8 +9,6 @@ import numpy as np
 
 from ._arrays import FloatArray
 
-__all__ = ["FORCE_RANGE", "RANGES", "Range", "actuation_range"]
-
 
 @dataclass(frozen=True, slots=True)
 class Range:

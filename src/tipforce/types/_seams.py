@@ -10,8 +10,6 @@ from ._axes import AxisLimits, Commanded
 from ._session import SessionInfo
 from ._streams import Actuation, Event
 
-__all__ = ["Actuators", "Clock", "SimulatedClock", "Source", "SystemClock"]
-
 
 @runtime_checkable
 class Source(Protocol):

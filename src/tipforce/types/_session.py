@@ -15,25 +15,6 @@ from ..errors import InputError
 from ._arrays import FloatArray
 from ._ranges import RANGES, actuation_range
 
-__all__ = [
-    "BASE_SIDES",
-    "ActuationInfo",
-    "BagInfo",
-    "BaseSide",
-    "Box",
-    "Catheter",
-    "DateOrder",
-    "ForceLogInfo",
-    "LogInfo",
-    "Reads",
-    "SensorInfo",
-    "SessionInfo",
-    "StageInfo",
-    "TissueInfo",
-    "ViewInfo",
-    "merged_values",
-]
-
 BaseSide = Literal["left", "right", "top", "bottom"]
 BASE_SIDES: tuple[BaseSide, ...] = ("left", "right", "top", "bottom")
 _Pixel = Annotated[int, Interval(ge=-(1 << 62), le=1 << 62)]

@@ -8,8 +8,6 @@ import numpy as np
 from ._arrays import FloatArray, frozen
 from ._status import Status
 
-__all__ = ["BasePose", "CentrelineM", "CentrelinePx", "DetectedShape"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BasePose:

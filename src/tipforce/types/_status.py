@@ -2,8 +2,6 @@
 
 from enum import StrEnum
 
-__all__ = ["Status"]
-
 
 class Status(StrEnum):
     """Whether there is a value, and if not, why not."""

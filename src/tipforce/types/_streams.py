@@ -8,9 +8,6 @@ import numpy as np
 
 from ._arrays import FloatArray, Image, frozen
 
-__all__ = ["JOINTS", "STAGE", "Actuation", "Event", "Frame", "Observation", "ShapeFeatures", "View", "Wrench"]
-
-
 JOINTS = "joints"
 """Stream of the catheter's own drives."""
 STAGE = "stage"

@@ -10,8 +10,6 @@ from ._session_size import for_session
 from ._settings import ResolvedVision
 from .tracer import Tracer
 
-__all__ = ["bends_against_knob"]
-
 _REST_PX = 1.5
 """A shaft whose tip lies within this radius rests: noise moves it by some tenths of a pixel."""
 _REST_SHARE, _LEAST = 0.25, 4

@@ -15,8 +15,6 @@ from ._session_size import for_session, learn_length, learn_tip_template, nomina
 from ._settings import SIDES, BaseSide, Polarity, ResolvedVision, VisionSettings
 from .tracer import Trace, Tracer, base_box, find_mouths
 
-__all__ = ["auto_calibrate", "is_resolved"]
-
 _FRAMES = 16
 _TEMPLATES = 3
 """The tip template is learnt so many times: with it the tip is found more often."""

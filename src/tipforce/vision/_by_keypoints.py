@@ -12,8 +12,6 @@ from ._settings import SIDES, Box, KeypointPrior, ResolvedVision, VisionSettings
 from .keypoints import Located, consensus, locate, probability, signs
 from .tracer import Tracer
 
-__all__ = ["KeypointDetector", "find_by_keypoints"]
-
 _FRAMES = 3
 """From fewer images nothing is told."""
 _SHARE = 0.2

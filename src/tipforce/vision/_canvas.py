@@ -10,8 +10,6 @@ import numpy as np
 from ..geometry import arc_length
 from ..types import BoolArray, FloatArray, Image
 
-__all__ = ["BLACK", "FONT", "SHIFT", "WHITE", "Canvas", "Colour", "fixed", "plain", "rgb"]
-
 Colour = tuple[int, int, int]
 
 TINT: Colour = (40, 150, 255)

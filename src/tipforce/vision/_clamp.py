@@ -4,8 +4,6 @@ import numpy as np
 
 from ..types import Image
 
-__all__ = ["INWARD", "image_from_clamp"]
-
 INWARD = {"left": (1, 0), "bottom": (0, -1), "right": (-1, 0), "top": (0, 1)}
 """By the border that the shaft comes from: direction (u, v) into the image."""
 

@@ -12,8 +12,6 @@ from ..geometry import fit_polynomial
 from ..types import BasePose, BoolArray, CentrelinePx, DetectedShape, FloatArray, Image, IntArray, Status
 from ._settings import ResolvedVision, VisionSettings
 
-__all__ = ["ClassicDetector", "ClassicSteps", "grey_of", "resampled"]
-
 DEGREE = 4
 """Of the polynomial, thesis eq. (2)."""
 SOLID = 0.6

@@ -10,8 +10,6 @@ from ._classic import ClassicDetector
 from ._settings import BaseSide, ResolvedVision, VisionSettings
 from .tracer import Tracer
 
-__all__ = ["ShapeDetector"]
-
 
 class _Detector(Protocol):
     def detect(self, image: Image) -> DetectedShape: ...

@@ -17,8 +17,6 @@ from ._settings import ResolvedVision
 from ._tip_consensus import flanks_about_tip
 from .tracer import Trace, Tracer
 
-__all__ = ["TWO_OBJECTS", "doubt", "doubting", "enough_images", "stands_still"]
-
 TWO_OBJECTS = "two objects could be the catheter"
 _FRAMES = 3
 """From fewer images of a session nothing is told."""

@@ -10,8 +10,6 @@ from ..types import BoolArray, DetectedShape, FloatArray, ForceEstimate, Image
 from ..units import newtons_to_grams
 from ._canvas import FONT, SHIFT, WHITE, Canvas, Colour, fixed, plain, rgb
 
-__all__ = ["TALLEST", "contact_sheet", "draw_estimate", "draw_shape", "shaft_mask"]
-
 CENTRELINE: Colour = (255, 214, 0)
 FITTED: Colour = (255, 70, 220)
 X_AXIS: Colour = (255, 60, 50)

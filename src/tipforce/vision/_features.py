@@ -12,8 +12,6 @@ from ..errors import InputError
 from ..geometry import angle_matrix, curve_from_angle, fit_polynomial, turning_angles
 from ..types import BasePose, CentrelinePx, DetectedShape, FloatArray, Status
 
-__all__ = ["NoFeatures", "ShapeFeatureSettings", "feature_names", "fitted_curve", "shape_features"]
-
 
 class ShapeFeatureSettings(BaseModel):
     """Which numbers describe a shape."""

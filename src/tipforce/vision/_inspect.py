@@ -17,8 +17,6 @@ from ._draw import TALLEST, contact_sheet, draw_shape
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._settings import ResolvedVision, VisionSettings
 
-__all__ = ["InspectSettings", "Inspection", "Reasons", "Tally", "inspect_image"]
-
 _NAMED = 6
 """So many names of images in which nothing was found are listed."""
 

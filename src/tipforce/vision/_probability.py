@@ -2,8 +2,6 @@
 
 import math
 
-__all__ = ["probability_right"]
-
 _INTERCEPT = -2.73
 _SEEN, _SEEN_END, _FLANKS, _FRONT, _UNKNOWN, _DIFFERENCE, _SCATTER = -5.69, -0.07, -2.04, -0.13, 8.37, 4.40, 3.19
 """Weights of a logistic regression on simulated sessions: docs/results/vision.md says which."""

@@ -10,8 +10,6 @@ from ._doubt import enough_images
 from ._session_size import for_session, nominal_px, with_view
 from ._settings import BaseSide, ResolvedVision, VisionSettings
 
-__all__ = ["SessionCalibration", "SessionDetector", "session_vision"]
-
 _FIRST, _EVERY = 50, 5
 """The detection is resolved on the first 50 images, every fifth of them."""
 _KEPT = 16

@@ -10,8 +10,6 @@ from ..types import FloatArray, Image, SessionInfo
 from ._settings import ResolvedVision, VisionSettings
 from ._tip_consensus import axis_offset, build_tip_template, common_tip, shift_tip
 
-__all__ = ["for_session", "learn_length", "learn_tip_template", "nominal_px", "on_axis", "with_nominal", "with_view"]
-
 _WIDER = 1.03
 """Detected flanks are so much further apart than the catheter is thick: blur and the lustre of its rim."""
 _SHOWN, _GIVE = 0.97, 0.08

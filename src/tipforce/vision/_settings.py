@@ -7,8 +7,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from ..errors import InputError
 from ..types import Box
 
-__all__ = ["SIDES", "BaseSide", "Box", "KeypointPrior", "Polarity", "ResolvedVision", "VisionSettings"]
-
 Polarity = Literal["auto", "dark", "light"]
 BaseSide = Literal["auto", "left", "right", "top", "bottom"]
 SIDES: tuple[Literal["left", "right", "top", "bottom"], ...] = ("left", "right", "top", "bottom")

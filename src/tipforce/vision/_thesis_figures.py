@@ -11,8 +11,6 @@ from ._classic import ClassicSteps
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["figure_17", "figure_18"]
-
 CURVE = "#c2185b"
 X_AXIS, Y_AXIS = "#d32f2f", "#2e7d32"
 

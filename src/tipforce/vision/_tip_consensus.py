@@ -19,8 +19,6 @@ from ..geometry import arc_length
 from ..types import FloatArray, Image
 from .tracer import TEMPLATE_COLUMNS, TEMPLATE_ROWS, TEMPLATE_WIDTH
 
-__all__ = ["axis_offset", "build_tip_template", "common_tip", "flanks_about_tip", "shift_tip"]
-
 _STEP_PX = 0.5
 _ACROSS, _WIDTH = 9, 0.85
 """Points across the shaft, and how far the outermost lie from the axis in radii."""

@@ -15,8 +15,6 @@ from ...types import Catheter, FloatArray, SessionInfo
 from .._dataset import Dataset
 from .._stores import ImageArray
 
-__all__ = ["open_layout", "recognises"]
-
 SESSION = "soft-arm"
 REMARKS = (
     "github.com/chendaxia777/Vision-force-estimation, commit 87f02557, All_1camera/no_pressure; the stamps are "

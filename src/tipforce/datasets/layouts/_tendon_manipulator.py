@@ -17,8 +17,6 @@ from .._dataset import Dataset
 from .._label_table import check_stamps
 from .._stores import ShapeTable
 
-__all__ = ["TARE_ROWS", "open_layout", "recognises"]
-
 TARE_ROWS = 10
 """Each session is tared by the median of so many first rows."""
 

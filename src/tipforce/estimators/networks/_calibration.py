@@ -13,8 +13,6 @@ from ...types import FloatArray, IntArray
 from ._graph import Graph
 from ._preparation import Arrays
 
-__all__ = ["CalibrationBatch", "Outputs", "quantise_checked", "spread_evenly"]
-
 Outputs = Mapping[str, npt.NDArray[Any]]
 """Outputs of a graph by name, (n, ...) each."""
 

@@ -12,15 +12,6 @@ from ._calibration import Outputs
 from ._rate_compensation import History, RateCompensation
 from ._tissue import TissueBelief
 
-__all__ = [
-    "AbstentionLimits",
-    "CompactEstimateBuilder",
-    "component_sigma",
-    "fit_abstention_limits",
-    "heatmap_pixels",
-    "largest_trusted_sigma",
-]
-
 _HEATMAP_SHARE = 0.3
 """A heatmap with less than this share of the smallest usual number of pixels shows no catheter."""
 _WRONG_SHARE = 0.05

@@ -17,8 +17,6 @@ from ...errors import InputError, MissingExtraError, ModelError
 from ._graph_file import check_graph_file
 from ._stored_names import current_graph_name
 
-__all__ = ["Graph"]
-
 _Arrays = dict[str, npt.NDArray[Any]]
 _Shape = tuple[int | None, ...]
 _KINDS: dict[str, str] = {"tensor(uint8)": "uint8", "tensor(float)": "float32"}

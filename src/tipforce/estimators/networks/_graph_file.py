@@ -8,8 +8,6 @@ from collections.abc import Iterator
 
 from ...errors import ModelError
 
-__all__ = ["MAX_GRAPH_BYTES", "OPERATORS", "check_graph_file"]
-
 MAX_GRAPH_BYTES = 1 << 29
 """Longest file of a graph; that of `dcfe` has 22 MB."""
 MAX_FIELDS = 1_000_000

@@ -19,18 +19,6 @@ from ...errors import InputError
 from ...types import Image, SessionInfo
 from ...vision import INWARD
 
-__all__ = [
-    "BASE_SIDES",
-    "RESNET_SIZE_PX",
-    "WINDOW_LENGTHS",
-    "Window",
-    "catheter_window",
-    "crop_window",
-    "enlarged",
-    "moved",
-    "resize_to_resnet",
-]
-
 RESNET_SIZE_PX = 224
 """Side of the image of the thesis's network."""
 

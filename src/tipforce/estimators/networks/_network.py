@@ -55,8 +55,6 @@ from ._preparation import (
 )
 from ._stored_names import current_array_names, current_weight_names
 
-__all__ = ["GRAPH_FILE", "MAX_PARITY_N", "MIN_SAMPLES", "BuildEstimate", "FittedNetwork", "NetworkEstimator"]
-
 MIN_SAMPLES = 20
 """Least number of samples for training and validation."""
 

@@ -6,9 +6,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from .._values import LARGEST
 
-__all__ = ["NetworkState"]
-
-
 _Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 
 

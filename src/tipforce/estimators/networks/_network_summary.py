@@ -6,8 +6,6 @@ from typing import Any
 from ...training import duration_text
 from .._summary import ModelSummary, half_width_text, left_out_text, magnitude_intervals
 
-__all__ = ["network_summary"]
-
 
 def network_summary(facts: Mapping[str, Any]) -> ModelSummary:
     """Returns the summary of the facts that `NetworkEstimator.describe` gives."""

@@ -19,21 +19,6 @@ from ...training import TrainingSamples
 from ...types import BoolArray, Image, IntArray, Observation
 from .._reading import Abstention, read_actuation
 
-__all__ = [
-    "PREPARED_FILE",
-    "Arrays",
-    "InputReader",
-    "PreparedData",
-    "Spec",
-    "Specs",
-    "actuation_spec",
-    "prepare",
-    "read_inputs",
-    "standardisation",
-    "training_components",
-    "training_samples",
-]
-
 PREPARED_FILE = "prepared.json"
 _MAX_NOTE_BYTES = 256 << 20
 """Longest `PREPARED_FILE`: some 9 bytes a sample."""

@@ -14,15 +14,6 @@ import numpy.typing as npt
 from ...types import FloatArray, IntArray
 from ._calibration import CalibrationBatch
 
-__all__ = [
-    "MAX_COMPENSATION_S",
-    "History",
-    "RateCompensation",
-    "earlier_samples",
-    "fit_rate_compensation",
-    "rate_compensation_from",
-]
-
 MIN_ELAPSED_S, MAX_ELAPSED_S = 0.03, 0.15
 """Time over which the change is taken: less is noise, more is another phase of the heartbeat."""
 

@@ -8,8 +8,6 @@ from pydantic import Field, model_validator
 from ...training import Augmentation, Batch, ClipNorm, Epochs, Rate, TrainConfig, WarmupEpochs, WeightDecay
 from ._image_input import WINDOW_LENGTHS
 
-__all__ = ["CompactSettings", "DcfeSettings"]
-
 
 class NetworkSettings(TrainConfig):
     """Settings of all networks."""

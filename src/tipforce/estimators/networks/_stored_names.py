@@ -7,8 +7,6 @@ these tables. What is written now has the new names, to which the tables do noth
 from collections.abc import Mapping
 from typing import TypeVar
 
-__all__ = ["current_array_names", "current_graph_name", "current_weight_names"]
-
 _Value = TypeVar("_Value")
 
 _GRAPH = {

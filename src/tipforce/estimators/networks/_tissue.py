@@ -16,8 +16,6 @@ from ...types import FloatArray, IntArray
 from .._values import stored_array, stored_number
 from ._preparation import Arrays
 
-__all__ = ["TissueBelief", "TissueEvidence", "fit_tissue_evidence", "log_softmax"]
-
 SPACING_S = 0.25
 """Frames that follow each other by this time or more count in full, nearer ones in proportion."""
 FORGOTTEN_S = 120.0

@@ -10,8 +10,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-__all__ = ["TRIAL_BYTES", "TRIAL_S", "try_graph"]
-
 TRIAL_S = 60.0
 """Time for loading a graph and one run on one core; `dcfe` takes 1 s."""
 TRIAL_BYTES = 4 << 30

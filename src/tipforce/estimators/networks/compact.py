@@ -60,8 +60,6 @@ from ._rate_compensation import MAX_COMPENSATION_S, History, RateCompensation, r
 from ._settings import CompactSettings
 from ._tissue import TissueBelief, TissueEvidence, fit_tissue_evidence
 
-__all__ = ["METADATA_FEATURES", "Compact", "CompactStream", "metadata_features"]
-
 METADATA_FEATURES = ("log_stiffness", "log_length", "diameter", "bend")
 """Logarithms of stiffness and length over the values below; diameter over that below, less one; the curvature that the
 knob sets, times the length."""

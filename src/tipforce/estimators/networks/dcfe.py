@@ -14,8 +14,6 @@ from ._network import BuildEstimate, NetworkEstimator
 from ._preparation import Arrays, InputReader, Specs
 from ._settings import DcfeSettings
 
-__all__ = ["Dcfe"]
-
 _IGNORED_DIRECTIONS = 20
 """Principal directions of the pooled features along which in-distribution images differ: the first holds nearly all of
 their variance."""

@@ -14,8 +14,6 @@ from .._builder import MAX_FORCE_N, implausible
 from ..uncertainty import GAUSS_90, ForceStrata, conformal_half_width, fit_strata, interval_basis
 from ._posterior import Mixed
 
-__all__ = ["Widths", "calibrated_widths"]
-
 _KNOWN = np.array([True, True, False])
 _KNOWN.setflags(write=False)
 _Width = TypeVar("_Width", float, FloatArray)

@@ -10,8 +10,6 @@ from .._reading import Abstention
 from .._session_detection import SessionDetection
 from ._lines import LineFrame
 
-__all__ = ["Detected", "Detection"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detected:

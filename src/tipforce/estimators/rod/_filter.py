@@ -19,8 +19,6 @@ from ._noise_level import NoiseLevel
 from ._outcome import Outcome, tempered
 from ._settings import RodTrackSettings
 
-__all__ = ["COUNT", "ContactFilter"]
-
 COUNT = len(UNKNOWNS) + MODES + FORCE
 """Unknowns: of the rod, lasting errors of the line, rates of the force."""
 _RATE = slice(COUNT - FORCE, COUNT)

@@ -15,8 +15,6 @@ from ...types import FloatArray, SessionInfo
 from ._lines import POINTS
 from ._settings import NoiseSettings, RodSettings
 
-__all__ = ["HELD", "MODES", "NEEDED", "Knowledge", "LineError", "noise_unit_m", "rod_model", "stated_stds"]
-
 MODES = 6
 """So many shapes of the error that stays for a session are unknowns of `rod-track`; the rest counts as fresh."""
 HELD = 1e12

@@ -21,8 +21,6 @@ from ._knowledge import MODES, Knowledge, LineError, noise_unit_m, rod_model
 from ._lines import POINTS
 from ._settings import RodSettings
 
-__all__ = ["learn"]
-
 _FRAMES = 48
 """So many frames of each session, from all over it."""
 _STATED = ("length", "scale", "tilt_x_per_m", "tilt_y_per_m", "distortion_per_m2", "creep")

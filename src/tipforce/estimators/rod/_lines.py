@@ -9,8 +9,6 @@ from ...mechanics.planar import Line
 from ...types import CentrelinePx, FloatArray
 from ...vision import INWARD
 
-__all__ = ["POINTS", "LineFrame"]
-
 POINTS = 22
 """Of the line: one about every ten pixels of a shaft; neighbours' errors are correlated over 14."""
 

@@ -9,8 +9,6 @@ import math
 
 from ._settings import NoiseSettings
 
-__all__ = ["NoiseLevel", "noisier"]
-
 _USUAL_MISFIT = 0.15
 """Mean square misfit up to which the noise is as stated: 0.07 to 0.2 in sessions of `bench-2021`, whose errors last
 longer than their model says, so that the stated ones are large."""

@@ -12,8 +12,6 @@ from ._calibration import Widths
 from ._posterior import force_over_contact
 from ._settings import RodSettings
 
-__all__ = ["Outcome", "estimate_of", "tempered", "unfit"]
-
 _FIRM = 2e-3
 """Softest pivot of the rod's Hessian, over EI / h, below which a fold is near."""
 

@@ -13,8 +13,6 @@ from numba import njit
 
 from ...types import FloatArray
 
-__all__ = ["ForcePrior", "Mixed", "force_over_contact"]
-
 _ALONG = 61
 _REACH = 4.0
 """Points along the long axis of the fitted Gaussian, within so many of its standard deviations."""

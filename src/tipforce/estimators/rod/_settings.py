@@ -7,8 +7,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from ...vision import VisionSettings
 from ._posterior import ForcePrior
 
-__all__ = ["NoiseSettings", "PriorSettings", "RodSettings", "RodTrackSettings"]
-
 _Std = Annotated[float, Field(gt=0, le=1e6)]
 _Share = Annotated[float, Field(gt=0, lt=0.5)]
 _FROZEN = ConfigDict(frozen=True, extra="forbid")

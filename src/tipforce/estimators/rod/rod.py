@@ -31,8 +31,6 @@ from ._noise_level import noisier
 from ._outcome import Outcome, estimate_of, tempered
 from ._settings import RodSettings
 
-__all__ = ["Rod", "RodEstimator", "RodStream"]
-
 _STEPS = 60
 _NOISIER, _MISFITS = 2, 1.5
 """So often at most a line is fitted again with more noise, where the mean square misfit is more than this."""

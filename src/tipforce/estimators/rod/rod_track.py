@@ -22,8 +22,6 @@ from ._outcome import estimate_of, unfit
 from ._settings import RodTrackSettings
 from .rod import RodEstimator, actuation_out_of_range
 
-__all__ = ["RodTrack", "RodTrackStream"]
-
 
 class RodTrack(RodEstimator):
     """All frames so far; see the module."""

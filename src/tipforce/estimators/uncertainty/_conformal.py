@@ -18,18 +18,6 @@ import numpy.typing as npt
 from ...types import BoolArray, FloatArray
 from ._strata import ForceStrata, fit_strata
 
-__all__ = [
-    "COVERAGE",
-    "Interval",
-    "IntervalBasis",
-    "conformal_half_width",
-    "conformal_interval",
-    "interval_basis",
-    "interval_from_errors",
-    "sessions_for_guarantee",
-    "wider_interval",
-]
-
 COVERAGE = 0.9
 
 _MOST_GENERATIONS = 64

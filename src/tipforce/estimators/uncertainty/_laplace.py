@@ -14,8 +14,6 @@ import numpy.typing as npt
 from ...types import FloatArray
 from .._values import stored_array
 
-__all__ = ["LastLayerLaplace", "fit_laplace"]
-
 _PRIOR_PRECISION = 1.0
 """Precision of the last layer's weights before training, in units of one sample's."""
 

@@ -8,8 +8,6 @@ import numpy.typing as npt
 from ...types import BoolArray, FloatArray
 from ._conformal import Interval, interval_from_errors
 
-__all__ = ["GAUSS_90", "gaussian_interval", "magnitude_sigma", "normalised_interval"]
-
 GAUSS_90 = 1.6448536269514722
 """Half the 90 % interval of a Gaussian, in standard deviations."""
 

@@ -15,8 +15,6 @@ import numpy.typing as npt
 from ...types import FloatArray, ForceEstimate, Status
 from .._values import stored_array
 
-__all__ = ["FeatureDistribution", "OodDetector", "fit_feature_distribution", "fit_ood_detector"]
-
 _MAX_DIRECTIONS, _EXPLAINED_VARIANCE = 100, 0.95
 """Largest number of principal directions, and the share of the variance that they explain."""
 _THRESHOLD_QUANTILE = 0.995

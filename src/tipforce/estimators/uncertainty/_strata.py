@@ -25,8 +25,6 @@ from scipy.special import ndtri, stdtrit
 
 from ...types import FloatArray
 
-__all__ = ["ForceStrata", "fit_strata"]
-
 _TAIL = 0.05
 """Share of the errors beyond either end."""
 _COVERAGE = 1.0 - 2.0 * _TAIL

@@ -30,8 +30,6 @@ from ._figures_results import (
 from ._figures_thesis import figure_23a, figure_23b, figure_24, figure_31, figure_32, sample_sheet
 from ._style import METHOD_COLOURS, WIDE_IN, WIDTH_IN, Drawing, drawing_of, image_drawing, window_words
 
-__all__ = ["HEAD", "head_drawings", "method_drawings", "traces_of", "whole_session"]
-
 HEAD = (
     "trace", "scatter", "agreement", "coverage_force", "coverage_angle", "retention", "splits", "comparison", "bound",
     "perturbed",

@@ -9,8 +9,6 @@ from matplotlib.figure import Figure
 from .._constant import Constant
 from ._style import GREY, INK, METHOD_COLOURS, WIDE_IN, grams_axis, make_figure
 
-__all__ = ["figure_comparison"]
-
 _MARKERS = "os^DvPX*"
 
 

@@ -16,8 +16,6 @@ from .._constant import Constant
 from .._ground_truth import BOUND_KINDS
 from ._style import COLOURS, GREY, METHOD_COLOURS, grams_axis, legend_above, make_figure
 
-__all__ = ["figure_bound", "figure_perturbed", "figure_training", "kept_epoch", "training_log"]
-
 _TRAINING_LOG = "training.jsonl"
 """The file of a fitted method that holds a JSON object an epoch."""
 _LOG_FIELDS = ("epoch", "training_error_n", "validation_error_n")

@@ -28,19 +28,6 @@ from ._style import (
     mark_line,
 )
 
-__all__ = [
-    "figure_bland_altman",
-    "figure_coverage",
-    "figure_residuals",
-    "figure_retention",
-    "figure_scatter",
-    "figure_sessions",
-    "figure_splits",
-    "figure_trace",
-    "typical_session",
-]
-
-
 _TRACE = 900
 """Samples of a session that a time trace shows."""
 

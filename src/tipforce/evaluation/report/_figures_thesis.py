@@ -14,8 +14,6 @@ from .._metrics import percent_of_true
 from .._predictions import Predictions
 from ._style import COLOURS, MANY_POINTS, WIDTH_IN, grams_axis, legend_above, make_figure
 
-__all__ = ["figure_23a", "figure_23b", "figure_24", "figure_31", "figure_32", "sample_sheet"]
-
 _LEGIBLE = 300
 """More samples than these cannot be told apart in a line over the sample number."""
 _SAMPLES, _COLUMNS = 12, 4

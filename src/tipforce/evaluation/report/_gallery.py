@@ -15,8 +15,6 @@ from .._evaluate import Evaluation
 from .._predictions import Predictions
 from ._style import COLOURS, GREY, jpeg_uri, make_figure, page_svg, to_svg
 
-__all__ = ["Card", "worst_frames"]
-
 _WIDTH_PX = 560
 _APART_NS = 1_000_000_000
 

@@ -17,8 +17,6 @@ from ._style import Drawing
 from ._summary import summary
 from ._text import FILTERS
 
-__all__ = ["check_report_folder", "write_report"]
-
 _PARTS = {"report.html", "metrics.json", "figures"}
 
 

@@ -18,31 +18,6 @@ from ...types import Image
 from ...units import grams_to_newtons, newtons_to_grams
 from .._thesis import THESIS_FIGURES
 
-__all__ = [
-    "COLOURS",
-    "GREY",
-    "HEIGHT_IN",
-    "INK",
-    "MANY_POINTS",
-    "METHOD_COLOURS",
-    "TEXT_PX",
-    "WIDE_IN",
-    "WIDTH_IN",
-    "Drawing",
-    "draw_window",
-    "drawing_of",
-    "grams_axis",
-    "image_drawing",
-    "jpeg_uri",
-    "legend_above",
-    "make_figure",
-    "mark_line",
-    "page_svg",
-    "standalone_svg",
-    "to_svg",
-    "window_words",
-]
-
 TEXT_PX = 12.0
 """Smallest type. One unit of a figure's SVG is never shown smaller than one pixel of the page."""
 WIDTH_IN, WIDE_IN, HEIGHT_IN = 6.8, 14.2, 3.7

@@ -20,8 +20,6 @@ from .._protocols import BY_SESSION, PROTOCOL_WORDS, MethodResult
 from .._statistics import MIN_SESSIONS
 from .._thesis import THESIS_FIGURES, beside_thesis
 
-__all__ = ["best_method", "summary", "verdict"]
-
 _LIBRARIES = ("numpy", "scipy", "scikit-learn", "opencv-python-headless", "numba", "matplotlib", "onnxruntime")
 
 

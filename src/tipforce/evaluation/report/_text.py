@@ -9,8 +9,6 @@ from ...units import newtons_to_grams
 from .._constant import Constant
 from .._robustness import UNPERTURBED
 
-__all__ = ["FILTERS", "report_lines"]
-
 
 def _number(value: float | None, digits: int, small_digits: int | None = None, small: float = 1.0) -> str:
     """``value`` with ``digits`` decimals, ``small_digits`` below ``small``; a dash where missing; U+2212 as minus."""

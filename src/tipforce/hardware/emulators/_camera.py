@@ -10,8 +10,6 @@ from typing import Self
 from ...io import encode_image
 from ...types import Image
 
-__all__ = ["CameraEmulator"]
-
 _BOUNDARY = "tipforce"
 _POLL_S = 0.02
 

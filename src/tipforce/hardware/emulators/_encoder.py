@@ -6,8 +6,6 @@ from pathlib import Path
 
 from ._pty import PtyDevice
 
-__all__ = ["EncoderEmulator"]
-
 
 class EncoderEmulator(PtyDevice):
     """``angle``: seconds -> number. ``garbage``: it writes what no number is; ``silent``: it writes nothing."""

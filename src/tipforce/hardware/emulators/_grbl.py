@@ -9,8 +9,6 @@ from typing import ClassVar
 from .._grbl import CANCEL, HOLD, RESET, STATUS
 from ._pty import PtyDevice
 
-__all__ = ["GrblEmulator"]
-
 _LETTERS = "XYZ"
 _PLANNED = 15
 """Moves that the planner holds."""

@@ -12,8 +12,6 @@ from typing import Self
 
 from .._net_ft import BIAS, HEADER, RDT_REPLY, RDT_REQUEST, STOP, STREAM
 
-__all__ = ["NetFtEmulator", "NetFtFaults"]
-
 _POLL_S = 0.02
 
 

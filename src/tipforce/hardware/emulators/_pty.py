@@ -7,8 +7,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-__all__ = ["PtyDevice"]
-
 _POLL_S = 0.002
 
 

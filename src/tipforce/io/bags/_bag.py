@@ -19,8 +19,6 @@ from ..tables import ACTUATION_UNITS, MAX_PAUSE_S
 from ._image_messages import IMAGE_KINDS, image_of, png_of_16_bits
 from ._messages import BagMessage, Topic, listed_topics, messages, only_topic, topics_of
 
-__all__ = ["Bag", "is_bag", "open_bag"]
-
 WRENCH_KINDS = ("WrenchStamped", "Wrench")
 NUMBER_KINDS = ("Float64", "Float32", "Float64Stamped", "Float32Stamped")
 REORDERED_FRAMES = 8

@@ -10,8 +10,6 @@ from ...types import Image
 from .._image_size import check_pixels
 from .._images import StreamDepth, decode_image
 
-__all__ = ["IMAGE_KINDS", "image_of", "png_of_16_bits"]
-
 IMAGE_KINDS = ("Image", "CompressedImage")
 
 _GREY_8, _GREY_16 = ("mono8", "8uc1"), ("mono16", "16uc1")

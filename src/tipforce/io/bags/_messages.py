@@ -9,8 +9,6 @@ from typing import Any
 
 from ...errors import FileFormatError, InputError, MissingExtraError, TipforceError
 
-__all__ = ["BagMessage", "Topic", "messages", "topics_of"]
-
 
 @dataclass(frozen=True, slots=True)
 class Topic:

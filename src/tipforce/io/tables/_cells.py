@@ -11,8 +11,6 @@ from ...types import FloatArray, IntArray, LogInfo
 from ._layout import Layout, cells_layout
 from ._table import Table
 
-__all__ = ["CellTable", "ColumnTable"]
-
 _HEAD_ROWS = 200
 
 

@@ -8,8 +8,6 @@ from typing import Protocol
 from ...errors import TableError
 from ...types import FloatArray, actuation_range
 
-__all__ = ["ACTUATION_UNITS", "check_actuation", "is_actuation", "is_force", "listed"]
-
 ACTUATION_UNITS = (
     *("deg", "rad", "mm", "um", "m", "px", "kpa", "pa", "bar", "v", "a", "ma", "n", "mn", "nmm"),
     *("count", "steps", "percent"),

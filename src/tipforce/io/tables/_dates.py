@@ -9,18 +9,6 @@ import numpy as np
 
 from ...types import DateOrder, IntArray
 
-__all__ = [
-    "FIRST_YEAR",
-    "LAST_YEAR",
-    "AmbiguousDates",
-    "DateOutside",
-    "NoDate",
-    "Times",
-    "is_time_of_day",
-    "is_time_text",
-    "parse_times",
-]
-
 FIRST_YEAR, LAST_YEAR = 1970, 2037
 """ROS messages hold seconds since 1970 in 32 bits with a sign."""
 

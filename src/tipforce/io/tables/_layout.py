@@ -13,8 +13,6 @@ from ...errors import FileFormatError, TableError
 from ...types import LogInfo
 from ._dates import is_time_text
 
-__all__ = ["CELLS", "MISSING", "NUMBER", "Layout", "cells_layout", "open_text", "parsed", "text_layout"]
-
 Rows = Sequence[tuple[int, list[str]]]
 """Number of the line, and its cells."""
 

@@ -15,8 +15,6 @@ from ._stamps import TIME_UNITS, TimeUnit, dates_ns, named_unit, numbers_ns, tim
 from ._table import Table, open_table
 from ._ticks import UnevenRows, at_rate, spread_within_ticks
 
-__all__ = ["MAX_PAUSE_S", "Log", "open_log"]
-
 MAX_DISORDER_S = 0.1
 """Rows that are out of order by no more were swapped on their way; where a clock was set back it is more."""
 

@@ -22,8 +22,6 @@ from ...types import LogInfo
 from ._cells import ColumnTable
 from ._columns import listed
 
-__all__ = ["open_variables"]
-
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAX_READING_S = 120.0
 _REFUSED = 3

@@ -11,19 +11,6 @@ from ...errors import TableError, TimeError
 from ...types import FloatArray, IntArray
 from ._dates import FIRST_YEAR, LAST_YEAR, AmbiguousDates, DateOutside, NoDate, is_time_text, parse_times
 
-__all__ = [
-    "MAX_STAMP_S",
-    "STILL_STEP_NS",
-    "TIME_UNITS",
-    "TimeUnit",
-    "column_ns",
-    "dates_ns",
-    "named_unit",
-    "numbers_ns",
-    "time_columns",
-    "unit_since_1970",
-]
-
 TimeUnit = Literal["s", "ms", "us", "ns"]
 TIME_UNITS: dict[str, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 """Nanoseconds in one of each unit."""

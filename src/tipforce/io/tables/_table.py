@@ -21,9 +21,6 @@ from ._columns import listed
 from ._layout import MISSING, Layout, holds_data, open_text, parsed, text_layout
 from ._stamps import column_ns, named_unit, time_columns
 
-__all__ = ["Table", "open_table"]
-
-
 _WHOLE = re.compile(r"^[+-]?\d+$")
 
 

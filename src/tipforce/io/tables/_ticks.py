@@ -6,8 +6,6 @@ import numpy as np
 
 from ...types import IntArray
 
-__all__ = ["Spread", "UnevenRows", "at_rate", "spread_within_ticks"]
-
 MIN_TICKS = 5
 """Fewer different stamps tell no rate."""
 MAX_RESIDUAL_TICKS = 0.75

@@ -11,8 +11,6 @@ from ...types import LogInfo
 from ._cells import CellTable
 from ._columns import listed
 
-__all__ = ["open_workbook"]
-
 
 def open_workbook(path: Path, log: LogInfo, key: str) -> CellTable:
     """The table on one sheet of a workbook.

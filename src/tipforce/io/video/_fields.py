@@ -15,8 +15,6 @@ import numpy as np
 
 from ...types import FloatArray, Image
 
-__all__ = ["FieldEvidence", "FieldOrder", "split_fields", "stated_order"]
-
 FieldOrder = Literal["tff", "bff", "one instant"]
 """Which field of a frame is the earlier one: "tff" the even rows, "bff" the odd rows, or neither."""
 _FIELD_ORDERS: dict[int, FieldOrder] = {2: "tff", 3: "bff", 4: "bff", 5: "tff"}

@@ -14,8 +14,6 @@ from av.sidedata.sidedata import SideDataContainer, Type
 from ...errors import FileFormatError
 from ...types import Image
 
-__all__ = ["check_one_view", "grey_of", "levels_of", "oriented", "states_its_depth"]
-
 _MAX_SKEW = 0.02
 """A display matrix turns by quarters of a circle alone: its lesser elements are at most this share of the others."""
 _LIMITED_RANGE = 1

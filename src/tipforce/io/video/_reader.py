@@ -20,8 +20,6 @@ from .._square_pixels import square_pixels
 from ._fields import FieldEvidence, FieldOrder, split_fields, stated_order
 from ._pixels import check_one_view, grey_of, levels_of, oriented, states_its_depth
 
-__all__ = ["VideoFile"]
-
 _REMEDY = "to use what is there, cut it out first: ffmpeg -i VIDEO -c copy WHOLE.mp4"
 _BESIDE = Disposition.attached_pic | Disposition.timed_thumbnails | Disposition.still_image | Disposition.dependent
 """Streams that accompany a video: a cover, thumbnails, a depth map."""

@@ -15,8 +15,6 @@ from ..._atomic import atomic_path, check_output_file
 from ...errors import FileFormatError, InputError, TimeError
 from ...types import Frame, Image
 
-__all__ = ["VideoWriter", "write_video"]
-
 _TICKS = 90_000
 """Ticks a second of the files we write: 11 microseconds, the clock of broadcast video."""
 

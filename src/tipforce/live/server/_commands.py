@@ -6,21 +6,6 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from ...errors import InputError
 
-__all__ = [
-    "LONGEST",
-    "Acknowledge",
-    "Command",
-    "Display",
-    "Integral",
-    "Limits",
-    "Loop",
-    "Ping",
-    "Record",
-    "UndoZero",
-    "ZeroForce",
-    "read_command",
-]
-
 LONGEST = 4096
 """Bytes of a command at most; all that a page sends is far shorter."""
 _Id = Annotated[int, Field(ge=0, lt=1 << 53)]

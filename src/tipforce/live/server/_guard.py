@@ -16,8 +16,6 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-__all__ = ["Guard"]
-
 _FOREIGN = 1008
 """WebSocket close code: policy violation."""
 

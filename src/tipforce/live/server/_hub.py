@@ -15,8 +15,6 @@ from ...clinical import ContactSettings
 from ._messages import EncodedUpdate
 from ._settings import Commands, PageSettings
 
-__all__ = ["Hub", "PageState"]
-
 _KEPT = 1000
 """Latencies and frame ages that are kept."""
 _URGENT = 2

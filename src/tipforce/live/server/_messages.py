@@ -30,8 +30,6 @@ from .._numbers import number
 from .._update import LiveUpdate, Zero
 from ._tip_force import tip_force
 
-__all__ = ["HEADER", "MAGIC", "VERSION", "WIDTHS", "EncodedUpdate", "Point", "Wanted", "display_width", "point_of"]
-
 HEADER = struct.Struct("<4sHHIqqII")
 MAGIC = b"TIPF"
 VERSION = 1

@@ -30,8 +30,6 @@ from ._messages import EncodedUpdate, Point, point_of
 from ._session import PageSession
 from ._settings import Commands, PageSettings
 
-__all__ = ["LOCAL_HOST", "PageServer", "PageSink", "serve"]
-
 _log = logging.getLogger(__name__)
 
 LOCAL_HOST = "127.0.0.1"

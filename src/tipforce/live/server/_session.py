@@ -30,8 +30,6 @@ from ._hub import Hub
 from ._messages import WIDTHS, EncodedUpdate
 from ._settings import Commands
 
-__all__ = ["PageSession"]
-
 _log = logging.getLogger(__name__)
 
 _MOST_WAITING = 4

@@ -8,8 +8,6 @@ from ...clinical import ContactSettings
 from ...types import Clock, SystemClock
 from .._loop import LoopCommands
 
-__all__ = ["Commands", "PageSettings"]
-
 
 class Commands(Protocol):
     """The buttons of a live engine. May be called from any thread; what they raise is shown on the page."""

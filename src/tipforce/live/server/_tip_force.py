@@ -8,8 +8,6 @@ import numpy as np
 from ...estimators.uncertainty import GAUSS_90
 from ...types import DetectedShape, FloatArray, ForceEstimate
 
-__all__ = ["TipForce", "tip_force"]
-
 TIP_SHARE = 0.04
 """The tip's axis is that of so much of the centreline at its end: about the length of an ablation electrode."""
 

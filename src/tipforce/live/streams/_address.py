@@ -9,8 +9,6 @@ from urllib.parse import parse_qs, urlsplit
 
 from ...errors import InputError, MissingExtraError
 
-__all__ = ["Address", "import_extra"]
-
 _MOST_PORT = 65535
 
 

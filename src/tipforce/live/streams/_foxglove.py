@@ -12,8 +12,6 @@ from ._address import Address, import_extra
 from ._message import LiveMessage, message_of
 from ._server import OriginDoor
 
-__all__ = ["FoxgloveServer"]
-
 PORT = 8765
 APP = "https://app.foxglove.dev"
 """The page that shows such streams; the desktop program has an origin of its own."""

@@ -18,8 +18,6 @@ from ._address import Address, import_extra
 from ._message import message_of
 from ._tip import tip_pose
 
-__all__ = ["FORCE_DEVICE", "TIP_DEVICE", "OpenIGTLink"]
-
 TIP_DEVICE, FORCE_DEVICE = "TipToBase", "TipForce"
 """Names of the transform and of the string, which become names of nodes in Slicer."""
 PORT = 18944

@@ -14,8 +14,6 @@ from ._address import Address
 from ._message import message_of
 from ._server import OriginServer
 
-__all__ = ["JsonUdp", "JsonWebSocket"]
-
 UDP_PORT, WEBSOCKET_PORT = 8766, 8767
 _LOOK_AGAIN_S = 1.0
 """How often a client's thread checks whether its connection is still there while nothing is sent."""

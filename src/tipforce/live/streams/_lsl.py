@@ -9,8 +9,6 @@ from ...types import SessionInfo, Status
 from .._update import LiveUpdate
 from ._address import Address, import_extra
 
-__all__ = ["CHANNELS", "STATUS_CODES", "LabStreamingLayer"]
-
 STATUS_CODES = {status: number for number, status in enumerate(Status)}
 """A number for each status: 0 is valid. The stream's description states them."""
 CHANNELS: tuple[tuple[str, str, str], ...] = (

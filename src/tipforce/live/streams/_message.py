@@ -12,8 +12,6 @@ from ...units import newtons_to_grams
 from .._update import CameraState, LiveHealth, LiveUpdate, Zero
 from ._tip import TipPose, tip_pose
 
-__all__ = ["SCHEMA_VERSION", "LiveMessage", "message_of"]
-
 SCHEMA_VERSION = "tipforce.live/1"
 """The number grows when a field changes its meaning or goes; new fields may come without."""
 

@@ -11,8 +11,6 @@ from ._json import JsonUdp, JsonWebSocket
 from ._lsl import LabStreamingLayer
 from ._recording import RecordingSink
 
-__all__ = ["KINDS", "open_sink"]
-
 KINDS: Mapping[str, tuple[Callable[[Address], Sink], str]] = {
     "json-udp": (JsonUdp, "json-udp://127.0.0.1:8766"),
     "json-ws": (JsonWebSocket, "json-ws://127.0.0.1:8767"),

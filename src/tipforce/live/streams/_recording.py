@@ -10,8 +10,6 @@ from .._numbers import number
 from .._update import LiveUpdate, Zero
 from ._address import Address
 
-__all__ = ["RecordingSink"]
-
 
 class RecordingSink:
     """Writes every estimate, and the images that were estimated unless ``frames=no``, on the camera's own clock.

@@ -13,8 +13,6 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.sync.server import Server, ServerConnection, serve
 from websockets.typing import Origin, Subprotocol
 
-__all__ = ["OriginDoor", "OriginServer"]
-
 _LARGEST_REQUEST = 1 << 16
 """Bytes of a message from a client."""
 _CLOSE_S = 1.0

@@ -7,8 +7,6 @@ import numpy as np
 from ...types import FloatArray, SessionInfo
 from .._update import LiveUpdate
 
-__all__ = ["TipPose", "tip_pose"]
-
 _STRETCH = 0.05
 """Share of the catheter's detected length that the direction of the tip is taken from: one point is too noisy."""
 

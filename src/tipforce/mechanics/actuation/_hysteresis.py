@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike
 
 from ...types import FloatArray, frozen
 
-__all__ = ["Hysteresis", "Play", "PrandtlIshlinskii", "row_of"]
-
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _integrate(

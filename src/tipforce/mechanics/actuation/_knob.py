@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike
 from ...types import FloatArray
 from ._hysteresis import Hysteresis, Play, row_of
 
-__all__ = ["KnobMap", "Tendon"]
-
 
 class Tendon:
     """A wire off the shaft's axis that bends it to an arc when it is pulled at the handle; nothing acts on the tip.

@@ -19,8 +19,6 @@ from ._interface import (
     stiffness_at,
 )
 
-__all__ = ["LargeDeflection", "LinearBeam"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearBeam:

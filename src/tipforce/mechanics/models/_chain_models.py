@@ -17,8 +17,6 @@ from ...types import FloatArray
 from ..planar import Rod
 from ._interface import CATHETER_7F_M, PolylineShape, first_share, mean_curvature, stiffness_at
 
-__all__ = ["ConstantCurvature", "MassSpring", "RigidLinks"]
-
 _MAX_ITERATIONS = 60
 _MAX_TURN = 0.4
 """Largest change of an angle in one step, rad: keeps the iteration on the branch it comes from."""

@@ -9,20 +9,6 @@ import numpy as np
 from ...types import FloatArray
 from ..planar import Rod, Shape, solve_static
 
-__all__ = [
-    "CATHETER_7F_M",
-    "Elastica",
-    "PolylineShape",
-    "RodModel",
-    "RodShape",
-    "curvature_at",
-    "first_share",
-    "mean_curvature",
-    "mean_stiffness",
-    "nodes_at",
-    "stiffness_at",
-]
-
 
 class RodShape(Protocol):
     """What a model says of the bent catheter, base frame."""

@@ -10,8 +10,6 @@ from ...types import FloatArray
 from ..planar import Rod
 from ._interface import PolylineShape, first_share, mean_stiffness, nodes_at
 
-__all__ = ["PseudoRigidBody"]
-
 _GAMMA = 0.8517
 """Characteristic radius over length, transverse load (Howell, Compliant Mechanisms, 2001, 5.1)."""
 _K_THETA = 2.67617

@@ -46,8 +46,6 @@ from ._simd import (
     take,
 )
 
-__all__ = ["MANY", "ONE", "Results", "make_results", "solve_batch"]
-
 ONE, MANY = (0.0,), (0.0,) * 8
 """Lanes for one load and for many: eight of them fill the time that one waits for its pivots."""
 

@@ -7,8 +7,6 @@ import numpy as np
 from ...types import FloatArray
 from ._compile import compiled
 
-__all__ = ["factorise", "inverse", "solve_in"]
-
 
 @compiled
 def factorise(matrix: FloatArray, damping: float, factor: FloatArray) -> float:

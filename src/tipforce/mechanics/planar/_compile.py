@@ -2,6 +2,4 @@
 
 from ..._compile import compiled_together
 
-__all__ = ["compiled"]
-
 compiled = compiled_together(__file__, "_*.py")

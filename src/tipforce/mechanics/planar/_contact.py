@@ -15,8 +15,6 @@ from ._compile import compiled
 from ._newton import NO_SPRINGS, Elastic, Load, Springs, elastic_of, relax
 from ._rod import Rod
 
-__all__ = ["Contact", "Wall", "solve_contact"]
-
 
 @dataclass(frozen=True, slots=True)
 class Wall:

@@ -16,8 +16,6 @@ from ._cholesky import factorise, solve_in
 from ._compile import compiled
 from ._newton import NO_SPRINGS, SCRATCH, TOLERANCE, Elastic, Load, follow, relax_in, solve_factorised
 
-__all__ = ["FORCE", "UNKNOWNS", "Found", "Line", "Model", "Work", "fit_line", "make_work", "predict_line"]
-
 UNKNOWNS = (
     "force_x_n",
     "force_y_n",

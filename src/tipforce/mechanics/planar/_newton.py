@@ -16,25 +16,6 @@ from ._compile import compiled
 from ._rod import Rod
 from ._simd import circle
 
-__all__ = [
-    "NO_SPRINGS",
-    "SCRATCH",
-    "TOLERANCE",
-    "Elastic",
-    "Load",
-    "Outcome",
-    "Springs",
-    "bending_density",
-    "elastic_of",
-    "energy_at",
-    "follow",
-    "hessian_bands",
-    "relax",
-    "relax_in",
-    "sincos",
-    "solve_factorised",
-]
-
 
 class Elastic(NamedTuple):
     """The rod as numbers: segment length, lever of the loaded point beyond the shaft, EI and k_0 (n,), 1 / k_s^2."""

@@ -8,8 +8,6 @@ import numpy as np
 from ...types import FloatArray, frozen
 from .._arc import arc_m, element_lengths_m, joint_spans_m, way_m
 
-__all__ = ["Rod"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rod:

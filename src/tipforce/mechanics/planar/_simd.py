@@ -21,11 +21,6 @@ from numba.core.typing import templates
 
 from ._compile import compiled
 
-__all__ = [
-    "EIGHT", "alike", "choose", "circle", "fma", "inverse", "larger", "largest_of", "magnitude", "nothing", "put",
-    "take", "whole",
-]  # fmt: skip
-
 EIGHT = (0.0,) * 8
 """For ``lanes``: eight of them."""
 

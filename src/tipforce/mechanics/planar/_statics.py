@@ -10,8 +10,6 @@ from ._batch import MANY, ONE, make_results, solve_batch
 from ._newton import elastic_of
 from ._rod import Rod
 
-__all__ = ["Shape", "Shapes", "carried_n", "solve_static", "solve_static_batch"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:

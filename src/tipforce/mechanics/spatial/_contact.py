@@ -11,8 +11,6 @@ from ._rod import SpatialRod, frames_of
 from ._state import Load, elastic_of, line_of, make_work
 from ._time_stepping import WallLaw, integrate, make_history, make_instants
 
-__all__ = ["SpatialContact", "SpatialContactSolver", "SpatialWall", "damping_of_loss_factor", "solve_contact_spatial"]
-
 
 def damping_of_loss_factor(stiffness_n_per_m: float, loss_factor: float, frequency_hz: float) -> float:
     """Damping in N s/m whose force leads the indentation by atan(``loss_factor``) at ``frequency_hz``.

@@ -14,8 +14,6 @@ from ._rod import SpatialRod
 from ._state import NO_TOUCH, Elastic, Load, Work, elastic_of, line_of, make_work
 from ._time_stepping import creep_on
 
-__all__ = ["ContactDerivatives", "contact_derivatives"]
-
 _COLUMNS = {
     "force": slice(0, 3),
     "moment": slice(3, 6),

@@ -11,22 +11,6 @@ from ...types import FloatArray
 from ._compile import compiled
 from ._state import Elastic, Load, Touch, Work
 
-__all__ = [
-    "add_pull",
-    "assemble",
-    "contact_at",
-    "energy_at",
-    "exponential_spring",
-    "joint_energy",
-    "joint_moment",
-    "log_factors",
-    "log_scale",
-    "normal_force",
-    "tangential_force",
-    "tip_at",
-    "unturned",
-]
-
 _SMALL = 0.02
 """Squared sine of half the angle below which series take over: they are exact to rounding there."""
 

@@ -7,8 +7,6 @@ import numpy as np
 from ...types import FloatArray
 from ._compile import compiled
 
-__all__ = ["face_axes", "face_depths", "face_normals"]
-
 _STEEPEST = math.asin(0.6)
 """The sphere ends where its normal leans by this (some 37 degrees); from there the face goes on straight, as a cone."""
 

@@ -16,18 +16,6 @@ from ._compile import compiled
 from ._energy import add_pull, assemble, energy_at, unturned
 from ._state import Elastic, Load, Touch, Work
 
-__all__ = [
-    "TOLERANCE",
-    "Outcome",
-    "copy_turns",
-    "factorise",
-    "newton_step",
-    "raise_load",
-    "relax",
-    "solve",
-    "solve_factorised",
-]
-
 WIDTH = 6
 
 

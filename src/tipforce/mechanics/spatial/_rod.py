@@ -9,8 +9,6 @@ from ...types import FloatArray, frozen
 from .._arc import arc_m, element_lengths_m, joint_spans_m, way_m
 from ._compile import compiled
 
-__all__ = ["SpatialRod", "frames_of", "integrate_strain"]
-
 _TORSION = 2 / 3
 """GJ / EI of a round section of an incompressible material: 1 / (1 + Poisson's ratio), which is 1/2."""
 

@@ -7,8 +7,6 @@ import numpy as np
 from ...types import FloatArray
 from ._rod import SpatialRod
 
-__all__ = ["NO_TOUCH", "Elastic", "Load", "Touch", "Work", "elastic_of", "line_of", "make_work"]
-
 
 class Elastic(NamedTuple):
     """The rod as numbers; k = segments + 1 joints, each in front of one element (segments, then the electrode).

@@ -10,8 +10,6 @@ from ._newton import TOLERANCE, raise_load, relax
 from ._rod import SpatialRod, frames_of
 from ._state import NO_TOUCH, Load, elastic_of, line_of, make_work
 
-__all__ = ["SpatialShape", "solve_static_spatial"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpatialShape:

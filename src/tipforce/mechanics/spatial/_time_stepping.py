@@ -22,8 +22,6 @@ from ._face import face_axes
 from ._newton import TOLERANCE, Outcome, copy_turns, relax
 from ._state import Elastic, Load, Touch, Work
 
-__all__ = ["History", "Instants", "WallLaw", "creep_on", "integrate", "make_history", "make_instants"]
-
 _SLOW = math.cos(0.5 * 0.02)
 """Turns of up to 0.02 rad an instant are expected to go on."""
 

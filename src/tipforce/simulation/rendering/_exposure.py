@@ -7,8 +7,6 @@ import numpy as np
 
 from ...types import BoolArray, FloatArray
 
-__all__ = ["ImageTruth", "TissueHome", "TissueState", "sample_exposure"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TissueState:

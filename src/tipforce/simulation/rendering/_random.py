@@ -9,8 +9,6 @@ from numba import njit
 
 from ..._compile import STEADY
 
-__all__ = ["gauss_row", "gauss_table", "hash_row"]
-
 FloatImage = npt.NDArray[np.float32]
 _TABLE_BITS = 12
 

@@ -2,8 +2,6 @@
 
 from numba import njit
 
-__all__ = ["columns"]
-
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def columns(low: int, high: int, slope: float, value: float) -> tuple[int, int]:

@@ -12,8 +12,6 @@ from ...types import FloatArray
 from ._parameters import SessionParameters
 from .settings import ShaftSettings, WallSettings, WorldSettings
 
-__all__ = ["BenchModel", "build_bench_model", "smooth_centrelines", "times"]
-
 _SEGMENT_M = 1e-3
 
 

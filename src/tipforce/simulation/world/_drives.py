@@ -9,8 +9,6 @@ from numba import njit
 
 from ...types import FloatArray
 
-__all__ = ["Axis", "AxisModel", "Drive"]
-
 
 @dataclass(frozen=True, slots=True)
 class AxisModel:

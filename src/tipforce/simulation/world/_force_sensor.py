@@ -10,8 +10,6 @@ from ...types import FloatArray, IntArray
 from ._bench_model import times
 from .settings import ClockSettings, SensorSettings
 
-__all__ = ["ForceSensor", "Load", "SensorLog", "read_sensor"]
-
 GRAVITY_M_PER_S2 = np.array([0.0, 0.0, -9.80665])
 """Base frame: the camera looks down on a level bench."""
 

@@ -5,8 +5,6 @@ from scipy.ndimage import gaussian_filter1d
 
 from ...types import FloatArray
 
-__all__ = ["hand_wave"]
-
 _KINDS = ("press", "pause", "fiddle")
 _SHARES = (0.45, 0.2, 0.35)
 _PRESS_S, _HOLD_S, _PAUSE_S, _FIDDLE_S = (0.8, 5.0), (0.0, 2.5), (0.5, 3.0), (2.0, 7.0)

@@ -12,19 +12,6 @@ from ._bench_model import BenchModel
 from ._hand_motion import hand_wave
 from ._parameters import BY_HAND, SessionParameters
 
-__all__ = [
-    "APPROACH_S",
-    "LEAD_S",
-    "STEP_S",
-    "TRAIL_S",
-    "Motion",
-    "MotionProfile",
-    "compose_motion",
-    "instants_until",
-    "knob_trajectory",
-    "slow_drift",
-]
-
 
 def knob_trajectory(parameters: SessionParameters, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
     """(m,) the knob's angle over a session: still, or going to and fro with pauses of up to two seconds."""

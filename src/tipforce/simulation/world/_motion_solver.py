@@ -15,8 +15,6 @@ from ._motion_profile import APPROACH_S, STEP_S, Motion, MotionProfile
 from ._parameters import BY_HAND
 from ._trajectory import Trajectory, TrajectoryIntegrator, integrate_trajectory, thinned
 
-__all__ = ["FAST", "FINE", "Resolution", "rejection_reason", "solve"]
-
 _COARSE_S = 4e-3
 _TRIALS = 15
 _CHUNK = 1000

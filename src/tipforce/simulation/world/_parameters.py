@@ -10,8 +10,6 @@ from ...mechanics import HEART_WAVES
 from .._fields import Range
 from .settings import WorldSettings
 
-__all__ = ["BY_HAND", "Device", "SessionParameters", "sample_device", "sample_kind", "sample_parameters"]
-
 BY_HAND = "by hand"
 """The wave of a stage that a hand moves."""
 

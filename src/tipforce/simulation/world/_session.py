@@ -19,8 +19,6 @@ from ._parameters import Device, SessionParameters, sample_device, sample_kind, 
 from ._trajectory import Trajectory, TrajectoryIntegrator, integrate_trajectory
 from .settings import WorldSettings
 
-__all__ = ["Catheter", "Session", "catheter_of", "require_long_enough", "run_session"]
-
 _TRIALS = 100
 _REDRAWS = 50
 _STEP_S = 8e-3

@@ -11,8 +11,6 @@ from ._drives import AxisModel, Drive
 from ._motion_profile import Motion, MotionProfile
 from .settings import WorldSettings
 
-__all__ = ["Trajectory", "TrajectoryIntegrator", "integrate_trajectory", "thinned"]
-
 _BLOCK = 4096
 """Instants at once: enough for nothing but the rod to cost time."""
 

@@ -7,18 +7,6 @@ from pydantic import Field, model_validator
 
 from .._fields import NotNegative, Number, Positive, Range, Settings, Share, standard_uncertainty
 
-__all__ = [
-    "ActuationSettings",
-    "ClampSettings",
-    "ClockSettings",
-    "KnobDriveSettings",
-    "MotionSettings",
-    "SensorSettings",
-    "ShaftSettings",
-    "WallSettings",
-    "WorldSettings",
-]
-
 
 class ShaftSettings(Settings):
     """The catheter in front of the sheath's mouth, where it is clamped."""

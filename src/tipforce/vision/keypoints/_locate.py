@@ -12,8 +12,6 @@ from ._networks import Offsets, coarse, refine
 from ._strip import ACROSS, ALONG, HALF_WIDTH, Strip, evenly, straightened
 from ._upright import STRIDE, normalised, upright
 
-__all__ = ["Located", "locate"]
-
 _DEGREE = 5
 """Of the rough line through the points."""
 _RIDGE = 1e-3

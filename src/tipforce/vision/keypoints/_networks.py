@@ -10,8 +10,6 @@ import numpy.typing as npt
 from ...types import FloatArray
 from ._strip import Strip, strip_input
 
-__all__ = ["Offsets", "coarse", "refine"]
-
 _Float32 = npt.NDArray[np.float32]
 
 

@@ -10,8 +10,6 @@ import numpy as np
 from ...types import FloatArray
 from ._locate import Located
 
-__all__ = ["Signs", "consensus", "probability", "signs"]
-
 
 class Signs(NamedTuple):
     """What tells a right line from a wrong one; logarithms but for the first and the last.

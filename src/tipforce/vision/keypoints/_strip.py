@@ -10,8 +10,6 @@ import numpy.typing as npt
 from ...geometry import arc_length
 from ...types import FloatArray, Image
 
-__all__ = ["ACROSS", "ALONG", "HALF_WIDTH", "Strip", "evenly", "straightened", "strip_input"]
-
 ALONG, ACROSS = 96, 32
 """Stations along the strip, and samples across it."""
 _REACH = 0.12

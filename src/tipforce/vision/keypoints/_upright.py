@@ -9,8 +9,6 @@ import numpy.typing as npt
 
 from ...types import BaseSide, FloatArray, Image
 
-__all__ = ["LENGTH_PX", "STRIDE", "Upright", "normalised", "upright"]
-
 LENGTH_PX = 84.0
 """Stated length of the catheter, rigid tip included, in px of the network's image."""
 STRIDE = 4

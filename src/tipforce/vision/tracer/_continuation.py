@@ -30,8 +30,6 @@ from ._strip import (
 )
 from ._trace import ARC, KIND, OTHER, PALE, U, V, add_station
 
-__all__ = ["CONTINUATION_SIZE", "NO_ELECTRODE", "Continuation", "continue_trace", "count_solid", "may_continue"]
-
 CONTINUATION_SIZE = ROWS * COLUMNS + 2 * BLOCKS * COLUMNS + BINS
 """Numbers of working memory that `continue_trace` needs."""
 _ENOUGH = 15.0

@@ -13,8 +13,6 @@ import numpy as np
 
 from ._pixels import Raster, colour_between, fast
 
-__all__ = ["Evidence", "line_evidence"]
-
 _IN, _OUT = 0.55, 1.5
 """A flank separates the levels at these distances from the axis, in radii."""
 _OUT_PX = 1.2

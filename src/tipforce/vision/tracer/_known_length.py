@@ -31,8 +31,6 @@ from ._tip import TIP_SIZE, tip_by_colour
 from ._tip_template import match_template, template_difference
 from ._trace import ARC, KIND, SHAFT, WEIGHT, add_station
 
-__all__ = ["KNOWN_LENGTH_SIZE", "TipAtLength", "continues_beyond", "find_tip_at_length"]
-
 _UNSEEN = 4.0
 """So many radii before its tip the catheter may be detected for the last time."""
 _HIDDEN = 12.0

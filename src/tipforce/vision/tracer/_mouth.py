@@ -16,8 +16,6 @@ from ...types import Image
 from .._settings import BaseSide, Box, Polarity
 from ._trace import find_entries
 
-__all__ = ["Mouth", "base_box", "find_mouths"]
-
 _DEEPEST = 0.6
 """Share of the image that is searched from the border on."""
 _NARROW, _WIDE = 0.7, 1.35

@@ -13,8 +13,6 @@ from numba.core import types
 
 from ..._compile import STEADY, compiled_together
 
-__all__ = ["Raster", "colour_between", "edge_near", "fast", "grey_at", "grey_between", "measure_pair", "prefetch_pair"]
-
 fast = compiled_together(__file__, "_*.py", STEADY)
 
 _RED, _GREEN, _BLUE = 77, 150, 29

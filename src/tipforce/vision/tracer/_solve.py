@@ -26,8 +26,6 @@ from ._trace import (
     trace_shaft,
 )
 
-__all__ = ["STATIONS", "WORK_SIZE", "ShaftFit", "solve_shaft"]
-
 _STRAIGHT = 0.7
 """Radii before the tip from which on the axis is straight: a compromise of round tips (1) and flat ones (0)."""
 _NOTHING = 8.0

@@ -13,8 +13,6 @@ import numpy as np
 from ._pixels import fast
 from ._trace import ARC, WEIGHT, U, V
 
-__all__ = ["FitBuffers", "Spline", "axis_at", "fit_axis", "fit_spline", "heading", "resample", "spline_at"]
-
 _TIP_STIFFNESS = 4.0
 """How much stiffer the curve is at its tip, where it is measured from one side only."""
 _STIFFNESS = 0.05

@@ -11,11 +11,6 @@ import numpy as np
 
 from ._pixels import Raster, colour_between, fast, grey_between
 
-__all__ = [
-    "BEHIND", "BINS", "BLOCK", "BLOCKS", "CELL", "COLUMNS", "FLOOR", "MIDDLE", "ROWS",
-    "best_arc", "column_of", "flank_evidence", "ground_visible", "refine_arc", "roughness", "straighten",
-]  # fmt: skip
-
 ROWS, COLUMNS = 72, 61
 CELL = 1.0 / 6.0
 """Size of a cell of the strip in radii of the shaft."""

@@ -16,8 +16,6 @@ from ._pixels import Raster, colour_between, edge_near, fast, grey_between, meas
 from ._spline import Spline, axis_at, spline_at
 from ._trace import ARC, KIND, SHAFT, WEIGHT, WIDE, U, V
 
-__all__ = ["TIP_BACK", "TIP_SIZE", "base_offset", "measure_ends", "tip_by_colour", "tip_by_contrast"]
-
 _BASE_N, _BASE_STEP = 5, 0.4
 """Stations measured again at the base, and the distance between them in radii of the shaft."""
 _TIP_N, _TIP_FIRST, _TIP_STEP = 6, 0.6, 0.35

@@ -13,8 +13,6 @@ from ._pixels import Raster, colour_between, fast
 from ._spline import Spline, axis_at, heading
 from ._trace import ARC, add_station
 
-__all__ = ["TEMPLATE_COLUMNS", "TEMPLATE_ROWS", "TEMPLATE_WIDTH", "match_template", "template_difference"]
-
 TEMPLATE_ROWS = 13
 """Rows of a template, a radius apart, the first half a radius before the tip."""
 TEMPLATE_COLUMNS, TEMPLATE_WIDTH = 7, 0.85

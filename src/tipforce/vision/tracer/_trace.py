@@ -13,29 +13,6 @@ import numpy as np
 
 from ._pixels import Raster, fast, grey_at, grey_between, measure_pair, prefetch_pair
 
-__all__ = [
-    "ARC",
-    "END_BORDER",
-    "END_LOST",
-    "END_SHORT",
-    "END_TIP",
-    "KIND",
-    "OTHER",
-    "PALE",
-    "SHAFT",
-    "TAPER",
-    "WEIGHT",
-    "WIDE",
-    "BaseLine",
-    "Candidate",
-    "TracedShaft",
-    "U",
-    "V",
-    "add_station",
-    "find_entries",
-    "trace_shaft",
-]
-
 U, V, ARC, WIDE, WEIGHT, KIND = range(6)
 """Columns of the array of stations: position in px, arc length, width, weight in the fit, kind."""
 SHAFT, OTHER, TAPER, PALE = 1, 2, 3, 4

@@ -15,8 +15,6 @@ from ._solve import STATIONS, WORK_SIZE, ShaftFit, solve_shaft
 from ._tip_template import TEMPLATE_COLUMNS, TEMPLATE_ROWS
 from ._trace import END_BORDER, END_LOST, END_SHORT, BaseLine, Candidate, find_entries
 
-__all__ = ["Trace", "Tracer"]
-
 _PASSES = ((0, 1), (4, 1), (8, 1), (12, 1), (18, 1))
 """How far inside the base line entries are searched, and every how many pixels along it."""
 _MAX_TRACED = 6

@@ -11,8 +11,6 @@ from ....types import FloatArray
 from ._canvas import FINER, Canvas, FloatImage, Patch, multi_scale_noise, soften
 from ._scene import BackgroundAppearance, CameraScene
 
-__all__ = ["GROUNDS", "illumination", "lay_objects", "paint_background", "paint_front_objects"]
-
 _ATTEMPTS = 12
 _COVERED = 0.12
 _FRONT_FINER = 4

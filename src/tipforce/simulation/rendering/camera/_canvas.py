@@ -10,8 +10,6 @@ import numpy.typing as npt
 from ....types import FloatArray
 from ._scene import CameraScene, Colour
 
-__all__ = ["FINER", "Box", "Canvas", "FloatImage", "Part", "Patch", "band", "multi_scale_noise", "soften"]
-
 FloatImage = npt.NDArray[np.float32]
 Part = tuple[slice, slice]
 """Rows and columns of a canvas."""

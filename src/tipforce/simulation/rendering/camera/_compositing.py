@@ -19,18 +19,6 @@ from ._static_layers import StaticLayers
 from ._tube_kernels import add_shadow, add_tube
 from ._tube_model import Tube, TubeNodes, instrument_shape
 
-__all__ = [
-    "Buffers",
-    "cast",
-    "compose",
-    "draw_tube",
-    "lay_foreground",
-    "lay_moving",
-    "lay_phantom",
-    "lay_tubes",
-    "restore",
-]
-
 FloatImage = npt.NDArray[np.float32]
 
 

@@ -15,8 +15,6 @@ from .._exposure import TissueHome
 from ._canvas import FINER, Canvas, FloatImage, Part, Patch, multi_scale_noise, soften
 from ._scene import CameraScene
 
-__all__ = ["MARGIN_M", "Phantom", "paint_phantom"]
-
 MARGIN_M = 24e-3
 """How far the phantom may move from its home and still be whole."""
 _VECTOR = 32

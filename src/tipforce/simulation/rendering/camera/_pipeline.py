@@ -12,8 +12,6 @@ from ....types import Image
 from ._scene import SensorNoise, SensorPipeline
 from ._sensor_noise import add_noise
 
-__all__ = ["develop"]
-
 FloatImage = npt.NDArray[np.float32]
 
 

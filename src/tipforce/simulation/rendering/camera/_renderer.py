@@ -16,8 +16,6 @@ from ._sensor_noise import add_noise, frame_key
 from ._static_layers import StaticLayers, paint
 from ._tube_model import instrument_shape
 
-__all__ = ["CameraRenderer", "image_truth"]
-
 
 class CameraRenderer:
     """Draws the images of one session; its methods may be called from several threads at once.

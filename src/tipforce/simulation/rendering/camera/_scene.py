@@ -8,24 +8,6 @@ import numpy as np
 from ....geometry import CameraModel, Pose
 from ....types import BasePose
 
-__all__ = [
-    "BackgroundAppearance",
-    "Braid",
-    "CameraScene",
-    "CatheterAppearance",
-    "CoverPlate",
-    "Instrument",
-    "Lamp",
-    "Lens",
-    "Lighting",
-    "Occluder",
-    "SensorNoise",
-    "SensorPipeline",
-    "Sheath",
-    "TissueAppearance",
-    "TubeFinish",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:

@@ -26,8 +26,6 @@ from ._scene import (
 )
 from ._variety import Framing, SceneVariety, tinted, vary_scene
 
-__all__ = ["BENCH_2021", "GENERALISE", "THESIS_PLAIN", "VARIED", "SceneRanges", "sample_scene"]
-
 Ground = Literal["board", "cloth", "paper", "breadboard", "printed", "metal", "room"]
 
 

@@ -13,8 +13,6 @@ from ...._compile import STEADY
 from ....types import Image
 from .._random import gauss_row, hash_row
 
-__all__ = ["add_noise", "frame_key"]
-
 FloatImage = npt.NDArray[np.float32]
 
 

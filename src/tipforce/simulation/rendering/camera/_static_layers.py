@@ -16,8 +16,6 @@ from ._scene import CameraScene, CoverPlate, Occluder
 from ._tube_kernels import add_tube
 from ._tube_model import Focus, Tube, make_instrument, make_tube
 
-__all__ = ["StaticLayers", "paint", "paint_foreground"]
-
 _HEIGHT_M = 4e-3
 
 

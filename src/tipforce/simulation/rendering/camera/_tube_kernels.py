@@ -14,8 +14,6 @@ from ...._compile import STEADY
 from ....types import FloatArray
 from .._raster import columns
 
-__all__ = ["NODE_SIZE", "POINTS_PER_M", "STEPS_PER_PX", "add_shadow", "add_tube"]
-
 STEPS_PER_PX = 8
 """Steps of the tables across: interpolated linearly between, which is within 0.001 of the contrast for any blur."""
 FloatImage = npt.NDArray[np.float32]

@@ -16,18 +16,6 @@ from ....types import FloatArray
 from ._scene import CameraScene, CatheterAppearance, Instrument, Lamp, TubeFinish
 from ._tube_kernels import NODE_SIZE, POINTS_PER_M, STEPS_PER_PX
 
-__all__ = [
-    "Focus",
-    "Tube",
-    "TubeNodes",
-    "TubeProfile",
-    "instrument_shape",
-    "make_instrument",
-    "make_tube",
-    "project_tube",
-    "tube_profile",
-]
-
 FloatImage = npt.NDArray[np.float32]
 _DIRECTIONS = 64
 _BLURS = 5

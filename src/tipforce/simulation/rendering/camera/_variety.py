@@ -22,8 +22,6 @@ from ._scene import (
     TubeFinish,
 )
 
-__all__ = ["Framing", "SceneVariety", "tinted", "vary_scene"]
-
 
 class SceneVariety(Settings):
     """What a scene draws beyond `SceneRanges`. A range is (low, high): one uniform draw a session, or a catheter."""

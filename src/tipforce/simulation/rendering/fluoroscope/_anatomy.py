@@ -16,8 +16,6 @@ from ._scene import Anatomy
 from ._tube_model import ATTENUATION_PER_M as PER_M
 from ._tube_model import Layer
 
-__all__ = ["Blob", "Part", "chest_parts", "heart_blobs", "liver_blobs", "spine_parts"]
-
 _SOFT = PER_M["soft_tissue"]
 _SPONGY, _CORTICAL = PER_M["spongy_bone"] - _SOFT, PER_M["cortical_bone"] - _SOFT
 

@@ -8,8 +8,6 @@ import numpy as np
 from ....geometry import CameraModel, Pose
 from ....types import FloatArray
 
-__all__ = ["CArm", "perturbed"]
-
 
 @dataclass(frozen=True, slots=True)
 class CArm:

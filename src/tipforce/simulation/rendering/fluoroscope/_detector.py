@@ -20,19 +20,6 @@ from ....types import FloatArray
 from .._random import gauss_row, gauss_table, hash_row
 from ._scene import Detector
 
-__all__ = [
-    "FEW",
-    "Curve",
-    "PhotonTables",
-    "blurred",
-    "display_curve",
-    "frame_key",
-    "photon_tables",
-    "read_out",
-    "sample_photons",
-    "with_lag",
-]
-
 FloatImage = npt.NDArray[np.float32]
 Words = npt.NDArray[np.uint32]
 PhotonCounts = npt.NDArray[np.uint16]

@@ -11,8 +11,6 @@ import numpy.typing as npt
 from ....errors import InputError, MissingExtraError
 from ._scene import XrayScene
 
-__all__ = ["RESEARCH_NOTE", "write_dicom"]
-
 RESEARCH_NOTE = "Research use only. Simulated image of no patient, made by tipforce."
 
 Images = Sequence[npt.NDArray[np.uint8]] | Sequence[npt.NDArray[np.uint16]]

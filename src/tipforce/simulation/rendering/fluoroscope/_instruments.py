@@ -12,8 +12,6 @@ from ._tube_kernels import POINTS_PER_M
 from ._tube_model import ATTENUATION_PER_M as PER_M
 from ._tube_model import AxialProfile, Layer, Tube, axial_profile, loaded_polymer_per_m, section_profiles
 
-__all__ = ["Sections", "catheter_tube", "instrument_path", "instrument_tube", "sheath_tube", "swayed"]
-
 Sections = list[tuple[float, float, int, float]]
 """From, to (m along the tube), number of the material, strength."""
 _BLOOD = Layer(0.0, 1.0, -PER_M["soft_tissue"])

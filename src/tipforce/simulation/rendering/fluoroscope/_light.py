@@ -13,8 +13,6 @@ from ._scene import Detector, Rhythm
 from ._static_layers import COARSE, StaticLayers
 from ._tube_kernels import transmittance
 
-__all__ = ["BLOCK", "ScatterAndGlare", "direct_light", "soft_layers"]
-
 FloatImage = npt.NDArray[np.float32]
 BLOCK = 8
 """Side, in pixels, of the blocks on which what is spread wide is computed."""

@@ -29,8 +29,6 @@ from ._scene import XrayScene, lag_weights
 from ._static_layers import paint
 from ._tube_kernels import fold_instant, join_taken, no_spans
 
-__all__ = ["Pulse", "XrayRenderer", "image_truth"]
-
 FloatImage = npt.NDArray[np.float32]
 GreyImage = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 _STEP_PX = 1.0

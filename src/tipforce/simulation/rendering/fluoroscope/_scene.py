@@ -9,18 +9,6 @@ from ....geometry import CameraModel, Pose
 from ....types import FloatArray
 from ._c_arm import CArm
 
-__all__ = [
-    "Anatomy",
-    "Beam",
-    "CatheterConstruction",
-    "Detector",
-    "Instrument",
-    "Rhythm",
-    "XrayScene",
-    "XrayView",
-    "lag_weights",
-]
-
 Point = tuple[float, float, float]
 """In the patient's frame (`CArm`), metres."""
 

@@ -14,8 +14,6 @@ from ..._fields import NotNegative, Positive, Range, Settings, Share, Some
 from ._c_arm import CArm, perturbed
 from ._scene import Anatomy, Beam, CatheterConstruction, Detector, Instrument, Rhythm, XrayScene, XrayView
 
-__all__ = ["BIPLANE", "FLUORO", "XrayRanges", "sample_xray_scene"]
-
 
 class XrayRanges(Settings):
     """What fluoroscopy varies over from session to session. The defaults are the preset ``fluoro``: one view."""

@@ -15,8 +15,6 @@ from ._scene import Instrument, XrayScene
 from ._tube_kernels import POINTS_PER_M, FloatImage, no_spans
 from ._tube_model import Tube, axial_profile, section_profiles
 
-__all__ = ["COARSE", "MovingInstrument", "StaticLayers", "paint"]
-
 COARSE = 4
 """Pixels of the image a pixel of the soft layers."""
 _MARGIN = 0.25

@@ -17,17 +17,6 @@ from ...._compile import STEADY
 from ....types import FloatArray, IntArray
 from .._raster import columns
 
-__all__ = [
-    "POINTS_PER_M",
-    "STEPS_PER_PX",
-    "add_side_view",
-    "add_tube",
-    "fold_instant",
-    "join_taken",
-    "no_spans",
-    "transmittance",
-]
-
 STEPS_PER_PX = 16
 POINTS_PER_M = 50_000.0
 """Steps of what varies along a tube: 20 um; between them it is linear."""

@@ -15,18 +15,6 @@ from ....geometry import CameraModel
 from ....types import FloatArray, IntArray
 from ._tube_kernels import POINTS_PER_M, STEPS_PER_PX, FloatImage, add_tube
 
-__all__ = [
-    "ATTENUATION_PER_M",
-    "AxialProfile",
-    "Layer",
-    "SectionProfile",
-    "Tube",
-    "axial_profile",
-    "chord_attenuation",
-    "loaded_polymer_per_m",
-    "section_profiles",
-]
-
 _OPAQUE = 12.0
 
 
