@@ -1,6 +1,6 @@
 """How far each estimator can be trusted where the world is another than it was trained in: the trust table.
 
-    python -m bench.trust pretrained/compact rod --runs build/trust --json build/trust.json --into docs/results/trust.md
+    python -m bench.trust pretrained/compact rod --runs build/trust --json build/trust.json --into PAGE.md
 
 Each row changes one thing about the bench; its sessions are simulated once into ``--runs`` and kept between runs. The
 rows of `bench-2021` share one seed: they are the same sessions but for what is changed. ``--other-engines FOLDER``

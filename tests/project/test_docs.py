@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import os
 import re
 import shlex
 import shutil
@@ -94,6 +95,20 @@ def written_commands() -> list[tuple[str, str]]:
 def test_a_command_that_is_written_down_can_be_typed(place: str, line: str) -> None:
     verb, *words = shlex.split(line, comments=True)[1:]
     assert COMMANDS[verb].make_context(verb, words).command is COMMANDS[verb], place
+
+
+@pytest.mark.parametrize("model", ["compact", "compact-wide", "dcfe"])
+def test_the_commands_that_made_the_shipped_models_can_be_typed(model: str, tmp_path: Path) -> None:
+    recorder = tmp_path / "tipforce"
+    recorder.write_text('#!/bin/sh\nprintf "%s\\037" "$@"\nprintf "\\036"\n', encoding="utf-8")
+    recorder.chmod(0o755)
+    script = ["bash", str(ROOT / "scripts" / "train_pretrained.sh"), model]
+    path = f"{tmp_path}:{os.environ['PATH']}"
+    ran = subprocess.run(script, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=True)
+    commands = [command.split("\037")[:-1] for command in ran.stdout.split("\036")[:-1]]
+    assert len(commands) >= 6
+    for verb, *words in commands:
+        assert COMMANDS[verb].make_context(verb, words).command is COMMANDS[verb]
 
 
 def python_examples() -> list[tuple[str, str]]:

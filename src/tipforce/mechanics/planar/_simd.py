@@ -6,7 +6,7 @@ many numbers as there are lanes, one or eight, tells which kind is meant; a sing
 added, subtracted and multiplied as floats can.
 
 This is the only file with hand-written vector code. It stays because plain loops took twice its time or more from
-a cold start (docs/log.md, "Planar rod: plain loops in place of vector intrinsics").
+a cold start (docs/log.md, "Mechanics and simulation").
 """
 
 import math
