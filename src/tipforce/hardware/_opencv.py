@@ -14,6 +14,7 @@ from ..errors import DeviceError
 from ..types import Clock, Event, Frame, Image
 from ._arrival import MAX_WAIT_NS, ArrivalWait, LatenessCheck
 from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting, monotonic_to
+from ._fields import FieldCheck
 from ._stream import NetworkStream, size_of
 
 _WAIT_MS = 2000
@@ -33,7 +34,8 @@ class OpenCvCameraConfig(DeviceConfig):
     the camera alone sets size and rate, and what is stated is compared with them. ``fourcc``: pixel format, as "MJPG".
     ``auto_exposure``, ``exposure`` and ``gain``: numbers of the driver. ``latency_ms``: from mid-exposure to the
     image's arrival, taken from the arrival where the driver gives no stamps; ``stamp_latency_ms``: from mid-exposure to
-    the driver's stamp (negative where it stamps the start of the exposure).
+    the driver's stamp (negative where it stamps the start of the exposure). ``deinterlace``: of a camera whose even and
+    odd rows are taken at two instants, each image is made of its even rows alone.
     """
 
     driver: Literal["opencv"] = "opencv"
@@ -46,6 +48,7 @@ class OpenCvCameraConfig(DeviceConfig):
     exposure: Number | None = None
     gain: Number | None = None
     grey: bool = False
+    deinterlace: bool = False
     latency_ms: Annotated[float, Field(ge=0.0, le=900.0)] = 0.0
     stamp_latency_ms: Annotated[float, Field(ge=-500.0, le=900.0)] = 0.0
 
@@ -81,6 +84,7 @@ class OpenCvCamera(Driver):
         self._wait, self._late = ArrivalWait(local=True), LatenessCheck()
         self._host_ahead_ns = 0
         self._awake_ns: int | None = None
+        self._fields = FieldCheck(view, self._where, deinterlace=config.deinterlace)
         self._stream: NetworkStream | None = None
         if open_capture is None and isinstance(config.device, str) and "://" in config.device:
             self._stream = NetworkStream(
@@ -89,6 +93,7 @@ class OpenCvCamera(Driver):
                 self._where,
                 self.counts,
                 grey=config.grey,
+                deinterlace=config.deinterlace,
                 latency_ns=round(config.latency_ms * 1e6),
                 options={},
             )
@@ -127,6 +132,7 @@ class OpenCvCamera(Driver):
                 self._capture.set(number, value)
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         self._clock, self._stamped = clock, 0
+        self._fields = FieldCheck(self.view, self._where, deinterlace=config.deinterlace)
         self._wait, self._late = ArrivalWait(local=True), LatenessCheck()
         self._host_ahead_ns, self._awake_ns = monotonic_to(clock), None
         whole, image = self._capture.read()
@@ -173,7 +179,7 @@ class OpenCvCamera(Driver):
         if slept or (taken_ns is None and wait_ns > MAX_WAIT_NS):
             self.counts["discarded, for they had waited in a buffer"] += 1
             return ()
-        upright = upright_image(image, self.config.grey, self._where)
+        upright = self._fields.one_instant(upright_image(image, self.config.grey, self._where))
         if taken_ns is None:
             return (Frame(arrival_ns - round(self.config.latency_ms * 1e6), upright, self.view, wait_ns),)
         return (Frame(taken_ns - round(self.config.stamp_latency_ms * 1e6), upright, self.view),)

@@ -5,10 +5,12 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from .._arrival_clock import ArrivalClock, ClockReport
-from ..errors import DeviceError
+from ..errors import DeviceError, FileFormatError
+from ..io import shown_image
 from ..types import Clock, Frame, Image
 from ._arrival import MAX_WAIT_NS, ArrivalWait, LatenessCheck
 from ._driver import Setting
+from ._fields import FieldCheck
 
 _TIMEOUT_S = 2.0
 _NO_TIMESTAMPS = 0x80
@@ -27,6 +29,13 @@ def size_of(image: Image) -> str:
     return f"{image.shape[1]}x{image.shape[0]}"
 
 
+def grey_image(image: Image) -> Image:
+    """Returns an RGB image (h, w, 3) in grey (h, w)."""
+    import cv2
+
+    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)  # type: ignore[return-value]
+
+
 class NetworkStream:
     """One connection. Its images are current, or their age is known: see `read`.
 
@@ -36,6 +45,7 @@ class NetworkStream:
         where: the camera, for messages.
         counts: gets what went wrong how often.
         grey: whether images are to be grey.
+        deinterlace: whether images are made of their even rows alone.
         latency_ns: from mid-exposure to the arrival of the image that arrives fastest.
         options: of FFmpeg.
     """
@@ -48,11 +58,13 @@ class NetworkStream:
         counts: Counter[str],
         *,
         grey: bool,
+        deinterlace: bool,
         latency_ns: int,
         options: Mapping[str, str],
     ) -> None:
         self._source, self._view, self._where, self._counts = source, view, where, counts
         self._grey, self._latency_ns, self._options = grey, latency_ns, dict(options)
+        self._deinterlace = deinterlace
         self._container: Any = None
         self._clock: Clock | None = None
         self._frames: Iterator[tuple[int | None, Image]] = iter(())
@@ -94,18 +106,29 @@ class NetworkStream:
         )
 
     def _decoded(self, stream: Any) -> Iterator[tuple[int | None, Image]]:
-        """Images with the stamps of their stream, None where it has none."""
+        """Images as a player shows them, with the stamps of their stream, None where it has none."""
         import av.error
 
+        fields = FieldCheck(self._view, self._where, deinterlace=self._deinterlace)
         try:
             for frame in self._container.decode(stream):
                 if self._stamped and frame.pts is None:
                     self._counts["stampless"] += 1
                     continue
-                image = frame.to_ndarray(format="gray" if self._grey else "rgb24")
+                image = shown_image(frame, stream, self._where, self._unknown_depth, fields.one_instant)
+                if self._grey and image.ndim == 3:
+                    image = grey_image(image)
                 yield round(frame.pts * frame.time_base * 1_000_000_000) if self._stamped else None, image
         except (av.error.FFmpegError, OSError) as error:
             raise DeviceError(f"{self._where}: is lost: {error}") from None
+        except FileFormatError as error:
+            raise DeviceError(str(error)) from None
+
+    def _unknown_depth(self) -> int:
+        raise DeviceError(
+            f"{self._where}: sends pixels of 16 bits and does not state how many of them are in use; set the camera to "
+            "8 bits"
+        )
 
     def read(self) -> Frame | None:
         """The next image; None for one that is not current.

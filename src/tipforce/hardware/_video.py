@@ -4,14 +4,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator
 
 from .._arrival_clock import ClockReport
 from ..errors import DeviceError
 from ..io import open_source
 from ..types import Clock, Event, Frame
 from ._driver import DeclaredStream, DeviceConfig, Driver, EndOfStream, Setting
-from ._stream import NetworkStream
+from ._stream import NetworkStream, grey_image
 
 
 class VideoConfig(DeviceConfig):
@@ -19,13 +19,23 @@ class VideoConfig(DeviceConfig):
 
     ``source``: a file, or an address as "rtsp://10.0.0.7/stream". ``latency_ms``: of a stream, from mid-exposure to the
     arrival of the image that arrives fastest. ``options``: of FFmpeg, as { rtsp_transport = "udp" }.
+    ``deinterlace``: of a stream whose even and odd rows are taken at two instants, each image is made of its even rows
+    alone (both fields of a file are read as images of their own).
     """
 
     driver: Literal["video"] = "video"
     source: str
     grey: bool = False
+    deinterlace: bool = False
     latency_ms: Annotated[float, Field(ge=0.0, le=900.0)] = 0.0
     options: dict[str, str] = Field(default_factory=dict)
+
+    @field_validator("deinterlace")
+    @classmethod
+    def _goes_with_a_stream(cls, deinterlace: bool, info: ValidationInfo) -> bool:
+        if deinterlace and "://" not in info.data.get("source", "://"):
+            raise ValueError("it goes with a stream; both fields of a video file are read as images anyway")
+        return deinterlace
 
     @property
     def is_file(self) -> bool:
@@ -45,6 +55,7 @@ class Video(Driver):
             self._where,
             self.counts,
             grey=config.grey,
+            deinterlace=config.deinterlace,
             latency_ns=round(config.latency_ms * 1e6),
             options=config.options,
         )
@@ -99,9 +110,7 @@ class Video(Driver):
             return ()
         self._pending = None
         if self.config.grey and image.ndim == 3:
-            import cv2
-
-            image = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+            image = grey_image(image)
         return (Frame(due_ns, image, self.view),)
 
     def close(self) -> None:

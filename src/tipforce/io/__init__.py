@@ -24,7 +24,7 @@ from ._sources import (
 from ._writer import RecordingWriter, write_force_csv
 from .bags import Bag, is_bag, open_bag
 from .tables import ACTUATION_UNITS, STILL_STEP_NS, Table, check_actuation, is_actuation, is_force, open_table
-from .video import VideoWriter, write_video
+from .video import FieldEvidence, VideoWriter, shown_image, write_video
 
 __all__ = [
     "ACTUATION_UNITS",
@@ -39,6 +39,7 @@ __all__ = [
     "Bag",
     "ClockMap",
     "DriveLog",
+    "FieldEvidence",
     "FileSource",
     "ForceLog",
     "InFolder",
@@ -82,6 +83,7 @@ __all__ = [
     "replacing_folder",
     "require_actuation",
     "save_image",
+    "shown_image",
     "spread_images",
     "spread_rows",
     "steady_reading",

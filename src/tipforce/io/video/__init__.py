@@ -1,6 +1,8 @@
-"""Video files: images with true stamps in, H.264 that plays in a browser out."""
+"""Video: images with true stamps in, H.264 that plays in a browser out."""
 
+from ._fields import FieldEvidence
+from ._pixels import shown_image
 from ._reader import VideoFile
 from ._writer import VideoWriter, write_video
 
-__all__ = ["VideoFile", "VideoWriter", "write_video"]
+__all__ = ["FieldEvidence", "VideoFile", "VideoWriter", "shown_image", "write_video"]

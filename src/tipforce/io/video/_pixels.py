@@ -4,6 +4,8 @@ What a container or codec states of its pixels is honoured here or refused: disp
 aspect ratio, bit depth, limited range of grey, two views in one image. FFmpeg itself converts YUV of either range.
 """
 
+from collections.abc import Callable
+from fractions import Fraction
 from typing import cast
 
 import av
@@ -13,6 +15,7 @@ from av.sidedata.sidedata import SideDataContainer, Type
 
 from ...errors import FileFormatError
 from ...types import Image
+from .._square_pixels import square_pixels
 
 _MAX_SKEW = 0.02
 """A display matrix turns by quarters of a circle alone: its lesser elements are at most this share of the others."""
@@ -26,7 +29,32 @@ _HALVES = {
 }
 
 
-def states_its_depth(decoded: av.VideoFrame) -> bool:
+def shown_image(
+    decoded: av.VideoFrame, stream: av.VideoStream, where: str, bits_in_use: Callable[[], int],
+    change_stored: Callable[[Image], Image] = lambda image: image,
+) -> Image:  # fmt: skip
+    """Returns a frame as a player shows it: (h, w) grey where its pixels are grey, else (h, w, 3) RGB, 8 bits.
+
+    Args:
+        decoded: the frame.
+        stream: of the frame; states the shape of its pixels.
+        where: the file or address, for messages.
+        bits_in_use: called for pixels of 16 bits that may hold fewer; returns how many bits are in use.
+        change_stored: called with the image as stored, before it is turned or stretched; returns what is used for it.
+
+    Raises:
+        FileFormatError: the frame states something of its pixels that is not read.
+    """
+    _check_one_view(decoded, where)
+    levels = levels_of(decoded, where)
+    if levels.dtype == np.uint16:
+        levels >>= (16 if _states_its_depth(decoded) else bits_in_use()) - 8
+    aspect = stream.sample_aspect_ratio or stream.codec_context.sample_aspect_ratio or Fraction(1)
+    image = square_pixels(change_stored(levels.astype(np.uint8)), aspect, where)
+    return np.ascontiguousarray(_oriented(image, decoded, where), dtype=np.uint8)
+
+
+def _states_its_depth(decoded: av.VideoFrame) -> bool:
     """Whether the pixel format states the bits in use: grey or RGB of 16 bits may be what a 12-bit camera wrote."""
     return decoded.format.components[0].bits < 16 or not (_is_grey(decoded) or decoded.format.is_rgb)
 
@@ -71,7 +99,7 @@ def _full_range(levels: npt.NDArray[np.uint8 | np.uint16]) -> npt.NDArray[np.uin
     return np.clip(np.rint(stretched), 0.0, 255.0 * scale).astype(levels.dtype)
 
 
-def check_one_view(decoded: av.VideoFrame, where: str) -> None:
+def _check_one_view(decoded: av.VideoFrame, where: str) -> None:
     """Raises FileFormatError where each image of the video holds two views of a stereo camera."""
     stated = _side_data(decoded, Type.STEREO3D)
     kind = int(stated[0]) if len(stated) else 0
@@ -91,7 +119,7 @@ def _side_data(decoded: av.VideoFrame, kind: Type) -> npt.NDArray[np.int32]:
     return np.frombuffer(found[: len(found) // 4 * 4], np.int32)
 
 
-def oriented(image: Image, decoded: av.VideoFrame, where: str) -> Image:
+def _oriented(image: Image, decoded: av.VideoFrame, where: str) -> Image:
     """Returns ``image`` as a player shows it: a camera notes how it was held, and whether it mirrors.
 
     Args:

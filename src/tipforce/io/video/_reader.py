@@ -2,23 +2,20 @@
 
 import warnings
 from collections.abc import Iterator
-from fractions import Fraction
 from itertools import islice
 from pathlib import Path
 
 import av
 import av.error
-import numpy as np
 from av.container import InputContainer
 from av.stream import Disposition
 
 from ...errors import FileFormatError, TimeError
-from ...types import Frame, Image
+from ...types import Frame
 from .._image_size import check_pixels, max_pixels
 from .._images import bits_in_use
-from .._square_pixels import square_pixels
 from ._fields import FieldEvidence, FieldOrder, split_fields, stated_order
-from ._pixels import check_one_view, grey_of, levels_of, oriented, states_its_depth
+from ._pixels import grey_of, levels_of, shown_image
 
 _REMEDY = "to use what is there, cut it out first: ffmpeg -i VIDEO -c copy WHOLE.mp4"
 _BESIDE = Disposition.attached_pic | Disposition.timed_thumbnails | Disposition.still_image | Disposition.dependent
@@ -65,7 +62,7 @@ class VideoFile:
             stream = self._stream(container)
             checked = self._checked(self._unmarked_checked(_undamaged(self.path, container, stream)))
             for stamp_ns, decoded in split_fields(checked, stream, self._field_order):
-                yield Frame(stamp_ns, self._image(stream, decoded), view)
+                yield Frame(stamp_ns, shown_image(decoded, stream, str(self.path), self._bits_in_use), view)
 
     def _stream(self, container: InputContainer) -> av.VideoStream:
         stream = next(each for each in container.streams.video if each.index == self._stream_index)
@@ -78,15 +75,6 @@ class VideoFile:
         """Yields the whole frames of the file, without a word on its faults."""
         with _opened(self.path) as container:
             yield from (each for each in _Packets(container, self._stream(container)) if each is not None)
-
-    def _image(self, stream: av.VideoStream, decoded: av.VideoFrame) -> Image:
-        where = str(self.path)
-        levels = levels_of(decoded, where)
-        if levels.dtype == np.uint16:
-            levels >>= (16 if states_its_depth(decoded) else self._bits_in_use()) - 8
-        aspect = stream.sample_aspect_ratio or stream.codec_context.sample_aspect_ratio or Fraction(1)
-        image = square_pixels(levels.astype(np.uint8), aspect, where)
-        return np.ascontiguousarray(oriented(image, decoded, where), dtype=np.uint8)
 
     def _bits_in_use(self) -> int:
         """Bits in use in pixels of 16 bits, by the rule for image files: one depth for the whole file."""
@@ -119,10 +107,9 @@ class VideoFile:
         return self._order
 
     def _checked(self, frames: Iterator[tuple[int, av.VideoFrame]]) -> Iterator[tuple[int, av.VideoFrame]]:
-        """Refuses images that are not of one size, or that hold two views."""
+        """Refuses images that are not of one size."""
         size: tuple[int, int] | None = None
         for number, (stamp_ns, decoded) in enumerate(frames):
-            check_one_view(decoded, str(self.path))
             here = decoded.width, decoded.height
             if size is not None and here != size:
                 raise FileFormatError(
