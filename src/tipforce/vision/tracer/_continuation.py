@@ -10,6 +10,7 @@ import numpy as np
 
 from ._pixels import Raster, fast, grey_between, measure_pair
 from ._spline import FitBuffers, Spline, fit_axis, spline_at
+from ._stations import ARC, KIND, OTHER, PALE, U, V, add_station
 from ._strip import (
     BEHIND,
     BINS,
@@ -28,7 +29,6 @@ from ._strip import (
     roughness,
     straighten,
 )
-from ._trace import ARC, KIND, OTHER, PALE, U, V, add_station
 
 CONTINUATION_SIZE = ROWS * COLUMNS + 2 * BLOCKS * COLUMNS + BINS
 """Numbers of working memory that `continue_trace` needs."""

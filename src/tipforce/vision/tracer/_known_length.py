@@ -13,6 +13,7 @@ import numpy as np
 
 from ._pixels import Raster, fast
 from ._spline import FitBuffers, Spline, fit_axis, heading
+from ._stations import ARC, KIND, SHAFT, WEIGHT, add_station
 from ._strip import (
     BEHIND,
     BINS,
@@ -29,7 +30,6 @@ from ._strip import (
 )
 from ._tip import TIP_SIZE, tip_by_colour
 from ._tip_template import match_template, template_difference
-from ._trace import ARC, KIND, SHAFT, WEIGHT, add_station
 
 _UNSEEN = 4.0
 """So many radii before its tip the catheter may be detected for the last time."""

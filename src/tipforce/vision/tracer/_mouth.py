@@ -14,7 +14,7 @@ import numpy as np
 
 from ...types import Image
 from .._settings import BaseSide, Box, Polarity
-from ._trace import find_entries
+from ._entries import find_entries
 
 _DEEPEST = 0.6
 """Share of the image that is searched from the border on."""

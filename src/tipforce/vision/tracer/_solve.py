@@ -9,8 +9,7 @@ from ._continuation import CONTINUATION_SIZE, NO_ELECTRODE, continue_trace, coun
 from ._known_length import KNOWN_LENGTH_SIZE, continues_beyond, find_tip_at_length
 from ._pixels import Raster, fast
 from ._spline import FitBuffers, fit_axis, fit_spline, resample, spline_at
-from ._tip import TIP_BACK, base_offset, measure_ends, tip_by_contrast
-from ._trace import (
+from ._stations import (
     ARC,
     END_BORDER,
     END_LOST,
@@ -19,12 +18,12 @@ from ._trace import (
     KIND,
     SHAFT,
     WEIGHT,
-    WIDE,
-    Candidate,
+    WIDTH,
     U,
     V,
-    trace_shaft,
 )
+from ._tip import TIP_BACK, base_offset, measure_ends, tip_by_contrast
+from ._trace import Candidate, trace_shaft
 
 _STRAIGHT = 0.7
 """Radii before the tip from which on the axis is straight: a compromise of round tips (1) and flat ones (0)."""
@@ -87,7 +86,7 @@ def _mean_width(stations: np.ndarray, first: int, way: int, n: int, far: float) 
     total, count, i = 0.0, 0, first
     while 0 <= i < n and abs(stations[i, ARC] - stations[first, ARC]) <= far:
         if stations[i, KIND] == SHAFT:
-            total += stations[i, WIDE]
+            total += stations[i, WIDTH]
             count += 1
         i += way
     if count < _STEP_STATIONS or abs(stations[i - way, ARC] - stations[first, ARC]) < 0.7 * far:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ._pixels import fast
-from ._trace import ARC, WEIGHT, U, V
+from ._stations import ARC, WEIGHT, U, V
 
 _TIP_STIFFNESS = 4.0
 """How much stiffer the curve is at its tip, where it is measured from one side only."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from ._pixels import Raster, colour_between, edge_near, fast, grey_between, measure_pair
 from ._spline import Spline, axis_at, spline_at
-from ._trace import ARC, KIND, SHAFT, WEIGHT, WIDE, U, V
+from ._stations import ARC, KIND, SHAFT, WEIGHT, WIDTH, U, V
 
 _BASE_N, _BASE_STEP = 5, 0.4
 """Stations measured again at the base, and the distance between them in radii of the shaft."""
@@ -121,7 +121,7 @@ def measure_ends(
         stations[n, U] = u + off * nu
         stations[n, V] = v + off * nv
         stations[n, ARC] = s
-        stations[n, WIDE] = (left + right) * slant
+        stations[n, WIDTH] = (left + right) * slant
         stations[n, WEIGHT] = 0.05 / (0.05 + deviation * deviation)
         stations[n, KIND] = SHAFT
         n += 1

@@ -11,7 +11,7 @@ import numpy as np
 
 from ._pixels import Raster, colour_between, fast
 from ._spline import Spline, axis_at, heading
-from ._trace import ARC, add_station
+from ._stations import ARC, add_station
 
 TEMPLATE_ROWS = 13
 """Rows of a template, a radius apart, the first half a radius before the tip."""

@@ -10,10 +10,12 @@ from ...errors import InputError
 from ...types import BasePose, CentrelinePx, DetectedShape, FloatArray, Image, Status
 from .._probability import probability_right
 from .._settings import BaseSide, Box, ResolvedVision, VisionSettings
+from ._entries import BaseLine, find_entries
 from ._evidence import Evidence, line_evidence
 from ._solve import STATIONS, WORK_SIZE, ShaftFit, solve_shaft
+from ._stations import END_BORDER, END_LOST, END_SHORT
 from ._tip_template import TEMPLATE_COLUMNS, TEMPLATE_ROWS
-from ._trace import END_BORDER, END_LOST, END_SHORT, BaseLine, Candidate, find_entries
+from ._trace import Candidate
 
 _PASSES = ((0, 1), (4, 1), (8, 1), (12, 1), (18, 1))
 """How far inside the base line entries are searched, and every how many pixels along it."""
