@@ -7,10 +7,10 @@ True
 Names are loaded when they are first used, so that ``import tipforce`` takes a moment only.
 """
 
-import importlib
 import logging
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from ._lazy import loaded_on_use as _loaded_on_use
 from .errors import TipforceError
 
 if TYPE_CHECKING:
@@ -44,32 +44,24 @@ __all__ = [
 
 __version__ = "0.1.0"
 
-_LAZY = {
-    "estimate": "pipelines",
-    "evaluate": "pipelines",
-    "import_session": "pipelines",
-    "inspect": "pipelines",
-    "simulate": "pipelines",
-    "train": "pipelines",
-    "load_model": "estimators",
-    "open_dataset": "datasets",
-    "open_recording": "io",
-    **dict.fromkeys(
-        ("Catheter", "ForceEstimate", "Frame", "Observation", "SessionInfo", "Status", "Wrench", "read_bench"), "types"
-    ),
-}
-"""Public name -> the package it is in."""
-
 logging.getLogger("tipforce").addHandler(logging.NullHandler())
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _LAZY:
-        raise AttributeError(f"module 'tipforce' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f".{_LAZY[name]}", __name__), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = _loaded_on_use(
+    __name__,
+    {
+        "datasets": ("open_dataset",),
+        "estimators": ("load_model",),
+        "io": ("open_recording",),
+        "pipelines": ("estimate", "evaluate", "import_session", "inspect", "simulate", "train"),
+        "types": (
+            "Catheter",
+            "ForceEstimate",
+            "Frame",
+            "Observation",
+            "SessionInfo",
+            "Status",
+            "Wrench",
+            "read_bench",
+        ),
+    },
+)
