@@ -1,5 +1,7 @@
 """Logs with readings that are not the contact force: what `import_session` says, and the labels that it makes."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,16 +24,22 @@ def table(run: Run) -> np.ndarray:
 
 
 def imported(
-    run: Run, folder: Path, rows: np.ndarray, status: np.ndarray | None = None, tare: tuple[float, float] | None = None
+    run: Run,
+    folder: Path,
+    rows: np.ndarray,
+    status: np.ndarray | None = None,
+    tare: tuple[float, float] | None = None,
+    bench: SessionInfo = BENCH,
 ) -> tuple[RecordingReport, Labels, float]:
     """The report, the labels and their rms error in N."""
+    folder.mkdir(exist_ok=True)
     log = folder / "force.csv"
     lines = [",".join("" if np.isnan(value) else f"{value:.6g}" for value in row) for row in rows]
     if status is not None:
         lines = [f"{line},{word}" for line, word in zip(lines, status.tolist(), strict=True)]
     log.write_text("\n".join(["time_s,fx_n,fy_n" + (",status" if status is not None else ""), *lines]) + "\n")
     report = import_session(
-        run.video, log, folder / "run.mcap", bench=BENCH, offset_ms=1e3 * OFFSET_S, tare=tare or "auto"
+        run.video, log, folder / "run.mcap", bench=bench, offset_ms=1e3 * OFFSET_S, tare=tare or "auto"
     )
     with RecordingReader(folder / "run.mcap") as reader:
         found = labels(reader)
@@ -90,6 +98,18 @@ def test_a_clipped_axis_gives_no_labels_at_its_limit(run: Run, tmp_path: Path) -
     assert "fy stays at -0.2 N, the end of its range" in "\n".join(describe_recording(report.summary))
     assert 60 < labelled(found) < 170
     assert rms < 0.005
+
+
+def test_readings_at_the_stated_range_of_the_sensor_give_no_labels(run: Run, tmp_path: Path) -> None:
+    """Too few to show a plateau: only the data sheet of the sensor shows that they are clipped."""
+    rows = table(run)
+    limit = float(np.sort(np.abs(rows[:, 2]))[-6])
+    rows[:, 2] = np.clip(rows[:, 2], -limit, limit)
+    report, _, _ = imported(run, tmp_path, rows)
+    assert "clipped" not in "\n".join(describe_recording(report.summary))
+    stated = replace(BENCH, sensor=replace(BENCH.sensor, range_n=(3.0, limit, 9.0)))
+    report, _, _ = imported(run, tmp_path / "stated", rows, bench=stated)
+    assert re.search(r"clipped: \d+ readings not used .*0\.403 N", "\n".join(describe_recording(report.summary)))
 
 
 def test_spikes_and_a_gap_give_no_labels(run: Run, tmp_path: Path) -> None:

@@ -180,7 +180,7 @@ class HardwareSource:
         self.stopped = threading.Event()
         self._changed = threading.Condition()
         self._order = 0
-        self._force = ForceMonitor()
+        self._force = ForceMonitor(self.session_info.sensor.range_n)
         self._ends_ns: int | None = None
         self._streams: dict[str, _Stream] = {}
         for driver in drivers:

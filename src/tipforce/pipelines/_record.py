@@ -212,7 +212,9 @@ def _state_facts(
         tare = pose.no_contact_s
     writer.state(pose)
     stage = run.stage
-    plausible, level, inertia = find_plausible_force(stamps, force, stage, tare, remarks, status=status)
+    plausible, level, inertia = find_plausible_force(
+        stamps, force, stage, tare, remarks, status=status, range_n=pose.range_n
+    )
     force = plausible.corrected(stamps, force)
     writer.state(plausible)
     writer.state(level)

@@ -203,7 +203,7 @@ class _Watched:
         self._stopped = False
         self._began_ns: int | None = None
         self._meters: dict[tuple[str, str], StreamMeter] = {}
-        self._force = ForceMonitor()
+        self._force = ForceMonitor(info.sensor.range_n)
 
     def stop(self) -> None:
         """End after the event that comes next."""

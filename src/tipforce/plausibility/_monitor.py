@@ -22,9 +22,13 @@ class ForceMonitor:
     """Checks the readings of one force sensor while they come, as `check_force_log` checks them afterwards.
 
     One thread may add readings while another one asks for findings, which are computed then.
+
+    Args:
+        range_n: (3,) largest reading of each axis by the sensor's data sheet, N.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, range_n: tuple[float, float, float] | None = None) -> None:
+        self._range_n = range_n
         self._readings: deque[tuple[int, FloatArray]] = deque(maxlen=_MAX_READINGS)
         self._lock = threading.Lock()
         self._checked_ns: int | None = None
@@ -59,7 +63,7 @@ class ForceMonitor:
     def _check(self, readings: Sequence[tuple[int, FloatArray]]) -> None:
         stamps = np.array([stamp for stamp, _ in readings], np.int64)
         force = np.array([reading for _, reading in readings])
-        found = check_force_log(stamps, force)
+        found = check_force_log(stamps, force, range_n=self._range_n)
         first_ns = self._first_ns or 0
         late_s = (int(stamps[0]) - first_ns) * 1e-9
         moved = (

@@ -85,6 +85,11 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
                 "without contact in every session, in seconds of the log: the tare",
             ),
             ("moving_mass_kg", "0.05", "what rides on a moving sensor"),
+            (
+                "range_n",
+                "[3.0, 3.0, 9.0]",
+                "largest readings of fx, fy, fz by the data sheet, N: beyond, they are clipped",
+            ),
         ),
     ),
     "sensor.log": (

@@ -52,6 +52,7 @@ RANGES = {
     "knob_offset_per_m": Range(-200.0, 200.0, "1/m"),
     "knob_play_deg": Range(0.0, 90.0, "degrees"),
     "counts_per_n": Range(1e-6, 1e12, "counts for a newton"),
+    "range_n": Range(1e-3, 1e4, "N"),
     "rate_hz": Range(1e-3, 1e6, "rows per second"),
     "stiffness_n_per_m": Range(1.0, 1e5, "N/m", "N/mm", 1e3),
     "angle_deg": Range(-360.0, 360.0, "degrees"),

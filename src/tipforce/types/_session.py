@@ -161,6 +161,9 @@ class StageInfo:
     clock: Literal["camera"] | None = None
 
 
+_LargestReading = Annotated[float, _within("range_n")]
+
+
 @dataclass(frozen=True, slots=True)
 class SensorInfo:
     """The force sensor at the bench.
@@ -168,7 +171,8 @@ class SensorInfo:
     ``angle_deg``: its x axis, counter-clockwise from the base x axis as seen in the displayed image; its z axis points
     to the camera. ``reads``: a sensor under the tissue reads tip-on-tissue. ``no_contact_s``: a stretch without
     contact, in seconds since its log's first row, which gives the tare. ``moving_mass_kg``: what moves with the sensor.
-    ``log``: how its log is to be read.
+    ``range_n``: (3,) largest reading of fx, fy, fz by the data sheet; readings there are clipped. ``log``: how its log
+    is to be read.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -177,6 +181,7 @@ class SensorInfo:
     reads: Reads | None = None
     no_contact_s: tuple[float, float] | None = None
     moving_mass_kg: Annotated[float, _within("moving_mass_kg")] | None = None
+    range_n: tuple[_LargestReading, _LargestReading, _LargestReading] | None = None
     log: ForceLogInfo = ForceLogInfo()
 
     @property
