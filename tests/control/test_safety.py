@@ -5,7 +5,17 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tipforce.control import ControlSettings, ControlState, Path, SafetyAction, SafetyLayer, SafetySettings
+from tipforce.control import (
+    ControlSettings,
+    ControlState,
+    ObserverSettings,
+    Path,
+    SafetyAction,
+    SafetyLayer,
+    SafetySettings,
+    Sample,
+    WallObserver,
+)
 from tipforce.errors import InputError
 from tipforce.types import ForceEstimate, Status
 
@@ -246,6 +256,31 @@ def test_a_force_that_rises_fast_is_drawn_back_before_the_limit() -> None:
         actions.append(safety.check()[0])
     assert actions == [SafetyAction.PASS] * 3 + [SafetyAction.OVER_LIMIT]
     assert safety.upper_n < 0.3
+
+
+def test_an_interval_that_widens_upward_counts_as_a_rise_of_the_force() -> None:
+    plant, safety = layer()
+    for number, (force, half_width) in enumerate(((0.01, 0.03), (0.08, 0.09))):
+        stamp_ns = number * 33_000_000
+        plant.clock.sleep_until_ns(stamp_ns + 60_000_000)
+        safety.observe(estimate_of(stamp_ns, force, half_width), stamp_ns)
+    assert safety.check()[0] is SafetyAction.OVER_LIMIT
+    assert safety.upper_n < 0.2
+
+
+def test_time_without_contact_does_not_make_a_wrong_model_of_the_wall_right() -> None:
+    observer = WallObserver(ObserverSettings(), wall_mm=-10.0, wall_sigma_mm=1.0)
+    for number in range(10):
+        observer.add(Sample(number / 30, 0.3, 0.005, 0.0))
+    wrong_n = observer.surprise_n
+    assert wrong_n > 0.2
+    for number in range(10, 130):
+        observer.add(Sample(number / 30, 0.0, 0.005, -20.0))
+    assert observer.surprise_n == wrong_n
+    for number in range(130, 230):
+        depth_mm = 0.1 / observer.gain_n_per_mm - observer.wall_mm(number / 30)
+        observer.add(Sample(number / 30, 0.1, 0.005, depth_mm))
+    assert observer.surprise_n < 0.1
 
 
 def test_without_estimates_the_force_is_taken_to_rise_as_fast_as_it_did() -> None:

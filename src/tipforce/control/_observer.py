@@ -24,6 +24,7 @@ _PLAUSIBLE = 20.0
 _TEMPERED = 0.25
 """Share of a difference in log-likelihood that counts: errors of neighbouring estimates are alike."""
 _SURPRISE_S = 1.0
+"""Time in contact after which an error of the prediction no longer counts. Time without contact proves nothing."""
 _PHASES = 8
 """Of a beat, at which the prediction's spread is looked at."""
 
@@ -74,6 +75,7 @@ class WallObserver:
         self._numbers = numbers
         self._likelihood = np.zeros(count)
         self._surprises: deque[tuple[float, float]] = deque()
+        self._in_contact_s = 0.0
         self.locked = False
 
     @property
@@ -104,6 +106,8 @@ class WallObserver:
             if sample.time_s <= self.time_s:
                 return
             self._predict(sample.time_s - self.time_s)
+            if self._felt(sample):
+                self._in_contact_s += sample.time_s - self.time_s
         self.time_s = sample.time_s
         self._update(sample)
 
@@ -131,7 +135,10 @@ class WallObserver:
 
     @property
     def surprise_n(self) -> float:
-        """Largest difference of late between the force and what the most likely model expected; infinite before any."""
+        """Largest difference between the force and what the most likely model expected, in the last second of contact.
+
+        Infinite before the first estimate.
+        """
         return max((size for _, size in self._surprises), default=math.inf)
 
     def spread_mm(self) -> float:
@@ -209,6 +216,10 @@ class WallObserver:
         self._x = moved
         self._p = jacobian @ self._p @ jacobian.transpose(0, 2, 1) + self._q * dt_s
 
+    def _felt(self, sample: Sample) -> bool:
+        """Returns whether the force is more than noise."""
+        return sample.force_n > 3.0 * self.settings.noise_n
+
     def _update(self, sample: Sample) -> None:
         x = self._x
         wall = x[:, 0] + x[:, _BREATH] + x[:, _HEART : self._rate : 2].sum(axis=1)
@@ -218,13 +229,13 @@ class WallObserver:
         h[:, _HEART : self._rate : 2] = gain[:, None]
         h[:, self._gain] = np.maximum(gain * depth, 0.0)
         expected = np.maximum(gain * depth, 0.0)
-        informative = (depth > 0.0) | (sample.force_n > 3.0 * self.settings.noise_n)
+        informative = (depth > 0.0) | self._felt(sample)
         ph = np.einsum("bij,bj->bi", self._p, h)
         noise = max(sample.sigma_n, self.settings.noise_n) ** 2
         variance = np.einsum("bi,bi->b", h, ph) + noise
         wrong = sample.force_n - np.where(informative, gain * depth, expected)
-        self._surprises.append((sample.time_s, abs(sample.force_n - float(expected[self.best]))))
-        while self._surprises[0][0] < sample.time_s - _SURPRISE_S:
+        self._surprises.append((self._in_contact_s, abs(sample.force_n - float(expected[self.best]))))
+        while self._surprises[0][0] < self._in_contact_s - _SURPRISE_S:
             self._surprises.popleft()
         step = np.where(informative, wrong / variance, 0.0)
         # Beyond three standard deviations an estimate counts as if it were there: the model, not the wall, jumped.

@@ -200,7 +200,9 @@ class _Bound:
         middle_n = estimate.magnitude_n if estimate.valid else 0.5 * sum(estimate.abstained_interval_n)
         if self._captured_ns is not None:
             seconds = (captured_ns - self._captured_ns) * 1e-9
-            self._rise_n_per_s = max(0.0, middle_n - self._middle_n - self._settings.noise_n) / seconds
+            # An estimate that lags behind shows a new contact first in its interval, which becomes wider.
+            rise_n = max(middle_n - self._middle_n, estimate.upper_n - self.upper_n) - self._settings.noise_n
+            self._rise_n_per_s = max(0.0, rise_n) / seconds
         self._rises.append((captured_ns, self._rise_n_per_s))
         while self._rises[0][0] < captured_ns - 1e9 * self._settings.rise_memory_s:
             self._rises.popleft()
