@@ -14,7 +14,7 @@ from tipforce.control import SafetySettings
 from tipforce.errors import DeviceError, InputError
 from tipforce.hardware import AxisConfig, GrblConfig, GrblStage, HardwareSource
 from tipforce.hardware.emulators import GrblEmulator
-from tipforce.live import LiveHealth, LiveUpdate
+from tipforce.live import LiveHealth, LiveReport, LiveUpdate
 from tipforce.pipelines import HoldSettings, LiveControl, LiveRunSettings, open_live_source
 from tipforce.pipelines._control import path_of_drives
 from tipforce.pipelines._live import _control, _CurrentDrives, simulated_bench
@@ -128,6 +128,43 @@ def test_estimates_reach_the_loop_and_drive_a_run_to_contact() -> None:
         run.reach("idle")
         assert run.drives.place == pytest.approx(-2.0, abs=0.06)
     assert run.drives.stops == 1
+
+
+def test_each_run_states_its_peak_and_the_time_above_the_limits() -> None:
+    true = {"newtons": 0.0}
+    with made(true_force_n=lambda: true["newtons"]) as run:
+        assert run.control.runs == ()
+        assert math.isnan(run.control.status.peak_n)
+        run.control.start()
+        run.reach("approach")
+        run.newtons, true["newtons"] = 0.05, 0.35
+        run.reach("hold")
+        run.newtons, true["newtons"] = 0.45, 0.5
+        run.until(lambda: run.control.status.true_above_limit_s > 0.05)
+        run.status = Status.NO_CATHETER  # an estimate that is not valid adds to neither
+        run.until(lambda: run.control.runs[0].not_valid_s > 0.0)
+        run.control.retract()
+        run.until(lambda: not run.control.running)
+        run.newtons, run.status = 0.0, Status.VALID
+        run.until(lambda: run.control.status.force_n == 0.0)
+        (first,) = run.control.runs
+        seconds = first.seconds
+        run.control.start()
+        run.reach("approach")
+    first, second = run.control.runs
+    assert first.seconds == pytest.approx(seconds, abs=0.02)  # nothing is added after the run
+    assert first.true is not None
+    assert (first.estimated.peak_n, first.true.peak_n) == (0.45, 0.5)
+    assert 0.0 < first.estimated.above_limit_s < first.true.above_limit_s
+    assert first.true.above_limit_s < first.true.above_safe_s <= first.seconds
+    assert second.seconds < first.seconds
+    text = LiveReport(loop_runs=run.control.runs).text().splitlines()
+    assert text[-2].startswith(f"run 1 of the loop: {first.seconds:.1f} s, held for 0.0 s, no valid force for ")
+    assert "Peak of the estimated force: 0.45 N (46 g);" in text[-2]
+    assert "s above the loop's limit, 0.4 N;" in text[-2]
+    assert "Peak of the true force: 0.50 N (51 g);" in text[-2]
+    assert text[-2].endswith("s above the thesis's safe limit, 0.3 N.")
+    assert text[-1].startswith("run 2 of the loop:")
 
 
 def test_stop_brakes_at_once_though_the_loop_is_busy_and_a_release_moves_nothing() -> None:

@@ -118,6 +118,20 @@ def test_truth_is_there_of_what_has_happened_only(simulation):
         assert bench.truth().stamp_ns[-1] <= 1.0e9
 
 
+def test_the_true_force_now_is_that_of_the_truth_of_the_frames(simulation):
+    with simulation as bench:
+        now = [
+            (bench.clock.now_ns(), bench.true_force_n())
+            for _ in bench.source
+            if 0 <= bench.clock.now_ns() < 6_000_000_000
+        ]
+        truth = bench.truth()
+    then = truth.stamp_ns < 5_900_000_000
+    true_n = np.linalg.norm(truth.force_n[then], axis=1)
+    assert true_n.max() > 0.02
+    np.testing.assert_allclose(np.interp(truth.stamp_ns[then], *np.transpose(now)), true_n, atol=3e-3)
+
+
 orders = st.lists(
     st.tuples(st.floats(0.0, 1.0), st.sampled_from(sorted(ALL)), st.floats(-150, 150) | st.just(math.nan)),
     max_size=5,

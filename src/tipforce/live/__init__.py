@@ -1,7 +1,7 @@
 """Live: a source pushes frames, an estimator answers, sinks get the answers, each at its own pace."""
 
 from ._engine import Engine
-from ._loop import LoopCommands, LoopState, LoopStatus
+from ._loop import LoopCommands, LoopRun, LoopState, LoopStatus
 from ._paced import PacedSource
 from ._report import LiveReport
 from ._settings import LiveSettings
@@ -20,6 +20,7 @@ __all__ = [
     "LiveSettings",
     "LiveUpdate",
     "LoopCommands",
+    "LoopRun",
     "LoopState",
     "LoopStatus",
     "PacedSource",

@@ -2,10 +2,11 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from ._loop import LoopRun
 from ._update import SinkHealth
 
 
@@ -16,7 +17,8 @@ class LiveReport:
     ``estimated``: frames with an answer, valid or not; ``valid``: of these; ``notices``: updates of the watchdog;
     ``dropped``: frames that gave way to newer ones; ``unusable``: that were black, of another size, or the same as the
     one before. Latencies from mid-exposure to the estimate, to within 2 %.
-    ``cpu_share``: of one core. ``end``: why the source ended, empty where the run was stopped.
+    ``cpu_share``: of one core. ``end``: why the source ended, empty where the run was stopped. ``loop_runs``: the runs
+    of a loop that holds a force, in order.
     """
 
     seconds: float = 0.0
@@ -33,6 +35,7 @@ class LiveReport:
     statuses: Counter[str] = field(default_factory=Counter[str])
     sinks: Mapping[str, SinkHealth] = field(default_factory=dict[str, SinkHealth])
     end: str = ""
+    loop_runs: Sequence[LoopRun] = ()
 
     def text(self) -> str:
         """A few lines for people."""
@@ -55,12 +58,14 @@ class LiveReport:
             failed = f", failed {times} ({sink.message})" if sink.failures else ""
             hung = ", hangs" if sink.hung else ""
             lines.append(f"{name}: {sink.taken} updates, {sink.dropped} dropped{failed}{hung}")
+        lines += [f"run {number} of the loop: {run.text()}" for number, run in enumerate(self.loop_runs, start=1)]
         return "\n".join([*lines, *([self.end] if self.end else [])])
 
     def figures(self) -> dict[str, Any]:
         """All of it as JSON values; latencies in seconds."""
         return {
-            **{name: getattr(self, name) for name in self.__slots__ if name not in ("statuses", "sinks")},
+            **{name: getattr(self, name) for name in self.__slots__ if name not in ("statuses", "sinks", "loop_runs")},
             "statuses": dict(self.statuses),
+            "loop_runs": [asdict(run) for run in self.loop_runs],
             "sinks": {name: asdict(sink) for name, sink in self.sinks.items()},
         }

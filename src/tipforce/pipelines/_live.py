@@ -228,6 +228,10 @@ class _BenchInRealTime:
                     ahead_ns = self.clock.now_ns() - bench.clock.now_ns()
                     yield replace(event, stamp_ns=event.stamp_ns + ahead_ns)
 
+    def true_force_n(self) -> float:
+        """Returns the tissue's force on the tip now, in newtons: for a record only."""
+        return self._simulation.true_force_n()
+
     def trouble(self) -> str:
         """Why no image comes in time: one sentence, or empty."""
         if not self._drawn:
@@ -298,9 +302,13 @@ def live(
         settings = settings.model_copy(update={"contact": settings.contact.model_copy(update={"limit_n": limit_n})})
     sinks = [open_sink(each) for each in outputs]
     engine = Engine(source, estimator, sinks, settings=settings, clock=clock, model=model)
+
+    def report() -> LiveReport:
+        return engine.report if control is None else replace(engine.report, loop_runs=control.runs)
+
     with ExitStack() as stack:
         if on_report is not None:
-            stack.callback(lambda: on_report(engine.report))
+            stack.callback(lambda: on_report(report()))
         if page is not None:
             served = stack.enter_context(LivePage(page)) if isinstance(page, PageAddress) else page
             served.begin(engine, clock, control)
@@ -314,7 +322,7 @@ def live(
             latest = engine.latest()
             if on_update is not None and latest is not None:
                 on_update(latest)
-    return engine.report
+    return report()
 
 
 def _control(source: Source, clock: Clock, hold: HoldSettings, *, with_page: bool) -> LiveControl:
@@ -328,7 +336,10 @@ def _control(source: Source, clock: Clock, hold: HoldSettings, *, with_page: boo
         raise InputError("hold: a run is started and stopped on the page, so there has to be one")
     if isinstance(source, _BenchInRealTime):
         path = path_of_drives(hold.drives, source.home_mm)
-        return LiveControl(drives, clock, hold, (path.start, path.goal), frame_period_s=source.frame_period_s)
+        return LiveControl(
+            drives, clock, hold, (path.start, path.goal),
+            frame_period_s=source.frame_period_s, true_force_n=source.true_force_n,
+        )  # fmt: skip
     from ..hardware import HardwareSource  # as in `open_live_source`
 
     streams = source.streams if isinstance(source, HardwareSource) else ()

@@ -3,7 +3,7 @@
 import logging
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Annotated, Self
@@ -12,7 +12,7 @@ from pydantic import Field
 
 from ..control import ControlLoop, ControlSettings, ControlState, ControlTick, Path, SafetyAction
 from ..errors import InputError, TipforceError
-from ..live import LiveUpdate, LoopState, LoopStatus, Sink
+from ..live import LiveUpdate, LoopRun, LoopState, LoopStatus, Sink
 from ..types import ADVANCE, KNOB, Actuators, Clock, SessionInfo
 from ._control import Drives, Regime
 
@@ -86,6 +86,7 @@ class LiveControl:
         marks: start and goal of the path where the settings hold none; without them the operator marks both.
         frame_period_s: between images, as the source promises.
         silent_s: so long ago a page was heard; None: runs go on without one.
+        true_force_n: the true force on the tip now, in newtons, of a simulated bench; for the record only.
     """
 
     def __init__(
@@ -97,8 +98,10 @@ class LiveControl:
         *,
         frame_period_s: float = 1 / 30,
         silent_s: Callable[[], float] | None = None,
+        true_force_n: Callable[[], float] | None = None,
     ) -> None:
         self.settings, self.silent_s = settings, silent_s
+        self._true_force_n = true_force_n
         self.sink: Sink = _Estimates(self)
         self._actuators, self._clock, self._period_s = actuators, clock, frame_period_s
         self._axes = AXES[settings.drives]
@@ -118,6 +121,10 @@ class LiveControl:
         self._stopped = False
         self._why_stopped = self._why = ""
         """Why it was stopped; what is missing for a start."""
+        self._runs: list[LoopRun] = []
+        self._recording = False
+        """Whether the newest of the runs is on its way, or was stopped and not released yet."""
+        self._recorded_ns = clock.now_ns()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="control", daemon=True)
         self._status = LoopStatus(target_n=settings.target_n, limit_n=settings.safety.limit_n)
@@ -150,6 +157,7 @@ class LiveControl:
         next_ns = self._clock.now_ns()
         while not self._ending.wait(max(0.0, (next_ns - self._clock.now_ns()) * 1e-9)):
             self._step()
+            self._record()
             next_ns = max(next_ns + period_ns, self._clock.now_ns())
 
     def _step(self) -> None:
@@ -164,6 +172,16 @@ class LiveControl:
                 self._status = self._status_of(loop, tick, axes)
         except Exception as error:  # drives are other people's code: whatever they raise, the catheter must not go on
             self._failed(error)
+
+    def _record(self) -> None:
+        """Adds the time since the last call to the newest run."""
+        with self._lock:
+            now_ns = self._clock.now_ns()
+            if self._recording:
+                true_n = math.nan if self._true_force_n is None else self._true_force_n()
+                self._runs[-1].add(self.status, (now_ns - self._recorded_ns) * 1e-9, true_n)
+                self._recording = self.running or self._stopped
+            self._recorded_ns = now_ns
 
     def _places(self) -> dict[str, float]:
         values = self._actuators.read().values
@@ -213,6 +231,8 @@ class LiveControl:
             missing = [name for name, places in (("start", marks.start), ("goal", marks.goal)) if places is None]
             reason = f"mark {' and '.join(missing)}" if missing else "waiting for the drives"
         place_mm = loop.path.position_mm(axes) if loop is not None and axes else math.nan
+        run = self._runs[-1] if self._runs else None
+        true = None if run is None else run.true
         return LoopStatus(
             state=state,
             reason=reason,
@@ -224,6 +244,10 @@ class LiveControl:
             place_mm=round(place_mm, 2),
             length_mm=math.nan if loop is None else loop.path.length_mm,
             action="" if tick is None else tick.applied.action.value,
+            peak_n=math.nan if run is None else run.estimated.peak_n,
+            above_limit_s=math.nan if run is None else run.estimated.above_limit_s,
+            true_peak_n=math.nan if true is None else true.peak_n,
+            true_above_limit_s=math.nan if true is None else true.above_limit_s,
             axes=dict(axes),
             start=dict(marks.start or {}),
             goal=dict(marks.goal or {}),
@@ -244,6 +268,11 @@ class LiveControl:
             upper_n=float(estimate.magnitude_interval_n[1]),
             held=status.held and estimate.valid,
         )
+
+    @property
+    def runs(self) -> Sequence[LoopRun]:
+        """The runs so far, in order; the newest may still be on its way."""
+        return tuple(self._runs)
 
     @property
     def running(self) -> bool:
@@ -301,6 +330,8 @@ class LiveControl:
             loop.safety.rest()
             loop.restarts = 0
             loop.start()
+            self._runs.append(LoopRun())
+            self._recording = True
 
     def retract(self) -> None:
         """Ends the run, back to the marked start; also after a stop that was released."""

@@ -300,6 +300,12 @@ class LiveSimulation:
         """Time on the camera's clock."""
         return self._entered()[0].clock
 
+    def true_force_n(self) -> float:
+        """Returns the tissue's force on the tip at the clock's time, in newtons: for evaluation only."""
+        source, _ = self._entered()
+        row = min(instants_until(source.clock.now_ns() * 1e-9), source.run.final) - 1
+        return float(np.linalg.norm(source.trajectory.contact.force_n[max(0, row)]))
+
     def truth(self) -> Truth:
         """What really was in every frame so far: for evaluation only. Of drives it holds what was commanded."""
         source = self._entered()[0]

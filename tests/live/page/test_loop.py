@@ -196,6 +196,22 @@ def test_a_difference_is_within_90_percent_only_of_a_force_with_an_interval(page
     eventually(lambda: page.inner_text("#loop-off-note") == "" and page.inner_text("#loop-off") == "−1.0 g")
 
 
+def test_only_a_force_at_the_target_is_called_held(page: Page, loop: FakeLoop) -> None:
+    loop.status = replace(loop.status, state="hold", reason="not held yet: brought to 0.20 N (20 g)")
+    eventually(lambda: page.inner_text("#loop-word") == "HOLD")
+    loop.status = replace(loop.status, held=True, reason="the force is held at 0.20 N (20 g)")
+    eventually(lambda: page.inner_text("#loop-word") == "HELD")
+    loop.status = replace(loop.status, state="retract")
+    eventually(lambda: page.inner_text("#loop-word") == "RETRACT")
+
+
+def test_peak_and_time_above_the_limit_of_the_run_are_shown(page: Page, loop: FakeLoop) -> None:
+    eventually(lambda: page.inner_text("#loop-peak") == "peak 25.5 g, 0.0 s above the limit")
+    assert page.inner_text("#loop-true-peak") == "true force: peak 41.8 g, 0.1 s above the limit"
+    loop.status = replace(loop.status, true_peak_n=float("nan"), true_above_limit_s=float("nan"))
+    eventually(lambda: page.inner_text("#loop-true-peak") == "")
+
+
 def test_a_stop_that_is_not_answered_is_told(page: Page, loop: FakeLoop) -> None:
     loop.release()
     free = threading.Event()

@@ -533,6 +533,7 @@ def test_at_every_size_all_can_be_reached_and_nothing_is_cut(browser: Browser, i
                 "#grams",
                 "#undo-zero",
                 "#loop-off",
+                "#loop-true-peak",
                 "#loop-retract",
                 "#more",
             ):

@@ -64,6 +64,7 @@ class FakeLoop:
         self.status = LoopStatus(
             reason="the operator ended the run", target_n=0.2, limit_n=0.4, force_n=0.15, upper_n=0.2, place_mm=5.0,
             length_mm=20.0, axes={"advance_mm": 5.0}, start={"advance_mm": 0.0}, goal={"advance_mm": 20.0},
+            peak_n=0.25, above_limit_s=0.0, true_peak_n=0.41, true_above_limit_s=0.13,
         )  # fmt: skip
 
     def _go(self, what: str, **changes: Any) -> None:

@@ -11,14 +11,15 @@ const WORDS = {
   idle: ["○", "IDLE"],
   waiting: ["…", "WAITING"],
   approach: ["→", "APPROACH"],
-  contact: ["◐", "CONTACT"],
-  hold: ["●", "HOLD"],
+  contact: ["◔", "CONTACT"],
+  hold: ["◐", "HOLD"],
+  held: ["●", "HELD"],
   retract: ["←", "RETRACT"],
   stopped: ["■", "STOPPED"],
 };
 const UNITS = { mm: [1, " mm"], deg: [0, "°"] }; // digits, and what follows them
 const ACTIONS = {
-  over_limit: "above the limit: drawn back",
+  over_limit: "above the limit, or will be at once: drawn back",
   coast: "no valid force for a moment: going on with what is known",
 };
 
@@ -110,7 +111,10 @@ export class LoopPanel {
     if (!there || !this.#status) return;
     const status = this.#status;
     const known = this.#known();
-    const [sign, word] = known ? WORDS[status.resumes ? "waiting" : status.state] : ["✕", "NOT KNOWN"];
+    const held = known && status.state === "hold" && status.held;
+    const state = held ? "held" : status.resumes ? "waiting" : status.state;
+    const [sign, word] = known ? WORDS[state] : ["✕", "NOT KNOWN"];
+    $("loop").dataset.held = held;
     $("loop").dataset.state = known ? status.state : "unknown";
     $("loop").dataset.action = known ? status.action : "";
     set("loop-sign", sign);
@@ -134,6 +138,15 @@ export class LoopPanel {
     this.#showDifference(status, force, wanted);
     set("loop-target", `${inGrams(status.target_n)} g`);
     set("loop-limit", `limit ${inGrams(status.limit_n)} g`);
+    this.#showPeak(status);
+  }
+
+  /** Of the newest run: the largest force and the time above the limit; after it the true ones, of a simulated bench. */
+  #showPeak(status) {
+    const peak = (force, above) => `peak ${inGrams(force)} g, ${above.toFixed(1)} s above the limit`;
+    const estimated = status.peak_n === null ? NOTHING : peak(status.peak_n, status.above_limit_s);
+    set("loop-peak", estimated);
+    set("loop-true-peak", status.true_peak_n === null ? "" : `true force: ${peak(status.true_peak_n, status.true_above_limit_s)}`);
   }
 
   /** How far the force that is read is from the one that is wanted; marked where the 90 % interval does not reach it. */
