@@ -246,6 +246,31 @@ def test_an_abstained_interval_above_the_limit_draws_back() -> None:
     assert "upper end 0.70 N above 0.4 N" in reason
 
 
+def test_abstained_intervals_below_the_limit_are_enough_for_a_second() -> None:
+    plant, safety = layer()
+    safety.observe(estimate_of(0, 0.2, 0.05), 0)
+    actions = []
+    for number in range(1, 34):
+        stamp_ns = number * 33_000_000
+        plant.clock.sleep_until_ns(stamp_ns)
+        safety.observe(abstained(stamp_ns, 0.1, 0.3), stamp_ns)
+        actions.append(safety.check()[0])
+    assert actions == [SafetyAction.COAST] * 30 + [SafetyAction.RETRACT] * 3
+
+
+def test_after_an_abstained_interval_estimates_without_one_are_bridged_for_200_ms() -> None:
+    plant, safety = layer()
+    safety.observe(estimate_of(0, 0.02, 0.01), 0)
+    plant.clock.sleep_until_ns(150_000_000)
+    safety.observe(abstained(150_000_000, 0.0, 0.1), 150_000_000)
+    for after_ns, action in ((33_000_000, SafetyAction.COAST), (199_000_000, SafetyAction.COAST),
+                             (201_000_000, SafetyAction.RETRACT)):  # fmt: skip
+        stamp_ns = 150_000_000 + after_ns
+        plant.clock.sleep_until_ns(stamp_ns)
+        safety.observe(ForceEstimate.invalid(stamp_ns, Status.NO_CATHETER, "hidden"), stamp_ns)
+        assert safety.check()[0] is action
+
+
 def test_a_force_that_rises_fast_is_drawn_back_before_the_limit() -> None:
     plant, safety = layer()
     actions = []

@@ -16,8 +16,8 @@ class SafetyAction(StrEnum):
 
     PASS = "pass"
     COAST = "coast"
-    """No valid estimate just now, and the force cannot have reached the limit since the last one: the controller's
-    command still passes."""
+    """No valid estimate just now, and the force is below the limit all the same, by an abstained interval or because it
+    cannot have reached the limit since the last one: the controller's command still passes."""
     OVER_LIMIT = "over_limit"
     """The upper end of the force is above the limit, or will be before the drives answer: drawn back as fast as allowed
     until it is not."""
@@ -57,6 +57,8 @@ class SafetyLayer:
         self._actuators, self._clock = actuators, clock
         self._stale_ns = round(1e9 * max(settings.least_stale_s, settings.stale_frames * frame_period_s))
         self._valid_ns: int | None = None
+        self._known_ns = 0
+        """Mid-exposure of the last estimate with an interval, valid or not."""
         self._usual_ns = 0
         self._limit_n = settings.limit_n
         self._bound = _Bound(settings)
@@ -97,6 +99,8 @@ class SafetyLayer:
         """Take an estimate of the image at ``captured_ns`` on the clock, valid or not."""
         with self._judging:
             self._bound.add(estimate, captured_ns)
+        if not math.isnan(estimate.upper_n):
+            self._known_ns = max(self._known_ns, captured_ns)
         if not estimate.valid:
             self._why = f"{estimate.status.value}: {estimate.detail}" if estimate.detail else estimate.status.value
             return
@@ -119,8 +123,8 @@ class SafetyLayer:
             return bound_n
 
     def age_ns(self) -> int | None:
-        """How old the last valid estimate is, beyond the usual delay; None before the first."""
-        return None if self._valid_ns is None else self._clock.now_ns() - self._valid_ns - self._usual_ns
+        """How old the last estimate with an interval is, beyond the usual delay; None before the first valid one."""
+        return None if self._valid_ns is None else self._clock.now_ns() - self._known_ns - self._usual_ns
 
     def check(self) -> tuple[SafetyAction, str]:
         """What is to be done now, and why."""
@@ -128,10 +132,12 @@ class SafetyLayer:
         bound_n = self._compare(now)
         if self._stopped:
             return SafetyAction.STOPPED, "the stop key was pressed"
-        if age is None:
+        if age is None or self._valid_ns is None:
             return SafetyAction.RETRACT, self._why or "no valid estimate so far"
+        abstained_ns = now - self._valid_ns - self._usual_ns
         stale_ns = min(self._stale_ns, round(1e9 * MAX_AGE_S) - self._usual_ns)
-        if age > stale_ns or (self._why and age > settings.coast_s * 1e9):
+        too_long = age > settings.coast_s * 1e9 or abstained_ns > settings.abstained_s * 1e9
+        if age > stale_ns or (self._why and too_long):
             return SafetyAction.RETRACT, self._why or f"stale: no estimate for {age * 1e-9:.2f} s"
         if self._over_since_ns is not None:
             if now - self._over_since_ns > settings.max_above_s * 1e9:

@@ -41,7 +41,10 @@ class SafetySettings(_Settings):
     least_rise_n_per_s: _Positive = 0.5
     """While no estimate comes, the force may rise at least so fast."""
     coast_s: _Seconds = 0.2
-    """So long without a valid estimate the controller goes on with what it knows; then the catheter is drawn back."""
+    """So long without any interval the controller goes on with what it knows; then the catheter is drawn back."""
+    abstained_s: _Seconds = 1.0
+    """The same where estimates abstain because their interval is too wide, with its upper end below the limit: how
+    large the force can be is known then, and a retraction costs what was learnt of the wall."""
     least_stale_s: _Seconds = 0.2
     stale_frames: _Positive = 2.5
     """An estimate is stale after the longer of ``least_stale_s`` and so many frame periods since its mid-exposure,
