@@ -96,7 +96,8 @@ def judge(path: Path, seed: int, number: int) -> dict[str, Any]:
         stage = StageMotion(stage_ns + START_NS, dict(zip(kept["stage_names"].tolist(), kept["stage"], strict=True)))
     remarks: list[str] = []
     stretch = tuple(log_rate * kept["no_contact"])
-    tare, inertia = find_tare_and_inertia(log_ns, force, stage, (stretch[0], stretch[1]), remarks)
+    mass_kg = info.sensor.moving_mass_kg
+    tare, inertia = find_tare_and_inertia(log_ns, force, stage, (stretch[0], stretch[1]), remarks, mass_kg)
     facts = ForceCorrections(info.sensor, tare, inertia, stage)
     sight = DetectedShapes(frame_ns, _shapes(kept))
     clock, inertia = find_clock(sight, info, log_ns, force, facts, ClockChoice(), remarks)

@@ -1,14 +1,26 @@
+import re
 from pathlib import Path
 from typing import Any
 
+import av
 import numpy as np
 import pytest
 
 from tipforce.alignment import labels, observations
 from tipforce.errors import FileFormatError, InputError, OutputError, TableError, TimeError, TipforceError
 from tipforce.io import ClockMap, RecordingReader, RecordingWriter
-from tipforce.pipelines import copy_recording, import_session, plot_summary, summarise_recording
-from tipforce.types import Actuation, ActuationInfo, BagInfo, ForceLogInfo, LogInfo, SensorInfo, SessionInfo, StageInfo
+from tipforce.pipelines import RecordingSummary, copy_recording, import_session, plot_summary, summarise_recording
+from tipforce.types import (
+    Actuation,
+    ActuationInfo,
+    BagInfo,
+    ForceLogInfo,
+    LogInfo,
+    SensorInfo,
+    SessionInfo,
+    StageInfo,
+    ViewInfo,
+)
 
 from ..io.bag_files import START_S, run_messages, write_bag  # type: ignore[import-not-found]
 from ..short_run import BIAS, OFFSET_S, Run, push  # type: ignore[import-not-found]
@@ -103,21 +115,70 @@ def test_the_knob_may_be_a_column_or_a_log_of_its_own(run: Run, tmp_path: Path) 
         import_session(run.video, [knob, run.force], tmp_path / "c.mcap", bench=constant)
 
 
-def test_a_moving_knob_by_a_clock_that_is_far_from_the_cameras_is_named(run: Run, tmp_path: Path) -> None:
+def test_the_knobs_column_of_a_force_log_follows_the_logs_clock(run: Run, tmp_path: Path) -> None:
     table = tmp_path / "force.csv"
     table.write_text("time_s,fx_n,knob\n" + "".join(f"{k / 1000:.3f},0.1,{k / 100}\n" for k in range(8000)))
     bench = SessionInfo(actuation=ActuationInfo(knob_column="knob"))
-    near = import_session(run.video, table, tmp_path / "a.mcap", bench=bench, offset_ms=50.0)
+    import_session(run.video, table, tmp_path / "run.mcap", bench=bench, offset_ms=500.0, rate=0.8, tare="none")
+    with RecordingReader(tmp_path / "run.mcap") as reader:
+        read = {o.stamp_ns * 1e-9: o.actuation.get("knob_deg") for o in observations(reader)}
+    for seconds, knob_deg in read.items():
+        if 0.6 < seconds < 6.8:
+            assert knob_deg == pytest.approx(10.0 * (seconds - 0.5) / 0.8, abs=2e-3)
+
+
+def test_a_moving_knob_by_a_clock_that_is_far_from_the_cameras_is_named(run: Run, tmp_path: Path) -> None:
+    knob = tmp_path / "knob.csv"
+    knob.write_text("time_s,knob_deg\n" + "".join(f"{k / 10:.1f},{k}\n" for k in range(81)))
+    logs = {"force": run.force, "knob": knob}
+    near = import_session(run.video, logs, tmp_path / "a.mcap", offset_ms=50.0)
     assert not any("is placed by the stamps" in remark for remark in near.remarks)
-    far = import_session(run.video, table, tmp_path / "b.mcap", bench=bench, offset_ms=50.0, rate=0.9)
+    far = import_session(run.video, logs, tmp_path / "b.mcap", offset_ms=50.0, rate=0.9)
     said = next(remark for remark in far.remarks if "is placed by the stamps" in remark)
-    assert "knob_deg of force.csv" in said
+    assert "knob_deg of knob.csv" in said
     assert "up to 0.75 s from the camera's" in said
-    still = tmp_path / "still.csv"  # the way out that the remark names, with a knob that rests
-    still.write_text("time_s,knob_deg\n" + "".join(f"{k / 10:.1f},5\n" for k in range(81)))
-    logs = {"force": run.force, "knob": still}
-    other = import_session(run.video, logs, tmp_path / "c.mcap", offset_ms=50.0, rate=0.9)
-    assert not any("is placed by the stamps" in remark for remark in other.remarks)
+
+
+def test_inertia_that_cannot_be_removed_is_refused_and_the_advice_is_good(run: Run, tmp_path: Path) -> None:
+    """The contact-free stretch of the short run is too short to know the beat by."""
+    rows = [line.split(",") for line in run.force.read_text().splitlines()[1:]]
+    moved = [[float(value) for value in row] for row in rows]
+    table = [f"{t:.3f},{x:.4f},{y + 0.03 * np.sin(2 * np.pi * 1.3 * t):.4f}" for t, x, y in moved]
+    (tmp_path / "force.csv").write_text("time_s,fx_n,fy_n\n" + "\n".join(table) + "\n")
+
+    def imported(mass_kg: float, name: str) -> RecordingSummary:
+        bench = SessionInfo(sensor=SensorInfo(0.0, "tip-on-tissue", moving_mass_kg=mass_kg))
+        target = tmp_path / name
+        log = tmp_path / "force.csv"
+        return import_session(run.video, log, target, bench=bench, offset_ms=40.0, tare=(0.0, 1.8)).summary
+
+    with pytest.raises(
+        InputError, match=r"21 mN .* inertia of the 50 g.*cannot be removed.*sensor\.moving_mass_kg = 0"
+    ):
+        imported(0.05, "a.mcap")
+    assert not (tmp_path / "a.mcap").exists()
+    assert imported(0.0, "b.mcap").labelled > 150
+
+
+def test_inertia_of_a_stage_at_rest_in_the_contact_free_stretch_shows_in_the_images(run: Run, tmp_path: Path) -> None:
+    def imported(mass_kg: float, metres_per_px: float | None) -> list[str]:
+        views = {"camera": ViewInfo(metres_per_px)}
+        bench = SessionInfo(sensor=SensorInfo(0.0, "tip-on-tissue", moving_mass_kg=mass_kg), views=views)
+        target = tmp_path / "run.mcap"
+        made = import_session(
+            run.video, run.force, target, bench=bench, offset_ms=40.0, tare=(0.0, 1.8), overwrite=True
+        )
+        return [remark for remark in made.remarks if "inertia" in remark]
+
+    with pytest.raises(InputError, match=r"inertia of the 50 g .*as the tip's acceleration in the images shows"):
+        imported(0.05, 5e-4)
+    (said,) = imported(0.05, 1.2e-4)
+    assert "to remove it, add the stage's log" in said
+    with RecordingReader(tmp_path / "run.mcap") as reader:
+        assert reader.info.inertia.detail == said
+    (said,) = imported(0.05, None)
+    assert "how much of it the labels hold is not known" in said
+    assert not imported(0.0, 5e-4)
 
 
 @pytest.mark.parametrize("shift_s", [1.7e9, -1e3])
@@ -143,6 +204,18 @@ def test_images_without_a_catheter_need_a_stated_clock(run: Run, tmp_path: Path)
     assert report.summary.labelled == 60
 
 
+def with_scaled_stamps(video: Path, scale: float, target: Path) -> Path:
+    """What ``ffmpeg -itsscale scale -i video -c copy target`` writes."""
+    with av.open(str(video)) as source, av.open(str(target), "w") as container:
+        stream = container.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(source.streams.video[0]):
+            if packet.dts is not None and packet.pts is not None:
+                packet.pts, packet.dts = round(scale * packet.pts), round(scale * packet.dts)
+                packet.stream = stream
+                container.mux(packet)
+    return target
+
+
 def test_a_video_whose_rate_is_wrong_is_imported_with_the_rate_that_is_found(run: Run, tmp_path: Path) -> None:
     """The log runs 20 % fast against the video: as a video of 24 images a second that says 28.8."""
     lines = run.force.read_text().splitlines()
@@ -152,7 +225,11 @@ def test_a_video_whose_rate_is_wrong_is_imported_with_the_rate_that_is_found(run
     report = import_session(run.video, tmp_path / "fast.csv", tmp_path / "run.mcap", tare=(0.0, 1.8))
     clock = report.summary.info.clock_map
     assert clock.rate == pytest.approx(0.8, abs=3.0 * clock.rate_stderr)
-    assert any("differ in rate" in remark for remark in report.remarks)
+    (remark,) = [remark for remark in report.remarks if "differ in rate" in remark]
+    scale = float(re.search(r"ffmpeg -itsscale (\S+) -i VIDEO -c copy", remark)[1])  # type: ignore[index]
+    timed = with_scaled_stamps(run.video, scale, tmp_path / "timed.mp4")
+    mended = import_session(timed, tmp_path / "fast.csv", tmp_path / "mended.mcap", tare=(0.0, 1.8)).summary
+    assert mended.info.clock_map.rate == 1.0
     stated = import_session(
         run.video, tmp_path / "fast.csv", tmp_path / "stated.mcap", offset_ms=1e3 * OFFSET_S, rate=0.8, tare=(0.0, 1.8)
     )
@@ -160,6 +237,16 @@ def test_a_video_whose_rate_is_wrong_is_imported_with_the_rate_that_is_found(run
     with RecordingReader(tmp_path / "run.mcap") as found, RecordingReader(tmp_path / "stated.mcap") as right:
         apart = labels(found).force_n[:, :2] - labels(right).force_n[:, :2]
     assert np.sqrt(np.nanmean(apart**2)) < 0.01
+
+
+def test_a_force_log_without_an_axis_in_the_images_plane_needs_a_stated_clock(run: Run, tmp_path: Path) -> None:
+    rows = [line.split(",") for line in run.force.read_text().splitlines()]
+    log = tmp_path / "force.csv"
+    log.write_text("\n".join(f"{time},{y}" for time, _, y in rows) + "\n")
+    with pytest.raises(TimeError, match=r"the force log has no Fx, .*State offset_ms"):
+        import_session(run.video, log, tmp_path / "run.mcap", tare=(0.0, 1.5))
+    stated = import_session(run.video, log, tmp_path / "run.mcap", tare=(0.0, 1.5), offset_ms=40.0)
+    assert stated.summary.labelled > 150
 
 
 def test_a_stated_offset_that_the_deflection_contradicts_is_said_with_both(run: Run, tmp_path: Path) -> None:

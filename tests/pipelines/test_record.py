@@ -187,7 +187,9 @@ def test_the_stage_tells_the_offset_only_where_it_shares_the_cameras_clock(
     monkeypatch, seen, carried, shares, how, said
 ):
     monkeypatch.setattr(_find_clock, "_estimated", lambda *rest: (seen, rest[4].inertia))
-    facts = ForceCorrections(None, Tare(), Inertia(how=carried, lag_ns=45_000_000), StageMotion.of([]))
+    axes = ("stage_mm",) if carried == "estimated" else ()
+    inertia = Inertia(axes, np.zeros((len(axes), 3)), 45_000_000, carried)
+    facts = ForceCorrections(None, Tare(), inertia, StageMotion.of([]))
     stamps = np.arange(10, dtype=np.int64) * 1_000_000_000
     remarks: list[str] = []
     found, _ = _find_clock.find_clock(

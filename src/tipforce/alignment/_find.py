@@ -6,6 +6,7 @@ from typing import Literal
 from ..io import Inertia, Tare
 from ..plausibility import ForcePlausibility
 from ..types import FloatArray, IntArray, SensorInfo
+from ._beat import add_beat
 from ._inertia import StageMotion, carried_n, fit_inertia
 from ._tare import find_tare, stated_tare
 
@@ -29,21 +30,43 @@ class ForceCorrections:
 
 
 def find_tare_and_inertia(
-    stamps: IntArray, force: FloatArray, stage: StageMotion, choice: TareChoice, remarks: list[str]
+    stamps: IntArray,
+    force: FloatArray,
+    stage: StageMotion,
+    choice: TareChoice,
+    remarks: list[str],
+    moving_mass_kg: float | None = None,
 ) -> tuple[Tare, Inertia]:
-    """Tare and inertia of the readings (n, 3); adds to ``remarks`` what a person should know of them."""
+    """Finds tare and inertia of a force log.
+
+    Args:
+        stamps: (n,) stamps of the readings.
+        force: (n, 3) readings, N; NaN where there is no plausible one.
+        stage: movement of the stage; empty without its log.
+        choice: the tare as it is stated, or "auto".
+        remarks: sentences for the user are added to it.
+        moving_mass_kg: the stated mass that moves with the sensor; without the stage's log the inertia is looked for
+            only where it is stated.
+
+    Returns:
+        Tare and inertia; the reason in the inertia's ``detail`` where it cannot be removed.
+    """
     if choice == "none":
         return Tare(), Inertia()
-    if not isinstance(choice, str):
-        if not stage.names:
-            return stated_tare(stamps, force, *choice), Inertia()
-        tare, inertia = fit_inertia(stamps, force, stage, choice)
-        if inertia.how == "none":
+    inertia = Inertia()
+    if isinstance(choice, str):
+        tare = find_tare(stamps, force)
+        if tare.how == "none":
+            remarks.append(f"the force is not tared: {tare.detail}")
+            return tare, inertia
+        stretch = max(tare.stretches_s, key=lambda stretch: stretch[1] - stretch[0])
+    else:
+        stretch = choice
+        tare = Tare() if stage.names else stated_tare(stamps, force, *stretch)
+    if stage.names:
+        tare, inertia = fit_inertia(stamps, force, stage, stretch)
+        if inertia.how == "none" and not isinstance(choice, str):
             remarks.append(inertia.detail)
-        return tare, inertia
-    tare = find_tare(stamps, force)
-    if tare.how == "none":
-        remarks.append(f"the force is not tared: {tare.detail}")
-    elif stage.names:
-        return fit_inertia(stamps, force, stage, max(tare.stretches_s, key=lambda stretch: stretch[1] - stretch[0]))
-    return tare, Inertia()
+    if stage.names or moving_mass_kg:
+        tare, inertia = add_beat(stamps, force, stage, tare, inertia)
+    return tare, inertia

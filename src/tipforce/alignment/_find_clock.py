@@ -10,6 +10,7 @@ from ..errors import InputError
 from ..io import ClockMap, Inertia
 from ..types import FloatArray, IntArray, SensorInfo, SessionInfo
 from ..vision import DetectedShape
+from ._beat import add_beat
 from ._clock import MAX_STDERR_MS, estimate_clock
 from ._deflection import shape_coordinates
 from ._find import ForceCorrections
@@ -27,6 +28,8 @@ _STAGE_STDERR_MS = 6.0
 _FAR_MS = 250.0
 """From this offset on, the lag of the stage may be beyond those that are tried when the tare is found."""
 _MIN_RATE, _MAX_RATE = 1e-3, 1e3
+_IN_PLANE = 1e-3
+"""An axis of the sensor with a smaller cosine to the image's plane does not act in it."""
 _MAX_TIED_MS = 30.0
 """A deflection that tells the offset less well than this cannot show that camera and stage run on one clock."""
 
@@ -107,7 +110,7 @@ def find_clock(
         remarks.append(found.detail)
     if found.how == "estimated" and choice.rate is None and found.rate != 1.0:
         remarks.append(_rate_remark(found, sight.frame_ns))
-    if found.how == "estimated" and inertia.how == "estimated" and inertia.rate == rate:
+    if found.how == "estimated" and inertia.axes and inertia.rate == rate:
         stage = ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, rate=rate, reference_ns=inertia.reference_ns)
         if _contradict(found, stage, stamps):
             both = (
@@ -154,18 +157,25 @@ def _estimated(
     shape = shape_coordinates(sight.shapes, flexible_share=share, length_px=length)
     matrix = (facts.sensor or SensorInfo()).matrix
     missing = np.isnan(force).all(axis=0)
+    unread = missing & (np.abs(matrix[:2]).max(axis=0) > _IN_PLANE)
+    if unread.any():
+        names = " and ".join(name for name, lacks in zip(("Fx", "Fy", "Fz"), unread, strict=True) if lacks)
+        return ClockMap(
+            how="refused",
+            detail=f"the force log has no {names}, and the deflection depends on both components in the image's plane",
+        ), facts.inertia
 
     def by(inertia: Inertia) -> ClockMap:
         tared = force - facts.tare.force_n - replace(facts, inertia=inertia).carried(stamps)
         tared[:, missing] = 0.0
-        stage = inertia.how == "estimated"
+        stage = bool(inertia.axes)
         return estimate_clock(
             sight.frame_ns,
             shape,
             stamps,
             tared @ matrix.T,
             rate=rate,
-            inertial=not stage and bool(info.sensor.moving_mass_kg or facts.stage.names),
+            inertial=inertia.how != "estimated" and bool(info.sensor.moving_mass_kg or facts.stage.names),
             shared_ns=inertia.lag_ns if stage and rate is None else None,
         )
 
@@ -177,11 +187,16 @@ def _estimated(
     stretch = facts.tare.stretches_s[0]
     middle = np.array([int(stamps[0]) + round(0.5e9 * sum(stretch))])
     lag_ns = int((found.camera_ns(middle) - middle)[0])
-    _, other = fit_inertia(stamps, force, facts.stage, stretch, rate=found.rate, lag_ns=lag_ns)
-    possible = [each for each in (facts.inertia, other) if each.how == "estimated"]
+    possible = [facts.inertia] if facts.inertia.how == "estimated" else []
+    for stage_rate in dict.fromkeys((found.rate, 1.0)):
+        tare, other = fit_inertia(stamps, force, facts.stage, stretch, rate=stage_rate, lag_ns=lag_ns)
+        _, other = add_beat(stamps, force, facts.stage, tare, other)
+        possible += [other] if other.how == "estimated" else []
     if not possible:
         return found, facts.inertia
-    inertia = best_inertia(stamps, force, facts.stage, possible)
+    # at a wrong lag the stage's log leaves a part that seems to repeat with the beat
+    by_stage = [each for each in possible if each.axes and not each.beat_hz]
+    inertia = best_inertia(stamps, force, facts.stage, by_stage or possible)
     if inertia is facts.inertia:
         return found, inertia
     return by(inertia), inertia
@@ -197,7 +212,7 @@ def _from_stage(found: ClockMap, inertia: Inertia, rate: float, remarks: list[st
         return found
     close = abs(found.offset_ms - 1e-6 * inertia.lag_ns) < 2.0 * (found.stderr_ms + _STAGE_STDERR_MS)
     seen = MAX_STDERR_MS < found.stderr_ms < _MAX_TIED_MS and found.rate == 1.0 and close
-    if inertia.how != "estimated" or inertia.rate != rate or not (seen or stage_shares):
+    if not inertia.axes or inertia.rate != rate or not (seen or stage_shares):
         return ClockMap(how="refused", explained=found.explained, detail=found.detail)
     why = (
         f"the deflection, {found.offset_ms:+.1f} +- {found.stderr_ms:.1f} ms, agrees with it but is less certain"
@@ -232,5 +247,7 @@ def _rate_remark(found: ClockMap, frame_ns: IntArray) -> str:
     return (
         f"the camera's clock and the force log's differ in rate: found {found.rate:.6g} +- {found.rate_stderr:.1g}, "
         f"nominal 1. Either {stamped * found.rate:.4g} images a second were taken where the stamps say {stamped:.4g}, "
-        f"or the log's clock is wrong by {100.0 * abs(1.0 / found.rate - 1.0):.2g} %; the labels use the rate found"
+        f"or the log's clock is wrong by {100.0 * abs(1.0 / found.rate - 1.0):.2g} %; the labels use the rate found, "
+        "the images keep their stamps. Where the frame rate of a video is wrong, all speeds are: mend it in the video, "
+        f"for `estimate` too: ffmpeg -itsscale {1.0 / found.rate:.6g} -i VIDEO -c copy TIMED.mp4"
     )

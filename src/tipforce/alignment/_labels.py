@@ -74,7 +74,8 @@ def label_log(
     """
     stamps, force = readings
     course = StageMotion(*stage)
-    facts = ForceCorrections(sensor, *find_tare_and_inertia(stamps, force, course, tare, []), course)
+    found = find_tare_and_inertia(stamps, force, course, tare, [], sensor.moving_mass_kg)
+    facts = ForceCorrections(sensor, *found, course)
     when = frame_ns - round(offset_ms * 1e6)
     return replace(_label(when, [(stamps, force, "sensor")], facts, max_gap_s, "the readings"), stamp_ns=frame_ns)
 

@@ -21,6 +21,7 @@ def find_plausible_force(
     *,
     status: IntArray | None = None,
     range_n: tuple[float, float, float] | None = None,
+    moving_mass_kg: float | None = None,
 ) -> tuple[ForcePlausibility, Tare, Inertia]:
     """Checks a force log, and finds its tare and inertia from the readings that may be used.
 
@@ -32,6 +33,7 @@ def find_plausible_force(
         remarks: sentences for the user are added to it.
         status: (n,) status words of the sensor, 0 without an error.
         range_n: (3,) largest reading of each axis, N.
+        moving_mass_kg: the stated mass that moves with the sensor, or None.
 
     Returns:
         Findings with the readings that are not used, tare, inertia.
@@ -45,14 +47,15 @@ def find_plausible_force(
     good = found.corrected(stamps, force)
     said: list[str] = []
     try:
-        tare, inertia = find_tare_and_inertia(stamps, good, stage, choice, said)
+        tare, inertia = find_tare_and_inertia(stamps, good, stage, choice, said, moving_mass_kg)
     except InputError as error:
         raise InputError("; ".join([str(error), *found.lines()])) from None
     steps = _zero_steps(stamps, good - carried_n(stage, inertia, stamps), tare)
     if steps:
         found = _with_steps(found, stamps, steps, tare)
         said = []
-        tare, inertia = find_tare_and_inertia(stamps, found.corrected(stamps, force), stage, choice, said)
+        good = found.corrected(stamps, force)
+        tare, inertia = find_tare_and_inertia(stamps, good, stage, choice, said, moving_mass_kg)
     remarks += said
     return _with_drift(found, stamps, force, stage, tare, inertia), tare, inertia
 

@@ -63,7 +63,7 @@ def changing_tare(
     inside = _within(seconds, tare)
     axes = ~np.isnan(force).all(axis=0)
     known = np.isfinite(force[:, axes]).all(axis=1)
-    if not stage.names and moving_mass_kg:  # what the mass shows cannot be told from contact
+    if not stage.names and moving_mass_kg and inertia.how != "estimated":  # contact looks like that mass
         return None
     shown = np.broadcast_to(carried_n(stage, inertia, stamps), force.shape)[known][:, axes]
     rest = force[known][:, axes] - shown
@@ -144,7 +144,7 @@ def contact_free_stretch(
     for start in np.arange(0.0, last_s - _TRIED_S, _TRIED_S).tolist():
         stretch = (start, start + _TRIED_S)
         try:
-            tare, inertia = find_tare_and_inertia(stamps, force, stage, stretch, [])
+            tare, inertia = find_tare_and_inertia(stamps, force, stage, stretch, [], moving_mass_kg)
         except InputError:  # too few readings that are used
             continue
         seen = inertia.how == "estimated" or not stage.names

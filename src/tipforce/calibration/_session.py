@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..alignment import StageMotion, labels
+from ..alignment import ForceCorrections, StageMotion, labels
 from ..errors import InputError
 from ..estimators.rod import Detected, Detection, LineFrame
 from ..geometry import arc_length
@@ -334,7 +334,8 @@ def _mass_std(reader: RecordingReader) -> FloatArray:
         free |= (seconds >= start) & (seconds <= end)
     free &= np.isfinite(force).any(axis=1)
     moved = stage.acceleration(facts.inertia.stage_ns(stamps[free]), facts.inertia.axes)
-    left = force[free] - facts.tare.force_n - moved @ facts.inertia.gain_kg
+    corrections = ForceCorrections(facts.sensor, facts.tare, facts.inertia, stage)
+    left = force[free] - facts.tare.force_n - corrections.carried(stamps[free])
     # what is left is not independent within some hundredths of a second
     spread = float(np.nanvar(left)) * _CORRELATED_S * len(left) / max(float(np.ptp(seconds[free])), 1e-9)
     information = moved.T @ moved + 1e-12 * np.eye(moved.shape[1])

@@ -72,7 +72,6 @@ def command(
     Example: tipforce import runs/*.mcap -o dataset/
 
     Example: tipforce import damaged.mcap -o recovered.mcap
-
     """  # noqa: E501
     from ..io import is_bag
     from ..pipelines import describe_recording, import_session

@@ -165,12 +165,18 @@ def _no_gains() -> FloatArray:
     return np.zeros((0, 3))
 
 
+def _no_beat() -> FloatArray:
+    return np.zeros((0, 2, 3))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Inertia:
     """What a sensor that rides on a stage shows of the mass it carries, to be subtracted from every reading.
 
     ``axes``: names of the stage's positions; ``gain_kg`` (axes, 3): reading for each m/s^2, in the frame of the
     readings. Stage stamp = force stamp + ``lag_ns`` + (``rate`` - 1) (force stamp - ``reference_ns``).
+    ``beat_n`` (harmonics, 2, 3): cosines and sines, N, of the frequencies ``beat_hz``, 2 ``beat_hz`` ... of the time
+    since ``reference_ns``, for the part that no log of the stage explains.
     ``how``: "estimated" or "none" (nothing is subtracted).
     """
 
@@ -181,9 +187,12 @@ class Inertia:
     detail: str = ""
     rate: float = 1.0
     reference_ns: int = 0
+    beat_hz: float = 0.0
+    beat_n: FloatArray = field(default_factory=_no_beat)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gain_kg", frozen("gain_kg", np.round(self.gain_kg, _DIGITS), (len(self.axes), 3)))
+        object.__setattr__(self, "beat_n", frozen("beat_n", np.round(self.beat_n, _DIGITS), (None, 2, 3)))
 
     def stage_ns(self, force_ns: IntArray) -> IntArray:
         """(n,) stamps of the force log -> (n,) stamps of the stage's clock."""
@@ -199,8 +208,11 @@ class Inertia:
             "detail": self.detail,
             "rate": repr(float(self.rate)),
             "reference_ns": str(self.reference_ns),
+            "beat_hz": repr(float(self.beat_hz)),
+            "beat_n": json.dumps(self.beat_n.tolist()),
             "meaning": "subtract the sum over axes of gain_kg x acceleration of the stage at force stamp + lag_ns "
-            "+ (rate - 1) (force stamp - reference_ns)",
+            "+ (rate - 1) (force stamp - reference_ns), and the sum over k of beat_n[k - 1] . (cos, sin)(2 pi k "
+            "beat_hz (force stamp - reference_ns))",
         }
 
     @classmethod
@@ -215,6 +227,8 @@ class Inertia:
             detail=record.get("detail", ""),
             rate=_rate(record),
             reference_ns=int(record.get("reference_ns", "0")),
+            beat_hz=float(record.get("beat_hz", "0")),
+            beat_n=np.array(_value(record, "beat_n", "[]"), np.float64).reshape(-1, 2, 3),
         )
 
 

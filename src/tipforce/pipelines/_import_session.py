@@ -187,6 +187,17 @@ def import_session(
             last_ns = event.stamp_ns
             yield event
 
+    knob_readings = drives.pop(JOINTS) if log is not None and log.knob is not None else None
+
+    def knob(clock: ClockMap) -> Iterator[Event]:
+        if knob_readings is None:
+            return
+        stamps, values = knob_readings
+        when = clock.camera_ns(stamps + shift_ns)
+        kept = when >= 0
+        moved = when[kept], {name: column[kept] for name, column in values.items()}
+        yield from merged((), None, {JOINTS: moved}, 0)
+
     events = merged(images(), None if log is None else (log.stamp_ns, log.force_n), drives, shift_ns)
     writer = RecordingWriter(
         target, source.session_info, lossless=lossless, jpeg_quality=jpeg_quality, overwrite=overwrite, origin="import"
@@ -209,6 +220,7 @@ def import_session(
             report,
             names,
             None if log is None else log.status,
+            knob,
         )
         origin = force_log or (bag.path if bag else Path(frames))
         _check_drives(drives, (first_ns, last_ns), knob_log or origin, stage_log or origin)

@@ -1,5 +1,6 @@
 """Events -> one recording: everything is kept as it came; clock map, tare and inertia are found and stored."""
 
+import math
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -11,6 +12,7 @@ import numpy as np
 
 from ..alignment import (
     MAX_GAP_S,
+    MAX_INERTIA_N,
     ClockChoice,
     DetectedShapes,
     ForceCorrections,
@@ -22,7 +24,9 @@ from ..alignment import (
     covered_frames,
     find_clock,
     find_plausible_force,
+    inertia_left,
     pulling_force,
+    tip_acceleration,
 )
 from ..errors import InputError, TimeError, TipforceError
 from ..io import ClockMap, RecordingWriter, check_target
@@ -137,7 +141,8 @@ def record(
                 if sight:
                     for frame in writer.written_frames():
                         sight.take(frame)
-                remarks = _state_facts(writer, run, sight, info, sensor, end.tare or tare, ClockChoice(offset_ms))
+                clocks = ClockChoice(offset_ms)
+                remarks, _ = _state_facts(writer, run, sight, info, sensor, end.tare or tare, clocks)
             except BaseException as error:  # what was written is the only copy of the run; facts can be found again
                 writer.close()
                 if isinstance(error, TipforceError):
@@ -157,11 +162,12 @@ def write_run(
     progress: Callable[[int], None] | None,
     names: tuple[str, str] | None = None,
     status: IntArray | None = None,
+    knob: Callable[[ClockMap], Iterable[Event]] | None = None,
 ) -> list[str]:
     """Write ``events`` and the facts found; returns remarks.
 
     ``names`` of images and force log, where they come from files. ``status`` (n,): status words of the readings, 0
-    without an error.
+    without an error. ``knob``: gives the knob's readings that the force log's clock stamped, once its map is known.
     The catheter is detected in the images as they come: for sources that wait, such as files.
 
     Raises:
@@ -174,7 +180,10 @@ def write_run(
         if sight and isinstance(event, Frame):
             sight.take(event)
         run.add(event)
-    return _state_facts(writer, run, sight, info, sensor, tare, clock, names, status)
+    remarks, clocks = _state_facts(writer, run, sight, info, sensor, tare, clock, names, status)
+    for event in knob(clocks) if knob else ():
+        writer.write(event)
+    return remarks
 
 
 def _state_facts(
@@ -187,13 +196,13 @@ def _state_facts(
     clock: ClockChoice,
     files: tuple[str, str] | None = None,
     status: IntArray | None = None,
-) -> list[str]:
-    """Find pose, plausible readings, tare, inertia and clock map, and store them; returns remarks."""
+) -> tuple[list[str], ClockMap]:
+    """Find pose, plausible readings, tare, inertia and clock map, and store them; returns remarks and the map."""
     names = files or ("the images", "the force")
     remarks: list[str] = []
     stamps, force = run.force
     if not len(stamps):
-        return remarks
+        return remarks, ClockMap()
     if sight:
         sight.finish()
     seen = DetectedShapes(run.stamps(None))
@@ -213,7 +222,14 @@ def _state_facts(
     writer.state(pose)
     stage = run.stage
     plausible, level, inertia = find_plausible_force(
-        stamps, force, stage, tare, remarks, status=status, range_n=pose.range_n
+        stamps,
+        force,
+        stage,
+        tare,
+        remarks,
+        status=status,
+        moving_mass_kg=pose.moving_mass_kg,
+        range_n=pose.range_n,
     )
     force = plausible.corrected(stamps, force)
     writer.state(plausible)
@@ -222,20 +238,30 @@ def _state_facts(
     if most_n > _LARGE_N:
         remarks.append(f"the force log holds up to {most_n:.3g} N: check sensor.log.force_unit and its rows")
     found = ForceCorrections(pose, level, inertia, stage, plausible)
-    remarks += _unknown_inertia(stamps, force, found, info)
     # what one program recorded runs on one clock; files may come from several
     shares = files is None or info.stage.clock == "camera"
     clocks, inertia = find_clock(seen, info, stamps, force, found, clock, remarks, stage_shares=shares)
-    writer.state(inertia)
     writer.state(clocks)
     own_clock = clocks.force_ns(frames)
-    _check_tare(writer, own_clock, seen.shapes, stamps, force, replace(found, inertia=inertia))
+    found = replace(found, inertia=inertia)
+    writer.state(inertia)
+    _check_tare(writer, own_clock, seen.shapes, stamps, force, found)
+    scale = info.view(seen.view).metres_per_px or 0.0
+    left_n, source = _remaining_inertia(seen, stamps, force, found, clocks, scale)
+    try:
+        said = _check_inertia(found, left_n, source, names[1])
+    except InputError:
+        writer.state(plausible.without(stamps, np.ones(len(stamps), np.bool_)))
+        raise
+    if said:
+        remarks += said
+        writer.state(replace(inertia, detail=said[0]))
     if clocks.how == "refused":
         why = f"how the camera's clock maps to that of {names[1]} cannot be determined: {clocks.detail}"
         if files:
             raise TimeError(f"{names[0]}: {why}. {_STATE_IT}; nothing was written")
-        return [*remarks, f"{why}; the recording has no labels until it is stated"]
-    return [*remarks, *_check_cover(names, frames, stamps[plausible.usable(stamps)], clocks)]
+        return [*remarks, f"{why}; the recording has no labels until it is stated"], clocks
+    return [*remarks, *_check_cover(names, frames, stamps[plausible.usable(stamps)], clocks)], clocks
 
 
 _STATE_IT = (
@@ -244,33 +270,69 @@ _STATE_IT = (
     "(true over stated: 0.8 if 24 images a second were taken and the file says 30)"
 )
 _SHAKEN_N = 3e-3
-"""Inertia of which less shows while nothing touches is not worth a remark: the noise of a good sensor."""
+"""Inertia of which less remains is not worth a remark: the noise of a good sensor."""
 
 
-def _unknown_inertia(stamps: IntArray, force: FloatArray, found: ForceCorrections, info: SessionInfo) -> list[str]:
-    """A remark where the sensor rides on something that moves, and no log states how."""
-    if found.inertia.how == "estimated" or not info.sensor.moving_mass_kg or not found.tare.stretches_s:
-        return []
-    start, end = found.tare.stretches_s[0]
-    seconds = (stamps - stamps[0]) * 1e-9
-    free = force[(seconds >= start) & (seconds <= end)]
-    free = free[np.isfinite(free).any(axis=1)][:, np.isfinite(force).any(axis=0)]
-    width = max(1, round(_SMOOTH_S * len(free) / max(end - start, 1e-9)))
-    if len(free) < 4 * width:
-        return []
-    smooth = np.stack([np.convolve(column, np.full(width, 1.0 / width), "valid") for column in np.nan_to_num(free).T])
-    shaken_n = 0.5 * float(np.max(np.ptp(smooth, axis=1)))
-    if shaken_n < _SHAKEN_N:
-        return []
-    remark = (
-        f"the readings hold the inertia of the {1e3 * info.sensor.moving_mass_kg:.0f} g that move with the sensor, "
-        f"+-{1e3 * shaken_n:.0f} mN while nothing touches, and so do the labels: add the log of the stage to remove it"
-    )
-    return [remark]
+def _remaining_inertia(
+    seen: DetectedShapes, stamps: IntArray, force: FloatArray, found: ForceCorrections, clocks: ClockMap, scale: float
+) -> tuple[float, str]:
+    """Inertia that the labels hold, root mean square in N, and how it is known; 0 and nothing where it is not.
+
+    By the readings of the contact-free stretch; where nothing was removed, by the tip's acceleration in the images,
+    too: the stage may have been at rest in that stretch. ``scale``: metres per pixel, 0 where it is not known.
+    """
+    left_n = inertia_left(stamps, force, found.stage, found.tare, found.inertia)
+    mass_kg = found.sensor.moving_mass_kg if found.sensor else None
+    by_readings = "as the readings in the contact-free stretch show"
+    if not mass_kg or found.inertia.how == "estimated" or left_n > MAX_INERTIA_N:
+        return left_n, by_readings
+    if scale and clocks.how != "refused":
+        pushed_n = mass_kg * tip_acceleration(clocks.force_ns(seen.frame_ns), seen.shapes, scale)
+        if pushed_n > 0.0:
+            return max(left_n, pushed_n), "as the tip's acceleration in the images shows"
+    return (left_n, by_readings) if left_n > _SHAKEN_N else (0.0, "")
 
 
-_SMOOTH_S = 0.04
-"""Readings are averaged over so much before their movement is measured."""
+def _check_inertia(found: ForceCorrections, left_n: float, source: str, name: str) -> list[str]:
+    """Remarks on the inertia that was removed without the stage's log, and on what the labels hold of it.
+
+    Args:
+        found: how the force log is read.
+        left_n: what the labels hold, N.
+        source: how that is known.
+        name: of the force log.
+
+    Raises:
+        InputError: the labels would hold more than `MAX_INERTIA_N` of a mass that moves with the sensor.
+    """
+    mass_kg, stage = found.sensor.moving_mass_kg if found.sensor else None, found.stage.names
+    mass = f"the {1e3 * mass_kg:.0f} g that move with the sensor" if mass_kg else "what moves with the sensor"
+    why = f" ({found.inertia.detail})" if found.inertia.detail else ""
+    remedy = "check that the stage's log belongs to this run" if stage else "add the stage's log as a further file"
+    size = f"{1e3 * left_n:.0f} mN (root mean square) of the inertia of {mass}"
+    if left_n > MAX_INERTIA_N and (mass_kg or (mass_kg is None and stage)):
+        raise InputError(
+            f"{name}: the labels would hold {size}, {source}; at most {1e3 * MAX_INERTIA_N:.0f} mN are "
+            f"allowed, and it cannot be removed{why}. {remedy[0].upper()}{remedy[1:]}, or state a contact-free stretch "
+            "in which the stage beats as later on, tare=(START, END), or sensor.moving_mass_kg = 0 in bench.toml where "
+            "nothing moves with the sensor or such labels are good enough"
+        )
+    remarks: list[str] = []
+    if found.inertia.beat_hz:
+        part = "what the stage's log leaves of the inertia" if found.inertia.axes else "the inertia"
+        size_n = math.sqrt(0.5 * float(np.sum(found.inertia.beat_n**2, axis=(0, 1)).max()))
+        remarks.append(
+            f"{part} of {mass}, {1e3 * size_n:.0f} mN (root mean square), is removed as the contact-free stretch shows "
+            f"it, at {60.0 * found.inertia.beat_hz:.1f} beats a minute; {1e3 * left_n:.1f} mN remain there"
+        )
+    elif left_n > (_SHAKEN_N if mass_kg or stage else MAX_INERTIA_N):
+        remarks.append(f"the labels hold {size}, {source}{why}; to remove it, {remedy}")
+    elif mass_kg and not source:
+        remarks.append(
+            f"the inertia of {mass} is not removed{why}, and how much of it the labels hold is not known: {remedy}, or "
+            "state views.NAME.metres_per_px in bench.toml to see how much it may be"
+        )
+    return remarks
 
 
 def _check_tare(

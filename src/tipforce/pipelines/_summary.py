@@ -55,7 +55,8 @@ class RecordingSummary:
                     "detail": info.tare.detail,
                 }
             ),
-            "inertia": asdict(info.inertia) | {"gain_kg": info.inertia.gain_kg.tolist()},
+            "inertia": asdict(info.inertia)
+            | {"gain_kg": info.inertia.gain_kg.tolist(), "beat_n": info.inertia.beat_n.tolist()},
             "plausibility": {
                 "findings": [finding.values() for finding in info.plausibility.findings],
                 "bridged_gaps": info.plausibility.bridged,
@@ -172,7 +173,7 @@ def describe_recording(summary: RecordingSummary) -> list[str]:
         lines.append(f"clock map     {_clock(info.clock_map)}")
         lines += [f"implausible   {line}" for line in info.plausibility.lines()]
         lines.append(f"tare          {_tare(info.tare)}")
-        if info.inertia.axes:
+        if info.inertia.how == "estimated" or info.inertia.detail:
             lines.append(f"inertia       {_inertia(info.inertia)}")
         if info.sensor is not None:
             angle_deg, reads = info.sensor.angle_deg or 0.0, info.sensor.reads or "tip-on-tissue"
@@ -239,7 +240,11 @@ def _inertia(inertia: Inertia) -> str:
         for axis, gain in zip(inertia.axes, inertia.gain_kg, strict=True)
     )
     rate = "" if inertia.rate == 1.0 else f", rate {inertia.rate:.6g}"
-    return f"of the stage's movement taken out: {carried}; force stamp + {1e-6 * inertia.lag_ns:.1f} ms{rate}"
+    parts = [f"of the stage's movement taken out: {carried}; force stamp + {1e-6 * inertia.lag_ns:.1f} ms{rate}"]
+    beat = f"{len(inertia.beat_n)} harmonics of {inertia.beat_hz:.4f} Hz taken out, as the contact-free stretch shows"
+    return "; ".join(
+        parts * bool(inertia.axes) + [beat] * (inertia.beat_hz > 0.0) + [inertia.detail] * bool(inertia.detail)
+    )
 
 
 def _tare(tare: Tare) -> str:
