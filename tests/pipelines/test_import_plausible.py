@@ -6,11 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from tipforce.alignment import Labels, labels
+from tipforce.cli import app
 from tipforce.errors import InputError
 from tipforce.io import RecordingReader
-from tipforce.pipelines import RecordingReport, describe_recording, import_session, plot_summary
+from tipforce.pipelines import (
+    RecordingReport,
+    copy_recording,
+    describe_recording,
+    import_session,
+    plot_summary,
+    record,
+)
 from tipforce.types import SensorInfo, SessionInfo
 
 from ..short_run import BIAS, OFFSET_S, Run, push  # type: ignore[import-not-found]
@@ -136,6 +145,28 @@ def test_a_tare_in_contact_is_refused_with_a_stretch_that_does(run: Run, tmp_pat
     _, found, rms = imported(run, tmp_path, table(run), tare=(0.0, 2.0))
     assert labelled(found) > 185
     assert rms < 0.006
+
+
+def test_a_recording_whose_tare_was_in_contact_gets_another_one_in_a_copy(run: Run, tmp_path: Path) -> None:
+    imported(run, tmp_path, table(run))
+    bad, good = tmp_path / "recorded.mcap", tmp_path / "NEW.mcap"
+    with pytest.raises(InputError, match="in contact at 3 to 6 s of the force log") as caught:
+        record(RecordingReader(tmp_path / "run.mcap"), bad, tare=(3.0, 6.0), offset_ms=1e3 * OFFSET_S)
+    command = re.search(r"tipforce (import \S+ -o )NEW\.mcap (--tare )0:5", str(caught.value))
+    assert command is not None
+    assert command[1] == f"import {bad} -o "
+    words = ["import", bad, "-o", good, command[2].strip(), "0:2", "--offset-ms", 1e3 * OFFSET_S]
+    assert CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False).exit_code == 0
+    with RecordingReader(bad) as reader, RecordingReader(good) as other:
+        assert [each.kind for each in reader.info.plausibility.findings] == ["contact during tare"]
+        assert (other.info.tare.stretches_s, other.info.plausibility.findings) == (((0.0, 2.0),), ())
+        assert other.info.streams == reader.info.streams
+        found = labels(other)
+    error = found.force_n[:, :2] - np.outer(push(found.stamp_ns * 1e-9), [0.05, -0.2])
+    assert labelled(found) > 185
+    assert np.sqrt(np.nanmean(np.sum(error**2, axis=1))) < 0.006
+    with pytest.raises(InputError, match="was imported; import its files again with the tare"):
+        copy_recording(tmp_path / "run.mcap", tmp_path / "other.mcap", tare=(0.0, 2.0))
 
 
 def test_findings_are_drawn_as_stretches_of_time(run: Run, tmp_path: Path) -> None:

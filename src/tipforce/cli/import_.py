@@ -17,7 +17,7 @@ def command(
         typer.Argument(
             help="A video, DICOM file or folder of images, then its logs: force, and where there are any stage and "
             "knob, told apart by their columns; a ROS bag; recordings (.mcap), for a dataset; or a damaged one, to "
-            "recover it; or one, to state its clocks."
+            "recover it; or one, to state its clocks or its tare."
         ),
     ],
     output: Annotated[
@@ -72,20 +72,22 @@ def command(
     Example: tipforce import runs/*.mcap -o dataset/
 
     Example: tipforce import damaged.mcap -o recovered.mcap
+
+    Example: tipforce import run.mcap -o tared.mcap --tare 0:5
     """  # noqa: E501
     from ..io import is_bag
     from ..pipelines import describe_recording, import_session
 
     check_outputs([*inputs, *filter(None, (stage, knob))], *([output] if output.suffix == ".mcap" else []), json)
     if all(path.suffix in (".mcap", ".part") for path in inputs) and not (len(inputs) == 1 and is_bag(inputs[0])):
-        _refuse_options(inputs[0], tare=tare, stage=stage, knob=knob)
+        _refuse_options(inputs[0], stage=stage, knob=knob)
         if output.suffix == ".mcap":
-            _recover(inputs, output, offset_from(offset_ms), rate, overwrite=overwrite, json=json)
+            _copy(inputs, output, offset_from(offset_ms), rate, tare_from(tare), overwrite=overwrite, json=json)
             return
-        if offset_ms != "auto" or rate is not None:
+        if offset_ms != "auto" or rate is not None or tare != "auto":
             raise InputError(
-                f"{output}: the recordings of a dataset have their own clock maps; state --offset-ms and --rate in a "
-                f"copy of the recording that lacks one: tipforce import {inputs[0]} -o NEW.mcap --offset-ms MS"
+                f"{output}: the recordings of a dataset have their own clock maps and tares; state --offset-ms, --rate "
+                f"and --tare in a copy of a recording: tipforce import {inputs[0]} -o NEW.mcap --offset-ms MS"
             )
         _dataset(inputs, output, overwrite=overwrite, json=json)
         return
@@ -111,13 +113,9 @@ def command(
     write_json(done.summary.figures() | {"remarks": list(done.remarks)}, json)
 
 
-def _refuse_options(recording: Path, *, tare: str, stage: Path | None, knob: Path | None) -> None:
+def _refuse_options(recording: Path, *, stage: Path | None, knob: Path | None) -> None:
     """Raises InputError for options that have no effect on a recording."""
-    given = [
-        name
-        for name, stated in (("--tare", tare != "auto"), ("--stage", stage is not None), ("--knob", knob is not None))
-        if stated
-    ]
+    given = [name for name, stated in (("--stage", stage is not None), ("--knob", knob is not None)) if stated]
     if given:
         raise InputError(f"{recording}: {', '.join(given)} is for a video and its logs, and this is a recording")
 
@@ -134,11 +132,12 @@ def _by_kind(others: list[Path], stated: dict[str, Path], info: SessionInfo) -> 
     return {**found, **stated}
 
 
-def _recover(
+def _copy(
     inputs: list[Path],
     target: Path,
     offset_ms: Literal["auto", "none", "start"] | float,
     rate: float | None,
+    tare: Literal["auto", "none"] | tuple[float, float],
     *,
     overwrite: bool,
     json: str | None,
@@ -147,10 +146,10 @@ def _recover(
 
     if len(inputs) > 1:
         raise InputError(f"{target}: one recording at a time is recovered; for a dataset of several, name a folder")
-    said = copy_recording(inputs[0], target, offset_ms=offset_ms, rate=rate, overwrite=overwrite)
-    say(said)
-    say(f"wrote {target}")
-    write_json({"recording": str(target), "recovered": said}, json)
+    lines = copy_recording(inputs[0], target, offset_ms=offset_ms, rate=rate, tare=tare, overwrite=overwrite)
+    for line in (*lines, f"wrote {target}"):
+        say(line)
+    write_json({"recording": str(target), "recovered": lines[0], "remarks": lines[1:]}, json)
 
 
 def _dataset(inputs: list[Path], folder: Path, *, overwrite: bool, json: str | None) -> None:

@@ -3,7 +3,7 @@
 from .._atomic import atomic_path, atomic_text, check_folder, check_output_file, replacing_folder, write_atomic
 from ._actuation import WAIT_S, ActuationSeries
 from ._cdr import COMPRESSED_IMAGE, ESTIMATE, FORCE_ESTIMATE, SCHEMAS, pack_estimate, pack_image, unpack_estimate
-from ._facts import SUBTRACTED_FORCE, ClockMap, Inertia, Tare
+from ._facts import SUBTRACTED_FORCE, ClockMap, Fact, Inertia, Tare
 from ._folder import InFolder
 from ._force_log import DriveLog, ForceLog, logs_by_kind, read_drive_log, read_force_log
 from ._images import StreamDepth, check_image_target, decode_image, encode_image, is_image, read_image, save_image
@@ -39,6 +39,7 @@ __all__ = [
     "Bag",
     "ClockMap",
     "DriveLog",
+    "Fact",
     "FieldEvidence",
     "FileSource",
     "ForceLog",

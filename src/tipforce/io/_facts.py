@@ -13,6 +13,7 @@ import numpy as np
 
 from .._json import parse_json
 from ..errors import FileFormatError
+from ..plausibility import ForcePlausibility
 from ..types import FloatArray, IntArray, SessionInfo, frozen
 
 SUBTRACTED_FORCE = "tipforce.zero"
@@ -230,6 +231,26 @@ class Inertia:
             beat_hz=float(record.get("beat_hz", "0")),
             beat_n=np.array(_value(record, "beat_n", "[]"), np.float64).reshape(-1, 2, 3),
         )
+
+
+Fact = ClockMap | ForcePlausibility | Inertia | Tare
+"""What is found in a recording."""
+
+_RECORD_NAMES: dict[type, str] = {
+    ClockMap: "tipforce.clock_offset",
+    ForcePlausibility: "tipforce.plausibility",
+    Inertia: "tipforce.inertia",
+    Tare: "tipforce.tare",
+}
+
+
+def record_name(fact: Fact) -> str:
+    """Returns the name of the metadata record that holds ``fact``.
+
+    >>> record_name(Tare())
+    'tipforce.tare'
+    """
+    return _RECORD_NAMES[type(fact)]
 
 
 def session_record(info: SessionInfo) -> dict[str, str]:

@@ -4,7 +4,7 @@ import importlib
 import os
 import struct
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -22,7 +22,7 @@ from .._atomic import check_folder, part_of
 from .._locks import lock_holder
 from ..errors import FileFormatError, OutputError
 from ._container import frame_is_whole, recovered_name, whole_summary
-from ._facts import ClockMap
+from ._facts import Fact, record_name
 
 _HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of the compression's name
@@ -146,14 +146,14 @@ def resolve(path: Path) -> tuple[Path, str]:
     return path, recover(part, path)
 
 
-def recover_recording(damaged: Path, target: Path, *, overwrite: bool = False, clock: ClockMap | None = None) -> str:
+def recover_recording(damaged: Path, target: Path, *, overwrite: bool = False, facts: Sequence[Fact] = ()) -> str:
     """Write what is whole in a recording that is cut off or damaged to ``target``; ``damaged`` stays as it is.
 
     Args:
         damaged: a recording (.mcap), or what a crash left of one (.mcap.part).
         target: the new recording.
         overwrite: replace one that is there already.
-        clock: the clock map that the new recording states in place of its own.
+        facts: stated in the new recording in place of its own: clock map, tare, ...
 
     Returns:
         One line on what was lost, which the new recording carries, too.
@@ -165,10 +165,10 @@ def recover_recording(damaged: Path, target: Path, *, overwrite: bool = False, c
         raise FileFormatError(f"{damaged}: there is no such file")
     check_target(target, overwrite=overwrite, origin="recover")
     target.parent.mkdir(parents=True, exist_ok=True)
-    return recover(damaged, target, keep=True, clock=clock)
+    return recover(damaged, target, keep=True, facts=facts)
 
 
-def recover(part: Path, target: Path, *, keep: bool = False, clock: ClockMap | None = None) -> str:
+def recover(part: Path, target: Path, *, keep: bool = False, facts: Sequence[Fact] = ()) -> str:
     """Write what is whole in ``part`` to ``target``, then remove ``part`` unless it is to be kept; says what was lost.
 
     Records are read one after the other up to the cut; of a chunk that is cut itself the messages before the cut are
@@ -201,8 +201,8 @@ def recover(part: Path, target: Path, *, keep: bool = False, clock: ClockMap | N
             found.last_s = last_ns * 1e-9
         said = found.said(part.name if keep else target.name)
         if found.messages:
-            if clock is not None:
-                writer.add_metadata("tipforce.clock_offset", clock.record())
+            for fact in facts:
+                writer.add_metadata(record_name(fact), fact.record())
             writer.add_metadata("tipforce.recovered", {"detail": said})
             writer.finish()
             sink.flush()

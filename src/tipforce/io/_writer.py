@@ -16,7 +16,6 @@ from mcap.writer import CompressionType, Writer
 from .._atomic import REMEDIES, atomic_text, part_of
 from .._locks import output_lock
 from ..errors import FileFormatError, OutputError, TimeError
-from ..plausibility import ForcePlausibility
 from ..types import (
     Clock,
     Event,
@@ -43,7 +42,7 @@ from ._cdr import (
     pack_wrench,
     unpack_image,
 )
-from ._facts import ClockMap, Inertia, Tare, session_record
+from ._facts import Fact, record_name, session_record
 from ._images import decode_image, encode_image
 from ._recover import check_target, lock, whole_records
 from .tables import MAX_STAMP_S
@@ -141,14 +140,13 @@ class RecordingWriter:
         message = pack_estimate(estimate.stamp_ns, estimate)
         self._add(f"/{ESTIMATE}", FORCE_ESTIMATE, estimate.stamp_ns, message)
 
-    def state(self, fact: ClockMap | ForcePlausibility | Inertia | Tare | SensorInfo) -> None:
+    def state(self, fact: Fact | SensorInfo) -> None:
         """A fact about the run; the last one of its kind holds. A sensor stands in place of that of the metadata."""
         if isinstance(fact, SensorInfo):
             self._info = replace(self._info, sensor=fact)
             self.note("tipforce.session", {"origin": self._origin, **session_record(self._info)})
             return
-        names = {ClockMap: "clock_offset", ForcePlausibility: "plausibility", Inertia: "inertia", Tare: "tare"}
-        self.note(f"tipforce.{names[type(fact)]}", fact.record())
+        self.note(record_name(fact), fact.record())
 
     def note(self, name: str, record: dict[str, str]) -> None:
         """A metadata record of any name; the last one of a name holds."""

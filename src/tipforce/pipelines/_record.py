@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from ..alignment import (
     tip_acceleration,
 )
 from ..errors import InputError, TimeError, TipforceError
-from ..io import ClockMap, RecordingWriter, check_target
+from ..io import ClockMap, Fact, RecordingWriter, check_target
 from ..types import STAGE, Clock, Event, FloatArray, Frame, Image, IntArray, SensorInfo, SessionInfo, Source, Wrench
 from ..vision import DetectedShape, ShapeDetector, VisionSettings, auto_calibrate
 from ._summary import RecordingSummary, summarise_recording
@@ -146,13 +146,28 @@ def record(
             except BaseException as error:  # what was written is the only copy of the run; facts can be found again
                 writer.close()
                 if isinstance(error, TipforceError):
-                    raise type(error)(f"{error}; {target} is kept, without tare and clock map") from None
+                    kept = f"{target} is kept, without tare and clock map"
+                    if isinstance(error, InputError):
+                        kept += f"; to make a copy with another tare: tipforce import {target} -o NEW.mcap --tare 0:5"
+                    raise type(error)(f"{error}; {kept}") from None
                 raise
     return RecordingReport(summarise_recording(target), tuple(remarks))
 
 
+class RunWriter(Protocol):
+    """Takes the events of a run and what is found in them, as `RecordingWriter` does."""
+
+    def write(self, event: Event) -> object:
+        """Takes the next event."""
+        ...
+
+    def state(self, fact: Fact | SensorInfo) -> None:
+        """Takes a fact; the last one of its kind holds."""
+        ...
+
+
 def write_run(
-    writer: RecordingWriter,
+    writer: RunWriter,
     events: Iterable[Event],
     info: SessionInfo,
     sensor: SensorInfo | None,
@@ -187,7 +202,7 @@ def write_run(
 
 
 def _state_facts(
-    writer: RecordingWriter,
+    writer: RunWriter,
     run: "_Run",
     sight: "_RunDetector | None",
     info: SessionInfo,
@@ -336,7 +351,7 @@ def _check_inertia(found: ForceCorrections, left_n: float, source: str, name: st
 
 
 def _check_tare(
-    writer: RecordingWriter,
+    writer: RunWriter,
     frames: IntArray,
     shapes: Sequence[DetectedShape],
     stamps: IntArray,
