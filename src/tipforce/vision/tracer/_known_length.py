@@ -23,6 +23,9 @@ from ._strip import (
     COLUMNS,
     FLOOR,
     ROWS,
+    Arc,
+    Deviation,
+    arc_at,
     column_of,
     flank_evidence,
     roughness,
@@ -90,7 +93,7 @@ def _group_evidence(
         for c in range(channels):
             mean = 0.0
             for b in range(first, last):
-                column = column_of(turn, bend, b)
+                column = column_of(Deviation(turn, bend), b)
                 column = min(max(column, 8), COLUMNS - 9)
                 mean += flanks[2 * c + side, b, column]
             mean /= (last - first) * floor
@@ -155,9 +158,10 @@ def _follow_to(
             # lustre along a metal tip misleads more than the direction of the shaft does
             n = _go_straight(stations, n, u, v, angle, back, goal - 0.5 * half, half)
             break
+        arc_ahead = Arc(u, v, angle, bend, last - back)
         inside = 0
         for c in range(channels):
-            rows = straighten(image, 1.0, u, v, angle, bend, half, c, strip)
+            rows = straighten(image, 1.0, arc_ahead, half, c, strip)
             inside = flank_evidence(strip, rows, flanks[2 * c], flanks[2 * c + 1])
         s0 = last - back
         blocks = min(inside, int((goal - _STIFF * half - s0) / (BLOCK * cell)))
@@ -186,12 +190,11 @@ def _follow_to(
             if n == stations.shape[0]:
                 break
             s = BLOCK * (b + 0.5) * cell
-            turned = angle + bend * s
-            halfway = angle + 0.5 * bend * s
+            axis_u, axis_v, turned = arc_at(arc_ahead, s)
             x = BLOCK * (b - BEHIND - 0.5)
             x = (way * x + 0.5 * arc * CELL * x * x) * cell
-            at_u = u + s * math.cos(halfway) - x * math.sin(turned)
-            at_v = v + s * math.sin(halfway) + x * math.cos(turned)
+            at_u = axis_u - x * math.sin(turned)
+            at_v = axis_v + x * math.cos(turned)
             n = add_station(stations, n, at_u, at_v, s0 + s, half, _WEIGHT)
     return n, max(widest, goal - taken - _STRAIGHT_ON * half)
 
