@@ -112,7 +112,7 @@ def each_session(data: Dataset, seed: int) -> None:
         svr = create("svr", settings).fit(data.subset(split.train))
         answers = svr.predict(data.subset(split.test))
         error = np.array([answer.force_n[:2] for answer in answers]) - data.force_n[split.test, :2]
-        expected = np.array([target["cv_rmse_n"] for target in svr.describe()["targets"].values()])
+        expected = np.array([target.cv_rmse_n for target in svr.describe().targets.values()])
         ends = np.array([answer.interval_n[:2] for answer in answers])
         truth = data.force_n[split.test, :2]
         held = (ends[:, :, 0] <= truth) & (truth <= ends[:, :, 1])

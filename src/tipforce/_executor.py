@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
 
 from ._cores import cores
-from ._processes import worker_pool
+from ._processes import Task, worker_pool
+from ._ray import RayExecutor
 
 ExecutorName = Literal["local", "ray"]
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
-Task = Callable[[_Item, Callable[[], None]], _Result]
-"""Does one item and calls the function after each of its steps. It and its items must be importable and picklable."""
 _POLL_S = 0.2
 _counter: "Synchronized[int] | None" = None
 """In a worker process: steps done so far, over all workers."""
@@ -109,8 +108,6 @@ def executor_of(chosen: Executor | ExecutorName) -> Executor:
         return chosen
     if chosen == "local":
         return LocalExecutor()
-    from ._ray import RayExecutor
-
     return RayExecutor.from_environment()
 
 

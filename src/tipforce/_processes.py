@@ -29,6 +29,10 @@ _PARENT = "TIPFORCE_PARENT"
 _running: dict["subprocess.Popen[str]", bool] = {}
 """Programs that this one started and that have not ended: whether they were asked to."""
 _T = TypeVar("_T")
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+Task = Callable[[_Item, Callable[[], None]], _Result]
+"""Does one item and calls the function after each of its steps. It and its items must be importable and picklable."""
 
 
 def ending_signals() -> tuple[signal.Signals, ...]:

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ._cores import cores
-from ._executor import Task
-from ._processes import limit_threads
+from ._processes import Task, limit_threads
 from .errors import InputError, MissingExtraError
 
 ADDRESS = "RAY_ADDRESS"

@@ -12,7 +12,7 @@ from tipforce.cli import app
 from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
 from tipforce.estimators import SvrSettings
-from tipforce.estimators._training import gather_rows
+from tipforce.estimators.shape import gather_rows
 from tipforce.io import RecordingReader, open_source
 from tipforce.pipelines import import_session, write_samples
 from tipforce.pipelines._simulate_sessions import leave_dicom

@@ -44,7 +44,7 @@ def test_a_model_folder_comes_out(rows: Path, tmp_path: Path) -> None:
     figures = json.loads((tmp_path / "f.json").read_text())
     assert figures["facts"] == read_manifest(tmp_path / "svr")["facts"]
     assert figures["facts"]["samples"] == 90
-    assert load_model(tmp_path / "svr").describe() == figures["facts"]
+    assert load_model(tmp_path / "svr").describe().model_dump(mode="json") == figures["facts"]
 
 
 def test_intervals_from_sessions_apart(rows: Path, tmp_path: Path) -> None:

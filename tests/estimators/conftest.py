@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from tipforce.datasets import Dataset, open_dataset
-from tipforce.estimators import DcfeSettings, NetworkEstimator
-from tipforce.estimators import _create as methods
+from tipforce.estimators import ESTIMATORS, DcfeSettings, NetworkEstimator
 from tipforce.estimators.networks import _network
 from tipforce.types import Observation, SessionInfo, Status
 
@@ -169,5 +168,5 @@ def small_type() -> type[Small]:
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> Small:
     """A small network, known by its name."""
-    monkeypatch.setitem(methods.ESTIMATORS, "small", Small)
+    monkeypatch.setitem(ESTIMATORS._loaded, "small", Small)
     return Small(QUICK)

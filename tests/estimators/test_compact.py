@@ -112,7 +112,7 @@ def test_calibration_on_other_sessions_makes_intervals_that_hold(learnt, tmp_pat
         if each.valid
     ]
     assert np.mean(held) > 0.8
-    assert other.describe()["interval_basis"] == "whole sessions"
+    assert other.describe().interval_basis == "whole sessions"
 
 
 def test_a_model_folder_answers_the_same(learnt, tmp_path):
@@ -199,7 +199,8 @@ def test_metadata_unknown_in_training_change_no_estimate(learnt):
     data = whips(seed=4, sessions=1)
     stated_info = data.session_info["s0"]
     silent = learnt.unfitted()
-    facts = {**learnt.fitted_.facts, "required_metadata": [], "known_metadata": ["views.camera.base_side"]}
+    only = {"required_metadata": (), "known_metadata": ("views.camera.base_side",)}
+    facts = learnt.fitted_.facts.model_copy(update=only)
     silent.fitted_ = replace(learnt.fitted_, facts=facts)
     for observation in list(data.observations())[:5]:
         answers = [
@@ -307,9 +308,9 @@ def test_in_eight_bits_it_estimates_nearly_the_same_and_from_its_folder_too(lear
     quick = Compact(settings).fine_tuned_from(learnt)
     quick.settings = settings
     quick.fit(data)
-    assert quick.describe()["bits"] == 8
+    assert quick.describe().bits == 8
     assert "model.int8.onnx" in quick.files()
-    assert quick.describe()["trained_on"] == 2 * learnt.describe()["trained_on"]
+    assert quick.describe().trained_on == 2 * learnt.describe().trained_on
     data = whips(seed=4, sessions=1)
     pairs = [
         (a.force_n, b.force_n)

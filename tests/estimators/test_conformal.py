@@ -62,8 +62,8 @@ def test_sessions_that_differ_are_covered_on_new_ones() -> None:
 )
 def test_the_basis_is_said(world: World, sessions: int, text: str) -> None:
     svr = create("svr", QUICK).fit(world(sessions=sessions, frames=25))
-    assert svr.describe()["interval_basis"] == text
-    assert np.isfinite(svr.describe()["magnitude_interval_half_width_n"])
+    assert svr.describe().interval_basis == text
+    assert np.isfinite(svr.describe().magnitude_interval_half_width_n)
 
 
 def test_nine_tenths_of_the_frames_of_new_sessions_lie_within(world: World) -> None:
@@ -98,4 +98,4 @@ def test_calibrating_on_sessions_apart_gives_their_own_width_and_the_same_answer
 
     assert inside(before) < 0.6
     assert 0.8 < inside(after) <= 1.0
-    assert svr.describe()["interval_basis"] == "whole sessions"
+    assert svr.describe().interval_basis == "whole sessions"

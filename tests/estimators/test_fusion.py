@@ -257,9 +257,9 @@ def test_what_was_never_calibrated_is_saved_and_read():
     again = Fusion.from_state(fresh.settings.model_dump(), json.loads(json.dumps(values)), arrays, fresh.files())
     assert again.describe() == fresh.describe()
     assert again.stretch_ == fresh.stretch_
-    network = again.members.network.describe()["interval_basis"]
+    network = again.members.network.describe().interval_basis
     of_each = f"both: {network}; rod-track alone: the covariances alone; network alone: {network}"
-    assert again.describe()["interval_basis"] == of_each
+    assert again.describe().interval_basis == of_each
 
 
 def test_another_method_is_no_network():

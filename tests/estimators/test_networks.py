@@ -58,7 +58,7 @@ def test_it_learns_what_is_in_the_images(learnt: NetworkEstimator, shown: Make) 
     assert answer.known.tolist() == [True, True, False]
     assert np.isfinite(answer.interval_n[:2]).all()
     assert not learnt.uses_history
-    assert learnt.describe()["interval_basis"] == "random samples that also chose the epoch, of 3 sessions"
+    assert learnt.describe().interval_basis == "random samples that also chose the epoch, of 3 sessions"
 
 
 def test_a_model_folder_answers_the_same(
@@ -82,7 +82,7 @@ def test_a_model_folder_answers_the_same(
     assert (tmp_path / "small.onnx").read_bytes() == (folder / "model.onnx").read_bytes()
     assert 0 < facts["parity_n"] < 1e-3
     loaded.calibrate(shown(sessions=9, each=8, seed=2))
-    assert loaded.describe()["interval_basis"] == "whole sessions"
+    assert loaded.describe().interval_basis == "whole sessions"
     with pytest.raises(InputError, match="the first says: nothing was filmed"):
         loaded.calibrate(shown(unseen=tuple(range(72))))
     with pytest.raises(NotFittedError, match="small was not fitted"):
@@ -105,7 +105,7 @@ def test_weights_are_kept_whole_where_half_precision_is_too_coarse(
     deviations = iter([2e-3, 1e-5])
     monkeypatch.setattr(_network, "parity_n", lambda *_: next(deviations))
     whole = type(learnt)(learnt.settings).fit(shown())
-    assert whole.describe()["parity_with_network_n"] == 1e-5
+    assert whole.describe().parity_with_network_n == 1e-5
     halves, wholes = (sum(value.nbytes for value in stored(each).values()) for each in (learnt, whole))
     assert wholes > 1.5 * halves
 
@@ -114,7 +114,7 @@ def test_actuation_and_samples_that_cannot_be_read(small: NetworkEstimator, show
     settings = small.settings.model_copy(update={"actuation": ("knob_deg",), "epochs": 1})
     data = shown(unseen=(3, 40))
     fitted = type(small)(settings).fit(data)
-    assert sum(lost for lost, _ in fitted.describe()["left_out"].values()) == 2
+    assert sum(lost for lost, _ in fitted.describe().left_out.values()) == 2
     unseen = fitted.predict(data.subset(np.array([3])))[0]
     assert (unseen.status, unseen.detail) == (Status.NO_CATHETER, "nothing was filmed")
     assert fitted.required_actuation == ("knob_deg",)
@@ -163,7 +163,7 @@ def test_fine_tuning_starts_from_the_weights_of_a_model(
     assert np.array_equal(weights[0], weights[2])
     with pytest.raises(InputError, match="a dcfe cannot start from the weights of a small"):
         Dcfe().fine_tuned_from(learnt)
-    assert "fine-tuned from the weights of small" in "\n".join(type(after).summary(after.describe()).training)
+    assert "fine-tuned from the weights of small" in "\n".join(after.describe().summary().training)
     with pytest.raises(InputError, match="svr is no network"):
         train(create("svr"), shown(), start=learnt)
 

@@ -144,11 +144,11 @@ def test_without_a_fit_a_stated_stiffness_gives_the_lateral_force(name: str, sta
 def test_fit_learns_the_stiffness_and_saves_it(stiffer: Dataset, tmp_path: Path) -> None:
     before = np.abs(errors_n(create("links", {"vision": VISION}), stiffer)[:, 1]).mean()
     fitted = create("links", {"vision": VISION}).fit(stiffer)
-    assert fitted.describe()["stiffness_factor"] == pytest.approx(1.4, rel=0.08)
+    assert fitted.describe().stiffness_factor == pytest.approx(1.4, rel=0.08)
     after = np.abs(errors_n(fitted, stiffer)[:, 1]).mean()
     assert after < 0.5 * before
     calibrated = fitted.calibrate(stiffer)
-    assert "held-out" in calibrated.describe()["interval_basis"]
+    assert "held-out" in calibrated.describe().interval_basis
     save_model(calibrated, tmp_path / "links", stiffer)
     again = load_model(tmp_path / "links")
     one = stiffer.subset(np.arange(3))

@@ -14,7 +14,7 @@ import pytest
 
 from tipforce.datasets import Dataset
 from tipforce.errors import InputError, MissingExtraError, ModelError
-from tipforce.estimators import Svr, _create, create, export_onnx, load_model, read_manifest, save_model
+from tipforce.estimators import ESTIMATORS, Svr, create, export_onnx, load_model, read_manifest, save_model
 from tipforce.estimators.store import _own_sha256
 
 World = Callable[..., Dataset]
@@ -89,7 +89,7 @@ class Filed(Svr):
 
 @pytest.fixture
 def filed(data: Dataset, monkeypatch: pytest.MonkeyPatch) -> Filed:
-    monkeypatch.setitem(_create.ESTIMATORS, "svr", Filed)
+    monkeypatch.setitem(ESTIMATORS._loaded, "svr", Filed)
     made = Filed(Svr.settings_type.model_validate(QUICK)).fit(data)
     made.own = {"own.bin": b"graph \x00\xff", "training.jsonl": b"{}\n"}
     return made
@@ -177,7 +177,7 @@ def test_answers_that_differ_from_scikit_learn_are_not_saved(data: Dataset, tmp_
     svr = create("svr", QUICK).fit(data)
     assert isinstance(svr, Svr)
     assert svr.fitted_ is not None
-    object.__setattr__(svr.fitted_.machines, "parity_n", 2e-6)
+    object.__setattr__(svr.fitted_.model.machines, "parity_n", 2e-6)
     with pytest.raises(ModelError, match="differ from scikit-learn's by up to 2e-06 N"):
         save_model(svr, tmp_path / "m", data)
     assert not (tmp_path / "m").exists()

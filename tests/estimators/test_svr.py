@@ -66,23 +66,23 @@ def test_training_stops_where_a_whole_session_would_be_left_out(world: World) ->
     blind = replace(data, store=Blind(data.store, whole))
     with pytest.raises(InputError, match=f"of 120 samples training would leave out 60: all 60 of {lost}"):
         fitted(blind)
-    assert fitted(blind, max_left_out=1.0).describe()["left_out"] == {lost: [60, 60]}
+    assert fitted(blind, max_left_out=1.0).describe().left_out == {lost: [60, 60]}
     other = world(sessions=2, frames=60, seed=1)
     some = replace(other, store=Blind(other.store, np.arange(120) % 8 == 0))
     with pytest.raises(InputError, match="of 120 samples training would leave out 15: 8 of 60 of"):
         fitted(some)
-    assert fitted(some, max_left_out=0.2).describe()["left_out"] == {first: [8, 60], lost: [7, 60]}
+    assert fitted(some, max_left_out=0.2).describe().left_out == {first: [8, 60], lost: [7, 60]}
 
 
 def test_the_default_is_the_thesis_s_method_done_by_hand(world: World) -> None:
     data = world(sessions=1, frames=60)
     svr = fitted(data)
-    constants = svr.describe()["targets"]["magnitude"]
+    constants = svr.describe().targets["magnitude"]
     x, y = table(data), data.magnitude_n
     size = np.abs(x).max(axis=0)
     assert size[4] == 0  # the constant of this world's polynomials is zero, and stays so
     x, unit = x / np.where(size > 0, size, 1), y.max()
-    by_hand = SVR(kernel="rbf", gamma=1 / constants["sigma"] ** 2, C=constants["c"], epsilon=constants["epsilon"])
+    by_hand = SVR(kernel="rbf", gamma=1 / constants.sigma**2, C=constants.c, epsilon=constants.epsilon)
     expected = by_hand.fit(x, y / unit).predict(x) * unit
     answers = svr.predict(data)
     assert np.max(np.abs([a.magnitude_n for a in answers] - np.maximum(expected, 0))) < 1e-9
@@ -133,7 +133,7 @@ def test_epsilon_leaves_the_estimate_without_contact_at_zero(world: World) -> No
         """Chosen epsilon and mean estimate without contact, both in shares of the largest force."""
         svr = create("svr", {**flat, **settings}).fit(data)
         found = np.mean([answer.magnitude_n for answer in svr.predict(data.subset(free))])
-        return svr.describe()["targets"]["magnitude"]["epsilon"], float(found / data.magnitude_n.max())
+        return svr.describe().targets["magnitude"].epsilon, float(found / data.magnitude_n.max())
 
     wide, high = without_contact(epsilon=(0.003, 0.01, 0.03, 0.1))
     assert wide == 0.1  # the squared error chooses it
@@ -174,7 +174,7 @@ def test_what_goes_beyond_the_thesis_still_learns(world: World, settings: dict[s
     svr = fitted(data, force="components", **settings)
     error = np.array([a.force_n[:2] for a in svr.predict(data)]) - data.force_n[:, :2]
     assert np.sqrt(np.mean(error**2)) < 0.015
-    assert svr.describe()["parity_with_scikit_learn_n"] < 1e-9
+    assert svr.describe().parity_with_scikit_learn_n < 1e-9
 
 
 def test_a_straight_line_in_the_kernel_goes_on_beyond_the_data(world: World) -> None:
@@ -281,7 +281,7 @@ def test_images_are_learnt_from_and_what_they_hide_is_said(tmp_path: Path) -> No
     svr = fitted(data, force="components", features={"kind": "legendre", "degree": 3})
     assert svr.fitted_.vision.polarity == "dark"
     assert svr.fitted_.vision.base_side == "left"
-    assert "found by `tracer`, not the thesis's algorithm 1" in svr.summary(svr.describe()).inputs
+    assert "found by `tracer`, not the thesis's algorithm 1" in svr.describe().summary().inputs
     error = np.array([a.force_n[1] for a in svr.predict(data)]) - data.force_n[:, 1]
     assert np.sqrt(np.mean(error**2)) < 0.01
     stream = svr.start(SessionInfo())
@@ -299,8 +299,8 @@ def test_the_same_images_by_the_thesis_s_own_vision_with_a_polynomial(tmp_path: 
     write_images(tmp_path / "data")
     data = open_dataset(tmp_path / "data")
     svr = fitted(data, vision={"method": "classic"})
-    assert "found by `classic`, the thesis's algorithm 1" in svr.summary(svr.describe()).inputs
-    assert svr.describe()["features"] == ["A1", "A2", "A3", "A4", "A5", "knob_deg"]
+    assert "found by `classic`, the thesis's algorithm 1" in svr.describe().summary().inputs
+    assert svr.describe().features == ("A1", "A2", "A3", "A4", "A5", "knob_deg")
     error = np.array([a.magnitude_n for a in svr.predict(data)]) - data.magnitude_n
     assert np.sqrt(np.mean(error**2)) < 0.02
 

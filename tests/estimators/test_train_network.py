@@ -80,8 +80,8 @@ def test_a_training_that_was_cut_off_is_gone_on_with(
 
     result = run(*words, tmp_path / "more", "--set", "epochs=1", "--from", tmp_path / "cut")
     assert "fine-tuned from the weights of small" in result.output
-    both = load_model(tmp_path / "more").describe()["trained_on"]
-    assert both == 2 * load_model(tmp_path / "cut").describe()["trained_on"]
+    both = load_model(tmp_path / "more").describe().trained_on
+    assert both == 2 * load_model(tmp_path / "cut").describe().trained_on
     assert (
         load_model(tmp_path / "more").training_sessions == load_model(tmp_path / "cut").training_sessions != frozenset()
     )
@@ -115,7 +115,7 @@ def test_a_folder_that_holds_other_things_is_no_place_to_train_in(tmp_path):
 def test_a_training_that_begins_with_weights_has_the_settings_for_that(monkeypatch, tmp_path):
     start = load_initial_model(Dcfe(), "pretrained")
     assert start is not None
-    assert start.describe()["samples"] > 10_000
+    assert start.describe().samples > 10_000
     plain, stated = Dcfe(), Dcfe(DcfeSettings(epochs=7, optimiser="sgd"))
     assert plain.settings.optimiser == "sgd"
     settings = plain.fine_tuned_from(start).settings

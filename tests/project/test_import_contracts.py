@@ -7,7 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 import tipforce
 
@@ -98,6 +101,66 @@ def test_a_broken_contract_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         (tmp_path / "tipforce" / package / "__init__.py").touch()
     monkeypatch.setattr(sys.modules[__name__], "SOURCE", tmp_path / "tipforce")
     assert imported_packages(path) == {"estimators", "datasets"}
+
+
+def modules(source: Path) -> dict[str, Path]:
+    """Every module of the package in ``source``, by its full name."""
+    found: dict[str, Path] = {}
+    for path in source.rglob("*.py"):
+        parts = (source.name, *path.relative_to(source).with_suffix("").parts)
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imported_modules(name: str, known: dict[str, Path]) -> set[str]:
+    """Modules that ``name`` imports at any depth of its code, except for type checkers alone."""
+    package = name.split(".") if known[name].name == "__init__.py" else name.split(".")[:-1]
+    tree = ast.parse(known[name].read_text(encoding="utf-8"))
+    for_types = {
+        id(inner)
+        for block in ast.walk(tree)
+        if isinstance(block, ast.If) and "TYPE_CHECKING" in ast.unparse(block.test)
+        for statement in block.body
+        for inner in ast.walk(statement)
+    }
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and id(node) not in for_types:
+            start = package[: len(package) - node.level + 1] if node.level else []
+            stem = ".".join((*start, *([node.module] if node.module else [])))
+            for alias in node.names:
+                found.add(f"{stem}.{alias.name}" if f"{stem}.{alias.name}" in known else stem)
+    return found & set(known) - {name}
+
+
+def circles(source: Path) -> list[list[str]]:
+    """Groups of modules each of which imports the others, directly or through others."""
+    known = modules(source)
+    names = sorted(known)
+    edges = np.zeros((len(names), len(names)), np.bool_)
+    for row, name in enumerate(names):
+        edges[row, [names.index(each) for each in imported_modules(name, known)]] = True
+    count, group = connected_components(csr_matrix(edges), connection="strong")
+    groups = [[names[k] for k in np.flatnonzero(group == number)] for number in range(count)]
+    return [members for members in groups if len(members) > 1]
+
+
+def test_no_module_imports_in_a_circle() -> None:
+    """An import within a function hides a circle, and does not open it."""
+    assert circles(SOURCE) == []
+
+
+def test_a_circle_that_a_local_import_hides_is_found(tmp_path: Path) -> None:
+    source = tmp_path / "tipforce"
+    source.mkdir()
+    (source / "__init__.py").touch()
+    (source / "_one.py").write_text("from ._two import g\n")
+    (source / "_two.py").write_text("def g():\n    from ._one import f\n")
+    (source / "_three.py").write_text("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from ._four import h\n")
+    (source / "_four.py").write_text("from ._three import g\n")
+    assert circles(source) == [["tipforce._one", "tipforce._two"]]
 
 
 def test_the_foreign_bench_shares_nothing_with_our_simulation() -> None:

@@ -59,7 +59,7 @@ def test_dcfe_learns_and_its_folder_answers_the_same(tmp_path: Path, precision: 
     rms_n = float(np.sqrt(np.nanmean((found - rest.force_n[:, :2]) ** 2)))
     print(f"dcfe, {precision}: RMS {rms_n * 1e3:.1f} mN of {dcfe.describe()}")
     assert rms_n < 0.04  # 0.115 N by always answering the mean
-    assert dcfe.describe()["parameters"] == 11_177_538
+    assert dcfe.describe().parameters == 11_177_538
     assert (tmp_path / "dcfe" / "model.onnx").stat().st_size < 46e6  # half of that in half precision
     stripes = np.tile(np.array([0, 255], np.uint8).repeat(8), (120, 10))
     strange = loaded.start(SessionInfo()).update(Observation(0, {"camera": stripes}, {}))

@@ -44,8 +44,8 @@ def test_it_learns(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
     samples = bars(128)
     result = trained(tiny(), samples, quick.model_copy(update={"epochs": 15}))
     spread_n = float(np.mean(np.abs(samples.force_n - samples.force_n.mean(axis=0))))
-    assert result.facts["validation_error_n"] < 0.5 * spread_n
-    assert result.facts["validation_error_n"] == min(row["validation_error_n"] for row in result.rows)
+    assert result.facts.validation_error_n < 0.5 * spread_n
+    assert result.facts.validation_error_n == min(row["validation_error_n"] for row in result.rows)
     assert [row["epoch"] for row in result.rows] == list(range(1, 16))
     assert all(row["images_per_s"] > 0 and 0 <= row["waiting_share"] <= 1 for row in result.rows)
 
@@ -116,11 +116,11 @@ def test_a_killed_training_goes_on_to_the_same_result(
 def test_it_stops_when_nothing_gets_better_and_keeps_the_best(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
     hopeless = quick.model_copy(update={"epochs": 50, "patience": 2, "rate": 1e-12})
     result = trained(tiny(), bars(), hopeless)
-    assert result.facts["epochs_run"] == result.facts["best_epoch"] + 2 < 50
-    assert result.facts["stop_reason"] == "2 epochs brought no smaller error"
+    assert result.facts.epochs_run == result.facts.best_epoch + 2 < 50
+    assert result.facts.stop_reason == "2 epochs brought no smaller error"
     hurried = quick.model_copy(update={"minutes": 1e-6})
-    assert trained(tiny(), bars(), hurried).facts["stop_reason"] == "1e-06 minutes were up"
-    assert trained(tiny(), bars(), quick).facts["stop_reason"] == "all epochs were run"
+    assert trained(tiny(), bars(), hurried).facts.stop_reason == "1e-06 minutes were up"
+    assert trained(tiny(), bars(), quick).facts.stop_reason == "all epochs were run"
 
 
 def test_a_plateau_halves_the_rate(tiny: Any, bars: Bars, quick: TrainConfig) -> None:
@@ -141,10 +141,10 @@ def test_training_starts_from_other_weights(tiny: Any, bars: Bars, quick: TrainC
     still = quick.model_copy(update={"epochs": 1, "rate": 1e-30})
     after = trained(tiny(), bars(), still, init_from=before.weights)
     assert np.array_equal(after.weights["dense.weight"], before.weights["dense.weight"])
-    assert after.facts["reinitialised_weights"] == []
+    assert after.facts.reinitialised_weights == []
     three = TrainingSamples(bars().images, np.zeros((64, 3), np.float32), bars().session)
     wider = trained(tiny(3), three, still, init_from=before.weights)
-    assert wider.facts["reinitialised_weights"] == ["dense.weight", "dense.bias"]
+    assert wider.facts.reinitialised_weights == ["dense.weight", "dense.bias"]
     assert np.array_equal(wider.weights["body.0.weight"], before.weights["body.0.weight"])
     with pytest.raises(InputError, match=r"another network: body.0.weight has the shape \(8, 3, 5, 5\) here"):
         trained(tiny(), bars(), still, init_from={"dense.weight": before.weights["dense.weight"]})

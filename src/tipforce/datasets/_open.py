@@ -22,7 +22,9 @@ def holds_samples(path: Path) -> bool:
         return path.suffix.lower() in (SUFFIX, ".csv")
     if (path / METADATA).is_file():
         return bool(set(FORCES) & set(open_table(path / METADATA, comments=False).columns))
-    return path.is_dir() and (any(path.glob(f"*{SUFFIX}")) or any(like(path) for like, _ in LAYOUTS.values()))
+    return path.is_dir() and (
+        any(path.glob(f"*{SUFFIX}")) or any(layout.recognises(path) for layout in LAYOUTS.values())
+    )
 
 
 def open_dataset(path: str | Path) -> Dataset:
@@ -67,9 +69,9 @@ def open_dataset(path: str | Path) -> Dataset:
         return replace(dataset, remarks=(*dataset.remarks, *(f"{part.name}: {_UNFINISHED}" for part in parts)))
     if parts:
         raise FileFormatError(f"{parts[0]}: {_UNFINISHED}; open it by its own name to recover it")
-    for recognises, open_layout in LAYOUTS.values():
-        if recognises(path):
-            return open_layout(path)
+    for layout in LAYOUTS.values():
+        if layout.recognises(path):
+            return layout.open_layout(path)
     raise FileFormatError(
         f"{path}: holds no samples; expected {METADATA} beside images, Parquet shards, recordings (.mcap), or a "
         f"published layout ({', '.join(LAYOUTS)})"

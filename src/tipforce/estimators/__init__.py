@@ -1,19 +1,20 @@
-"""Methods that turn what is seen into a force: one file a method, all with the same face."""
+"""Methods that estimate the force: one module or package for each, all with one contract, found by their names."""
 
 from ._base import Estimator, FineTunable, Progress, Stream, no_progress
 from ._card import training_lines
-from ._create import ESTIMATORS, create, method
+from ._facts import ModelFacts, ModelSummary
 from ._fit import Training, train
 from ._onnx import export_onnx
 from ._pretrained import located, pretrained_names
+from ._registry import ESTIMATORS, create, method
 from ._run_directory import initial_model_folder, load_initial_model, run_directory, training_started
 from ._session_metadata import missing_metadata
-from ._settings import AngleSettings, SvrSettings, WindowSettings
 from .fusion import Fusion, FusionSettings
 from .networks import Compact, CompactSettings, Dcfe, DcfeSettings, NetworkEstimator
 from .rod import NoiseSettings, PriorSettings, Rod, RodSettings, RodTrack, RodTrackSettings
+from .shape import AngleSettings, ShapeFacts, ShapeRegressor, ShapeRegressorSettings, WindowSettings
 from .store import FORMAT_VERSION, check_target, load_model, load_pretrained, read_manifest, save_model
-from .svr import Svr
+from .svr import Svr, SvrSettings
 from .uncertainty import COVERAGE
 
 __all__ = [
@@ -29,6 +30,8 @@ __all__ = [
     "FineTunable",
     "Fusion",
     "FusionSettings",
+    "ModelFacts",
+    "ModelSummary",
     "NetworkEstimator",
     "NoiseSettings",
     "PriorSettings",
@@ -37,6 +40,9 @@ __all__ = [
     "RodSettings",
     "RodTrack",
     "RodTrackSettings",
+    "ShapeFacts",
+    "ShapeRegressor",
+    "ShapeRegressorSettings",
     "Stream",
     "Svr",
     "SvrSettings",

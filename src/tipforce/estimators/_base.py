@@ -12,7 +12,8 @@ from pydantic import BaseModel
 from ..datasets import Dataset, calibration_images
 from ..errors import InputError
 from ..types import ForceEstimate, Image, Observation, SessionInfo
-from ._summary import ModelSummary
+from ..vision import detector_kind
+from ._facts import ModelFacts
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of it that is done (0..1)."""
@@ -178,19 +179,13 @@ class Estimator(ABC):
         """Fingerprints of sessions that are not new to this method, fitted or not: those of its initial model, too."""
         return frozenset()
 
-    def describe(self) -> dict[str, Any]:
-        """Facts of the fitted model that a model card shows (chosen constants, number of samples, interval basis)."""
-        return {}
+    def describe(self) -> ModelFacts:
+        """Returns facts of the fitted model, which its card and reports show."""
+        return ModelFacts()
 
     def to_onnx(self) -> tuple[bytes, dict[str, Any]]:
         """What answers as an ONNX graph, and facts about it; raises InputError for a method without one."""
         raise InputError(f"the method {self.name} has no ONNX export")
-
-    @classmethod
-    def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
-        """Returns the summary of a fitted model with these `describe`d facts, in words."""
-        del facts
-        return ModelSummary()
 
 
 class CentrelineEstimator(Estimator):
@@ -204,7 +199,7 @@ class CentrelineEstimator(Estimator):
     @property
     def calibrates_on_images(self) -> bool:
         """Length, look of the tip and threshold are each session's own."""
-        return self.settings.vision.method != "classic"
+        return detector_kind(self.settings.vision.method).by_session
 
 
 class FineTunable(Estimator):

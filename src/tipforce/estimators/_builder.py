@@ -92,4 +92,5 @@ class EstimateBuilder:
         _set(estimate, "contact", math.nan)
         _set(estimate, "shape", shape)
         _set(estimate, "abstained_interval_n", _NO_INTERVAL)
+        _set(estimate, "source", None)
         return estimate

@@ -3,16 +3,23 @@
 from collections.abc import Mapping
 from typing import Any
 
-from ._create import method
-from ._summary import count_of
+from ._base import Estimator
+from ._facts import ModelFacts, count_of
 
 
-def model_card(manifest: Mapping[str, Any]) -> str:
-    """``README.md`` of a model folder, from its manifest."""
-    training, facts = manifest["training"], manifest["facts"]
-    summary = method(manifest["method"]).summary(facts)
+def model_card(estimator: Estimator, manifest: Mapping[str, Any]) -> str:
+    """Returns ``README.md`` of a model folder.
+
+    Args:
+        estimator: the fitted method.
+        manifest: content of its ``model.json``.
+    """
+    training, facts = manifest["training"], estimator.describe()
+    summary = facts.summary()
     low, high = training["force_range_n"]
     sessions = training["sessions"]
+    inputs = f"{summary.inputs} " if summary.inputs else ""
+    basis = f"The interval rests on: **{facts.interval_basis}**{_calibrated(training)}."
     lines = [
         f"# {manifest['method']}: force at a catheter's tip from images",
         "",
@@ -35,17 +42,17 @@ def model_card(manifest: Mapping[str, Any]) -> str:
         "tipforce estimate THIS_FOLDER video.mp4 --bench bench.toml -o forces.csv",
         "```",
         "",
-        _needs(facts),
+        _needs(estimator),
         "",
         "## What it sees",
         "",
-        f"{summary.inputs} Forces are in newtons, on the axes: {_axes(manifest['frame_of_forces'])}.",
+        f"{inputs}Forces are in newtons, on the axes: {_axes(manifest['frame_of_forces'])}.",
         "",
         "## How well",
         "",
         *summary.performance,
         "",
-        f"The interval rests on: **{facts['interval_basis']}**{_calibrated(training)}.",
+        basis if facts.interval_basis else "The method states no intervals.",
     ]
     if manifest["metrics"]:
         lines += ["", "Measured on samples held out of everything:", ""]
@@ -71,11 +78,10 @@ def model_card(manifest: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _needs(facts: Mapping[str, Any]) -> str:
-    """What `bench.toml` must state for this model."""
-    required = list(facts.get("required_metadata", ()))
-    actuation = (*facts.get("actuation", ()), *facts.get("features", ()))
-    if "knob_deg" in actuation or "actuation.knob_gain_per_m_deg" in required:
+def _needs(estimator: Estimator) -> str:
+    """Returns what `bench.toml` must state for this model."""
+    required = list(estimator.required_metadata)
+    if "knob_deg" in estimator.required_actuation or "actuation.knob_gain_per_m_deg" in required:
         required.append("the angle of the knob (actuation.constant.knob_deg, where it is not in the recording)")
     needs = f" This model needs of it: {', '.join(required)}." if required else ""
     return f"`bench.toml` describes the bench; `tipforce init-bench -o bench.toml` writes one.{needs}"
@@ -101,22 +107,28 @@ def _figure(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _samples_text(samples: int, facts: Mapping[str, Any]) -> str:
-    left_out = sum(lost for lost, _ in facts.get("left_out", {}).values())
+def _samples_text(samples: int, facts: ModelFacts) -> str:
+    left_out = sum(lost for lost, _ in facts.left_out.values())
     return f"{samples - left_out} of {samples} samples" if left_out else f"{samples} samples"
 
 
-def training_lines(manifest: Mapping[str, Any]) -> list[str]:
-    """What a person who has just trained a model is told, from its manifest."""
-    training, facts = manifest["training"], manifest["facts"]
-    summary = method(manifest["method"]).summary(facts)
+def training_lines(estimator: Estimator, manifest: Mapping[str, Any]) -> list[str]:
+    """Returns lines for a person who has just trained a model.
+
+    Args:
+        estimator: the fitted method.
+        manifest: content of its ``model.json``.
+    """
+    training, facts = manifest["training"], estimator.describe()
+    summary = facts.summary()
+    learnt = (
+        f"Learnt from {_samples_text(training['samples'], facts)} of {training['title']} "
+        f"({count_of(len(training['sessions']), 'session')})"
+    )
     lines = [
-        (
-            f"Learnt from {_samples_text(training['samples'], facts)} of {training['title']} "
-            f"({count_of(len(training['sessions']), 'session')}), {summary.short_inputs}"
-        ),
+        f"{learnt}, {summary.short_inputs}" if summary.short_inputs else learnt,
         *(f"  {line}" for line in summary.training),
-        f"  interval from: {facts['interval_basis']}",
+        *([f"  interval from: {facts.interval_basis}"] if facts.interval_basis else []),
     ]
     for name in ("magnitude", "fx", "fy", "fz"):
         rmse = manifest["metrics"].get(f"{name}_rmse_n")

@@ -15,6 +15,7 @@ forces are read too small, what the network has a part in is stretched (`Fusion.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -28,15 +29,14 @@ from ..types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, 
 from ..vision import VisionSettings
 from ._base import Estimator, Progress, Stream, no_progress
 from ._builder import MAX_FORCE_N, implausible, within_error
+from ._facts import ModelFacts, ModelSummary
 from ._stretch import NO_STRETCH, Stretch, fit_stretch
-from ._summary import ModelSummary, count_of
 from ._values import stored_array
-from .networks import Compact, CompactStream
-from .rod import RodTrack, RodTrackSettings
+from .networks import Compact, CompactStream, NetworkFacts
+from .rod import RodFacts, RodTrack, RodTrackSettings
+from .store import load_model
 from .uncertainty import Interval, gaussian_interval, magnitude_sigma, normalised_interval
 
-_DETAILS = {"both": "", "rod": "rod-track alone", "network": "network alone"}
-"""What an estimate says of its source."""
 _Std = Annotated[float, Field(ge=0, le=10)]
 _KNOWN = np.array([True, True, False])
 _ALONE = gaussian_interval(_KNOWN, "the covariances alone")
@@ -47,6 +47,48 @@ _VOUCHED = 0.3
 """Share of the frames; see `FusionSettings.vouched_s`."""
 _LEAST_FRAMES = 200
 """With fewer frames of one source its intervals are those of all sources together."""
+
+
+class FusionSource(StrEnum):
+    """Which of the members an estimate is from."""
+
+    BOTH = "both"
+    ROD = "rod"
+    NETWORK = "network"
+
+    @property
+    def text(self) -> str:
+        """Text of an estimate from this source; empty for both."""
+        return {"both": "", "rod": "rod-track alone", "network": "network alone"}[self.value]
+
+
+class StretchFacts(BaseModel):
+    """By how much the magnitude grows above ``from_n`` newtons; see `Stretch`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    gain: float = 0.0
+    from_n: float = 0.0
+
+
+class FusionFacts(ModelFacts):
+    """Facts of both members, and the stretch."""
+
+    rod: RodFacts = RodFacts()
+    network: NetworkFacts
+    stretch: StretchFacts = StretchFacts()
+
+    def summary(self) -> ModelSummary:
+        """Returns where the members are from, and what the intervals rest on."""
+        line = f"Priors of the rod: {self.rod.origin}; network: compact; 90 % intervals rest on {self.interval_basis}"
+        if self.stretch.gain > 0.0:
+            line += f"; what is above {self.stretch.from_n:.2g} N counts {1.0 + self.stretch.gain:.2f} times"
+        return ModelSummary(
+            "The detected centreline and a window around the catheter, the knob, the stated stiffness and length.",
+            "image, centreline and knob",
+            (f"{line}.",),
+            (line,),
+        )
 
 
 class FusionSettings(BaseModel):
@@ -103,15 +145,13 @@ class Fusion(Estimator):
     def __init__(self, settings: FusionSettings | None = None) -> None:
         super().__init__(settings)
         self._members: _Members | None = None
-        self.intervals_: dict[str, Interval] = dict.fromkeys(_DETAILS, _ALONE)
+        self.intervals_: dict[FusionSource, Interval] = dict.fromkeys(FusionSource, _ALONE)
         self.stretch_ = NO_STRETCH
 
     @property
     def members(self) -> _Members:
         """Rod and network; the network is read when it is first needed. Raises ModelError where it is no `compact`."""
         if self._members is None:
-            from .store import load_model  # the store knows all methods, this one too
-
             network = load_model(Path(self.settings.network))
             if not isinstance(network, Compact):
                 raise ModelError(
@@ -148,9 +188,9 @@ class Fusion(Estimator):
             raise InputError(f"{dataset.title}: no sample has an estimate, so there are no intervals to calibrate")
         force = np.array([found[row].force_n[:2] for row in index])
         covariance = np.array([found[row].covariance_n2[:2, :2] for row in index])
-        detail = np.array([found[row].detail for row in index])
+        sources = np.array([found[row].source for row in index])
         truth, session = dataset.force_n[index][:, :2], dataset.session[index]
-        size, stretched = np.linalg.norm(force, axis=1), detail != _DETAILS["rod"]
+        size, stretched = np.linalg.norm(force, axis=1), sources != FusionSource.ROD
         self.stretch_ = fit_stretch(size[stretched], np.linalg.norm(truth[stretched], axis=1), session[stretched])
         ratio = np.where(stretched, self.stretch_.ratio(size), 1.0)
         force *= ratio[:, None]
@@ -160,8 +200,8 @@ class Fusion(Estimator):
             return normalised_interval(_KNOWN, force[kept], covariance[kept], truth[kept], session[kept], "")
 
         whole = interval(np.ones(len(index), np.bool_))
-        for source, own in _DETAILS.items():
-            kept = detail == own
+        for source in FusionSource:
+            kept = sources == source
             self.intervals_[source] = interval(kept) if kept.sum() >= _LEAST_FRAMES else whole
         return self
 
@@ -192,14 +232,18 @@ class Fusion(Estimator):
             members.rod.start(info, images),
             members.network.start(info, images),
             self.settings,
-            {source: self._interval(source) for source in _DETAILS},
+            {source: self._interval(source) for source in FusionSource},
             self.stretch_,
         )
 
-    def _interval(self, source: str) -> Interval:
+    def _interval(self, source: FusionSource) -> Interval:
         """Of ``source``; until `calibrate` that of the network, by stratum of the force, but for the rod alone."""
         own, fitted = self.intervals_[source], self.members.network.fitted_
-        return fitted.interval if own.basis == _ALONE.basis and source != "rod" and fitted is not None else own
+        return (
+            fitted.interval
+            if own.basis == _ALONE.basis and source is not FusionSource.ROD and fitted is not None
+            else own
+        )
 
     def unfitted(self) -> Self:
         """The same settings and network without what was learnt."""
@@ -245,33 +289,22 @@ class Fusion(Estimator):
             RodTrack.from_state(rod, values["rod"], of("rod.")),
             Compact.from_state(values["network_settings"], values["network"], of("network."), files),
         )
-        made.intervals_ = {source: Interval.of(values["intervals"][source], _KNOWN) for source in _DETAILS}
+        made.intervals_ = {source: Interval.of(values["intervals"][source], _KNOWN) for source in FusionSource}
         gain, from_n = stored_array({"stretch": np.array(values.get("stretch", (0.0, 0.0)))}, "stretch", (2,), low=0.0)
         made.stretch_ = Stretch(float(gain), float(from_n))
         return made
 
-    def describe(self) -> dict[str, Any]:
-        """Of both members, what the intervals rest on, and the stretch."""
-        rod, network = self.members.rod.describe(), self.members.network.describe()
-        each = {detail or "both": self._interval(source).basis for source, detail in _DETAILS.items()}
+    def describe(self) -> FusionFacts:
+        """Returns the facts of both members, what the intervals rest on, and the stretch."""
+        each = {source: self._interval(source).basis for source in FusionSource}
         same = len(set(each.values())) == 1
-        basis = each["both"] if same else "; ".join(f"{source}: {text}" for source, text in each.items())
-        stretch = {"gain": self.stretch_.gain, "from_n": self.stretch_.from_n}
-        return {"rod": rod, "network": network, "interval_basis": basis, "stretch": stretch}
-
-    @classmethod
-    def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
-        """What the members are from, and what the intervals rest on."""
-        sessions = facts["rod"]["sessions"]
-        origin = f"learnt from {count_of(sessions, 'session')}" if sessions else "those of the settings"
-        line = f"Priors of the rod: {origin}; network: compact; 90 % intervals rest on {facts['interval_basis']}"
-        if (stretch := facts.get("stretch", {"gain": 0.0}))["gain"] > 0.0:
-            line += f"; what is above {stretch['from_n']:.2g} N counts {1.0 + stretch['gain']:.2f} times"
-        return ModelSummary(
-            "The detected centreline and a window around the catheter, the knob, the stated stiffness and length.",
-            "image, centreline and knob",
-            (f"{line}.",),
-            (line,),
+        both = each[FusionSource.BOTH]
+        basis = both if same else "; ".join(f"{source.text or 'both'}: {text}" for source, text in each.items())
+        return FusionFacts(
+            rod=self.members.rod.describe(),
+            network=self.members.network.describe(),
+            interval_basis=basis,
+            stretch=StretchFacts(gain=self.stretch_.gain, from_n=self.stretch_.from_n),
         )
 
 
@@ -283,7 +316,7 @@ class FusionStream:
         rod: Stream,
         network: CompactStream,
         settings: FusionSettings,
-        intervals: Mapping[str, Interval],
+        intervals: Mapping[FusionSource, Interval],
         stretch: Stretch = NO_STRETCH,
     ) -> None:
         self._rod, self._network, self._settings, self._intervals = rod, network, settings, intervals
@@ -304,8 +337,10 @@ class FusionStream:
             detail = f"rod-track: {by_rod.detail}; network: {by_network.detail}"
             return replace(by_network, status=by_rod.status, detail=detail)
         if not by_network.valid:
-            unchecked = self._intervals["rod"].basis == _ALONE.basis
-            return self._estimate(by_rod.force_n[:2], by_rod.covariance_n2[:2, :2], by_rod, "rod", doubted=unchecked)
+            unchecked = self._intervals[FusionSource.ROD].basis == _ALONE.basis
+            return self._estimate(
+                by_rod.force_n[:2], by_rod.covariance_n2[:2, :2], by_rod, FusionSource.ROD, doubted=unchecked
+            )
         contradict = by_rod.valid and not _squared_distance(by_rod, by_network) <= self._settings.max_distance
         self._vouched.add(by_network.stamp_ns, fits and not contradict)
         if not by_rod.valid:
@@ -314,7 +349,7 @@ class FusionStream:
                 return replace(by_rod, detail=detail)
             wider = self._disagreement.remembered() * by_network.covariance_n2[:2, :2]
             cut_off = by_rod.status is Status.CUT_OFF
-            return self._estimate(by_network.force_n[:2], wider, by_network, "network", doubted=cut_off)
+            return self._estimate(by_network.force_n[:2], wider, by_network, FusionSource.NETWORK, doubted=cut_off)
         if contradict:
             return ForceEstimate.invalid(
                 by_rod.stamp_ns,
@@ -335,14 +370,20 @@ class FusionStream:
         covariance = np.asarray(np.linalg.inv(information[0] + information[1]), np.float64)
         force = covariance @ (information[0] @ forces[0] + information[1] @ forces[1])
         covariance *= self._disagreement.update(by_network.stamp_ns, promised)
-        return self._estimate(force, covariance, by_network, "both")
+        return self._estimate(force, covariance, by_network, FusionSource.BOTH)
 
     def _estimate(
-        self, force: FloatArray, covariance: FloatArray, found: ForceEstimate, source: str, *, doubted: bool = False
+        self,
+        force: FloatArray,
+        covariance: FloatArray,
+        found: ForceEstimate,
+        source: FusionSource,
+        *,
+        doubted: bool = False,
     ) -> ForceEstimate:
         """Force (2,) and covariance (2, 2) with the intervals of their source; the rest is ``found``'s."""
         size = math.hypot(*force.tolist())
-        if source != "rod":
+        if source is not FusionSource.ROD:
             ratio = float(self._stretch.ratio(np.array(size)))
             force, covariance, size = ratio * force, ratio**2 * covariance, ratio * size
         if not size <= MAX_FORCE_N:
@@ -360,9 +401,10 @@ class FusionStream:
             interval_n=interval,
             magnitude_n=size,
             magnitude_interval_n=np.array(widths.magnitude_interval(size, magnitude_sigma(force, covariance))),
-            detail=_DETAILS[source],
+            detail=source.text,
             contact=found.contact,
             shape=found.shape,
+            source=source,
         )
         limit_n = self._settings.max_error_n
         return within_error(estimate, limit_n * _DOUBTED if limit_n is not None and doubted else limit_n)

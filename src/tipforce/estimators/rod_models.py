@@ -33,11 +33,12 @@ from ..types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, 
 from ..vision import ResolvedVision, SessionDetector, VisionSettings
 from ._base import CentrelineEstimator, Progress, Stream, no_progress
 from ._builder import MAX_FORCE_N, implausible
+from ._facts import ModelFacts, ModelSummary
+from ._left_out import left_out_by_session, left_out_text, refuse_left_out
 from ._reading import Abstention
 from ._rod_inverse import STATIONS, ForceFit, StationNoise, fit_force, model_stations
 from ._rod_reader import RodLine, RodReader
 from ._session_metadata import UninformedStream, missing_metadata
-from ._summary import ModelSummary, left_out_by_session, left_out_text, refuse_left_out
 from ._values import LARGEST, stored_array
 from .uncertainty import Interval, gaussian_interval, magnitude_sigma, normalised_interval
 
@@ -101,6 +102,37 @@ class _Fitted:
     samples: int
     left_out: dict[str, list[int]]
     vision: ResolvedVision | None
+
+
+class RodModelFacts(ModelFacts):
+    """Facts of every rod model.
+
+    Attributes:
+        stations: number of stations of the centreline that are compared, counted from the tip.
+        stiffness_factor: of the nominal stiffness.
+        precurvature_offset_per_m: added to the pre-curvature that the knob gives, in 1/m.
+        station_rms_m: root mean square distance of detected and modelled stations, in metres.
+        required_metadata: keys of the session metadata without which there is no estimate.
+        breaks: where the model breaks.
+    """
+
+    stations: int = STATIONS
+    stiffness_factor: float = 1.0
+    precurvature_offset_per_m: float = 0.0
+    station_rms_m: float = 0.0
+    required_metadata: tuple[str, ...] = ()
+    breaks: str = ""
+
+    def summary(self) -> ModelSummary:
+        """Returns stiffness, pre-curvature, and where the model breaks."""
+        text = (
+            f"stiffness {self.stiffness_factor:.3f} times the nominal one, pre-curvature "
+            f"{self.precurvature_offset_per_m:+.2f} 1/m; detected and modelled stations are "
+            f"{self.station_rms_m * 1e3:.2f} mm apart (RMS)"
+        )
+        lost = (f"left out: {left_out_text(self.left_out)}",) if self.left_out else ()
+        inputs = f"The last {self.stations} of {STATIONS} stations of the centreline, and the knob."
+        return ModelSummary(inputs, "a rod model", (f"{text}. {self.breaks}",), (text, *lost))
 
 
 class RodModelEstimator(CentrelineEstimator):
@@ -354,31 +386,20 @@ class RodModelEstimator(CentrelineEstimator):
         made.fitted_ = _Fitted(covariance_m2=covariance, interval=interval, **dict(state))
         return made
 
-    def describe(self) -> dict[str, Any]:
-        """What was learnt, what is needed, what the interval rests on."""
+    def describe(self) -> RodModelFacts:
+        """Returns what was learnt, what is needed, what the interval rests on."""
         fitted = self.fitted_ or _unfitted(self.settings, self.stations)
-        return {
-            "stiffness_factor": fitted.stiffness_factor,
-            "precurvature_offset_per_m": fitted.precurvature_offset_per_m,
-            "station_rms_m": float(np.sqrt(np.mean(np.diag(fitted.covariance_m2)))),
-            "required_metadata": list(self.required_metadata),
-            "interval_basis": fitted.interval.basis,
-            "samples": fitted.samples,
-            "left_out": fitted.left_out,
-            "breaks": self.breaks,
-        }
-
-    @classmethod
-    def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
-        """Stiffness, pre-curvature, where the model breaks."""
-        text = (
-            f"stiffness {facts['stiffness_factor']:.3f} times the nominal one, pre-curvature "
-            f"{facts['precurvature_offset_per_m']:+.2f} 1/m; detected and modelled stations are "
-            f"{facts['station_rms_m'] * 1e3:.2f} mm apart (RMS)"
+        return RodModelFacts(
+            stations=self.stations,
+            stiffness_factor=fitted.stiffness_factor,
+            precurvature_offset_per_m=fitted.precurvature_offset_per_m,
+            station_rms_m=float(np.sqrt(np.mean(np.diag(fitted.covariance_m2)))),
+            required_metadata=self.required_metadata,
+            interval_basis=fitted.interval.basis,
+            samples=fitted.samples,
+            left_out=fitted.left_out,
+            breaks=self.breaks,
         )
-        lost = (f"left out: {left_out_text(facts['left_out'])}",) if facts["left_out"] else ()
-        inputs = f"The last {cls.stations} of {STATIONS} stations of the centreline, and the knob."
-        return ModelSummary(inputs, "a rod model", (f"{text}. {facts['breaks']}",), (text, *lost))
 
 
 class RodModelStream:

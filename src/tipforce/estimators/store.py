@@ -21,8 +21,8 @@ from ..errors import FileFormatError, InputError, ModelError
 from ..io import replacing_folder
 from ._base import Estimator
 from ._card import model_card
-from ._create import ESTIMATORS
 from ._pretrained import PRETRAINED, located, pretrained_folder
+from ._registry import ESTIMATORS
 from .networks import check_graph_file, try_graph
 
 FORMAT_VERSION = 2
@@ -65,7 +65,7 @@ def save_model(
         for name, data in files.items():
             (part / name).write_bytes(data)
         manifest = _manifest(estimator, training, calibration, metrics, values)
-        (part / CARD).write_text(model_card(manifest), encoding="utf-8")
+        (part / CARD).write_text(model_card(estimator, manifest), encoding="utf-8")
         manifest["sha256"] = {name: _sha256((part / name).read_bytes()) for name in (ARRAYS, CARD, *files)}
         manifest["sha256"][MANIFEST] = _own_sha256(manifest)
         text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
@@ -110,7 +110,7 @@ def _manifest(
         "units": {"force": "N", "stamp": "ns", "actuation": "as named"},
         "frame_of_forces": frames[0] if len(frames) == 1 else frames,
         "state": values,
-        "facts": estimator.describe(),
+        "facts": estimator.describe().model_dump(mode="json"),
         "training": {
             **_of(training),
             **({} if calibration is None else {"calibration": _of(calibration)}),

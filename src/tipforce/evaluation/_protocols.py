@@ -9,7 +9,7 @@ import numpy as np
 
 from ..datasets import Dataset, Protocol, Split
 from ..errors import InputError
-from ..estimators import Estimator, Progress
+from ..estimators import Estimator, ModelFacts, Progress
 from ..types import BoolArray, FloatArray, IntArray
 from ._constant import Constant
 from ._ground_truth import CramerRaoBounds
@@ -111,7 +111,7 @@ class FittedSplit:
     protocol: str
     split: Split
     seconds: float
-    facts: dict[str, Any]
+    facts: ModelFacts
     estimator: Estimator
 
 
@@ -321,7 +321,7 @@ def run_saved_alone(methods: Sequence[Method], data: ScoredData, notes: list[str
         fit = FittedSplit(AS_SAVED, split, 0.0, saved.describe(), saved)
         found = _predict(saved, method.label, AS_SAVED, AS_SAVED, data, index)
         results.append(data.result(found, constant, [fit]))
-    return [*results, data.result(constant, constant, [FittedSplit(AS_SAVED, split, 0.0, {}, mean)])]
+    return [*results, data.result(constant, constant, [FittedSplit(AS_SAVED, split, 0.0, mean.describe(), mean)])]
 
 
 def fine_tuning_notes(methods: Sequence[Method], dataset: Dataset) -> list[str]:

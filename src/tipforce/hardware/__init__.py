@@ -5,9 +5,9 @@ where it is lost; and has an emulator in `tipforce.hardware.emulators`, or a sta
 """
 
 from .._arrival_clock import ArrivalClock, ClockReport
-from ._bench import BenchDevices, open_bench, read_devices
+from ._bench import DRIVERS, BenchDevices, open_bench, read_devices
 from ._daq import DaqCalibration, DaqForce, DaqForceConfig, read_calibration
-from ._driver import DeclaredStream, DeviceConfig, Driver, EndOfStream, Setting
+from ._driver import DeclaredStream, DeviceConfig, DeviceTable, Driver, EndOfStream, Setting
 from ._genicam import GenICamCamera, GenICamCameraConfig
 from ._grbl import AxisConfig, GrblActuators, GrblConfig, GrblStage, MotionConfig
 from ._knob import ConstantKnob, ConstantKnobConfig, LogKnob, LogKnobConfig, SerialKnob, SerialKnobConfig
@@ -17,6 +17,7 @@ from ._source import DeviceHealth, HardwareSource, StreamHealth, StreamMeter
 from ._video import Video, VideoConfig
 
 __all__ = [
+    "DRIVERS",
     "ArrivalClock",
     "AxisConfig",
     "BenchDevices",
@@ -29,6 +30,7 @@ __all__ = [
     "DeclaredStream",
     "DeviceConfig",
     "DeviceHealth",
+    "DeviceTable",
     "Driver",
     "EndOfStream",
     "GenICamCamera",

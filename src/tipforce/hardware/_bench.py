@@ -3,38 +3,35 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
+from .._registry import Registry
 from ..errors import InputError
 from ..types import Clock, bench_values, read_bench
-from ._daq import DaqForce, DaqForceConfig
 from ._driver import DeviceConfig, Driver
-from ._genicam import GenICamCamera, GenICamCameraConfig
-from ._grbl import AxisConfig, GrblConfig, GrblStage, MotionConfig
-from ._knob import ConstantKnob, ConstantKnobConfig, LogKnob, LogKnobConfig, SerialKnob, SerialKnobConfig
-from ._net_ft import NetFt, NetFtConfig
-from ._opencv import OpenCvCamera, OpenCvCameraConfig
 from ._source import HardwareSource
-from ._video import Video, VideoConfig
 
-_Make = Callable[[Any, str], Driver]
-_DRIVERS: dict[str, dict[str, tuple[type[DeviceConfig], _Make]]] = {
-    "cameras": {
-        "opencv": (OpenCvCameraConfig, OpenCvCamera),
-        "genicam": (GenICamCameraConfig, GenICamCamera),
-        "video": (VideoConfig, Video),
+DRIVERS: Registry[type[Driver]] = Registry(
+    "tipforce.drivers",
+    "driver",
+    {
+        "cameras.opencv": "tipforce.hardware._opencv:OpenCvCamera",
+        "cameras.genicam": "tipforce.hardware._genicam:GenICamCamera",
+        "cameras.video": "tipforce.hardware._video:Video",
+        "force.net-ft": "tipforce.hardware._net_ft:NetFt",
+        "force.daq": "tipforce.hardware._daq:DaqForce",
+        "stage.grbl": "tipforce.hardware._grbl:GrblStage",
+        "knob.serial": "tipforce.hardware._knob:SerialKnob",
+        "knob.log": "tipforce.hardware._knob:LogKnob",
+        "knob.constant": "tipforce.hardware._knob:ConstantKnob",
     },
-    "force": {"net-ft": (NetFtConfig, NetFt), "daq": (DaqForceConfig, DaqForce)},
-    "stage": {"grbl": (GrblConfig, GrblStage)},
-    "knob": {
-        "serial": (SerialKnobConfig, SerialKnob),
-        "log": (LogKnobConfig, LogKnob),
-        "constant": (ConstantKnobConfig, ConstantKnob),
-    },
-}
-"""Table of ``[hardware]`` -> driver -> its config, and what makes it of that and a name."""
+    Driver,
+)
+"""Table of ``[hardware]`` and name of the driver, as "force.net-ft" -> its class."""
+
+_TABLES = ("cameras", "force", "stage", "knob")
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +63,8 @@ class BenchDevices:
 
 
 def _driver(table: str, config: DeviceConfig, name: str) -> Driver:
-    return next(make for kind, make in _DRIVERS[table].values() if type(config) is kind)(config, name)
+    make = cast(Callable[[DeviceConfig, str], Driver], DRIVERS[f"{table}.{config.driver}"])
+    return make(config, name)
 
 
 def read_devices(path: Path | str) -> BenchDevices:
@@ -81,7 +79,7 @@ def read_devices(path: Path | str) -> BenchDevices:
     if not isinstance(values, dict):
         raise InputError(f"{where}: hardware is no table")
     table: dict[str, Any] = dict(values)  # pyright: ignore[reportUnknownArgumentType]
-    _refuse_strangers(where, "hardware", table, tuple(_DRIVERS))
+    _refuse_strangers(where, "hardware", table, _TABLES)
     cameras = table.pop("cameras", {})
     if not isinstance(cameras, dict):
         raise InputError(f"{where}: hardware.cameras is no table of views, as [hardware.cameras.camera]")
@@ -96,21 +94,16 @@ def read_devices(path: Path | str) -> BenchDevices:
 
 
 def _config(where: str, section: str, key: str, values: object, folder: Path) -> DeviceConfig:
-    known = _DRIVERS[section]
     if not isinstance(values, dict):
         raise InputError(f"{where}: {key} is no table")
     stated: dict[str, Any] = dict(values)  # pyright: ignore[reportUnknownArgumentType]
     driver = stated.get("driver")
-    if driver not in known:
+    if f"{section}.{driver}" not in DRIVERS:
+        known = [name.removeprefix(f"{section}.") for name in DRIVERS if name.startswith(f"{section}.")]
         raise InputError(f"{where}: {key}.driver = {driver!r} is refused: expected one of {', '.join(known)}")
-    kind, _ = known[driver]
-    for name, about in kind.model_fields.items():
-        if about.annotation is Path and isinstance(stated.get(name), str):
-            stated[name] = folder / stated[name]
-    if kind is VideoConfig and isinstance(stated.get("source"), str) and "://" not in stated["source"]:
-        stated["source"] = str(folder / stated["source"])
+    kind = DRIVERS[f"{section}.{driver}"].config_type
     try:
-        return kind.model_validate(stated)
+        return kind.model_validate(stated).located(folder)
     except ValidationError as error:
         first = error.errors()[0]
         names = [str(part) for part in first["loc"]]
@@ -130,9 +123,16 @@ def _config(where: str, section: str, key: str, values: object, folder: Path) ->
 
 
 def _fields_at(kind: type[DeviceConfig], path: list[str]) -> tuple[str, ...]:
-    """What the table at ``path`` within a config may hold."""
-    tables: dict[str, type[DeviceConfig]] = {"axes": AxisConfig, "motion": MotionConfig}
-    return tuple((tables[path[0]] if path else kind).model_fields)
+    """Returns what the table at ``path`` within a config may hold."""
+    found = _model_in(kind.model_fields[path[0]].annotation) if path else kind
+    return tuple((found or kind).model_fields)
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """Returns the model in the type of a field, as in ``dict[str, AxisConfig]``; None where there is none."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for each in get_args(annotation) if (found := _model_in(each)) is not None), None)
 
 
 def _refuse_strangers(where: str, key: str, values: Mapping[str, Any], known: tuple[str, ...]) -> None:

@@ -98,7 +98,7 @@ def _row(node: ElementTree.Element, path: Path, *, scaled: bool) -> list[float]:
     return [value / scale for value in values]
 
 
-class DaqForceConfig(DeviceConfig):
+class DaqForceConfig(DeviceConfig, frozen=True):
     """``[hardware.force]`` with ``driver = "daq"``.
 
     ``channels``: the six gauges in order, as "Dev1/ai0:5". ``zero_s``: so long after connecting nothing touches the
@@ -116,6 +116,8 @@ class DaqForceConfig(DeviceConfig):
 
 class DaqForce(Driver):
     """One sensor. ``nidaqmx``: in place of the package of this name."""
+
+    config_type = DaqForceConfig
 
     def __init__(self, config: DaqForceConfig, name: str = "force", nidaqmx: Any = None) -> None:
         super().__init__(name)

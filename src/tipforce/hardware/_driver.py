@@ -6,7 +6,8 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -18,10 +19,24 @@ Number = Annotated[float, Field(ge=-1e12, le=1e12)]
 """A number in the units of a device."""
 
 
-class DeviceConfig(BaseModel):
-    """A table of ``bench.toml`` that describes a device; unknown keys are refused."""
+class DeviceTable(BaseModel, frozen=True):
+    """A table of ``bench.toml`` within ``[hardware]``; unknown keys are refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class DeviceConfig(DeviceTable, frozen=True):
+    """A table of ``bench.toml`` that describes a device.
+
+    Attributes:
+        driver: name of the driver in its table, as "net-ft".
+    """
+
+    driver: str = ""
+
+    def located(self, folder: Path) -> Self:
+        """Returns the config with its files relative to ``folder``, in which ``bench.toml`` is."""
+        return self.model_copy(update={name: folder / value for name, value in self if isinstance(value, Path)})
 
 
 class EndOfStream(Exception):
@@ -67,9 +82,15 @@ class Setting:
 class Driver(ABC):
     """One device. All calls come from one thread, but for ``counts``, ``clocks`` and what a driver adds to them.
 
+    A driver of ``bench.toml`` is made as ``Driver(config, name)``, where ``config`` is an instance of its
+    ``config_type``, and ``name`` that of its table: "force", "stage" or "knob", and the view of a camera.
+
     ``name``: its table in ``bench.toml``, as "force" or "cameras.a". ``counts``: what went wrong how often, by name,
     over all connections. ``remark``: one sentence on what is wrong with a device that answers, or empty.
     """
+
+    config_type: ClassVar[type[DeviceConfig]] = DeviceConfig
+    """The type of its table in ``bench.toml``."""
 
     def __init__(self, name: str) -> None:
         self.name = name

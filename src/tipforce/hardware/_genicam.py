@@ -20,7 +20,7 @@ _BAYER = {"BayerRG8": "BayerRGGB", "BayerGB8": "BayerGBRG", "BayerGR8": "BayerGR
 """Name of the first two rows' colours -> OpenCV's."""
 
 
-class GenICamCameraConfig(DeviceConfig):
+class GenICamCameraConfig(DeviceConfig, frozen=True):
     """``[hardware.cameras.VIEW]`` with ``driver = "genicam"``.
 
     ``producer``: the GenTL producer (.cti) of the camera's maker. ``serial_number``: which camera; else the first one.
@@ -39,6 +39,8 @@ class GenICamCameraConfig(DeviceConfig):
 
 class GenICamCamera(Driver):
     """One camera."""
+
+    config_type = GenICamCameraConfig
 
     def __init__(self, config: GenICamCameraConfig, view: str = "camera") -> None:
         super().__init__(f"cameras.{view}")

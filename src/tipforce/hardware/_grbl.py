@@ -18,7 +18,7 @@ from pydantic import Field
 
 from ..errors import DeviceError
 from ..types import JOINTS, STAGE, Actuation, AxisLimits, Clock, Commanded, Event, refuse_unknown
-from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting
+from ._driver import DeclaredStream, DeviceConfig, DeviceTable, Driver, Number, Setting
 from ._grbl_course import Course, CourseStream
 from ._serial import LinePort
 
@@ -40,7 +40,7 @@ _ALARMS = {
 }  # fmt: skip
 
 
-class AxisConfig(DeviceConfig):
+class AxisConfig(DeviceTable, frozen=True):
     """``[hardware.stage.axes.NAME_UNIT]``: one axis.
 
     ``axis``: the controller's letter. ``low`` and ``high``: how far it may go. ``max_speed`` and ``max_acceleration``:
@@ -55,7 +55,7 @@ class AxisConfig(DeviceConfig):
     scale: Annotated[float, Field(ge=-1e6, le=1e6)] = 1.0
 
 
-class MotionConfig(DeviceConfig):
+class MotionConfig(DeviceTable, frozen=True):
     """``[hardware.stage.motion]``: the stage moves like a heart while `tipforce record` runs.
 
     ``wave``: one of those of `mechanics.HEART_WAVES`. ``amplitude_mm``: forward, half of peak to peak, at ``rate_hz``;
@@ -75,7 +75,7 @@ class MotionConfig(DeviceConfig):
     rest_s: Annotated[float, Field(ge=0, le=600)] = 5.0
 
 
-class GrblConfig(DeviceConfig):
+class GrblConfig(DeviceConfig, frozen=True):
     """``[hardware.stage]`` with ``driver = "grbl"``; positions are the controller's work coordinates.
 
     ``settings``: of the controller, by number, as { "120" = 500.0 }: held against what ``$$`` reads back, never set.
@@ -95,6 +95,8 @@ class GrblConfig(DeviceConfig):
 
 class GrblStage(Driver):
     """One controller. ``actuators`` commands it, from any thread, while a source reads it."""
+
+    config_type = GrblConfig
 
     def __init__(self, config: GrblConfig, name: str = "stage") -> None:
         super().__init__(name)

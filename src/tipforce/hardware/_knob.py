@@ -22,7 +22,7 @@ _EVERY_NS = 1_000_000_000
 """A constant is told again each second."""
 
 
-class SerialKnobConfig(DeviceConfig):
+class SerialKnobConfig(DeviceConfig, frozen=True):
     """``[hardware.knob]`` with ``driver = "serial"``: an encoder that writes a number a line.
 
     The angle is ``offset`` + ``scale`` x number, of the drive ``quantity`` (NAME_UNIT). ``rate_hz``: lines a second,
@@ -39,7 +39,7 @@ class SerialKnobConfig(DeviceConfig):
     latency_ms: Annotated[float, Field(ge=0.0, le=900.0)] = 0.0
 
 
-class LogKnobConfig(DeviceConfig):
+class LogKnobConfig(DeviceConfig, frozen=True):
     """``[hardware.knob]`` with ``driver = "log"``: readings of a table, its first row when the recording begins.
 
     ``log``: how the table is written, with the keys of ``actuation.log``.
@@ -50,7 +50,7 @@ class LogKnobConfig(DeviceConfig):
     log: LogInfo = LogInfo()
 
 
-class ConstantKnobConfig(DeviceConfig):
+class ConstantKnobConfig(DeviceConfig, frozen=True):
     """``[hardware.knob]`` with ``driver = "constant"``: an angle that a person has set."""
 
     driver: Literal["constant"] = "constant"
@@ -60,6 +60,8 @@ class ConstantKnobConfig(DeviceConfig):
 
 class SerialKnob(Driver):
     """An encoder at a serial port."""
+
+    config_type = SerialKnobConfig
 
     def __init__(self, config: SerialKnobConfig, name: str = "knob") -> None:
         super().__init__(name)
@@ -144,6 +146,8 @@ class _Played(Driver):
 class LogKnob(_Played):
     """The readings of a log, once."""
 
+    config_type = LogKnobConfig
+
     def __init__(self, config: LogKnobConfig, name: str = "knob") -> None:
         super().__init__(name)
         self.config = config
@@ -174,6 +178,8 @@ class LogKnob(_Played):
 
 class ConstantKnob(_Played):
     """The same angle, each second."""
+
+    config_type = ConstantKnobConfig
 
     def __init__(self, config: ConstantKnobConfig, name: str = "knob") -> None:
         super().__init__(name)

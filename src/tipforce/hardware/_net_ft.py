@@ -75,7 +75,7 @@ def _known_unit(unit: str, known: Mapping[str, float], what: str) -> float:
     return known[key]
 
 
-class NetFtConfig(DeviceConfig):
+class NetFtConfig(DeviceConfig, frozen=True):
     """``[hardware.force]`` with ``driver = "net-ft"``.
 
     ``rate_hz``: the RDT output rate that the box is expected to be set to; ``latency_ms``: from the force to the
@@ -164,6 +164,8 @@ class RdtCheck:
 
 class NetFt(Driver):
     """One Net F/T box."""
+
+    config_type = NetFtConfig
 
     def __init__(self, config: NetFtConfig, name: str = "force") -> None:
         super().__init__(name)

@@ -27,7 +27,7 @@ _SLEPT_NS = 50_000_000
 """The monotonic clock of Linux stands still while the computer sleeps; the host's clock goes on."""
 
 
-class OpenCvCameraConfig(DeviceConfig):
+class OpenCvCameraConfig(DeviceConfig, frozen=True):
     """``[hardware.cameras.VIEW]`` with ``driver = "opencv"``.
 
     ``device``: a number, a path as "/dev/video0", or an address, which FFmpeg opens as with ``driver = "video"``: there
@@ -70,6 +70,8 @@ class OpenCvCamera(Driver):
     OpenCV's own queue holds stale images: the driver's thread takes each as soon as it is there, and who is slow finds
     the newest one (`HardwareSource`).
     """
+
+    config_type = OpenCvCameraConfig
 
     def __init__(self, config: OpenCvCameraConfig, view: str = "camera", open_capture: Any = None) -> None:
         super().__init__(f"cameras.{view}")

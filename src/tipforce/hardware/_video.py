@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -14,7 +14,7 @@ from ._driver import DeclaredStream, DeviceConfig, Driver, EndOfStream, Setting
 from ._stream import NetworkStream, grey_image
 
 
-class VideoConfig(DeviceConfig):
+class VideoConfig(DeviceConfig, frozen=True):
     """``[hardware.cameras.VIEW]`` with ``driver = "video"``.
 
     ``source``: a file, or an address as "rtsp://10.0.0.7/stream". ``latency_ms``: of a stream, from mid-exposure to the
@@ -42,9 +42,15 @@ class VideoConfig(DeviceConfig):
         """Whether it is a file, which ends."""
         return "://" not in self.source
 
+    def located(self, folder: Path) -> Self:
+        """See `DeviceConfig`; an address stays."""
+        return self.model_copy(update={"source": str(folder / self.source)}) if self.is_file else self
+
 
 class Video(Driver):
     """A file or a stream."""
+
+    config_type = VideoConfig
 
     def __init__(self, config: VideoConfig, view: str = "camera") -> None:
         super().__init__(f"cameras.{view}")

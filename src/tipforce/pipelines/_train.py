@@ -107,7 +107,7 @@ def train(
         )
         fitted = load_model(output)
     manifest = read_manifest(output)
-    return TrainReport(output, fitted, manifest, metrics, (*remarks, *training_lines(manifest)))
+    return TrainReport(output, fitted, manifest, metrics, (*remarks, *training_lines(fitted, manifest)))
 
 
 @dataclass(frozen=True, eq=False)

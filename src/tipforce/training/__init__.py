@@ -10,6 +10,7 @@ from ._config import Batch, ClipNorm, Epochs, Rate, TrainConfig, WarmupEpochs, W
 from ._data import HEATMAP_UNKNOWN, TrainingSamples, TrainValSplit, train_val_split
 from ._device import require_torch
 from ._export import export_graph, graph_weights, parity_n, store_in_half_precision
+from ._facts import TrainingFacts
 from ._loop import Progress, TrainResult, train_network
 from ._quantisation import MAX_ERROR_GROWTH, error_growth, quantise
 from ._resnet import RESNET_OUTPUTS, ResnetTask
@@ -37,6 +38,7 @@ __all__ = [
     "TrainConfig",
     "TrainResult",
     "TrainValSplit",
+    "TrainingFacts",
     "TrainingSamples",
     "WarmupEpochs",
     "WeightDecay",

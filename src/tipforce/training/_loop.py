@@ -20,6 +20,7 @@ from ._checkpoint import TrainingLog, progress_text, read_checkpoint, run_identi
 from ._config import TrainConfig
 from ._data import TrainingSamples, TrainValSplit
 from ._device import Device, choose_device, deterministic, require_torch
+from ._facts import TrainingFacts
 from ._task import Task, Weights
 from ._trainer import BatchLoader, Trainer, batch_loader
 
@@ -34,12 +35,12 @@ class TrainResult:
     Attributes:
         weights: parameters and buffers of the epoch that was kept, by name.
         rows: the training log, one row an epoch.
-        facts: how it was trained, as JSON values.
+        facts: how it was trained.
     """
 
     weights: dict[str, npt.NDArray[Any]]
     rows: list[dict[str, Any]]
-    facts: dict[str, Any]
+    facts: TrainingFacts
 
 
 @dataclass(slots=True)
@@ -178,27 +179,27 @@ def _facts(
     trainer: Trainer,
     state: _State,
     stop_reason: str,
-) -> dict[str, Any]:
+) -> TrainingFacts:
     """Returns how the network was trained, for its model folder."""
-    return {
-        "network": task.name,
-        "parameters": sum(value.numel() for value in trainer.network.parameters()),
-        "training_samples": len(split.train),
-        "validation_samples": len(split.val),
-        "validation": f"{len(set(samples.session[split.val].tolist()))} whole sessions"
+    return TrainingFacts(
+        network=task.name,
+        parameters=sum(value.numel() for value in trainer.network.parameters()),
+        training_samples=len(split.train),
+        validation_samples=len(split.val),
+        validation=f"{len(set(samples.session[split.val].tolist()))} whole sessions"
         if split.by_session
         else "samples drawn at random",
-        "validation_error_n": state.best_error_n if len(split.val) else None,
-        "max_epochs": config.epochs,
-        "epochs_run": state.epoch,
-        "best_epoch": state.best_epoch,
-        "stop_reason": stop_reason,
-        "seconds": state.seconds,
-        "device": device.text,
-        "precision": device.precision,
-        "torch": version("torch"),
-        "reinitialised_weights": trainer.reinitialised,
-    }
+        validation_error_n=state.best_error_n if len(split.val) else None,
+        max_epochs=config.epochs,
+        epochs_run=state.epoch,
+        best_epoch=state.best_epoch,
+        stop_reason=stop_reason,
+        seconds=state.seconds,
+        device=device.text,
+        precision=device.precision,
+        torch=version("torch"),
+        reinitialised_weights=trainer.reinitialised,
+    )
 
 
 def _no_progress(what: str, share: float) -> None:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
@@ -28,6 +29,8 @@ class ForceEstimate:
     ``abstained_interval_n``: 90 % interval of the magnitude of an estimate that is invalid because this interval is too
     wide, or spans two sources that contradict each other; NaN in every other case. It is for safety alone, which has
     to act on its upper end; it is never displayed as a force.
+
+    ``source``: the member of a combined method that the force is from; None from a method without members.
     """
 
     stamp_ns: int
@@ -42,6 +45,7 @@ class ForceEstimate:
     contact: float = math.nan
     shape: DetectedShape | None = None
     abstained_interval_n: tuple[float, float] = _NO_INTERVAL
+    source: StrEnum | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "force_n", frozen("force_n", self.force_n, (3,)))

@@ -5,7 +5,7 @@ from ._against_knob import bends_against_knob
 from ._auto_calibrate import auto_calibrate, is_resolved
 from ._clamp import INWARD, image_from_clamp
 from ._classic import ClassicDetector, ClassicSteps
-from ._detector import ShapeDetector
+from ._detector import DetectorKind, ShapeDetector, detector_kind
 from ._draw import contact_sheet, draw_estimate, draw_shape, shaft_mask
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._inspect import Inspection, InspectSettings, Reasons, Tally, inspect_image
@@ -21,6 +21,7 @@ __all__ = [
     "ClassicDetector",
     "ClassicSteps",
     "DetectedShape",
+    "DetectorKind",
     "InspectSettings",
     "Inspection",
     "NoFeatures",
@@ -37,6 +38,7 @@ __all__ = [
     "auto_calibrate",
     "bends_against_knob",
     "contact_sheet",
+    "detector_kind",
     "draw_estimate",
     "draw_shape",
     "feature_names",

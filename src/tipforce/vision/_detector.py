@@ -1,9 +1,11 @@
 """Centreline detection, by the tracer, the trained networks, or thesis algorithm 1."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
 from ..errors import InputError
-from ..types import DetectedShape, Image, SessionInfo, Status
+from ..types import BoolArray, DetectedShape, Image, SessionInfo, Status
 from ._auto_calibrate import auto_calibrate, is_resolved
 from ._by_keypoints import KeypointDetector
 from ._classic import ClassicDetector
@@ -11,16 +13,56 @@ from ._settings import BaseSide, ResolvedVision, VisionSettings
 from .tracer import Tracer
 
 
-class _Detector(Protocol):
-    def detect(self, image: Image) -> DetectedShape: ...
+class Detector(Protocol):
+    """Detects the catheter in one image after another."""
+
+    def detect(self, image: Image) -> DetectedShape:
+        """Returns the catheter's shape in ``image``, or why it was not found."""
+        ...
 
 
-def _detector(vision: ResolvedVision | VisionSettings) -> _Detector:
-    if vision.method == "classic":
-        return ClassicDetector(vision)
+@dataclass(frozen=True, slots=True)
+class DetectorKind:
+    """A method of detection: what makes its detector, and what this can do.
+
+    Attributes:
+        make: makes the detector from settings.
+        by_session: True where what the settings leave open is resolved session by session, on images of the session.
+        mask: returns the mask (h, w) of the catheter on which the detection rests; None for a detector without one.
+        thesis: True for the thesis's own algorithm.
+    """
+
+    make: Callable[[ResolvedVision | VisionSettings], Detector]
+    by_session: bool = True
+    mask: Callable[[ResolvedVision | VisionSettings, Image], BoolArray] | None = None
+    thesis: bool = False
+
+
+def _with_networks(vision: ResolvedVision | VisionSettings) -> Detector:
     if isinstance(vision, ResolvedVision) and vision.keypoints is not None:
         return KeypointDetector(vision)
     return Tracer(vision)
+
+
+_KINDS: dict[str, DetectorKind] = {
+    "tracer": DetectorKind(_with_networks),
+    "auto": DetectorKind(_with_networks),
+    "classic": DetectorKind(
+        ClassicDetector,
+        by_session=False,
+        mask=lambda vision, image: ClassicDetector(vision).steps(image).binary,
+        thesis=True,
+    ),
+}
+
+
+def detector_kind(method: str) -> DetectorKind:
+    """Returns what a method of detection can do; ``method``: as `VisionSettings.method` names it.
+
+    >>> detector_kind("classic").by_session, detector_kind("tracer").by_session
+    (False, True)
+    """
+    return _KINDS[method]
 
 
 class ShapeDetector:
@@ -34,9 +76,10 @@ class ShapeDetector:
         self.settings, self._info = vision, info
         self._base_side: BaseSide = vision.base_side
         self._open: VisionSettings | None = None
-        self._detector: _Detector | None = None
-        if isinstance(vision, ResolvedVision) or vision.method == "classic" or (info is None and is_resolved(vision)):
-            self._detector = _detector(vision)
+        self._detector: Detector | None = None
+        kind = detector_kind(vision.method)
+        if isinstance(vision, ResolvedVision) or not kind.by_session or (info is None and is_resolved(vision)):
+            self._detector = kind.make(vision)
         else:
             self._open = vision
 

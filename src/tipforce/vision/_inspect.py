@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from ..types import DetectedShape, FloatArray, Image
-from ._classic import ClassicDetector
+from ._detector import detector_kind
 from ._draw import TALLEST, contact_sheet, draw_shape
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._settings import ResolvedVision, VisionSettings
@@ -96,7 +96,8 @@ def inspect_image(
     shape = detect(image)
     values = shape_features(shape, settings)
     curve = None if isinstance(values, NoFeatures) else fitted_curve(shape, settings, values)
-    mask = ClassicDetector(vision).steps(image).binary if vision.method == "classic" else None
+    mask_of = detector_kind(vision.method).mask
+    mask = None if mask_of is None else mask_of(vision, image)
     return Inspection(shape, values, settings, draw_shape(image, shape, curve_px=curve, mask=mask))
 
 

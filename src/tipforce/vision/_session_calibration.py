@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from ..errors import InputError
 from ..types import DetectedShape, Image, SessionInfo
 from ._auto_calibrate import auto_calibrate
-from ._detector import ShapeDetector
+from ._detector import ShapeDetector, detector_kind
 from ._doubt import enough_images
 from ._session_size import for_session, nominal_px, with_view
 from ._settings import BaseSide, ResolvedVision, VisionSettings
@@ -75,7 +75,7 @@ class SessionDetector:
             vision = session_vision(settings, images, info)
         else:
             vision = with_view(settings, info) if shared is None else for_session(shared, info)
-            if settings.method != "classic":
+            if detector_kind(settings.method).by_session:
                 self._calibration = SessionCalibration(settings, info)
         self._detector = ShapeDetector(vision, info)
         self._base_side: BaseSide = vision.base_side

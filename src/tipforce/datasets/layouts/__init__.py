@@ -1,15 +1,32 @@
-"""Published data sets in the layout their authors gave them: one file a layout."""
+"""Published data sets in the layout their authors gave them: one module for each, and those of other packages."""
 
-from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
+from ..._registry import Registry
 from .._dataset import Dataset
-from . import _soft_arm, _tendon_manipulator
 
-__all__ = ["LAYOUTS"]
+__all__ = ["LAYOUTS", "Layout"]
 
-LAYOUTS: dict[str, tuple[Callable[[Path], bool], Callable[[Path], Dataset]]] = {
-    "tendon-manipulator": (_tendon_manipulator.recognises, _tendon_manipulator.open_layout),
-    "soft-arm": (_soft_arm.recognises, _soft_arm.open_layout),
-}
-"""Name -> (does a folder look like it, how to open it)."""
+
+class Layout(Protocol):
+    """The layout of a published data set: a module with two functions, or an object with two methods."""
+
+    def recognises(self, folder: Path) -> bool:
+        """Returns whether ``folder`` has this layout, by the names of its files: it must be fast."""
+        ...
+
+    def open_layout(self, folder: Path) -> Dataset:
+        """Returns the labelled samples of ``folder``."""
+        ...
+
+
+LAYOUTS: Registry[Layout] = Registry(
+    "tipforce.layouts",
+    "layout",
+    {
+        "tendon-manipulator": "tipforce.datasets.layouts._tendon_manipulator",
+        "soft-arm": "tipforce.datasets.layouts._soft_arm",
+    },
+)
+"""Name -> the layout."""

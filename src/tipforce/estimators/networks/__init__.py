@@ -1,5 +1,6 @@
 """Methods that are networks: trained by the package `training`, run on their ONNX graph without torch."""
 
+from ._facts import NetworkFacts
 from ._graph import Graph
 from ._graph_file import check_graph_file
 from ._network import GRAPH_FILE, NetworkEstimator
@@ -19,6 +20,7 @@ __all__ = [
     "DcfeSettings",
     "Graph",
     "NetworkEstimator",
+    "NetworkFacts",
     "check_graph_file",
     "try_graph",
 ]

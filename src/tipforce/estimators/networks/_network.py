@@ -32,13 +32,13 @@ from ...training import (
 from ...types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
 from .._base import FineTunable, Progress
 from .._builder import AXES, EstimateBuilder
+from .._left_out import left_out_by_session, refuse_left_out
 from .._reading import Abstention, actuation_names, limits_of, unlike_training
-from .._summary import ModelSummary, left_out_by_session, refuse_left_out
 from ..uncertainty import Interval, conformal_interval
 from ._calibration import CalibrationBatch, Outputs, quantise_checked, spread_evenly
+from ._facts import NetworkFacts, NetworkTraining
 from ._graph import Graph
 from ._network_state import NetworkState
-from ._network_summary import network_summary
 from ._preparation import (
     PREPARED_FILE,
     Arrays,
@@ -86,7 +86,7 @@ class FittedNetwork:
         log: the training log.
         arrays: what else was fitted, see `NetworkEstimator.fit_arrays`.
         interval: conformal intervals.
-        facts: how it was trained, as JSON values.
+        facts: how it was trained.
         sessions: all sessions it was trained on, with those of the model it was fine-tuned from.
     """
 
@@ -99,7 +99,7 @@ class FittedNetwork:
     log: bytes
     arrays: Arrays
     interval: Interval
-    facts: dict[str, Any]
+    facts: NetworkTraining
     sessions: tuple[str, ...]
 
 
@@ -175,7 +175,7 @@ class NetworkEstimator(FineTunable):
     @property
     def required_metadata(self) -> tuple[str, ...]:
         """What every training session had. Raises NotFittedError before ``fit``."""
-        return tuple(self._fitted().facts["required_metadata"])
+        return self._fitted().facts.required_metadata
 
     @property
     def training_sessions(self) -> frozenset[str]:
@@ -279,19 +279,21 @@ class NetworkEstimator(FineTunable):
             arrays=arrays,
             log="".join(json.dumps(row) + "\n" for row in result.rows).encode(),
             interval=_no_interval(known),
-            facts={
-                **result.facts,
-                "modalities": sorted({_modality(info, self.settings.view) for info in dataset.session_info.values()}),
-                "required_metadata": list(required),
-                "known_metadata": list(available),
-                "samples": len(index),
-                "left_out": left_out,
-                "parity_with_network_n": deviation_n,
-                "bits": 32 if quantised is None else 8,
-                "error_growth_in_8_bits": growth,
-                "fine_tuned_from": None if initial is None else initial.describe()["network"],
-                "trained_on": [*before.facts["trained_on"], trained_on] if before else [trained_on],
-            },
+            facts=NetworkTraining(
+                **dict(result.facts),
+                modalities=tuple(
+                    sorted({_modality(info, self.settings.view) for info in dataset.session_info.values()})
+                ),
+                required_metadata=required,
+                known_metadata=available,
+                samples=len(index),
+                left_out=left_out,
+                parity_with_network_n=deviation_n,
+                bits=32 if quantised is None else 8,
+                error_growth_in_8_bits=growth,
+                fine_tuned_from=None if initial is None else initial.describe().network,
+                trained_on=(*(before.facts.trained_on if before else ()), trained_on),
+            ),
             sessions=tuple(sorted({*dataset.session_fingerprints.values(), *(before.sessions if before else ())})),
         )
         if not len(split.val):
@@ -388,7 +390,7 @@ class NetworkEstimator(FineTunable):
 
     def to_onnx(self) -> tuple[bytes, dict[str, Any]]:
         """The graph in 32 bits, and how far it is from the trained network."""
-        return self.files()[GRAPH_FILE], {"parity_n": self.describe()["parity_with_network_n"]}
+        return self.files()[GRAPH_FILE], {"parity_n": self._fitted().facts.parity_with_network_n}
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> "NetworkStream":
         """Returns a stream for one session. Raises NotFittedError before ``fit``."""
@@ -430,7 +432,7 @@ class NetworkEstimator(FineTunable):
             "actuation_limits": {name: list(pair) for name, pair in fitted.actuation_limits.items()},
             "known": fitted.known.tolist(),
             "interval": fitted.interval.values(),
-            "facts": fitted.facts,
+            "facts": fitted.facts.model_dump(mode="json"),
             "sessions": list(fitted.sessions),
         }
         return values, fitted.arrays
@@ -465,7 +467,7 @@ class NetworkEstimator(FineTunable):
             log=files[LOG_FILE],
             arrays=current_array_names(arrays),
             interval=Interval.of(values["interval"], known),
-            facts=dict(values["facts"]),
+            facts=NetworkTraining.model_validate(values["facts"]),
             sessions=state.sessions,
         )
         made.start(SessionInfo())  # what the state lacks is missed here, not at the first frame
@@ -494,20 +496,20 @@ class NetworkEstimator(FineTunable):
         """Computes from ``outputs`` for one image all that an estimate needs. Raises KeyError or ValueError."""
         self.estimate_builder(SessionInfo())(0, outputs)
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> NetworkFacts:
         """Returns the network, its training, errors, intervals and their basis."""
         fitted = self._fitted()
         names = [*np.array(AXES)[fitted.known].tolist(), "magnitude"]
         half_widths = dict(zip(names, self.typical_half_n().tolist(), strict=True))
-        return {
-            **fitted.facts,
-            "actuation": list(fitted.actuation),
-            "input": self.input_text,
-            "uses_history": self.uses_history,
-            "interval_half_width_n": {name: half if np.isfinite(half) else None for name, half in half_widths.items()},
-            "magnitude_interval_n": fitted.interval.magnitude_examples(self.typical_unit_n()),
-            "interval_basis": fitted.interval.basis,
-        }
+        return NetworkFacts(
+            **dict(fitted.facts),
+            actuation=fitted.actuation,
+            input=self.input_text,
+            uses_history=self.uses_history,
+            interval_half_width_n={name: half if np.isfinite(half) else None for name, half in half_widths.items()},
+            magnitude_interval_n=fitted.interval.magnitude_examples(self.typical_unit_n()),
+            interval_basis=fitted.interval.basis,
+        )
 
     def typical_half_n(self) -> FloatArray:
         """Returns (t + 1,) typical half-widths of the components' intervals and of the magnitude's, in newtons."""
@@ -517,11 +519,6 @@ class NetworkEstimator(FineTunable):
     def typical_unit_n(self) -> float:
         """Returns the newtons that the unit of the magnitude's interval typically has."""
         return 1.0
-
-    @classmethod
-    def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
-        """See `Estimator`."""
-        return network_summary(facts)
 
     def _fitted(self) -> FittedNetwork:
         if self.fitted_ is None:
@@ -543,7 +540,7 @@ class NetworkStream:
     ) -> None:
         self._fitted, self._reader, self._build = fitted, reader, build
         self._actuation, self._info = actuation, info
-        modality, known = _modality(info, view), fitted.facts.get("modalities", _FIRST_MODALITIES)
+        modality, known = _modality(info, view), fitted.facts.modalities
         self._unlike = "" if modality in known else _UNLIKE[modality]
 
     def update(self, observation: Observation) -> ForceEstimate:
@@ -568,8 +565,6 @@ def _modality(info: SessionInfo, view: str) -> str:
     return info.view(view).modality or "camera"
 
 
-_FIRST_MODALITIES = ("camera",)
-"""Of the training of models that do not say."""
 _UNLIKE = {
     "camera": "these are images of a camera, and the model was trained on X-ray images",
     "xray": "these are X-ray images, and the model was trained on those of a camera",

@@ -189,7 +189,7 @@ class Compact(NetworkEstimator):
         missing, detected_base_side = "", self._detected_base_side
         if not training and self.fitted_ is not None:
             missing = missing_metadata(self.required_metadata, info)
-            info = info.only(self.fitted_.facts["known_metadata"])
+            info = info.only(self.fitted_.facts.known_metadata)
             detected_base_side = str(self.fitted_.arrays["detected_base_side"])
         needs_knob = bool(info.actuation.knob_gain_per_m_deg)
         tissue = np.array([math.log(info.tissue.stiffness_n_per_m or math.nan)], np.float32)

@@ -1,6 +1,7 @@
 """Forces by the rod's mechanics: one frame, and all frames so far."""
 
 from ._detection import Detected, Detection
+from ._facts import RodFacts
 from ._knowledge import MODES, Knowledge, LineError, rod_model, stated_stds
 from ._lines import POINTS, LineFrame
 from ._settings import NoiseSettings, PriorSettings, RodSettings, RodTrackSettings
@@ -18,6 +19,7 @@ __all__ = [
     "NoiseSettings",
     "PriorSettings",
     "Rod",
+    "RodFacts",
     "RodSettings",
     "RodTrack",
     "RodTrackSettings",

@@ -14,6 +14,7 @@ from ...datasets import Dataset, calibration_images
 from ...errors import InputError
 from ...mechanics.planar import FORCE, UNKNOWNS, Line, fit_line, make_work
 from ...types import FloatArray, SessionInfo
+from ...vision import detector_kind
 from .._base import Progress
 from .._reading import Abstention
 from ._detection import Detection
@@ -73,7 +74,11 @@ def _read(settings: RodSettings, dataset: Dataset, name: str) -> _Session:
     info = dataset.session_info[name]
     rows = np.flatnonzero(dataset.session == name)
     part = dataset.subset(rows[np.unique(np.linspace(0, len(rows) - 1, _FRAMES).astype(np.int64))])
-    images = calibration_images(dataset, name, settings.vision.view) if settings.vision.method != "classic" else ()
+    images = (
+        calibration_images(dataset, name, settings.vision.view)
+        if detector_kind(settings.vision.method).by_session
+        else ()
+    )
     detection = Detection(settings.vision, info, images)
     lines: list[Line] = []
     knobs: list[float] = []

@@ -21,9 +21,9 @@ from ...types import FloatArray, ForceEstimate, Image, Observation, SessionInfo,
 from .._base import CentrelineEstimator, Progress, Stream, no_progress
 from .._reading import Abstention
 from .._session_metadata import UninformedStream, missing_metadata
-from .._summary import ModelSummary, count_of
 from ._calibration import Widths, calibrated_widths
 from ._detection import Detected, Detection
+from ._facts import PriorFacts, RodFacts
 from ._knowledge import HELD, NEEDED, Knowledge, LineError, noise_unit_m, rod_model
 from ._learning import learn
 from ._lines import POINTS
@@ -96,32 +96,19 @@ class RodEstimator(CentrelineEstimator):
         made.fitted_ = _Fitted(Knowledge.of(arrays), Widths.of(values["widths"]))
         return made
 
-    def describe(self) -> dict[str, Any]:
-        """Priors of the unknowns, and what the intervals rest on."""
+    def describe(self) -> RodFacts:
+        """Returns the priors of the constants, and what the intervals rest on."""
         knowledge, widths = self.fitted_.knowledge, self.fitted_.widths
         std = np.sqrt(np.diag(knowledge.constants_covariance))
         names = UNKNOWNS[FORCE:]
-        return {
-            "priors": {
-                name: {"mean": mean, "std": each}
+        return RodFacts(
+            priors={
+                name: PriorFacts(mean=mean, std=each)
                 for name, mean, each in zip(names, knowledge.constants.tolist(), std.tolist(), strict=True)
             },
-            "contact_share": knowledge.contact_share,
-            "sessions": knowledge.sessions,
-            "interval_basis": widths.basis,
-        }
-
-    @classmethod
-    def summary(cls, facts: Mapping[str, Any]) -> ModelSummary:
-        """Where the priors are from, and what the intervals rest on."""
-        sessions = facts["sessions"]
-        origin = f"learnt from {count_of(sessions, 'session')}" if sessions else "those of the settings"
-        line = f"Priors of the rod: {origin}; 90 % intervals rest on {facts['interval_basis']}"
-        return ModelSummary(
-            "The detected centreline, the knob, and the catheter's stated stiffness and length.",
-            "centreline and knob",
-            (f"{line}.",),
-            (line,),
+            contact_share=knowledge.contact_share,
+            sessions=knowledge.sessions,
+            interval_basis=widths.basis,
         )
 
 

@@ -139,11 +139,10 @@ def _bound(evaluation: Evaluation) -> dict[str, Any] | None:
     return {"kinds": {kind: BOUND_KINDS[kind] for kind in bounds.std_n}, "nuisances": bounds.nuisances}
 
 
-def _interval_basis(evaluation: Evaluation, method: str) -> str | None:
-    """What the intervals of the method rest on, as it says, under the strictest protocol."""
+def _interval_basis(evaluation: Evaluation, method: str) -> str:
+    """Returns what the intervals of the method rest on under the strictest protocol; empty where nothing says so."""
     result = evaluation.result(method, evaluation.strictest)
-    basis = result.fits[0].facts.get("interval_basis") if result is not None and result.fits else None
-    return None if basis is None else str(basis)
+    return result.fits[0].facts.interval_basis if result is not None and result.fits else ""
 
 
 def _views(evaluation: Evaluation) -> str:
@@ -177,7 +176,7 @@ def _splits(result: MethodResult) -> Sequence[dict[str, Any]]:
             "calibrate": len(fit.split.calibrate),
             "test": len(fit.split.test),
             "fit_s": fit.seconds,
-            "facts": fit.facts,
+            "facts": fit.facts.model_dump(mode="json"),
         }
         for fit in result.fits
     ]

@@ -11,8 +11,9 @@ from ...types import FloatArray, IntArray, LogInfo
 from ._columns import listed
 from ._dates import is_time_of_day, is_time_text
 from ._layout import MISSING
+from ._open import open_table
 from ._stamps import TIME_UNITS, TimeUnit, dates_ns, named_unit, numbers_ns, time_columns, unit_since_1970
-from ._table import Table, open_table
+from ._table import Table
 from ._ticks import UnevenRows, at_rate, spread_within_ticks
 
 MAX_DISORDER_S = 0.1

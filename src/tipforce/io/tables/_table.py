@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import FileFormatError, TableError
+from ...errors import TableError
 from ...types import FloatArray, IntArray, LogInfo
 from ._columns import listed
-from ._layout import MISSING, Layout, holds_data, open_text, parsed, text_layout
+from ._layout import MISSING, Layout, holds_data, open_text, parsed
 from ._stamps import column_ns, named_unit, time_columns
 
 _WHOLE = re.compile(r"^[+-]?\d+$")
@@ -347,31 +347,3 @@ def _code(text: str, *, hexadecimal: bool) -> int | None:
     except (ValueError, OverflowError):
         return None
     return code if 0 <= code < 1 << 63 else None
-
-
-def open_table(path: Path, *, comments: bool = True, log: LogInfo | None = None, key: str = "") -> Table:
-    """Opens a table; finds separator, header and decimal sign by looking at the first rows.
-
-    Args:
-        path: a text file; where ``log`` is given, also a workbook (.xlsx) or the variables of MATLAB (.mat).
-        comments: whether lines that begin with # are passed over.
-        log: what is stated of a log, in which lines may stand above the header; None for a table that begins with it.
-        key: of ``log`` in ``bench.toml``, for messages.
-
-    Raises:
-        FileFormatError: for what is no text.
-        TableError: the header or the decimal sign cannot be determined.
-    """
-    if not path.exists():
-        raise FileFormatError(f"{path}: there is no such file")
-    if path.is_dir():
-        raise FileFormatError(f"{path}: is a folder; name the table in it")
-    if log is not None and path.suffix.lower() in (".xlsx", ".xlsm"):
-        from ._workbook import open_workbook
-
-        return open_workbook(path, log, key)
-    if log is not None and path.suffix.lower() == ".mat":
-        from ._matlab import open_variables
-
-        return open_variables(path, log, key)
-    return Table(path, text_layout(path, comments=comments, log=log, key=key), log, key)

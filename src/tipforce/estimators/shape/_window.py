@@ -4,7 +4,7 @@ from collections import deque
 
 import numpy as np
 
-from ..types import FloatArray
+from ...types import FloatArray
 from ._settings import WindowSettings
 
 

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..errors import InputError
-from ..geometry import angle_matrix, arc_length, turning_angles
-from ..types import DetectedShape, FloatArray, Image, Observation, ShapeFeatures, Status
-from ..vision import NoFeatures, SessionDetector, ShapeFeatureSettings, feature_names, shape_features
-from ._reading import Abstention, read_actuation, read_view
-from ._settings import AngleSettings, SvrSettings
+from ...errors import InputError
+from ...geometry import angle_matrix, arc_length, turning_angles
+from ...types import DetectedShape, FloatArray, Image, Observation, ShapeFeatures, Status
+from ...vision import NoFeatures, SessionDetector, ShapeFeatureSettings, feature_names, shape_features
+from .._reading import Abstention, read_actuation, read_view
+from ._settings import AngleSettings, ShapeRegressorSettings
 
 _CURVE_POINTS = 65
 
@@ -23,7 +23,7 @@ class Inputs:
 
     def __init__(
         self,
-        settings: SvrSettings,
+        settings: ShapeRegressorSettings,
         actuation: Sequence[str],
         detector: SessionDetector,
         shape: Sequence[str] | None = None,

@@ -1,7 +1,7 @@
 """The fitted machines: training with scikit-learn (libsvm), answering without it."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -10,8 +10,8 @@ import numpy.typing as npt
 from numba import njit
 from pydantic import Field
 
-from ..types import FloatArray, IntArray
-from ._values import stored_array
+from ...types import FloatArray, IntArray
+from .._values import stored_array
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -141,7 +141,7 @@ def gram(distances: FloatArray, products: FloatArray | None, sigma: float) -> Fl
 def fit_machines(
     raw: FloatArray,
     targets_n: FloatArray,
-    constants: list[Constants],
+    constants: Sequence[Constants],
     shift: FloatArray,
     scale: FloatArray,
     linear: FloatArray,

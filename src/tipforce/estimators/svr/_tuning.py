@@ -1,27 +1,20 @@
-"""Choosing C, epsilon and sigma on the training part alone, and the residuals that the interval rests on."""
+"""Chooses C, epsilon and sigma by cross-validation on the training part alone."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from ..errors import InputError
-from ..types import FloatArray, IntArray
+from ...types import FloatArray, IntArray
+from ..shape import Fold
 from ._machine import Constants, gram, largest, squared_distances
 from ._settings import SvrSettings
-
-MIN_SESSIONS = 3
-"""From so many sessions on, whole sessions are held out instead of shuffled samples."""
-
-MAX_GROUPS = 10
 
 RISE = 1.05
 """A larger C is not tried any more once the error has risen so much over the least at the same sigma."""
 
 Scaling = tuple[FloatArray, FloatArray]
-Fold = tuple[IntArray, IntArray]
 Report = Callable[[str, float], None]
 
 
@@ -38,28 +31,6 @@ def scaling_of(raw: FloatArray, how: str) -> Scaling:
     # what never changed in training says nothing: 0 keeps it from deciding anything later
     usable = spread > 1e-9 * largest(raw)
     return np.mean(raw, axis=0), np.where(usable, 1.0 / np.where(usable, spread, 1.0), 0.0)
-
-
-def make_folds(session: npt.NDArray[np.str_], settings: SvrSettings) -> tuple[list[Fold], bool]:
-    """(train, test) positions for each fold, and whether whole sessions are held out.
-
-    Raises InputError where sessions shall be held out and there is one only.
-    """
-    folds, seed = settings.folds, settings.seed
-    draw = np.random.default_rng(seed)
-    names = list(dict.fromkeys(session.tolist()))
-    by_session = settings.hold_out == "session" or (settings.hold_out == "auto" and len(names) >= MIN_SESSIONS)
-    if by_session and len(names) < 2:
-        raise InputError("hold_out=session needs at least two sessions; there is one")
-    if by_session:
-        order = draw.permutation(len(names)) if len(names) > MAX_GROUPS else np.arange(len(names))
-        parts = np.array_split(order, min(len(names), MAX_GROUPS))
-        held = [np.isin(session, [names[i] for i in part]) for part in parts]
-        return [(np.flatnonzero(~test), np.flatnonzero(test)) for test in held], True
-    order = draw.permutation(len(session))
-    tests = [np.sort(part) for part in np.array_split(order, min(folds, len(order)))]
-    everything = np.arange(len(session))
-    return [(np.setdiff1d(everything, test, assume_unique=True), test) for test in tests], False
 
 
 @dataclass(frozen=True)
@@ -106,17 +77,29 @@ def choose(
     linear: FloatArray,
     report: Report,
 ) -> tuple[list[Constants], FloatArray]:
-    """The constants of each target with the least mean squared error over the folds, and that error's root (t,).
+    """Chooses the constants of each target by the least mean squared error over the folds.
 
-    ``raw`` (n, k), ``learn_n`` and ``truth_n`` (n, t). C and sigma are chosen together at a middle epsilon, then
-    epsilon at those. For each sigma, from the widest on, C grows until the error has risen by `RISE` over the least at
-    that sigma: beyond lie the slowest fits, and worse ones. Ties go to the smaller C and the larger sigma.
+    C and sigma are chosen together at a middle epsilon, then epsilon at those. For each sigma, from the widest on, C
+    grows until the error has risen by `RISE` over the least at that sigma: beyond lie the slowest fits, and worse ones.
+    Ties go to the smaller C and the larger sigma.
+
+    Args:
+        raw: (n, k) features.
+        learn_n: (n, t) forces to learn from, in newtons.
+        truth_n: (n, t) forces that errors are measured on, in newtons.
+        folds: of the cross-validation.
+        settings: the values to choose from.
+        linear: (k,) weight of each feature's products in the kernel.
+        report: called with what is being done and its share.
+
+    Returns:
+        The constants of each target, and with these the estimates (n, t) of the samples that each fold holds out.
     """
     search = _Search(raw, folds, settings, linear)
     middle = settings.epsilon[len(settings.epsilon) // 2]
     others = [epsilon for epsilon in settings.epsilon if epsilon != middle]
     steps = (len(settings.sigma) * len(settings.c) + len(others)) * learn_n.shape[1]
-    done, chosen, errors = 0, list[Constants](), list[float]()
+    done, chosen = 0, list[Constants]()
     for t in range(learn_n.shape[1]):
 
         def error_of(constants: Constants, t: int = t) -> float:
@@ -144,20 +127,5 @@ def choose(
             done += 1
             report("choosing C, epsilon and sigma", done / steps)
         chosen.append(best)
-        errors.append(least)
-    return chosen, np.array(errors)
-
-
-def residuals(
-    raw: FloatArray,
-    learn_n: FloatArray,
-    truth_n: FloatArray,
-    folds: Sequence[Fold],
-    constants: Sequence[Constants],
-    settings: SvrSettings,
-    linear: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Held-out predictions (n, t) with the chosen constants, and predictions - truth (n, t), newtons."""
-    search = _Search(raw, folds, settings, linear)
-    found = np.column_stack([search.predictions(learn_n[:, t], each) for t, each in enumerate(constants)])
-    return found, found - truth_n
+    held_out_n = [search.predictions(learn_n[:, t], each) for t, each in enumerate(chosen)]
+    return chosen, np.column_stack(held_out_n)

@@ -1,40 +1,12 @@
-"""Summary of a fitted model in words, for its card and for whoever trained it."""
+"""Samples that a training could not learn from: counts by session, in words, and when there are too many."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
 from ..types import BoolArray
-
-
-@dataclass(frozen=True, slots=True)
-class ModelSummary:
-    """A fitted model in words.
-
-    Attributes:
-        inputs: its inputs, in a sentence or two.
-        short_inputs: the same in a few words.
-        performance: lines of Markdown for the model card.
-        training: lines for whoever has just trained it.
-    """
-
-    inputs: str = ""
-    short_inputs: str = ""
-    performance: tuple[str, ...] = ()
-    training: tuple[str, ...] = ()
-
-
-def count_of(number: int, what: str) -> str:
-    """Returns a number of things in words.
-
-    >>> count_of(1, "session"), count_of(2, "session")
-    ('1 session', '2 sessions')
-    """
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def left_out_by_session(session: npt.NDArray[np.str_], kept: BoolArray) -> dict[str, list[int]]:
@@ -83,25 +55,3 @@ def refuse_left_out(title: str, left_out: Mapping[str, Sequence[int]], samples: 
             "; look at them with `tipforce inspect`, leave sessions out (without=NAME), or train on the rest "
             "with max_left_out=1"
         )
-
-
-def half_width_text(value: float | None) -> str:
-    """Returns half the width of an interval (in newtons, None where it is unbounded) in words.
-
-    >>> half_width_text(0.05)
-    '± 50.0 mN'
-    """
-    return "unbounded" if value is None else f"± {value * 1e3:.1f} mN"
-
-
-def magnitude_intervals(facts: Mapping[str, Any]) -> list[str]:
-    """A line on the magnitude's interval at small and large estimates; none for a model that has one for all.
-
-    >>> magnitude_intervals({"magnitude_interval_n": {"0.05": (0.0, 0.08), "0.15": (0.1, 0.25)}})
-    ['90 % interval of the magnitude by the estimate: 50 mN: 0 to 80, 150 mN: 100 to 250 mN']
-    """
-    parts = [
-        f"{1e3 * float(at):.3g} mN: {1e3 * low:.0f} to {1e3 * high:.0f}"
-        for at, (low, high) in facts.get("magnitude_interval_n", {}).items()
-    ]
-    return [f"90 % interval of the magnitude by the estimate: {', '.join(parts)} mN"] if parts else []

@@ -8,14 +8,14 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from ..datasets import Dataset, calibration_images
-from ..errors import InputError
-from ..types import BoolArray, FloatArray, IntArray, Observation
-from ..vision import ResolvedVision, SessionDetector
+from ...datasets import Dataset, calibration_images
+from ...errors import InputError
+from ...types import BoolArray, FloatArray, IntArray, Observation
+from ...vision import ResolvedVision, SessionDetector, detector_kind
+from .._left_out import left_out_by_session
+from .._reading import Abstention
 from ._inputs import Inputs
-from ._reading import Abstention
-from ._settings import SvrSettings
-from ._summary import left_out_by_session
+from ._settings import ShapeRegressorSettings
 from ._window import Window
 
 
@@ -50,16 +50,20 @@ class Rows:
 
 
 def gather_rows(
-    settings: SvrSettings,
+    settings: ShapeRegressorSettings,
     actuation: Sequence[str],
     dataset: Dataset,
     report: Callable[[float], None],
-    classic: ResolvedVision | None = None,
+    shared: ResolvedVision | None = None,
 ) -> Rows:
-    """Features and labels of the samples of ``dataset`` whose shape is known.
+    """Gathers features and labels of the samples of ``dataset`` whose shape is known.
 
-    The detection of each session is resolved on its own images. ``classic``: that of all sessions, for the method
-    classic.
+    Args:
+        settings: of the detection and the features.
+        actuation: names of the drives among the features.
+        dataset: the samples.
+        report: called with the share that is done.
+        shared: detection of all sessions, for a detector that is not resolved session by session.
     """
     source = dataset.whole or dataset
     wanted = _needed(settings, dataset, source)
@@ -76,18 +80,18 @@ def gather_rows(
         return (() if view is None else inputs.names(view)), inputs.read(observation)
 
     chosen = settings.model_dump_json(include={"vision", "features", "angles"}) + repr(tuple(actuation))
-    by_session = settings.vision.method != "classic"
+    by_session = detector_kind(settings.vision.method).by_session
     vision: ResolvedVision | None = None
     seen: list[tuple[tuple[str, ...], FloatArray | Abstention]] = []
     for name in frames.sessions:
         info, images = frames.session_info[name], ()
         if by_session:
             images = calibration_images(frames, name, settings.vision.view)
-        detector = SessionDetector(settings.vision, info, images, classic)
+        detector = SessionDetector(settings.vision, info, images, shared)
         if vision is None and isinstance(detector.vision, ResolvedVision) and not detector.vision.refused:
             vision = detector.vision
         inputs = Inputs(settings, actuation, detector)
-        key = f"svr inputs {chosen} {detector.key}"
+        key = f"shape inputs {chosen} {detector.key}"
         seen += frames.subset(frames.session == name).derive(key, partial(read, inputs=inputs))
     found: dict[int, FloatArray] = {}
     why_not = ""
@@ -126,7 +130,7 @@ def gather_rows(
     )
 
 
-def _needed(settings: SvrSettings, dataset: Dataset, source: Dataset) -> BoolArray:
+def _needed(settings: ShapeRegressorSettings, dataset: Dataset, source: Dataset) -> BoolArray:
     """(len(source),): the samples of ``dataset`` and the frames before them that the window reaches."""
     own = np.isin(source.rows, dataset.rows)
     if not settings.window.used:
@@ -143,7 +147,7 @@ def _needed(settings: SvrSettings, dataset: Dataset, source: Dataset) -> BoolArr
     return needed
 
 
-def _targets(settings: SvrSettings, dataset: Dataset) -> FloatArray:
+def _targets(settings: ShapeRegressorSettings, dataset: Dataset) -> FloatArray:
     """(n, t) newtons: the known components, or the magnitude."""
     force = dataset.force_n[:, dataset.known] if settings.force == "components" else dataset.magnitude_n[:, None]
     if not np.isfinite(force).all():
