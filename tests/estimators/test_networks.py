@@ -74,7 +74,7 @@ def test_a_model_folder_answers_the_same(
     assert [row["epoch"] for row in rows] == list(range(1, 13))
     manifest = read_manifest(folder)
     assert {"model.onnx", "training.jsonl"} <= set(manifest["sha256"])
-    card, lines = (folder / "README.md").read_text(), "\n".join(training_lines(manifest))
+    card, lines = (folder / "README.md").read_text(), "\n".join(training_lines(learnt, manifest))
     for said in ("12 of 12 epochs", "all epochs were run", "random samples that also chose the epoch"):
         assert said in card
         assert said in lines

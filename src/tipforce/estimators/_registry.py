@@ -36,11 +36,18 @@ def method(name: str) -> type[Estimator]:
     """Returns the class of a method.
 
     Raises:
-        InputError: there is no method of this name, or the package that adds it cannot be imported.
+        InputError: there is no method of this name, its class has another name, or the package that adds it cannot be
+            imported.
     """
     if name not in ESTIMATORS:
         raise InputError(f"there is no estimator {name!r}; there are {', '.join(ESTIMATORS)}")
-    return ESTIMATORS[name]
+    found = ESTIMATORS[name]
+    if (own := getattr(found, "name", None)) != name:
+        raise InputError(
+            f"the method {name!r} is {found.__module__}.{found.__qualname__}, whose name is {own!r}; set "
+            f"name = {name!r} in the class, or give the entry point the name of the class"
+        )
+    return found
 
 
 def create(name: str, settings: BaseModel | Mapping[str, Any] | None = None) -> Estimator:

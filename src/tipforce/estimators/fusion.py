@@ -71,7 +71,7 @@ class StretchFacts(BaseModel):
     from_n: float = 0.0
 
 
-class FusionFacts(ModelFacts):
+class FusionFacts(ModelFacts, frozen=True):
     """Facts of both members, and the stretch."""
 
     rod: RodFacts = RodFacts()

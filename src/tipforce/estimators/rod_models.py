@@ -104,7 +104,7 @@ class _Fitted:
     vision: ResolvedVision | None
 
 
-class RodModelFacts(ModelFacts):
+class RodModelFacts(ModelFacts, frozen=True):
     """Facts of every rod model.
 
     Attributes:

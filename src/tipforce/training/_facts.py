@@ -3,7 +3,7 @@
 from pydantic import BaseModel, ConfigDict
 
 
-class TrainingFacts(BaseModel):
+class TrainingFacts(BaseModel, frozen=True):
     """How a network was trained.
 
     Attributes:
@@ -24,7 +24,7 @@ class TrainingFacts(BaseModel):
         reinitialised_weights: weights that the initial model did not have.
     """
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
+    model_config = ConfigDict(extra="ignore")
 
     network: str = ""
     parameters: int = 0

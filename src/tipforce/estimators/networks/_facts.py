@@ -7,7 +7,7 @@ from .._facts import ModelFacts, ModelSummary, half_width_text, magnitude_interv
 from .._left_out import left_out_text
 
 
-class NetworkTraining(TrainingFacts):
+class NetworkTraining(TrainingFacts, frozen=True):
     """How a network was trained, and what its inputs then are; kept with its state.
 
     Attributes:
@@ -35,7 +35,7 @@ class NetworkTraining(TrainingFacts):
     trained_on: tuple[str, ...] = ()
 
 
-class NetworkFacts(NetworkTraining, ModelFacts):
+class NetworkFacts(NetworkTraining, ModelFacts, frozen=True):
     """Facts of every network.
 
     Attributes:

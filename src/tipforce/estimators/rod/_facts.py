@@ -14,7 +14,7 @@ class PriorFacts(BaseModel):
     std: float
 
 
-class RodFacts(ModelFacts):
+class RodFacts(ModelFacts, frozen=True):
     """Facts of `rod` and `rod-track`.
 
     Attributes:
