@@ -3,6 +3,7 @@
 import re
 import shlex
 import shutil
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ import cv2
 import pytest
 from typer.testing import CliRunner
 
+from tipforce._registry import Registry
 from tipforce.cli import app
 from tipforce.io import open_source
 from tipforce.pipelines import import_session, simulate
@@ -105,6 +107,23 @@ def type_command(line: str, replacements: dict[str, str] | None = None) -> str:
 def code_blocks(text: str, language: str = "") -> list[str]:
     """The fenced blocks of a page, in order."""
     return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
+
+
+def install(site: Path, package: str, project: str, registry: Registry, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Installs a package into ``site`` as `pip install` does: with the entry points of its ``pyproject.toml``.
+
+    Until the end of the test ``registry`` finds them beside its own.
+    """
+    information = site / f"{package.replace('-', '_')}-0.1.dist-info"
+    information.mkdir(parents=True)
+    (information / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 0.1\n")
+    groups = re.sub(r'\[project\.entry-points\."(.+)"\]', r"[\1]", project[project.index("[project.entry-points") :])
+    (information / "entry_points.txt").write_text(groups.replace('"', "").replace(" = ", "="))
+    monkeypatch.syspath_prepend(str(site))
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("tipforce_ridge", "my_lab")]:
+        del sys.modules[name]
+    fresh = Registry(registry.group, registry.what, registry._own, registry._kind)
+    monkeypatch.setattr(registry, "__dict__", fresh.__dict__)
 
 
 @pytest.fixture(scope="session")

@@ -1,8 +1,5 @@
 """The page on methods of other packages: its code is installed as a package, and every verb is given its commands."""
 
-import re
-import sys
-from importlib.metadata import distributions
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +9,7 @@ from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
 from tipforce.estimators import ESTIMATORS, load_model, method
 
-from .conftest import code_blocks, type_command  # type: ignore[import-not-found]
+from .conftest import code_blocks, install, type_command  # type: ignore[import-not-found]
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "add-a-method.md"
 MOST_LINES = 25
@@ -24,30 +21,9 @@ def ridge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The code of the page, installed: a module and what `pip install` writes beside it."""
     text = PAGE.read_text(encoding="utf-8")
     code, project = code_blocks(text, "python")[0], code_blocks(text, "toml")[0]
-    install(tmp_path / "site", "tipforce-ridge", project, monkeypatch)
+    install(tmp_path / "site", "tipforce-ridge", project, ESTIMATORS, monkeypatch)
     (tmp_path / "site" / "tipforce_ridge.py").write_text(code, encoding="utf-8")
     return code
-
-
-def install(site: Path, package: str, project: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Adds a package with the entry points of its ``pyproject.toml`` to what is installed."""
-    information = site / f"{package.replace('-', '_')}-0.1.dist-info"
-    information.mkdir(parents=True)
-    (information / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 0.1\n", encoding="utf-8")
-    groups = re.sub(r'\[project\.entry-points\."(.+)"\]', r"[\1]", project[project.index("[project.entry-points") :])
-    (information / "entry_points.txt").write_text(groups.replace('"', "").replace(" = ", "="), encoding="utf-8")
-    monkeypatch.syspath_prepend(str(site))
-    assert package in [each.name for each in distributions(path=[str(site)])]
-    monkeypatch.delitem(ESTIMATORS.__dict__, "_points", raising=False)  # it looks again
-    monkeypatch.setattr(ESTIMATORS, "_loaded", {})
-    monkeypatch.delitem(sys.modules, "tipforce_ridge", raising=False)
-
-
-@pytest.fixture(autouse=True)
-def _look_again_afterwards(monkeypatch: pytest.MonkeyPatch):
-    yield
-    ESTIMATORS.__dict__.pop("_points", None)
-    sys.modules.pop("tipforce_ridge", None)
 
 
 def test_a_method_on_the_shape_takes_a_few_lines(ridge: str) -> None:
@@ -85,9 +61,8 @@ def test_every_command_of_the_page_works_with_a_method_of_another_package(
 
 
 def test_a_package_that_cannot_be_imported_hinders_nobody_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    install(
-        tmp_path, "broken", '[project.entry-points."tipforce.estimators"]\nlost = "no_such_module:Lost"\n', monkeypatch
-    )
+    points = 'lost = "no_such_module:Lost"\n'
+    install(tmp_path, "broken", f'[project.entry-points."tipforce.estimators"]\n{points}', ESTIMATORS, monkeypatch)
     assert method("svr").name == "svr"
     assert "lost" in ESTIMATORS
     with pytest.raises(InputError, match=r"method 'lost' of the package broken 0\.1 cannot be loaded from no_such_mod"):
@@ -95,14 +70,16 @@ def test_a_package_that_cannot_be_imported_hinders_nobody_else(tmp_path: Path, m
 
 
 def test_two_packages_with_one_name_are_told_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    install(tmp_path, "other", '[project.entry-points."tipforce.estimators"]\nsvr = "json:loads"\n', monkeypatch)
+    install(
+        tmp_path, "other", '[project.entry-points."tipforce.estimators"]\nsvr = "json:loads"\n', ESTIMATORS, monkeypatch
+    )
     with pytest.raises(InputError, match=r"tipforce and other 0\.1 both have a method 'svr'; uninstall one"):
         method("svr")
 
 
 def test_what_is_no_method_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     points = 'loads = "json:loads"\nanother = "tipforce.estimators.svr:Svr"\n'
-    install(tmp_path, "wrong", f'[project.entry-points."tipforce.estimators"]\n{points}', monkeypatch)
+    install(tmp_path, "wrong", f'[project.entry-points."tipforce.estimators"]\n{points}', ESTIMATORS, monkeypatch)
     with pytest.raises(InputError, match=r"wrong 0\.1: json:loads is no class derived from Estimator"):
         method("loads")
     with pytest.raises(InputError, match=r"the method 'another' is .*Svr, whose name is 'svr'; set name = 'another'"):

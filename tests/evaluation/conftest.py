@@ -8,7 +8,7 @@ import pytest
 from pydantic import BaseModel
 
 from tipforce.datasets import Dataset
-from tipforce.estimators import Estimator
+from tipforce.estimators import Estimator, ModelFacts
 from tipforce.types import ForceEstimate, Observation, SessionInfo, Status
 
 
@@ -61,6 +61,10 @@ class RidgeSettings(BaseModel):
     unbounded: bool = False
 
 
+class RidgeFacts(ModelFacts, frozen=True):
+    alpha: float
+
+
 class Ridge(Estimator):
     """Force from one drive reading; refuses readings above a limit; counts the frames its stream saw."""
 
@@ -107,8 +111,8 @@ class Ridge(Estimator):
         made.weights_, made.sigma_ = arrays["weights"], arrays["sigma"]
         return made
 
-    def describe(self) -> dict[str, Any]:
-        return {"alpha": self.settings.alpha}
+    def describe(self) -> RidgeFacts:
+        return RidgeFacts(alpha=self.settings.alpha)
 
 
 class RidgeStream:
