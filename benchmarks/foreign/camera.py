@@ -84,12 +84,17 @@ def draw_camera(plan: Plan, run: Run) -> Camera:
 
 
 def expose(light: npt.NDArray[np.float32], gain: float, noise: float, grey: bool, rng: np.random.Generator) -> Image:
-    """(h, w, 3) or (h, w) uint8: what a camera with a Bayer sensor makes of linear light.
+    """Renders the image that a camera with a Bayer sensor takes of a scene.
 
     Args:
+        light: (h, w, 3) linear light.
         gain: makes the light 1 where the sensor is full.
         noise: standard deviation of the photon noise where it is full; the read noise is a third of it.
         grey: the camera has no colours.
+        rng: generator of the noise.
+
+    Returns:
+        An image (h, w, 3), or (h, w) of a grey camera, uint8.
     """
     scene = cv2.bilateralFilter(np.clip(light * gain, 0.0, 1.0), 5, 0.2, 1.3)  # most of the paths' own noise
     if grey:

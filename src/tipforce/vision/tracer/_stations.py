@@ -40,7 +40,8 @@ def add_station(stations: np.ndarray, n: int, u: float, v: float, arc: float, ha
     Args:
         stations: (k, 6) array of stations; row ``n`` is filled.
         n: number of stations so far.
-        u, v: position of the centre in px.
+        u: position of the centre in px.
+        v: position of the centre in px.
         arc: arc length from the base line in px.
         half_width: half of the shaft's width in px.
         weight: weight in the fit, 0 to 1.
