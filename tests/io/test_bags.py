@@ -1,12 +1,16 @@
 """ROS bags and MCAP files of other programs: topics found or stated, stamps of headers, refusals with their advice."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from tipforce.cli import app
 from tipforce.errors import FileFormatError, InputError, MissingExtraError
 from tipforce.io import is_bag, open_bag, open_source
+from tipforce.pipelines import summarise_recording
 from tipforce.types import Actuation, BagInfo, Frame, SessionInfo, info_from_facts
 
 from ..short_run import draw_image, push  # type: ignore[import-not-found]
@@ -120,6 +124,21 @@ def test_the_advice_of_a_message_leads_to_a_bag_that_is_read(tmp_path: Path, nam
     assert len(list(bag)) > 1
     if "receive_times" in said:
         assert any("times at which the messages were received" in remark for remark in bag.remarks)
+
+
+def test_the_mcap_of_another_program_is_read_by_the_stamps_of_its_headers_or_refused(tmp_path: Path) -> None:
+    """Its log times, which a recording of ours goes by, are those at which the messages were received."""
+    path = write_bag(tmp_path, "mcap", [each for each in run_messages() if each.topic != "/joint_states"])
+    with open_source(path) as source:
+        first = next(event for event in source if isinstance(event, Frame))
+    assert first.stamp_ns == START_S * 10**9
+    with pytest.raises(FileFormatError, match="was written by another program") as caught:
+        summarise_recording(path)
+    advised = re.search(r"tipforce (import \S+) --bench bench\.toml -o NEW\.mcap", str(caught.value))
+    assert advised is not None
+    words = [*advised[1].split(), "--offset-ms", "none", "-o", str(tmp_path / "new.mcap")]
+    assert CliRunner().invoke(app, words, catch_exceptions=False).exit_code == 0
+    assert summarise_recording(tmp_path / "new.mcap").info.streams["camera"].count == 192
 
 
 @pytest.mark.parametrize("kind", ["bag", "db3"])

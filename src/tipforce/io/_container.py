@@ -9,7 +9,7 @@ import io
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -30,8 +30,8 @@ from .._checksums import combined_crc
 from ..errors import FileFormatError
 from ..types import IntArray
 
-SESSION = "tipforce.session"
-"""The metadata record of every recording of ours."""
+_OURS = "tipforce."
+"""What the names of our metadata records begin with; every recording of ours has one."""
 MESSAGE_HEAD = 31
 """Bytes of a message record before its payload: opcode, length, channel, sequence, log time, publish time."""
 MAX_CHUNK_BYTES = 1 << 30
@@ -93,11 +93,16 @@ def whole_summary(stream: IO[bytes]) -> tuple[Summary, int] | None:
     return None if summary is None else (summary, start)
 
 
+def is_foreign_metadata(names: Iterable[str]) -> bool:
+    """Whether none of the metadata records with these names is of a recording of ours."""
+    return not any(name.startswith(_OURS) for name in names)
+
+
 def is_foreign(path: Path) -> bool:
-    """Whether ``path`` is a whole MCAP file that another program wrote: without the metadata of a session of ours."""
+    """Whether ``path`` is a whole MCAP file that another program wrote: without metadata of ours."""
     with path.open("rb") as stream:
         found = whole_summary(stream)
-    return found is not None and all(index.name != SESSION for index in found[0].metadata_indexes)
+    return found is not None and is_foreign_metadata(index.name for index in found[0].metadata_indexes)
 
 
 def frame_is_whole(stream: IO[bytes], summary: Summary, start: int) -> bool:

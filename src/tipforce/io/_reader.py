@@ -41,7 +41,7 @@ from ._cdr import (
     unpack_wrench,
     wrench_layout,
 )
-from ._container import MESSAGE_HEAD, Container, Entries
+from ._container import MESSAGE_HEAD, Container, Entries, is_foreign_metadata
 from ._facts import ClockMap, Inertia, Tare, fact_from, session_from
 from ._images import StreamDepth, decode_image
 from ._recover import resolve
@@ -99,7 +99,7 @@ def stream_info(name: str, topic: str, kind: str, times_ns: IntArray) -> StreamI
 
 
 class RecordingReader:
-    """A `Source` that reads one ``.mcap`` (ours, or any with the same ROS 2 messages); a context manager.
+    """A `Source` that reads one ``.mcap`` of ours; a context manager.
 
     Streams are named by their topics: ``/camera/compressed`` is "camera", ``/force`` "force", ``/joints`` "joints".
     Where only the ``.part`` of ``path`` is there, or ``path`` is one, what is whole in it is recovered first, with a
@@ -113,6 +113,12 @@ class RecordingReader:
         if not self.path.exists():
             raise FileFormatError(f"{self.path}: there is no such file")
         self._file = Container(self.path)
+        if is_foreign_metadata(self._file.metadata):
+            self._file.close()
+            raise FileFormatError(
+                f"{self.path}: was written by another program; make a recording of it, whose images and forces have "
+                f"the stamps of their headers: tipforce import {self.path} --bench bench.toml -o NEW.mcap"
+            )
         self._topics: dict[str, tuple[int, str]] = {}
         for channel in self._file.channels.values():
             name = channel.topic.strip("/").removesuffix("/compressed") or channel.topic

@@ -120,7 +120,7 @@ def open_source(
     Raises InputError where ``actuation`` has a name that the file carries itself.
     """
     where = Path(path)
-    if where.suffix in (".mcap", ".part"):
+    if where.suffix in (".mcap", ".part") and not is_bag(where):
         reader = RecordingReader(where)
         constant = {} if stated is None else stated.actuation.constant
         wanted = {**constant, **(actuation or {})}
