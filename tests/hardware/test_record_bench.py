@@ -180,7 +180,10 @@ def test_a_guided_session_says_what_is_missing():
         if isinstance(event, Actuation):
             silent.take(event)
     assert "no force came" in " ".join(silent.lacking())
-    assert "no image came" in " ".join(silent.lacking())
+    assert "no image came: check [hardware.cameras]" in " ".join(silent.lacking())
+    simulated = " ".join(silent.lacking(simulated=True))
+    assert "no image came: the simulated bench is slow on this computer" in simulated
+    assert "hardware" not in simulated
     weak, _ = guided(press_n=0.01)
     assert weak.lacking() == ["the tip pressed with 10 mN at most; press with more than 50"]
 

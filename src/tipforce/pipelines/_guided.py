@@ -151,20 +151,21 @@ class Guide:
             measured = f" (up to {1e3 * self.peak_n:.0f} mN so far)"
         return f"{phase.prompt}: {max(left, 0.0):.0f} s{measured}"
 
-    def lacking(self) -> list[str]:
-        """What the session did not show, one sentence each."""
+    def lacking(self, *, simulated: bool = False) -> list[str]:
+        """What the session did not show, one sentence each; ``simulated``: no device could be at fault."""
         found: list[str] = []
+        slow = "the simulated bench is slow on this computer; end other programs, or record for longer"
         if not self.done:
             found.append(f"the session ended before its phase {self.phases[self._place].name!r} was over")
         if self._first_force_ns is None:
-            found.append("no force came: check [hardware.force]")
+            found.append(f"no force came: {slow if simulated else 'check [hardware.force] of bench.toml'}")
         elif self.tare_s is None:
             found.append(
                 f"the force was never quiet for {self.phases[0].seconds:g} s: it moved by "
                 f"{1e3 * self._spread_n:.0f} mN; keep the tip free, and look for vibrations"
             )
         if self._image is None:
-            found.append("no image came: check [hardware.cameras]")
+            found.append(f"no image came: {slow if simulated else 'check [hardware.cameras] of bench.toml'}")
         elif self.changed < _CHANGED:
             found.append("the images did not change while the catheter was to move: check that the camera sees it")
         if self._first_force_ns is not None and self.peak_n < _PRESSED_N:
@@ -176,7 +177,7 @@ class Guide:
 
 def missing_for_training(summary: RecordingSummary, guide: Guide | None = None) -> list[str]:
     """What a recording lacks to be trained on, one sentence each; empty: it can be trained on now."""
-    missing = guide.lacking() if guide else []
+    missing = guide.lacking(simulated=summary.session_info.simulated) if guide else []
     info = summary.info
     kinds = {stream.kind for stream in info.streams.values() if stream.count}
     if "frame" not in kinds or "wrench" not in kinds:
