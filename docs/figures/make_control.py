@@ -20,10 +20,10 @@ GONE_S = (19.0, 20.2)
 
 
 def hidden(estimate: ForceEstimate) -> ForceEstimate:
-    """As if something stood in front of the camera for a while."""
+    """Returns an invalid estimate while the catheter is hidden from the camera."""
     if not GONE_S[0] <= estimate.stamp_ns * 1e-9 < GONE_S[1]:
         return estimate
-    return ForceEstimate.invalid(estimate.stamp_ns, Status.NO_CATHETER, "something stands in front of the camera")
+    return ForceEstimate.invalid(estimate.stamp_ns, Status.NO_CATHETER, "something hides the catheter from the camera")
 
 
 def main() -> None:

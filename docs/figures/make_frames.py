@@ -20,9 +20,9 @@ from tipforce.mechanics import Rod, Wall, solve_contact
 INK, GREY, BLUE, RED, GREEN, SENSOR = "#1c2733", "#76828d", "#1f6fb4", "#c8322b", "#2b7a4b", "#8a5a00"
 SILICONE, SILICONE_EDGE, STEEL = "#f3d3c9", "#c99a8b", "#dde2e7"
 RADIUS = 1.5
-"""Of the drawn shaft, mm: a little thicker than life."""
+"""Radius of the drawn shaft, mm: a little thicker than a real one."""
 TURN = math.radians(5.0)
-"""Of the base in the image, as on a real bench."""
+"""Turn of the base in the image, as on a real bench."""
 WALL_DEG, SENSOR_DEG = 52.0, 52.0
 
 
@@ -84,7 +84,7 @@ def catheter(axes: Axes, line: np.ndarray) -> None:
 
 
 def tissue(axes: Axes, touch: np.ndarray, d: np.ndarray, back: float, front: float, indentation: float) -> None:
-    """The pad: its surface through ``touch``, dented there, from ``back`` to ``front`` along t."""
+    """Draws the pad: its surface through ``touch``, indented there, from ``back`` to ``front`` along t."""
     t = np.array([-d[1], d[0]])
     across = np.linspace(back, front, 160)
     depth = -indentation * (1 - np.exp(-((across / 4.0) ** 2)))
@@ -103,7 +103,7 @@ def panel(axes: Axes, title: str, box: tuple[float, float, float, float]) -> Non
 
 
 def draw_image(axes: Axes, free: np.ndarray, bent: np.ndarray, force: np.ndarray) -> None:
-    """Where the frames lie."""
+    """Draws the image with its base frame."""
     panel(axes, "1   Image and base frame", (-24, 67, -33, 40))
     axes.add_patch(Rectangle((-18, -31), 84, 66, fc="#f5f7f9", ec=GREY, lw=1.3, zorder=0))
     corner = np.array([-18.0, 35.0])
@@ -169,7 +169,7 @@ def draw_components(axes: Axes, bent: np.ndarray, force: np.ndarray) -> None:
 
 
 def draw_angle(axes: Axes, free: np.ndarray) -> None:
-    """How the wall lies to the unloaded tip."""
+    """Draws the wall and the unloaded tip."""
     panel(axes, "3   Contact angle", (-17, 17, -12, 14))
     heading = math.atan2(*(free[-1] - free[-10])[::-1])
     line = free[100:] - free[-1]
@@ -189,7 +189,7 @@ def draw_angle(axes: Axes, free: np.ndarray) -> None:
 
 
 def draw_sensor(axes: Axes, force: np.ndarray) -> None:
-    """What the sensor under the tissue reads."""
+    """Draws the reading of the sensor under the tissue."""
     panel(axes, "4   A sensor under the tissue", (-22, 44, -19.5, 22))
     angle = math.radians(SENSOR_DEG)
     d, t = polar(angle), polar(angle + math.pi / 2)

@@ -1,4 +1,4 @@
-"""Draws readme.png from what `make demo` left: one frame with the force in it, and the force over ten seconds.
+"""Draws readme.png from the files of `make demo`: one frame with the force in it, and the force over ten seconds.
 
 The session is the last one of the demo, which no model has seen; the errors in the legend are those of the
 report, over both held-out sessions. From the root of the project: python docs/figures/make_readme.py demo/
