@@ -103,7 +103,7 @@ class FusionSettings(BaseModel):
     catheter's is found out by the rod, and by the network beside it."""
     max_distance: Annotated[float, Field(gt=0, le=1e6)] = 50.0
     """Largest squared Mahalanobis distance of the two forces. A Gaussian's exceeds 13.8 once in 1,000; the rod, pushed
-    along its axis by a clamp that moves, is no Gaussian and reads 1.3 N for 0.2 N (docs/results/control.md)."""
+    along its axis by a clamp that moves, is no Gaussian and reads 1.3 N for 0.2 N (docs/results/trust.md)."""
     rod_std_n: tuple[_Std, _Std] = (0.005, 0.05)
     """Added to the standard deviations of the rod's force, along the direction that the shape tells best and the one
     that it tells least, which is the shaft's axis: its covariance knows nothing of errors that last, and takes a
