@@ -16,7 +16,7 @@ from tipforce.types import ForceEstimate, Status
 
 FOLDER = pathlib.Path(__file__).parent
 SECONDS = 18.0
-GONE_S = (19.0, 20.2)
+GONE_S = (24.0, 25.2)
 
 
 def hidden(estimate: ForceEstimate) -> ForceEstimate:
