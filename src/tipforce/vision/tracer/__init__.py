@@ -1,9 +1,10 @@
 """Sub-pixel tracing of a catheter's centreline.
 
-Only the pixels around the two flanks of the shaft are read. A frame takes these steps: entries on the base line and
-tracing of the shaft (`_trace`), a smooth axis (`_spline`), its tip (`_tip`, `_known_length`, `_tip_template`), what
-continues beyond it (`_continuation`, on a `_strip`), all of it for one candidate (`_solve`), and the decision whether
-the result is the catheter (`_tracer`). Where a session's shaft comes out of a sheath is found beforehand (`_mouth`).
+Only the pixels around the two flanks of the shaft are read. A frame takes these steps: entries on the base line
+(`_entries`), tracing of the shaft (`_trace`), a smooth axis (`_spline`), its tip (`_tip`, `_known_length`,
+`_tip_template`), its continuation beyond the end of the trace (`_continuation`, on a `_strip`). `_solve` does all of
+this for one candidate, and `_tracer` decides whether the result is the catheter. The mouth of a session's sheath is
+found beforehand (`_mouth`).
 """
 
 from ._mouth import Mouth, base_box, find_mouths

@@ -2,8 +2,8 @@
 
 The trace ends where a pair of flanks is lost. Here the image beyond that end is straightened along the extended axis
 (`_strip`), the smooth arc with the strongest flanks is searched in it, and stations are added along that arc as far as
-the flanks are visible. The search is repeated from the new end. What cannot be separated from the catheter is reported
-as evidence that was not followed; the tracer then does not accept the end.
+the flanks are visible. The search is repeated from the new end. An object that
+cannot be separated from the catheter is reported as evidence that was not followed; the tracer then rejects the end.
 """
 
 import math
@@ -302,7 +302,7 @@ def _widest_gap(strip: np.ndarray, flanks: Flanks, found: _Found, end: int, grou
 def _count_agreeing(
     stations: np.ndarray, n: int, kept: int, arc: Arc, half: float, deviation: Deviation, end_arc: float, cell: float
 ) -> int:
-    """Counts the stations of the trace, from ``n`` to ``kept``, that lie on the found arc before ``end_arc``."""
+    """Counts the stations of the trace, from ``n`` to ``kept``, that are on the found arc before ``end_arc``."""
     while n < kept and stations[n, ARC] < end_arc:
         s = stations[n, ARC] - arc.start_arc
         u, v, angle = arc_at(arc, s)
@@ -339,7 +339,7 @@ def continue_trace(
     image: Raster, sign: float, half: float, contrast: float, max_gap: float, profile: np.ndarray, buffers: FitBuffers,
     work: np.ndarray, stations: np.ndarray, n: int, kept: int,
 ) -> Continuation:  # fmt: skip
-    """Follows what continues behind station ``n`` - 1.
+    """Follows the shaft behind station ``n`` - 1.
 
     Args:
         image: the frame.

@@ -1,9 +1,9 @@
 """The tip of a catheter of known length: the shaft is followed to that length, and its tip is searched there.
 
-Beyond what the trace followed there may be a metal tip on a ground of its own grey level, half in shadow, or hidden for
-a while. A flank then has one sign here and the other there, and more contrast in one channel than in another; but it
-is visible over a stretch as long as the shaft is wide, in its place on either side. The smooth arc whose flanks are
-visible in most stretches is followed; a single strong edge counts little.
+Beyond the end of the trace there may be a metal tip on a ground of the same grey level, half in shadow, or a hidden
+piece. The sign of a flank then changes along the shaft, and its contrast differs between the channels; but both flanks
+are visible in most pieces that are as long as the shaft is wide. The smooth arc with the most visible pieces is
+followed; a single strong edge counts little.
 """
 
 import math
@@ -34,32 +34,32 @@ from ._strip import (
 from ._tip import TIP_SIZE, tip_by_colour
 from ._tip_template import match_template, template_difference
 
-_UNSEEN = 4.0
-"""So many radii before its tip the catheter may be detected for the last time."""
-_HIDDEN = 12.0
-"""So many radii of it may be hidden, if what appears again has the right length."""
-_CONTRAST = 5.0
-"""Grey levels by which the front of the tip must separate what is before and behind it."""
-_PAST = 4.0
-"""A shaft that is as clear as ever so many radii beyond its length is not this catheter."""
-_CLEAR = 0.5
+MAX_UNDETECTED_RADII = 4.0
+"""The last detected piece may be this far before the tip."""
+MAX_HIDDEN_RADII = 12.0
+"""A hidden piece may be this long, if the catheter ends at its known length."""
+MIN_TIP_CONTRAST_GREY = 5.0
+"""Smallest difference of grey level between the two sides of the front of the tip."""
+MAX_EXCESS_RADII = 4.0
+"""A shaft that remains clear this far beyond its length is not this catheter."""
+MIN_CLEAR_WEIGHT = 0.5
 """Least weight of a station where the shaft is clear."""
-_DEVIATION = 0.45
+LENGTH_DEVIATION_SHARE = 0.45
 """Standard deviation of the length in shares of its tolerance."""
-_GROUP = 4
+GROUP_BLOCKS = 4
 """Blocks that are averaged: a diameter of the shaft."""
-_TURNS, _TURN, _LIKELY_TURN = 6, 0.012, 0.015
-_BENDS, _BEND, _LIKELY_BEND = 4, 0.004, 0.006
+MAX_TURN_STEPS, TURN_STEP_RAD, LIKELY_TURN_RAD = 6, 0.012, 0.015
+MAX_BEND_STEPS, BEND_STEP, LIKELY_BEND = 4, 0.004, 0.006
 """Arcs to try on either side, how far apart, and their standard deviation: radians, and 1 / radius."""
-_STIFF = 7.0
-"""So many radii before the tip the catheter is straight: its metal tip."""
-_DETECTED = 1.3
+STIFF_TIP_RADII = 7.0
+"""Length of the straight metal tip."""
+MIN_GROUP_EVIDENCE = 1.3
 """Evidence from which on a stretch counts as detected."""
-_STRAIGHT_ON = 9.5
-"""With so many radii left or less the shaft is taken as straight."""
-_WEIGHT = 0.2
-"""Of the stations that are added."""
-_TIMES = 12
+STRAIGHT_RADII = 9.5
+"""The shaft is extended straight when at most this length remains."""
+ADDED_WEIGHT = 0.2
+"""Weight of the stations that are added."""
+MAX_ROUNDS = 12
 _FOLLOW_SIZE = ROWS * COLUMNS + 6 * BLOCKS * COLUMNS + BINS
 KNOWN_LENGTH_SIZE = max(_FOLLOW_SIZE, TIP_SIZE)
 """Numbers of working memory that `find_tip_at_length` needs."""
@@ -75,7 +75,7 @@ class TipAtLength(NamedTuple):
     tip: float
     """Arc length."""
     contrast: float
-    """Of the tip in grey levels; 0 where it is not visible."""
+    """Contrast of the tip in grey levels; 0 where it is not visible."""
     hidden: float
     """Length of a hidden stretch that is too long, or 0."""
     difference: float
@@ -104,11 +104,11 @@ def _group_evidence(
 
 @fast
 def _arc_score(flanks: np.ndarray, channels: int, blocks: int, turn: float, bend: float, floor: float) -> float:
-    total = -0.5 * ((turn / _LIKELY_TURN) ** 2 + (bend / _LIKELY_BEND) ** 2)
+    total = -0.5 * ((turn / LIKELY_TURN_RAD) ** 2 + (bend / LIKELY_BEND) ** 2)
     first = BEHIND + 1
     while first + 2 <= blocks:
-        last = min(first + _GROUP, blocks)
-        total += _group_evidence(flanks, channels, first, last, turn, bend, floor) * (last - first) / _GROUP
+        last = min(first + GROUP_BLOCKS, blocks)
+        total += _group_evidence(flanks, channels, first, last, turn, bend, floor) * (last - first) / GROUP_BLOCKS
         first = last
     return total
 
@@ -117,7 +117,7 @@ def _arc_score(flanks: np.ndarray, channels: int, blocks: int, turn: float, bend
 def _go_straight(
     stations: np.ndarray, n: int, u: float, v: float, angle: float, back: float, goal: float, half: float
 ) -> int:
-    """Adds stations from the last one straight to ``goal``, from (u, v), which lies ``back`` before it."""
+    """Adds stations from the last one straight to ``goal``, from (u, v), ``back`` px before it."""
     last = stations[n - 1, ARC]
     count = max(0, int((goal - last) / (0.5 * half)))
     for k in range(1, count + 1):
@@ -125,7 +125,7 @@ def _go_straight(
             break
         s = (goal - last) * k / count
         way_u, way_v = (back + s) * math.cos(angle), (back + s) * math.sin(angle)
-        n = add_station(stations, n, u + way_u, v + way_v, last + s, half, _WEIGHT)
+        n = add_station(stations, n, u + way_u, v + way_v, last + s, half, ADDED_WEIGHT)
     return n
 
 
@@ -146,15 +146,15 @@ def _follow_to(
     cell = CELL * half
     widest = 0.0
     taken = stations[n - 1, ARC]
-    for _ in range(_TIMES):
+    for _ in range(MAX_ROUNDS):
         last = stations[n - 1, ARC]
         if last > goal - half:
             break
         back = (BEHIND + 1) * BLOCK * cell
         u, v, angle, bend = heading(stations, n, half, back)
         rest = goal - last
-        bend *= max(0.0, 1.0 - (_STIFF * half / rest) ** 2)
-        if rest < _STRAIGHT_ON * half:
+        bend *= max(0.0, 1.0 - (STIFF_TIP_RADII * half / rest) ** 2)
+        if rest < STRAIGHT_RADII * half:
             # lustre along a metal tip misleads more than the direction of the shaft does
             n = _go_straight(stations, n, u, v, angle, back, goal - 0.5 * half, half)
             break
@@ -164,22 +164,22 @@ def _follow_to(
             rows = straighten(image, 1.0, arc_ahead, half, c, strip)
             inside = flank_evidence(strip, rows, flanks[2 * c], flanks[2 * c + 1])
         s0 = last - back
-        blocks = min(inside, int((goal - _STIFF * half - s0) / (BLOCK * cell)))
+        blocks = min(inside, int((goal - STIFF_TIP_RADII * half - s0) / (BLOCK * cell)))
         if blocks < BEHIND + 3:
             break
         middle = channels // 2
         floor = max(FLOOR, 0.7 * roughness(flanks[2 * middle], flanks[2 * middle + 1], inside, bins))
         best, way, arc = -1e9, 0.0, 0.0
-        for i in range(-_TURNS, _TURNS + 1):
-            for j in range(-_BENDS, _BENDS + 1):
-                score = _arc_score(flanks, channels, blocks, i * _TURN, j * _BEND, floor)
+        for i in range(-MAX_TURN_STEPS, MAX_TURN_STEPS + 1):
+            for j in range(-MAX_BEND_STEPS, MAX_BEND_STEPS + 1):
+                score = _arc_score(flanks, channels, blocks, i * TURN_STEP_RAD, j * BEND_STEP, floor)
                 if score > best:
-                    best, way, arc = score, i * _TURN, j * _BEND
+                    best, way, arc = score, i * TURN_STEP_RAD, j * BEND_STEP
         found_to = 0
         first = BEHIND + 1
         while first + 2 <= blocks:
-            end = min(first + _GROUP, blocks)
-            if _group_evidence(flanks, channels, first, end, way, arc, floor) > _DETECTED:
+            end = min(first + GROUP_BLOCKS, blocks)
+            if _group_evidence(flanks, channels, first, end, way, arc, floor) > MIN_GROUP_EVIDENCE:
                 found_to = end
                 widest = max(widest, s0 + BLOCK * first * cell - taken)
                 taken = s0 + BLOCK * end * cell
@@ -195,21 +195,21 @@ def _follow_to(
             x = (way * x + 0.5 * arc * CELL * x * x) * cell
             at_u = axis_u - x * math.sin(turned)
             at_v = axis_v + x * math.cos(turned)
-            n = add_station(stations, n, at_u, at_v, s0 + s, half, _WEIGHT)
-    return n, max(widest, goal - taken - _STRAIGHT_ON * half)
+            n = add_station(stations, n, at_u, at_v, s0 + s, half, ADDED_WEIGHT)
+    return n, max(widest, goal - taken - STRAIGHT_RADII * half)
 
 
 @fast
 def continues_beyond(stations: np.ndarray, n: int, goal: float, give: float, half: float) -> bool:
     """Whether the shaft was traced beyond the arc length where it must end, at full contrast and without a break."""
-    first, past = goal - give - half, goal + give + _PAST * half
+    first, past = goal - give - half, goal + give + MAX_EXCESS_RADII * half
     if n == 0 or stations[n - 1, ARC] < past:
         return False
     i = n - 1
     while i > 0 and stations[i, ARC] > past:
         i -= 1
     while i > 0 and stations[i, ARC] > first:
-        if stations[i, KIND] != SHAFT or stations[i, WEIGHT] < _CLEAR:
+        if stations[i, KIND] != SHAFT or stations[i, WEIGHT] < MIN_CLEAR_WEIGHT:
             return False
         i -= 1
     return True
@@ -236,15 +236,15 @@ def find_tip_at_length(
             n, gap = better, 0.0
             last = stations[n - 1, ARC]
             spline, _ = fit_axis(stations, n, half, last + ahead + 6.0, buffers)
-    if gap > _HIDDEN * half or goal - give - last > _UNSEEN * half:
+    if gap > MAX_HIDDEN_RADII * half or goal - give - last > MAX_UNDETECTED_RADII * half:
         return TipAtLength(n, spline, goal, 0.0, max(gap, goal - last), 0.0)
-    tip, contrast = tip_by_colour(image, spline, last, goal, _DEVIATION * give, half, work)
+    tip, contrast = tip_by_colour(image, spline, last, goal, LENGTH_DEVIATION_SHARE * give, half, work)
     hidden = 0.0
-    if contrast < _CONTRAST:
-        # a length alone is no proof: what ends before may be something else, or this catheter broken off
+    if contrast < MIN_TIP_CONTRAST_GREY:
+        # a length alone is no proof: a shaft that ends before may be another object, or this catheter broken off
         contrast, hidden = 0.0, max(goal - last, 1.0)
     if n > 6 and last > tip - 0.3 * half:
-        # what was measured behind the tip lies on something else
+        # the stations behind the tip are on another object
         while n > 6 and stations[n - 1, ARC] > tip - 0.3 * half:
             n -= 1
         last = stations[n - 1, ARC]

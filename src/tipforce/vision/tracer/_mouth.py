@@ -1,8 +1,8 @@
-"""Where a thin tube of a stated diameter comes out of something thicker: the mouth of a sheath.
+"""Finds the mouth of a sheath: the point where a thin tube of a stated diameter comes out of a thicker one.
 
-What lies before the mouth stands still, and so does the shaft just beyond it, where it is clamped. So the mouth is
-searched in the median of a session's images: line after line, farther and farther from the border, pairs of edges as
-far apart as the shaft is thick are joined to runs. Where a run begins, and what lies before it is wider, is a mouth.
+The sheath does not move, and neither does the shaft just beyond its mouth, where it is clamped. So the mouth is
+searched in the median of a session's images: pairs of edges as far apart as the shaft is wide are searched on one line
+after another, from the border inward, and joined to runs. A mouth is where a run begins behind a wider run.
 """
 
 import math
@@ -16,28 +16,28 @@ from ...types import Image
 from .._settings import BaseSide, Box, Polarity
 from ._entries import find_entries
 
-_DEEPEST = 0.6
+SEARCHED_SHARE = 0.6
 """Share of the image that is searched from the border on."""
-_NARROW, _WIDE = 0.7, 1.35
-"""Widths of the shaft in diameters along the line, which it may cross at an angle."""
-_WIDER, _WIDEST = 0.75, 4.0
-"""Widths of what lies before the mouth, likewise; gloss and shadow make tubes look up to a quarter too thin."""
-_STEP = 1.12
-"""What lies before the mouth is wider by this ratio at least, or of the other polarity."""
-_RUN, _SHEATH = 1.5, 0.6
-"""Least lengths in diameters of the shaft beyond the mouth, and of what lies before it."""
-_MISSES = 0.5
-"""A run ends behind a gap of so many diameters."""
-_SIDEWAYS = 1.6
-"""Largest step sideways from line to line in px, beside the run's slope."""
-_NEAR = 2.0
-"""A sheath begins within so many diameters of the border."""
-_FITTING = 7.0
-"""Between the sheath and the shaft a clamp or a stopper may lie, so many diameters long."""
-_OFF_AXIS = 0.6
-"""The shaft begins within so many diameters of the sheath's axis."""
-_LEAST = 10.0
-"""Contrast in grey levels."""
+MIN_SHAFT_DIAMETERS, MAX_SHAFT_DIAMETERS = 0.7, 1.35
+"""Limits of the shaft's width along a line, which it may cross at an angle."""
+MIN_SHEATH_DIAMETERS, MAX_SHEATH_DIAMETERS = 0.75, 4.0
+"""Limits of the sheath's width along a line; with gloss and shadow a tube appears up to a quarter too thin."""
+MIN_WIDTH_RATIO = 1.12
+"""A sheath is wider than the shaft by at least this ratio, or has the other polarity."""
+MIN_SHAFT_LENGTH_DIAMETERS, MIN_SHEATH_LENGTH_DIAMETERS = 1.5, 0.6
+"""Smallest lengths of the shaft beyond the mouth and of the sheath before it."""
+MAX_GAP_DIAMETERS = 0.5
+"""A run ends behind a longer gap."""
+MAX_SIDE_STEP_PX = 1.6
+"""Largest step sideways from line to line, in addition to the slope of the run."""
+MAX_BORDER_DIAMETERS = 2.0
+"""A sheath begins within this distance of the border."""
+MAX_FITTING_DIAMETERS = 7.0
+"""Longest clamp or stopper between the sheath and the visible shaft."""
+MAX_OFF_AXIS_DIAMETERS = 0.6
+"""The shaft begins within this distance of the sheath's axis."""
+MIN_CONTRAST_GREY = 10.0
+"""Smallest contrast of a pair of edges."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,15 +45,15 @@ class Mouth:
     """Where a thin tube comes out of a thicker one; in px."""
 
     depth: float
-    """From the border, across it."""
+    """Distance from the border."""
     along: float
-    """Of the tube's axis, along the border."""
+    """Position of the tube's axis along the border."""
     run: float
-    """Length over which the thin tube stands still."""
+    """Length over which the thin tube does not move."""
     sheath: float
-    """Width of the thicker tube; 0 where none is seen."""
+    """Width of the thicker tube; 0 where none is visible."""
     polarity: Polarity
-    """Of the thin tube."""
+    """Polarity of the thin tube."""
 
 
 @dataclass(slots=True)
@@ -95,7 +95,7 @@ class _Run:
 
 
 def _turned(image: Image, side: BaseSide) -> Image:
-    """Returns ``image`` with ``side`` at the top, without turning round what runs along it."""
+    """Returns ``image`` with ``side`` at the top, without reversing the direction along that side."""
     match side:
         case "top":
             return image
@@ -114,19 +114,19 @@ def _entries(image: np.ndarray, depth: int, sign: float, low: float, high: float
     line, slope = np.zeros(columns), np.zeros(columns)
     edges, entries = np.zeros(256, np.int64), np.zeros((40, 4))
     start = (0, depth, 1, 0, columns, 0, 1)
-    count = find_entries(frame, start, sign, low, high, -1.0, _LEAST, line, slope, edges, entries)
+    count = find_entries(frame, start, sign, low, high, -1.0, MIN_CONTRAST_GREY, line, slope, edges, entries)
     return entries[:count, :2].tolist()
 
 
 def _join(active: list[_Run], done: list[_Run], depth: int, found: list[list[float]], gap: float) -> list[_Run]:
-    """Joins what was ``found`` on a line to the runs; returns those that go on, and adds the others to ``done``."""
+    """Joins the pairs ``found`` on a line to the runs; returns the runs that continue, and adds others to ``done``."""
     places = np.array([run.expected(depth) for run in active])
     widths = np.array([run.width for run in active])
     taken: set[int] = set()
     for at, width in found:
         off = np.where(np.abs(widths - width) < 0.25 * width + 1.0, np.abs(places - at), np.inf)
         k = int(np.argmin(off)) if len(off) else -1
-        if k >= 0 and off[k] <= _SIDEWAYS and k not in taken:
+        if k >= 0 and off[k] <= MAX_SIDE_STEP_PX and k not in taken:
             active[k].add(depth, at, width)
             taken.add(k)
         else:
@@ -136,15 +136,20 @@ def _join(active: list[_Run], done: list[_Run], depth: int, found: list[list[flo
 
 
 def find_mouths(images: Sequence[Image], side: BaseSide, diameter: float) -> list[Mouth]:
-    """Returns where a tube of ``diameter`` px comes out of a thicker one that enters at ``side``, the likeliest first.
+    """Finds where a thin tube comes out of a thicker one that enters at one side of the image.
 
-    Behind these stand the places where such a tube begins and no thicker one is seen, the longest first. ``images``:
-    (h, w) or (h, w, 3), of one session and one size.
+    Args:
+        images: (h, w) or (h, w, 3) images of one session and one size.
+        side: side of the image at which the sheath enters.
+        diameter: diameter of the thin tube in px.
+
+    Returns:
+        The mouths, the longest run first; then positions where such a tube begins without a visible sheath.
     """
     greys = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image for image in images]
     still = np.median(np.stack(greys), axis=0).astype(np.uint8)
     image = np.ascontiguousarray(_turned(still, side))
-    gap = max(3.0, _MISSES * diameter)
+    gap = max(3.0, MAX_GAP_DIAMETERS * diameter)
     thin: list[tuple[_Run, float]] = []
     thick: list[tuple[_Run, float]] = []
     for sign in (1.0, -1.0):
@@ -152,27 +157,29 @@ def find_mouths(images: Sequence[Image], side: BaseSide, diameter: float) -> lis
         wide: list[_Run] = []
         narrow_done: list[_Run] = []
         wide_done: list[_Run] = []
-        for depth in range(int(_DEEPEST * image.shape[0])):
-            found = _entries(image, depth, sign, _NARROW * diameter, _WIDEST * diameter)
-            shafts = [pair for pair in found if pair[1] <= _WIDE * diameter]
-            sheaths = [pair for pair in found if pair[1] >= _WIDER * diameter]
+        for depth in range(int(SEARCHED_SHARE * image.shape[0])):
+            found = _entries(image, depth, sign, MIN_SHAFT_DIAMETERS * diameter, MAX_SHEATH_DIAMETERS * diameter)
+            shafts = [pair for pair in found if pair[1] <= MAX_SHAFT_DIAMETERS * diameter]
+            sheaths = [pair for pair in found if pair[1] >= MIN_SHEATH_DIAMETERS * diameter]
             narrow = _join(narrow, narrow_done, depth, shafts, gap)
-            if depth > _NEAR * diameter:
+            if depth > MAX_BORDER_DIAMETERS * diameter:
                 # a sheath enters at the border
-                sheaths = [pair for pair in sheaths if any(abs(r.expected(depth) - pair[0]) <= _SIDEWAYS for r in wide)]
+                sheaths = [
+                    pair for pair in sheaths if any(abs(r.expected(depth) - pair[0]) <= MAX_SIDE_STEP_PX for r in wide)
+                ]
             wide = _join(wide, wide_done, depth, sheaths, gap)
-        thin += [(run, sign) for run in narrow_done + narrow if run.length >= _RUN * diameter]
-        thick += [(run, sign) for run in wide_done + wide if run.length >= _SHEATH * diameter]
+        thin += [(run, sign) for run in narrow_done + narrow if run.length >= MIN_SHAFT_LENGTH_DIAMETERS * diameter]
+        thick += [(run, sign) for run in wide_done + wide if run.length >= MIN_SHEATH_LENGTH_DIAMETERS * diameter]
     mouths: list[Mouth] = []
     for shaft, sign in thin:
         depth, at = shaft.at[0]
         fits = [
             sheath
             for sheath, other in thick
-            if sheath.first <= _NEAR * diameter
-            and -diameter < depth - sheath.last < _FITTING * diameter
-            and abs(sheath.axis(depth) - at) < _OFF_AXIS * diameter + 0.05 * max(0.0, depth - sheath.last)
-            and (other != sign or sheath.width > _STEP * shaft.width)
+            if sheath.first <= MAX_BORDER_DIAMETERS * diameter
+            and -diameter < depth - sheath.last < MAX_FITTING_DIAMETERS * diameter
+            and abs(sheath.axis(depth) - at) < MAX_OFF_AXIS_DIAMETERS * diameter + 0.05 * max(0.0, depth - sheath.last)
+            and (other != sign or sheath.width > MIN_WIDTH_RATIO * shaft.width)
         ]
         sheath = max(fits, key=lambda run: run.length).width if fits else 0.0
         if depth > 0.0:

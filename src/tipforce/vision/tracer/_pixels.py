@@ -24,7 +24,7 @@ class Raster(NamedTuple):
 
     ``pixels``: all bytes, flat, row after row. ``row``: bytes per row. ``channels``: bytes per pixel, 1 or 3 (RGB).
     ``left``, ``top``, ``right``, ``bottom``: the region that is searched in px, the last two exclusive. Kernels read
-    nothing outside it, so it must lie inside the frame.
+    nothing outside it, so it must be inside the frame.
     """
 
     pixels: np.ndarray
@@ -57,7 +57,7 @@ def grey_at(image: Raster, u: int, v: int) -> float:
 
 @fast
 def grey_between(image: Raster, u: float, v: float) -> float:
-    """Returns the grey level at (u, v), bilinear; the point must lie left of the last column and above the last row."""
+    """Returns the grey level at (u, v), bilinear; the point must be left of the last column and above the last row."""
     pixels, row, channels = image.pixels, image.row, image.channels
     iu = int(u)
     iv = int(v)
@@ -212,7 +212,7 @@ _intrinsic: Any = extending.intrinsic
 
 @_intrinsic
 def _prefetch(_: Any, pixels: Any, i: Any) -> Any:
-    """Starts to load ``pixels[i]`` into the caches; ``i`` may lie anywhere, nothing is read."""
+    """Starts to load ``pixels[i]`` into the caches; ``i`` may be any number, nothing is read."""
 
     def build(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
         number, byte = ir.IntType(32), ir.IntType(8).as_pointer()
@@ -231,7 +231,7 @@ def _prefetch(_: Any, pixels: Any, i: Any) -> Any:
 
 @fast
 def prefetch_pair(image: Raster, u: float, v: float, nu: float, nv: float, half: float, reach: float) -> None:
-    """Starts to load what `measure_pair` would read there; it may lie outside the image.
+    """Starts to load the pixels that `measure_pair` reads there; they may be outside the image.
 
     Frames come from main memory, about 100 ns away. Without this a frame of 640 x 480 takes about 10 % longer, one of
     1280 x 1024 about 20 % (docs/log.md).

@@ -25,18 +25,18 @@ from ._stations import (
 from ._tip import TIP_BACK, base_offset, measure_ends, tip_by_contrast
 from ._trace import Candidate, trace_shaft
 
-_STRAIGHT = 0.7
-"""Radii before the tip from which on the axis is straight: a compromise of round tips (1) and flat ones (0)."""
-_NOTHING = 8.0
-"""Less evidence than this behind a gap is no shaft."""
-_CLEAN_LOW, _CLEAN_HIGH = 0.6, 1.25
-"""A tip whose edge has less or more than these shares of the shaft's contrast is examined further."""
-_OWN_LOW, _OWN_HIGH = 0.6, 1.6
-"""The same against the flanks just before the end: a tip whose edge lies within is accepted whatever lies beyond."""
+STRAIGHT_TIP_RADII = 0.7
+"""The axis is straight over this length before the tip: a compromise of round tips (1) and flat ones (0)."""
+MIN_EVIDENCE_FLOORS = 8.0
+"""Smallest evidence of a shaft behind a gap."""
+MIN_CLEAN_SHARE, MAX_CLEAN_SHARE = 0.6, 1.25
+"""A tip is examined further if its edge has a smaller or larger share of the shaft's contrast."""
+MIN_OWN_SHARE, MAX_OWN_SHARE = 0.6, 1.6
+"""A tip is accepted if its edge has a share of the contrast of the last flanks between these limits."""
 STATIONS = 1200
-"""Most stations of a shaft."""
-_STEP_RADII, _STEP_STATIONS = 4.0, 4
-"""A step of the width is told from so many radii of clear shaft, and so many stations, before and behind it."""
+"""Largest number of stations of a shaft."""
+STEP_RADII, MIN_STEP_STATIONS = 4.0, 4
+"""A step of the width needs this length and this number of clear stations before and behind it."""
 _PROFILE = 128
 _COEFFICIENTS = _PROFILE + 200
 _BAND = _COEFFICIENTS + 400
@@ -59,14 +59,14 @@ class ShaftFit(NamedTuple):
     blind: float
     """Arc length without flanks."""
     length: float
-    """From the base line to the tip."""
+    """Length from the base line to the tip."""
     drop: float
-    """Of grey level at the tip; 0 where no clear edge ends the shaft."""
+    """Drop of grey level at the tip; 0 where no clear edge ends the shaft."""
     base_u: float
     base_v: float
     base_angle: float
     rms: float
-    """Distance of the stations from the curve."""
+    """RMS distance of the stations from the curve."""
     last_u: float
     last_v: float
     """The last station."""
@@ -75,7 +75,7 @@ class ShaftFit(NamedTuple):
     difference: float
     """Mean difference of the tip from its template in grey levels."""
     step: float
-    """Largest ratio of the widths before and behind a place of the trace; 1 where that cannot be told."""
+    """Largest ratio of the widths before and behind a station of the trace; 1 where it cannot be measured."""
     step_at: int
     """The station behind it."""
 
@@ -89,16 +89,16 @@ def _mean_width(stations: np.ndarray, first: int, way: int, n: int, far: float) 
             total += stations[i, WIDTH]
             count += 1
         i += way
-    if count < _STEP_STATIONS or abs(stations[i - way, ARC] - stations[first, ARC]) < 0.7 * far:
+    if count < MIN_STEP_STATIONS or abs(stations[i - way, ARC] - stations[first, ARC]) < 0.7 * far:
         return 0.0
     return total / count
 
 
 @fast
 def _width_step(stations: np.ndarray, n: int, half: float) -> tuple[float, int]:
-    """Returns where, and by what ratio, the first ``n`` stations grow thinner most."""
+    """Returns the largest ratio by which the width decreases within the first ``n`` stations, and the station."""
     best, at = 1.0, 0
-    far = _STEP_RADII * half
+    far = STEP_RADII * half
     for i in range(1, n):
         before = _mean_width(stations, i - 1, -1, n, far)
         behind = _mean_width(stations, i, 1, n, far) if before > 0.0 else 0.0
@@ -114,9 +114,13 @@ def solve_shaft(
 ) -> ShaftFit:  # fmt: skip
     """Traces a candidate, fits its axis, finds its tip and resamples the centreline.
 
-    ``frame``, ``entry``: the fields of a `Raster` and a `Candidate`, as plain tuples; see `find_entries`.
-    ``template``: of the tip, empty if unknown. ``stations`` (`STATIONS`, 6) and ``points`` (k, 2) are filled.
-    ``work``: working memory, `WORK_SIZE` + 2 k.
+    Args:
+        frame: fields of a `Raster` as a plain tuple; see `find_entries`.
+        entry: fields of a `Candidate` as a plain tuple.
+        template: grey levels of the tip; empty if unknown.
+        stations: (`STATIONS`, 6) array that is filled.
+        points: (k, 2) array that receives the centreline, u, v in px.
+        work: working memory of `WORK_SIZE` + 2 k numbers.
     """
     image, candidate = Raster(*frame), Candidate(*entry)
     sign, max_gap, known_length, give = candidate.sign, candidate.max_gap, candidate.length, candidate.tolerance
@@ -145,7 +149,7 @@ def solve_shaft(
     if end == END_LOST:
         tip = last
     solid = count_solid(stations, n, half)
-    unclear = end == END_LOST or solid < n or not _CLEAN_LOW * typical < drop < _CLEAN_HIGH * typical
+    unclear = end == END_LOST or solid < n or not MIN_CLEAN_SHARE * typical < drop < MAX_CLEAN_SHARE * typical
     straight = goal = math.inf
     if known_length > 0.0:
         offset = base_offset(spline, candidate.heading, candidate.u, candidate.v, candidate.depth)
@@ -170,7 +174,7 @@ def solve_shaft(
         if more.gap > 0.0:
             end = END_LOST
             gap = more.gap
-        elif end == END_LOST and more.rest < _NOTHING:
+        elif end == END_LOST and more.rest < MIN_EVIDENCE_FLOORS:
             end = END_TIP
         elif more.gap < 0.0:
             end = END_BORDER
@@ -180,12 +184,12 @@ def solve_shaft(
         if end == END_LOST:
             tip = last
         elif drop != 0.0 and tip < last:
-            # what was measured behind the tip lies on something else
+            # the stations behind the tip are on another object
             while n > 6 and stations[n - 1, ARC] > tip - 0.3 * half:
                 n -= 1
             spline, _ = fit_axis(stations, n, half, spline.length, buffers)
         own = more.contrast
-        if end != END_LOST and (more.rest >= NO_ELECTRODE or not _OWN_LOW * own < drop < _OWN_HIGH * own):
+        if end != END_LOST and (more.rest >= NO_ELECTRODE or not MIN_OWN_SHARE * own < drop < MAX_OWN_SHARE * own):
             unfollowed = more.rest
     last_u, last_v = stations[n - 1, U], stations[n - 1, V]
     tip_edge = tip if drop > 0.0 else last + 0.5 * half
@@ -197,7 +201,7 @@ def solve_shaft(
     rms = fit_spline(spline, stations, measured, band, weights)
     # back to the base line, straight along the first tangent
     first = base_offset(spline, candidate.heading, candidate.u, candidate.v, candidate.depth)
-    straight = min(straight, tip - _STRAIGHT * half if drop > 0.0 else tip)
+    straight = min(straight, tip - STRAIGHT_TIP_RADII * half if drop > 0.0 else tip)
     total = resample(spline, first, tip, straight, lengths, points)
     # the base tangent: the line through the first part of the shaft, as in thesis algorithm 1
     reach = min(candidate.base_length, 0.25 * total)

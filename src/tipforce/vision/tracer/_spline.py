@@ -13,14 +13,14 @@ import numpy as np
 from ._pixels import fast
 from ._stations import ARC, WEIGHT, U, V
 
-_TIP_STIFFNESS = 4.0
-"""How much stiffer the curve is at its tip, where it is measured from one side only."""
-_STIFFNESS = 0.05
+TIP_STIFFNESS_FACTOR = 4.0
+"""Factor of the stiffness at the tip, where the curve is measured from one side only."""
+STIFFNESS = 0.05
 """Weight of the penalty on third differences."""
-_HEADING_RADII = 16.0
-"""The direction of the shaft is fitted to so many radii before its end."""
-_OUTLIER_PX = 0.3
-"""Stations so far off count for a quarter there."""
+HEADING_RADII = 16.0
+"""The direction of the shaft is fitted to this length before its end."""
+OUTLIER_PX = 0.3
+"""Stations at this distance from the fitted direction have a quarter of the weight."""
 
 
 class Spline(NamedTuple):
@@ -83,7 +83,7 @@ def fit_spline(spline: Spline, stations: np.ndarray, n: int, band: np.ndarray, w
     """Fills the coefficients of ``spline``; returns the weighted RMS distance of the stations in px.
 
     ``stations`` (n, 6). ``weights`` (n,): the ones to use; on return those for a further round, smaller where a
-    station lies off the curve. ``band``: buffer.
+    station is off the curve. ``band``: buffer.
     """
     coefficients, intervals, length = spline.coefficients, spline.intervals, spline.length
     m = intervals + 3
@@ -105,7 +105,7 @@ def fit_spline(spline: Spline, stations: np.ndarray, n: int, band: np.ndarray, w
                 band[k + a, a - b] += wa * basis[b]
     for i in range(m - 3):
         penalty = (-1.0, 3.0, -3.0, 1.0)
-        firm = _STIFFNESS * (_TIP_STIFFNESS if i > m - 7 else 1.0)
+        firm = STIFFNESS * (TIP_STIFFNESS_FACTOR if i > m - 7 else 1.0)
         for a in range(4):
             for b in range(a + 1):
                 band[i + a, a - b] += firm * penalty[a] * penalty[b]
@@ -205,7 +205,7 @@ def resample(spline: Spline, first: float, last: float, straight: float, work: n
 def heading(stations: np.ndarray, n: int, half: float, back: float) -> tuple[float, float, float, float]:
     """Returns position, angle and curvature of the shaft ``back`` before its last station, by a robust parabola."""
     low = n - 1
-    while low > 0 and stations[n - 1, ARC] - stations[low - 1, ARC] < _HEADING_RADII * half:
+    while low > 0 and stations[n - 1, ARC] - stations[low - 1, ARC] < HEADING_RADII * half:
         low -= 1
     end_u, end_v = stations[n - 1, U], stations[n - 1, V]
     run_u, run_v = end_u - stations[low, U], end_v - stations[low, V]
@@ -220,7 +220,7 @@ def heading(stations: np.ndarray, n: int, half: float, back: float) -> tuple[flo
         for i in range(low, n):
             x = ((stations[i, U] - end_u) * run_u + (stations[i, V] - end_v) * run_v) / half
             y = ((stations[i, V] - end_v) * run_u - (stations[i, U] - end_u) * run_v) / half
-            off = (y - c[0] - x * (c[1] + x * c[2])) * half / _OUTLIER_PX
+            off = (y - c[0] - x * (c[1] + x * c[2])) * half / OUTLIER_PX
             w = stations[i, WEIGHT] + 0.01
             if turn > 0:
                 w /= (1.0 + off * off) * (1.0 + off * off)

@@ -2,8 +2,8 @@
 
 Two ways of finding the tip. `tip_by_contrast`: the first clear edge of grey level along the axis. `tip_by_colour`, for
 a catheter of known length: a metal tip may have the luminance of the ground, or of the tissue that it touches, but
-hardly its colour too and hardly the same lustre across. So the image is straightened along the axis as far as the tip
-can lie, and the round front is moved along it. The tip lies where the means on its two sides differ most, in every
+seldom its colour and the same lustre across. So the image is straightened along the axis over all likely positions of
+the tip, and the round front is moved along it. The tip is where the means on its two sides differ most, in every
 channel and at every distance from the axis, and where the length is likely. For white noise that is the difference in
 the mixture of channels and distances that separates them best (Fisher's linear discriminant).
 """
@@ -16,24 +16,24 @@ from ._pixels import Raster, colour_between, edge_near, fast, grey_between, meas
 from ._spline import Spline, axis_at, spline_at
 from ._stations import ARC, KIND, SHAFT, WEIGHT, WIDTH, U, V
 
-_BASE_N, _BASE_STEP = 5, 0.4
+BASE_STATIONS, BASE_STEP_RADII = 5, 0.4
 """Stations measured again at the base, and the distance between them in radii of the shaft."""
-_TIP_N, _TIP_FIRST, _TIP_STEP = 6, 0.6, 0.35
-"""Stations measured again at the tip, how far the first one lies before it, and the distance between them, in radii."""
+TIP_STATIONS, TIP_FIRST_RADII, TIP_STEP_RADII = 6, 0.6, 0.35
+"""Stations measured again at the tip, the distance of the first one before it, and the distance between them, in radii."""
 TIP_BACK = 8.0
-"""Least length that is read before the last station, to know the level that the edge of a tip falls from, in px."""
-_ACROSS = 9
-_WIDTH = 0.85
-"""Points across the shaft, and how far the outermost lie from the axis in radii."""
-_ROWS = 160
-_CELLS = 3 * _ACROSS
-_WINDOW = 1.3
-"""What is compared before and behind the front, in radii."""
-_RIM = 0.7
-"""A metal end's dark rim is not wider than so many radii."""
-_CLEAR, _ABOVE = 0.45, 1.4
-"""An edge is clear from this share of the steepest one near by, and so far above the average."""
-TIP_SIZE = (_ROWS + 1) * _CELLS + _ROWS
+"""Least length in px that is read before the last station, for the grey level before the edge of the tip."""
+POINTS_ACROSS = 9
+ACROSS_RADII = 0.85
+"""Points across the shaft, and the distance of the outermost from the axis in radii."""
+ROWS = 160
+CELLS = 3 * POINTS_ACROSS
+WINDOW_RADII = 1.3
+"""Length that is compared before and behind the front."""
+MAX_RIM_RADII = 0.7
+"""Largest width of the dark rim of a metal tip."""
+CLEAR_SHARE, CLEAR_RATIO = 0.45, 1.4
+"""A clear edge has at least this share of the steepest one nearby, and this ratio to the average."""
+TIP_SIZE = (ROWS + 1) * CELLS + ROWS
 """Numbers of working memory that `tip_by_colour` needs."""
 
 
@@ -85,17 +85,17 @@ def measure_ends(
     """
     room = min(n + 16, stations.shape[0])
     line_u, line_v = -math.sin(heading), math.cos(heading)
-    for k in range(_BASE_N + _TIP_N):
+    for k in range(BASE_STATIONS + TIP_STATIONS):
         if n == room:
             break
-        at_base = k < _BASE_N
+        at_base = k < BASE_STATIONS
         if at_base:
-            s = 1.0 + _BASE_STEP * half * k
+            s = 1.0 + BASE_STEP_RADII * half * k
             wide = half
         else:
             # chords of the round end, then the full width
-            j = k - _BASE_N
-            back = (_TIP_FIRST + _TIP_STEP * j) * half
+            j = k - BASE_STATIONS
+            back = (TIP_FIRST_RADII + TIP_STEP_RADII * j) * half
             s = tip - back
             wide = half * math.sqrt(1.0 - (1.0 - back / half) ** 2) if back < half else half
         if s < 0.0 or s > spline.length:
@@ -138,16 +138,16 @@ def tip_by_colour(
     front in grey levels, root mean square; 0 where the image ends before. ``work``: of `TIP_SIZE`.
     """
     step = max(1.0, half / 6.0)
-    window = max(3, int(_WINDOW * half / step + 0.5))
-    reach = min(2.3 * spread, 0.5 * (_ROWS - 2 * window - 8) * step)
+    window = max(3, int(WINDOW_RADII * half / step + 0.5))
+    reach = min(2.3 * spread, 0.5 * (ROWS - 2 * window - 8) * step)
     start = expected - reach - (window + 2) * step
     if start < 1.0:
         start = 1.0
-    rows = min(_ROWS, int((expected + reach - start) / step) + window + 3)
+    rows = min(ROWS, int((expected + reach - start) / step) + window + 3)
     channels = image.channels
-    cells = channels * _ACROSS
-    sums = work[: (_ROWS + 1) * _CELLS].reshape((_ROWS + 1, _CELLS))
-    slope = work[(_ROWS + 1) * _CELLS :]
+    cells = channels * POINTS_ACROSS
+    sums = work[: (ROWS + 1) * CELLS].reshape((ROWS + 1, CELLS))
+    slope = work[(ROWS + 1) * CELLS :]
     sums[0, :] = 0.0
     seen = 0
     for j in range(rows):
@@ -158,9 +158,9 @@ def tip_by_colour(
         norm = math.sqrt(du * du + dv * dv)
         du /= norm
         dv /= norm
-        for k in range(_ACROSS):
-            x = _WIDTH * (2.0 * k / (_ACROSS - 1) - 1.0)
-            # the front is round: beside the axis it lies further back
+        for k in range(POINTS_ACROSS):
+            x = ACROSS_RADII * (2.0 * k / (POINTS_ACROSS - 1) - 1.0)
+            # the front is round: beside the axis it is further back
             back = half * (1.0 - math.sqrt(1.0 - x * x))
             a = min(max(u - x * half * dv - back * du, image.left), image.right - 1.001)
             b = min(max(v + x * half * du - back * dv, image.top), image.bottom - 1.001)
@@ -189,7 +189,7 @@ def tip_by_colour(
             total += apart * apart
         far = (start + j * step - expected) / spread
         slope[j] = math.sqrt(total / cells) * math.exp(-0.5 * far * far)
-    low, high = max(3, at - window // 2), min(seen - 4, at + int(_RIM * half / step + 0.5))
+    low, high = max(3, at - window // 2), min(seen - 4, at + int(MAX_RIM_RADII * half / step + 0.5))
     steepest = plain = 0.0
     for j in range(low, high + 1):
         steepest = max(steepest, slope[j])
@@ -198,7 +198,7 @@ def tip_by_colour(
     place = float(at)
     for j in range(low, high + 1):
         here = slope[j]
-        if here < slope[j - 1] or here <= slope[j + 1] or here < max(_CLEAR * steepest, _ABOVE * plain):
+        if here < slope[j - 1] or here <= slope[j + 1] or here < max(CLEAR_SHARE * steepest, CLEAR_RATIO * plain):
             continue
         place = j + 0.5 * (slope[j - 1] - slope[j + 1]) / (slope[j - 1] - 2.0 * here + slope[j + 1])
     return start + place * step, stands

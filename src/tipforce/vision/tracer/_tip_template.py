@@ -1,7 +1,7 @@
-"""Whether the tip of a catheter looks as in the other images of its session, and where else it may lie.
+"""Compares the tip of a catheter with its appearance in the other images of the session, and searches it near by.
 
-The last stations of a trace may lie along a shadow or the rim of another object, and what is extrapolated from them
-misses the tip. With a template of the last stretch of the catheter (rings, metal, lustre), the line is compared with
+The last stations of a trace may be on a shadow or on the rim of another object; an extrapolation from them misses the
+tip. With a template of the last stretch of the catheter (rings, metal, lustre), the line is compared with
 arcs from a point further back, and the one that fits the template best is taken.
 """
 
@@ -16,24 +16,24 @@ from ._stations import ARC, add_station
 TEMPLATE_ROWS = 13
 """Rows of a template, a radius apart, the first half a radius before the tip."""
 TEMPLATE_COLUMNS, TEMPLATE_WIDTH = 7, 0.85
-"""Points across the shaft in a row, and how far the outermost lie from the axis in radii."""
-_BACK = 16.0
-"""So many radii before the tip the arcs begin."""
-_STIFF = 7.0
-"""So many radii before the tip the catheter is straight: its metal tip."""
-_MOST = 40.0
-"""Most that the difference of one point counts, in grey levels: something may cover it."""
-_ALIKE = 6.0
+"""Points across the shaft in a row, and the distance of the outermost from the axis in radii."""
+ARC_RADII = 16.0
+"""The arcs begin at this distance before the tip."""
+STIFF_TIP_RADII = 7.0
+"""Length of the straight metal tip."""
+MAX_POINT_GREY = 40.0
+"""Largest difference of one point that counts: an object may cover it."""
+MAX_ALIKE_GREY = 6.0
 """A line with a smaller mean difference is accepted without a search."""
-_BETTER, _BETTER_BY = 0.75, 1.0
-"""The difference of an arc must be below this share of that of the line, less so many grey levels."""
-_TURNS, _TURN, _LIKELY_TURN = 8, 0.012, 0.06
-_BENDS, _BEND, _LIKELY_BEND = 5, 0.004, 0.012
+BETTER_SHARE, BETTER_BY_GREY = 0.75, 1.0
+"""The difference of an arc must be below this share of the line's difference, minus this number of grey levels."""
+MAX_TURN_STEPS, TURN_STEP_RAD, LIKELY_TURN_RAD = 8, 0.012, 0.06
+MAX_BEND_STEPS, BEND_STEP, LIKELY_BEND = 5, 0.004, 0.012
 """Arcs to try on either side, how far apart, and their standard deviation: radians, and 1 / radius."""
-_FINER = 3
-_TIP_ROWS = 6
+FINE_STEPS = 3
+TIP_ROWS = 6
 """Rows of the metal tip; further back the rings are known to a few px only."""
-_WEIGHT = 0.2
+ADDED_WEIGHT = 0.2
 
 
 @fast
@@ -48,7 +48,7 @@ def _difference(image: Raster, template: np.ndarray, nodes: np.ndarray, half: fl
             a = min(max(u - x * dv, image.left), image.right - 1.001)
             b = min(max(v + x * du, image.top), image.bottom - 1.001)
             for c in range(channels):
-                total += min(abs(colour_between(image, c, a, b) - template[i, k * channels + c]), _MOST)
+                total += min(abs(colour_between(image, c, a, b) - template[i, k * channels + c]), MAX_POINT_GREY)
             count += channels
     return total / count
 
@@ -90,7 +90,7 @@ def template_difference(
     image: Raster, template: np.ndarray, spline: Spline, straight: float, tip: float, half: float, work: np.ndarray,
 ) -> float:  # fmt: skip
     """Returns the mean difference of the metal tip before ``tip`` from the template, in grey levels."""
-    nodes = work[: 4 * _TIP_ROWS].reshape((_TIP_ROWS, 4))
+    nodes = work[: 4 * TIP_ROWS].reshape((TIP_ROWS, 4))
     _nodes_along_spline(spline, straight, tip, half, nodes)
     return _difference(image, template, nodes, half, 1)
 
@@ -109,30 +109,30 @@ def match_template(
     _nodes_along_spline(spline, straight, goal, half, nodes)
     kept = _difference(image, template, nodes, half, 1)
     cut = n
-    while cut > 0 and stations[cut - 1, ARC] > goal - _BACK * half:
+    while cut > 0 and stations[cut - 1, ARC] > goal - ARC_RADII * half:
         cut -= 1
-    if kept < _ALIKE or cut < 8:
+    if kept < MAX_ALIKE_GREY or cut < 8:
         return 0
     back = goal - stations[cut - 1, ARC]
-    curved = back - _STIFF * half
+    curved = back - STIFF_TIP_RADII * half
     u, v, angle, bend = heading(stations, cut, half, 0.0)
     best, turn, curve = 1e9, 0.0, 0.0
     from_turn, from_curve = 0.0, 0.0
     for finer in range(2):
-        turns, bends = (_FINER, _FINER) if finer else (_TURNS, _BENDS)
-        share = 1.0 / (_FINER + 1.0) if finer else 1.0
+        turns, bends = (FINE_STEPS, FINE_STEPS) if finer else (MAX_TURN_STEPS, MAX_BEND_STEPS)
+        share = 1.0 / (FINE_STEPS + 1.0) if finer else 1.0
         from_turn, from_curve = turn, curve
         for i in range(-turns, turns + 1):
             for j in range(-bends, bends + 1):
-                way, arc = from_turn + share * i * _TURN, from_curve + share * j * _BEND
+                way, arc = from_turn + share * i * TURN_STEP_RAD, from_curve + share * j * BEND_STEP
                 _nodes_along_arc(u, v, angle + way, bend + arc / half, curved, back, half, nodes)
                 total = _difference(image, template, nodes, half, 2)
-                total *= 1.0 + 0.1 * ((way / _LIKELY_TURN) ** 2 + (arc / _LIKELY_BEND) ** 2)
+                total *= 1.0 + 0.1 * ((way / LIKELY_TURN_RAD) ** 2 + (arc / LIKELY_BEND) ** 2)
                 if total < best:
                     best, turn, curve = total, way, arc
     _nodes_along_arc(u, v, angle + turn, bend + curve / half, curved, back, half, nodes)
     best = _difference(image, template, nodes, half, 1)
-    if best > _BETTER * kept - _BETTER_BY:
+    if best > BETTER_SHARE * kept - BETTER_BY_GREY:
         return 0
     count = max(2, int((back - 0.5 * half) / (0.5 * half)))
     n = cut
@@ -141,5 +141,5 @@ def match_template(
             break
         s = (back - 0.5 * half) * k / count
         at_u, at_v, _ = _arc_point(u, v, angle + turn, bend + curve / half, curved, s)
-        n = add_station(stations, n, at_u, at_v, goal - back + s, half, _WEIGHT)
+        n = add_station(stations, n, at_u, at_v, goal - back + s, half, ADDED_WEIGHT)
     return n

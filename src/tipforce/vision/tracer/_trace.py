@@ -99,7 +99,7 @@ WEIGHT_FLOOR_PX2 = 0.05
 
 
 class Candidate(NamedTuple):
-    """One entry to be traced, and what is known of the catheter; lengths in px, unknown ones are 0."""
+    """One entry to be traced, and the known properties of the catheter; lengths in px, unknown ones are 0."""
 
     sign: float
     """+1 for a light shaft, -1 for a dark one."""
@@ -478,7 +478,7 @@ def trace_shaft(image: Raster, candidate: Candidate, profile: np.ndarray, statio
 
     Args:
         image: the frame, and the region that may be read.
-        candidate: the entry, and what is known of the catheter.
+        candidate: the entry, and the known properties of the catheter.
         profile: buffer for one profile across a flank, at least 128 numbers.
         stations: (k, 6) array that receives the stations; k limits their number.
 

@@ -17,29 +17,29 @@ from ._stations import END_BORDER, END_LOST, END_SHORT
 from ._tip_template import TEMPLATE_COLUMNS, TEMPLATE_ROWS
 from ._trace import Candidate
 
-_PASSES = ((0, 1), (4, 1), (8, 1), (12, 1), (18, 1))
-"""How far inside the base line entries are searched, and every how many pixels along it."""
-_MAX_TRACED = 6
-_CLEAR_TIP = 0.35
+SEARCH_PASSES = ((0, 1), (4, 1), (8, 1), (12, 1), (18, 1))
+"""Distances inside the base line at which entries are searched, and the step along it, in px."""
+MAX_TRACED_ENTRIES = 6
+MIN_CLEAR_TIP_SHARE = 0.35
 """Beside the border only a drop of this share of the shaft's contrast counts as its tip."""
-_UNFOLLOWED = 15.0
+MAX_UNFOLLOWED_FLOORS = 15.0
 """With more evidence of something beyond the end that was not followed, the end is not accepted."""
-_MAX_DIFFERENCE = 20.0
+MAX_TIP_DIFFERENCE_GREY = 20.0
 """Largest mean difference of a metal tip from its template, in grey levels."""
-_SCATTER, _THIN_PX = 0.026, 6.0
-"""The centres may lie off a smooth curve by this share of the diameter; on thinner shafts whole pixels show."""
-_PALE = 40.0
-"""While the diameter is open, a shaft of this contrast counts half as much as one of the strongest."""
-_LEARNT = 0.06
-"""A length with a smaller tolerance was learnt in images; metadata alone tell it to 8 %."""
-_LEAST_TOLERANCE = 0.4
-"""No length is known better than to this share of the radius."""
-_REFUSED = 0.2
-"""What is refused scores this share: a candidate that is not is preferred."""
-_LEAST_PX = 4
+MAX_SCATTER_DIAMETERS, THIN_SHAFT_PX = 0.026, 6.0
+"""Largest distance of the centres from a smooth curve; the limit does not apply to shafts below the second value."""
+HALF_SCORE_CONTRAST_GREY = 40.0
+"""While the diameter is unknown, the score of a shaft of this contrast is halved."""
+MAX_LEARNT_TOLERANCE = 0.06
+"""A length with a smaller tolerance was learnt in images; metadata alone state it to 8 %."""
+MIN_TOLERANCE_RADII = 0.4
+"""Smallest tolerance of a length."""
+REJECTED_SCORE_FACTOR = 0.2
+"""Factor of the score of a rejected candidate: others are preferred."""
+MIN_SIDE_PX = 4
 """Smallest side of the searched region, and shortest base line."""
-_NO_TEMPLATE = np.zeros((0, 0))
-_OBLIQUE = 1.6
+NO_TEMPLATE = np.zeros((0, 0))
+MAX_OBLIQUE_RATIO = 1.6
 """A shaft that enters at 50 degrees is this much wider along the border than across its axis."""
 
 
@@ -57,17 +57,17 @@ class Trace:
     base: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """u, v in px, and the angle in radians, counter-clockwise."""
     step: float = 1.0
-    """Ratio of the widths before and behind the place where it grows thinner most; 1 where that cannot be told."""
+    """Largest ratio by which the width decreases along the trace; 1 where it cannot be measured."""
     step_at: tuple[float, float] = (0.0, 0.0)
-    """That place: u, v in px."""
+    """Position of that step: u, v in px."""
     evidence: Evidence | None = None
-    """What the image says of a valid line."""
+    """Support of the image for a valid line."""
     difference: float = 0.0
     """Mean difference of the tip from its template in grey levels; 0 where it was not compared."""
     scatter: float = 0.0
     """Distance of the flanks found from the curve, in diameters."""
     probability: float = math.nan
-    """That a valid line is right."""
+    """Probability that a valid line is right."""
 
 
 def _base_line(box: Box, side: BaseSide) -> tuple[BaseLine, float]:
@@ -112,7 +112,7 @@ class Tracer:
         self._points = np.zeros((settings.points, 2))
         self._best = np.zeros((settings.points, 2))
         self._work = np.zeros(WORK_SIZE + 2 * settings.points)
-        self._template = _NO_TEMPLATE
+        self._template = NO_TEMPLATE
         if settings.tip_template:
             self._template = np.array(settings.tip_template, dtype=np.float64).reshape(TEMPLATE_ROWS, -1)
         self._size = (0, 0)
@@ -156,14 +156,14 @@ class Tracer:
         if image.shape[:2] != self._size:
             self._resize(image.shape[0], image.shape[1])
         if not self._lines:
-            what = "base_region or roi" if settings.base_region or settings.roi else "the image"
+            searched = "base_region or roi" if settings.base_region or settings.roi else "the image"
             rows, columns = self._size
-            return None, f"{what} is too small for a catheter, or lies outside the image of {columns} x {rows} px"
+            return None, f"{searched} is too small for a catheter, or is outside the image of {columns} x {rows} px"
         frame = self._frame(image)
         sign = 1.0 if settings.polarity == "light" else -1.0
         known = settings.diameter_px or 0.0
         if known:
-            low, high = max(2.0, 0.72 * known - 1.0), _OBLIQUE * 1.1 * known + 1.0
+            low, high = max(2.0, 0.72 * known - 1.0), MAX_OBLIQUE_RATIO * 1.1 * known + 1.0
         else:
             low, high = 3.0, (0.9 if settings.base_region else 0.3) * self._base_pixels
         threshold = -1.0 if settings.threshold is None else float(settings.threshold)
@@ -181,7 +181,7 @@ class Tracer:
                 if width < low - every + 1:
                     wrong = wrong or width
                     continue
-                if traced == _MAX_TRACED:
+                if traced == MAX_TRACED_ENTRIES:
                     break
                 traced += 1
                 u, v = first_u + at * step_u, first_v + at * step_v
@@ -224,23 +224,23 @@ class Tracer:
             depth=float(depth),
             base_length=float(settings.base_columns),
             length=expected,
-            tolerance=max(settings.length_tolerance * expected, _LEAST_TOLERANCE * 0.5 * known),
+            tolerance=max(settings.length_tolerance * expected, MIN_TOLERANCE_RADII * 0.5 * known),
         )
-        template = self._template if self._template.shape[1] == TEMPLATE_COLUMNS * frame[2] else _NO_TEMPLATE
+        template = self._template if self._template.shape[1] == TEMPLATE_COLUMNS * frame[2] else NO_TEMPLATE
         fit: ShaftFit = solve_shaft(frame, tuple(candidate), template, self._stations, self._points, self._work)
         diameter, typical = fit.diameter, fit.contrast
         confidence = max(0.0, 1.0 - fit.blind / max(fit.length, 1.0))
         score = fit.length * confidence / (1.0 + 2.0 * fit.rms / max(diameter, 1.0))
         if not known:
             # a shaft together with its shadow is as long as the shaft, but its flanks are pale
-            score *= typical / (typical + _PALE)
+            score *= typical / (typical + HALF_SCORE_CONTRAST_GREY)
         if fit.end == END_SHORT or fit.length < 2.5 * diameter or confidence < 0.4:
             return Trace(Status.VALID, "", 0.0, diameter if fit.n > 6 else 0.0, typical, confidence, fit.length)
         if known and abs(diameter / known - 1.0) > 0.28:
             return Trace(Status.VALID, "", 0.0, diameter, typical, confidence, fit.length)
         status, detail = self._judge(fit, expected, candidate.tolerance)
         if status is not Status.VALID:
-            score *= _REFUSED
+            score *= REJECTED_SCORE_FACTOR
         where = f"({fit.last_u:.0f}, {fit.last_v:.0f})"
         base = (fit.base_u, fit.base_v, -fit.base_angle)
         step_at = (float(self._stations[fit.step_at, 0]), float(self._stations[fit.step_at, 1]))
@@ -250,7 +250,7 @@ class Tracer:
             evidence = Evidence(*line_evidence(frame, self._points, 0.5 * diameter))
             probability = probability_right(
                 *evidence,
-                length_known=bool(expected) and settings.length_tolerance < _LEARNT,
+                length_known=bool(expected) and settings.length_tolerance < MAX_LEARNT_TOLERANCE,
                 difference=fit.difference,
                 scatter=scatter,
             )
@@ -258,11 +258,11 @@ class Tracer:
                 status, detail = (
                     Status.CUT_OFF,
                     (
-                        f"what ends at {where} is the catheter with a probability of {probability:.0%} only: "
+                        f"the line that ends at {where} is the catheter with a probability of {probability:.0%} only: "
                         f"both flanks are visible on {evidence.seen_end:.0%} of its last stretch"
                     ),
                 )
-                score *= _REFUSED
+                score *= REJECTED_SCORE_FACTOR
         return Trace(
             status, detail, score, diameter, typical, confidence, fit.length, base, fit.step, step_at, evidence,
             fit.difference, scatter, probability,
@@ -278,25 +278,28 @@ class Tracer:
                 f"longer than max_gap_px = {settings.max_gap_px:g}"
             )
         left_image = fit.end == END_BORDER and fit.gap <= settings.max_gap_px
-        # what ends so near to the border may be a ring, with the rest of the shaft outside
-        no_clear_tip = abs(fit.drop) < _CLEAR_TIP * fit.contrast
+        # an end so near to the border may be a ring, with the rest of the shaft outside
+        no_clear_tip = abs(fit.drop) < MIN_CLEAR_TIP_SHARE * fit.contrast
         if left_image or (no_clear_tip and self._beside_border(fit.last_u, fit.last_v, fit.diameter)):
             side = self._side_near(fit.last_u, fit.last_v)
-            return Status.CUT_OFF, f"the catheter leaves the image at the {side}, near {where}, before its tip is seen"
+            return (
+                Status.CUT_OFF,
+                f"the catheter leaves the image at the {side}, near {where}, before its tip is visible",
+            )
         if expected and abs(fit.length - expected) > 1.4 * tolerance:
             return Status.CUT_OFF, (
-                f"what is seen ends at {where} after {fit.length:.0f} px; the catheter is {expected:.0f} px long"
+                f"the visible shaft ends at {where} after {fit.length:.0f} px; the catheter is {expected:.0f} px long"
             )
-        if fit.rest > _UNFOLLOWED:
+        if fit.rest > MAX_UNFOLLOWED_FLOORS:
             return Status.CUT_OFF, (
-                f"the shaft ends at {where}, but something goes on there that cannot be told from the catheter"
+                f"the shaft ends at {where}, but an object continues there that cannot be distinguished from the catheter"
             )
-        if fit.difference > _MAX_DIFFERENCE:
+        if fit.difference > MAX_TIP_DIFFERENCE_GREY:
             return Status.CUT_OFF, (
-                f"the tip near {where} differs by {fit.difference:.0f} grey levels from how it looks in other images: "
-                "something covers it, or it lies elsewhere"
+                f"the tip near {where} differs by {fit.difference:.0f} grey levels from its appearance in other images: "
+                "an object covers it, or the tip is elsewhere"
             )
-        if fit.rms > _SCATTER * fit.diameter and fit.diameter > _THIN_PX:
+        if fit.rms > MAX_SCATTER_DIAMETERS * fit.diameter and fit.diameter > THIN_SHAFT_PX:
             return Status.NO_CATHETER, (
                 f"the flanks found scatter by {fit.rms:.2f} px about a smooth curve: too blurred, or not a shaft"
             )
@@ -307,7 +310,9 @@ class Tracer:
         kind = "light" if settings.polarity == "light" else "dark"
         place = "in the base region" if settings.base_region else f"at the {settings.base_side} border"
         if wrong and settings.diameter_px:
-            return f"what enters {place} is {wrong:.1f} px wide, the catheter is {settings.diameter_px:.1f} px"
+            return (
+                f"the shaft that enters {place} is {wrong:.1f} px wide, the catheter is {settings.diameter_px:.1f} px"
+            )
         return f"nothing {kind} with two parallel flanks enters {place}"
 
     def _beside_border(self, u: float, v: float, diameter: float) -> bool:
@@ -330,12 +335,12 @@ class Tracer:
         self._base_pixels = n
         inner_u, inner_v = u + 2 * eu, v + 2 * ev
         inside = 0 <= inner_u < width and 0 <= inner_v < height
-        if min(*_extent(self._area), n) < _LEAST_PX or min(_extent(region)) < 1 or not inside:
+        if min(*_extent(self._area), n) < MIN_SIDE_PX or min(_extent(region)) < 1 or not inside:
             return  # the kernels check no index
         inward = region[2] - region[0] if eu else region[3] - region[1]
-        # a stout shaft is not missed by reading every second pixel only; what fails is searched in all of them
+        # every second pixel is enough for a thick shaft; a failed search is repeated on all pixels
         coarse = min(4, max(1, int((settings.diameter_px or 0.0) / 6.0)))
-        passes = _PASSES if coarse == 1 else ((0, coarse), *_PASSES)
+        passes = SEARCH_PASSES if coarse == 1 else ((0, coarse), *SEARCH_PASSES)
         self._lines = [
             (depth, every, (u + eu * depth, v + ev * depth, du * every, dv * every, n // every, eu, ev))
             for depth, every in passes
