@@ -19,7 +19,7 @@ from ._stations import ARC, KIND, SHAFT, WEIGHT, WIDTH, U, V
 BASE_STATIONS, BASE_STEP_RADII = 5, 0.4
 """Stations measured again at the base, and the distance between them in radii of the shaft."""
 TIP_STATIONS, TIP_FIRST_RADII, TIP_STEP_RADII = 6, 0.6, 0.35
-"""Stations measured again at the tip, the distance of the first one before it, and the distance between them, in radii."""
+"""Stations measured again at the tip, the distance of the first one from it and between them, in radii."""
 TIP_BACK = 8.0
 """Least length in px that is read before the last station, for the grey level before the edge of the tip."""
 POINTS_ACROSS = 9

@@ -291,12 +291,10 @@ class Tracer:
                 f"the visible shaft ends at {where} after {fit.length:.0f} px; the catheter is {expected:.0f} px long"
             )
         if fit.rest > MAX_UNFOLLOWED_FLOORS:
-            return Status.CUT_OFF, (
-                f"the shaft ends at {where}, but an object continues there that cannot be distinguished from the catheter"
-            )
+            return Status.CUT_OFF, (f"the shaft ends at {where}, but an object of the same appearance continues there")
         if fit.difference > MAX_TIP_DIFFERENCE_GREY:
             return Status.CUT_OFF, (
-                f"the tip near {where} differs by {fit.difference:.0f} grey levels from its appearance in other images: "
+                f"the tip near {where} differs by {fit.difference:.0f} grey levels from other images: "
                 "an object covers it, or the tip is elsewhere"
             )
         if fit.rms > MAX_SCATTER_DIAMETERS * fit.diameter and fit.diameter > THIN_SHAFT_PX:
