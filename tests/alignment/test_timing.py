@@ -249,6 +249,16 @@ def test_the_inertia_of_a_mass_whose_movement_no_log_states_does_not_move_the_of
     assert plain.how == "refused" or abs(plain.offset_ms - 30) > 2.0 * plain.stderr_ms
 
 
+def test_what_is_left_of_removed_inertia_counts_in_the_standard_error() -> None:
+    frames, shape, stamps, force = elastic(0.03)
+    left = 0.004 * np.sin(2 * np.pi * 1.2 * (stamps - stamps[0]) * 1e-9 + 0.8)
+    shaken = force + np.outer(left, [0.88, 0.48])
+    plain = estimate_clock(frames, shape, stamps, shaken)
+    found = estimate_clock(frames, shape, stamps, shaken, removed=True)
+    assert found.offset_ns == plain.offset_ns
+    assert found.stderr_ms > 1.04 * plain.stderr_ms
+
+
 def log(parts: list[tuple[float, float]], rate: float = 500.0) -> tuple[np.ndarray, np.ndarray]:
     """(seconds, level) pieces; a level of NaN is a beat. Bias (0.3, -0.1), noise 3 mN."""
     rng, pieces = np.random.default_rng(0), []

@@ -1,5 +1,7 @@
 """Any source of events becomes a recording; what rides on a moving stage is taken out of the force."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -176,7 +178,15 @@ UNSURE = ClockMap(40_000_000, "refused", stderr_ms=8.0, detail="too little motio
         (ClockMap(40_000_000, "estimated", 2.0, rate_stderr=1e-5), "none", False, "estimated", ""),
         (ClockMap(265_000_000, "estimated", 1.5, rate_stderr=1e-5), "estimated", False, "estimated", "+265.0 ms"),
         (ClockMap(265_000_000, "estimated", 1.5, rate_stderr=1e-5), "estimated", True, "stage", "+265.0 ms"),
+        (
+            ClockMap(40_000_000, "estimated", 1.5, rate=0.8, rate_stderr=1e-5),
+            "estimated",
+            True,
+            "estimated",
+            "rate of 0.8",
+        ),
         (UNSURE, "estimated", False, "stage", "agrees with it"),
+        (replace(UNSURE, rate=0.98, rate_stderr=1e-4), "estimated", True, "refused", ""),
         (UNSURE, "none", False, "refused", ""),
         (ClockMap(40_000_000, "refused", 8.0, rate=1.02), "estimated", False, "refused", ""),
         (ClockMap(how="refused", detail="no motion"), "estimated", False, "refused", ""),
@@ -211,7 +221,10 @@ def test_the_stage_gives_the_offset_at_the_stated_rate_or_not_at_all(monkeypatch
     seen = ClockMap(how="refused", detail="no motion")
     monkeypatch.setattr(_find_clock, "_estimated", lambda *rest: (seen, rest[4].inertia))
     facts = ForceCorrections(
-        None, Tare(), Inertia(how="estimated", lag_ns=45_000_000, rate=stage_rate), StageMotion.of([])
+        None,
+        Tare(),
+        Inertia(("stage_mm",), np.zeros((1, 3)), 45_000_000, "estimated", rate=stage_rate),
+        StageMotion.of([]),
     )
     stamps = np.arange(10, dtype=np.int64) * 1_000_000_000
     found, _ = _find_clock.find_clock(

@@ -106,6 +106,8 @@ class _Session:
     force: Force
     beat_hz: float
     fixed_rate: float | None
+    removed_hz: float = 0.0
+    """The beat of an inertia that was removed from the force; 0 without one."""
 
     @property
     def min_explained(self) -> float:
@@ -141,6 +143,7 @@ def estimate_clock(
     *,
     rate: float | None = None,
     inertial: bool = False,
+    removed: bool = False,
     shared_ns: int | None = None,
 ) -> ClockMap:
     """The offset and rate at which force and deflection belong together.
@@ -153,6 +156,8 @@ def estimate_clock(
             plausible: images that need it are left out.
         rate: of the camera's clock against the log's, where a person states it.
         inertial: whether the readings hold the inertia of a mass whose movement no log states.
+        removed: whether inertia was removed from them: the standard errors then hold what a part of it that was left
+            could change, for a stage lags behind the commands in its log.
         shared_ns: the offset if the camera shares the clock of the stage. Maps that fit alike are decided by it, but
             only in favour of the one that fits best.
 
@@ -179,6 +184,7 @@ def estimate_clock(
         force,
         beat_hz(force) if inertial else 0.0,
         rate,
+        beat_hz(force) if removed else 0.0,
     )
     searched = _searched(session)
     nominal = _Trial(rate or 1.0, 1e-9 * float(force_ns[0] - frame_ns[0]) / (rate or 1.0))
@@ -420,6 +426,8 @@ def _errors(
     others.append(Fit(data.touching(-1.0), fit.shifts, penalty))
     sharper = replace(data, force=Force(session.force_s, session.force_n, 0.5 * SMOOTH_S))
     others.append(Fit(sharper, fit.shifts, penalty))
+    if session.removed_hz:
+        others.append(Fit(replace(data, beat_hz=session.removed_hz), fit.shifts, penalty))
     laws = np.array([found, *(other.best(tilt) for other in others)])
     pivot = 0.0
     if tilt:

@@ -1,5 +1,6 @@
 """The clock map of a run: found from the deflection, checked against the stage, or as a person states it."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -105,7 +106,7 @@ def find_clock(
             )
         return stated, facts.inertia
     rate = choice.rate or 1.0
-    found = _from_stage(found, inertia, rate, remarks, stage_shares=stage_shares)
+    found = _from_stage(found, inertia, rate, stamps, remarks, stage_shares=stage_shares)
     if found.how == "estimated" and found.detail:
         remarks.append(found.detail)
     if found.how == "estimated" and choice.rate is None and found.rate != 1.0:
@@ -117,7 +118,7 @@ def find_clock(
                 f"the deflection gives a clock map of {_text(found, stamps)}, the stage's movement in the force "
                 f"{_text(stage, stamps)}"
             )
-            if stage_shares:
+            if stage_shares and found.rate == rate:
                 remarks.append(f"{both}: the stage is used, for it runs on the camera's clock")
                 return replace(stage, explained=found.explained, detail=both), inertia
             remarks.append(
@@ -176,6 +177,7 @@ def _estimated(
             tared @ matrix.T,
             rate=rate,
             inertial=inertia.how != "estimated" and bool(info.sensor.moving_mass_kg or facts.stage.names),
+            removed=inertia.how == "estimated",
             shared_ns=inertia.lag_ns if stage and rate is None else None,
         )
 
@@ -202,11 +204,14 @@ def _estimated(
     return by(inertia), inertia
 
 
-def _from_stage(found: ClockMap, inertia: Inertia, rate: float, remarks: list[str], *, stage_shares: bool) -> ClockMap:
+def _from_stage(
+    found: ClockMap, inertia: Inertia, rate: float, stamps: IntArray, remarks: list[str], *, stage_shares: bool
+) -> ClockMap:
     """The map by the stage's movement in the force, where the deflection alone is not enough.
 
     The stage must be known to run on the camera's clock, or a less certain deflection must show it; and its movement
-    must show in the force at ``rate``, the stated rate of the camera's clock against the log's, or 1.
+    must show in the force at ``rate``, the stated rate of the camera's clock against the log's, or 1. A deflection that
+    contradicts it shows that the images' stamps are not of the stage's clock, whoever states so.
     """
     if found.how != "refused":
         return found
@@ -214,6 +219,10 @@ def _from_stage(found: ClockMap, inertia: Inertia, rate: float, remarks: list[st
     seen = MAX_STDERR_MS < found.stderr_ms < _MAX_TIED_MS and found.rate == 1.0 and close
     if not inertia.axes or inertia.rate != rate or not (seen or stage_shares):
         return ClockMap(how="refused", explained=found.explained, detail=found.detail)
+    stage = ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, rate=rate, reference_ns=inertia.reference_ns)
+    if not seen and math.isfinite(found.stderr_ms) and _contradict(found, stage, stamps):
+        both = f"{found.detail}; the stage's movement in the force gives {_text(stage, stamps)}, which contradicts it"
+        return ClockMap(how="refused", explained=found.explained, detail=both)
     why = (
         f"the deflection, {found.offset_ms:+.1f} +- {found.stderr_ms:.1f} ms, agrees with it but is less certain"
         if seen
@@ -223,9 +232,7 @@ def _from_stage(found: ClockMap, inertia: Inertia, rate: float, remarks: list[st
         f"the clock offset, {1e-6 * inertia.lag_ns:+.1f} ms, is taken from the stage's movement in the force, good to "
         f"{_STAGE_STDERR_MS:g} ms: {why}"
     )
-    return ClockMap(
-        inertia.lag_ns, "stage", _STAGE_STDERR_MS, found.explained, why, rate, reference_ns=inertia.reference_ns
-    )
+    return replace(stage, explained=found.explained, detail=why)
 
 
 def _contradict(found: ClockMap, other: ClockMap, stamps: IntArray) -> bool:
