@@ -490,6 +490,7 @@ SIZES = {
     "zoom 400 %": (320, 256),
     "phone": (390, 844),
     "tablet": (820, 1180),
+    "tablet on its side": (1024, 768),
     "laptop": (1366, 768),
 }
 CUT = """() => [...document.querySelectorAll('button, b, dd, dt, small, h1, .badge, .big, .beside, #title, canvas')]
@@ -526,6 +527,8 @@ def test_at_every_size_all_can_be_reached_and_nothing_is_cut(browser: Browser, i
             page.page.wait_for_selector("#loop:visible", timeout=5_000)
             eventually(lambda: page.page.evaluate(CUT) == [])
             assert page.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+            if min(width, height) >= 768:  # all at a glance
+                assert page.page.evaluate("document.documentElement.scrollHeight <= innerHeight")
             for selector in (
                 "#research",
                 "#gauge",

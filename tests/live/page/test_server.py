@@ -1,5 +1,6 @@
 """The page's server, spoken to without a browser: one frame in flight, who may speak, and what is answered."""
 
+import asyncio
 import http.client
 import json
 import re
@@ -7,19 +8,22 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, MutableMapping
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from starlette.websockets import WebSocket
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from tipforce.errors import InputError
 from tipforce.live.server import PageServer, PageSettings, serve
 from tipforce.live.server._messages import EncodedUpdate
+from tipforce.live.server._session import PageSession
 from tipforce.types import Image, SessionInfo, Status
 
 from .updates import CLOCK, FakeEngine, FakeLoop, Publisher, estimate_of, eventually  # type: ignore[import-not-found]
@@ -549,3 +553,24 @@ def test_a_page_that_goes_in_mid_frame_leaves_nothing_behind(server: PageServer,
     publisher.put()
     with opened(server) as client:
         client.frame()
+
+
+def test_a_socket_that_the_server_has_closed_gets_no_more_of_the_loop() -> None:
+    async def receive() -> dict[str, str]:
+        return {"type": "websocket.connect"}
+
+    sent: list[str] = []
+
+    async def send(message: MutableMapping[str, Any]) -> None:
+        sent.append(message["type"])
+
+    async def run() -> None:
+        socket = WebSocket({"type": "websocket", "client": None}, receive, send)
+        session = PageSession(socket, SimpleNamespace(next_name=lambda: 1))  # type: ignore[arg-type]
+        await socket.accept()
+        await session._send_text("{}")
+        await socket.close()
+        await session._send_text("{}")  # would raise, and print the traceback
+
+    asyncio.run(run())
+    assert sent == ["websocket.accept", "websocket.send", "websocket.close"]

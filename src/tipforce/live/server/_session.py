@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import Any
 
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from ...clinical import ContactSettings
 from ...errors import InputError, TipforceError, ZeroInContactError
@@ -93,7 +93,8 @@ class PageSession:
             if newest is not None and newest.number != last and self._in_flight is None:
                 last = newest.number
                 await self._send_frame(newest)
-        await self._socket.close(_GOING_AWAY, "the server has ended")
+        async with self._sending:
+            await self._socket.close(_GOING_AWAY, "the server has ended")
 
     async def _send_loop(self) -> None:
         """Beside the frames, so that it comes also where those stall."""
@@ -115,7 +116,8 @@ class PageSession:
 
     async def _send_text(self, text: str) -> None:
         async with self._sending:
-            await self._socket.send_text(text)
+            if self._socket.application_state is WebSocketState.CONNECTED:  # this side has not closed it yet
+                await self._socket.send_text(text)
 
     async def _receive(self) -> None:
         while True:
