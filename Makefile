@@ -3,6 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.ready
 DEMO ?= demo
+PYTEST := $(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 KERNELS := tests/vision tests/geometry tests/mechanics tests/limits tests/simulation tests/estimators/test_svr.py tests/estimators/test_rod.py \
 	tests/estimators/test_rod_track.py
 export NO_MKDOCS_2_WARNING := 1
@@ -21,10 +22,10 @@ demo: $(STAMP)   ## a simulated bench, from recording to report, in minutes
 	$(BIN)/tipforce demo -o $(DEMO)
 
 test: $(STAMP)   ## the tests
-	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow and not walkthrough"
+	$(PYTEST) -m "not slow and not walkthrough" $(TEST_OPTIONS)
 
 walkthrough: $(STAMP)  ## the pages of the documentation that tests run command by command
-	$(BIN)/python -m pytest -q -n auto --dist loadfile -m walkthrough
+	$(PYTEST) -m walkthrough
 
 check: $(STAMP)  ## lint, format, types, import contracts, docs
 	$(BIN)/ruff check .
@@ -40,9 +41,9 @@ bench: $(STAMP)  ## speed and accuracy, in one run
 	$(BIN)/python -m bench
 
 prove: $(STAMP)  ## the slow tests, the property tests on new examples, kernels with bounds checked, spoiled inputs
-	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "slow or walkthrough"
-	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow and not walkthrough" --hypothesis-profile=explore
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/numba-bounds $(BIN)/python -m pytest -q -n auto --dist loadfile \
+	$(PYTEST) -m "slow or walkthrough"
+	$(PYTEST) -m "not slow and not walkthrough" --hypothesis-profile=explore
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/numba-bounds $(PYTEST) \
 		-m "not slow and not walkthrough" $(KERNELS)
 	$(BIN)/python -m tests.fuzz --cases 2000
 

@@ -1,8 +1,14 @@
 """Settings of all tests, and images of a tube along a curve whose numbers are known."""
 
+import os
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # Several processes share the cores: threads and processes of each would wait for one another.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # numpy looks at it when it is imported, below
+    os.environ.setdefault("TIPFORCE_CORES", "1")
+
 import fcntl
 import gc
-import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -17,9 +23,7 @@ from tipforce.geometry import curve_from_angle
 from tipforce.types import BasePose
 
 if "PYTEST_XDIST_WORKER" in os.environ:
-    # Several processes share the cores: threads and processes of each would wait for one another.
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    os.environ.setdefault("TIPFORCE_CORES", "1")
+    cv2.setNumThreads(1)
 
 # The first example of a test may compile the hot loops. The same examples every time, so that a change is judged by
 # what it changes; `make prove` looks for new ones.
@@ -36,9 +40,17 @@ def _axis(shape: str) -> np.ndarray:
     return BasePose(np.array([-30.0, 340.0]), -0.05).to_image(curve_from_angle(np.array(SHAPES[shape]), length, 200))
 
 
-FIRST = ("tests/contracts/test_estimators", "tests/mechanics", "tests/contracts", "tests/estimators", "tests/cli")
-"""Files that begin: long ones, and such as compile different parts, each process one of them. The first makes the bench
-that others share, before any other process asks for it."""
+FIRST = (
+    "tests/contracts/test_estimators",
+    "tests/alignment/test_timing",
+    "tests/pipelines/test_import_session",
+    "tests/simulation",
+    "tests/contracts",
+    "tests/cli",
+    "tests/estimators",
+    "tests/evaluation",
+)
+"""Files that begin: long ones. The first makes the bench that others share, before any other process asks for it."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -51,8 +51,16 @@ def elastic(
     return np.rint((frames + 100) * 1e9).astype(np.int64), coordinates, stamps, force
 
 
-@pytest.mark.parametrize("offset_ms", [-80, 5, 80])
-@pytest.mark.parametrize("noise", [1e-3, 1e-2])
+slow = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("offset_ms", "noise"),
+    [
+        (-80, 1e-3), (5, 1e-2), (80, 1e-3),
+        *(pytest.param(*more, marks=slow) for more in ((-80, 1e-2), (5, 1e-3), (80, 1e-2))),
+    ],
+)  # fmt: skip
 def test_the_offset_is_found_to_three_milliseconds(offset_ms: int, noise: float) -> None:
     found = estimate_clock(*elastic(offset_ms * 1e-3, noise=noise, seed=offset_ms + 100))
     assert found.how == "estimated", found.detail
@@ -71,10 +79,11 @@ def test_the_offset_is_found_though_some_images_show_something_else() -> None:
     assert found.offset_ms == pytest.approx(50, abs=3.0)
 
 
-def test_a_degree_of_error_in_the_sensors_angle_costs_little() -> None:
+@pytest.mark.parametrize("seeds", [1, pytest.param(4, marks=slow)])
+def test_a_degree_of_error_in_the_sensors_angle_costs_little(seeds: int) -> None:
     """The friction of these beats turns round within 2 ms, which a low-pass of the force cannot follow."""
     for turned in (-1.0, 1.0):
-        found = [estimate_clock(*elastic(-0.02, turned_deg=turned, seed=seed)) for seed in range(4)]
+        found = [estimate_clock(*elastic(-0.02, turned_deg=turned, seed=seed)) for seed in range(seeds)]
         misses = np.array([each.offset_ms + 20 for each in found])
         assert np.abs(misses).max() < 3.5
         assert np.sqrt(np.mean(misses**2)) < 2.1
@@ -150,9 +159,10 @@ def test_levers_end_in_the_middle_of_the_dome() -> None:
     assert bare[3] == 0.0
 
 
-def test_the_standard_error_covers_a_noisy_force() -> None:
+@pytest.mark.parametrize("seeds", [1, pytest.param(4, marks=slow)])
+def test_the_standard_error_covers_a_noisy_force(seeds: int) -> None:
     """12 mN at 1 kHz, four times that of the bench's sensor."""
-    for seed in range(4):
+    for seed in range(seeds):
         frames, shape, stamps, force = elastic(0.03, hz=1.13, seed=seed)
         noisy = force + np.random.default_rng(seed).normal(0, 12e-3, force.shape)
         found = estimate_clock(frames, shape, stamps, noisy)
@@ -185,14 +195,14 @@ def test_a_beat_that_repeats_within_the_window_is_refused() -> None:
     assert "fit alike" in found.detail
 
 
-@pytest.mark.parametrize("offset_ms", [-1900, 500, 3200])
+@pytest.mark.parametrize("offset_ms", [pytest.param(-1900, marks=slow), pytest.param(500, marks=slow), 3200])
 def test_an_offset_of_seconds_is_found(offset_ms: int) -> None:
     found = estimate_clock(*elastic(offset_ms * 1e-3))
     assert found.how == "estimated", found.detail
     assert found.offset_ms == pytest.approx(offset_ms, abs=3.0)
 
 
-@pytest.mark.parametrize("rate", [0.8, 0.998, 1.0004, 1.02, 1.25, 8.0])
+@pytest.mark.parametrize("rate", [0.8, 0.998, 8.0, *(pytest.param(rate, marks=slow) for rate in (1.0004, 1.02, 1.25))])
 def test_a_rate_that_is_not_the_nominal_one_is_found(rate: float) -> None:
     """24 images a second stamped as 30, a log that is 0.2 % slow, slow motion by 8."""
     frames, shape, stamps, force = elastic(0.7)

@@ -77,9 +77,10 @@ def test_a_method_that_needs_no_fit_estimates_learns_and_is_saved(name: str, ben
     fitted = create(name).fit(some).calibrate(some)
     save_model(fitted, tmp_path / "model", some)
     again = load_model(tmp_path / "model")
-    before, after = (each.predict(some) for each in (fitted, again))
+    few = some.subset(np.arange(8))
+    before, after = (each.predict(few) for each in (fitted, again))
     assert [e.magnitude_n for e in before] == pytest.approx([e.magnitude_n for e in after], nan_ok=True)
-    assert [e.magnitude_n for e in before] != pytest.approx([e.magnitude_n for e in stated], nan_ok=True)
+    assert [e.magnitude_n for e in before] != pytest.approx([e.magnitude_n for e in stated[:8]], nan_ok=True)
     assert again.unfitted().describe() == create(name).describe(), "nothing learnt is left"
 
 

@@ -1,6 +1,7 @@
 """The command line: one verb a file. Verbs call the pipelines and hold no logic; they are imported when one runs."""
 
 import importlib
+import logging
 import os
 import re
 import sys
@@ -96,6 +97,13 @@ def _say_warning(message: Warning | str, *_: object, **__: object) -> None:
     say(f"tipforce: {in_one_line(as_options(str(message)))}", "yellow")
 
 
+class _SayCompilation(logging.Handler):
+    """Says that functions are compiled, which takes a while after an installation."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        say(record.getMessage(), "dim")
+
+
 _KEPT = {
     "simulate": "; finished sessions are kept, and the same command goes on",
     "demo": "; its folder keeps what was finished",
@@ -109,6 +117,9 @@ _KEPT = {
 def main() -> None:
     """Run the command line; a mistake in the input is one sentence and exit code 2."""
     warnings.showwarning = _say_warning
+    compilation = logging.getLogger("tipforce.compilation")
+    compilation.setLevel(logging.INFO)
+    compilation.addHandler(_SayCompilation())
     # read when OpenCV is first imported: what it finds wrong with an image is said by our own sentence
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # the same of what FFmpeg says of a camera
