@@ -14,7 +14,6 @@ from tipforce.datasets import PERTURBATIONS, Dataset, open_dataset, perturbed
 from tipforce.errors import ModelError
 from tipforce.estimators import (
     NetworkEstimator,
-    _pretrained,
     create,
     load_model,
     load_pretrained,
@@ -23,6 +22,7 @@ from tipforce.estimators import (
     read_manifest,
     save_model,
 )
+from tipforce.estimators.store import _pretrained
 from tipforce.evaluation import methods_from
 from tipforce.pipelines import write_samples
 from tipforce.simulation import PRESETS, sample_set

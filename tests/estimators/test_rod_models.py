@@ -12,8 +12,7 @@ import pytest
 from tipforce.datasets import Dataset
 from tipforce.errors import InputError
 from tipforce.estimators import ESTIMATORS, Estimator, create, load_model, save_model
-from tipforce.estimators._rod_inverse import STATIONS, StationNoise, fit_force, model_stations
-from tipforce.estimators.rod_models import RodModelEstimator
+from tipforce.estimators.rod_models import STATIONS, RodModelEstimator, StationNoise, fit_force, model_stations
 from tipforce.mechanics import Rod, solve_static
 from tipforce.types import ActuationInfo, BasePose, Catheter, Observation, SessionInfo, Status, ViewInfo
 

@@ -15,7 +15,7 @@ import pytest
 from tipforce.datasets import Dataset
 from tipforce.errors import InputError, MissingExtraError, ModelError
 from tipforce.estimators import ESTIMATORS, Svr, create, export_onnx, load_model, read_manifest, save_model
-from tipforce.estimators.store import _own_sha256
+from tipforce.estimators.store._store import _own_sha256
 
 World = Callable[..., Dataset]
 RESOLVED = {

@@ -11,8 +11,8 @@ from tipforce.cli import app
 from tipforce.datasets import Dataset
 from tipforce.errors import InputError, ModelError
 from tipforce.estimators import Dcfe, NetworkEstimator, load_initial_model, load_model
-from tipforce.estimators._run_directory import run_directory
 from tipforce.estimators.networks._settings import DcfeSettings
+from tipforce.estimators.store import run_directory
 from tipforce.training import _loop
 
 pytest.importorskip("torch", reason="training needs the extra [train]")

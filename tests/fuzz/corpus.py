@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 from tipforce.datasets import open_dataset, write_dataset
 from tipforce.estimators import create, save_model
-from tipforce.estimators._pretrained import pretrained_folder
+from tipforce.estimators.store._pretrained import pretrained_folder
 from tipforce.geometry import curve_from_angle
 from tipforce.io import RecordingWriter, open_source, write_video
 from tipforce.types import (

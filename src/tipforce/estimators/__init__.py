@@ -1,19 +1,30 @@
 """Methods that estimate the force: one module or package for each, all with one contract, found by their names."""
 
 from ._base import Estimator, FineTunable, Progress, Stream, no_progress
-from ._card import training_lines
 from ._facts import ModelFacts, ModelSummary
 from ._fit import Training, train
 from ._onnx import export_onnx
-from ._pretrained import located, pretrained_names
 from ._registry import ESTIMATORS, create, method
-from ._run_directory import initial_model_folder, load_initial_model, run_directory, training_started
 from ._session_metadata import missing_metadata
 from .fusion import Fusion, FusionSettings
 from .networks import Compact, CompactSettings, Dcfe, DcfeSettings, NetworkEstimator
 from .rod import NoiseSettings, PriorSettings, Rod, RodSettings, RodTrack, RodTrackSettings
 from .shape import AngleSettings, ShapeFacts, ShapeRegressor, ShapeRegressorSettings, WindowSettings
-from .store import FORMAT_VERSION, check_target, load_model, load_pretrained, read_manifest, save_model
+from .store import (
+    FORMAT_VERSION,
+    check_target,
+    initial_model_folder,
+    load_initial_model,
+    load_model,
+    load_pretrained,
+    located,
+    pretrained_names,
+    read_manifest,
+    run_directory,
+    save_model,
+    training_lines,
+    training_started,
+)
 from .svr import Svr, SvrSettings
 from .uncertainty import COVERAGE
 

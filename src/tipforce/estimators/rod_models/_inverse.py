@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..mechanics import RodModel
-from ..types import FloatArray
+from ...mechanics import RodModel
+from ...types import FloatArray
 
 STATIONS = 8
 """Points of the centreline that a model is compared with, uniform in arc length, the tip last."""

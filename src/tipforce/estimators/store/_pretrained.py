@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from ..errors import ModelError
+from ...errors import ModelError
 
-PRETRAINED = Path(__file__).parent / "pretrained"
+PRETRAINED = Path(__file__).parents[1] / "pretrained"
 """Holds a model folder for each, as the store writes them."""
 
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..types import DetectedShape, FloatArray, Image, Observation, SessionInfo
-from ..vision import ResolvedVision, VisionSettings
-from ._reading import Abstention, implausible_actuation, read_actuation
-from ._rod_inverse import line_stations
-from ._session_detection import SessionDetection
+from ...types import DetectedShape, FloatArray, Image, Observation, SessionInfo
+from ...vision import ResolvedVision, VisionSettings
+from .._reading import Abstention, implausible_actuation, read_actuation
+from .._session_detection import SessionDetection
+from ._inverse import line_stations
 
 _KNOB = "knob_deg"
 

@@ -6,11 +6,11 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-from .._locks import output_lock
-from ..errors import InputError
-from ..training import CHECKPOINT_FILE
-from ._base import Estimator, FineTunable
-from .store import MANIFEST, load_model
+from ..._locks import output_lock
+from ...errors import InputError
+from ...training import CHECKPOINT_FILE
+from .._base import Estimator, FineTunable
+from ._store import MANIFEST, load_model
 
 
 def load_initial_model(method: Estimator, start: str | None, *, resume: bool = False) -> FineTunable | None:

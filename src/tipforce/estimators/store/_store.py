@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from .._json import read_json
-from .._npz import read_npz
-from ..datasets import Dataset
-from ..errors import FileFormatError, InputError, ModelError
-from ..io import replacing_folder
-from ._base import Estimator
+from ..._json import read_json
+from ..._npz import read_npz
+from ...datasets import Dataset
+from ...errors import FileFormatError, InputError, ModelError
+from ...io import replacing_folder
+from .._base import Estimator
+from .._registry import ESTIMATORS
+from ..networks import check_graph_file, try_graph
 from ._card import model_card
 from ._pretrained import PRETRAINED, located, pretrained_folder
-from ._registry import ESTIMATORS
-from .networks import check_graph_file, try_graph
 
 FORMAT_VERSION = 2
 """Version of the model folder's format; other versions are not read."""

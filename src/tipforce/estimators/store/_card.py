@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from ._base import Estimator
-from ._facts import ModelFacts, count_of
+from .._base import Estimator
+from .._facts import ModelFacts, count_of
 
 
 def model_card(estimator: Estimator, manifest: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ still are apart: their covariance is the weight of the stations from then on.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -17,30 +17,24 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.optimize import least_squares
 
-from ..datasets import Dataset, calibration_images
-from ..errors import InputError
-from ..mechanics import (
-    ConstantCurvature,
-    LargeDeflection,
-    LinearBeam,
-    MassSpring,
-    PseudoRigidBody,
-    RigidLinks,
+from ...datasets import Dataset, calibration_images
+from ...errors import InputError
+from ...mechanics import (
     Rod,
     RodModel,
 )
-from ..types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
-from ..vision import ResolvedVision, SessionDetector, VisionSettings
-from ._base import CentrelineEstimator, Progress, Stream, no_progress
-from ._builder import MAX_FORCE_N, implausible
-from ._facts import ModelFacts, ModelSummary
-from ._left_out import left_out_by_session, left_out_text, refuse_left_out
-from ._reading import Abstention
-from ._rod_inverse import STATIONS, ForceFit, StationNoise, fit_force, model_stations
-from ._rod_reader import RodLine, RodReader
-from ._session_metadata import UninformedStream, missing_metadata
-from ._values import LARGEST, stored_array
-from .uncertainty import Interval, gaussian_interval, magnitude_sigma, normalised_interval
+from ...types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
+from ...vision import ResolvedVision, SessionDetector, VisionSettings
+from .._base import CentrelineEstimator, Progress, Stream, no_progress
+from .._builder import MAX_FORCE_N, implausible
+from .._facts import ModelFacts, ModelSummary
+from .._left_out import left_out_by_session, left_out_text, refuse_left_out
+from .._reading import Abstention
+from .._session_metadata import UninformedStream, missing_metadata
+from .._values import LARGEST, stored_array
+from ..uncertainty import Interval, gaussian_interval, magnitude_sigma, normalised_interval
+from ._inverse import STATIONS, ForceFit, StationNoise, fit_force, model_stations
+from ._reader import RodLine, RodReader
 
 MIN_SAMPLES = 20
 """Fewer samples say too little of the stations' covariance."""
@@ -477,82 +471,3 @@ class _State(BaseModel):
     samples: Annotated[int, Field(ge=0, lt=1 << 53)]
     left_out: dict[str, list[Annotated[int, Field(ge=0, lt=1 << 53)]]]
     vision: ResolvedVision | None
-
-
-class Beam(RodModelEstimator):
-    """Linear finite elements of a Bernoulli-Euler beam (Gao et al.; thesis table 2, continuum)."""
-
-    name = "beam"
-    model = LinearBeam
-    breaks = (
-        "The tip of a linear beam moves on a straight line instead of turning back, so its axial shift, and with it "
-        "the axial force, is read wrongly as soon as the shaft bends."
-    )
-
-
-class Links(RodModelEstimator):
-    """Rigid links with torsion springs (Guo, Wang; thesis table 2, multi-body dynamics)."""
-
-    name = "links"
-    model = RigidLinks
-    breaks = (
-        "Ten links bend as the shaft does to 0.25 %, but their stiffness is one number: a shaft that stiffens "
-        "as it bends reads too soft or too stiff at all loads but one."
-    )
-
-
-class MassSprings(RodModelEstimator):
-    """Particles with stretch and bending springs (Lenoir; thesis table 2, particle-based)."""
-
-    name = "mass-spring"
-    model = MassSpring
-    breaks = (
-        "Its springs give along the shaft, and what they should be is a matter of taste; with those of a "
-        "solid round section it errs as the links do."
-    )
-
-
-class Elastica(RodModelEstimator):
-    """Large deflection of a Bernoulli-Euler beam from the tip's pose (Khoshnam et al.; thesis table 2, continuum)."""
-
-    name = "elastica"
-    model = LargeDeflection
-    breaks = (
-        "It sees the tip's pose alone, so an error of the assumed pre-curvature or of the base goes into the "
-        "force as it is."
-    )
-    stations = 2
-
-
-class Arcs(RodModelEstimator):
-    """One arc of constant curvature: the kinematics by which catheter robots are steered."""
-
-    name = "arcs"
-    model = ConstantCurvature
-    breaks = (
-        "One arc has one degree of freedom, so its shape tells one component and the other is left at zero; "
-        "under a small force it deflects by 3/4 of what a shaft does."
-    )
-
-
-class StrainArcs(RodModelEstimator):
-    """Four arcs: the strain parametrisation of a Cosserat rod (Back et al.; thesis table 2, differential geometry)."""
-
-    name = "strain"
-    model = partial(ConstantCurvature, arcs=4)
-    breaks = (
-        "Four arcs follow the shaft closely; as for all of these models, play of the knob is read as a "
-        "lateral force, and an axial force on a nearly straight shaft is not seen."
-    )
-
-
-class PseudoRigid(RodModelEstimator):
-    """Howell's pseudo-rigid body with one hinge, from the tip's position."""
-
-    name = "pseudo-rigid"
-    model = PseudoRigidBody
-    breaks = (
-        "One hinge has one degree of freedom, so the tip tells one component and the other is left at zero; "
-        "nothing remains to tell a force from a wrong pre-curvature."
-    )
-    stations = 1
