@@ -20,17 +20,17 @@ _T = TypeVar("_T")
 
 
 class Registry(Mapping[str, _T], Generic[_T]):
-    """Name -> what is registered by it, loaded when it is first asked for.
+    """Name -> the registered object, loaded on first use.
 
     Args:
         group: the group of the entry points.
-        what: the kind in words, as "method".
+        noun: a word for such an object, as "method".
         own: those of tipforce: name -> ``module:attribute``, or ``module``.
-        kind: what each of them must be a subclass of; None: no class is expected.
+        kind: base class of all of them; None: they need not be classes.
     """
 
-    def __init__(self, group: str, what: str, own: Mapping[str, str], kind: type | None = None) -> None:
-        self.group, self.what, self._own, self._kind = group, what, own, kind
+    def __init__(self, group: str, noun: str, own: Mapping[str, str], kind: type | None = None) -> None:
+        self.group, self.noun, self._own, self._kind = group, noun, own, kind
         self._loaded: dict[str, _T] = {}
 
     @cached_property
@@ -59,19 +59,19 @@ class Registry(Mapping[str, _T], Generic[_T]):
         first, *others = points
         if others:
             owners = " and ".join(_package(point) for point in points)
-            raise InputError(f"{owners} both have a {self.what} {first.name!r}; uninstall one of the packages")
+            raise InputError(f"{owners} both have a {self.noun} {first.name!r}; uninstall one of the packages")
         try:
             found = first.load()
         except Exception as error:
             if first.dist is None:
                 raise
             raise InputError(
-                f"the {self.what} {first.name!r} of the package {_package(first)} cannot be loaded from {first.value} "
+                f"the {self.noun} {first.name!r} of the package {_package(first)} cannot be loaded from {first.value} "
                 f"({type(error).__name__}: {error}); mend the package, or uninstall it"
             ) from error
         if self._kind is not None and not (isinstance(found, type) and issubclass(found, self._kind)):
             raise InputError(
-                f"the {self.what} {first.name!r} of the package {_package(first)}: {first.value} is no class derived "
+                f"the {self.noun} {first.name!r} of the package {_package(first)}: {first.value} is no class derived "
                 f"from {self._kind.__name__}"
             )
         return found  # type: ignore[no-any-return]

@@ -122,7 +122,7 @@ def install(site: Path, package: str, project: str, registry: Registry, monkeypa
     monkeypatch.syspath_prepend(str(site))
     for name in [name for name in sys.modules if name.partition(".")[0] in ("tipforce_ridge", "my_lab")]:
         del sys.modules[name]
-    fresh = Registry(registry.group, registry.what, registry._own, registry._kind)
+    fresh = Registry(registry.group, registry.noun, registry._own, registry._kind)
     monkeypatch.setattr(registry, "__dict__", fresh.__dict__)
 
 

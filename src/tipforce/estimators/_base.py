@@ -16,11 +16,11 @@ from ..vision import detector_kind
 from ._facts import ModelFacts
 
 Progress = Callable[[str, float], None]
-"""Called with what is being done and the share of it that is done (0..1)."""
+"""Called with a description of the current work and its finished share (0..1)."""
 
 
 def no_progress(what: str, share: float) -> None:
-    """A `Progress` that tells nobody."""
+    """A `Progress` that ignores its calls."""
     del what, share
 
 
@@ -28,26 +28,26 @@ class Stream(Protocol):
     """One session being estimated, frame after frame; may remember."""
 
     def update(self, observation: Observation) -> ForceEstimate:
-        """The force at this observation, from it and those before it; never raises for what an image shows."""
+        """Returns the force at this observation; never raises because of the content of an image."""
         ...
 
 
 class Estimator(ABC):
     """A method: settings in, ``fit`` on a dataset where it needs one, then one ``Stream`` a session.
 
-    Settings are immutable and stay what the user said; what was learnt is in attributes that end in ``_``. A method
+    Settings are immutable and stay as the user stated them; learnt state is in attributes that end in ``_``. A method
     without anything to learn states ``needs_fit = False`` and implements `start` alone. ``state``, ``files`` and
     ``from_state`` are all that the model store needs.
     """
 
     name: ClassVar[str]
-    """What the command line calls this method."""
+    """Name of this method on the command line."""
 
     settings_type: ClassVar[type[BaseModel]]
     """The model of this method's settings."""
 
     thesis_samples: ClassVar[int] = 220
-    """So many samples the thesis has for this method: what its protocol draws."""
+    """Number of samples that the thesis has for this method, and that its protocol draws."""
 
     thesis_settings: ClassVar[Mapping[str, Any] | None] = None
     """Settings with which it is the thesis's own method to the letter; None: the thesis has no such method."""
@@ -65,7 +65,7 @@ class Estimator(ABC):
         """Learns from ``dataset``; a method that needs no fit has nothing to learn.
 
         Raises:
-            InputError: the dataset is too small or lacks what the method needs.
+            InputError: the dataset is too small or lacks an input of the method.
         """
         del dataset, progress
         return self
@@ -92,7 +92,7 @@ class Estimator(ABC):
         """
 
     def unfitted(self) -> Self:
-        """The same settings without anything learnt: what a split trains anew."""
+        """Returns the same method with the same settings, not fitted: each split trains one."""
         return type(self)(self.settings)
 
     def with_settings(self, settings: BaseModel) -> Self:
@@ -102,11 +102,11 @@ class Estimator(ABC):
         return made
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-        """What was learnt, as JSON values and arrays."""
+        """Returns the learnt state as JSON values and arrays."""
         return {}, {}
 
     def files(self) -> dict[str, bytes]:
-        """What else was learnt, as whole files of the model folder: name -> content (a network's graph, a log)."""
+        """Returns further learnt state as whole files of the model folder: name -> content (a graph, a log)."""
         return {}
 
     @classmethod
@@ -184,7 +184,7 @@ class Estimator(ABC):
         return ModelFacts()
 
     def to_onnx(self) -> tuple[bytes, dict[str, Any]]:
-        """What answers as an ONNX graph, and facts about it; raises InputError for a method without one."""
+        """Returns the fitted method as an ONNX graph, and facts about it; raises InputError where there is none."""
         raise InputError(f"the method {self.name} has no ONNX export")
 
 

@@ -28,11 +28,11 @@ class ModelSummary:
 class ModelFacts(BaseModel, frozen=True):
     """Facts of a fitted model: for its card, ``model.json`` and reports.
 
-    Each has a default, so that a method states what it knows and leaves out the rest. A method that knows more derives
-    its own facts, and finds words for them in `summary`.
+    Each has a default, so that a method states some and leaves out the rest. A method with more facts derives its own
+    class, and describes them in `summary`.
 
     Attributes:
-        interval_basis: what the 90 % intervals rest on, in words; empty for a method without intervals.
+        interval_basis: the samples that the 90 % intervals rest on, in words; empty for a method without intervals.
         samples: number of samples that it learnt from.
         left_out: session -> samples that it could not learn from, and all samples of the session.
     """
@@ -49,13 +49,13 @@ class ModelFacts(BaseModel, frozen=True):
         return ModelSummary(training=lost)
 
 
-def count_of(number: int, what: str) -> str:
+def count_of(number: int, noun: str) -> str:
     """Returns a number of things in words.
 
     >>> count_of(1, "session"), count_of(2, "session")
     ('1 session', '2 sessions')
     """
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def half_width_text(value: float | None) -> str:

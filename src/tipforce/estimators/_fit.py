@@ -47,7 +47,7 @@ def train(
     or other forces.
     """
     if start is not None and not isinstance(method, FineTunable):
-        raise InputError(f"{method.name} is no network and always learns from nothing; leave out what it starts from")
+        raise InputError(f"{method.name} is no network and always learns from nothing; leave out the initial model")
     if calibrate is not None:
         _check_calibration(dataset, calibrate)
     settings = method.settings

@@ -1,4 +1,4 @@
-"""What every method reads from an observation, and the reason where it cannot."""
+"""Inputs that every method reads from an observation, and the reason where one is missing."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -48,7 +48,7 @@ def read_advance_m(observation: Observation) -> float | Abstention:
     advance_m = 1e-3 * observation.actuation.get(ADVANCE, 0.0)
     if math.isfinite(advance_m):
         return advance_m
-    return Abstention(Status.MISSING_INPUT, f"{ADVANCE} is not known at this image, so where the base lies is not")
+    return Abstention(Status.MISSING_INPUT, f"{ADVANCE} is not known at this image, nor is the position of the base")
 
 
 def actuation_names(wanted: Sequence[str] | None, dataset: Dataset) -> tuple[str, ...]:
@@ -70,9 +70,9 @@ MAX_PRECURVATURE_PER_M = 60.0
 def limits_of(names: Iterable[str], dataset: Dataset) -> dict[str, tuple[float, float]]:
     """Smallest and largest value of each actuation that a model trained on ``dataset`` answers to.
 
-    They are those of the data and a margin: a tenth of the range, of the largest absolute value or of one unit,
-    whichever is largest, so that a drive that stood still in training may be read with some error. What is not in the
-    data has no limits.
+    They are those of the data and a margin: a tenth of the largest of these: the range, the largest
+    absolute value, one unit; so that a drive that stood still in training may be read with some error. Actuation
+    that the data lack has no limits.
     """
     limits: dict[str, tuple[float, float]] = {}
     for name in names:
@@ -91,10 +91,10 @@ def unlike_training(
     """Why there is no estimate for the actuation of ``observation``, or None.
 
     Args:
-        observation: what is to be estimated.
+        observation: the input of the estimate.
         limits: of each actuation value, see `limits_of`.
-        names: actuation that the method reads; what has no limits, as in models that were saved before these were
-            known, has to be plausible at least: see `implausible_actuation`.
+        names: actuation that the method reads; without limits, as in models that were saved before these were
+            known, it has to be plausible at least: see `implausible_actuation`.
         info: the session's metadata.
     """
     for name, (low, high) in limits.items():
@@ -109,7 +109,7 @@ def unlike_training(
 
 
 def implausible_actuation(actuation: Mapping[str, float], info: SessionInfo) -> Abstention | None:
-    """Why no catheter is actuated so, whatever a method was trained with; None where it may be.
+    """Why no catheter is actuated so, independent of the training data; None where it may be.
 
     Args:
         actuation: values by name; NaN is none.

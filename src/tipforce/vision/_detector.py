@@ -23,11 +23,11 @@ class Detector(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class DetectorKind:
-    """A method of detection: what makes its detector, and what this can do.
+    """A method of detection: its detector, and the abilities of the detector.
 
     Attributes:
         make: makes the detector from settings.
-        by_session: True where what the settings leave open is resolved session by session, on images of the session.
+        by_session: True where open settings are resolved session by session, on images of the session.
         mask: returns the mask (h, w) of the catheter on which the detection rests; None for a detector without one.
         thesis: True for the thesis's own algorithm.
     """
@@ -57,7 +57,7 @@ _KINDS: dict[str, DetectorKind] = {
 
 
 def detector_kind(method: str) -> DetectorKind:
-    """Returns what a method of detection can do; ``method``: as `VisionSettings.method` names it.
+    """Returns the detector of a method and its abilities; ``method``: see `VisionSettings.method`.
 
     >>> detector_kind("classic").by_session, detector_kind("tracer").by_session
     (False, True)

@@ -8,7 +8,7 @@ from .._left_out import left_out_text
 
 
 class NetworkTraining(TrainingFacts, frozen=True):
-    """How a network was trained, and what its inputs then are; kept with its state.
+    """How a network was trained, and its inputs since then; kept with its state.
 
     Attributes:
         required_metadata: keys of the metadata that all training sessions stated, which are required of others.
@@ -60,7 +60,7 @@ class NetworkFacts(NetworkTraining, ModelFacts, frozen=True):
             inputs += f" It needs {', '.join(self.required_metadata)} of every session, as in training."
         if self.uses_history:
             inputs += (
-                " A frame some 40 ms earlier tells the rate of the force, by which its viscous part is compensated."
+                " A frame some 40 ms earlier shows the rate of the force, by which its viscous part is compensated."
             )
         earlier = self.trained_on[:-1]
         if earlier:

@@ -33,7 +33,7 @@ class RodFacts(ModelFacts, frozen=True):
         return f"learnt from {count_of(self.sessions, 'session')}" if self.sessions else "those of the settings"
 
     def summary(self) -> ModelSummary:
-        """Returns where the priors are from, and what the intervals rest on."""
+        """Returns the origin of the priors and the basis of the intervals."""
         line = f"Priors of the rod: {self.origin}; 90 % intervals rest on {self.interval_basis}"
         return ModelSummary(
             "The detected centreline, the knob, and the catheter's stated stiffness and length.",

@@ -1,6 +1,6 @@
 """The model-based methods of thesis table 2 as estimators: from the detected centreline by mechanics, not by learning.
 
-Each asks its rod model, as it stands in `tipforce.mechanics.models`, under which force at the tip the centreline would
+Each uses a rod model of `tipforce.mechanics.models` to find the force under which force at the tip the centreline would
 be where it was detected. The rod is that of the session's metadata, bent beforehand as the knob's nominal gain says.
 Nothing needs to be fitted where the stiffness is stated. ``fit`` finds a factor of the stiffness and an offset of the
 pre-curvature by least squares on training frames whose force is known, and how far detected and modelled stations then
@@ -40,10 +40,10 @@ MIN_SAMPLES = 20
 """Fewer samples say too little of the stations' covariance."""
 
 _STATED_SESSIONS = 4.0
-"""The stated uncertainties weigh as much as so many training sessions: frames of one session err alike."""
+"""Weight of the stated uncertainties in training sessions: frames of one session err alike."""
 _KNOWN = np.array([True, True, False])
 _TYPICAL_STIFFNESS_NM2 = 4.3e-4
-"""Of a slightly bent 7F ablation catheter (Khoshnam et al. 2012): where ``fit`` begins when none is stated."""
+"""Stiffness of a slightly bent 7F ablation catheter (Khoshnam et al. 2012); start of ``fit`` when none is stated."""
 _STATED_WITHIN, _TYPICAL_WITHIN = 2.0, 10.0
 """Factors within which a stated stiffness is right, and the typical one where none is stated."""
 _MOST_OFFSET_PER_M = 20.0
@@ -67,25 +67,25 @@ class RodModelSettings(BaseModel):
     """Bending stiffness in place of the one that the session's metadata state."""
     force_std_n: Annotated[float, Field(gt=0, le=10)] = 0.2
     """Prior standard deviation of each force component, about 0: contact forces are some 0.1 to 0.4 N. It decides along
-    directions in which a force hardly bends the shaft."""
+    directions in which a force bends the shaft least."""
     station_std_m: Annotated[float, Field(gt=0, le=0.1)] = 1e-4
     """Standard deviation of a detected point: half a pixel of a usual bench."""
     base_std_m: Annotated[float, Field(ge=0, le=0.1)] = 2e-4
-    """Of the base's position."""
+    """Standard deviation of the base's position."""
     base_std_rad: Annotated[float, Field(ge=0, le=1)] = 0.017
-    """Of the base tangent's direction: one degree."""
+    """Standard deviation of the base tangent's direction: one degree."""
     length_std_m: Annotated[float, Field(ge=0, le=0.1)] = 1e-3
-    """Of the detected length: of the scale, the free length and where the tip ends."""
+    """Standard deviation of the detected length: of the scale, the free length and where the tip ends."""
     precurvature_std_per_m: Annotated[float, Field(ge=0, le=100)] = 1.0
-    """Of the pre-curvature that the knob gives: about 2 degrees of play and error of a knob."""
+    """Standard deviation of the pre-curvature that the knob gives: about 2 degrees of play and error of a knob."""
     max_misfit: Annotated[float, Field(gt=1, le=1e6)] = 4.0
-    """A line that no force explains: its squared misfit is more than so many times what 99 % of the training lines
-    have, or, without ``fit``, than its expectation."""
+    """A line that no force explains: its squared misfit is larger than that of 99 % of the training lines times
+    this factor, or, without ``fit``, than its expectation times this factor."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Fitted:
-    """What was learnt; ``interval`` in standard deviations."""
+    """The learnt state; ``interval`` in standard deviations."""
 
     stiffness_factor: float
     stiffness_stated: bool
@@ -136,7 +136,7 @@ class RodModelEstimator(CentrelineEstimator):
     settings: RodModelSettings
     needs_fit: ClassVar[bool] = False
     stations: ClassVar[int] = STATIONS
-    """So many stations, counted from the tip, are compared."""
+    """Number of stations, counted from the tip, that are compared."""
     model: ClassVar[Callable[[Rod], RodModel]]
 
     def __init__(self, settings: RodModelSettings | None = None) -> None:
@@ -329,12 +329,12 @@ class RodModelEstimator(CentrelineEstimator):
         return None
 
     def reader(self, info: SessionInfo, images: Sequence[Image] = ()) -> RodReader:
-        """What reads the centreline in one session."""
+        """Returns a reader of the centrelines in one session."""
         shared = None if self.fitted_ is None else self.fitted_.vision
         return RodReader(self.settings.vision, shared, info, images)
 
     def _lines(self, dataset: Dataset, report: Callable[[float], None]) -> list[RodLine | Abstention]:
-        """What is read of each sample of ``dataset``, session after session, in its order."""
+        """Reads the line of each sample of ``dataset``, session after session, in its order."""
         found: dict[int, RodLine | Abstention] = {}
         for name in dataset.sessions:
             info, part = dataset.session_info[name], dataset.subset(dataset.session == name)
@@ -346,7 +346,7 @@ class RodModelEstimator(CentrelineEstimator):
         return [found[row] for row in dataset.rows.tolist()]
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-        """What `fit` and `calibrate` found."""
+        """Returns the results of `fit` and `calibrate`."""
         fitted = self.fitted_ or _unfitted(self.settings, self.stations)
         values: dict[str, Any] = {
             "stiffness_factor": fitted.stiffness_factor,
@@ -381,7 +381,7 @@ class RodModelEstimator(CentrelineEstimator):
         return made
 
     def describe(self) -> RodModelFacts:
-        """Returns what was learnt, what is needed, what the interval rests on."""
+        """Returns learnt constants, required metadata, and the basis of the intervals."""
         fitted = self.fitted_ or _unfitted(self.settings, self.stations)
         return RodModelFacts(
             stations=self.stations,

@@ -65,7 +65,7 @@ def model_stations(model: RodModel, force_n: FloatArray, last: int = STATIONS) -
 
 
 def fit_force(model: RodModel, stations_m: FloatArray, noise: StationNoise) -> ForceFit:
-    """The force under which ``model`` has its stations where they were detected, as far as the noise tells.
+    """The force under which ``model`` has its stations where they were detected, as far as the noise allows.
 
     Least is the squared misfit of the stations ``stations_m`` (2 k,) plus that of the force to its prior, a normal
     distribution about 0. Levenberg-Marquardt from no force, so on the unloaded shape's branch; derivatives by

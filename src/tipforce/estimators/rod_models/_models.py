@@ -41,7 +41,7 @@ class MassSprings(RodModelEstimator):
     name = "mass-spring"
     model = MassSpring
     breaks = (
-        "Its springs give along the shaft, and what they should be is a matter of taste; with those of a "
+        "Its springs give along the shaft, and their stiffness is a matter of taste; with those of a "
         "solid round section it errs as the links do."
     )
 
@@ -64,8 +64,8 @@ class Arcs(RodModelEstimator):
     name = "arcs"
     model = ConstantCurvature
     breaks = (
-        "One arc has one degree of freedom, so its shape tells one component and the other is left at zero; "
-        "under a small force it deflects by 3/4 of what a shaft does."
+        "One arc has one degree of freedom, so its shape determines one component and the other is left at zero; "
+        "under a small force it deflects by 3/4 of the deflection of a shaft."
     )
 
 
@@ -86,7 +86,7 @@ class PseudoRigid(RodModelEstimator):
     name = "pseudo-rigid"
     model = PseudoRigidBody
     breaks = (
-        "One hinge has one degree of freedom, so the tip tells one component and the other is left at zero; "
-        "nothing remains to tell a force from a wrong pre-curvature."
+        "One hinge has one degree of freedom, so the tip determines one component and the other is left at zero; "
+        "nothing remains to distinguish a force from a wrong pre-curvature."
     )
     stations = 1

@@ -1,4 +1,4 @@
-"""What the rod models read of a frame: stations of the centreline in metres, and the knob."""
+"""Inputs of the rod models in a frame: stations of the centreline in metres, and the knob."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ _KNOB = "knob_deg"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RodLine:
-    """What was read of a frame."""
+    """Inputs of one frame."""
 
     stations_m: FloatArray
     shape: DetectedShape
@@ -34,7 +34,7 @@ class RodReader:
 
     @property
     def shape(self) -> DetectedShape | None:
-        """Of the last image that was read."""
+        """Shape in the last image that was read."""
         return self._detection.shape
 
     @property

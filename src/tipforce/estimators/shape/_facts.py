@@ -44,7 +44,7 @@ class ShapeFacts(ModelFacts, frozen=True):
 
     @property
     def columns(self) -> dict[str, dict[str, str]]:
-        """What a method knows of each target beside the errors: heading -> target -> text."""
+        """Further columns of the table of targets: heading -> target -> text."""
         return {}
 
     def summary(self) -> ModelSummary:

@@ -8,10 +8,10 @@ from ...types import IntArray
 from ._settings import ShapeRegressorSettings
 
 MIN_SESSIONS = 3
-"""From so many sessions on, whole sessions are held out instead of shuffled samples."""
+"""Least number of sessions at which whole sessions are held out instead of shuffled samples."""
 
 MAX_GROUPS = 10
-"""Sessions are held out one by one up to so many, beyond that in so many groups."""
+"""Largest number of groups of sessions; with more sessions a group has several."""
 
 Fold = tuple[IntArray, IntArray]
 """Positions of the samples that train, and of those that test."""
@@ -22,7 +22,7 @@ def make_folds(session: npt.NDArray[np.str_], settings: ShapeRegressorSettings) 
 
     Args:
         session: (n,) name of each sample's session.
-        settings: what is held out, and of how many folds.
+        settings: number of folds, and whether they hold out sessions or samples.
 
     Returns:
         The positions that train and that test for each fold, and whether whole sessions are held out.

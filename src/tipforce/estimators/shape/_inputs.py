@@ -31,7 +31,7 @@ class Inputs:
         self._settings, self._view = settings, settings.vision.view
         self._actuation, self._detector = tuple(actuation), detector
         self.shape: DetectedShape | None = None
-        """Of the last image that was read."""
+        """Shape in the last image that was read."""
         self._angles = None
         if settings.angles is not None:
             self._angles = ShapeFeatureSettings(kind="legendre", degree=settings.angles.degree)
@@ -94,8 +94,8 @@ def angles_of_polynomial(coefficients: FloatArray, features: ShapeFeatureSetting
     if features.kind != "polynomial" or len(coefficients) != wanted:
         raise InputError(
             f"the data have {len(coefficients)} shape numbers, but features.kind={features.kind}, "
-            f"features.degree={features.degree}, features.constant={str(features.constant).lower()} stand for "
-            f"{wanted}: set them to what the numbers are, or leave angles out"
+            f"features.degree={features.degree}, features.constant={str(features.constant).lower()} describe "
+            f"{wanted}: set them as the numbers were made, or leave angles out"
         )
     if angles.length is None:
         raise InputError("an angle series of ready-made polynomials needs the setting angles.length, in their unit")

@@ -1,4 +1,4 @@
-"""What all regressions from the centreline's shape share: features, folds, intervals, abstention, and their state.
+"""The common part of all regressions from the centreline's shape: features, folds, intervals, abstention, state.
 
 A method states how it learns from a table and how it estimates from one: `ShapeRegressor.learn` and
 `ShapeRegressor.regress`. Everything else is here. `svr` is one of them.
@@ -34,7 +34,7 @@ MIN_SAMPLES = 20
 """Fewer samples cannot be trained and cross-validated on."""
 
 CALIBRATION_SAMPLES = 10
-"""So many images resolve what the settings of the detection leave open."""
+"""Number of images on which open settings of the detection are resolved."""
 
 Regression = Callable[[FloatArray], FloatArray]
 """Estimates from the features (k,) of one frame the forces (t,) in newtons."""
@@ -42,7 +42,7 @@ Regression = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """A trained model, and what models estimate that were trained without the samples that they estimate.
+    """A trained model, and estimates of models that were trained without the estimated samples.
 
     Attributes:
         model: the model, in the method's own form.
@@ -139,7 +139,7 @@ class ShapeRegressor(CentrelineEstimator):
 
         Args:
             rows: the table.
-            report: called with what is being done and its share.
+            report: called with a description of the current work and its share.
         """
         folds, by_session = make_folds(rows.session, self.settings)
         held_out_n = np.empty_like(rows.truth_n)
@@ -152,7 +152,7 @@ class ShapeRegressor(CentrelineEstimator):
         return Trained(model, np.arange(len(rows.features)), held_out_n, by_session)
 
     def regression(self, model: Any) -> Regression:
-        """Returns what estimates frame after frame with ``model``."""
+        """Returns a function that estimates frame after frame with ``model``."""
         return lambda row: self.regress(model, row[None])[0]
 
     def model_state(self, model: Any) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
@@ -162,7 +162,7 @@ class ShapeRegressor(CentrelineEstimator):
     def model_from_state(
         self, values: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]], features: int, targets: int
     ) -> Any:
-        """Makes the model from what `model_state` returned.
+        """Makes the model from the return values of `model_state`.
 
         Args:
             values: the JSON values.
@@ -171,7 +171,7 @@ class ShapeRegressor(CentrelineEstimator):
             targets: number of estimated forces.
 
         Raises:
-            KeyError, TypeError, ValueError: what was saved is no such model.
+            KeyError, TypeError, ValueError: the values and arrays are not those of a model.
         """
         del values, features, targets
         return {name: stored_array(arrays, name, (None,) * array.ndim) for name, array in arrays.items()}
@@ -303,7 +303,7 @@ class ShapeRegressor(CentrelineEstimator):
         return ShapeStream(self.settings, fitted, self.regression(fitted.model), info, images)
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-        """Returns what was learnt, as JSON values and arrays."""
+        """Returns the learnt state as JSON values and arrays."""
         fitted = self.fitted()
         own, arrays = self.model_state(fitted.model)
         values: dict[str, Any] = {
@@ -330,10 +330,10 @@ class ShapeRegressor(CentrelineEstimator):
         arrays: Mapping[str, npt.NDArray[Any]],
         files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
     ) -> Self:
-        """Makes a fitted method from what `state` returned.
+        """Makes a fitted method from the return values of `state`.
 
         Raises:
-            KeyError, TypeError, ValueError: what was saved is no such method.
+            KeyError, TypeError, ValueError: the values and arrays are not those of the method.
         """
         made = cls(cls.settings_type.model_validate(settings))
         state = ShapeState.model_validate(values)
@@ -347,7 +347,7 @@ class ShapeRegressor(CentrelineEstimator):
         if state.vision is not None:
             if state.vision.settings != made.settings.vision:
                 raise ValueError("vision was resolved with other settings than those of the model")
-            ShapeDetector(state.vision)  # what does not fit is missed here, not at the first image
+            ShapeDetector(state.vision)  # wrong values are found here, not at the first image
         model = made.model_from_state(state.model, arrays, features, targets)
         made._regressed(model, np.zeros((1, features)), targets)
         made.fitted_ = FittedRegressor(

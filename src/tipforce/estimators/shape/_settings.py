@@ -1,4 +1,4 @@
-"""Settings that all shape regressors share: detection, features, windows, and what is held out for the intervals."""
+"""Settings that all shape regressors share: detection, features, windows, and the folds of the cross-validation."""
 
 from typing import Annotated, Literal
 
@@ -70,9 +70,9 @@ class ShapeRegressorSettings(BaseModel):
     folds: Annotated[int, Field(ge=2, le=1000)] = 5
     """Folds of the cross-validation, where samples are shuffled."""
     hold_out: Literal["auto", "session", "sample"] = "auto"
-    """What each fold holds out: whole `session`s (each alone up to ten, else in ten groups) for a model that is to work
-    on new ones; shuffled `sample`s for one that is to work within those it has seen. `auto`: sessions from three on."""
+    """Each fold holds out whole `session`s (each alone up to ten, else in ten groups), for a model that is to work on
+    new ones; shuffled `sample`s for one that is to work within those it has seen. `auto`: sessions from three on."""
     training_samples: Annotated[int, Field(ge=20, le=1_000_000)] | None = None
-    """Learn from at most so many samples, drawn with ``seed``; neighbouring frames say the same."""
+    """Largest number of samples to learn from, drawn with ``seed``; neighbouring frames say the same."""
     seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
-    """Of the drawn samples and the shuffled folds."""
+    """Seed of the drawn samples and the shuffled folds."""

@@ -1,4 +1,4 @@
-"""The model card: what a person wants to know before trusting a model."""
+"""The model card: the facts that a person needs before using a model."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -44,7 +44,7 @@ def model_card(estimator: Estimator, manifest: Mapping[str, Any]) -> str:
         "",
         _needs(estimator),
         "",
-        "## What it sees",
+        "## Inputs",
         "",
         f"{inputs}Forces are in newtons, on the axes: {_axes(manifest['frame_of_forces'])}.",
         "",
@@ -79,7 +79,7 @@ def model_card(estimator: Estimator, manifest: Mapping[str, Any]) -> str:
 
 
 def _needs(estimator: Estimator) -> str:
-    """Returns what `bench.toml` must state for this model."""
+    """Returns the entries of `bench.toml` that this model needs."""
     required = list(estimator.required_metadata)
     if "knob_deg" in estimator.required_actuation or "actuation.knob_gain_per_m_deg" in required:
         required.append("the angle of the knob (actuation.constant.knob_deg, where it is not in the recording)")

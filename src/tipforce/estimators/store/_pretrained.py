@@ -9,7 +9,7 @@ PRETRAINED = Path(__file__).parents[1] / "pretrained"
 
 
 def pretrained_names() -> tuple[str, ...]:
-    """What there is, in the order of the alphabet."""
+    """Returns the names of the models, in the order of the alphabet."""
     return tuple(sorted(path.parent.name for path in PRETRAINED.glob("*/model.json")))
 
 

@@ -1,4 +1,4 @@
-"""Where a network's training stands while it runs, and what it begins with."""
+"""The run directory of a network's training, and the model that it is fine-tuned from."""
 
 import shutil
 import warnings
@@ -31,7 +31,7 @@ def load_initial_model(method: Estimator, start: str | None, *, resume: bool = F
 
 
 def initial_model_folder(method: Estimator, start: str) -> str:
-    """The folder that ``start`` stands for: "pretrained" is the model of that method that comes with the program."""
+    """Returns the folder that ``start`` names: "pretrained" is the model of that method that comes with the program."""
     return f"pretrained/{method.name}" if start == "pretrained" and not (Path(start) / MANIFEST).is_file() else start
 
 
@@ -42,7 +42,7 @@ _RESUME = "go on with it by resume=True"
 def run_directory(method: Estimator, model: Path, *, resume: bool, advice: str = _RESUME) -> Generator[Path | None]:
     """The folder MODEL.training beside ``model``, for prepared images, checkpoint and log; None for other methods.
 
-    It goes when the block ends well. What ends it otherwise, a kill too, leaves it to be resumed once there is a
+    It is removed when the block ends well. An error or a kill leaves it to be resumed once there is a
     checkpoint. Raises InputError where it is there already and ``resume`` is False, or is not and it is True, and
     where it holds anything that no training left there.
     ``advice``: how to go on, for the warning that the folder is kept; empty: no warning.

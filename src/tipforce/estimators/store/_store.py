@@ -34,7 +34,7 @@ MAX_MANIFEST_BYTES, MAX_FILE_BYTES = 64 << 20, 1 << 30
 MANIFEST, ARRAYS, CARD = "model.json", "arrays.npz", "README.md"
 _OBJECTS = ("settings", "state", "sha256", "training", "facts")
 _UNFIT = (ArithmeticError, AttributeError, AssertionError, LookupError, TypeError, ValueError)
-"""What a method raises where state and arrays do not fit each other."""
+"""Errors of a method whose state and arrays do not fit each other."""
 
 
 def save_model(
@@ -48,9 +48,9 @@ def save_model(
 ) -> Path:
     """Write the fitted ``estimator`` as a model folder; returns it.
 
-    ``training``: what it was fitted on, ``calibration``: the sessions apart that its intervals were found on, for the
-    manifest. ``metrics``: figures to keep with it, JSON values. Written
-    beside ``folder`` and renamed: never half there. Raises InputError where ``folder`` exists (unless ``overwrite``,
+    ``training``: the samples that it was fitted on, ``calibration``: the sessions apart that its intervals were found
+    on, for the manifest. ``metrics``: figures to keep with it, JSON values. Written beside ``folder`` and renamed:
+    never half there. Raises InputError where ``folder`` exists (unless ``overwrite``,
     and then only a model is replaced), NotFittedError, and ModelError where the method refuses to be saved.
     """
     folder = Path(folder)
@@ -155,7 +155,7 @@ def load_model(folder: str | Path) -> Estimator:
     except _UNFIT as error:
         held = ", ".join([MANIFEST, ARRAYS, *files])
         raise ModelError(
-            f"{folder}: what its files hold ({held}) does not fit the method {manifest['method']} "
+            f"{folder}: the content of its files ({held}) does not fit the method {manifest['method']} "
             f"({_first_of(error)}); train the model again"
         ) from None
     except InputError as error:
@@ -175,7 +175,7 @@ def load_pretrained(name: str) -> Estimator:
 
 
 def _checked(folder: Path, name: str, expected: str) -> bytes:
-    """Content of a file of a model folder, that must be what was saved."""
+    """Content of a file of a model folder, that must be as it was saved."""
     path = folder / name
     if not path.is_file():
         raise ModelError(f"{folder}: the file {name} is missing; train the model again or copy the whole folder")
@@ -199,7 +199,7 @@ def _is_own(name: str) -> bool:
 
 
 def read_manifest(folder: str | Path) -> dict[str, Any]:
-    """What ``model.json`` of ``folder``, or of ``pretrained/NAME``, says.
+    """Reads ``model.json`` of ``folder``, or of ``pretrained/NAME``.
 
     Raises ModelError for a missing, unreadable, altered or newer one, or an unknown method.
     """
@@ -249,7 +249,7 @@ def read_manifest(folder: str | Path) -> dict[str, Any]:
 
 
 def _own_sha256(manifest: Mapping[str, Any]) -> str:
-    """Of all that ``model.json`` says but this sum itself, however it is laid out."""
+    """Returns the SHA-256 of the content of ``model.json`` except for this sum itself, independent of its layout."""
     others = {name: value for name, value in manifest["sha256"].items() if name != MANIFEST}
     text = json.dumps({**manifest, "sha256": others}, sort_keys=True, ensure_ascii=False)
     return _sha256(text.encode())

@@ -18,7 +18,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 @dataclass(frozen=True, slots=True)
 class Constants:
-    """What is chosen by cross-validation: C and epsilon (thesis eq. 8, 10), sigma (eq. 15)."""
+    """Constants that are chosen by cross-validation: C and epsilon (thesis eq. 8, 10), sigma (eq. 15)."""
 
     c: Positive
     epsilon: Positive
@@ -69,9 +69,9 @@ class Machines:
 
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]], features: int, targets: int, parity_n: float) -> "Machines":
-        """The inverse of `arrays`, for so many features and targets.
+        """Makes machines from `arrays`, for the given numbers of features and targets.
 
-        `evaluate` trusts these arrays: what does not fit would be read beyond their ends. Raises KeyError and
+        `evaluate` trusts these arrays: it would read beyond the ends of shorter ones. Raises KeyError and
         ValueError.
         """
         vectors = stored_array(arrays, "vectors", (None, features))

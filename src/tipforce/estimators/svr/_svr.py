@@ -56,7 +56,7 @@ class Svr(ShapeRegressor):
     }
     """The thesis names neither C, epsilon and sigma nor how they were chosen: they are chosen from the same values as
     always, on single samples held out, as the thesis holds them out to test. Its threshold is a constant c that it does
-    not name: 110 lies between shaft and ground of the simulated ``thesis-2021``; state the one of another bench."""
+    not name: 110 is between shaft and ground of the simulated ``thesis-2021``; state the one of another bench."""
     settings: SvrSettings
 
     def train(self, rows: Rows, report: Progress) -> Trained:

@@ -12,7 +12,7 @@ from ._machine import Constants, gram, largest, squared_distances
 from ._settings import SvrSettings
 
 RISE = 1.05
-"""A larger C is not tried any more once the error has risen so much over the least at the same sigma."""
+"""A larger C is not tried any more once the error has risen by this factor over the least at the same sigma."""
 
 Scaling = tuple[FloatArray, FloatArray]
 Report = Callable[[str, float], None]
@@ -28,7 +28,7 @@ def scaling_of(raw: FloatArray, how: str) -> Scaling:
     if how == "max":
         return np.zeros(raw.shape[1]), 1.0 / largest(raw)
     spread = np.std(raw, axis=0)
-    # what never changed in training says nothing: 0 keeps it from deciding anything later
+    # a feature that never changed in training says nothing: 0 keeps it from deciding anything later
     usable = spread > 1e-9 * largest(raw)
     return np.mean(raw, axis=0), np.where(usable, 1.0 / np.where(usable, spread, 1.0), 0.0)
 
@@ -80,7 +80,7 @@ def choose(
     """Chooses the constants of each target by the least mean squared error over the folds.
 
     C and sigma are chosen together at a middle epsilon, then epsilon at those. For each sigma, from the widest on, C
-    grows until the error has risen by `RISE` over the least at that sigma: beyond lie the slowest fits, and worse ones.
+    grows until the error has risen by `RISE` over the least at that sigma: larger ones take longest and are worse.
     Ties go to the smaller C and the larger sigma.
 
     Args:
@@ -90,7 +90,7 @@ def choose(
         folds: of the cross-validation.
         settings: the values to choose from.
         linear: (k,) weight of each feature's products in the kernel.
-        report: called with what is being done and its share.
+        report: called with a description of the current work and its share.
 
     Returns:
         The constants of each target, and with these the estimates (n, t) of the samples that each fold holds out.

@@ -1,4 +1,4 @@
-"""Opens a table by what its file is: text, a workbook, or variables of MATLAB."""
+"""Opens a table: a text file, a workbook, or variables of MATLAB."""
 
 from pathlib import Path
 
@@ -14,11 +14,11 @@ def open_table(path: Path, *, comments: bool = True, log: LogInfo | None = None,
     Args:
         path: a text file; where ``log`` is given, also a workbook (.xlsx) or the variables of MATLAB (.mat).
         comments: whether lines that begin with # are passed over.
-        log: what is stated of a log, in which lines may stand above the header; None for a table that begins with it.
+        log: the description of a log, which may have lines above the header; None for a table that begins with it.
         key: of ``log`` in ``bench.toml``, for messages.
 
     Raises:
-        FileFormatError: for what is no text.
+        FileFormatError: the file is no text.
         TableError: the header or the decimal sign cannot be determined.
     """
     if not path.exists():
