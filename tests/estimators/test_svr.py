@@ -259,7 +259,7 @@ def test_too_little_or_wrong_data_say_what_is_needed(world: World) -> None:
         create("svr", {"actuation": ("wire0_mm",)}).fit(data)
     with pytest.raises(InputError, match=r"needs the setting angles\.length"):
         create("svr", {"angles": {}}).fit(data)
-    with pytest.raises(InputError, match="stand for 4"):
+    with pytest.raises(InputError, match="describe 4: set them as the numbers were made"):
         create("svr", {"angles": {"length": 1.0}, "features": {"constant": False}}).fit(data)
     with pytest.raises(InputError, match="at least two sessions"):
         create("svr", {"hold_out": "session"}).fit(data.subset(data.session == "s0"))
