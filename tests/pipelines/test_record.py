@@ -186,6 +186,7 @@ UNSURE = ClockMap(40_000_000, "refused", stderr_ms=8.0, detail="too little motio
             "rate of 0.8",
         ),
         (UNSURE, "estimated", False, "stage", "agrees with it"),
+        (replace(UNSURE, offset_ns=90_000_000), "estimated", True, "refused", ""),
         (replace(UNSURE, rate=0.98, rate_stderr=1e-4), "estimated", True, "refused", ""),
         (UNSURE, "none", False, "refused", ""),
         (ClockMap(40_000_000, "refused", 8.0, rate=1.02), "estimated", False, "refused", ""),

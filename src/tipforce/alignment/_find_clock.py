@@ -1,6 +1,5 @@
 """The clock map of a run: found from the deflection, checked against the stage, or as a person states it."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -23,6 +22,8 @@ OffsetChoice = Literal["auto", "none"] | float
 _APART_MS = 25.0
 """Two maps that differ by less (and by less than five standard errors) do not contradict each other."""
 _APART_Z = 5.0
+_UNCERTAIN_Z = 3.0
+"""Standard errors of both, by which an uncertain deflection contradicts the stage; NaN where it gives no map."""
 _STAGE_STDERR_MS = 6.0
 """Standard error of the offset from the stage's movement in the force: over 8 simulated sessions it was off by 4 to
 15 ms, early by what the stage lags behind its commands."""
@@ -220,7 +221,7 @@ def _from_stage(
     if not inertia.axes or inertia.rate != rate or not (seen or stage_shares):
         return ClockMap(how="refused", explained=found.explained, detail=found.detail)
     stage = ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, rate=rate, reference_ns=inertia.reference_ns)
-    if not seen and math.isfinite(found.stderr_ms) and _contradict(found, stage, stamps):
+    if not seen and _apart_ms(found, stage, stamps) > _UNCERTAIN_Z * (found.stderr_ms + _STAGE_STDERR_MS):
         both = f"{found.detail}; the stage's movement in the force gives {_text(stage, stamps)}, which contradicts it"
         return ClockMap(how="refused", explained=found.explained, detail=both)
     why = (
@@ -235,11 +236,15 @@ def _from_stage(
     return replace(stage, explained=found.explained, detail=why)
 
 
-def _contradict(found: ClockMap, other: ClockMap, stamps: IntArray) -> bool:
+def _apart_ms(found: ClockMap, other: ClockMap, stamps: IntArray) -> float:
+    """Returns the largest difference of two maps at the log's first and last row."""
     ends = stamps[[0, -1]]
-    apart_ms = float(np.abs(found.camera_ns(ends) - other.camera_ns(ends)).max()) * 1e-6
-    half_ms = 0.5e-6 * float(ends[1] - ends[0])
-    return apart_ms > max(_APART_MS, _APART_Z * (found.stderr_ms + found.rate_stderr * half_ms))
+    return float(np.abs(found.camera_ns(ends) - other.camera_ns(ends)).max()) * 1e-6
+
+
+def _contradict(found: ClockMap, other: ClockMap, stamps: IntArray) -> bool:
+    half_ms = 0.5e-6 * float(stamps[-1] - stamps[0])
+    return _apart_ms(found, other, stamps) > max(_APART_MS, _APART_Z * (found.stderr_ms + found.rate_stderr * half_ms))
 
 
 def _text(clock: ClockMap, stamps: IntArray) -> str:
