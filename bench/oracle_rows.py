@@ -8,7 +8,7 @@ from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
-from bench import planar_loads, spatial_loads
+from bench import spatial_loads
 from bench.published import BEND_45, CANTILEVER, MOMENT_TIPS
 from bench.settle_pyelastica import LOADS, apart
 from bench.strains import density, rotation_vectors
@@ -19,12 +19,11 @@ from tipforce.mechanics import (
     LargeDeflection,
     LinearBeam,
     MassSpring,
+    PlanarRod,
     PseudoRigidBody,
     RigidLinks,
-    Rod,
     RodModel,
     SpatialRod,
-    solve_static,
     solve_static_spatial,
 )
 
@@ -54,15 +53,8 @@ def row(oracle: str, model: str, expected: object, got: object, tolerance: float
     return Row(oracle, model, float(want[worst]), float(have[worst]), error, tolerance)
 
 
-def planar_tip(alpha: float, segments: int) -> np.ndarray:
-    """Deflection, shortening, angle of a planar cantilever of unit length and EI."""
-    shape = solve_static(Rod(1.0, 1.0, segments=segments), np.array([0.0, alpha]))
-    x, y = shape.tip_m
-    return np.array([y, 1 - x, shape.tip_angle_rad])
-
-
 def spatial_tip(alpha: float, segments: int) -> np.ndarray:
-    """The same in space, under a load in a slanted plane."""
+    """Deflection, shortening, angle of a cantilever of unit length and EI, under a load in a slanted plane."""
     way = np.array([0.0, math.cos(0.7), math.sin(0.7)])
     shape = solve_static_spatial(SpatialRod(1.0, 1.0, segments=segments), alpha * way)
     return np.array([shape.tip_m @ way, 1 - shape.tip_m[0], math.acos(shape.frames[-1, 0, 0])])
@@ -70,15 +62,14 @@ def spatial_tip(alpha: float, segments: int) -> np.ndarray:
 
 def cantilever() -> Iterator[Row]:
     values = ("deflection / L", "shortening / L", "tip angle, rad")
-    for model, tip in (("planar rod", planar_tip), ("spatial rod", spatial_tip)):
-        for alpha, want in CANTILEVER.items():
-            meshes = {n: tip(alpha, n) for n in (25, 50, 400)}
-            ways = {
-                "50 segments, extrapolated": (4 * meshes[50] - meshes[25]) / 3,
-                "400 segments": meshes[400],
-            }
-            for (way, got), (k, value) in itertools.product(ways.items(), enumerate(values)):
-                yield row(f"cantilever, alpha {alpha:g}: {value}", f"{model}, {way}", want[k], got[k], 1e-4)
+    for alpha, want in CANTILEVER.items():
+        meshes = {n: spatial_tip(alpha, n) for n in (25, 50, 400)}
+        ways = {
+            "50 segments, extrapolated": (4 * meshes[50] - meshes[25]) / 3,
+            "400 segments": meshes[400],
+        }
+        for (way, got), (k, value) in itertools.product(ways.items(), enumerate(values)):
+            yield row(f"cantilever, alpha {alpha:g}: {value}", f"spatial rod, {way}", want[k], got[k], 1e-4)
 
 
 def wound(moment: np.ndarray, ei: float, length: float, tangent: np.ndarray) -> np.ndarray:
@@ -121,8 +112,8 @@ def bend_of_45_degrees() -> Iterator[Row]:
             yield row(f"45-degree bend, P = {load:g}", f"spatial rod, {segments} segments", want, [y, x, z], 0.02)
 
 
-def deflection(make: Callable[[Rod], RodModel], alpha: float) -> float:
-    return float(make(Rod(1.0, 1.0)).solve_static(np.array([0.0, alpha])).tip_m[1])
+def deflection(make: Callable[[PlanarRod], RodModel], alpha: float) -> float:
+    return float(make(PlanarRod(1.0, 1.0)).solve_static(np.array([0.0, alpha])).tip_m[1])
 
 
 def other_models() -> Iterator[Row]:
@@ -135,7 +126,7 @@ def other_models() -> Iterator[Row]:
     for alpha in (2.0, 5.0, 10.0):
         got = deflection(PseudoRigidBody, alpha) / CANTILEVER[alpha][0]
         yield row(f"deflection / that of the elastica, alpha {alpha:g}", "pseudo-rigid body", 1.0, got, 0.01)
-    models: dict[str, tuple[Callable[[Rod], RodModel], float]] = {
+    models: dict[str, tuple[Callable[[PlanarRod], RodModel], float]] = {
         "large deflection": (partial(LargeDeflection, steps=200), 1e-4),
         "rigid links, 100": (partial(RigidLinks, joints=100), 1e-4),
         "mass-spring, 200": (partial(MassSpring, pieces=200, diameter_m=0.02), 1e-3),
@@ -155,11 +146,10 @@ def order() -> Iterator[Row]:
             rod, np.array([-0.5, 1.0, 2.0]), np.array([0.2, 0.1, -0.3]), np.array([0, 1, -0.5])
         ).tip_m
 
-    for model, tip in (("planar rod", partial(planar_tip, 5.0)), ("spatial rod, with all features", twisted)):
-        exact = (4 * tip(400) - tip(200)) / 3
-        errors = [np.abs(tip(n) - exact).max() for n in (20, 40, 80)]
-        got = [math.log2(a / b) for a, b in itertools.pairwise(errors)]
-        yield row("order of convergence", model, [2.0, 2.0], got, 0.03)
+    exact = (4 * twisted(400) - twisted(200)) / 3
+    errors = [np.abs(twisted(n) - exact).max() for n in (20, 40, 80)]
+    got = [math.log2(a / b) for a, b in itertools.pairwise(errors)]
+    yield row("order of convergence", "spatial rod, with all features", [2.0, 2.0], got, 0.03)
 
 
 ROD = SpatialRod(0.057, 4.3e-4, 0.008, 3.5e-4, np.array([2.0, 6.0, 8.0]), 40.0, segments=60)
@@ -173,38 +163,23 @@ def invariance() -> Iterator[Row]:
         turned = replace(ROD, precurvature_per_m=np.asarray(ROD.precurvature_per_m) @ turn.T)
         there = solve_static_spatial(turned, turn @ FORCE, turn @ MOMENT).tip_m
         yield row(f"bench turned by {angle:g} rad, tip in m", "spatial rod", turn @ here, there, 1e-9)
-    flat, rod = np.array([-0.08, 0.06]), Rod(0.057, 4.3e-4, 0.008, 8.0, 40.0)
-    mirrored = solve_static(replace(rod, precurvature_per_m=-8.0), flat * [1, -1], -1e-3).tip_m
-    yield row("bench mirrored, tip in m", "planar rod", solve_static(rod, flat, 1e-3).tip_m * [1, -1], mirrored, 1e-9)
-    in_space = SpatialRod(0.057, 4.3e-4, 0.008, None, np.array([0, 0, 8.0]), 40.0)
-    got = solve_static_spatial(in_space, np.array([*flat, 0.0]), np.array([0, 0, 1e-3])).tip_m
-    yield row(
-        "planar load, tip in m", "spatial rod as the planar one", [*solve_static(rod, flat, 1e-3).tip_m, 0.0], got, 1e-9
-    )
 
 
 def work_along_the_path() -> Iterator[Row]:
     """Integral of the force over the way of the tip as the load is raised, against the energy stored; by parts."""
     nodes, weights = np.polynomial.legendre.leggauss(24)
     shares = (nodes + 1) / 2
-    rod = Rod(0.057, 4.3e-4, 0.008, 8.0, 40.0, segments=60)
-    flat = FORCE[:2]
 
-    def store(force: np.ndarray) -> tuple[float, np.ndarray]:
-        shape = solve_static(rod, force)
-        return shape.energy_j + float(force @ shape.tip_m), shape.tip_m
-
-    def store_spatial(force: np.ndarray) -> tuple[float, np.ndarray]:
+    def stored(force: np.ndarray) -> tuple[float, np.ndarray]:
         shape = solve_static_spatial(ROD, force)
         strain = rotation_vectors(shape.quaternions) / ROD.joint_spans_m[:, None]
         energy = np.sum(density(ROD, strain, np.asarray(ROD.precurvature_per_m)) * ROD.joint_spans_m)
         return float(energy), shape.tip_m
 
-    for model, force, stored in (("planar rod", flat, store), ("spatial rod", FORCE, store_spatial)):
-        tips = [force @ stored(share * force)[1] for share in shares]
-        (last, tip), (first, _) = stored(force), stored(0 * force)
-        work = force @ tip - weights @ np.array(tips) / 2
-        yield row("work of the load / energy stored", model, 1.0, work / (last - first), 1e-8)
+    tips = [FORCE @ stored(share * FORCE)[1] for share in shares]
+    (last, tip), (first, _) = stored(FORCE), stored(0 * FORCE)
+    work = FORCE @ tip - weights @ np.array(tips) / 2
+    yield row("work of the load / energy stored", "spatial rod", 1.0, work / (last - first), 1e-8)
 
 
 def pyelastica() -> Iterator[Row]:
@@ -213,14 +188,6 @@ def pyelastica() -> Iterator[Row]:
     for name, (strain, force) in LOADS.items():
         theirs, ours = apart(np.array(strain), np.array(force))
         yield row(f"PyElastica settled, {name}: tip / L", "spatial rod", theirs, ours, 1.5e-3)
-
-
-def random_planar_loads(count: int = 100_000) -> Iterator[Row]:
-    for name, (rod, seed) in planar_loads.RODS.items():
-        found = planar_loads.measure(rod, seed, count)
-        yield from _random(f"{count} random loads to 12 EI / L^2, cold", f"planar rod, {name}", found)
-        wrong = found["fallen_without_a_jump_in_the_walk"] + found["walked_to_another_shape"]
-        yield row("  branches that a walk in 500 steps denies", f"planar rod, {name}", 0, wrong, 0)
 
 
 def random_spatial_loads(count: int = 20_000) -> Iterator[Row]:
@@ -250,6 +217,5 @@ QUICK: dict[str, Callable[[], Iterator[Row]]] = {
 }
 SLOW: dict[str, Callable[[], Iterator[Row]]] = {
     "pyelastica": pyelastica,
-    "planar-loads": random_planar_loads,
     "spatial-loads": random_spatial_loads,
 }

@@ -10,7 +10,6 @@ from typing import Any
 __all__ = ["PARTS", "one_thread", "run_alone", "save"]
 
 PARTS = {
-    "planar": "bench.rods",
     "spatial": "bench.spatial_rods",
     "camera": "bench.rendering",
     "fluoroscope": "bench.rendering_fluoroscope",

@@ -17,10 +17,10 @@ from threadpoolctl import threadpool_limits
 
 from tipforce.mechanics import (
     SpatialContact,
+    SpatialContactSolver,
     SpatialRod,
     SpatialWall,
     damping_of_loss_factor,
-    solve_contact_spatial,
     solve_static_spatial,
 )
 
@@ -155,9 +155,7 @@ def press_time(segments: int, seconds: float = 20.0) -> dict[str, float]:
     change[:, 2] = 0.3 * np.sin(0.3 * t)
 
     def run() -> SpatialContact:
-        return solve_contact_spatial(
-            rod, wall, way, 1e-3, 0.00116, precurvature_change_per_m=change, creep=0.03, creep_time_s=2
-        )
+        return SpatialContactSolver(rod, wall, 1e-3, 0.00116, creep=0.03, creep_time_s=2).run(way, change)
 
     contact = run()
     return {

@@ -4,12 +4,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from tests.oracles.planar_rod import solve_static
 
 from tipforce.calibration import CalibrationSession
 from tipforce.estimators.rod import LineFrame
 from tipforce.io import ClockMap, Inertia, Tare
-from tipforce.mechanics import Rod, solve_static
-from tipforce.mechanics.actuation import Play
+from tipforce.mechanics import PlanarRod, Play
 from tipforce.types import (
     STAGE_ACROSS,
     STAGE_FORWARD,
@@ -52,7 +52,9 @@ def make_session(*, turned_deg: float = 0.0, contact: bool = True, moving_knob: 
     shapes, lines, domes = [], [], []
     base = BasePose(np.array([-0.5, 239.5]), 0.0)
     for k in range(count):
-        rod = Rod(0.04, STIFFNESS, 0.008 - DOME, curvature[k], stiffening_curvature_per_m=4.5e-4**-0.5, segments=60)
+        rod = PlanarRod(
+            0.04, STIFFNESS, 0.008 - DOME, curvature[k], stiffening_curvature_per_m=4.5e-4**-0.5, segments=60
+        )
         points = solve_static(rod, force[k]).centreline_m(np.linspace(0.0, 0.048 - DOME, 63))
         axis = points[-1] - points[-4]
         axis /= np.linalg.norm(axis)

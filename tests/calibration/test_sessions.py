@@ -11,7 +11,7 @@ from tipforce.calibration import CalibrationSession, calibrate_sessions, combine
 from tipforce.calibration._session import _past as mean_of_past_forces
 from tipforce.errors import InputError
 from tipforce.io import Inertia, RecordingWriter
-from tipforce.mechanics.actuation import Play
+from tipforce.mechanics import Play
 from tipforce.types import Actuation, Frame, SessionInfo, ViewInfo
 
 from .conftest import GAIN, OFFSET, PLAY, STIFFNESS, TISSUE

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.oracles.planar_rod import solve_static
 
 from tipforce.estimators import Estimator, Fusion, FusionSettings, Rod, RodSettings, load_model
 from tipforce.estimators._reading import Abstention
@@ -20,8 +21,7 @@ from tipforce.estimators.rod._outcome import Outcome, estimate_of, tempered
 from tipforce.estimators.rod._posterior import ForcePrior, force_over_contact
 from tipforce.estimators.rod.rod import RodStream
 from tipforce.evaluation._methods import methods_from
-from tipforce.mechanics import Rod as PlanarRod
-from tipforce.mechanics import solve_static
+from tipforce.mechanics import PlanarRod
 from tipforce.types import (
     ActuationInfo,
     Catheter,

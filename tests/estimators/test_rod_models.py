@@ -8,19 +8,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from tests.oracles.planar_rod import solve_static
 
 from tipforce.datasets import Dataset
 from tipforce.errors import InputError
 from tipforce.estimators import ESTIMATORS, Estimator, create, load_model, save_model
 from tipforce.estimators.rod_models import STATIONS, RodModelEstimator, StationNoise, fit_force, model_stations
-from tipforce.mechanics import Rod, solve_static
+from tipforce.mechanics import PlanarRod
 from tipforce.types import ActuationInfo, BasePose, Catheter, Observation, SessionInfo, Status, ViewInfo
 
 MODELS = [name for name, kind in ESTIMATORS.items() if issubclass(kind, RodModelEstimator)]
 ONE_DEGREE_OF_FREEDOM = ("arcs", "pseudo-rigid")
 """Their shape tells one component of the force: the other is the prior's."""
 every_model = pytest.mark.parametrize("name", MODELS)
-BENT = Rod(0.04, 4.3e-4, 0.008, precurvature_per_m=15.0)
+BENT = PlanarRod(0.04, 4.3e-4, 0.008, precurvature_per_m=15.0)
 
 
 def kind_of(name: str) -> type[RodModelEstimator]:
@@ -49,7 +50,7 @@ def test_a_model_gives_back_the_force_of_its_own_forward_model(name: str, force:
 @every_model
 def test_an_axial_force_on_a_straight_shaft_is_left_to_the_prior(name: str) -> None:
     kind = kind_of(name)
-    model = kind.model(Rod(0.04, 4.3e-4, 0.008))
+    model = kind.model(PlanarRod(0.04, 4.3e-4, 0.008))
     noise = fine(kind.stations, force_std_n=0.2, station_std_m=1e-4)
     found = fit_force(model, model_stations(model, np.array([-0.05, 0.0]), kind.stations), noise)
     assert abs(found.force_n[0]) < 0.01
@@ -77,7 +78,7 @@ VISION = {"polarity": "dark", "base_side": "left"}
 
 def drawn(force: np.ndarray, factor: float) -> np.ndarray:
     """(240, 320) grey: the rod with the knob at 20 degrees, from the left border, under ``force`` (2,)."""
-    line = solve_static(Rod(0.04, 4.3e-4 * factor, 0.008, precurvature_per_m=10.0), force).centreline_m(200)
+    line = solve_static(PlanarRod(0.04, 4.3e-4 * factor, 0.008, precurvature_per_m=10.0), force).centreline_m(200)
     points = BasePose(np.array([0.0, 150.0]), 0.0).to_image(np.vstack([[-0.01, 0.0], line]) / SCALE)
     image = np.full((240, 320), 215, np.uint8)
     cv2.polylines(image, [np.round(points * 16).astype(np.int32)], False, 45, 9, cv2.LINE_AA, 4)

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.oracles.planar_rod import solve_static
 
 from tipforce.estimators._recent_share import RecentShare
 from tipforce.estimators.rod import RodTrackSettings, _filter
@@ -12,7 +13,7 @@ from tipforce.estimators.rod._knowledge import Knowledge, rod_model
 from tipforce.estimators.rod._lines import LineFrame
 from tipforce.estimators.rod._noise_level import NoiseLevel
 from tipforce.estimators.rod._outcome import Outcome
-from tipforce.mechanics import Rod, solve_static
+from tipforce.mechanics import PlanarRod
 from tipforce.mechanics.planar import Found
 from tipforce.types import ActuationInfo, Catheter, CentrelinePx, FloatArray, SessionInfo, ViewInfo
 
@@ -40,7 +41,7 @@ def see(
     across_px: float | FloatArray = 0.0,
 ) -> Outcome:
     """A frame of a rod whose clamp is turned by a degree and whose knob asks for 0.3 1/m too little."""
-    rod = Rod(0.04, 4.3e-4, 0.008, 0.533 * knob_deg + 0.3, stiffening_curvature_per_m=4.5e-4**-0.5, segments=160)
+    rod = PlanarRod(0.04, 4.3e-4, 0.008, 0.533 * knob_deg + 0.3, stiffening_curvature_per_m=4.5e-4**-0.5, segments=160)
     points = solve_static(rod, np.array(force)).centreline_m(np.linspace(1.5e-3, 0.048, 64))
     c, s = np.cos(0.017), np.sin(0.017)
     points = points @ np.array([[c, s], [-s, c]]) - (1.5e-3, 0.0)

@@ -1,11 +1,11 @@
-"""Derivatives at many instants of a contact: against those of single shapes, and against finite differences."""
+"""Derivatives at many instants of a contact, against finite differences."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tipforce.mechanics import SpatialRod, contact_derivatives, derivatives, solve_static_spatial
+from tipforce.mechanics import SpatialRod, contact_derivatives, solve_static_spatial
 
 SEGMENTS, POINTS = 24, 9
 ROD = SpatialRod(
@@ -31,21 +31,41 @@ def lines(shapes):
     return np.array([shape.centreline_m(49) for shape in shapes])
 
 
-def test_a_force_on_the_tip_has_the_derivatives_of_the_single_shape(shapes, lines):
+def measured_slopes(rod, shape, changes):
+    """(POINTS, 3, k): finite differences; each change returns rod, force and moment for a step of the stated size."""
+
+    def line(change, step):
+        moved, force, moment = change(step)
+        return solve_static_spatial(moved, force, moment, start=shape).centreline_m(POINTS)
+
+    columns = [(line(change, step) - line(change, -step)) / (2 * step) for change, step in changes]
+    return np.stack(columns, axis=-1)
+
+
+def test_derivatives_are_what_finite_differences_of_the_static_shape_measure(shapes, lines):
     found = contact_derivatives(ROD, lines, FORCES, lines[:, -1], POINTS)
     assert found.stable.all()
-    for row, shape in enumerate(shapes):
-        single = derivatives(shape, POINTS)
-        np.testing.assert_allclose(found.centreline_m[row], single.centreline_m, atol=1e-9)
-        for name, expected in {
-            "force": single.force,
-            "moment": single.moment,
-            "precurvature": single.precurvature[..., 1:],
-            # a share of both stiffnesses
-            "stiffness": 4.3e-4 * single.stiffness[..., :1] + 4.0e-4 * single.stiffness[..., 1:],
-        }.items():
+    zero, rest, ei, gj = np.zeros(3), ROD.precurvature_per_m, ROD.bending_stiffness_nm2, ROD.gj_nm2
+    for row, (shape, force) in enumerate(zip(shapes, FORCES, strict=True)):
+        np.testing.assert_allclose(found.centreline_m[row], shape.centreline_m(POINTS), atol=1e-9)
+
+        def stiffer(share, force=force):
+            rod = replace(ROD, bending_stiffness_nm2=ei * (1 + share), torsional_stiffness_nm2=gj * (1 + share))
+            return rod, force, zero
+
+        changes = {
+            "force": [(lambda e, u=u, f=force: (ROD, f + e * u, zero), 1e-5) for u in np.eye(3)],
+            "moment": [(lambda e, u=u, f=force: (ROD, f, e * u), 1e-6) for u in np.eye(3)],
+            "precurvature": [
+                (lambda e, u=u, f=force: (replace(ROD, precurvature_per_m=rest + e * u), f, zero), 1e-3)
+                for u in np.eye(3)[1:]
+            ],
+            "stiffness": [(stiffer, 1e-5)],
+        }
+        for name, steps in changes.items():
+            expected = measured_slopes(ROD, shape, steps)
             size = np.abs(expected).max()
-            np.testing.assert_allclose(found[name][row], expected, atol=1e-6 * size + 1e-9, err_msg=name)
+            np.testing.assert_allclose(found[name][row], expected, atol=5e-6 * size + 1e-8, err_msg=name)
 
 
 def test_a_force_beside_the_middle_of_the_dome_turns_it_too(lines):
@@ -111,8 +131,9 @@ def test_a_rod_without_an_electrode_has_derivatives_too():
     shape = solve_static_spatial(rod, FORCES[1])
     line = shape.centreline_m(49)[None]
     found = contact_derivatives(rod, line, FORCES[1:2], line[:, -1], POINTS)
-    expected = derivatives(shape, POINTS).force
-    np.testing.assert_allclose(found["force"][0], expected, atol=1e-6 * np.abs(expected).max())
+    zero = np.zeros(3)
+    expected = measured_slopes(rod, shape, [(lambda e, u=u: (rod, FORCES[1] + e * u, zero), 1e-5) for u in np.eye(3)])
+    np.testing.assert_allclose(found["force"][0], expected, atol=5e-6 * np.abs(expected).max())
 
 
 def test_points_may_stand_in_any_order_and_wrong_shapes_are_refused(lines):

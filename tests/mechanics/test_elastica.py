@@ -1,4 +1,4 @@
-"""The rod against the exact elastica, in Jacobi's functions, with all its solutions."""
+"""The planar oracle against the exact elastica, in Jacobi's functions, with all its solutions."""
 
 import math
 
@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
-from scipy.special import ellipe, ellipj, ellipk, ellipkinc
+from scipy.special import ellipj, ellipk, ellipkinc
+from tests.oracles.planar_rod import solve_static
 
-from tipforce.mechanics import Branch, Rod, solve_static
+from tipforce.mechanics import PlanarRod
 
 LENGTH, STIFFNESS = 0.065, 4.3e-4
-CRITICAL = math.pi**2 * STIFFNESS / (4 * LENGTH**2)
 
 
 def angle_off_the_force(tip, way):
@@ -46,9 +47,8 @@ def exact_tips(alpha, direction):
 def extrapolated_tip(alpha, direction, segments=50):
     """Place over L and angle of the tip: error of second order taken out with half as many segments."""
     force = alpha * STIFFNESS / LENGTH**2 * np.array([math.cos(direction), math.sin(direction)])
-    fine, coarse = (solve_static(Rod(LENGTH, STIFFNESS, segments=n), force) for n in (segments, segments // 2))
+    fine, coarse = (solve_static(PlanarRod(LENGTH, STIFFNESS, segments=n), force) for n in (segments, segments // 2))
     assert fine.converged
-    assert fine.stable
     a, b = (np.append(shape.tip_m / LENGTH, shape.tip_angle_rad) for shape in (fine, coarse))
     return (4 * a - b) / 3
 
@@ -73,28 +73,57 @@ def test_elliptic_integrals_give_the_cantilevers_load_back(alpha):
     assert (ellipk(m) - ellipkinc(math.asin(1 / math.sqrt(2 * m)), m)) ** 2 == pytest.approx(alpha, rel=2e-4)
 
 
-@pytest.mark.parametrize("side", [1, -1])
-@pytest.mark.parametrize("share", [1.05, 1.5, 2.0, 4.0])
-def test_a_buckled_column_is_reached_from_a_bent_start(share, side):
-    force = np.array([-share * CRITICAL, 0.0])
-    tips = []
-    for segments in (50, 100):
-        rod = Rod(LENGTH, STIFFNESS, segments=segments)
-        shape = solve_static(rod, force, start=solve_static(rod, force + np.array([0.0, side * 0.05 * CRITICAL])))
-        assert shape.converged
-        assert shape.stable
-        assert shape.branch is Branch.GIVEN
-        assert not shape.on_unloaded_branch()
-        tips.append([*shape.tip_m / LENGTH, shape.tip_angle_rad])
-    m = brentq(lambda m: ellipk(m) - math.sqrt(share) * math.pi / 2, 1e-9, 1 - 1e-12)
-    exact = [2 * ellipe(m) / ellipk(m) - 1, side * 2 * math.sqrt(m) / ellipk(m), side * 2 * math.asin(math.sqrt(m))]
-    np.testing.assert_allclose((4 * np.array(tips[1]) - tips[0]) / 3, exact, atol=2e-5 if share > 1.1 else 2e-4)
+def test_the_tip_under_any_load_is_that_of_a_boundary_value_solver_with_second_order():
+    force, moment = np.array([-0.1, 0.08]), 3e-3
+
+    def slopes(s, y):
+        along = np.stack([np.cos(y[0]), np.sin(y[0])])
+        bent = y[1] / (STIFFNESS * (1.0 + 0.4 * np.cos(40 * s))) + 8.0 + 6.0 * np.sin(50 * s)
+        return np.stack([bent, along[1] * force[0] - along[0] * force[1], *along])
+
+    def ends(a, b):
+        lever = 0.008 * np.array([math.cos(b[0]), math.sin(b[0])])
+        return np.array([a[0], a[2], a[3], b[1] - moment - lever[0] * force[1] + lever[1] * force[0]])
+
+    mesh = np.linspace(0, LENGTH, 200)
+    found = solve_bvp(slopes, ends, mesh, np.stack([8.0 * mesh, 0 * mesh, mesh, 0 * mesh]), tol=1e-9)
+    angle, _, x, y = found.y[:, -1]
+    exact = np.array([x, y]) + 0.008 * np.array([math.cos(angle), math.sin(angle)])
+    errors = []
+    for segments in (25, 50, 100):
+        s = np.linspace(0, LENGTH, segments + 1)
+        curved, stiff = 8.0 + 6.0 * np.sin(50 * s), 1.0 + 0.4 * np.cos(40 * s)
+        rod = PlanarRod(LENGTH, STIFFNESS, 0.008, curved, stiffness_profile=stiff, segments=segments)
+        errors.append(np.linalg.norm(solve_static(rod, force, moment).tip_m - exact))
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
+    assert errors[1] / errors[2] == pytest.approx(4, rel=0.1)
 
 
-@pytest.mark.parametrize(("share", "stable"), [(0.98, True), (1.02, False), (3.0, False)])
-def test_a_straight_column_stays_on_its_branch_and_loses_its_stability_at_the_buckling_load(share, stable):
-    shape = solve_static(Rod(LENGTH, STIFFNESS), np.array([-share * CRITICAL, 0.0]))
-    assert shape.converged
-    assert shape.stable is stable
-    assert shape.branch is Branch.UNLOADED
-    assert shape.tip_m[0] == pytest.approx(LENGTH)
+def test_the_moment_follows_the_stiffening():
+    rod = PlanarRod(0.04, 4.3e-4, precurvature_per_m=5.0, stiffening_curvature_per_m=40.0)
+    curvature = solve_static(rod, np.zeros(2), 0.012).tip_angle_rad / 0.04
+    assert 4.3e-4 * (1 + (curvature / 40) ** 2) * (curvature - 5.0) == pytest.approx(0.012, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"flexible_length_m": 0.0}, {"bending_stiffness_nm2": -1.0}, {"segments": 3}, {"rigid_length_m": -0.1}]
+)
+def test_impossible_rods_are_refused(wrong):
+    with pytest.raises(ValueError, match="a rod needs"):
+        PlanarRod(**{"flexible_length_m": 0.04, "bending_stiffness_nm2": 4e-4, **wrong})
+
+
+def test_precurvature_beyond_the_stiffening_law_is_refused():
+    with pytest.raises(ValueError, match="precurvature_per_m"):
+        PlanarRod(0.04, 4e-4, precurvature_per_m=70.0, stiffening_curvature_per_m=40.0)
+
+
+@pytest.mark.parametrize("name", ["precurvature_per_m", "stiffness_profile"])
+def test_rows_of_the_wrong_length_are_refused(name):
+    with pytest.raises(ValueError, match=name):
+        PlanarRod(0.04, 4e-4, **{name: np.ones(50)}, segments=50)
+
+
+def test_a_profile_that_is_not_positive_is_refused():
+    with pytest.raises(ValueError, match="stiffness_profile"):
+        PlanarRod(0.04, 4e-4, stiffness_profile=np.linspace(1, 0, 51))

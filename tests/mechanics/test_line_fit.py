@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from tests.oracles.planar_rod import solve_static
 
-from tipforce.mechanics import Rod, solve_static
+from tipforce.mechanics import PlanarRod
 from tipforce.mechanics.planar import UNKNOWNS, Line, Model, fit_line, make_work, predict_line
 
 POINTS = 22
@@ -17,7 +18,7 @@ NOISE = np.append(np.full(POINTS, 1e-5), 1e-4)
 
 def line_of(force: tuple[float, float], curvature: float, errors: np.ndarray | None = None) -> Line:
     """The line of a rod under ``force``, across itself and at its tip along itself off by ``errors`` (POINTS + 1,)."""
-    rod = Rod(0.04, 4.3e-4, 0.008, precurvature_per_m=curvature, segments=40)
+    rod = PlanarRod(0.04, 4.3e-4, 0.008, precurvature_per_m=curvature, segments=40)
     points = solve_static(rod, np.array(force)).centreline_m(0.048 - FROM_TIP)
     along = np.gradient(points, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)

@@ -1,6 +1,6 @@
 """From the knob's angle to the curvature without load: gain, offset and hysteresis.
 
-The curvature follows the knob through a play (`mechanics.actuation.Play`): it stands still until the knob has crossed
+The curvature follows the knob through a play (`mechanics.Play`): it stands still until the knob has crossed
 the gap. For every width of the gap on a grid the curvature is a straight line over what the play lets through; the
 best width leaves the least. What the knob's curvature drifts is not independent from frame to frame, so the standard
 deviations come from a bootstrap over blocks of time.
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..mechanics.actuation import Play
+from ..mechanics import Play
 from ..types import FloatArray, IntArray
 
 _LEAST_FRAMES = 8

@@ -1,23 +1,12 @@
 """Statics of the catheter, in the plane and in space: large bending under loads, and contact with a soft wall."""
 
 from ._branch import Branch
-from ._derivatives import Derivatives, derivatives
 from ._heart import HEART_WAVES, HeartMotion
-from ._information import (
-    CentrelineNoise,
-    CramerRaoBound,
-    Information,
-    LineNoise,
-    Priors,
-    cramer_rao,
-    fisher_information,
-    posterior_covariance,
-    posterior_covariance_along,
-)
-from .actuation import Hysteresis, KnobMap, Play, PrandtlIshlinskii, Tendon
+from ._line_noise import LineNoise
+from ._play import Play
+from ._posterior import posterior_covariance, posterior_covariance_along
 from .models import (
     ConstantCurvature,
-    Elastica,
     LargeDeflection,
     LinearBeam,
     MassSpring,
@@ -27,7 +16,7 @@ from .models import (
     RodModel,
     RodShape,
 )
-from .planar import Contact, Rod, Shape, Shapes, Wall, solve_contact, solve_static, solve_static_batch
+from .planar import PlanarRod
 from .spatial import (
     ContactDerivatives,
     SpatialContact,
@@ -38,57 +27,35 @@ from .spatial import (
     contact_derivatives,
     damping_of_loss_factor,
     face_depths,
-    solve_contact_spatial,
     solve_static_spatial,
 )
 
 __all__ = [
     "HEART_WAVES",
     "Branch",
-    "CentrelineNoise",
     "ConstantCurvature",
-    "Contact",
     "ContactDerivatives",
-    "CramerRaoBound",
-    "Derivatives",
-    "Elastica",
     "HeartMotion",
-    "Hysteresis",
-    "Information",
-    "KnobMap",
     "LargeDeflection",
     "LineNoise",
     "LinearBeam",
     "MassSpring",
+    "PlanarRod",
     "Play",
     "PolylineShape",
-    "PrandtlIshlinskii",
-    "Priors",
     "PseudoRigidBody",
     "RigidLinks",
-    "Rod",
     "RodModel",
     "RodShape",
-    "Shape",
-    "Shapes",
     "SpatialContact",
     "SpatialContactSolver",
     "SpatialRod",
     "SpatialShape",
     "SpatialWall",
-    "Tendon",
-    "Wall",
     "contact_derivatives",
-    "cramer_rao",
     "damping_of_loss_factor",
-    "derivatives",
     "face_depths",
-    "fisher_information",
     "posterior_covariance",
     "posterior_covariance_along",
-    "solve_contact",
-    "solve_contact_spatial",
-    "solve_static",
-    "solve_static_batch",
     "solve_static_spatial",
 ]

@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from ...datasets import Dataset, calibration_images
 from ...errors import InputError
 from ...mechanics import (
-    Rod,
+    PlanarRod,
     RodModel,
 )
 from ...types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
@@ -137,7 +137,7 @@ class RodModelEstimator(CentrelineEstimator):
     needs_fit: ClassVar[bool] = False
     stations: ClassVar[int] = STATIONS
     """Number of stations, counted from the tip, that are compared."""
-    model: ClassVar[Callable[[Rod], RodModel]]
+    model: ClassVar[Callable[[PlanarRod], RodModel]]
 
     def __init__(self, settings: RodModelSettings | None = None) -> None:
         super().__init__(settings)
@@ -413,14 +413,14 @@ class RodModelStream:
 
 @lru_cache(maxsize=64)
 def _model(
-    kind: Callable[[Rod], RodModel],
+    kind: Callable[[PlanarRod], RodModel],
     flexible_length_m: float,
     stiffness_nm2: float,
     rigid_length_m: float,
     precurvature_per_m: float,
     profile: tuple[tuple[float, float], ...],
 ) -> RodModel:
-    rod = Rod(flexible_length_m, stiffness_nm2, rigid_length_m, precurvature_per_m)
+    rod = PlanarRod(flexible_length_m, stiffness_nm2, rigid_length_m, precurvature_per_m)
     if profile:
         shares, factors = np.array(profile).T
         along = np.interp(np.linspace(0.0, 1.0, rod.segments + 1), shares, factors)

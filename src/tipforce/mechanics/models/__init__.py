@@ -2,12 +2,11 @@
 
 from ._beams import LargeDeflection, LinearBeam
 from ._chain_models import ConstantCurvature, MassSpring, RigidLinks
-from ._interface import Elastica, PolylineShape, RodModel, RodShape
+from ._interface import PolylineShape, RodModel, RodShape
 from ._pseudo_rigid_body import PseudoRigidBody
 
 __all__ = [
     "ConstantCurvature",
-    "Elastica",
     "LargeDeflection",
     "LinearBeam",
     "MassSpring",

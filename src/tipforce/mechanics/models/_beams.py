@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from ...types import FloatArray, frozen
-from ..planar import Rod
+from ..planar import PlanarRod
 from ._interface import (
     CATHETER_7F_M,
     PolylineShape,
@@ -30,7 +30,7 @@ class LinearBeam:
     axial force on a straight shaft never bends it.
     """
 
-    rod: Rod
+    rod: PlanarRod
     elements: int = 20
     diameter_m: float = CATHETER_7F_M
     _rest: PolylineShape = field(init=False, repr=False)
@@ -107,7 +107,7 @@ class LargeDeflection:
     carried along.
     """
 
-    rod: Rod
+    rod: PlanarRod
     steps: int = 40
     _curvature_per_m: FloatArray = field(init=False, repr=False)
     _stiffness_nm2: float = field(init=False, repr=False)

@@ -1,4 +1,4 @@
-"""Rod models whose state is angles alone: rigid links, particles and springs, arcs of constant curvature.
+"""PlanarRod models whose state is angles alone: rigid links, particles and springs, arcs of constant curvature.
 
 Unknowns are the angles q_1 .. q_m; q_0 = 0 is the clamp. Between q_(i-1) and q_i acts a spring of span a_i with the
 moment EI (1 + (k / k_s)^2) (k - k_0), k = (q_i - q_(i-1)) / a_i. Either the shaft is straight links at the angles
@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from ...types import FloatArray
-from ..planar import Rod
+from ..planar import PlanarRod
 from ._interface import CATHETER_7F_M, PolylineShape, first_share, mean_curvature, stiffness_at
 
 _MAX_ITERATIONS = 60
@@ -184,7 +184,9 @@ def _solve_chain(chain: Chain, fx: float, fy: float, moment: float, first_share:
     return converged
 
 
-def _solve_links(rod: Rod, chain: Chain, clamped_m: float, force_n: FloatArray, moment_nm: float) -> PolylineShape:
+def _solve_links(
+    rod: PlanarRod, chain: Chain, clamped_m: float, force_n: FloatArray, moment_nm: float
+) -> PolylineShape:
     """Straight links behind a first one of ``clamped_m`` that stays along x."""
     fx, fy = float(force_n[0]), float(force_n[1])
     angles = np.empty(chain.span_m.size)
@@ -209,7 +211,7 @@ class RigidLinks:
     1 - 1 / (4 joints^2) of the true one.
     """
 
-    rod: Rod
+    rod: PlanarRod
     joints: int = 10
     _chain: Chain = field(init=False, repr=False)
 
@@ -246,7 +248,7 @@ class MassSpring:
     length is not kept, and what the springs should be is a matter of taste ("not physically reliable").
     """
 
-    rod: Rod
+    rod: PlanarRod
     pieces: int = 20
     diameter_m: float = CATHETER_7F_M
     _chain: Chain = field(init=False, repr=False)
@@ -289,7 +291,7 @@ class ConstantCurvature:
     deflection under a small force is 1 - 1 / (4 arcs^2) = 3/4 of the true one. Exact for a pure moment.
     """
 
-    rod: Rod
+    rod: PlanarRod
     arcs: int = 1
     _chain: Chain = field(init=False, repr=False)
 

@@ -1,4 +1,4 @@
-"""The interface of all rod models, what they share, and the elastica behind it, by which the others are measured."""
+"""The interface of all rod models, and what they share."""
 
 import math
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from ...types import FloatArray
-from ..planar import Rod, Shape, solve_static
+from ..planar import PlanarRod
 
 
 class RodShape(Protocol):
@@ -58,28 +58,17 @@ class PolylineShape:
         return line
 
 
-@dataclass(frozen=True, slots=True)
-class Elastica:
-    """The reference for the other models: `solve_static` of ``rod``, Kirchhoff's planar rod without stretch."""
-
-    rod: Rod
-
-    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> Shape:
-        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
-        return solve_static(self.rod, force_n, moment_nm)
-
-
 CATHETER_7F_M = 2.33e-3
 """Outer diameter of a 7F catheter."""
 
 
-def curvature_at(rod: Rod, arc_m: FloatArray) -> FloatArray:
+def curvature_at(rod: PlanarRod, arc_m: FloatArray) -> FloatArray:
     """Pre-curvature at ``arc_m`` (k,) along the shaft, linear between the rod's joints."""
     joints = np.linspace(0.0, rod.flexible_length_m, rod.segments + 1)
     return np.interp(arc_m, joints, rod.precurvatures_per_m)
 
 
-def _angle_at(rod: Rod, arc_m: FloatArray) -> FloatArray:
+def _angle_at(rod: PlanarRod, arc_m: FloatArray) -> FloatArray:
     """Tangent angle of the unloaded shaft at ``arc_m`` (k,), the exact integral of `curvature_at`."""
     joints = np.linspace(0.0, rod.flexible_length_m, rod.segments + 1)
     curvature = curvature_at(rod, joints)
@@ -88,18 +77,18 @@ def _angle_at(rod: Rod, arc_m: FloatArray) -> FloatArray:
     return at_joints[left] + 0.5 * (curvature[left] + curvature_at(rod, arc_m)) * (arc_m - joints[left])
 
 
-def mean_curvature(rod: Rod, edges_m: FloatArray) -> FloatArray:
+def mean_curvature(rod: PlanarRod, edges_m: FloatArray) -> FloatArray:
     """Mean pre-curvature of each piece of the shaft between ``edges_m`` (k + 1,)."""
     return np.diff(_angle_at(rod, edges_m)) / np.diff(edges_m)
 
 
-def stiffness_at(rod: Rod, arc_m: FloatArray) -> FloatArray:
+def stiffness_at(rod: PlanarRod, arc_m: FloatArray) -> FloatArray:
     """EI for small curvature at ``arc_m`` (k,) along the shaft, linear between the rod's joints."""
     joints = np.linspace(0.0, rod.flexible_length_m, rod.segments + 1)
     return np.interp(arc_m, joints, rod.stiffnesses_nm2)
 
 
-def mean_stiffness(rod: Rod) -> float:
+def mean_stiffness(rod: PlanarRod) -> float:
     """One EI for the whole shaft, for models that know no other: as the rest shape has it, weighed by compliance.
 
     The slope of the moment at the pre-curvature; weights are those with which a piece's compliance moves the tip.
@@ -111,7 +100,7 @@ def mean_stiffness(rod: Rod) -> float:
     return float(weight.sum() / (weight / slope).sum())
 
 
-def nodes_at(rod: Rod, arc_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+def nodes_at(rod: PlanarRod, arc_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Places (k, 2) and tangent angles (k,) of the unloaded shaft at ``arc_m`` (k,), which begins with 0."""
     nodes, weights = np.polynomial.legendre.leggauss(5)
     step = np.diff(arc_m)
@@ -121,7 +110,7 @@ def nodes_at(rod: Rod, arc_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.vstack([np.zeros((1, 2)), np.cumsum(ways, axis=0)]), _angle_at(rod, arc_m)
 
 
-def first_share(rod: Rod, fx: float, fy: float, moment_nm: float) -> float:
+def first_share(rod: PlanarRod, fx: float, fy: float, moment_nm: float) -> float:
     """Share of the load that bends the rod by a radian or less."""
     size = (math.hypot(fx, fy) * rod.length_m**2 + abs(moment_nm) * rod.length_m) / rod.bending_stiffness_nm2
     return 1.0 / max(1.0, math.ceil(size))

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from ...types import FloatArray
-from ..planar import Rod
+from ..planar import PlanarRod
 from ._interface import PolylineShape, first_share, mean_stiffness, nodes_at
 
 _GAMMA = 0.8517
@@ -32,7 +32,7 @@ class PseudoRigidBody:
     would need other constants (2/3 of the true angle).
     """
 
-    rod: Rod
+    rod: PlanarRod
     _numbers: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -3,7 +3,7 @@
 The measurement is the displacement of the detected line across itself at its points, and along itself at its tip. The
 unknowns are those of the rod, of its clamp and of the camera (`UNKNOWNS`), then the amplitudes of ``modes``: errors of
 the line that stay for a while. All have a joint Gaussian prior. Derivatives are exact: the implicit function theorem at
-the equilibrium, one tridiagonal solution an unknown, as in `mechanics.derivatives`.
+the equilibrium, one tridiagonal solution an unknown.
 """
 
 import math
@@ -14,7 +14,18 @@ import numpy as np
 from ...types import FloatArray
 from ._cholesky import factorise, solve_in
 from ._compile import compiled
-from ._newton import NO_SPRINGS, SCRATCH, TOLERANCE, Elastic, Load, follow, relax_in, solve_factorised
+from ._newton import (
+    COSINE,
+    INVERSE_PIVOTS,
+    SCRATCH,
+    SINE,
+    TOLERANCE,
+    Elastic,
+    Load,
+    follow,
+    relax_in,
+    solve_factorised,
+)
 
 UNKNOWNS = (
     "force_x_n",
@@ -171,10 +182,10 @@ def _solve_shape(q: FloatArray, model: Model, line: Line, work: Work, cold: bool
             work.theta[i] = angle
         outcome, _ = follow(work.theta, rod, load, 0.5, work.scratch)
     else:
-        outcome = relax_in(work.theta, rod, load, NO_SPRINGS, 1e3 * TOLERANCE, work.scratch[:SCRATCH])
+        outcome = relax_in(work.theta, rod, load, 1e3 * TOLERANCE, work.scratch[:SCRATCH])
     firm = 1e300
     for i in range(n):
-        firm = min(firm, 1.0 / work.scratch[6, i] if work.scratch[6, i] > 0.0 else 0.0)
+        firm = min(firm, 1.0 / work.scratch[INVERSE_PIVOTS, i] if work.scratch[INVERSE_PIVOTS, i] > 0.0 else 0.0)
     return outcome.converged, outcome.stable, firm * h / model.stiffness_nm2
 
 
@@ -186,7 +197,7 @@ def _turn_rates(q: FloatArray, model: Model, line: Line, work: Work) -> None:
     h = model.flexible_m * (1.0 + q[_LENGTH]) / model.segments
     per_length = model.flexible_m / model.segments
     fx, fy = _load(q, line)
-    cosine, sine = work.scratch[10], work.scratch[11]
+    cosine, sine = work.scratch[COSINE], work.scratch[SINE]
     side = work.before
     for parameter in range(_OF_ROD):
         previous = 0.0
@@ -257,7 +268,7 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
             share = (arc - first * h) / (h if first < segments else model.rigid_m)
             x = work.nodes[0, first] + share * (work.nodes[0, first + 1] - work.nodes[0, first])
             y = work.nodes[1, first] + share * (work.nodes[1, first + 1] - work.nodes[1, first])
-            ex, ey = work.scratch[10, first], work.scratch[11, first]
+            ex, ey = work.scratch[COSINE, first], work.scratch[SINE, first]
             if first < segments:  # the arc, not its chord: kinks would show beside a hundredth of a pixel
                 before, after = work.theta[first - 1] if first else 0.0, work.theta[first + 1]
                 bend = (after - before) / (2.0 if 0 < first < segments - 1 else 1.5)

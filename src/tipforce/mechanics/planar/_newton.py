@@ -1,20 +1,17 @@
-"""Newton's method on the energy of the discrete planar elastica, pressed by springs at its tip, and continuation.
+"""Newton's method on the energy of the discrete planar elastica under a dead load, and continuation.
 
 Unknowns are the tangent angles: one a segment of length h, and one of the rigid tip. Inextensible segments make the
-Hessian of the bending energy and of a dead tip load tridiagonal; each of the two contact springs adds a term of rank
-one, which the Woodbury identity takes in. The continuation (`follow`) raises all loads together, from the unloaded
-shape to the whole load.
+Hessian of the bending energy and of a dead tip load tridiagonal. The continuation (`follow`) raises all loads
+together, from the unloaded shape to the whole load.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from ...types import FloatArray
 from ._compile import compiled
-from ._rod import Rod
-from ._simd import circle
+from ._sincos import cosine_and_sine
 
 
 class Elastic(NamedTuple):
@@ -41,58 +38,25 @@ class Load(NamedTuple):
     carried: FloatArray
 
 
-class Springs(NamedTuple):
-    """A ball of ``radius`` at the lever's end against a plane whose inward direction (into the wall) is (dx, dy).
-
-    The plane lies at ``position`` along that direction. ``kn`` acts on the depth of the ball, on contact only; ``kt``
-    acts on the way of the ball's touching point along the wall, t = (-dy, dx), rolling counted, from ``anchor``.
-    """
-
-    dx: float
-    dy: float
-    position: float
-    kn: float
-    kt: float
-    anchor: float
-    radius: float
-
-
 class Outcome(NamedTuple):
-    """``depth`` and ``slide`` of the ball (see `Springs`; slide is not reckoned from the anchor).
-
-    ``residual``: largest unbalanced moment on a segment over EI / length of the shaft.
-    """
+    """``residual``: largest unbalanced moment on a segment over EI / length of the shaft."""
 
     iterations: int
     converged: bool
     stable: bool
     energy: float
     residual: float
-    depth: float
-    slide: float
 
 
-NO_SPRINGS = Springs(1.0, 0.0, math.inf, 0.0, 0.0, 0.0, 0.0)
-
-SCRATCH = 12
+SCRATCH = 9
 """Rows of n numbers that `relax_in` needs."""
+INVERSE_PIVOTS, COSINE, SINE = 4, 7, 8
+"""Rows of the scratch: 1 / pivots of the Hessian, cosine and sine of the angles."""
 _MAX_ITERATIONS = 80
 _MAX_TURN = 0.4
 """Largest change of an angle in one step, rad: keeps the iteration on the branch it comes from."""
 TOLERANCE = 1e-11
 """Residual that ends the iteration. Rounding leaves about 1e-16 x segments x the largest angle."""
-
-
-def elastic_of(rod: Rod, lever_m: float) -> Elastic:
-    """The numbers of ``rod``, loaded at ``lever_m`` beyond the end of its shaft."""
-    return Elastic(
-        rod.flexible_length_m / rod.segments,
-        lever_m,
-        rod.stiffnesses_nm2,
-        rod.precurvatures_per_m,
-        rod.stiffening_curvature_per_m**-2,
-        rod.bending_stiffness_nm2 / rod.flexible_length_m,
-    )
 
 
 @compiled
@@ -102,7 +66,7 @@ def sincos(angle: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
     One angle after the other, as the library's functions take them, would cost more than half of a solve.
     """
     for i in range(angle.size):
-        cosine[i], sine[i] = circle(angle[i])
+        cosine[i], sine[i] = cosine_and_sine(angle[i])
 
 
 @compiled
@@ -115,10 +79,8 @@ def bending_density(k: float, k0: float, soft: float) -> float:
 
 
 @compiled
-def energy_at(
-    theta: FloatArray, cosine: FloatArray, sine: FloatArray, rod: Elastic, load: Load, springs: Springs
-) -> tuple[float, float, float]:
-    """Energy, depth and slide at ``theta``; leaves the cosines and sines in their arrays."""
+def energy_at(theta: FloatArray, cosine: FloatArray, sine: FloatArray, rod: Elastic, load: Load) -> float:
+    """Energy at ``theta``; leaves the cosines and sines in their arrays."""
     last = theta.size - 1
     sincos(theta, cosine, sine)
     x = y = bend = spread = previous = 0.0
@@ -131,36 +93,16 @@ def energy_at(
         x += reach * cosine[i]
         y += reach * sine[i]
         spread += reach * (load.carried[i, 0] * cosine[i] + load.carried[i, 1] * sine[i])
-    depth = x * springs.dx + y * springs.dy + springs.radius - springs.position
-    slide = y * springs.dx - x * springs.dy + springs.radius * theta[last]
-    total = bend - load.fx * x - load.fy * y - load.m * theta[last] - spread
-    total += 0.5 * springs.kt * (slide - springs.anchor) ** 2
-    if depth > 0.0 and springs.kn > 0.0:
-        total += 0.5 * springs.kn * depth**2
-    return total, depth, slide
+    return bend - load.fx * x - load.fy * y - load.m * theta[last] - spread
 
 
 @compiled
 def _assemble(
-    theta: FloatArray,
-    cosine: FloatArray,
-    sine: FloatArray,
-    rod: Elastic,
-    load: Load,
-    springs: Springs,
-    depth: float,
-    slide: float,
-    work: FloatArray,
+    theta: FloatArray, cosine: FloatArray, sine: FloatArray, rod: Elastic, load: Load, work: FloatArray
 ) -> float:
-    """Fill ``work`` (8, n): gradient, diagonal, off-diagonal, the springs' two directions. Returns max |gradient|."""
+    """Fills ``work`` (5, n) with gradient, diagonal and off-diagonal of the Hessian. Returns max |gradient|."""
     last = theta.size - 1
-    gradient, diagonal, upper, along, across = work[0], work[1], work[2], work[3], work[4]
-    normal = springs.kn * depth if depth > 0.0 and springs.kn > 0.0 else 0.0
-    drag = springs.kt * (slide - springs.anchor)
-    fx = load.fx - normal * springs.dx + drag * springs.dy
-    fy = load.fy - normal * springs.dy - drag * springs.dx
-    root_n = math.sqrt(springs.kn) if normal > 0.0 else 0.0
-    root_t = math.sqrt(springs.kt)
+    gradient, diagonal, upper = work[0], work[1], work[2]
     previous = 0.0
     for i in range(last + 1):
         span = rod.h if 0 < i < last else 0.5 * rod.h
@@ -171,17 +113,14 @@ def _assemble(
         slope = rod.ei[i] * (stiffer + 2.0 * rod.soft * k * (k - rod.k0[i])) / span
         reach = rod.h if i < last else rod.lever
         c, s = reach * cosine[i], reach * sine[i]
-        here_x, here_y = fx + load.carried[i, 0], fy + load.carried[i, 1]
-        gradient[i] = moment + here_x * s - here_y * c
-        diagonal[i] = slope + here_x * c + here_y * s
-        along[i] = root_n * (springs.dy * c - springs.dx * s)
-        across[i] = root_t * (springs.dx * c + springs.dy * s)
+        force_x, force_y = load.fx + load.carried[i, 0], load.fy + load.carried[i, 1]
+        gradient[i] = moment + force_x * s - force_y * c
+        diagonal[i] = slope + force_x * c + force_y * s
         if i > 0:
             gradient[i - 1] -= moment
             diagonal[i - 1] += slope
             upper[i - 1] = -slope
-    gradient[last] += drag * springs.radius - load.m
-    across[last] += root_t * springs.radius
+    gradient[last] -= load.m
     residual = 0.0
     for i in range(last + 1):
         residual = max(residual, abs(gradient[i]))
@@ -189,100 +128,56 @@ def _assemble(
 
 
 @compiled
-def _newton_step(work: FloatArray, shift: float, in_contact: bool, step: FloatArray) -> bool:
-    """Solve (H + shift I) step = -gradient; False where H + shift I is not positive definite.
+def _newton_step(work: FloatArray, shift: float, step: FloatArray) -> bool:
+    """Solves (H + shift I) step = -gradient; returns False where H + shift I is not positive definite.
 
-    H = T + a a' + c c' with T tridiagonal. By the inertia of the bordered matrix, H has as many negative eigenvalues
-    as T less those of the 2x2 matrix 1 + [a c]' T^-1 [a c]: no eigenvalues need be computed. Not ``in_contact``: a and
-    c are nothing.
+    H = L D L' with bidiagonal L; the factors and 1 / D are left in ``work``.
     """
     n = step.size
-    gradient, diagonal, upper, along, across = work[0], work[1], work[2], work[3], work[4]
-    factor, first, second = work[5], work[6], work[7]
+    gradient, diagonal, upper, factor, inverse_pivot = work[0], work[1], work[2], work[3], work[4]
     negative = 0
-    before = inverse = 0.0
-    for i in range(n):  # T = L D L'; D^-1 of the forward substitution goes along
+    forward = inverse = 0.0
+    for i in range(n):  # D^-1 of the forward substitution goes along
         pivot = diagonal[i] + shift
         right = -gradient[i]
         if i > 0:
-            share = upper[i - 1] * inverse
-            factor[i - 1] = share
-            pivot -= share * upper[i - 1]
-            right -= share * before
+            factor[i - 1] = upper[i - 1] * inverse
+            pivot -= factor[i - 1] * upper[i - 1]
+            right -= factor[i - 1] * forward
         if pivot == 0.0:
             pivot = 1e-300
         if pivot < 0.0:
             negative += 1
-        before = right
+        forward = right
         inverse = 1.0 / pivot
         step[i] = right * inverse
-        first[i] = inverse
+        inverse_pivot[i] = inverse
     for i in range(n - 2, -1, -1):
         step[i] -= factor[i] * step[i + 1]
-    if not in_contact:
-        return negative == 0
-    aa, ac, cc, a_step, c_step = 1.0, 0.0, 1.0, 0.0, 0.0
-    before = other = 0.0
-    for i in range(n):
-        one, two, inverse = along[i], across[i], first[i]
-        if i > 0:
-            one -= factor[i - 1] * before
-            two -= factor[i - 1] * other
-        before, other = one, two
-        first[i], second[i] = one * inverse, two * inverse
-    for i in range(n - 2, -1, -1):
-        first[i] -= factor[i] * first[i + 1]
-        second[i] -= factor[i] * second[i + 1]
-    for i in range(n):
-        aa += along[i] * first[i]
-        ac += along[i] * second[i]
-        cc += across[i] * second[i]
-        a_step += along[i] * step[i]
-        c_step += across[i] * step[i]
-    determinant = aa * cc - ac * ac
-    if determinant < 0.0:
-        negative -= 1
-    elif aa + cc < 0.0:
-        negative -= 2
-    if negative != 0 or determinant == 0.0:
-        return False
-    p = (cc * a_step - ac * c_step) / determinant
-    q = (aa * c_step - ac * a_step) / determinant
-    for i in range(n):
-        step[i] -= p * first[i] + q * second[i]
-    return True
+    return negative == 0
 
 
 @compiled
-def relax(theta: FloatArray, rod: Elastic, load: Load, springs: Springs) -> Outcome:
-    """`relax_in` with a scratch of its own."""
-    return relax_in(theta, rod, load, springs, TOLERANCE, np.empty((SCRATCH, theta.size)))
-
-
-@compiled
-def relax_in(
-    theta: FloatArray, rod: Elastic, load: Load, springs: Springs, tolerance: float, scratch: FloatArray
-) -> Outcome:
-    """Move ``theta`` (n,) in place to the nearest minimum of the energy; ``stable`` tells whether it is one.
+def relax_in(theta: FloatArray, rod: Elastic, load: Load, tolerance: float, scratch: FloatArray) -> Outcome:
+    """Moves ``theta`` (n,) in place to the nearest minimum of the energy; ``stable`` tells whether it is one.
 
     Each step is Newton's where the Hessian is positive definite, else that of the shifted Hessian, cut so that no
     angle turns by more than 0.4 rad, and halved until the energy falls. ``scratch`` (SCRATCH, n) is left with the
-    Hessian's factors at ``theta``: `solve_for` goes on from there.
+    Hessian's factors at ``theta``: `solve_factorised` goes on from there.
     """
     n = theta.size
-    work, trial, step, cosine, sine = scratch[:8], scratch[8], scratch[9], scratch[10], scratch[11]
-    in_contact = springs.kn > 0.0 or springs.kt > 0.0
-    energy, depth, slide = energy_at(theta, cosine, sine, rod, load, springs)
+    work, trial, step, cosine, sine = scratch[:5], scratch[5], scratch[6], scratch[COSINE], scratch[SINE]
+    energy = energy_at(theta, cosine, sine, rod, load)
     iteration = 0
     while True:
-        residual = _assemble(theta, cosine, sine, rod, load, springs, depth, slide, work) / rod.scale
-        stable = _newton_step(work, 0.0, in_contact, step)
+        residual = _assemble(theta, cosine, sine, rod, load, work) / rod.scale
+        stable = _newton_step(work, 0.0, step)
         if residual <= tolerance or iteration == _MAX_ITERATIONS:
-            return Outcome(iteration, residual <= tolerance, stable, energy, residual, depth, slide)
+            return Outcome(iteration, residual <= tolerance, stable, energy, residual)
         iteration += 1
         # As little shift as will do: past a fold the gradient is small, and the softest way is the one to go.
         shift = 1e-7 * rod.ei[0] / rod.h
-        while not stable and not _newton_step(work, shift, in_contact, step):
+        while not stable and not _newton_step(work, shift, step):
             shift *= 8.0
         longest = descent = 0.0
         for i in range(n):
@@ -294,13 +189,13 @@ def relax_in(
         while True:
             for i in range(n):
                 trial[i] = theta[i] + scale * step[i]
-            tried, depth, slide = energy_at(trial, cosine, sine, rod, load, springs)
+            tried = energy_at(trial, cosine, sine, rod, load)
             if tried <= energy + 1e-4 * scale * descent + slack:
                 break
             scale *= 0.5
-            if scale < 1e-10:  # no descent left: what stands is as good as rounding allows
-                energy, depth, slide = energy_at(theta, cosine, sine, rod, load, springs)
-                return Outcome(iteration, False, stable, energy, residual, depth, slide)
+            if scale < 1e-10:  # no descent is left: rounding allows no better shape
+                energy = energy_at(theta, cosine, sine, rod, load)
+                return Outcome(iteration, False, stable, energy, residual)
         energy = tried
         for i in range(n):  # a slice's assignment would cost the compiler seconds, for the message of its error
             theta[i] = trial[i]
@@ -308,26 +203,17 @@ def relax_in(
 
 @compiled
 def solve_factorised(scratch: FloatArray, answer: FloatArray) -> None:
-    """Solve with the factors of the Hessian that `relax_in` left, without springs; ``answer`` holds the side first.
+    """Solves with the factors of the Hessian that `relax_in` left; ``answer`` holds the right-hand side first.
 
     For shapes that are stable: of a Hessian that is not positive definite other factors may have been left.
     """
-    factor, inverse = scratch[5], scratch[6]
+    factor, inverse = scratch[3], scratch[INVERSE_PIVOTS]
     last = answer.size - 1
     for i in range(1, last + 1):
         answer[i] -= factor[i - 1] * answer[i - 1]
     answer[last] *= inverse[last]
     for i in range(last - 1, -1, -1):
         answer[i] = answer[i] * inverse[i] - factor[i] * answer[i + 1]
-
-
-@compiled
-def hessian_bands(theta: FloatArray, rod: Elastic, load: Load) -> FloatArray:
-    """(2, n): diagonal and off-diagonal of the Hessian at ``theta``, without springs."""
-    scratch = np.empty((SCRATCH, theta.size))
-    _, depth, slide = energy_at(theta, scratch[10], scratch[11], rod, load, NO_SPRINGS)
-    _assemble(theta, scratch[10], scratch[11], rod, load, NO_SPRINGS, depth, slide, scratch[:8])
-    return scratch[1:3].copy()
 
 
 _MISMATCH = 0.02
@@ -350,7 +236,7 @@ _ANEW = 0.02
 def _tangent(rod: Elastic, load: Load, scratch: FloatArray, way: FloatArray) -> None:
     """Change of the angles with the share of the load, into ``way``; ``scratch``: what `relax_in` left there."""
     last = way.size - 1
-    cosine, sine = scratch[10], scratch[11]
+    cosine, sine = scratch[COSINE], scratch[SINE]
     for i in range(last + 1):
         reach = rod.h if i < last else rod.lever
         way[i] = reach * ((load.fy + load.carried[i, 1]) * cosine[i] - (load.fx + load.carried[i, 0]) * sine[i])
@@ -373,9 +259,9 @@ def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: F
     (SCRATCH + 4, n).
     """
     n = theta.size
-    work, before, way, way_before = scratch[:SCRATCH], scratch[12], scratch[13], scratch[14]
-    way_last, carried = scratch[15], np.zeros((n, 2))
-    outcome = relax_in(theta, rod, Load(0.0, 0.0, 0.0, carried), NO_SPRINGS, _ON_THE_WAY, work)
+    work, before, way, way_before = scratch[:SCRATCH], scratch[SCRATCH], scratch[SCRATCH + 1], scratch[SCRATCH + 2]
+    way_last, carried = scratch[SCRATCH + 3], np.zeros((n, 2))
+    outcome = relax_in(theta, rod, Load(0.0, 0.0, 0.0, carried), _ON_THE_WAY, work)
     _tangent(rod, load, work, way)
     _copy(way, way_last)
     stable = outcome.stable
@@ -401,7 +287,7 @@ def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: F
             carried[i, 0], carried[i, 1] = target * load.carried[i, 0], target * load.carried[i, 1]
         part = Load(target * load.fx, target * load.fy, target * load.m, carried)
         tolerance = TOLERANCE if target == 1.0 else _ON_THE_WAY
-        outcome = relax_in(theta, rod, part, NO_SPRINGS, tolerance, work)
+        outcome = relax_in(theta, rod, part, tolerance, work)
         iterations += outcome.iterations
         was_stable, stable = stable, outcome.stable
         if stable:
@@ -424,5 +310,5 @@ def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: F
             _copy(way_before, way)
             stable = True
             step = max(0.3 * step, _SHORTEST)
-    whole = Outcome(iterations, outcome.converged, outcome.stable, outcome.energy, outcome.residual, 0.0, 0.0)
+    whole = Outcome(iterations, outcome.converged, outcome.stable, outcome.energy, outcome.residual)
     return whole, followed

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...types import FloatArray, frozen
-from .._arc import arc_m, element_lengths_m, joint_spans_m, way_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rod:
+class PlanarRod:
     """Inextensible planar rod in the base frame: clamped at the origin, tangent x there, bending about z.
 
     The shaft of ``flexible_length_m`` carries the moment M = EI (1 + (k / k_s)^2) (k - k_0) at curvature k, with
@@ -24,7 +23,7 @@ class Rod:
 
     Raises ValueError where a value has no physical meaning or a row has the wrong length.
 
-    >>> Rod(0.04, 4.3e-4, segments=4, stiffness_profile=np.array([1.1, 1.1, 1, 1, 1])).stiffnesses_nm2
+    >>> PlanarRod(0.04, 4.3e-4, segments=4, stiffness_profile=np.array([1.1, 1.1, 1, 1, 1])).stiffnesses_nm2
     array([0.000473, 0.000473, 0.00043 , 0.00043 , 0.00043 ])
     """
 
@@ -71,44 +70,3 @@ class Rod:
         """(segments + 1,): EI at the joints, for small curvature."""
         profile = 1.0 if self.stiffness_profile is None else self.stiffness_profile
         return np.full(self.segments + 1, self.bending_stiffness_nm2 * profile)
-
-    @property
-    def unloaded_angles_rad(self) -> FloatArray:
-        """(segments + 1,): tangent angle in the middle of each segment, then of the electrode, without load."""
-        return np.cumsum(self.precurvatures_per_m * self._spans_m)
-
-    @property
-    def element_lengths_m(self) -> FloatArray:
-        """(segments + 1,): of the segments, then of the electrode."""
-        return element_lengths_m(self.flexible_length_m, self.rigid_length_m, self.segments)
-
-    @property
-    def _spans_m(self) -> FloatArray:
-        """(segments + 1,): how much of the shaft belongs to each joint."""
-        return joint_spans_m(self.flexible_length_m, self.segments)
-
-    def curvatures_per_m(self, angles_rad: FloatArray) -> FloatArray:
-        """(..., segments + 1) angles -> (..., segments + 1) curvatures at the joints."""
-        return np.diff(angles_rad, axis=-1, prepend=0.0) / self._spans_m
-
-    def moments_nm(self, angles_rad: FloatArray) -> FloatArray:
-        """(..., segments + 1) angles -> (..., segments + 1) bending moments at the joints, the clamp's first."""
-        k = self.curvatures_per_m(angles_rad)
-        stiffer = 1.0 + (k / self.stiffening_curvature_per_m) ** 2
-        return self.stiffnesses_nm2 * stiffer * (k - self.precurvatures_per_m)
-
-    def nodes_m(self, angles_rad: FloatArray) -> FloatArray:
-        """(..., segments + 1) angles -> (..., segments + 2, 2): base, segment ends, tip of the electrode.
-
-        >>> Rod(0.04, 4.3e-4, 0.008, segments=4).nodes_m(np.zeros(5))[-1]
-        array([0.048, 0.   ])
-        """
-        steps = self.element_lengths_m[:, None] * np.stack([np.cos(angles_rad), np.sin(angles_rad)], axis=-1)
-        nodes = np.zeros((*steps.shape[:-2], self.segments + 2, 2))
-        np.cumsum(steps, axis=-2, out=nodes[..., 1:, :])
-        return nodes
-
-    def centreline_m(self, angles_rad: FloatArray, points: int | FloatArray) -> FloatArray:
-        """(..., segments + 1) angles -> (..., points, 2), base to tip; ``points``: how many, or their arc lengths."""
-        lengths = self.element_lengths_m
-        return way_m(lengths, arc_m(lengths, points)) @ np.stack([np.cos(angles_rad), np.sin(angles_rad)], axis=-1)

@@ -1,6 +1,6 @@
 """The Kirchhoff rod in space: static equilibria under loads, and contact with a soft wall, instant by instant."""
 
-from ._contact import SpatialContact, SpatialContactSolver, SpatialWall, damping_of_loss_factor, solve_contact_spatial
+from ._contact import SpatialContact, SpatialContactSolver, SpatialWall, damping_of_loss_factor
 from ._contact_derivatives import ContactDerivatives, contact_derivatives
 from ._face import face_depths
 from ._rod import SpatialRod
@@ -16,6 +16,5 @@ __all__ = [
     "contact_derivatives",
     "damping_of_loss_factor",
     "face_depths",
-    "solve_contact_spatial",
     "solve_static_spatial",
 ]

@@ -220,7 +220,19 @@ class SpatialContactSolver:
         precurvature_change_per_m: FloatArray | None = None,
         advance_m: FloatArray | None = None,
     ) -> SpatialContact:
-        """The next m instants, see `solve_contact_spatial`; they go on from the last one."""
+        """Solves the next m instants, each from the one before; the first goes on from the last call.
+
+        Args:
+            wall_m: (m, 3) a point of the wall's undeformed surface, which the tissue carries along.
+            precurvature_change_per_m: (m, 3) is added to the rod's own pre-curvature in every joint.
+            advance_m: (m,) how far the clamp has moved along the base tangent.
+
+        Returns:
+            One equilibrium for each instant.
+
+        Raises:
+            ValueError: The arrays do not fit together.
+        """
         wall = np.ascontiguousarray(wall_m, np.float64)
         m = wall.shape[0]
         change = np.zeros((m, 3)) if precurvature_change_per_m is None else precurvature_change_per_m
@@ -259,28 +271,3 @@ class SpatialContactSolver:
         """The next instant, as a row of one: ``wall_m`` (3,), ``precurvature_change_per_m`` (3,)."""
         change = None if precurvature_change_per_m is None else np.asarray(precurvature_change_per_m)[None]
         return self.run(np.asarray(wall_m)[None], change, np.array([advance_m]))
-
-
-def solve_contact_spatial(
-    rod: SpatialRod,
-    wall: SpatialWall,
-    wall_m: FloatArray,
-    dt_s: float,
-    tip_radius_m: float,
-    *,
-    precurvature_change_per_m: FloatArray | None = None,
-    advance_m: FloatArray | None = None,
-    distributed_n_per_m: FloatArray | None = None,
-    creep: float = 0.0,
-    creep_time_s: float = 1.0,
-) -> SpatialContact:
-    """The rod while the wall moves: one equilibrium for each instant, each starting from the one before.
-
-    ``wall_m`` (m, 3): a point of the wall's undeformed surface, which the tissue carries along. For the rest see
-    `SpatialContactSolver`. ``precurvature_change_per_m`` (m, 3): added to the rod's own pre-curvature in every joint;
-    ``advance_m`` (m,): how far the clamp has moved along the base tangent.
-    """
-    solver = SpatialContactSolver(
-        rod, wall, dt_s, tip_radius_m, distributed_n_per_m=distributed_n_per_m, creep=creep, creep_time_s=creep_time_s
-    )
-    return solver.run(wall_m, precurvature_change_per_m, advance_m)

@@ -64,7 +64,7 @@ def contact_derivatives(
     ``lines_m`` (m, p, 3): centrelines, uniform in arc length, roughly as they are: they tell which of several
     equilibria is meant. ``force_n`` (m, 3) acts at ``touch_m`` (m, 3) of the electrode's dome, whose radius is
     ``tip_radius_m``. ``points``: how many along the centreline, evenly, or their arc lengths.
-    ``precurvature_change_per_m`` (m, 3): as in `solve_contact_spatial`. ``stiffness_patterns`` (patterns,
+    ``precurvature_change_per_m`` (m, 3): as in `SpatialContactSolver.run`. ``stiffness_patterns`` (patterns,
     segments + 1): relative change of the stiffness in each joint; None: one, the same all along. With ``creep`` (as in
     `SpatialContactSolver`) the strains at ``time_s`` (m,) are taken to last until the next instant.
 

@@ -1,0 +1,111 @@
+"""Noise of a detected centreline: along the shaft, toward its base and at its tip."""
+
+import math
+from collections.abc import Callable
+from dataclasses import astuple, dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ..types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class LineNoise:
+    """Error of a line that is seen as a whole: only its displacement across itself shows, and where it ends.
+
+    Across the line, at the arc length s of a length L, the standard deviation is the root of ``std_m``^2 +
+    ``base_std_m``^2 exp(-s / ``base_m``) + ``tip_std_m``^2 exp(-(L - s) / ``tip_m``). Of the variance,
+    ``white_share`` is independent from point to point, ``common_share`` the same all along, and the rest correlated
+    as exp(-distance^2 / (2 ``correlation_m``^2)). ``along_std_m``: of the tip's place along the line.
+    """
+
+    std_m: float
+    correlation_m: float
+    along_std_m: float
+    base_std_m: float = 0.0
+    base_m: float = 5e-3
+    tip_std_m: float = 0.0
+    tip_m: float = 5e-3
+    white_share: float = 0.01
+    common_share: float = 0.0
+
+    def __post_init__(self) -> None:
+        lengths = (self.std_m, self.correlation_m, self.along_std_m, self.base_m, self.tip_m)
+        ends = (self.base_std_m, self.tip_std_m)
+        shares = self.white_share > 0 and self.common_share >= 0 and self.white_share + self.common_share <= 1
+        if not (all(value > 0 for value in lengths) and all(value >= 0 for value in ends) and shares):
+            raise ValueError(f"expected positive lengths and white_share, shares that add to 1 at most, got {self}")
+
+    def std_at_m(self, arc_m: FloatArray) -> FloatArray:
+        """(points,): standard deviation across the line; the first and last of ``arc_m`` (points,) are its ends."""
+        from_base, from_tip = arc_m - arc_m[0], arc_m[-1] - arc_m
+        base = self.base_std_m**2 * np.exp(-from_base / self.base_m)
+        return np.sqrt(self.std_m**2 + base + self.tip_std_m**2 * np.exp(-from_tip / self.tip_m))
+
+    def correlation(self, arc_m: FloatArray) -> FloatArray:
+        """(points, points): of the errors across the line."""
+        near = np.exp(-0.5 * ((arc_m[:, None] - arc_m) / self.correlation_m) ** 2)
+        rest = 1.0 - self.white_share - self.common_share
+        return self.white_share * np.eye(arc_m.size) + self.common_share + rest * near
+
+    def covariance_m2(self, arc_m: FloatArray) -> FloatArray:
+        """(points + 1, points + 1): across the line at each point, then along it at the tip."""
+        std, size = self.std_at_m(arc_m), arc_m.size
+        out = np.zeros((size + 1, size + 1))
+        out[:size, :size] = np.outer(std, std) * self.correlation(arc_m)
+        out[size, size] = self.along_std_m**2
+        return out
+
+    @classmethod
+    def fit(cls, covariance_m2: FloatArray, arc_m: FloatArray) -> Self:
+        """The noise whose covariance is nearest to a measured one, of the form of `covariance_m2`.
+
+        First the standard deviations by their logarithms, then the correlations, both by least squares.
+        """
+        size = arc_m.size
+        std = np.sqrt(np.diag(covariance_m2))
+        middle = float(np.median(std[:size]))
+        length = float(arc_m[-1] - arc_m[0])
+        along = float(std[size])
+
+        def spread(values: FloatArray) -> FloatArray:
+            shaft, base, tip, base_m, tip_m = np.exp(values).tolist()
+            noise = cls(shaft, length, along, base, base_m, tip, tip_m)
+            return np.log(noise.std_at_m(arc_m) / std[:size])
+
+        low = np.log([0.1 * middle, 1e-3 * middle, 1e-3 * middle, 0.01 * length, 0.01 * length])
+        high = np.log([3.0 * middle, 30.0 * middle, 100.0 * middle, 0.5 * length, 0.5 * length])
+        start = np.log([0.8 * middle, 0.3 * middle, max(std[size - 1], middle), 0.1 * length, 0.1 * length])
+        shaft, base, tip, base_m, tip_m = _fitted(spread, start, low, high)
+        seen = covariance_m2[:size, :size] / np.outer(std[:size], std[:size])
+
+        def related(values: FloatArray) -> FloatArray:
+            correlation, white, common = np.exp(values).tolist()
+            noise = cls(shaft, correlation, along, white_share=white, common_share=common)
+            return (noise.correlation(arc_m) - seen).ravel()
+
+        low = np.log([0.5 * length / size, 1e-3, 1e-4])
+        high = np.log([length, 0.3, 0.69])
+        correlation, white, common = _fitted(related, np.log([0.1 * length, 0.02, 0.1]), low, high)
+        return cls(shaft, correlation, along, base, base_m, tip, tip_m, white, common)
+
+    def scaled(self, factor: float) -> Self:
+        """The same noise with all lengths times ``factor``: from pixels to metres, for instance.
+
+        >>> LineNoise(0.03, 20.0, 0.5).scaled(2e-4).correlation_m
+        0.004
+        """
+        names = [field.name for field in fields(self)]
+        values = zip(names, astuple(self), strict=True)
+        changed: dict[str, Any] = {name: value if name.endswith("share") else value * factor for name, value in values}
+        return type(self)(**changed)
+
+
+def _fitted(
+    function: Callable[[FloatArray], FloatArray], start: FloatArray, low: FloatArray, high: FloatArray
+) -> list[float]:
+    inner = 1e-6 * (high - low)
+    found: Any = least_squares(function, np.clip(start, low + inner, high - inner), bounds=(low, high))
+    return [math.exp(value) for value in found.x.tolist()]

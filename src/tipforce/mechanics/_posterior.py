@@ -1,0 +1,89 @@
+"""Posterior covariance of unknowns that are seen linearly: the Bayesian Cramer-Rao bound, instant by instant."""
+
+import math
+
+import numpy as np
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
+
+from ..types import FloatArray, frozen
+
+_CHUNK = 256
+
+
+def posterior_covariance(slopes: FloatArray, prior: FloatArray, wanted: int) -> FloatArray:
+    """(m, wanted, wanted): covariance of the first ``wanted`` unknowns, each instant on its own.
+
+    ``slopes`` (m, rows, unknowns): of what is seen, divided by its noise, so that every row has an independent error
+    of standard deviation 1. ``prior`` (unknowns, unknowns): covariance of what is known beforehand. The result is the
+    inverse of information = slopes' slopes + inverse of the prior (van Trees 1968): exact for Gaussian unknowns that
+    are seen linearly, and for others the bound of whoever knows the point at which the slopes were taken.
+
+    Raises ValueError where ``prior`` is not positive definite.
+
+    >>> slopes = np.array([[[3.0, 0.0]], [[0.0, 0.0]]])
+    >>> posterior_covariance(slopes, np.eye(2), 1).ravel()  # 1 / (9 + 1), and what was known before
+    array([0.1, 1. ])
+    """
+    slopes = np.asarray(slopes, np.float64)
+    root = _root(frozen("prior", prior, (slopes.shape[2], slopes.shape[2])))
+    out = np.empty((len(slopes), wanted, wanted))
+    for begin in range(0, len(slopes), _CHUNK):
+        part = slopes[begin : begin + _CHUNK] @ root
+        inside = np.swapaxes(part, 1, 2) @ part + np.eye(root.shape[1])
+        rows = np.broadcast_to(root[:wanted].T, (len(part), root.shape[1], wanted))
+        half = np.linalg.solve(np.linalg.cholesky(inside), rows)
+        out[begin : begin + _CHUNK] = np.swapaxes(half, 1, 2) @ half
+    return out
+
+
+def posterior_covariance_along(
+    slopes: FloatArray, prior: FloatArray, wanted: int, time_s: FloatArray, memory_s: FloatArray
+) -> FloatArray:
+    """(m, wanted, wanted): as `posterior_covariance`, with all that was seen until each of the instants ``time_s``.
+
+    ``memory_s`` (unknowns,): infinite: the same for good; 0: drawn anew at each instant; else a stationary
+    Gauss-Markov course (Ornstein-Uhlenbeck) with this correlation time. The recursion of Tichavsky, Muravchik and
+    Nehorai (1998): what is behind is eliminated as soon as it is passed, so that an instant costs the same however
+    many came before. Unknowns that are correlated beforehand must share their memory.
+
+    Raises ValueError where ``prior`` is not positive definite.
+
+    >>> same = posterior_covariance_along(np.ones((3, 1, 1)), np.eye(1), 1, np.arange(3.0), np.array([np.inf]))
+    >>> (1 / same).ravel().round(9)  # information adds up
+    array([2., 3., 4.])
+    """
+    slopes = np.asarray(slopes, np.float64)
+    m, _, count = slopes.shape
+    prior, times = frozen("prior", prior, (count, count)), frozen("time_s", time_s, (m,))
+    memory = frozen("memory_s", memory_s, (count,))
+    root, eye = _root(prior), np.eye(count)
+    out = np.empty((m, wanted, wanted))
+    covariance = prior
+    for row in range(m):
+        if row:
+            keep = np.array([_kept(times[row] - times[row - 1], each) for each in memory.tolist()])
+            share = np.outer(keep, keep)
+            root = _root(share * covariance + (1.0 - share) * prior)
+        seen = slopes[row] @ root
+        inside = cholesky(seen.T @ seen + eye, lower=True, check_finite=False)
+        half = solve_triangular(inside, root.T, lower=True, check_finite=False)
+        covariance = half.T @ half
+        out[row] = covariance[:wanted, :wanted]
+    return out
+
+
+def _kept(step_s: float, memory_s: float) -> float:
+    """Share of an unknown's deviation that is left after ``step_s``."""
+    return math.exp(-step_s / memory_s) if memory_s > 0 else 0.0
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """Lower triangular, times its transpose the covariance."""
+    # Scaled to one on the diagonal: the unknowns' units lie ten powers of ten apart.
+    size = np.sqrt(np.diag(covariance))
+    if not (size > 0).all():
+        raise ValueError("every unknown needs a prior: a standard deviation above 0; leave out what is known exactly")
+    try:
+        return size[:, None] * cholesky(covariance / np.outer(size, size), lower=True, check_finite=False)
+    except LinAlgError as error:
+        raise ValueError("the covariance of the unknowns is not positive definite") from error
